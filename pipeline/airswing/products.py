@@ -1,0 +1,268 @@
+"""NetCDF products and every other file airswing leaves behind: whole or not at all.
+
+Assumes the target folder's file system renames atomically within a folder. A product is written
+under a temporary name beside its target and renamed when complete, so that a reader never sees
+half a file and an interruption leaves the earlier product intact.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import airswing
+from airswing.errors import InputError
+from airswing.vocabulary import describe, lookup
+
+INSTITUTION = "airswing"
+REFERENCES = (
+    "Jacobs et al. (2010), TAMDAR update: magnetic deviation correction, AMS; "
+    "Jacobs, Mulally & Anderson (2014), J. Atmos. Oceanic Technol. 31(8), 1733-1747"
+)
+_TIME_ENCODING = {"units": "milliseconds since 1970-01-01", "dtype": "i8", "calendar": "standard"}
+
+
+@contextlib.contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """Give a temporary name to write to, and rename it to ``path`` when the block ends well.
+
+    Parameters
+    ----------
+    path : Path
+        Where the finished file shall stand; its folder is made when absent.
+
+    Yields
+    ------
+    Path
+        Where to write.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written to or the disk is full.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        with open(temporary, "rb") as written:
+            os.fsync(written.fileno())
+        os.replace(temporary, path)
+    except OSError as err:
+        raise InputError(
+            "cannot write the product; nothing was changed",
+            file=path,
+            found=err.strerror or err,
+            remedy="Free space or choose another folder with --output",
+        ) from err
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a text file atomically.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+
+    Returns
+    -------
+    Path
+        The path written.
+    """
+    with atomic(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> Path:
+    """Write a JSON file atomically; NaN and infinities become null.
+
+    Parameters
+    ----------
+    path : Path
+    content : mapping
+
+    Returns
+    -------
+    Path
+        The path written.
+    """
+    return write_text(path, json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
+
+
+def plain(value: Any) -> Any:
+    """Turn numpy and pandas values into what JSON can hold.
+
+    Parameters
+    ----------
+    value : object
+        Nested mappings, sequences, arrays and scalars.
+
+    Returns
+    -------
+    object
+        The same with lists, floats, ints and strings; not-a-number becomes None.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value.tolist()]
+    if isinstance(value, (list, tuple, set)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)
+
+
+def write_product(
+    ds: xr.Dataset,
+    path: Path,
+    *,
+    title: str,
+    config_json: str = "",
+    sources: Sequence[str] = (),
+    source_uuids: Sequence[str] = (),
+) -> Path:
+    """Write a Dataset as a described, compressed NetCDF-4 product, atomically.
+
+    Parameters
+    ----------
+    ds : Dataset
+        Every variable must be in the vocabulary.
+    path : Path
+    title : str
+    config_json : str, optional
+        The configuration the product was made with, as JSON.
+    sources : sequence of str, optional
+        What went in, one phrase each.
+    source_uuids : sequence of str, optional
+        Identifiers of the products this one was made from.
+
+    Returns
+    -------
+    Path
+        The path written.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    ds = describe(ds)
+    ds.attrs = {
+        **{key: _attribute(value) for key, value in ds.attrs.items()},
+        **provenance(title, config_json=config_json, sources=sources, source_uuids=source_uuids),
+    }
+    with atomic(path) as temporary:
+        ready = ds.drop_encoding()
+        ready.to_netcdf(temporary, engine="netcdf4", encoding=_encodings(ready))
+    return path
+
+
+def provenance(
+    title: str,
+    *,
+    config_json: str = "",
+    sources: Sequence[str] = (),
+    source_uuids: Sequence[str] = (),
+) -> dict[str, str]:
+    """Global attributes that say what a product is and where it came from.
+
+    Parameters
+    ----------
+    title, config_json, sources, source_uuids
+        As for :func:`write_product`.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return {
+        "Conventions": "CF-1.11",
+        "title": title,
+        "institution": INSTITUTION,
+        "source": "; ".join(sources) or "aircraft reports and model winds",
+        "history": f"{now} airswing {airswing.__version__}",
+        "references": REFERENCES,
+        "airswing_config": config_json,
+        "airswing_version": airswing.__version__,
+        "uuid": str(uuid.uuid4()),
+        "source_uuids": " ".join(source_uuids),
+    }
+
+
+def read_product(path: Path, *, chunks: Any = None) -> xr.Dataset:
+    """Read a product that :func:`write_product` wrote.
+
+    Parameters
+    ----------
+    path : Path
+    chunks : optional
+        As for ``xarray.open_dataset``; None reads everything and closes the file.
+
+    Returns
+    -------
+    Dataset
+
+    Raises
+    ------
+    InputError
+        If the product is absent or not a NetCDF file.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(
+            "no such product", file=path, remedy="Run the stage that makes it, or `airswing run`"
+        )
+    try:
+        if chunks is None:
+            with xr.open_dataset(path, engine="netcdf4", decode_timedelta=False) as ds:
+                return ds.load()
+        return xr.open_dataset(path, engine="netcdf4", decode_timedelta=False, chunks=chunks)
+    except (OSError, ValueError) as err:
+        raise InputError(
+            "not a product airswing can read", file=path, found=err, remedy="Make it again"
+        ) from err
+
+
+def _attribute(value: Any) -> Any:
+    """NetCDF attributes hold no mappings: those become JSON."""
+    return json.dumps(plain(value)) if isinstance(value, (Mapping, list, bool)) else value
+
+
+def _encodings(ds: xr.Dataset) -> dict[Any, dict[str, Any]]:
+    return {name: _encoding(ds[name]) for name in ds.variables}
+
+
+def _encoding(variable: xr.DataArray) -> dict[str, Any]:
+    if np.issubdtype(variable.dtype, np.datetime64):
+        return {**_TIME_ENCODING, "zlib": True, "complevel": 1, "shuffle": True}
+    entry = lookup(str(variable.name), variable.dims)
+    if entry.dtype == "str" or variable.dtype.kind in "OUT":
+        return {}
+    encoding: dict[str, Any] = {"dtype": entry.dtype}
+    if variable.ndim and variable.size > 1:
+        encoding |= {"zlib": True, "complevel": 1, "shuffle": True}
+    if entry.dtype.startswith("f"):
+        encoding["_FillValue"] = np.array(np.nan, dtype=entry.dtype)[()]
+    return encoding

@@ -1,0 +1,266 @@
+"""One table of every variable airswing writes: name, unit, CF standard name, meaning, type.
+
+Assumes SI units inside a Dataset except where the field speaks otherwise (angles in degrees,
+magnetic field in nanotesla, lead time in hours). A variable that is not in the table cannot be
+written: :func:`describe` refuses it, so every product carries the same names and units.
+
+Valid for the Datasets of the stages and for the NetCDF products (CF-1.11).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+PHASE = {"unknown": 0, "ascent": 1, "cruise": 2, "descent": 3}
+ROLL = {"missing": 0, "good": 1, "bad": 2, "not_available": 3}
+TEMPERATURE_QC = {"missing": 0, "pass": 1, "fail": 2}
+WIND_QC = {"missing": 0, "pass": 1, "fail": 2}
+ICING = {"missing": -1, "off": 0, "on": 1}
+STATUS = {"ok": 0, "too_few_reports": 1, "poor_heading_coverage": 2, "unstable_fit": 3}
+CORRECTION = {"corrected": 0, "no_fit": 1, "no_heading": 2, "missing_wind": 3}
+SCREENING = {
+    "phase": 1,
+    "roll": 2,
+    "temperature_qc": 4,
+    "turn": 8,
+    "ground_speed": 16,
+    "no_ground_vector": 32,
+    "no_reference": 64,
+    "missing_wind": 128,
+    "wind_qc": 256,
+    "gross_error": 512,
+}
+"""Bits of ``screening``; their names are the rules of the audit table."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What one variable is.
+
+    Parameters
+    ----------
+    name : str
+        Its name in every Dataset and product.
+    units : str
+        UDUNITS string; empty where the variable has no unit (strings, flags).
+    long_name : str
+        What it is, for a person.
+    dims : tuple of str
+        Its dimensions.
+    dtype : str
+        Type on disk.
+    standard_name : str, optional
+        CF standard name where one exists.
+    flags : mapping of str to int, optional
+        Meanings of a flag variable.
+    bits : bool, default False
+        The flags are bits that may be set together.
+    """
+
+    name: str
+    units: str
+    long_name: str
+    dims: tuple[str, ...]
+    dtype: str = "f4"
+    standard_name: str = ""
+    flags: Mapping[str, int] | None = None
+    bits: bool = False
+
+    def attributes(self) -> dict[str, Any]:
+        """CF attributes of the variable."""
+        found: dict[str, Any] = {"long_name": self.long_name}
+        if self.units:
+            found["units"] = self.units
+        if self.standard_name:
+            found["standard_name"] = self.standard_name
+        if self.flags is not None:
+            codes = np.array(list(self.flags.values()), dtype=self.dtype)
+            found["flag_masks" if self.bits else "flag_values"] = codes
+            found["flag_meanings"] = " ".join(self.flags)
+        return found
+
+
+_R, _A, _RR, _RA = ("report",), ("aircraft",), ("reference", "report"), ("reference", "aircraft")
+_RAC = ("reference", "aircraft", "coefficient")
+_V = Variable
+
+_REPORTS = [
+    _V("aircraft", "", "aircraft identifier (tail number)", _A, "str", "platform_id"),
+    _V("row_size", "1", "number of reports of the aircraft", _A, "i4"),
+    _V("time", "", "time of the report", _R, "datetime64[ns]", "time"),
+    _V("latitude", "degrees_north", "latitude", _R, "f8", "latitude"),
+    _V("longitude", "degrees_east", "longitude", _R, "f8", "longitude"),
+    _V("pressure", "Pa", "air pressure", _R, "f4", "air_pressure"),
+    _V("pressure_altitude", "m", "pressure altitude (ICAO standard atmosphere)", _R, "f4",
+       "barometric_altitude"),
+    _V("eastward_wind", "m s-1", "reported eastward wind", _R, "f4", "eastward_wind"),
+    _V("northward_wind", "m s-1", "reported northward wind", _R, "f4", "northward_wind"),
+    _V("air_temperature", "K", "reported air temperature", _R, "f4", "air_temperature"),
+    _V("roll_flag", "", "roll angle flag", _R, "i1", "", ROLL),
+    _V("temperature_qc", "", "quality of the temperature", _R, "i1", "", TEMPERATURE_QC),
+    _V("wind_qc", "", "quality of the wind given by the source", _R, "i1", "", WIND_QC),
+    _V("phase", "", "phase of flight", _R, "i1", "", PHASE),
+    _V("icing", "", "icing protection", _R, "i1", "", ICING),
+    _V("flight", "1", "number of the flight, unique over the archive", _R, "i4"),
+    _V("reported_airspeed", "m s-1", "true airspeed as reported", _R, "f4",
+       "platform_speed_wrt_air"),
+    _V("reported_heading", "degree", "true heading as reported", _R, "f4",
+       "platform_orientation"),
+    _V("position_resolution", "degree", "resolution of position found in the data", _A, "f8"),
+    _V("time_resolution", "s", "resolution of time found in the data", _A, "f8"),
+    _V("wind_speed_resolution", "m s-1", "resolution of wind speed found in the data", _A, "f8"),
+    _V("wind_direction_resolution", "degree", "resolution of wind direction found in the data",
+       _A, "f8"),
+]
+
+_WINDS = [
+    _V("reference", "", "reference model or pool of models", ("reference",), "str"),
+    _V("reference_eastward_wind", "m s-1", "reference eastward wind at the report", _RR, "f4",
+       "eastward_wind"),
+    _V("reference_northward_wind", "m s-1", "reference northward wind at the report", _RR, "f4",
+       "northward_wind"),
+    _V("lead_time", "h", "lead time of the reference wind", _RR, "f4"),
+    *[
+        _V(f"reference_{way}_wind_{kind}", units, f"{text} of the reference {way} wind", _RR)
+        for way in ("eastward", "northward")
+        for kind, units, text in (
+            ("tendency", "m s-2", "time derivative"),
+            ("lnp_derivative", "m s-1", "derivative by the logarithm of pressure"),
+            ("x_derivative", "s-1", "eastward derivative"),
+            ("y_derivative", "s-1", "northward derivative"),
+        )
+    ],
+    _V("grid_convergence", "degree", "angle from the model grid's north to true north", _RR),
+]
+
+_HEADINGS = [
+    _V("ground_speed", "m s-1", "ground speed", _R, "f4", "platform_speed_wrt_ground"),
+    _V("track", "degree", "track over ground, clockwise from true north", _R, "f4",
+       "platform_course"),
+    _V("ground_eastward_velocity", "m s-1", "eastward ground velocity", _R),
+    _V("ground_northward_velocity", "m s-1", "northward ground velocity", _R),
+    _V("ground_velocity_error", "m s-1", "standard error of each ground velocity component", _R),
+    _V("turn", "degree", "change of track at the report", _R),
+    _V("longitudinal_acceleration", "m s-2", "acceleration along the track", _R),
+    _V("climb_rate", "m s-1", "rate of change of pressure altitude", _R),
+    _V("bank", "degree", "bank angle of a coordinated turn at the report's turn rate", _R, "f4",
+       "platform_roll"),
+    _V("heading", "degree", "indicated heading, clockwise from true north", _R, "f4",
+       "platform_orientation"),
+    _V("magnetic_heading", "degree", "indicated magnetic heading", _R),
+    _V("airspeed", "m s-1", "true airspeed the unit used", _R, "f4", "platform_speed_wrt_air"),
+    _V("heading_error", "degree", "indicated minus reference heading", _RR),
+    _V("heading_error_standard_error", "degree", "standard error of the heading error from the "
+       "ground velocity", _RR),
+    _V("airspeed_error", "m s-1", "indicated minus reference airspeed", _RR),
+    _V("declination", "degree", "magnetic declination (IGRF), east positive", _R),
+    _V("horizontal_field", "nT", "horizontal intensity of the magnetic field (IGRF)", _R),
+    _V("dip", "degree", "magnetic dip (IGRF), downward positive", _R),
+    _V("screening", "", "why a report was left out; 0 where it was kept", _R, "i4", "",
+       SCREENING, True),
+]
+
+_FITS = [
+    _V("coefficient", "", "Archibald Smith coefficient", ("coefficient",), "str"),
+    _V("coefficient_2", "", "Archibald Smith coefficient", ("coefficient_2",), "str"),
+    _V("component", "", "wind component", ("component",), "str"),
+    _V("deviation", "degree", "coefficients of the heading error A + B sin m + C cos m + "
+       "D sin 2m + E cos 2m, m the indicated magnetic heading", _RAC, "f8"),
+    _V("deviation_covariance", "degree2", "covariance of the coefficients, clustered by flight",
+       (*_RAC, "coefficient_2"), "f8"),
+    _V("offset", "degree", "offset of the sinusoid offset + amplitude sin(m + phase)", _RA, "f8"),
+    _V("amplitude", "degree", "amplitude of the sinusoid", _RA, "f8"),
+    _V("offset_standard_error", "degree", "standard error of the offset", _RA, "f8"),
+    _V("amplitude_standard_error", "degree", "standard error of the amplitude", _RA, "f8"),
+    _V("phase_standard_error", "degree", "standard error of the phase", _RA, "f8"),
+    _V("harmonics", "1", "number of cycles fitted", _RA, "i1"),
+    _V("airspeed_scale", "1", "relative error of the airspeed", _RA, "f8"),
+    _V("airspeed_scale_standard_error", "1", "standard error of the airspeed scale", _RA, "f8"),
+    _V("reference_bias", "m s-1", "bias of the reference wind common to the fleet",
+       ("reference", "component"), "f8"),
+    _V("reference_bias_standard_error", "m s-1", "standard error of the reference bias",
+       ("reference", "component"), "f8"),
+    _V("report_count", "1", "reports used", _RA, "i4"),
+    _V("flight_count", "1", "flights used", _RA, "i4"),
+    _V("compass_points", "1", "occupied compass points of eight", _RA, "i1"),
+    _V("condition_number", "1", "condition number of the heading design", _RA, "f8"),
+    _V("residual_rms_before", "degree", "rms heading error before the fit", _RA, "f8"),
+    _V("residual_rms_after", "degree", "rms heading error after the fit", _RA, "f8"),
+    _V("status", "", "whether the fit is to be trusted, or why not", _RA, "i1", "", STATUS),
+    _V("table_heading", "degree", "indicated magnetic heading of the table's node", ("node",),
+       "f8"),
+    _V("table_correction", "degree", "correction at the table's node", (*_RA, "node"), "f8"),
+    _V("table_residual_rms", "degree", "rms difference of table and fitted curve", _RA, "f8"),
+]
+
+_CORRECTED = [
+    _V("corrected_eastward_wind", "m s-1", "corrected eastward wind", _R, "f4", "eastward_wind"),
+    _V("corrected_northward_wind", "m s-1", "corrected northward wind", _R, "f4",
+       "northward_wind"),
+    _V("corrected_wind_standard_error", "m s-1", "standard error that the correction's own "
+       "uncertainty leaves in the wind", _R),
+    _V("corrected_heading", "degree", "corrected heading, clockwise from true north", _R),
+    _V("correction_applied", "", "whether the correction was applied, or why not", _R, "i1", "",
+       CORRECTION),
+]
+
+VARIABLES: dict[str, Variable] = {
+    entry.name: entry for entry in [*_REPORTS, *_WINDS, *_HEADINGS, *_FITS, *_CORRECTED]
+}
+"""Every variable by name."""
+
+_PHASE_ANGLE = _V("phase", "degree", "phase of the sinusoid", _RA, "f8")
+
+
+def lookup(name: str, dims: tuple[Any, ...] = ()) -> Variable:
+    """Entry of a variable.
+
+    Parameters
+    ----------
+    name : str
+    dims : tuple of str, optional
+        Tells the phase of a fit (reference, aircraft) from the phase of flight (report).
+
+    Returns
+    -------
+    Variable
+
+    Raises
+    ------
+    KeyError
+        If the table has no such variable.
+    """
+    if name == "phase" and "report" not in dims:
+        return _PHASE_ANGLE
+    if name not in VARIABLES:
+        raise KeyError(f"{name!r} is not in airswing.vocabulary; add it there first")
+    return VARIABLES[name]
+
+
+def describe(ds: xr.Dataset) -> xr.Dataset:
+    """Write units, names and flag meanings on every variable of a Dataset.
+
+    Parameters
+    ----------
+    ds : Dataset
+
+    Returns
+    -------
+    Dataset
+        The same data with the table's attributes; other attributes are kept.
+
+    Raises
+    ------
+    KeyError
+        If a variable is not in the table.
+    """
+    ds = ds.copy()
+    for name in list(ds.variables):
+        entry = lookup(str(name), ds[name].dims)
+        ds[name].attrs = {**ds[name].attrs, **entry.attributes()}
+    return ds
