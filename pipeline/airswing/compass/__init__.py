@@ -1,0 +1,1 @@
+"""The compass: headings, screening, deviation fits, correction tables and their application."""

@@ -1,0 +1,120 @@
+"""ICAO standard atmosphere in two layers: pressure altitude to pressure and back.
+
+Assumptions
+-----------
+Altitudes are *pressure* altitudes: geopotential metres of the standard atmosphere, what an
+altimeter set to 1013.25 hPa shows. The troposphere (lapse rate 6.5 K/km) reaches to 11 km, the
+isothermal lower stratosphere (216.65 K) lies above.
+
+Validity
+--------
+-5 km to 20 km; the two formulas are evaluated outside it too but the standard changes its lapse
+rate at 20 km. NaN in gives NaN out; a pressure that is not positive gives NaN.
+
+Units
+-----
+Metres, pascals, kelvins.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "altitude_from_pressure",
+    "pressure_from_altitude",
+    "standard_temperature",
+]
+
+STANDARD_PRESSURE = 101325.0
+"""Pa at zero altitude (ICAO Doc 7488/3)."""
+STANDARD_TEMPERATURE = 288.15
+"""K at zero altitude (ICAO Doc 7488/3)."""
+LAPSE_RATE = 0.0065
+"""K m-1 below the tropopause (ICAO Doc 7488/3)."""
+TROPOPAUSE_ALTITUDE = 11000.0
+"""Geopotential m (ICAO Doc 7488/3)."""
+GRAVITY = 9.80665
+"""m s-2, standard acceleration of free fall (ICAO Doc 7488/3)."""
+GAS_CONSTANT = 287.05287
+"""J kg-1 K-1 of dry air (ICAO Doc 7488/3)."""
+
+TROPOPAUSE_TEMPERATURE = STANDARD_TEMPERATURE - LAPSE_RATE * TROPOPAUSE_ALTITUDE
+_EXPONENT = GRAVITY / (GAS_CONSTANT * LAPSE_RATE)
+_SCALE_HEIGHT = GAS_CONSTANT * TROPOPAUSE_TEMPERATURE / GRAVITY
+TROPOPAUSE_PRESSURE = STANDARD_PRESSURE * (
+    (TROPOPAUSE_TEMPERATURE / STANDARD_TEMPERATURE) ** _EXPONENT
+)
+"""Pa at 11 km: 22632 to five figures."""
+
+
+def pressure_from_altitude(altitude: ArrayLike) -> NDArray[np.float64]:
+    """Return the pressure at a pressure altitude.
+
+    Parameters
+    ----------
+    altitude : array_like, any shape
+        Pressure altitude in m.
+
+    Returns
+    -------
+    ndarray, same shape
+        Pressure in Pa.
+
+    References
+    ----------
+    ICAO Doc 7488/3, Manual of the ICAO Standard Atmosphere, equations 12 (both layers).
+    """
+    height = np.asarray(altitude, dtype=np.float64)
+    lower = np.minimum(height, TROPOPAUSE_ALTITUDE)
+    upper = np.maximum(height - TROPOPAUSE_ALTITUDE, 0.0)
+    ratio = 1.0 - (LAPSE_RATE / STANDARD_TEMPERATURE) * lower
+    return np.asarray(STANDARD_PRESSURE * ratio**_EXPONENT * np.exp(-upper / _SCALE_HEIGHT))
+
+
+def altitude_from_pressure(pressure: ArrayLike) -> NDArray[np.float64]:
+    """Return the pressure altitude of a pressure: the inverse of `pressure_from_altitude`.
+
+    Parameters
+    ----------
+    pressure : array_like, any shape
+        Pressure in Pa. Values that are not positive have no altitude.
+
+    Returns
+    -------
+    ndarray, same shape
+        Pressure altitude in m; NaN where the pressure is not positive.
+
+    References
+    ----------
+    ICAO Doc 7488/3, Manual of the ICAO Standard Atmosphere, equations 12 (both layers).
+    """
+    value = np.asarray(pressure, dtype=np.float64)
+    value = np.where(value > 0.0, value, np.nan)
+    lower = np.maximum(value, TROPOPAUSE_PRESSURE)
+    upper = np.minimum(value, TROPOPAUSE_PRESSURE)
+    ratio = (lower / STANDARD_PRESSURE) ** (1.0 / _EXPONENT)
+    troposphere = (STANDARD_TEMPERATURE / LAPSE_RATE) * (1.0 - ratio)
+    return np.asarray(troposphere - _SCALE_HEIGHT * np.log(upper / TROPOPAUSE_PRESSURE))
+
+
+def standard_temperature(altitude: ArrayLike) -> NDArray[np.float64]:
+    """Return the standard atmosphere's temperature at a pressure altitude.
+
+    Parameters
+    ----------
+    altitude : array_like, any shape
+        Pressure altitude in m.
+
+    Returns
+    -------
+    ndarray, same shape
+        Temperature in K.
+
+    References
+    ----------
+    ICAO Doc 7488/3, Manual of the ICAO Standard Atmosphere.
+    """
+    height = np.asarray(altitude, dtype=np.float64)
+    return np.asarray(STANDARD_TEMPERATURE - LAPSE_RATE * np.minimum(height, TROPOPAUSE_ALTITUDE))

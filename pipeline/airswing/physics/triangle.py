@@ -1,0 +1,342 @@
+"""The wind triangle: ground velocity = air velocity + wind, and the heading error it implies.
+
+Assumptions
+-----------
+Everything is horizontal and the sideslip is zero, so the air vector lies along the heading.
+Vectors are (east, north) components: a calm wind has no direction and an aircraft at rest no
+heading, so directions are made last and only where the speed is not zero (NaN otherwise).
+
+Conventions
+-----------
+Headings and tracks are radians clockwise from north; a wind *direction* is where it blows from.
+Unit vectors along a heading h = (sin psi, cos psi) and to its right n = (cos psi, -sin psi).
+The heading error is indicated minus implied by the reference wind (seed paper, equation 3):
+positive when the compass reads too far clockwise.
+
+Units
+-----
+Radians and metres per second. All arguments broadcast; NaN in gives NaN out.
+
+References
+----------
+Jacobs et al. 2010 (the seed paper), steps b and c; Mulally & Anderson 2011 for the reversal of
+the TAMDAR wind computation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "air_vector",
+    "airspeed_error",
+    "along_cross",
+    "angle_of_vector",
+    "bearing",
+    "from_along_cross",
+    "heading_error",
+    "speed_of_vector",
+    "vector_from_bearing",
+    "wind_components",
+    "wind_from_direction",
+    "wind_from_triangle",
+    "wrap_positive",
+    "wrap_signed",
+]
+
+Array = NDArray[np.float64]
+TURN = 2.0 * np.pi
+
+
+def wrap_signed(angle: ArrayLike) -> Array:
+    """Return the angle brought into (-pi, pi].
+
+    Parameters
+    ----------
+    angle : array_like, any shape
+        Radians.
+
+    Returns
+    -------
+    ndarray, same shape
+        Radians in (-pi, pi]: half a turn is positive.
+    """
+    value = np.asarray(angle, dtype=np.float64)
+    turned = np.pi - np.mod(np.pi - value, TURN)
+    # an angle already inside keeps every bit
+    return np.asarray(np.where((value > -np.pi) & (value <= np.pi), value, turned))
+
+
+def wrap_positive(angle: ArrayLike) -> Array:
+    """Return the angle brought into [0, 2 pi).
+
+    Parameters
+    ----------
+    angle : array_like, any shape
+        Radians.
+
+    Returns
+    -------
+    ndarray, same shape
+        Radians in [0, 2 pi).
+    """
+    turned = np.mod(np.asarray(angle, dtype=np.float64), TURN)
+    # a tiny negative angle rounds up to the full turn
+    return np.asarray(np.where(turned >= TURN, 0.0, turned))
+
+
+def bearing(east: ArrayLike, north: ArrayLike) -> Array:
+    """Direction a vector points to, clockwise from north.
+
+    Parameters
+    ----------
+    east, north : array_like, any shapes that broadcast
+        Components.
+
+    Returns
+    -------
+    ndarray
+        Radians in [0, 2 pi); NaN for the zero vector, which has no direction.
+    """
+    u, v = np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
+    found = wrap_positive(np.arctan2(u, v))
+    return np.asarray(np.where((u == 0.0) & (v == 0.0), np.nan, found))
+
+
+def speed_of_vector(east: ArrayLike, north: ArrayLike) -> Array:
+    """Length of a vector.
+
+    Parameters
+    ----------
+    east, north : array_like, any shapes that broadcast
+        Components in m s-1.
+
+    Returns
+    -------
+    ndarray
+        m s-1.
+    """
+    return np.asarray(np.hypot(np.asarray(east, np.float64), np.asarray(north, np.float64)))
+
+
+def vector_from_bearing(speed: ArrayLike, direction: ArrayLike) -> tuple[Array, Array]:
+    """Components of a vector of given length pointing *to* a direction.
+
+    Parameters
+    ----------
+    speed : array_like
+        m s-1.
+    direction : array_like
+        Radians clockwise from north.
+
+    Returns
+    -------
+    east, north : ndarrays
+        m s-1.
+    """
+    length, angle = np.asarray(speed, np.float64), np.asarray(direction, np.float64)
+    return np.asarray(length * np.sin(angle)), np.asarray(length * np.cos(angle))
+
+
+def wind_components(speed: ArrayLike, direction: ArrayLike) -> tuple[Array, Array]:
+    """Eastward and northward wind from its speed and the direction it blows from.
+
+    Parameters
+    ----------
+    speed : array_like
+        m s-1.
+    direction : array_like
+        Radians clockwise from north, *from*. Ignored (NaN allowed) where the speed is zero.
+
+    Returns
+    -------
+    eastward, northward : ndarrays
+        m s-1.
+    """
+    length, angle = np.asarray(speed, np.float64), np.asarray(direction, np.float64)
+    east, north = vector_from_bearing(-length, angle)
+    calm = np.broadcast_to(length == 0.0, east.shape)
+    return np.asarray(np.where(calm, 0.0, east)), np.asarray(np.where(calm, 0.0, north))
+
+
+def wind_from_direction(eastward: ArrayLike, northward: ArrayLike) -> tuple[Array, Array]:
+    """Speed of a wind and the direction it blows from.
+
+    Parameters
+    ----------
+    eastward, northward : array_like
+        m s-1.
+
+    Returns
+    -------
+    speed : ndarray
+        m s-1.
+    direction : ndarray
+        Radians in [0, 2 pi), *from*; NaN where calm.
+    """
+    u, v = np.asarray(eastward, np.float64), np.asarray(northward, np.float64)
+    return speed_of_vector(u, v), bearing(-u, -v)
+
+
+def air_vector(
+    ground_east: ArrayLike, ground_north: ArrayLike, wind_east: ArrayLike, wind_north: ArrayLike
+) -> tuple[Array, Array]:
+    """Air vector V_A = V_G - V_W.
+
+    Parameters
+    ----------
+    ground_east, ground_north : array_like
+        Ground velocity, m s-1.
+    wind_east, wind_north : array_like
+        Wind, m s-1: the unit's own gives the air vector it used, the reference's the one implied.
+
+    Returns
+    -------
+    east, north : ndarrays
+        m s-1.
+
+    References
+    ----------
+    Jacobs et al. 2010, step b.
+    """
+    east = np.asarray(ground_east, np.float64) - np.asarray(wind_east, np.float64)
+    north = np.asarray(ground_north, np.float64) - np.asarray(wind_north, np.float64)
+    return np.asarray(east), np.asarray(north)
+
+
+def angle_of_vector(
+    from_east: ArrayLike, from_north: ArrayLike, to_east: ArrayLike, to_north: ArrayLike
+) -> Array:
+    """Signed clockwise angle that turns the first vector onto the second's direction.
+
+    Parameters
+    ----------
+    from_east, from_north, to_east, to_north : array_like
+        Components of the two vectors.
+
+    Returns
+    -------
+    ndarray
+        Radians in (-pi, pi]; NaN where either vector is zero. Exact near zero: made from the
+        cross and dot products, not from the difference of two bearings.
+    """
+    a, b = np.asarray(from_east, np.float64), np.asarray(from_north, np.float64)
+    c, d = np.asarray(to_east, np.float64), np.asarray(to_north, np.float64)
+    turned = np.asarray(np.arctan2(c * b - d * a, c * a + d * b))
+    turned = np.where(turned == -np.pi, np.pi, turned)
+    none = ((a == 0.0) & (b == 0.0)) | ((c == 0.0) & (d == 0.0))
+    return np.asarray(np.where(none, np.nan, turned))
+
+
+def heading_error(
+    air_east: ArrayLike,
+    air_north: ArrayLike,
+    implied_east: ArrayLike,
+    implied_north: ArrayLike,
+) -> Array:
+    """Heading error psi_err = wrap(arg V_A - arg V'_A).
+
+    Parameters
+    ----------
+    air_east, air_north : array_like
+        Air vector the unit used, V_G - V_W,reported, m s-1.
+    implied_east, implied_north : array_like
+        Air vector the reference wind implies, V_G - V_W,reference, m s-1.
+
+    Returns
+    -------
+    ndarray
+        Radians in (-pi, pi], positive when the compass reads too far clockwise; NaN where either
+        vector is zero.
+
+    References
+    ----------
+    Jacobs et al. 2010, equation 3 (its prose for step c has the other sign; equation 3 is right).
+    """
+    return angle_of_vector(implied_east, implied_north, air_east, air_north)
+
+
+def airspeed_error(
+    air_east: ArrayLike,
+    air_north: ArrayLike,
+    implied_east: ArrayLike,
+    implied_north: ArrayLike,
+) -> Array:
+    """Airspeed error |V_A| - |V'_A|, the along-heading partner of the heading error.
+
+    Parameters
+    ----------
+    air_east, air_north, implied_east, implied_north : array_like
+        As for `heading_error`, m s-1.
+
+    Returns
+    -------
+    ndarray
+        m s-1, positive when the unit's airspeed is too high.
+    """
+    used = speed_of_vector(air_east, air_north)
+    return np.asarray(used - speed_of_vector(implied_east, implied_north))
+
+
+def wind_from_triangle(
+    ground_east: ArrayLike, ground_north: ArrayLike, airspeed: ArrayLike, heading: ArrayLike
+) -> tuple[Array, Array]:
+    """Wind a unit computes from ground velocity, true airspeed and heading.
+
+    Parameters
+    ----------
+    ground_east, ground_north : array_like
+        Ground velocity, m s-1.
+    airspeed : array_like
+        True airspeed, m s-1.
+    heading : array_like
+        Heading relative to true north, radians.
+
+    Returns
+    -------
+    eastward, northward : ndarrays
+        m s-1.
+    """
+    east, north = vector_from_bearing(airspeed, heading)
+    return air_vector(ground_east, ground_north, east, north)
+
+
+def along_cross(east: ArrayLike, north: ArrayLike, heading: ArrayLike) -> tuple[Array, Array]:
+    """Components of a vector along a heading and to its right.
+
+    Parameters
+    ----------
+    east, north : array_like
+        Components, any unit.
+    heading : array_like
+        Radians.
+
+    Returns
+    -------
+    along, cross : ndarrays
+        Same unit; cross is positive to the right of the heading.
+    """
+    u, v = np.asarray(east, np.float64), np.asarray(north, np.float64)
+    angle = np.asarray(heading, np.float64)
+    sine, cosine = np.sin(angle), np.cos(angle)
+    return np.asarray(u * sine + v * cosine), np.asarray(u * cosine - v * sine)
+
+
+def from_along_cross(along: ArrayLike, cross: ArrayLike, heading: ArrayLike) -> tuple[Array, Array]:
+    """East and north components from those along a heading and to its right.
+
+    Parameters
+    ----------
+    along, cross : array_like
+        Components, any unit.
+    heading : array_like
+        Radians.
+
+    Returns
+    -------
+    east, north : ndarrays
+        Same unit.
+    """
+    # the matrix is its own inverse: a reflection
+    return along_cross(along, cross, heading)

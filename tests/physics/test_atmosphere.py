@@ -1,0 +1,72 @@
+"""The two-layer standard atmosphere against the printed standard and MetPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airswing.physics.atmosphere import (
+    altitude_from_pressure,
+    pressure_from_altitude,
+    standard_temperature,
+)
+
+
+@pytest.mark.parametrize(
+    ("altitude", "pressure"),
+    [  # ICAO Doc 7488/3 tables, geopotential altitude in m against hPa
+        (0.0, 1013.25),
+        (1000.0, 898.746),
+        (5000.0, 540.199),
+        (11000.0, 226.321),
+        (12000.0, 193.304),
+        (15000.0, 120.446),
+        (20000.0, 54.7489),
+    ],
+)
+def test_printed_standard(altitude: float, pressure: float) -> None:
+    assert pressure_from_altitude(altitude) == pytest.approx(pressure * 100.0, rel=2e-5)
+
+
+def test_metpy_agrees_below_the_tropopause() -> None:
+    calc = pytest.importorskip("metpy.calc")
+    units = pytest.importorskip("metpy.units").units
+    altitude = np.linspace(-300.0, 10900.0, 57)
+    expected = calc.height_to_pressure_std(altitude * units.m).m_as("Pa")
+    # MetPy takes 288 K at the surface, not 288.15 K: that rescales its heights by 0.05 %
+    np.testing.assert_allclose(
+        pressure_from_altitude(altitude * (288.15 / 288.0)), expected, rtol=4e-5
+    )
+    np.testing.assert_allclose(altitude_from_pressure(expected), altitude, atol=6.0)
+
+
+@pytest.mark.parametrize(("flight_level", "error_ft"), [(400, 91.0), (430, 237.0)])
+def test_the_troposphere_formula_is_wrong_above_it(flight_level: int, error_ft: float) -> None:
+    calc = pytest.importorskip("metpy.calc")
+    units = pytest.importorskip("metpy.units").units
+    pressure = pressure_from_altitude(flight_level * 100.0 * 0.3048)
+    one_layer = calc.pressure_to_height_std(pressure * units.Pa).m_as("ft")
+    assert flight_level * 100.0 - one_layer == pytest.approx(error_ft, abs=2.0)
+
+
+def test_continuous_at_the_tropopause() -> None:
+    below, above = pressure_from_altitude(np.array([11000.0 - 1e-3, 11000.0 + 1e-3]))
+    slope = (above - below) / 2e-3
+    # hydrostatic: dp/dz = -rho g = -p g / (R T)
+    assert slope == pytest.approx(-22632.0 * 9.80665 / (287.05287 * 216.65), rel=1e-4)
+    assert standard_temperature(11000.0) == pytest.approx(216.65)
+    assert standard_temperature(15000.0) == pytest.approx(216.65)
+
+
+@given(st.floats(-4000.0, 20000.0))
+def test_round_trip(altitude: float) -> None:
+    back = altitude_from_pressure(pressure_from_altitude(altitude))
+    assert back == pytest.approx(altitude, abs=1e-6)
+
+
+def test_what_has_no_value_gives_none() -> None:
+    found = altitude_from_pressure(np.array([0.0, -5.0, np.nan, 50000.0]))
+    assert np.isnan(found[:3]).all() and np.isfinite(found[3])
+    assert np.isnan(pressure_from_altitude(np.nan))
