@@ -1,0 +1,314 @@
+"""The configuration: one YAML file, checked in full before anything is read.
+
+Assumes relative paths start at the current directory. Quantities are strings with a unit
+("3 h", "0.1 deg", "80 kt"); inside they are plain floats in SI units and radians. An unknown
+key is refused with the nearest known one.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+from datetime import date, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from airswing.errors import ConfigError
+
+
+@functools.cache
+def _registry() -> Any:
+    import pint
+
+    registry = pint.UnitRegistry()
+    registry.define("arcmin = arcminute")
+    return registry
+
+
+def quantity(text: object, unit: str) -> float:
+    """Turn a unit-bearing string into a float in a given unit.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"3 h"`` or ``"0.1 arcmin"``.
+    unit : str
+        Unit of the result.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ValueError
+        If there is no unit, or one of another kind.
+    """
+    if not isinstance(text, str):
+        raise ValueError(f"needs a unit, such as '{text} {_EXAMPLE.get(unit, unit)}'")
+    import pint
+
+    try:
+        value = _registry().Quantity(text).to(unit)
+    except (pint.PintError, AttributeError, TypeError, ValueError) as err:
+        raise ValueError(
+            f"{text!r} is not a quantity in units of {_EXAMPLE.get(unit, unit)}"
+        ) from err
+    return float(value.magnitude)
+
+
+_EXAMPLE = {"second": "min", "radian": "deg", "meter / second": "kt"}
+"""Unit to show where one is missing."""
+
+Seconds = Annotated[float, BeforeValidator(lambda text: quantity(text, "second"))]
+Radians = Annotated[float, BeforeValidator(lambda text: quantity(text, "radian"))]
+MetresPerSecond = Annotated[float, BeforeValidator(lambda text: quantity(text, "meter / second"))]
+Strings = Annotated[
+    list[str], BeforeValidator(lambda value: [value] if isinstance(value, str) else value)
+]
+Phase = Literal["ascent", "cruise", "descent", "unknown"]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", validate_default=True, frozen=True)
+
+
+class Reports(_Section):
+    """Where the aircraft reports are and what their columns mean."""
+
+    files: Strings
+    format: Literal["auto", "csv", "parquet", "madis", "bufr"] = "auto"
+    columns: dict[str, str | dict[str, str]] = {}
+    on_bad_file: Literal["skip", "fail"] = "skip"
+
+
+class Reference(_Section):
+    """Where one model's winds are, and which lead times of it count."""
+
+    files: Strings
+    lead: str = "any"
+    on_bad_file: Literal["skip", "fail"] = "skip"
+
+
+class Collocation(_Section):
+    """How model winds are brought to the reports."""
+
+    max_time_gap: Seconds = Field("3 h")  # type: ignore[assignment]
+    sparse: bool = True
+
+
+class Screening(_Section):
+    """Which reports the fit may use."""
+
+    phases: list[Phase] = ["cruise"]
+    roll: Literal["reject_bad", "require_good", "ignore"] = "reject_bad"
+    temperature_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail"
+    max_turn: Radians = Field("10 deg")  # type: ignore[assignment]
+    min_ground_speed: MetresPerSecond = Field("80 kt")  # type: ignore[assignment]
+
+
+class Fit(_Section):
+    """How the deviation is fitted."""
+
+    harmonics: Literal["auto", 1, 2] = "auto"
+    abscissa: Literal["magnetic", "true"] = "magnetic"
+    joint: bool = True
+    min_reports: int = Field(200, ge=10)
+    min_compass_points: int = Field(6, ge=3, le=8)
+
+
+class Table(_Section):
+    """The 8-point table the unit holds."""
+
+    resolution: Radians = Field("0.1 deg")  # type: ignore[assignment]
+    sign: Literal["subtract_error", "add_error"] = "subtract_error"
+
+
+class FieldTest(_Section):
+    """A field test: who was corrected, who was not, and from when."""
+
+    start: date
+    before_start: date
+    end: date | None = None
+    corrected: list[str]
+    controls: list[str]
+    roll: Literal["reject_bad", "require_good", "ignore"] = "require_good"
+    temperature_qc: Literal["reject_fail", "require_pass", "ignore"] = "require_pass"
+
+    @model_validator(mode="after")
+    def _groups_and_windows(self) -> FieldTest:
+        both = sorted(set(self.corrected) & set(self.controls))
+        if both:
+            raise ValueError(f"aircraft in both groups: {', '.join(both)}")
+        if not self.corrected or not self.controls:
+            raise ValueError("corrected and controls must each name at least one aircraft")
+        if self.before_start >= self.start:
+            raise ValueError("before_start must be earlier than start")
+        if self.end is not None and self.end <= self.start:
+            raise ValueError("end must be later than start")
+        return self
+
+
+class Gap(_Section):
+    """What the gap diagnosis looks at."""
+
+    reference: str | None = None
+    phases: list[Phase] = ["ascent", "cruise", "descent"]
+
+
+class Compute(_Section):
+    """Where the work runs."""
+
+    workers: int | Literal["auto"] = "auto"
+    threads: int | Literal["auto"] = "auto"
+    scheduler: str | None = None
+
+
+class Config(_Section):
+    """Everything one run needs; see FORMATS in the documentation for the meaning of each key."""
+
+    reports: Reports
+    references: dict[str, Reference] = Field(min_length=1)
+    pool: dict[str, list[str]] = {}
+    never_pool: list[str] = ["nam"]
+    collocation: Collocation = Collocation()
+    screening: Screening = Screening()
+    fit: Fit = Fit()
+    table: Table = Table()
+    field_test: FieldTest | None = None
+    gap: Gap = Gap()
+    output: Path
+    compute: Compute = Compute()
+
+    @model_validator(mode="after")
+    def _pools_hold(self) -> Config:
+        for name, members in self.pool.items():
+            unknown = [member for member in members if member not in self.references]
+            if unknown:
+                near = _nearest(unknown[0], list(self.references))
+                raise ValueError(f"pool.{name}: no reference {unknown[0]!r}{near}")
+            if name in self.references:
+                raise ValueError(f"pool.{name}: a reference has the same name")
+            if len(set(members)) < 2:
+                raise ValueError(f"pool.{name}: a pool needs at least two references")
+            barred = [member for member in members if self._never_pooled(member)]
+            if barred:
+                raise ValueError(
+                    f"pool.{name}: {barred[0]!r} is in never_pool and may be compared, not pooled"
+                )
+        known = [*self.references, *self.pool]
+        if self.gap.reference is not None and self.gap.reference not in known:
+            near = _nearest(self.gap.reference, known)
+            raise ValueError(f"gap.reference: no reference or pool {self.gap.reference!r}{near}")
+        return self
+
+    def _never_pooled(self, member: str) -> bool:
+        return member.lower() in {name.lower() for name in self.never_pool}
+
+    def pools(self) -> dict[str, list[str]]:
+        """Every reference alone and every pool, with its members."""
+        return {name: [name] for name in self.references} | self.pool
+
+    def gap_reference(self) -> str:
+        """Reference or pool the gap is measured against: the first pool, else the first."""
+        return self.gap.reference or next(iter([*self.pool, *self.references]))
+
+
+def load_config(path: Path | str, *, output: Path | None = None) -> Config:
+    """Read and check a configuration.
+
+    Parameters
+    ----------
+    path : path-like
+    output : Path, optional
+        Replaces ``output`` of the file.
+
+    Returns
+    -------
+    Config
+
+    Raises
+    ------
+    ConfigError
+        If the file is absent, not YAML, or does not fit.
+    """
+    path = Path(path)
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as err:
+        raise ConfigError("no such configuration", file=path) from err
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
+        reason = " ".join(str(err).split())
+        raise ConfigError("not a YAML file airswing can read", file=path, found=reason) from err
+    if not isinstance(content, dict):
+        raise ConfigError("a configuration is a mapping of keys to values", file=path)
+    if output is not None:
+        content["output"] = str(output)
+    try:
+        return Config.model_validate(content)
+    except ValidationError as err:
+        raise _explain(err, path) from err
+
+
+def _explain(err: ValidationError, path: Path) -> ConfigError:
+    """Tell the first fault in one message, with the nearest known key for an unknown one."""
+    fault = err.errors()[0]
+    place = ".".join(str(part) for part in fault["loc"])
+    others = f"; and {err.error_count() - 1} more" if err.error_count() > 1 else ""
+    if fault["type"] == "extra_forbidden":
+        near = _nearest(str(fault["loc"][-1]), _keys_at(fault["loc"][:-1]))
+        return ConfigError(f"unknown key{near}{others}", file=path, field=place)
+    if fault["type"] == "missing":
+        return ConfigError(f"required key is missing{others}", file=path, field=place)
+    what = str(fault["msg"]).removeprefix("Value error, ")
+    found = None if isinstance(fault["input"], (dict, BaseModel)) else repr(fault["input"])
+    return ConfigError(what + others, file=path, field=place or None, found=found)
+
+
+def _keys_at(location: tuple[int | str, ...]) -> list[str]:
+    """Keys the model knows at a place of the file."""
+    sections: dict[str, type[BaseModel]] = {
+        "reports": Reports, "references": Reference, "collocation": Collocation,
+        "screening": Screening, "fit": Fit, "table": Table, "field_test": FieldTest,
+        "gap": Gap, "compute": Compute,
+    }
+    section = sections.get(str(location[0])) if location else Config
+    return list(section.model_fields) if section is not None else []
+
+
+def _nearest(word: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    if near:
+        return f"; did you mean {near[0]!r}?"
+    return f"; known: {', '.join(known)}" if known else ""
+
+
+def as_json(config: Config) -> str:
+    """Write the whole configuration, defaults included, as JSON for a product's attributes.
+
+    Parameters
+    ----------
+    config : Config
+
+    Returns
+    -------
+    str
+    """
+    return config.model_dump_json()
+
+
+def midnight(day: date) -> datetime:
+    """Start of a day, UTC, without time zone as numpy keeps it.
+
+    Parameters
+    ----------
+    day : date
+
+    Returns
+    -------
+    datetime
+    """
+    return datetime(day.year, day.month, day.day)
