@@ -1,0 +1,32 @@
+"""The catalogue of effects: every module of this folder that holds an ``EFFECT`` is in it.
+
+Adding an effect means adding one file here with an ``EFFECT``, or one call of `register`.
+"""
+
+from airswing.gap.effects.base import (
+    CATALOGUE,
+    ActiveEffect,
+    Effect,
+    HeadingEffect,
+    OneCoefficient,
+    Parameter,
+    State,
+    discover,
+    register,
+    unregister,
+)
+
+__all__ = [
+    "CATALOGUE",
+    "ActiveEffect",
+    "Effect",
+    "HeadingEffect",
+    "OneCoefficient",
+    "Parameter",
+    "State",
+    "discover",
+    "register",
+    "unregister",
+]
+
+discover(__name__)

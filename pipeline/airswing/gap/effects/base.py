@@ -1,0 +1,477 @@
+"""What an effect is, the catalogue that holds them, and the pieces they share.
+
+Assumptions and validity: an effect acts at one stage of the simulated measurement,
+
+``identity``     which airframe stands behind a reported identifier;
+``atmosphere``   the wind the aircraft met, where it is not the reference wind as sampled;
+``sensor``       the indicated heading or airspeed, functions of the INDICATED magnetic heading;
+``report``       what the unit makes of its computed wind before it is sent;
+
+and the wind computed between the last two is ``V_G - V_ind h(psi_ind)`` with
+``h = (sin psi, cos psi)``. A heading error is indicated minus true. Design columns are the exact
+derivatives of the simulated reported wind at zero effect, so of the indicated heading ``psi``:
+``d W = -V n d psi`` with ``n = (cos psi, -sin psi)`` and ``d W = -h d V``.
+
+Units: radians, m/s and SI inside (``coefficients``); degrees, hours, feet and the like in the
+parameters a person reads, as each `Parameter` states.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.gap.frame import Frame
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Scope = Literal["aircraft", "fleet", "reference", "pair"]
+Kind = Literal["mean", "step", "drift", "swap", "second_moment"]
+Stage = Literal["identity", "atmosphere", "sensor", "report"]
+Parameters = dict[str, Any]
+Errors = dict[str, float]
+
+STAGES: tuple[Stage, ...] = ("identity", "atmosphere", "sensor", "report")
+MAX_PHASE_ERROR = 180.0 / np.sqrt(3.0)
+"""Standard error (degree) of a phase about which nothing is known (uniform over a turn)."""
+DEGREE = float(np.pi / 180.0)
+"""One degree in radians."""
+SPREAD = 1e-9
+"""A context quantity that varies by less than this does not vary."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of an effect as a person reads it.
+
+    Attributes
+    ----------
+    name : str
+        Name, with the unit at its end.
+    units : str
+        Unit, in words of the config ("degree", "percent", "kt").
+    scale : float
+        A plausible size, used as prior standard deviation.
+    description : str
+        What it is and which sign means what.
+    default : float or None
+        Value where none is given; None where it must be given.
+    si : float
+        What one unit is in radians or SI.
+    number : bool
+        False for a parameter that is no number (the pair of a swap).
+    """
+
+    name: str
+    units: str
+    scale: float
+    description: str
+    default: float | None = 0.0
+    si: float = 1.0
+    number: bool = True
+
+
+@dataclass(frozen=True)
+class ActiveEffect:
+    """An effect at work: which, on whom, when, how much.
+
+    Attributes
+    ----------
+    name : str
+        Name in the catalogue.
+    parameters : dict
+        Values in the catalogue's units.
+    tails : tuple of str or None
+        Aircraft it acts on; None for all.
+    period : (start, end) or None
+        s since 1970, either may be None; None for always.
+    """
+
+    name: str
+    parameters: Parameters = field(default_factory=dict)
+    tails: tuple[str, ...] | None = None
+    period: tuple[float | None, float | None] | None = None
+
+
+@dataclass(frozen=True)
+class State:
+    """A simulated measurement under way, arrays over the ``n`` reports of a frame.
+
+    Attributes
+    ----------
+    airframe : (n,) int
+        Which aircraft physically flew the report.
+    wind_u, wind_v : (n,) float
+        Wind the aircraft met, m s-1.
+    heading_error : (n,) float
+        Indicated minus true heading, rad.
+    airspeed : (n,) float
+        Indicated true airspeed, m s-1.
+    report_u, report_v : (n,) float
+        Wind as sent, m s-1; set once the sensors are done.
+    latitude, longitude : (n,) float
+        Position as sent, degrees.
+    """
+
+    airframe: IntArray
+    wind_u: FloatArray
+    wind_v: FloatArray
+    heading_error: FloatArray
+    airspeed: FloatArray
+    report_u: FloatArray
+    report_v: FloatArray
+    latitude: FloatArray
+    longitude: FloatArray
+
+
+class Effect(ABC):
+    """One physical reason why a report parts from the reference; see the class attributes.
+
+    Attributes
+    ----------
+    name : str
+        Name in the catalogue.
+    physics, source : str
+        What happens, and who says so.
+    parameters : tuple of Parameter
+        What a person states about it.
+    scope : {"aircraft", "fleet", "reference", "pair"}
+        Whom it strikes together.
+    kind : {"mean", "step", "drift", "swap", "second_moment"}
+        How it shows.
+    stage : {"identity", "atmosphere", "sensor", "report"}
+        Where in the measurement it acts.
+    needs : tuple of str
+        Fields of the frame that must be known and vary for it to be seen.
+    confused_with : tuple of str
+        Which others look like it and when (hints; the Gram matrix decides on an archive).
+    column_names : tuple of str
+        Names of the linear coefficients, in the order of `columns`.
+    alternatives : tuple of tuple of int
+        Sets of columns that make one candidate each; empty: all columns together.
+    """
+
+    name: ClassVar[str]
+    physics: ClassVar[str]
+    source: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    scope: ClassVar[Scope] = "aircraft"
+    kind: ClassVar[Kind] = "mean"
+    stage: ClassVar[Stage] = "sensor"
+    needs: ClassVar[tuple[str, ...]] = ()
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    column_names: ClassVar[tuple[str, ...]] = ()
+    alternatives: ClassVar[tuple[tuple[int, ...], ...]] = ()
+
+    @property
+    @abstractmethod
+    def column_scales(self) -> FloatArray:
+        """Prior standard deviation of each coefficient, (k,)."""
+
+    @abstractmethod
+    def columns(self, frame: Frame) -> FloatArray:
+        """Return the derivative of the reported wind by each coefficient, at zero effect.
+
+        Parameters
+        ----------
+        frame : Frame
+            Reports, with INDICATED heading and airspeed.
+
+        Returns
+        -------
+        ndarray (k, n, 2)
+            Eastward and northward component, m s-1 per unit of the coefficient.
+        """
+
+    @abstractmethod
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """Transform every report exactly (the simulation picks whom and when).
+
+        Parameters
+        ----------
+        state : State
+            The measurement so far.
+        frame : Frame
+            Context; heading and airspeed in it are the simulated indicated ones.
+        values : dict
+            Complete parameters in the catalogue's units.
+        rng : numpy.random.Generator
+            For effects that draw.
+
+        Returns
+        -------
+        State
+        """
+
+    @abstractmethod
+    def to_parameters(
+        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+    ) -> tuple[Parameters, Errors]:
+        """Return parameters in the catalogue's units, standard errors by the delta method.
+
+        Parameters
+        ----------
+        coefficients : ndarray (k,)
+            rad and SI.
+        covariance : ndarray (k, k)
+            Their covariance.
+        frame : Frame
+            For constants of the archive.
+
+        Returns
+        -------
+        parameters, standard_errors : dict, dict
+        """
+
+    @abstractmethod
+    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+        """Coefficients (k,) of parameters: the inverse of `to_parameters`."""
+
+    @abstractmethod
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """One plain-English sentence about the effect with these parameters."""
+
+    def testable(self, frame: Frame) -> str | None:
+        """Say why the effect cannot be looked for in these reports; None where it can."""
+        for name in self.needs:
+            reason = missing_context(frame, name)
+            if reason is not None:
+                return reason
+        return None
+
+    def complete(self, values: Mapping[str, Any]) -> Parameters:
+        """Parameters with defaults filled in.
+
+        Raises
+        ------
+        InputError
+            A parameter is unknown or a required one absent.
+        """
+        known = {p.name: p for p in self.parameters}
+        for name in values:
+            if name not in known:
+                raise InputError(
+                    f"effect {self.name} has no parameter {name}",
+                    field=name,
+                    remedy=f"it takes {', '.join(known)}",
+                )
+        out: Parameters = {p.name: p.default for p in self.parameters if p.default is not None}
+        out.update(values)
+        for name, parameter in known.items():
+            if parameter.default is None and name not in out and parameter.scale > 0.0:
+                raise InputError(f"effect {self.name} needs the parameter {name}", field=name)
+        return out
+
+
+class OneCoefficient(Effect):
+    """An effect of one parameter proportional to its one coefficient."""
+
+    @property
+    def column_scales(self) -> FloatArray:
+        """See `Effect.column_scales`: the parameter's scale."""
+        return np.array([self.parameters[0].scale * self.parameters[0].si])
+
+    def to_parameters(
+        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+    ) -> tuple[Parameters, Errors]:
+        """See `Effect.to_parameters`: a change of unit."""
+        name, unit = self.parameters[0].name, self.parameters[0].si
+        value, error = float(coefficients[0]), standard_error(covariance)
+        return {name: value / unit}, {name: error / unit}
+
+    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+        """See `Effect.from_parameters`: a change of unit."""
+        first = self.parameters[0]
+        return np.array([float(self.complete(values)[first.name]) * first.si])
+
+
+class HeadingEffect(Effect):
+    """A heading error that is a linear combination of known functions of the context."""
+
+    @abstractmethod
+    def basis(self, frame: Frame) -> FloatArray:
+        """Heading error per unit of each coefficient, (k, n)."""
+
+    def columns(self, frame: Frame) -> FloatArray:
+        """See `Effect.columns`: ``-V n(psi)`` times the basis."""
+        return known(self.basis(frame))[:, :, None] * heading_derivative(frame)
+
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """See `Effect.apply`: the basis at the indicated magnetic heading, added to the error."""
+        error = self.from_parameters(values, frame) @ known(self.basis(frame))
+        return replace(state, heading_error=state.heading_error + error)
+
+
+def known(values: FloatArray) -> FloatArray:
+    """Put 0 where the context is not known: no statement, so no contribution."""
+    return np.where(np.isfinite(values), values, 0.0)
+
+
+def heading_derivative(frame: Frame) -> FloatArray:
+    """Give the reported wind per radian of heading error, (n, 2): ``-V (cos psi, -sin psi)``."""
+    right = np.stack([np.cos(frame.heading), -np.sin(frame.heading)], axis=-1)
+    return np.asarray(-frame.airspeed[:, None] * right)
+
+
+def airspeed_derivative(frame: Frame) -> FloatArray:
+    """Give the reported wind per m/s of airspeed error, (n, 2): ``-(sin psi, cos psi)``."""
+    return -np.stack([np.sin(frame.heading), np.cos(frame.heading)], axis=-1)
+
+
+def cycles(angle: FloatArray, number: int = 1) -> FloatArray:
+    """Return sine and cosine of `number` cycles of an angle, (2, n)."""
+    return np.stack([np.sin(number * angle), np.cos(number * angle)])
+
+
+def amplitude_phase(
+    coefficients: FloatArray, covariance: FloatArray
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Give amplitude and phase of ``B sin + C cos = amplitude sin(. + phase)``, in degrees.
+
+    Parameters
+    ----------
+    coefficients : ndarray (2,)
+        B and C, rad.
+    covariance : ndarray (2, 2)
+        rad squared.
+
+    Returns
+    -------
+    (amplitude, phase), (their standard errors)
+        Degrees; phase in (-180, 180]; errors by the delta method.
+    """
+    sine, cosine = float(coefficients[0]), float(coefficients[1])
+    size = float(np.hypot(sine, cosine))
+    phase = float(np.degrees(np.arctan2(cosine, sine)))
+    covariance = np.asarray(covariance, dtype=np.float64)
+    if size == 0.0:
+        spread = float(np.degrees(np.sqrt(max(0.0, np.trace(covariance) / 2.0))))
+        return (0.0, 0.0), (spread, MAX_PHASE_ERROR)
+    amplitude_error = _spread(np.array([sine, cosine]) / size, covariance)
+    phase_error = _spread(np.array([-cosine, sine]) / size**2, covariance)
+    return (float(np.degrees(size)), phase), (amplitude_error, min(phase_error, MAX_PHASE_ERROR))
+
+
+def _spread(gradient: FloatArray, covariance: FloatArray) -> float:
+    variance = float(gradient @ covariance @ gradient)
+    return float(np.degrees(np.sqrt(max(0.0, variance))))
+
+
+def sine_cosine(amplitude: float, phase: float) -> FloatArray:
+    """Return B and C (rad) of an amplitude and a phase (degrees)."""
+    angle = np.radians(phase)
+    return np.asarray(np.radians(amplitude) * np.array([np.cos(angle), np.sin(angle)]))
+
+
+def standard_error(covariance: FloatArray, index: int = 0) -> float:
+    """Return the standard error of one coefficient."""
+    return float(np.sqrt(max(0.0, float(np.asarray(covariance)[index, index]))))
+
+
+def told(values: Mapping[str, Any], errors: Mapping[str, float] | None, name: str) -> str:
+    """Give a parameter as text, "3.9 ± 0.2" where its standard error is known."""
+    value = float(values[name])
+    error = None if errors is None else errors.get(name)
+    if error is None or not np.isfinite(error):
+        return f"{value:.3g}"
+    if error <= 0.0:
+        return f"{value:.3g} ± 0"
+    power = int(np.floor(np.log10(error)))
+    digits = int(np.clip(-power + (error < 2.0 * 10.0**power), 0, 5))
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+_ABSENT = {
+    "icing": "no icing column",
+    "temperature": "no temperature",
+    "acceleration": "no longitudinal acceleration",
+    "bank": "no bank",
+    "climb_rate": "no climb rate",
+    "dip": "no dip",
+    "declination": "no declination",
+    "dudt": "no tendency of the reference wind",
+    "dudlnp": "no vertical derivative of the reference wind",
+    "dudx": "no horizontal derivative of the reference wind",
+    "grid_convergence": "no convergence angle of the grid",
+}
+_CONSTANT = {
+    "heading": "all reports on one heading",
+    "magnetic_heading": "all reports on one heading",
+    "icing": "icing protection never changes in these reports",
+    "time": "all reports at one time",
+    "dudt": "the reference wind has no tendency (one valid time)",
+    "dudlnp": "the reference wind has no vertical derivative (one level)",
+    "grid_convergence": "the grid's north is true north everywhere",
+    "bank": "no turns in these reports",
+    "acceleration": "no acceleration in these reports",
+}
+
+
+def missing_context(frame: Frame, name: str) -> str | None:
+    """Say why a field of the frame cannot carry an effect; None where it is known and varies."""
+    values = np.asarray(getattr(frame, name), dtype=np.float64)
+    there = values[np.isfinite(values)] if name != "icing" else values[values >= 0]
+    if there.size == 0:
+        return _ABSENT.get(name, f"no {name.replace('_', ' ')}")
+    if name in {"heading", "magnetic_heading"}:
+        varies = 1.0 - np.hypot(np.mean(np.cos(there)), np.mean(np.sin(there))) > 1e-5
+    else:
+        varies = float(np.ptp(there)) > SPREAD * max(1e-6, float(np.max(np.abs(there))))
+    if not varies:
+        return _CONSTANT.get(name, f"{name.replace('_', ' ')} does not vary in these reports")
+    return None
+
+
+CATALOGUE: dict[str, Effect] = {}
+"""Every known effect by name, in alphabetical order of its files, then in order of registration."""
+
+
+def register(effect: Effect) -> Effect:
+    """Put an effect into the catalogue.
+
+    Parameters
+    ----------
+    effect : Effect
+        An instance; its name must be new.
+
+    Returns
+    -------
+    Effect
+        The same.
+
+    Raises
+    ------
+    ValueError
+        Another effect holds the name.
+    """
+    if CATALOGUE.get(effect.name, effect) is not effect:
+        raise ValueError(f"an effect named {effect.name} is already in the catalogue")
+    CATALOGUE[effect.name] = effect
+    return effect
+
+
+def unregister(name: str) -> Effect:
+    """Take an effect out of the catalogue and return it (for leave-one-effect-out checks)."""
+    return CATALOGUE.pop(name)
+
+
+def discover(package: str) -> None:
+    """Register the ``EFFECT`` of every module of a package, in alphabetical order."""
+    folder = importlib.import_module(package)
+    for found in sorted(pkgutil.iter_modules(folder.__path__), key=lambda module: module.name):
+        module = importlib.import_module(f"{package}.{found.name}")
+        effect = getattr(module, "EFFECT", None)
+        if isinstance(effect, Effect):
+            register(effect)

@@ -1,0 +1,50 @@
+"""Constant heading error of one aircraft."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import (
+    DEGREE,
+    FloatArray,
+    HeadingEffect,
+    OneCoefficient,
+    Parameter,
+    told,
+)
+from airswing.gap.frame import Frame
+
+
+class CompassOffset(OneCoefficient, HeadingEffect):
+    """Indicated heading too large by a constant: the A of Archibald Smith."""
+
+    name = "compass_offset"
+    physics = (
+        "The flux valve is not aligned with the aircraft's axis, so every heading is wrong by the "
+        "same angle. A constant sideslip of the air over the aircraft looks exactly the same."
+    )
+    source = "Coefficient A, NGA Handbook of Magnetic Compass Adjustment; de Haan 2013 (Mode-S)."
+    parameters = (
+        Parameter("offset_deg", "degree", 1.5, "indicated minus true heading", si=DEGREE),
+    )
+    needs = ("heading",)
+    confused_with = (
+        "constant sideslip: an exact alias",
+        "declination_error: where the declination varies little over the region",
+        "compass_drift, compass_step: where the record is short",
+    )
+    column_names = ("offset",)
+
+    def basis(self, frame: Frame) -> FloatArray:
+        """Return one for every report, (1, n)."""
+        return np.ones((1, frame.size))
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        return f"constant heading error of {told(values, errors, 'offset_deg')} degrees"
+
+
+EFFECT = CompassOffset()

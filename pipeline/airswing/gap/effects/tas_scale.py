@@ -1,0 +1,55 @@
+"""Airspeed too high by a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import (
+    FloatArray,
+    OneCoefficient,
+    Parameter,
+    Parameters,
+    State,
+    airspeed_derivative,
+    told,
+)
+from airswing.gap.frame import Frame
+
+
+class TasScale(OneCoefficient):
+    """Indicated true airspeed is (1 + scale) times the true one."""
+
+    name = "tas_scale"
+    physics = (
+        "Errors of static port, pitot tube or temperature recovery make the true airspeed wrong "
+        "by a factor; the reported wind is wrong along the heading only."
+    )
+    source = "DOMAIN.md section 3 (along-track part of the joint fit); de Haan 2011."
+    parameters = (
+        Parameter("scale_percent", "percent", 2.0, "positive: airspeed too high", si=0.01),
+    )
+    needs = ("heading",)
+    confused_with = ("tas_offset: where the airspeed varies little",)
+    column_names = ("scale",)
+
+    def columns(self, frame: Frame) -> FloatArray:
+        """See `Effect.columns`: ``-V h(psi)``."""
+        return np.asarray((frame.airspeed[:, None] * airspeed_derivative(frame))[None])
+
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """See `Effect.apply`."""
+        factor = 1.0 + float(values["scale_percent"]) / 100.0
+        return replace(state, airspeed=state.airspeed * factor)
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        return f"airspeed too high by {told(values, errors, 'scale_percent')} percent"
+
+
+EFFECT = TasScale()
