@@ -1,0 +1,160 @@
+"""The interpolated field against IGRF itself, a second model, and the values the domain states."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airswing.physics.geomagnetism import FieldLattice, GeomagneticField
+
+ppigrf = pytest.importorskip("ppigrf")
+
+MID_2009 = float(np.datetime64("2009-07-01", "s").astype(np.int64))
+
+
+def field_at(latitude, longitude, height=3000.0, seconds=MID_2009) -> GeomagneticField:
+    arguments = (latitude, longitude, height, seconds)
+    return FieldLattice.covering(*arguments).at(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("place", "latitude", "longitude", "horizontal"),
+    [
+        ("Chicago", 41.0, -88.0, 19369.0),
+        ("northern Great Lakes", 46.4, -86.0, 16494.0),
+        ("Tampa", 28.0, -82.0, 24717.0),
+        ("Anchorage", 61.0, -150.0, 15352.0),
+        ("Mexico City", 19.4, -99.1, 27878.0),
+        ("Seattle", 47.6, -122.0, 19178.0),
+    ],
+)
+def test_horizontal_field_of_2009_at_3_km(
+    place: str, latitude: float, longitude: float, horizontal: float
+) -> None:
+    # the domain names cities; these are the rounded points its printed values belong to
+    assert field_at(latitude, longitude).horizontal == pytest.approx(horizontal, abs=1.5), place
+
+
+@pytest.mark.parametrize(
+    ("north", "south", "west", "east"),
+    [
+        (50.0, 24.0, -130.0, -65.0),
+        (72.0, 50.0, -180.0, -130.0),
+        (72.0, 35.0, -12.0, 40.0),
+        (15.0, -60.0, -180.0, 180.0),
+    ],
+)
+def test_declination_within_a_hundredth_of_a_degree_of_igrf(
+    north: float, south: float, west: float, east: float
+) -> None:
+    rng = np.random.default_rng(7)
+    latitude, longitude = rng.uniform(south, north, 3000), rng.uniform(west, east, 3000)
+    height = rng.uniform(-200.0, 13500.0, 3000)
+    for date in (datetime(2008, 7, 3), datetime(2009, 12, 31, 23, 59), datetime(2011, 3, 1, 6)):
+        seconds = (date - datetime(1970, 1, 1)).total_seconds()
+        found = field_at(latitude, longitude, height, seconds)
+        e, n, up = (part[0] for part in ppigrf.igrf(longitude, latitude, height / 1000.0, date))
+        horizontal = np.hypot(e, n)
+        strong = horizontal > 5000.0
+        miss = np.degrees(np.abs(found.declination - np.arctan2(e, n)))[strong]
+        assert strong.sum() > 2000
+        assert miss.max() < 0.01
+        assert np.abs(found.horizontal - horizontal).max() < 1.0
+        assert np.degrees(np.abs(found.dip - np.arctan2(-up, horizontal))).max() < 0.01
+
+
+def test_a_second_model_agrees() -> None:
+    pygeomag = pytest.importorskip("pygeomag")
+    oracle = pygeomag.GeoMag(coefficients_file="wmm/WMM_2015v2.COF")
+    seconds = float(np.datetime64("2016-07-02", "s").astype(np.int64))
+    rng = np.random.default_rng(3)
+    for latitude, longitude in zip(
+        rng.uniform(20.0, 55.0, 60), rng.uniform(-130.0, 30.0, 60), strict=True
+    ):
+        expected = oracle.calculate(glat=latitude, glon=longitude, alt=3.0, time=2016.5)
+        found = field_at(latitude, longitude, 3000.0, seconds)
+        assert np.degrees(found.declination) == pytest.approx(expected.d, abs=0.2)
+        assert np.degrees(found.dip) == pytest.approx(expected.i, abs=0.2)
+        assert found.horizontal == pytest.approx(expected.h, rel=0.01)
+
+
+def test_signs() -> None:
+    seattle, boston, sydney = (
+        field_at(*place) for place in ((47.5, -122.3), (42.4, -71.0), (-33.9, 151.2))
+    )
+    assert np.degrees(seattle.declination) == pytest.approx(17.0, abs=0.5), "east is positive"
+    assert np.degrees(boston.declination) == pytest.approx(-15.2, abs=0.5), "west is negative"
+    assert np.degrees(seattle.dip) > 60.0 > 0.0 > np.degrees(sydney.dip)
+
+
+def test_across_the_antimeridian_and_in_either_longitude_convention() -> None:
+    longitude = np.array([179.0, 179.999999, -179.999999, -179.0])
+    found = field_at(52.0, longitude)
+    assert np.all(np.abs(np.diff(np.degrees(found.declination))) < 0.5)
+    assert abs(found.declination[1] - found.declination[2]) < 1e-7
+    other = field_at(52.0, np.mod(longitude, 360.0))
+    np.testing.assert_allclose(other.declination, found.declination, atol=1e-12)
+
+
+def test_one_reports_field_does_not_depend_on_the_others() -> None:
+    rng = np.random.default_rng(11)
+    size = 70_001  # more than two blocks, and no multiple of one
+    latitude, longitude = rng.uniform(-89.9, 89.9, size), rng.uniform(-180.0, 180.0, size)
+    height = rng.uniform(0.0, 13000.0, size)
+    seconds = rng.uniform(1.2e9, 1.5e9, size)
+    whole = FieldLattice.covering(latitude, longitude, height, seconds).at(
+        latitude, longitude, height, seconds
+    )
+    for part in (slice(0, 1), slice(5, 12), slice(40_000, 40_777), slice(65_000, size)):
+        arguments = latitude[part], longitude[part], height[part], seconds[part]
+        alone = FieldLattice.covering(*arguments).at(*arguments)
+        for name in GeomagneticField._fields:
+            np.testing.assert_array_equal(getattr(alone, name), getattr(whole, name)[part])
+
+
+def test_tiles_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    real_igrf = ppigrf.igrf
+    monkeypatch.setattr(ppigrf, "igrf", lambda *arguments: calls.append(1) or real_igrf(*arguments))
+    first = field_at(-47.0, 88.0, 3000.0, 1.6e9)
+    made = len(calls)
+    second = field_at(np.array([-47.0, -46.5]), 88.0, 3000.0, 1.6e9)
+    assert made >= 1 and len(calls) == made
+    assert second.declination[0] == first.declination
+
+
+@given(st.floats(-60.0, 60.0), st.floats(-180.0, 180.0), st.floats(0.0, 13000.0))
+def test_components_rebuild_the_field(latitude: float, longitude: float, height: float) -> None:
+    arguments = latitude, longitude, height, MID_2009
+    lattice = FieldLattice.covering(*arguments)
+    found = lattice.at(*arguments)
+    north, east, down = lattice.components(*arguments)
+    np.testing.assert_allclose(found.horizontal * np.cos(found.declination), north, atol=1e-6)
+    np.testing.assert_allclose(found.horizontal * np.sin(found.declination), east, atol=1e-6)
+    np.testing.assert_allclose(found.horizontal * np.tan(found.dip), down, atol=1e-6)
+
+
+def test_what_cannot_be_placed_has_no_field() -> None:
+    latitude = np.array([np.nan, 45.0, 45.0, 91.0, 45.0])
+    longitude = np.array([10.0, np.nan, 10.0, 10.0, 10.0])
+    seconds = np.array([MID_2009, MID_2009, np.nan, MID_2009, 3.0e9])
+    found = field_at(latitude, longitude, 3000.0, seconds)
+    assert np.isnan(found.declination).all()
+    assert np.isnan(found.horizontal).all()
+    lattice = FieldLattice.covering(45.0, 10.0, 0.0, MID_2009)
+    assert np.isfinite(lattice.at(45.0, 10.0, 0.0, MID_2009).dip)
+    assert np.isnan(lattice.at(-45.0, 170.0, 0.0, MID_2009).dip), "outside the covered tiles"
+    assert np.isnan(lattice.at(45.0, 10.0, 0.0, MID_2009 + 4e8).dip), "outside the epochs"
+    empty = FieldLattice.covering([], [], [], [])
+    assert empty.at([], [], [], []).declination.shape == (0,)
+
+
+def test_shapes_broadcast() -> None:
+    found = field_at(np.array([[40.0], [41.0]]), np.array([-90.0, -89.0, -88.0]))
+    assert found.declination.shape == (2, 3)
+    single = field_at(41.0, -88.0)
+    assert single.dip.shape == () and single.declination == found.declination[1, 2]
