@@ -1,0 +1,127 @@
+"""What happened to the reports on the way in: counts per reason, and files left out.
+
+Assumes that every report read is either kept or dropped for exactly one reason, so
+``reports_read = reports_kept + sum(dropped)`` holds at any time; a kept report may have been
+repaired for several reasons.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass
+class Audit:
+    """Running tally of one reading.
+
+    Parameters
+    ----------
+    read : int
+        Reports met, whole or broken.
+    dropped : Counter
+        Reports left out, per reason.
+    repaired : Counter
+        Values set right or set missing in reports that stay, per reason.
+    missing : Counter
+        Reports that stay without a value, per variable.
+    flags : dict of str to Counter
+        Codes met, per flag field of the source.
+    formats : Counter
+        Files read, per format.
+    files_skipped : list of dict
+        ``{"file", "reason"}`` of each file that could not be read.
+    """
+
+    read: int = 0
+    dropped: Counter[str] = field(default_factory=Counter)
+    repaired: Counter[str] = field(default_factory=Counter)
+    missing: Counter[str] = field(default_factory=Counter)
+    flags: dict[str, Counter[str]] = field(default_factory=dict)
+    formats: Counter[str] = field(default_factory=Counter)
+    files_skipped: list[dict[str, str]] = field(default_factory=list)
+
+    @property
+    def kept(self) -> int:
+        """Reports read less reports dropped."""
+        return self.read - sum(self.dropped.values())
+
+    def drop(self, reason: str, number: int) -> None:
+        """Count reports left out.
+
+        Parameters
+        ----------
+        reason : str
+        number : int
+        """
+        if number:
+            self.dropped[reason] += int(number)
+
+    def repair(self, reason: str, number: int) -> None:
+        """Count values set right or set missing.
+
+        Parameters
+        ----------
+        reason : str
+        number : int
+        """
+        if number:
+            self.repaired[reason] += int(number)
+
+    def codes(self, name: str, tally: Mapping[str, int]) -> None:
+        """Add the codes met in one flag field.
+
+        Parameters
+        ----------
+        name : str
+            Field of the source.
+        tally : mapping of str to int
+            Number of reports per code.
+        """
+        counter = self.flags.setdefault(name, Counter())
+        for code, number in tally.items():
+            counter[code] += int(number)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain form of the tally.
+
+        Returns
+        -------
+        dict
+            ``reports_read, reports_kept, dropped, repaired, missing, flags, formats, files,
+            files_skipped``.
+        """
+        return {
+            "reports_read": self.read,
+            "reports_kept": self.kept,
+            "dropped": dict(sorted(self.dropped.items())),
+            "repaired": dict(sorted(self.repaired.items())),
+            "missing": dict(sorted(self.missing.items())),
+            "flags": {name: dict(sorted(tally.items())) for name, tally in self.flags.items()},
+            "formats": dict(sorted(self.formats.items())),
+            "files": sum(self.formats.values()),
+            "files_skipped": self.files_skipped,
+        }
+
+    def as_json(self) -> str:
+        """Return :meth:`as_dict` as JSON: NetCDF attributes cannot hold dicts."""
+        return json.dumps(self.as_dict())
+
+    def add(self, other: Audit) -> None:
+        """Add another tally, such as one file's.
+
+        Parameters
+        ----------
+        other : Audit
+        """
+        self.read += other.read
+        self.dropped += other.dropped
+        self.repaired += other.repaired
+        self.missing += other.missing
+        self.formats += other.formats
+        for name, tally in other.flags.items():
+            self.codes(name, tally)
+        self.files_skipped += other.files_skipped

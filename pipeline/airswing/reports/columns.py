@@ -1,0 +1,356 @@
+"""Columns of a report table: canonical names, their units, and a user's own names and units.
+
+A canonical name is a quantity with its unit at the end (``wind_speed_kt``). The same quantity
+with another unit at the end (``wind_speed_m_s``) is understood as it stands; any other name is
+mapped by the configuration, ``theirs: canonical`` or
+``theirs: {name: canonical, unit: their unit}``.
+
+Units are converted by pint; every conversion used here is affine (factor and offset).
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from airswing.errors import InputError
+
+ColumnMapping = Mapping[str, "str | Mapping[str, str]"]
+"""Their name to a canonical name, or to ``{"name": canonical, "unit": theirs}``."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A numeric column.
+
+    Parameters
+    ----------
+    variable : str
+        Column of the piece it fills.
+    si_unit : str
+        Unit there.
+    canonical : str
+        Canonical column name.
+    """
+
+    variable: str
+    si_unit: str
+    canonical: str
+
+
+TEXT = {
+    "tail": "tail",
+    "time": "time",
+    "roll_flag": "roll_flag",
+    "temperature_qc": "temperature_qc",
+    "wind_qc": "wind_qc",
+    "phase": "phase",
+    "flight": "flight",
+    "icing": "icing",
+}
+"""Columns without a unit."""
+
+_PLAIN = {"latitude": "latitude", "longitude": "longitude"}
+
+QUANTITIES = {
+    "latitude": Quantity("latitude", "degree", "latitude"),
+    "longitude": Quantity("longitude", "degree", "longitude"),
+    "pressure_altitude": Quantity("pressure_altitude", "m", "pressure_altitude_ft"),
+    "pressure": Quantity("pressure", "Pa", "pressure_hPa"),
+    "wind_direction": Quantity("wind_direction", "degree", "wind_direction_deg"),
+    "wind_speed": Quantity("wind_speed", "m/s", "wind_speed_kt"),
+    "eastward_wind": Quantity("eastward_wind", "m/s", "eastward_wind_kt"),
+    "northward_wind": Quantity("northward_wind", "m/s", "northward_wind_kt"),
+    "temperature": Quantity("air_temperature", "K", "temperature_degC"),
+    "true_airspeed": Quantity("reported_airspeed", "m/s", "true_airspeed_kt"),
+    "heading": Quantity("reported_heading", "degree", "heading_deg"),
+}
+"""Numeric columns by the stem of their name."""
+
+_SUFFIXES = {
+    "deg": "degree", "degree": "degree", "degrees": "degree", "rad": "radian",
+    "ft": "ft", "m": "m", "km": "km", "hft": "hft",
+    "hPa": "hPa", "Pa": "Pa", "mb": "hPa", "mbar": "hPa", "kPa": "kPa",
+    "kt": "kt", "kts": "kt", "kn": "kt", "knots": "kt", "m_s": "m/s", "mps": "m/s",
+    "ms": "m/s", "m_s-1": "m/s", "km_h": "km/h", "kmh": "km/h", "mph": "mph",
+    "degC": "degC", "C": "degC", "K": "K", "degF": "degF", "F": "degF",
+}  # fmt: skip
+_ALIASES = {
+    **_SUFFIXES,
+    "hft": "hectofoot", "hundreds of feet": "hectofoot", "flight level": "hectofoot",
+    "m s-1": "m/s", "m s**-1": "m/s", "°": "degree", "celsius": "degC", "kelvin": "K",
+    "°C": "degC", "meters": "m", "metres": "m", "feet": "ft", "arcmin": "arcminute",
+}  # fmt: skip
+
+REQUIRED = ("tail", "time", "latitude", "longitude")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a column of the piece comes from.
+
+    Parameters
+    ----------
+    column : str
+        Column in the file.
+    factor, offset : float
+        ``value * factor + offset`` is in SI (or degrees); 1 and 0 for text.
+    """
+
+    column: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+def canonical_names() -> list[str]:
+    """List the canonical column names.
+
+    Returns
+    -------
+    list of str
+    """
+    return [*TEXT, *(quantity.canonical for quantity in QUANTITIES.values())]
+
+
+def parse_mapping(columns: ColumnMapping | None) -> dict[str, tuple[str, Source]]:
+    """Check a user's column mapping before any file is opened.
+
+    Parameters
+    ----------
+    columns : mapping, optional
+        ``{theirs: canonical}`` or ``{theirs: {"name": canonical, "unit": unit}}``.
+
+    Returns
+    -------
+    dict
+        Column of the piece to (their column, conversion).
+
+    Raises
+    ------
+    InputError
+        Unknown canonical name, unknown unit, or a unit of another kind than the column's.
+    """
+    found: dict[str, tuple[str, Source]] = {}
+    for theirs, target in (columns or {}).items():
+        name, unit = _target(str(theirs), target)
+        variable, source = _resolve(str(theirs), name, unit)
+        if variable in found:
+            raise InputError(
+                f"two columns are mapped to {name}",
+                field="reports.columns",
+                found=f"{found[variable][1].column}, {theirs}",
+                remedy="Keep one of them",
+            )
+        found[variable] = (str(theirs), source)
+    return found
+
+
+def _target(theirs: str, target: Any) -> tuple[str, str | None]:
+    if isinstance(target, str):
+        return target, None
+    if isinstance(target, Mapping) and "name" in target and set(target) <= {"name", "unit"}:
+        unit = target.get("unit")
+        return str(target["name"]), None if unit is None else str(unit)
+    raise InputError(
+        "a mapped column must be a canonical name or {name: ..., unit: ...}",
+        field=f"reports.columns.{theirs}",
+        found=target,
+    )
+
+
+def _resolve(theirs: str, name: str, unit: str | None) -> tuple[str, Source]:
+    if name in TEXT:
+        if unit is not None:
+            raise InputError(
+                f"{name} has no unit", field=f"reports.columns.{theirs}", found=unit
+            )
+        return TEXT[name], Source(theirs)
+    known = split_name(name)
+    if known is None:
+        near = difflib.get_close_matches(name, canonical_names(), n=3, cutoff=0.5)
+        raise InputError(
+            f"{name!r} is no canonical column",
+            field=f"reports.columns.{theirs}",
+            remedy=f"Nearest: {', '.join(near)}" if near else "See the list of columns",
+        )
+    quantity, own_unit = known
+    factor, offset = conversion(unit or own_unit, quantity.si_unit, theirs, quantity.canonical)
+    return quantity.variable, Source(theirs, factor, offset)
+
+
+def split_name(name: str) -> tuple[Quantity, str] | None:
+    """Split a column name into the quantity and the unit at its end.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``wind_speed_m_s``.
+
+    Returns
+    -------
+    (Quantity, unit) or None
+        None where the name is no canonical column in any unit.
+    """
+    for stem in sorted(QUANTITIES, key=len, reverse=True):
+        if not name.lower().startswith(stem):
+            continue
+        quantity, suffix = QUANTITIES[stem], name[len(stem) :]
+        if not suffix:
+            return (quantity, "degree") if stem in _PLAIN else None
+        unit = _unit_of_suffix(suffix[1:]) if suffix[0] == "_" else None
+        return None if unit is None or not compatible(unit, quantity.si_unit) else (quantity, unit)
+    return None
+
+
+def _unit_of_suffix(suffix: str) -> str | None:
+    if suffix in _SUFFIXES:
+        return _SUFFIXES[suffix]
+    folded = {key.lower(): value for key, value in _SUFFIXES.items()}
+    return folded.get(suffix.lower())
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    import pint
+
+    registry: Any = pint.UnitRegistry()
+    registry.define("hectofoot = 100 * foot = hft")
+    return registry
+
+
+@lru_cache(maxsize=256)
+def _affine(unit: str, si_unit: str) -> tuple[float, float]:
+    quantity = _registry().Quantity
+    unit = _ALIASES.get(unit.strip(), unit.strip())
+    zero = quantity(0.0, unit).to(si_unit).magnitude
+    one = quantity(1.0, unit).to(si_unit).magnitude
+    return float(one - zero), float(zero)
+
+
+def compatible(unit: str, si_unit: str) -> bool:
+    """Tell whether one unit converts to another.
+
+    Parameters
+    ----------
+    unit, si_unit : str
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        _affine(unit, si_unit)
+    except Exception:  # pint raises many kinds, some of them from its parser
+        return False
+    return True
+
+
+def conversion(unit: str, si_unit: str, column: str, canonical: str) -> tuple[float, float]:
+    """Factor and offset from a user's unit.
+
+    Parameters
+    ----------
+    unit : str
+        The user's.
+    si_unit : str
+        Ours.
+    column, canonical : str
+        Named in the message.
+
+    Returns
+    -------
+    factor, offset : float
+
+    Raises
+    ------
+    InputError
+        If the unit is unknown or of another kind.
+    """
+    if not compatible(unit, si_unit):
+        raise InputError(
+            f"unit {unit!r} cannot stand for {canonical}",
+            field=f"reports.columns.{column}",
+            found=unit,
+            remedy=f"Give a unit that converts to {si_unit!r}",
+        )
+    return _affine(unit, si_unit)
+
+
+def sources(
+    names: Iterable[str], mapping: Mapping[str, tuple[str, Source]], file: object
+) -> dict[str, Source]:
+    """Find the file's column for every column of the piece.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Columns of the file.
+    mapping : mapping
+        From :func:`parse_mapping`; comes before names understood as they stand.
+    file : path
+        Named in the message.
+
+    Returns
+    -------
+    dict of str to Source
+
+    Raises
+    ------
+    InputError
+        If a mapped column or a required one is absent; names the nearest that are there.
+    """
+    names = list(names)
+    by_stripped = {name.strip(): name for name in names}
+    found: dict[str, Source] = {}
+    for variable, (theirs, source) in mapping.items():
+        if theirs not in by_stripped:
+            raise _absent(theirs, names, file, "the mapped column is not in the file")
+        found[variable] = Source(by_stripped[theirs], source.factor, source.offset)
+    taken = {source.column for source in found.values()}
+    for stripped, name in by_stripped.items():
+        if name in taken:
+            continue
+        variable, plain = _understood(stripped, name)
+        if variable is not None and plain is not None:
+            found.setdefault(variable, plain)
+    _check_required(found, names, file)
+    return found
+
+
+def _understood(stripped: str, name: str) -> tuple[str | None, Source | None]:
+    if stripped.lower() in TEXT:
+        return TEXT[stripped.lower()], Source(name)
+    known = split_name(stripped)
+    if known is None:
+        return None, None
+    quantity, unit = known
+    return quantity.variable, Source(name, *_affine(unit, quantity.si_unit))
+
+
+def _check_required(found: Mapping[str, Source], names: list[str], file: object) -> None:
+    for variable in REQUIRED:
+        if variable not in found:
+            raise _absent(variable, names, file, "a required column is missing")
+    if "pressure_altitude" not in found and "pressure" not in found:
+        wanted = "pressure_altitude_ft"
+        raise _absent(wanted, names, file, "neither pressure_altitude_ft nor pressure_hPa is there")
+    if {"eastward_wind", "northward_wind"} <= set(found):
+        return
+    for variable in ("wind_direction", "wind_speed"):
+        if variable not in found:
+            wanted = QUANTITIES[variable].canonical
+            raise _absent(wanted, names, file, "a required column is missing")
+
+
+def _absent(wanted: str, names: list[str], file: object, what: str) -> InputError:
+    folded = {name.lower(): name for name in names}
+    near = difflib.get_close_matches(wanted.lower(), list(folded), n=3, cutoff=0.4)
+    stem = wanted.split("_")[0].lower()
+    near += [key for key in folded if stem in key and key not in near]
+    remedy = "Map the file's own name to it under reports.columns"
+    if near:
+        remedy = f"Nearest there: {', '.join(folded[key] for key in near[:3])}. " + remedy
+    return InputError(what, file=file, field=wanted, found=", ".join(names), remedy=remedy)

@@ -1,0 +1,260 @@
+"""Read aircraft reports of any known format into one Dataset.
+
+Assumes files named by path or glob; what a file is comes from its content, never its name. Files
+are read one by one and piece by piece, and each file counts whole or not at all.
+"""
+
+from __future__ import annotations
+
+import glob
+import gzip
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import pandas as pd
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.reports.assemble import Gatherer
+from airswing.reports.audit import Audit
+from airswing.reports.canonical import clean
+from airswing.reports.columns import ColumnMapping, parse_mapping
+from airswing.reports.tabular import Mapped, csv_pieces, parquet_pieces
+
+Format = Literal["auto", "csv", "parquet", "madis", "bufr"]
+Policy = Literal["skip", "fail"]
+Pieces = Callable[[Path, Mapped, Audit], Iterator[pd.DataFrame]]
+
+FORMATS = ("auto", "csv", "parquet", "madis", "bufr")
+_MAGIC = (
+    (b"CDF\x01", "madis"),
+    (b"CDF\x02", "madis"),
+    (b"CDF\x05", "madis"),
+    (b"\x89HDF\r\n\x1a\n", "madis"),
+    (b"PAR1", "parquet"),
+)
+
+
+def read_reports(
+    files: str | Path | Sequence[str | Path],
+    *,
+    format: Format = "auto",
+    columns: ColumnMapping | None = None,
+    on_bad_file: Policy = "skip",
+) -> xr.Dataset:
+    """Read aircraft reports into the canonical Dataset.
+
+    Parameters
+    ----------
+    files : str, path, or sequence of them
+        Paths or globs.
+    format : {"auto", "csv", "parquet", "madis", "bufr"}, default "auto"
+        "auto" tells it from each file's content.
+    columns : mapping, optional
+        For tables: their name to a canonical name (``wind_speed_kt``), or to
+        ``{"name": "wind_speed_kt", "unit": "m/s"}`` where the unit is another.
+    on_bad_file : {"skip", "fail"}, default "skip"
+        Whether a file that cannot be read is left out and counted, or refused.
+
+    Returns
+    -------
+    Dataset
+        Dimension ``report`` in order of ``aircraft`` and time with ``row_size``: time,
+        latitude, longitude (degrees), pressure (Pa), pressure_altitude (m), eastward_wind and
+        northward_wind (m s-1, as reported), air_temperature (K), the flags, phase, flight,
+        reported_airspeed (m s-1), reported_heading (degrees), and per aircraft the resolutions
+        found in the data. ``attrs["reading_audit"]`` holds the counts as JSON.
+
+    Raises
+    ------
+    InputError
+        No file matches, none can be read, none holds a usable report, or (policy "fail") one
+        cannot be read.
+    """
+    audit, gatherer = Audit(), Gatherer()
+    for frame in iter_frames(
+        files, format=format, columns=columns, on_bad_file=on_bad_file, audit=audit
+    ):
+        gatherer.add(frame)
+    if not audit.kept:
+        reasons = ", ".join(f"{reason} {n}" for reason, n in audit.dropped.most_common())
+        raise InputError(
+            "no usable report",
+            field="reports.files",
+            found=f"{audit.read} reports read, dropped for: {reasons}",
+        )
+    return gatherer.dataset(audit)
+
+
+def iter_frames(
+    files: str | Path | Sequence[str | Path],
+    *,
+    format: Format = "auto",
+    columns: ColumnMapping | None = None,
+    on_bad_file: Policy = "skip",
+    audit: Audit | None = None,
+) -> Iterator[pd.DataFrame]:
+    """Read reports as canonical frames, file by file.
+
+    Parameters
+    ----------
+    files, format, columns, on_bad_file
+        As in :func:`read_reports`.
+    audit : Audit, optional
+        Takes the counts.
+
+    Yields
+    ------
+    DataFrame
+        Cleaned reports of (a piece of) one file, not yet ordered nor free of duplicates; see
+        :func:`airswing.reports.canonical.clean`.
+
+    Raises
+    ------
+    InputError
+        As in :func:`read_reports`.
+    """
+    if format not in FORMATS:
+        raise InputError(
+            "unknown report format", field="reports.format", found=format,
+            remedy=f"One of: {', '.join(FORMATS)}",
+        )  # fmt: skip
+    audit = Audit() if audit is None else audit
+    mapping = parse_mapping(columns)
+    paths = expand(files)
+    errors: list[InputError] = []
+    for path in paths:
+        own = Audit()
+        try:
+            frames = list(_file_frames(path, format, mapping, own))
+        except InputError as error:
+            if on_bad_file == "fail":
+                raise
+            errors.append(error)
+            audit.files_skipped.append({"file": str(path), "reason": str(error)})
+            continue
+        audit.add(own)
+        while frames:
+            yield frames.pop(0)
+    if len(errors) == len(paths):
+        raise _none_read(errors)
+
+
+def _none_read(errors: list[InputError]) -> InputError:
+    if len(errors) == 1:
+        return errors[0]
+    return InputError(
+        f"none of the {len(errors)} report files can be read; the first: {errors[0]}",
+        field="reports.files",
+    )
+
+
+def _file_frames(path: Path, format: str, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    kind = detect_format(path) if format == "auto" else format
+    audit.formats[kind] += 1
+    try:
+        for piece in _reader(kind)(path, mapping, audit):
+            yield clean(piece, audit)
+    except OSError as error:
+        raise InputError(f"cannot be read: {error}", file=path) from error
+
+
+def _reader(kind: str) -> Pieces:
+    if kind == "csv":
+        return csv_pieces
+    if kind == "parquet":
+        return parquet_pieces
+    if kind == "madis":
+        from airswing.reports.madis import madis_pieces
+
+        return madis_pieces
+    from airswing.reports.bufr import bufr_pieces
+
+    return bufr_pieces
+
+
+def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
+    """Paths that names and globs stand for.
+
+    Parameters
+    ----------
+    files : str, path, or iterable of them
+
+    Returns
+    -------
+    list of Path
+        Each once, in order of name.
+
+    Raises
+    ------
+    InputError
+        If one of them matches nothing.
+    """
+    patterns = [files] if isinstance(files, str | Path) else list(files)
+    found: dict[str, None] = {}
+    for pattern in patterns:
+        text = str(Path(pattern).expanduser())
+        names = [text] if Path(text).is_file() else glob.glob(text, recursive=True)
+        names = sorted(name for name in names if Path(name).is_file())
+        if not names:
+            raise InputError(
+                "no file matches",
+                field="reports.files",
+                found=f"pattern {str(pattern)!r} in folder {Path.cwd()}",
+                remedy="Relative paths start at the current directory",
+            )
+        found.update(dict.fromkeys(names))
+    if not found:
+        raise InputError("names no file", field="reports.files")
+    return [Path(name) for name in found]
+
+
+def detect_format(path: Path) -> str:
+    """Tell a report file's format from its first bytes.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    {"csv", "parquet", "madis", "bufr"}
+
+    Raises
+    ------
+    InputError
+        The file is empty, cannot be opened, or is none of these.
+    """
+    start = _first_bytes(path)
+    if not start:
+        raise InputError("is empty", file=path)
+    for magic, kind in _MAGIC:
+        if start.startswith(magic):
+            return kind
+    if b"BUFR" in start:
+        return "bufr"
+    if b"GRIB" in start[:64]:
+        raise InputError(
+            "is a GRIB file, not reports", file=path, remedy="Name it under references"
+        )
+    if b"\x00" in start or _share_of_control_bytes(start) > 0.05:
+        raise InputError("is no report file of a known format", file=path, found=start[:16])
+    return "csv"
+
+
+def _first_bytes(path: Path, number: int = 4096) -> bytes:
+    try:
+        with path.open("rb") as file:
+            start = file.read(number)
+        if start[:2] == b"\x1f\x8b":
+            with gzip.open(path, "rb") as packed:
+                start = packed.read(number)
+    except (OSError, EOFError) as error:
+        raise InputError(f"cannot be opened: {error}", file=path) from error
+    return start
+
+
+def _share_of_control_bytes(start: bytes) -> float:
+    control: Any = sum(byte < 32 and byte not in (9, 10, 13) for byte in start)
+    return float(control) / len(start)

@@ -1,0 +1,69 @@
+"""Times of reports as text or numbers, to UTC.
+
+Assumes ISO 8601 text (a time without an offset is UTC), whole numbers of the form
+``yyyymmddHHMM`` or ``yyyymmddHHMMSS``, or seconds since 1970-01-01. Other notations
+(``01/02/2009``) are ambiguous and count as unparsable. Valid for 1970 to 2100.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+EARLIEST = np.datetime64("1970-01-01", "ns")
+LATEST = np.datetime64("2100-01-01", "ns")
+_LARGEST_EPOCH = 4.2e9  # seconds: the year 2103
+
+
+def parse_times(values: pd.Series[Any]) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
+    """Read a column of times.
+
+    Parameters
+    ----------
+    values : Series, shape (report,)
+        Text, numbers or timestamps.
+
+    Returns
+    -------
+    time : array of datetime64[ns], shape (report,)
+        NaT where there is none or it cannot be read.
+    blank : array of bool, shape (report,)
+        No time was given at all.
+    """
+    if isinstance(values.dtype, pd.DatetimeTZDtype):
+        values = values.dt.tz_convert("UTC").dt.tz_localize(None)
+    if np.issubdtype(getattr(values.dtype, "type", object), np.datetime64):
+        time = values.to_numpy(dtype="datetime64[ns]")
+        return time, np.isnat(time)
+    if pd.api.types.is_numeric_dtype(values.dtype):
+        return _numbers(values.to_numpy(dtype=np.float64, na_value=np.nan))
+    return _text(values)
+
+
+def _text(values: pd.Series[Any]) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
+    index, labels = pd.factorize(values)  # many reports share a time; each text is read once
+    stripped = pd.Series(labels, dtype="object").map(lambda label: str(label).strip())
+    parsed = pd.to_datetime(stripped, format="ISO8601", utc=True, errors="coerce")
+    time = parsed.dt.tz_localize(None).to_numpy(dtype="datetime64[ns]").copy()
+    digits = stripped.str.fullmatch(r"\d{9,14}(\.\d+)?").to_numpy(dtype=bool)
+    if digits.any():
+        time[digits] = _numbers(stripped[digits].to_numpy(dtype=np.float64))[0]
+    time = np.append(time, np.datetime64("NaT", "ns"))
+    blank = np.append((stripped == "").to_numpy(dtype=bool), True)
+    return time[index], blank[index]
+
+
+def _numbers(values: NDArray[np.float64]) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
+    time = np.full(values.shape, np.datetime64("NaT", "ns"))
+    epoch = (values >= 0) & (values < _LARGEST_EPOCH)
+    time[epoch] = np.round(values[epoch] * 1e9).astype(np.int64).view("datetime64[ns]")
+    for width, pattern in ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S")):
+        calendar = (values >= 10.0 ** (width - 1)) & (values < 10.0**width)
+        if calendar.any():
+            text = pd.Series(values[calendar].astype(np.int64)).astype(str)
+            parsed = pd.to_datetime(text, format=pattern, errors="coerce")
+            time[calendar] = parsed.to_numpy(dtype="datetime64[ns]")
+    return time, np.isnan(values)
