@@ -1,0 +1,363 @@
+"""Nonparametric columns: what the residual could depend on, without any physics.
+
+Assumptions: a dependence not in the catalogue is a smooth function of something a report carries.
+The columns come in named groups, each a small family of hat functions, categories or harmonics of
+one variable, on one component (cross-track or along-track of the indicated heading, or u and v),
+plain or times sine and cosine of the magnetic heading. Three kinds of block:
+
+* ``day fields``: u and v times {1, x, y, z}; fitted anew every day as random effects (what the
+  aircraft of one day share);
+* ``climatology``: u and v by height, region and hour, fitted once over the archive beside
+  everything else, because the reference's own bias is real and no aircraft's fault;
+* ``dictionary``: all the rest, GAP.md section 5.
+
+Validity: hats have their knots at fixed quantiles of the archive (:func:`plan_dictionary`), so
+chunks of an archive give the same columns. A variable that is absent or constant gives no group.
+Columns are dimensionless factors times a unit vector: a coefficient is in m s-1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: Variables whose groups exist, with the number of hats and whether products with the sine and
+#: cosine of the heading are made.
+VARIABLES: dict[str, tuple[int, bool]] = {
+    "altitude": (4, True),
+    "temperature": (4, True),
+    "airspeed": (4, True),
+    "bank": (3, True),
+    "acceleration": (3, True),
+    "hour": (4, True),
+    "date": (4, True),
+    "latitude": (3, True),
+    "longitude": (3, True),
+    "wind_speed": (4, False),
+}
+
+
+@dataclass(frozen=True)
+class Group:
+    """One family of columns.
+
+    Attributes
+    ----------
+    name : str
+        ``component:variable`` or ``component:variable*heading``.
+    component : str
+        ``cross``, ``along`` or ``wind``.
+    variable : str
+    labels : tuple of str
+        One per column.
+    """
+
+    name: str
+    component: str
+    variable: str
+    labels: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class DictionaryPlan:
+    """Knots and groups of one archive.
+
+    Attributes
+    ----------
+    knots : dict
+        Variable -> (k,) knots in its own unit.
+    groups : tuple of Group
+    centre : dict
+        Name -> (mean, scale) of latitude, longitude and ln p, for the day fields.
+    """
+
+    knots: dict[str, Floats]
+    groups: tuple[Group, ...]
+    centre: dict[str, tuple[float, float]]
+    flags: frozenset[str] = field(default_factory=frozenset)
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return sum(len(g.labels) for g in self.groups)
+
+
+def variable(frame: Any, name: str) -> Floats:
+    """Value of a dictionary variable of every report, in its display unit.
+
+    Parameters
+    ----------
+    frame : Frame
+    name : str
+        One of :data:`VARIABLES`, ``phase``, ``icing`` or ``magnetic_heading``.
+
+    Returns
+    -------
+    (n,) float
+        altitude in units of minus ln(p/1000 hPa); temperature K; airspeed and wind_speed m s-1;
+        bank degree; acceleration m s-2; hour UTC; date days since the archive began; degrees.
+    """
+    getters: dict[str, Callable[[], Floats]] = {
+        "altitude": lambda: -np.log(frame.pressure / 1e5),
+        "temperature": lambda: frame.temperature,
+        "airspeed": lambda: frame.airspeed,
+        "bank": lambda: np.degrees(frame.bank),
+        "acceleration": lambda: frame.acceleration,
+        "hour": lambda: np.mod(frame.time / 3600.0, 24.0),
+        "date": lambda: (frame.time - frame.epoch) / 86400.0,
+        "latitude": lambda: frame.latitude,
+        "longitude": lambda: frame.longitude,
+        "wind_speed": lambda: np.hypot(frame.u_ref, frame.v_ref),
+        "phase": lambda: frame.phase.astype(float),
+        "icing": lambda: np.where(frame.icing > 0, 1.0, 0.0),
+        "magnetic_heading": lambda: np.mod(np.degrees(frame.magnetic_heading), 360.0),
+    }
+    return getters[name]()
+
+
+def hats(values: Floats, knots: Floats) -> Floats:
+    """Hat functions (piecewise-linear partition of unity) at the knots.
+
+    Parameters
+    ----------
+    values : (n,) float
+    knots : (k,) float
+        Increasing.
+
+    Returns
+    -------
+    (k, n) float
+        Rows sum to 1 over k; values outside the knots take the nearest; NaN gives zeros.
+    """
+    inside = np.clip(np.nan_to_num(values, nan=float(knots[0])), knots[0], knots[-1])
+    lower = np.clip(np.searchsorted(knots, inside, "right") - 1, 0, knots.size - 2)
+    weight = (inside - knots[lower]) / (knots[lower + 1] - knots[lower])
+    out = np.zeros((knots.size, values.size))
+    rows = np.arange(values.size)
+    out[lower, rows] = 1 - weight
+    out[lower + 1, rows] = weight
+    out[:, np.isnan(values)] = 0.0
+    return out
+
+
+def plan_dictionary(frame: Any) -> DictionaryPlan:
+    """Knots, groups and centring constants for an archive.
+
+    Parameters
+    ----------
+    frame : Frame
+        The whole archive (a large sample of it will do).
+
+    Returns
+    -------
+    DictionaryPlan
+    """
+    knots: dict[str, Floats] = {}
+    for name, (count, _) in VARIABLES.items():
+        values = variable(frame, name)
+        finite = values[np.isfinite(values)]
+        if finite.size < 0.5 * values.size or finite.size == 0:
+            continue
+        if name == "hour":
+            knots[name] = np.arange(count) * 24.0 / count
+            continue
+        edges = np.quantile(finite, np.linspace(0.04, 0.96, count))
+        spread = edges[-1] - edges[0]
+        if spread <= 1e-6 * max(1.0, abs(float(edges[0]))):
+            continue
+        distinct = np.r_[True, np.diff(edges) > 0.02 * spread]
+        if distinct.sum() >= 2:
+            knots[name] = edges[distinct]
+    flags = set()
+    if np.unique(frame.phase[frame.phase > 0]).size > 1:
+        flags.add("phase")
+    if (frame.icing == 1).sum() >= 30 and (frame.icing == 0).sum() >= 30:
+        flags.add("icing")
+    centre = {
+        "latitude": _centre(frame.latitude),
+        "longitude": _centre(frame.longitude),
+        "log_pressure": _centre(np.log(frame.pressure)),
+    }
+    groups = _groups(knots, flags)
+    return DictionaryPlan(knots, groups, centre, frozenset(flags))
+
+
+def _centre(values: Floats) -> tuple[float, float]:
+    spread = float(np.std(values))
+    return float(np.mean(values)), spread if spread > 0 else 1.0
+
+
+def _groups(knots: dict[str, Floats], flags: set[str]) -> tuple[Group, ...]:
+    out = []
+    for component in ("cross", "along"):
+        harmonics = tuple(f"{f}{k}" for k in range(3, 7) for f in ("sin", "cos"))
+        if component == "along":
+            harmonics = ("sin1", "cos1", "sin2", "cos2", *harmonics)
+        out.append(Group(f"{component}:magnetic_heading", component, "magnetic_heading", harmonics))
+        for name, points in knots.items():
+            labels = tuple(f"{x:.4g}" for x in points)
+            out.append(Group(f"{component}:{name}", component, name, labels))
+            if VARIABLES[name][1]:
+                pair = ("sin1", "cos1")
+                out.append(Group(f"{component}:{name}*heading", component, name, pair))
+        for name in sorted(flags):
+            labels = ("ascent", "descent") if name == "phase" else ("on",)
+            out.append(Group(f"{component}:{name}", component, name, labels))
+            pairs = tuple(f"{x} {h}" for x in labels for h in ("sin1", "cos1", "sin2", "cos2"))
+            out.append(Group(f"{component}:{name}*heading", component, name, pairs))
+    taylor = (
+        ("wind", ("along wind", "across wind")),
+        ("tendency", ("dw/dt",)),
+        ("advection", ("V.grad w",)),
+        ("shear", ("dw/dlnp",)),
+        ("wind_by_height", ("low along", "low across", "high along", "high across")),
+    )
+    out += [Group(f"wind:{name}", "wind", name, labels) for name, labels in taylor]
+    return tuple(out)
+
+
+def unit_vectors(heading: Floats) -> tuple[Floats, Floats]:
+    """Cross-track (right of the heading) and along-track unit vectors, each (n, 2) of (u, v)."""
+    sine, cosine = np.sin(heading), np.cos(heading)
+    return np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)
+
+
+def dictionary_columns(frame: Any, plan: DictionaryPlan) -> Floats:
+    """Columns of the dictionary for some reports.
+
+    Parameters
+    ----------
+    frame : Frame
+    plan : DictionaryPlan
+
+    Returns
+    -------
+    (n, 2, p) float
+        In the order of ``plan.groups``.
+    """
+    cross, along = unit_vectors(frame.heading)
+    vectors = {"cross": cross, "along": along}
+    out = np.zeros((frame.size, 2, plan.size))
+    start = 0
+    for group in plan.groups:
+        stop = start + len(group.labels)
+        if group.component == "wind":
+            out[:, :, start:stop] = _taylor(frame, group)
+        else:
+            factors = _factors(frame, plan, group)
+            out[:, :, start:stop] = vectors[group.component][:, :, None] * factors.T[:, None, :]
+        start = stop
+    return np.nan_to_num(out, copy=False)
+
+
+def _factors(frame: Any, plan: DictionaryPlan, group: Group) -> Floats:
+    """Scalar factors (k, n) of a heading-frame group."""
+    angle = frame.magnetic_heading
+    if group.variable == "magnetic_heading":
+        trig = {"sin": np.sin, "cos": np.cos}
+        return np.stack([trig[s[:3]](int(s[3:]) * angle) for s in group.labels])
+    if group.variable == "phase":
+        base = np.stack([frame.phase == 1, frame.phase == 3]).astype(float)
+    elif group.variable == "icing":
+        base = (frame.icing == 1).astype(float)[None]
+    else:
+        values, points = variable(frame, group.variable), plan.knots[group.variable]
+        if not group.name.endswith("*heading"):
+            return _hour_hats(values, points) if group.variable == "hour" else hats(values, points)
+        middle, half = (points[0] + points[-1]) / 2, (points[-1] - points[0]) / 2
+        base = np.clip((values - middle) / half, -1.5, 1.5)[None]
+    if not group.name.endswith("*heading"):
+        return base
+    cycles = (1, 2) if group.variable in ("phase", "icing") else (1,)
+    waves = [f(k * angle) for k in cycles for f in (np.sin, np.cos)]
+    return np.stack([row * wave for row in base for wave in waves])
+
+
+def _hour_hats(values: Floats, points: Floats) -> Floats:
+    """Periodic hats over the day."""
+    extended = np.r_[points, 24.0]
+    rows = hats(values, extended)
+    rows[0] += rows[-1]
+    return rows[:-1]
+
+
+def _taylor(frame: Any, group: Group) -> Floats:
+    """Columns (n, 2, k) made of the reference wind and its derivatives, of order 1."""
+    wind = np.stack([frame.u_ref, frame.v_ref], -1) / 10.0
+    turned = np.stack([-wind[:, 1], wind[:, 0]], -1)
+    if group.variable == "wind":
+        return np.stack([wind, turned], -1)
+    if group.variable == "wind_by_height":
+        high = np.clip((np.log(7e4) - np.log(frame.pressure)) / 0.4, 0, 1)[:, None]
+        return np.stack([wind * (1 - high), turned * (1 - high), wind * high, turned * high], -1)
+    if group.variable == "tendency":
+        return (np.stack([frame.dudt, frame.dvdt], -1) * 3600.0)[..., None]
+    if group.variable == "shear":
+        return (np.stack([frame.dudlnp, frame.dvdlnp], -1) * 0.05)[..., None]
+    move_u = frame.ground_u * frame.dudx + frame.ground_v * frame.dudy
+    move_v = frame.ground_u * frame.dvdx + frame.ground_v * frame.dvdy
+    return (np.stack([move_u, move_v], -1) * 60.0)[..., None]
+
+
+def day_field_columns(frame: Any, plan: DictionaryPlan) -> Floats:
+    """Columns of the day fields: u and v times {1, x, y, z}.
+
+    Parameters
+    ----------
+    frame : Frame
+    plan : DictionaryPlan
+
+    Returns
+    -------
+    (n, 2, 8) float
+    """
+    scaled = [np.ones(frame.size)]
+    for name, values in (
+        ("longitude", frame.longitude),
+        ("latitude", frame.latitude),
+        ("log_pressure", np.log(frame.pressure)),
+    ):
+        mean, spread = plan.centre[name]
+        scaled.append(np.clip((values - mean) / spread, -3, 3))
+    return _by_component(np.stack(scaled, -1))
+
+
+def climatology_columns(frame: Any, plan: DictionaryPlan) -> Floats:
+    """Columns of the reference's own climatology: u and v by height, region and hour.
+
+    Parameters
+    ----------
+    frame : Frame
+    plan : DictionaryPlan
+
+    Returns
+    -------
+    (n, 2, m) float
+    """
+    x, y, z = (
+        np.clip((values - plan.centre[name][0]) / plan.centre[name][1], -3, 3)
+        for name, values in (
+            ("longitude", frame.longitude),
+            ("latitude", frame.latitude),
+            ("log_pressure", np.log(frame.pressure)),
+        )
+    )
+    angle = 2 * np.pi * frame.time / 86400.0
+    terms = [np.ones(frame.size), z, z * z - 1, x, y, x * y, x * x - 1, y * y - 1, x * z, y * z]
+    terms += [np.sin(angle), np.cos(angle)]
+    return _by_component(np.stack(terms, -1))
+
+
+def _by_component(terms: Floats) -> Floats:
+    """(n, k) factors to (n, 2, 2 k) columns: u first, then v."""
+    n, k = terms.shape
+    out = np.zeros((n, 2, 2 * k))
+    out[:, 0, :k] = terms
+    out[:, 1, k:] = terms
+    return out

@@ -1,0 +1,396 @@
+"""One pass over the reports: sums from which everything else is computed.
+
+Assumptions: the whitened residual is linear in the columns; a flight belongs to the day on which
+it starts, and flights are never split. For all p columns the pass accumulates, per aircraft and
+week, G = X'X, and per aircraft and day, b = X'r; for the core columns (day fields, climatology,
+catalogue) G is kept per aircraft and day as well, for dates, drifts and clustering. The whitened
+residual is winsorised at 5 standard deviations *about a smooth per-aircraft fit*, so that a large
+effect is not clipped with the outliers; the count is kept.
+
+Validity: columns are evaluated in chunks of one aircraft and one week, in single precision, and
+summed in double. Sums of two periods merge (:func:`merge_statistics`). Memory: 8 p^2 bytes per
+aircraft-week and 8 c^2 bytes per aircraft-day (c core columns).
+
+Source: GAP.md section 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.dictionary import (
+    DictionaryPlan,
+    climatology_columns,
+    day_field_columns,
+    dictionary_columns,
+)
+from airswing.gap.noise import NoiseFit, remove_smooth_effects
+from airswing.gap.whitening import flight_order, take_gains, whiten
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+DAY = 86400.0
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which column is what.
+
+    Attributes
+    ----------
+    blocks : dict
+        Block name -> slice of columns, in order: ``day_fields``, ``climatology``, one block per
+        effect, then one per dictionary group.
+    effects : tuple of str
+        Names of the effect blocks.
+    groups : tuple of str
+        Names of the dictionary blocks.
+    core : int
+        The first ``core`` columns are day fields, climatology and effects.
+    size : int
+        Number of columns p.
+    """
+
+    blocks: dict[str, slice]
+    effects: tuple[str, ...]
+    groups: tuple[str, ...]
+    core: int
+    size: int
+
+    def columns(self, name: str) -> Integers:
+        """Column numbers of a block."""
+        block = self.blocks[name]
+        return np.arange(block.start, block.stop)
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Sums of the whitened columns and residuals.
+
+    Attributes
+    ----------
+    layout : Layout
+    tails : tuple of str
+    days : (D,) int
+        Whole days since 1970 (with ``day_shift`` hours taken off the time first).
+    weeks : (W,) int
+        Week of each entry of ``week_gram``: day // 7 counted from 1970.
+    week_gram : (A, W, p, p) float
+        Whitened X'X.
+    day_gram : (A, D, c, c) float
+        The same for core columns.
+    day_cross : (A, D, q, p) float
+        Whitened Z'X of the day fields Z.
+    day_score : (A, D, p) float
+        Whitened X'r.
+    day_energy : (A, D) float
+        Sum of squares of the whitened residual.
+    day_count : (A, D) float
+        Reports.
+    raw_gram : (A, c, c) float
+        X'X without whitening, for the size of an effect in m s-1.
+    acting : (A, c) float
+        Reports on which a core column is not zero.
+    clipped : (A,) float
+        Whitened residuals winsorised.
+    gross : (A,) float
+        Reports left out as gross errors.
+    day_shift : float
+        Hour UTC at which a day starts.
+    """
+
+    layout: Layout
+    tails: tuple[str, ...]
+    days: Integers
+    weeks: Integers
+    week_gram: Floats
+    day_gram: Floats
+    day_cross: Floats
+    day_score: Floats
+    day_energy: Floats
+    day_count: Floats
+    raw_gram: Floats
+    acting: Floats
+    clipped: Floats
+    gross: Floats
+    day_shift: float
+
+    @property
+    def week_of_day(self) -> Integers:
+        """Position in ``weeks`` of every day, (D,)."""
+        return np.searchsorted(self.weeks, self.days // 7)
+
+
+def make_layout(effects: Mapping[str, Any], plan: DictionaryPlan, frame: Any) -> Layout:
+    """Number the columns.
+
+    Parameters
+    ----------
+    effects : mapping
+        Name -> effect whose ``columns`` enter; second-moment effects without columns are left out.
+    plan : DictionaryPlan
+    frame : Frame
+        A few reports, to count columns on.
+
+    Returns
+    -------
+    Layout
+    """
+    few = frame.take(np.arange(min(4, frame.size)))
+    blocks: dict[str, slice] = {}
+    start = 0
+
+    def add(name: str, count: int) -> None:
+        nonlocal start
+        blocks[name] = slice(start, start + count)
+        start += count
+
+    add("day_fields", day_field_columns(few, plan).shape[-1])
+    add("climatology", climatology_columns(few, plan).shape[-1])
+    for name, effect in effects.items():
+        add(name, np.asarray(effect.columns(few)).shape[0])
+    core = start
+    for group in plan.groups:
+        add(group.name, len(group.labels))
+    names = tuple(effects)
+    return Layout(blocks, names, tuple(g.name for g in plan.groups), core, start)
+
+
+def build_columns(
+    frame: Any, layout: Layout, effects: Mapping[str, Any], plan: DictionaryPlan
+) -> NDArray[np.float32]:
+    """All columns for some reports.
+
+    Parameters
+    ----------
+    frame : Frame
+        n reports.
+    layout : Layout
+    effects : mapping
+    plan : DictionaryPlan
+
+    Returns
+    -------
+    (n, 2, p) float32
+        m s-1 per unit of each coefficient; unknown context gives 0.
+    """
+    out = np.empty((frame.size, 2, layout.size), np.float32)
+    out[:, :, layout.blocks["day_fields"]] = day_field_columns(frame, plan)
+    out[:, :, layout.blocks["climatology"]] = climatology_columns(frame, plan)
+    for name in layout.effects:
+        columns = np.nan_to_num(np.asarray(effects[name].columns(frame)))
+        out[:, :, layout.blocks[name]] = np.moveaxis(columns, 0, -1)
+    if layout.size > layout.core:
+        out[:, :, layout.core :] = dictionary_columns(frame, plan)
+    return out
+
+
+def day_of_report(frame: Any) -> tuple[Integers, float]:
+    """Day of each report's flight, and the hour at which days start.
+
+    Parameters
+    ----------
+    frame : Frame
+
+    Returns
+    -------
+    day : (n,) int
+        Whole days since 1970 of the flight's first report, counted from the quietest hour.
+    shift : float
+        That hour, UTC.
+    """
+    numbers, inverse = np.unique(frame.flight, return_inverse=True)
+    start = np.full(numbers.size, np.inf)
+    np.minimum.at(start, inverse, frame.time)
+    hours = np.bincount((np.mod(start, DAY) // 3600).astype(int), minlength=24)
+    shift = float(np.argmin(hours + np.roll(hours, 1) + np.roll(hours, -1)))
+    day = np.floor((start - shift * 3600) / DAY).astype(np.int64)
+    return day[inverse], shift
+
+
+def _empty(layout: Layout, tails: tuple[str, ...], days: Integers, shift: float) -> Statistics:
+    a, d, p, c = len(tails), days.size, layout.size, layout.core
+    q = layout.blocks["day_fields"].stop
+    weeks = np.unique(days // 7)
+    return Statistics(
+        layout, tails, days, weeks,
+        np.zeros((a, weeks.size, p, p), np.float32), np.zeros((a, d, c, c), np.float32),
+        np.zeros((a, d, q, p)), np.zeros((a, d, p)), np.zeros((a, d)), np.zeros((a, d)),
+        np.zeros((a, c, c)), np.zeros((a, c)), np.zeros(a), np.zeros(a), shift,
+    )  # fmt: skip
+
+
+def aircraft_weeks(aircraft: Integers, day: Integers) -> Iterator[Integers]:
+    """Yield the reports of one aircraft and week after the other.
+
+    Parameters
+    ----------
+    aircraft, day : (n,) int
+
+    Yields
+    ------
+    (m,) int
+        Indices, in their own order.
+    """
+    order = np.lexsort((day, aircraft))
+    key = aircraft[order] * 10**7 + day[order] // 7
+    cuts = np.flatnonzero(np.diff(key)) + 1
+    yield from np.split(order, cuts)
+
+
+def accumulate(
+    frame: Any,
+    residual: Floats,
+    *,
+    noise: NoiseFit,
+    layout: Layout,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    clip: float = 5.0,
+    progress: Callable[[float], None] | None = None,
+) -> Statistics:
+    """Whiten and sum over all reports of an archive.
+
+    Parameters
+    ----------
+    frame : Frame
+    residual : (n, 2) float
+        Reported minus simulated wind, m s-1.
+    noise : NoiseFit
+        Gains for these reports.
+    layout : Layout
+    effects : mapping
+        Name -> effect.
+    plan : DictionaryPlan
+    clip : float
+        Winsorising bound on the whitened residual about the smooth fit.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    Statistics
+    """
+    day, shift = day_of_report(frame)
+    days = np.unique(day)
+    out = _empty(layout, tuple(frame.tails), days, shift)
+    values = clipped_residual(frame, residual, noise=noise, clip=clip)
+    out.clipped[:] = np.bincount(frame.aircraft, values[1], minlength=len(out.tails))
+    out.gross[:] = np.bincount(frame.aircraft, noise.gross, minlength=len(out.tails))
+    done = 0
+    for index in aircraft_weeks(frame.aircraft, day):
+        _add_chunk(out, frame, index, day, values[0], noise, effects, plan)
+        done += index.size
+        if progress is not None:
+            progress(done / frame.size)
+    return out
+
+
+def clipped_residual(
+    frame: Any, residual: Floats, *, noise: NoiseFit, clip: float
+) -> tuple[Floats, Floats]:
+    """Whitened residual, winsorised about a smooth per-aircraft fit.
+
+    Parameters
+    ----------
+    frame : Frame
+    residual : (n, 2) float
+    noise : NoiseFit
+    clip : float
+
+    Returns
+    -------
+    whitened : (n, 2) float
+    excess : (n,) float
+        1 where a component was clipped.
+    """
+    smooth = remove_smooth_effects(residual, frame.aircraft, frame.heading, frame.airspeed)
+    white_smooth = whiten(smooth, noise.order, noise.gains)
+    excess = white_smooth - np.clip(white_smooth, -clip, clip)
+    white = whiten(residual, noise.order, noise.gains)
+    return white - excess, (excess != 0).any(axis=1).astype(float)
+
+
+def _add_chunk(
+    out: Statistics, frame: Any, index: Integers, day: Integers, values: Floats,
+    noise: NoiseFit, effects: Mapping[str, Any], plan: DictionaryPlan,
+) -> None:
+    """Add the sums of one aircraft-week, whose whole flights are ``index``."""
+    layout = out.layout
+    part = frame.take(index)
+    raw = build_columns(part, layout, effects, plan)
+    order = flight_order(part.flight, part.time)
+    white = whiten(raw, order, take_gains(noise.gains, index))
+    aircraft = int(part.aircraft[0])
+    week = int(np.searchsorted(out.weeks, day[index[0]] // 7))
+    rows = white.reshape(-1, layout.size)
+    out.week_gram[aircraft, week] += rows.T @ rows
+    kept = noise.gains.weight[index] > 0
+    core = raw[kept][:, :, : layout.core].reshape(-1, layout.core)
+    out.raw_gram[aircraft] += core.T @ core
+    out.acting[aircraft] += (np.abs(raw[kept][:, :, : layout.core]).max(axis=1) > 1e-12).sum(axis=0)
+    target = np.asarray(values[index], np.float32)
+    q, c = layout.blocks["day_fields"].stop, layout.core
+    for one in np.unique(day[index]):
+        own = np.flatnonzero(day[index] == one)
+        d = int(np.searchsorted(out.days, one))
+        today = white[own].reshape(-1, layout.size)
+        errors = target[own].reshape(-1)
+        out.day_gram[aircraft, d] += today[:, :c].T @ today[:, :c]
+        out.day_cross[aircraft, d] += today[:, :q].T @ today
+        out.day_score[aircraft, d] += errors @ today
+        out.day_energy[aircraft, d] += float(errors @ errors)
+        out.day_count[aircraft, d] += float(kept[own].sum())
+
+
+def merge_statistics(first: Statistics, second: Statistics) -> Statistics:
+    """Sums of two archives of the same aircraft and columns taken together.
+
+    Parameters
+    ----------
+    first, second : Statistics
+        With equal layouts and tails; days may overlap.
+
+    Returns
+    -------
+    Statistics
+
+    Raises
+    ------
+    ValueError
+        Layouts or tails differ.
+    """
+    if first.layout != second.layout or first.tails != second.tails:
+        raise ValueError("statistics of different columns or aircraft cannot be merged")
+    days = np.union1d(first.days, second.days)
+    out = _empty(first.layout, first.tails, days, first.day_shift)
+    for part in (first, second):
+        at, week = np.searchsorted(days, part.days), np.searchsorted(out.weeks, part.weeks)
+        out.week_gram[:, week] += part.week_gram
+        for name in ("day_gram", "day_cross", "day_score", "day_energy", "day_count"):
+            getattr(out, name)[:, at] += getattr(part, name)
+        for name in ("raw_gram", "acting", "clipped", "gross"):
+            getattr(out, name)[...] += getattr(part, name)
+    return out
+
+
+def rescore(stats: Statistics, day_score: Floats, day_energy: Floats) -> Statistics:
+    """Same columns, another residual.
+
+    Parameters
+    ----------
+    stats : Statistics
+    day_score : (A, D, p) float
+    day_energy : (A, D) float
+
+    Returns
+    -------
+    Statistics
+    """
+    return replace(stats, day_score=day_score, day_energy=day_energy)

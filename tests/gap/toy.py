@@ -1,0 +1,157 @@
+"""A small archive for the gap's tests: hub networks flown through waves of wind and model error.
+
+The model error is a sum of travelling waves shared by all aircraft (not the process the noise model
+assumes) plus white noise. Nothing is imported from the effects: an error of heading or airspeed is
+put in by the full wind triangle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.frame import Frame
+
+AIRPORTS = np.array(
+    [[41.98, -87.9], [44.88, -93.2], [42.2, -83.4], [39.0, -84.7], [35.0, -90.0], [38.7, -90.4],
+     [43.0, -76.1], [46.8, -92.2], [40.7, -74.2], [36.1, -86.7], [32.9, -97.0], [47.5, -100.0]]
+)  # fmt: skip
+
+
+class Waves:
+    """Sum of plane waves in x, y (km), ln p and time (h)."""
+
+    def __init__(self, rng: np.random.Generator, *, sd: float, length: float, hours: float,
+                 count: int = 60) -> None:  # fmt: skip
+        k = 2 * np.pi / (length * np.exp(rng.normal(0, 0.5, count)))
+        angle = rng.uniform(0, 2 * np.pi, count)
+        self.k = np.stack([k * np.cos(angle), k * np.sin(angle), rng.normal(0, 1.5, count),
+                           rng.normal(0, 2 * np.pi / hours / 2, count)])  # fmt: skip
+        self.phase = rng.uniform(0, 2 * np.pi, (2, count))
+        self.size = sd * np.sqrt(2 / count)
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Value (n, 2) at points (n, 4)."""
+        base = points @ self.k
+        return self.size * np.stack([np.sin(base + p).sum(1) for p in self.phase], -1)
+
+
+def make_frame(
+    *,
+    seed: int = 0,
+    aircraft: int = 8,
+    days: int = 20,
+    heading_error: Callable[[dict[str, Any]], np.ndarray] | None = None,
+    airspeed_factor: Callable[[dict[str, Any]], np.ndarray] | None = None,
+    noise: float = 1.0,
+    model_error: float = 2.0,
+) -> Frame:
+    """Build an archive; `heading_error` (rad) and `airspeed_factor` get the context of reports."""
+    rng = np.random.default_rng(seed)
+    context = _paths(rng, aircraft, days)
+    n = context["time"].size
+    points = np.stack(
+        [(context["longitude"] + 90) * 85, (context["latitude"] - 40) * 111,
+         np.log(context["pressure"] / 5e4), context["time"] / 3600], -1
+    )  # fmt: skip
+    height = 1 - np.log(context["pressure"] / 9e4)
+    wind = Waves(rng, sd=6.0, length=2500, hours=60)(points) * height[:, None]
+    wind[:, 0] += 9 * height
+    step = Waves(rng, sd=6.0, length=2500, hours=60)
+    del step
+    error = Waves(rng, sd=model_error, length=700, hours=18)(points)
+    error += Waves(rng, sd=0.4, length=1500, hours=1e5, count=20)(points)
+    true = wind + error
+    airspeed = 110 + 25 * np.clip(np.log(9e4 / context["pressure"]), 0, 1) + rng.normal(0, 3, n)
+    course = context.pop("course")
+    across = true[:, 0] * np.cos(course) - true[:, 1] * np.sin(course)
+    heading = course - np.arcsin(np.clip(across / airspeed, -0.7, 0.7))
+    ground = airspeed[:, None] * np.stack([np.sin(heading), np.cos(heading)], -1) + true
+    declination = np.radians(-(context["longitude"] + 92) * 0.5)
+    context |= {"heading": heading, "airspeed": airspeed, "declination": declination,
+                "magnetic_heading": heading - declination,
+                "horizontal_field": 19000 + 350 * (40 - context["latitude"]), "wind": wind}  # fmt: skip
+    if heading_error is not None:
+        indicated = heading.copy()
+        for _ in range(6):
+            context |= {"heading": indicated, "magnetic_heading": indicated - declination}
+            indicated = heading + heading_error(context)
+        context |= {"heading": indicated, "magnetic_heading": indicated - declination}
+    if airspeed_factor is not None:
+        context["airspeed"] = airspeed * airspeed_factor(context)
+    pointer = np.stack([np.sin(context["heading"]), np.cos(context["heading"])], -1)
+    reported = ground - context["airspeed"][:, None] * pointer + rng.normal(0, noise, (n, 2))
+    return _frame(context, reported, ground, wind, aircraft, points)
+
+
+def _paths(rng: np.random.Generator, aircraft: int, days: int) -> dict[str, Any]:
+    pieces = []
+    flight = 0
+    for a in range(aircraft):
+        hub = AIRPORTS[a % 3]
+        away = rng.choice(np.arange(3, 12), 5, replace=False)
+        for d in range(days):
+            clock = d * 86400 + 11 * 3600 + rng.uniform(0, 7200)
+            for _ in range(4):
+                end = AIRPORTS[rng.choice(away)]
+                for start, stop in ((hub, end), (end, hub)):
+                    flight += 1
+                    scale = np.cos(np.radians(start[0]))
+                    north, east = (stop - start) * [111e3, 111e3 * scale]
+                    distance = np.hypot(north, east)
+                    minutes = distance / 120 / 60
+                    steps = np.arange(2, minutes - 2, 3.0)
+                    if steps.size < 4:
+                        continue
+                    share = steps / minutes
+                    climb = np.minimum(np.minimum(steps, minutes - steps) / 18, 1)
+                    top = 0.45 + 0.1 * rng.random()
+                    phase = np.where(steps < 18, 1, np.where(steps > minutes - 18, 3, 2))
+                    pieces.append({
+                        "aircraft": np.full(steps.size, a), "flight": np.full(steps.size, flight),
+                        "time": clock + steps * 60, "latitude": start[0] + share * (stop - start)[0],
+                        "longitude": start[1] + share * (stop - start)[1],
+                        "pressure": 9.5e4 * (1 - (1 - top) * climb), "phase": phase,
+                        "course": np.full(steps.size, np.arctan2(east, north))
+                        + 0.08 * rng.normal(size=steps.size),
+                    })  # fmt: skip
+                    clock += (minutes + 25) * 60
+    joined = {k: np.concatenate([p[k] for p in pieces]) for k in pieces[0]}
+    order = np.lexsort((joined["time"], joined["aircraft"]))
+    return {k: v[order] for k, v in joined.items()}
+
+
+def _frame(
+    context: dict[str, Any], reported: np.ndarray, ground: np.ndarray, wind: np.ndarray,
+    aircraft: int, points: np.ndarray,
+) -> Frame:  # fmt: skip
+    n = reported.shape[0]
+    air = ground - reported
+    heading = np.arctan2(air[:, 0], air[:, 1])
+    rng = np.random.default_rng(1)
+    zeros = np.zeros(n)
+    phase = context["phase"]
+    acceleration = np.where(phase == 1, 0.15, np.where(phase == 3, -0.15, 0)) + rng.normal(0, 0.03, n)
+    smooth = {name: rng.normal(0, s, n) for name, s in (("dudt", 2e-4), ("dvdt", 2e-4),
+              ("dudx", 2e-5), ("dvdx", 2e-5), ("dudy", 2e-5), ("dvdy", 2e-5))}  # fmt: skip
+    per_aircraft = np.full(aircraft, np.nan)
+    return Frame(
+        tails=tuple(f"N{400 + a}" for a in range(aircraft)), epoch=float(context["time"].min()),
+        reference_field=float(np.median(context["horizontal_field"])), report=np.arange(n),
+        aircraft=context["aircraft"], flight=context["flight"], time=context["time"],
+        latitude=context["latitude"], longitude=context["longitude"], pressure=context["pressure"],
+        u_rep=reported[:, 0], v_rep=reported[:, 1], u_ref=wind[:, 0], v_ref=wind[:, 1],
+        heading=heading, magnetic_heading=heading - context["declination"],
+        airspeed=np.hypot(*air.T), ground_u=ground[:, 0], ground_v=ground[:, 1],
+        ground_error=zeros + 1.0, declination=context["declination"], dip=zeros + 1.2,
+        horizontal_field=context["horizontal_field"], acceleration=acceleration,
+        bank=rng.normal(0, 0.05, n), climb_rate=np.where(phase == 1, 5.0, np.where(phase == 3, -5.0, 0)),
+        temperature=288 - 50 * np.log(9.5e4 / context["pressure"]) + rng.normal(0, 4, n),
+        phase=phase, icing=(rng.random(n) < 0.15).astype(np.int64), **smooth,
+        dudlnp=-wind[:, 0], dvdlnp=-wind[:, 1],
+        grid_convergence=np.radians((context["longitude"] + 95) * 0.42), lead_time=zeros + 1,
+        position_resolution=per_aircraft, time_resolution=per_aircraft,
+        wind_speed_resolution=per_aircraft, wind_direction_resolution=per_aircraft,
+    )  # fmt: skip
