@@ -6,9 +6,10 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-import airswing  # noqa: F401  (imports pyproj before anything imports eccodes)
 import pytest
 from hypothesis import settings
+
+import airswing  # noqa: F401  (imports pyproj before anything imports eccodes)
 
 ROOT = Path(__file__).resolve().parents[1]
 REAL = ROOT.parent / "shared" / "real"

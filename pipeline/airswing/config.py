@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import functools
+import math
 from datetime import date, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,7 +24,7 @@ from airswing.errors import ConfigError
 def _registry() -> Any:
     import pint
 
-    registry = pint.UnitRegistry()
+    registry: Any = pint.UnitRegistry()
     registry.define("arcmin = arcminute")
     return registry
 
@@ -73,7 +74,7 @@ Phase = Literal["ascent", "cruise", "descent", "unknown"]
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", validate_default=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Reports(_Section):
@@ -96,7 +97,7 @@ class Reference(_Section):
 class Collocation(_Section):
     """How model winds are brought to the reports."""
 
-    max_time_gap: Seconds = Field("3 h")  # type: ignore[assignment]
+    max_time_gap: Seconds = 3 * 3600.0
     sparse: bool = True
 
 
@@ -106,8 +107,8 @@ class Screening(_Section):
     phases: list[Phase] = ["cruise"]
     roll: Literal["reject_bad", "require_good", "ignore"] = "reject_bad"
     temperature_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail"
-    max_turn: Radians = Field("10 deg")  # type: ignore[assignment]
-    min_ground_speed: MetresPerSecond = Field("80 kt")  # type: ignore[assignment]
+    max_turn: Radians = math.radians(10.0)
+    min_ground_speed: MetresPerSecond = 80 * 1852 / 3600
 
 
 class Fit(_Section):
@@ -123,7 +124,7 @@ class Fit(_Section):
 class Table(_Section):
     """The 8-point table the unit holds."""
 
-    resolution: Radians = Field("0.1 deg")  # type: ignore[assignment]
+    resolution: Radians = math.radians(0.1)
     sign: Literal["subtract_error", "add_error"] = "subtract_error"
 
 
@@ -271,9 +272,15 @@ def _explain(err: ValidationError, path: Path) -> ConfigError:
 def _keys_at(location: tuple[int | str, ...]) -> list[str]:
     """Keys the model knows at a place of the file."""
     sections: dict[str, type[BaseModel]] = {
-        "reports": Reports, "references": Reference, "collocation": Collocation,
-        "screening": Screening, "fit": Fit, "table": Table, "field_test": FieldTest,
-        "gap": Gap, "compute": Compute,
+        "reports": Reports,
+        "references": Reference,
+        "collocation": Collocation,
+        "screening": Screening,
+        "fit": Fit,
+        "table": Table,
+        "field_test": FieldTest,
+        "gap": Gap,
+        "compute": Compute,
     }
     section = sections.get(str(location[0])) if location else Config
     return list(section.model_fields) if section is not None else []

@@ -58,11 +58,14 @@ def atomic(path: Path) -> Iterator[Path]:
         with open(temporary, "rb") as written:
             os.fsync(written.fileno())
         os.replace(temporary, path)
-    except OSError as err:
+    except (OSError, RuntimeError) as err:
+        # The NetCDF library tells a full disk as a RuntimeError of its own.
+        if isinstance(err, RuntimeError) and "NetCDF" not in str(err):
+            raise
         raise InputError(
             "cannot write the product; nothing was changed",
             file=path,
-            found=err.strerror or err,
+            found=getattr(err, "strerror", None) or err,
             remedy="Free space or choose another folder with --output",
         ) from err
     finally:

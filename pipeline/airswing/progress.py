@@ -98,7 +98,7 @@ class Progress:
                 yield
 
 
-class _FollowTasks(Callback):  # type: ignore[misc]
+class _FollowTasks(Callback):
     """Moves a bar as dask's local schedulers finish tasks; graphs run in turn add up."""
 
     def __init__(self, bar: Any, task: Any) -> None:

@@ -1,0 +1,150 @@
+"""The ``airswing`` command: parse, call, print.
+
+Assumes nothing about the data; every heavy import stands inside the command that needs it, so
+that ``--help`` is quick. Results go to standard output, progress and messages to standard error.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Swing the compass of an aircraft from its archive of wind reports and model winds.",
+)
+
+ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Configuration (YAML).")]
+Output = Annotated[Path | None, typer.Option(help="Folder for the products.", metavar="DIR")]
+Resume = Annotated[bool, typer.Option("--resume", help="Keep finished work that still holds.")]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Address of a dask scheduler.", metavar="ADDRESS")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+def _job(
+    config: Path,
+    *,
+    output: Path | None = None,
+    resume: bool = False,
+    quiet: bool = False,
+    scheduler: str | None = None,
+) -> Any:
+    from airswing.config import load_config
+    from airswing.progress import Progress
+    from airswing.workflow import Job
+
+    loaded = load_config(config, output=output)
+    if scheduler is not None:
+        compute = loaded.compute.model_copy(update={"scheduler": scheduler})
+        loaded = loaded.model_copy(update={"compute": compute})
+    return Job(loaded, Progress(quiet=quiet), resume)
+
+
+def _inside(job: Any, stage: Any) -> Any:
+    """Run a stage on the scheduler the configuration asks for."""
+    from airswing.compute import scheduler
+
+    with scheduler(job.config.compute, job.progress):
+        return stage(job)
+
+
+def _print(content: Any, *, as_json: bool, text: str) -> None:
+    import json
+
+    from airswing.products import plain
+
+    print(json.dumps(plain(content), indent=2) if as_json else text)
+
+
+@app.command()
+def run(
+    config: ConfigPath,
+    output: Output = None,
+    resume: Resume = False,
+    scheduler: Scheduler = None,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Do the main job: every stage, every product, the page."""
+    from airswing import summary, workflow
+
+    job = _job(config, output=output, resume=resume, quiet=quiet, scheduler=scheduler)
+    result = _inside(job, workflow.run)
+    _print(result, as_json=json, text=summary.as_text(result, job.output))
+
+
+@app.command()
+def collocate(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
+    """Bring model winds to the reports and derive heading errors: headings.nc."""
+    from airswing import workflow
+
+    job = _job(config, output=output, quiet=quiet)
+    _inside(job, workflow.make_headings)
+    print(job.output / workflow.HEADINGS)
+
+
+@app.command()
+def fit(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
+    """Fit the deviation of every aircraft, from headings.nc: fits.nc, tables.csv."""
+    from airswing import workflow
+
+    job = _job(config, output=output, quiet=quiet)
+    _inside(job, workflow.make_fits)
+    print(job.output / workflow.FITS)
+
+
+@app.command()
+def correct(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
+    """Correct the archive, from headings.nc and fits.nc: corrected.nc."""
+    from airswing import workflow
+
+    job = _job(config, output=output, quiet=quiet)
+    _inside(job, workflow.make_corrected)
+    print(job.output / workflow.CORRECTED)
+
+
+@app.command()
+def sample(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write to.")],
+    days: Annotated[int, typer.Option(help="Length of the archive.", min=1)] = 30,
+    aircraft: Annotated[int, typer.Option(help="Number of aircraft.", min=1)] = 10,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
+) -> None:
+    """Write a sample archive (GRIB and reports) with its known truth beside it."""
+    from airswing.sample.archive import write_archive
+
+    print(write_archive(directory, days=days, aircraft=aircraft, seed=seed))
+
+
+@app.command()
+def inspect(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="What to look into.")],
+    json: Json = False,
+) -> None:
+    """Say what GRIB files, report files or products hold."""
+    from airswing.inspection import as_text, inspect_file
+
+    found = [inspect_file(file) for file in files]
+    _print(found, as_json=json, text="\n\n".join(as_text(entry) for entry in found))
+
+
+def main() -> None:
+    """Entry point: turn errors into one message and an exit status."""
+    from airswing.errors import AirswingError
+
+    try:
+        app(standalone_mode=True)
+    except AirswingError as err:
+        print(f"airswing: {err}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print("airswing: interrupted; finished products are intact", file=sys.stderr)
+        raise SystemExit(130) from None

@@ -1,0 +1,1 @@
+"""Whether the winds improved, and how far that depends on the reference."""

@@ -1,0 +1,466 @@
+"""The field test: what the corrected aircraft gained beyond what the model did to everyone.
+
+Assumes the corrected aircraft reported corrected winds from ``start`` on and the controls never
+did, so that the controls' change is the model's. The measure is the mean magnitude of the wind
+vector disagreement (Jacobs et al. 2010, Table 1). Its change is taken linearly, as the seed
+does, and in quadrature, because independent errors add in quadrature. Days are the units of the
+bootstrap: every flight of a day shares the model's error. The aircraft were chosen for bad
+winds, so the permutation test regresses the level during the test on the level before it:
+conditional on what the choice was made from, group labels are exchangeable without an effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.evaluation.disagreement import (
+    KNOT,
+    disagreement,
+    reference_mean,
+    vector_difference,
+)
+from airswing.ragged import aircraft_of_report
+from airswing.vocabulary import ROLL, SCREENING, TEMPERATURE_QC
+
+GROUPS = ("controls", "corrected")
+WINDOWS = ("before", "during")
+_NEVER = ("no_ground_vector", "no_reference", "missing_wind", "wind_qc", "gross_error")
+
+
+def adjusted_reductions(
+    corrected_before: Any, corrected_during: Any, controls_before: Any, controls_during: Any
+) -> tuple[Any, Any]:
+    """Reduction of the corrected group beyond the controls', linearly and in quadrature.
+
+    Parameters
+    ----------
+    corrected_before, corrected_during, controls_before, controls_during : float or array
+        Mean wind vector disagreement, any one unit.
+
+    Returns
+    -------
+    linear, quadrature : float or array
+        The seed's difference of differences, and the distance below
+        ``sqrt(corrected_before**2 + controls_during**2 - controls_before**2)``, the level the
+        corrected group would have reached untreated when errors add in quadrature.
+    """
+    linear = (corrected_before - corrected_during) - (controls_before - controls_during)
+    untreated = np.sqrt(
+        np.maximum(corrected_before**2 + controls_during**2 - controls_before**2, 0.0)
+    )
+    return linear, untreated - corrected_during
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Reports and summed disagreement (kt) by aircraft and day, the field test's statistics."""
+
+    count: NDArray[np.float64]  # (aircraft, day)
+    total: NDArray[np.float64]  # (aircraft, day)
+    corrected: NDArray[np.bool_]  # (aircraft,)
+    during: NDArray[np.bool_]  # (day,)
+
+    def means(self, count: Any = None, total: Any = None) -> dict[tuple[str, str], float]:
+        """Mean disagreement of each group in each window."""
+        count = self.count if count is None else count
+        total = self.total if total is None else total
+        found = {}
+        for group, chosen in zip(GROUPS, (~self.corrected, self.corrected), strict=True):
+            for window, days in zip(WINDOWS, (~self.during, self.during), strict=True):
+                number = count[chosen][:, days].sum()
+                found[group, window] = total[chosen][:, days].sum() / number if number else np.nan
+        return found
+
+    def levels(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean disagreement of each aircraft before and during."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return (
+                self.total[:, ~self.during].sum(1) / self.count[:, ~self.during].sum(1),
+                self.total[:, self.during].sum(1) / self.count[:, self.during].sum(1),
+            )
+
+
+def field_test(
+    headings: xr.Dataset,
+    *,
+    start: date,
+    before_start: date,
+    corrected: list[str],
+    controls: list[str],
+    pools: Mapping[str, list[str]],
+    reference: str,
+    end: date | None = None,
+    roll: str = "require_good",
+    temperature_qc: str = "require_pass",
+    draws: int = 2000,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Compute the field test of two groups of aircraft.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings; the winds are as reported.
+    start, before_start, end : date
+        The test runs from ``start`` to ``end`` (default: the archive's end), the window before
+        it from ``before_start`` to ``start``.
+    corrected, controls : list of str
+        Aircraft of each group.
+    pools : mapping of str to list of str
+        Members of each reference and pool.
+    reference : str
+        Key of ``pools`` the headline is measured against.
+    roll, temperature_qc : str
+        ``require_good`` / ``require_pass`` (the seed's rule; a flag that no report of the
+        archive carries cannot be required and is named in ``notes``), or ``ignore``.
+    draws : int, default 2000
+        Bootstrap and permutation draws.
+    seed : int, default 0
+
+    Returns
+    -------
+    dict
+        The content of ``field_test.json``; disagreements in knots.
+
+    Raises
+    ------
+    InputError
+        If a group names an unknown aircraft or a window holds no report of a group.
+    """
+    _require_known(headings, corrected, controls)
+    chosen, notes = _eligible(headings, roll=roll, temperature_qc=temperature_qc)
+    window = _window(headings, start=start, before_start=before_start, end=end)
+    chosen &= window >= 0
+    result: dict[str, Any] = {
+        "reference": reference,
+        "start": str(start),
+        "before_start": str(before_start),
+        "end": str(end) if end else None,
+        "notes": notes,
+    }
+    names = headings["aircraft"].to_numpy().astype(str)
+    member = np.isin(names, [*corrected, *controls])
+    for key in pools:
+        difference = _difference(headings, pools[key])
+        sums = _sums(headings, difference, chosen & np.isfinite(difference), window, member)
+        sums = _Sums(sums.count, sums.total, np.isin(names[member], corrected), sums.during)
+        entry = _headline(sums, draws=draws, seed=seed)
+        if key == reference:
+            result |= entry | _scrutiny(sums, names[member], draws=draws, seed=seed)
+            result["components"] = _components(
+                headings, pools[key], chosen, window, corrected, controls
+            )
+        result.setdefault("by_reference", {})[key] = entry
+    return result
+
+
+def _headline(sums: _Sums, *, draws: int, seed: int) -> dict[str, Any]:
+    """Groups, reductions and their intervals."""
+    means = sums.means()
+    empty = [key for key, value in means.items() if not np.isfinite(value)]
+    if empty:
+        raise InputError(
+            "the field test has no usable report",
+            field="field_test",
+            found=f"group {empty[0][0]}, window {empty[0][1]}",
+            remedy="Check the dates and the groups, or relax field_test.roll and temperature_qc",
+        )
+    linear, quadrature = adjusted_reductions(*_four(means))
+    drawn = _bootstrap(sums, draws=draws, seed=seed)
+    groups = {}
+    for index, group in enumerate(GROUPS):
+        chosen = sums.corrected if group == "corrected" else ~sums.corrected
+        groups[group] = {
+            "aircraft": int(chosen.sum()),
+            "before_kt": means[group, "before"],
+            "during_kt": means[group, "during"],
+            "reduction_kt": means[group, "before"] - means[group, "during"],
+            "reduction_ci_kt": _interval(drawn[:, index, 0] - drawn[:, index, 1]),
+            "before_ci_kt": _interval(drawn[:, index, 0]),
+            "during_ci_kt": _interval(drawn[:, index, 1]),
+            "reports_before": int(sums.count[chosen][:, ~sums.during].sum()),
+            "reports_during": int(sums.count[chosen][:, sums.during].sum()),
+        }
+    spread = adjusted_reductions(drawn[:, 1, 0], drawn[:, 1, 1], drawn[:, 0, 0], drawn[:, 0, 1])
+    return {
+        "groups": groups,
+        "adjusted_reduction_kt": linear,
+        "adjusted_reduction_ci_kt": _interval(spread[0]),
+        "adjusted_reduction_quadrature_kt": quadrature,
+        "adjusted_reduction_quadrature_ci_kt": _interval(spread[1]),
+        "days_before": int((~sums.during).sum()),
+        "days_during": int(sums.during.sum()),
+    }
+
+
+def _four(means: Mapping[tuple[str, str], float]) -> tuple[float, float, float, float]:
+    return (
+        means["corrected", "before"],
+        means["corrected", "during"],
+        means["controls", "before"],
+        means["controls", "during"],
+    )
+
+
+def _bootstrap(sums: _Sums, *, draws: int, seed: int) -> NDArray[np.float64]:
+    """Means of (draw, group, window) with whole days drawn again within each window."""
+    rng = np.random.default_rng(seed)
+    drawn = np.empty((draws, 2, 2))
+    for column, days in enumerate((np.flatnonzero(~sums.during), np.flatnonzero(sums.during))):
+        weights = _day_weights(rng, draws, days.size)
+        for row, chosen in enumerate((~sums.corrected, sums.corrected)):
+            count = weights @ sums.count[chosen][:, days].sum(0)
+            total = weights @ sums.total[chosen][:, days].sum(0)
+            drawn[:, row, column] = total / np.maximum(count, 1.0)
+    return drawn
+
+
+def _day_weights(rng: np.random.Generator, draws: int, days: int) -> NDArray[np.float64]:
+    """How often each day is drawn, spread out a little for the few days there are.
+
+    Drawing n of n days again has a variance (n - 1)/n of the true one; the weights' distance
+    from one is stretched by sqrt(n/(n - 1)) to mend that.
+    """
+    weights = rng.multinomial(days, np.full(days, 1.0 / days), size=draws).astype(float)
+    return np.asarray(1.0 + (weights - 1.0) * np.sqrt(days / max(days - 1.0, 1.0)))
+
+
+def _interval(values: NDArray[np.float64]) -> list[float]:
+    low, high = np.percentile(values, [2.5, 97.5])
+    return [float(low), float(high)]
+
+
+def _scrutiny(sums: _Sums, names: NDArray[Any], *, draws: int, seed: int) -> dict[str, Any]:
+    """Permutation test and the check for regression to the mean."""
+    before, during = sums.levels()
+    good = np.isfinite(before) & np.isfinite(during)
+    effect, p_value, spread = permutation_test(
+        before[good], during[good], sums.corrected[good], draws=draws, seed=seed
+    )
+    return {
+        "permutation": {
+            "effect_kt": effect,
+            "p_value": p_value,
+            "draws": draws,
+            "null_effects_kt": spread[:500],
+        },
+        "regression_to_the_mean": _regression_to_the_mean(sums),
+        "matched_controls": _matched(before[good], during[good], sums.corrected[good]),
+        "by_aircraft": [
+            {
+                "aircraft": str(name),
+                "group": "corrected" if treated else "controls",
+                "before_kt": first,
+                "during_kt": second,
+            }
+            for name, treated, first, second in zip(
+                names, sums.corrected, before, during, strict=True
+            )
+        ],
+    }
+
+
+def permutation_test(
+    before: NDArray[np.float64],
+    during: NDArray[np.float64],
+    corrected: NDArray[np.bool_],
+    *,
+    draws: int = 2000,
+    seed: int = 0,
+) -> tuple[float, float, NDArray[np.float64]]:
+    """Test for an effect on the corrected aircraft, given each aircraft's level before.
+
+    The level during is regressed on the level before and on the group; the residuals of the
+    regression without the group are permuted over aircraft (Freedman & Lane 1983, J. Bus. Econ.
+    Stat. 1, 292-298) and the group's t value recomputed. Conditioning on the level before keeps
+    the test's size when the aircraft were chosen by it.
+
+    Parameters
+    ----------
+    before, during : arrays of float, shape (aircraft,)
+    corrected : array of bool, shape (aircraft,)
+    draws : int, default 2000
+    seed : int, default 0
+
+    Returns
+    -------
+    effect : float
+        Reduction owed to the correction (positive: better), in the unit of the input.
+    p_value : float
+        Two-sided; NaN with fewer than five aircraft or an empty group.
+    null_effects : array of float, shape (draws,)
+        Effects under permutation.
+    """
+    number = before.size
+    if number < 5 or corrected.all() or not corrected.any():
+        return float("nan"), float("nan"), np.empty(0)
+    rng = np.random.default_rng(seed)
+    plain = np.column_stack([np.ones(number), before])
+    hat = plain @ np.linalg.pinv(plain)
+    fitted = hat @ during
+    residual = during - fitted
+    order = np.argsort(rng.random((draws, number)), axis=1)
+    shuffled = np.vstack([during, fitted + residual[order]])
+    group = corrected.astype(float) - hat @ corrected.astype(float)
+    information = float(group @ group)
+    if information < 1e-9 * number:
+        return float("nan"), float("nan"), np.empty(0)
+    left = shuffled - shuffled @ hat.T
+    effects = -(left @ group) / information
+    rest = left + effects[:, np.newaxis] * group
+    error = np.sqrt((rest**2).sum(1) / max(number - 3, 1) / information)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.abs(effects / error)
+    p_value = (1.0 + (t[1:] >= t[0] * (1 - 1e-12)).sum()) / (draws + 1.0)
+    return float(effects[0]), float(p_value), effects[1:]
+
+
+def _regression_to_the_mean(sums: _Sums) -> dict[str, Any]:
+    """Choose the worst aircraft in the first half of the window before, watch the second half."""
+    days = np.flatnonzero(~sums.during)
+    first, second = days[: days.size // 2], days[days.size // 2 :]
+    chosen = int(sums.corrected.sum())
+    with np.errstate(invalid="ignore", divide="ignore"):
+        early = sums.total[:, first].sum(1) / sums.count[:, first].sum(1)
+        late = sums.total[:, second].sum(1) / sums.count[:, second].sum(1)
+    good = np.isfinite(early) & np.isfinite(late)
+    if good.sum() <= chosen or chosen == 0:
+        return {"spurious_reduction_kt": None, "why": "too few days or aircraft before the test"}
+    worst = np.zeros(good.size, dtype=bool)
+    worst[np.flatnonzero(good)[np.argsort(-early[good])[:chosen]]] = True
+    others = good & ~worst
+    change = (early - late)[worst].mean() - (early - late)[others].mean()
+    return {
+        "spurious_reduction_kt": float(change),
+        "rule": f"the {chosen} aircraft with the largest disagreement in the first half of the "
+        "window before, followed through its second half, minus the others' change",
+    }
+
+
+def _matched(
+    before: NDArray[np.float64], during: NDArray[np.float64], corrected: NDArray[np.bool_]
+) -> dict[str, Any]:
+    """Each corrected aircraft against the control nearest to it before the test."""
+    if corrected.all() or not corrected.any():
+        return {"adjusted_reduction_kt": None}
+    distance = np.abs(before[corrected][:, np.newaxis] - before[~corrected][np.newaxis, :])
+    nearest = distance.argmin(1)
+    change = before - during
+    return {
+        "adjusted_reduction_kt": float((change[corrected] - change[~corrected][nearest]).mean()),
+        "mean_distance_kt": float(distance.min(1).mean()),
+    }
+
+
+def _components(
+    headings: xr.Dataset,
+    members: list[str],
+    chosen: NDArray[np.bool_],
+    window: NDArray[np.int64],
+    corrected: list[str],
+    controls: list[str],
+) -> dict[str, Any]:
+    """Every measure of disagreement by group and window, m/s."""
+    winds = reference_mean(headings, members)
+    tail = headings["aircraft"].to_numpy().astype(str)[aircraft_of_report(headings)]
+    found: dict[str, Any] = {}
+    for group, aircraft in zip(GROUPS, (controls, corrected), strict=True):
+        for index, name in enumerate(WINDOWS):
+            take = chosen & (window == index) & np.isin(tail, aircraft)
+            found.setdefault(group, {})[name] = disagreement(
+                headings["eastward_wind"].to_numpy()[take],
+                headings["northward_wind"].to_numpy()[take],
+                winds["reference_eastward_wind"].to_numpy()[take],
+                winds["reference_northward_wind"].to_numpy()[take],
+                np.radians(headings["heading"].to_numpy()[take]),
+            )
+    return found
+
+
+def _require_known(headings: xr.Dataset, corrected: list[str], controls: list[str]) -> None:
+    known = set(headings["aircraft"].to_numpy().astype(str))
+    unknown = [name for name in [*corrected, *controls] if name not in known]
+    if unknown:
+        raise InputError(
+            "a group names an aircraft the archive does not hold",
+            field="field_test",
+            found=", ".join(unknown[:5]),
+            remedy=f"Known aircraft: {', '.join(sorted(known)[:20])}",
+        )
+
+
+def _eligible(
+    headings: xr.Dataset, *, roll: str, temperature_qc: str
+) -> tuple[NDArray[np.bool_], list[str]]:
+    """Reports that count, and what could not be required."""
+    bits = sum(SCREENING[name] for name in _NEVER)
+    chosen = (headings["screening"].to_numpy() & bits) == 0
+    notes = []
+    for name, policy, codes, good in (
+        ("roll_flag", roll, ROLL, "good"),
+        ("temperature_qc", temperature_qc, TEMPERATURE_QC, "pass"),
+    ):
+        flag = headings[name].to_numpy()
+        if policy.startswith("require"):
+            if np.all(flag == codes["missing"]):
+                notes.append(f"no report carries {name}: it could not be required")
+                continue
+            chosen &= flag == codes[good]
+        elif policy.startswith("reject"):
+            chosen &= flag != codes["bad" if name == "roll_flag" else "fail"]
+    return chosen, notes
+
+
+def _window(
+    headings: xr.Dataset, *, start: date, before_start: date, end: date | None
+) -> NDArray[np.int64]:
+    """0 before, 1 during, -1 outside, for every report."""
+    time = headings["time"].to_numpy()
+    last = np.datetime64(end) if end is not None else time.max() + np.timedelta64(1, "s")
+    window = np.full(time.size, -1, dtype=np.int64)
+    window[(time >= np.datetime64(before_start)) & (time < np.datetime64(start))] = 0
+    window[(time >= np.datetime64(start)) & (time < last)] = 1
+    return window
+
+
+def _difference(headings: xr.Dataset, members: list[str]) -> NDArray[np.float64]:
+    winds = reference_mean(headings, members)
+    found = vector_difference(
+        headings["eastward_wind"].to_numpy(),
+        headings["northward_wind"].to_numpy(),
+        winds["reference_eastward_wind"].to_numpy(),
+        winds["reference_northward_wind"].to_numpy(),
+    )
+    return np.asarray(found / KNOT, dtype=np.float64)
+
+
+def _sums(
+    headings: xr.Dataset,
+    difference: NDArray[np.float64],
+    chosen: NDArray[np.bool_],
+    window: NDArray[np.int64],
+    member: NDArray[np.bool_],
+) -> _Sums:
+    """Accumulate by aircraft and day; a flight counts for the day of each of its reports."""
+    aircraft = aircraft_of_report(headings)[chosen]
+    day = headings["time"].to_numpy()[chosen].astype("datetime64[D]").astype(np.int64)
+    # A day split by the start of the test counts once in each window.
+    days, index = np.unique(np.column_stack([day, window[chosen]]), axis=0, return_inverse=True)
+    shape = (headings.sizes["aircraft"], days.shape[0])
+    cell = aircraft * shape[1] + index.ravel()
+    count = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
+    total = np.bincount(cell, weights=difference[chosen], minlength=count.size).reshape(shape)
+    return _Sums(
+        np.asarray(count[member], dtype=np.float64),
+        total[member],
+        np.empty(0, bool),
+        days[:, 1] == 1,
+    )

@@ -1,0 +1,136 @@
+"""The closing summary of a run: what was read, what was fitted, what the winds gained.
+
+Assumes the products of one run. Disagreement is the mean magnitude of the wind vector difference
+over screened reports, in knots, against the main reference or pool, the same reports before and
+after; it is measured on the data the fit was made from (the field test holds data out).
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from airswing.config import Config
+from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
+from airswing.ragged import aircraft_of_report
+from airswing.vocabulary import CORRECTION, STATUS
+
+
+def summarise(
+    config: Config, headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset
+) -> dict[str, Any]:
+    """Collect what a person wants to know first.
+
+    Parameters
+    ----------
+    config : Config
+    headings, fits, corrected : Dataset
+        Products of the run.
+
+    Returns
+    -------
+    dict
+        ``reports``, ``aircraft``, ``status`` counts, ``disagreement_kt`` before and after, and
+        one entry per aircraft under ``fits``.
+    """
+    main = next(iter([*config.pool, *config.references]))
+    chosen = fits.sel(reference=main)
+    before, after = _differences(config, headings, corrected, main)
+    kept = (headings["screening"].to_numpy() == 0) & np.isfinite(before)
+    used = kept & (corrected["correction_applied"].to_numpy() == CORRECTION["corrected"])
+    names = {code: name for name, code in STATUS.items()}
+    status = [names[int(code)] for code in chosen["status"].to_numpy()]
+    tail = aircraft_of_report(headings)
+    return {
+        "reference": main,
+        "reports": {
+            "read": _audit(headings).get("reports_read", headings.sizes["report"]),
+            "usable": headings.sizes["report"],
+            "kept": int(kept.sum()),
+        },
+        "aircraft": headings.sizes["aircraft"],
+        "status": {name: status.count(name) for name in STATUS},
+        "disagreement_kt": {"before": _knots(before[used]), "after": _knots(after[used])},
+        "fits": [
+            {
+                "aircraft": str(name),
+                "status": status[i],
+                **{
+                    key: float(chosen[key][i])
+                    for key in ("offset", "amplitude", "phase", "amplitude_standard_error")
+                },
+                "reports": int(chosen["report_count"][i]),
+                "before_kt": _knots(before[used & (tail == i)]),
+                "after_kt": _knots(after[used & (tail == i)]),
+            }
+            for i, name in enumerate(chosen["aircraft"].to_numpy())
+        ],
+    }
+
+
+def as_text(summary: dict[str, Any], output: Path) -> str:
+    """Lay the summary out for a terminal.
+
+    Parameters
+    ----------
+    summary : dict
+        Of :func:`summarise`.
+    output : Path
+        Folder of the products.
+
+    Returns
+    -------
+    str
+    """
+    reports, status, change = summary["reports"], summary["status"], summary["disagreement_kt"]
+    lines = [
+        f"{reports['read']:,} reports read, {reports['kept']:,} kept for the fit; "
+        f"{status['ok']} of {summary['aircraft']} aircraft fitted against {summary['reference']}",
+        "",
+        "aircraft    amplitude        phase   offset   reports   wind disagreement (kt)  status",
+    ]
+    for fit in summary["fits"]:
+        lines.append(
+            f"{fit['aircraft']:<10} {fit['amplitude']:6.2f} +- "
+            f"{fit['amplitude_standard_error']:4.2f} {fit['phase']:8.1f} {fit['offset']:8.2f} "
+            f"{fit['reports']:9,}   {fit['before_kt']:7.2f} -> {fit['after_kt']:5.2f}"
+            f"         {fit['status']}"
+        )
+    lines += [
+        "",
+        f"mean wind vector disagreement of the corrected reports: {change['before']:.2f} kt "
+        f"before, {change['after']:.2f} kt after (same data as the fit)",
+        f"products: {output}",
+        f"page:     {output / 'report' / 'index.html'}",
+    ]
+    return "\n".join(lines)
+
+
+def _differences(
+    config: Config, headings: xr.Dataset, corrected: xr.Dataset, main: str
+) -> tuple[Any, Any]:
+    """Vector difference of every report before and after the correction, m/s."""
+    winds = reference_mean(headings, config.pools()[main])
+    reference = (
+        winds["reference_eastward_wind"].to_numpy(),
+        winds["reference_northward_wind"].to_numpy(),
+    )
+    reported = (headings["eastward_wind"].to_numpy(), headings["northward_wind"].to_numpy())
+    mended = (
+        corrected["corrected_eastward_wind"].to_numpy(),
+        corrected["corrected_northward_wind"].to_numpy(),
+    )
+    return vector_difference(*reported, *reference), vector_difference(*mended, *reference)
+
+
+def _knots(values: Any) -> float:
+    return float(np.mean(values) / KNOT) if values.size else float("nan")
+
+
+def _audit(headings: xr.Dataset) -> dict[str, Any]:
+    found = headings.attrs.get("reading_audit", {})
+    return dict(json.loads(found)) if isinstance(found, str) else dict(found)

@@ -1,0 +1,413 @@
+"""The stages in order, as a person would read them.
+
+reports -> collocate -> headings -> screen -> fit -> table -> correct -> page. Each function here
+takes the configuration and what the stage before made, calls the package's own functions with
+plain arguments, and writes one product. A product carries the fingerprint of all it depends on;
+with ``resume`` a product whose fingerprint still holds is read instead of made again.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from airswing.config import Config, as_json
+from airswing.errors import InputError
+from airswing.fingerprint import file_identities, fingerprint
+from airswing.products import read_product, write_product
+from airswing.progress import Progress
+
+HEADINGS, FITS, CORRECTED = "headings.nc", "fits.nc", "corrected.nc"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run: what is asked, who is told, and whether earlier work counts.
+
+    Parameters
+    ----------
+    config : Config
+    progress : Progress
+    resume : bool, default False
+        Use finished products and model times that still hold.
+    """
+
+    config: Config
+    progress: Progress
+    resume: bool = False
+
+    @property
+    def output(self) -> Path:
+        """Folder of the products."""
+        return self.config.output
+
+    @property
+    def store(self) -> Path:
+        """Folder of finished model times, there only while a run is under way."""
+        return self.output / ".collocated"
+
+
+def run(job: Job) -> dict[str, Any]:
+    """Do the main job: every stage, every product, the page.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    dict
+        The closing summary (see :func:`airswing.summary.summarise`).
+    """
+    from airswing.summary import summarise
+
+    headings = make_headings(job)
+    fits = make_fits(job, headings)
+    corrected = make_corrected(job, headings, fits)
+    summary = summarise(job.config, headings, fits, corrected)
+    evaluation = make_evaluation(job, headings, corrected)
+    make_page(job, headings, fits, corrected, summary, evaluation)
+    return summary
+
+
+def read(job: Job) -> xr.Dataset:
+    """Read the aircraft reports the configuration names.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    Dataset
+        Canonical reports.
+    """
+    from airswing.reports.read import read_reports
+
+    asked = job.config.reports
+    return read_reports(
+        asked.files, format=asked.format, columns=asked.columns, on_bad_file=asked.on_bad_file
+    )
+
+
+def catalogues(job: Job, names: list[str]) -> dict[str, Any]:
+    """Catalogue the GRIB folders of some references.
+
+    Parameters
+    ----------
+    job : Job
+    names : list of str
+
+    Returns
+    -------
+    dict of str to Catalogue
+    """
+    from airswing.reference.catalogue import build_catalogue
+
+    found = {}
+    for name in names:
+        asked = job.config.references[name]
+        found[name] = build_catalogue(
+            asked.files, name=name, lead=asked.lead, on_bad_file=asked.on_bad_file
+        )
+        for note in found[name].notes:
+            job.progress.say(f"{name}: {note}")
+    return found
+
+
+def collocated_headings(job: Job, *, names: list[str], derivatives: bool = False) -> xr.Dataset:
+    """Reports with model winds and headings, not yet screened or written.
+
+    Parameters
+    ----------
+    job : Job
+    names : list of str
+        References to sample.
+    derivatives : bool, default False
+        Also sample the reference wind's derivatives, which the gap diagnosis needs.
+
+    Returns
+    -------
+    Dataset
+        In memory; ``reading_audit`` and ``reference_audit`` in the attributes.
+    """
+    from airswing.compass.headings import derive_headings
+    from airswing.reference.collocate import collocate, require_overlap
+
+    with job.progress.stage("reports") as stage:
+        reports = read(job)
+        stage.note = f"{reports.sizes['report']:,} reports of {reports.sizes['aircraft']} aircraft"
+    with job.progress.stage("catalogue") as stage:
+        models = catalogues(job, names)
+        gap = job.config.collocation.max_time_gap
+        require_overlap(reports, models, max_time_gap=gap)
+        stage.note = "; ".join(f"{name}: {model.summary()}" for name, model in models.items())
+    with job.progress.stage("collocate"):
+        winds = collocate(
+            reports,
+            models,
+            max_time_gap=gap,
+            derivatives=derivatives,
+            sparse=job.config.collocation.sparse,
+            store=job.store,
+        ).compute()
+    with job.progress.stage("headings"):
+        headings = derive_headings(reports, winds).compute()
+    headings.attrs["reference_audit"] = {
+        name: {"summary": model.summary(), "notes": model.notes, "skipped": model.skipped}
+        for name, model in models.items()
+    }
+    return headings
+
+
+def make_headings(job: Job) -> xr.Dataset:
+    """Reports, model winds, headings and screening: ``headings.nc``.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    Dataset
+
+    Raises
+    ------
+    InputError
+        If no report is left after screening.
+    """
+    from airswing.compass.screening import screen
+
+    config = job.config
+    names = list(config.references)
+
+    def make() -> xr.Dataset:
+        if not job.resume:
+            shutil.rmtree(job.store, ignore_errors=True)
+        headings = collocated_headings(job, names=names)
+        with job.progress.stage("screen") as stage:
+            headings = screen(headings, **config.screening.model_dump())
+            kept = int((headings["screening"] == 0).sum())
+            stage.note = f"{kept:,} of {headings.sizes['report']:,} reports kept"
+        require_kept(headings)
+        return headings
+
+    headings = _product(
+        job,
+        HEADINGS,
+        make,
+        title="Heading errors of aircraft reports against model winds",
+        depends=(
+            config.model_dump(include={"reports", "references", "collocation", "screening"}),
+            file_identities(config.reports.files),
+            [file_identities(model.files) for model in config.references.values()],
+        ),
+    )
+    shutil.rmtree(job.store, ignore_errors=True)
+    return headings
+
+
+def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
+    """Deviation fits and 8-point tables: ``fits.nc``, ``tables.csv`` and the swing cards.
+
+    Parameters
+    ----------
+    job : Job
+    headings : Dataset, optional
+        Read from the output folder when not given.
+
+    Returns
+    -------
+    Dataset
+    """
+    from airswing.compass.deviation import fit_deviation
+    from airswing.compass.swingcard import write_swing_cards, write_tables_csv
+    from airswing.compass.table import add_tables
+
+    config, ready = job.config, _ready(job, headings, HEADINGS)
+
+    def make() -> xr.Dataset:
+        with job.progress.stage("fit") as stage:
+            fits = fit_deviation(ready, pools=config.pools(), **config.fit.model_dump())
+            fits = add_tables(fits, ready, **config.table.model_dump())
+            good = int((fits["status"] == 0).sum())
+            stage.note = f"{good} of {fits['status'].size} fits to be trusted"
+        return fits
+
+    fits = _product(
+        job,
+        FITS,
+        make,
+        title="Compass deviation per aircraft and 8-point correction tables",
+        depends=(config.model_dump(include={"fit", "table", "pool"}), ready.attrs["uuid"]),
+        sources=(ready,),
+    )
+    write_tables_csv(fits, job.output / "tables.csv")
+    write_swing_cards(fits, job.output / "swing_cards", reference=main_reference(config))
+    return fits
+
+
+def make_corrected(
+    job: Job, headings: xr.Dataset | None = None, fits: xr.Dataset | None = None
+) -> xr.Dataset:
+    """The archive with corrected winds: ``corrected.nc``.
+
+    Parameters
+    ----------
+    job : Job
+    headings, fits : Dataset, optional
+        Read from the output folder when not given.
+
+    Returns
+    -------
+    Dataset
+    """
+    from airswing.compass.correction import correct
+
+    ready, fitted = _ready(job, headings, HEADINGS), _ready(job, fits, FITS)
+
+    def make() -> xr.Dataset:
+        with job.progress.stage("correct"):
+            return correct(ready, fitted, reference=main_reference(job.config))
+
+    return _product(
+        job,
+        CORRECTED,
+        make,
+        title="Aircraft reports with winds corrected for compass deviation",
+        depends=(ready.attrs["uuid"], fitted.attrs["uuid"]),
+        sources=(ready, fitted),
+    )
+
+
+def make_page(
+    job: Job,
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    corrected: xr.Dataset,
+    summary: dict[str, Any],
+    evaluation: dict[str, Any],
+) -> Path:
+    """The page a person opens first: ``report/index.html``.
+
+    Parameters
+    ----------
+    job : Job
+    headings, fits, corrected : Dataset
+    summary : dict
+        Of :func:`airswing.summary.summarise`.
+    evaluation : dict
+        Of :func:`make_evaluation`.
+
+    Returns
+    -------
+    Path
+    """
+    from airswing.compass.screening import audit
+    from airswing.report.page import write_page
+
+    with job.progress.stage("page") as stage:
+        page = write_page(
+            job.output / "report",
+            headings=headings,
+            fits=fits,
+            corrected=corrected,
+            audit=audit(headings),
+            summary=summary,
+            **evaluation,
+        )
+        stage.note = str(page)
+    return page
+
+
+def make_evaluation(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> dict[str, Any]:
+    """What the evaluation adds to the page; filled by the evaluation stages.
+
+    Parameters
+    ----------
+    job : Job
+    headings, corrected : Dataset
+
+    Returns
+    -------
+    dict
+    """
+    return {}
+
+
+def main_reference(config: Config) -> str:
+    """Fits used for the correction and the cards: the first pool, else the first reference.
+
+    Parameters
+    ----------
+    config : Config
+
+    Returns
+    -------
+    str
+    """
+    return next(iter([*config.pool, *config.references]))
+
+
+def require_kept(headings: xr.Dataset) -> None:
+    """Refuse to go on when screening left nothing, and say which rules did it.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened.
+
+    Raises
+    ------
+    InputError
+    """
+    from airswing.compass.screening import audit
+
+    if bool((headings["screening"] == 0).any()):
+        return
+    total = audit(headings)["together"].sum("aircraft").to_series()
+    found = ", ".join(f"{rule} {count:,}" for rule, count in total[total > 0].items())
+    raise InputError(
+        "screening left no report",
+        field="screening",
+        found=f"of {headings.sizes['report']:,} reports, left out by {found}",
+        remedy="Loosen the rule that removed most, or check the reports",
+    )
+
+
+def _ready(job: Job, given: xr.Dataset | None, name: str) -> xr.Dataset:
+    return read_product(job.output / name) if given is None else given
+
+
+def _product(
+    job: Job,
+    name: str,
+    make: Callable[[], xr.Dataset],
+    *,
+    title: str,
+    depends: tuple[Any, ...],
+    sources: tuple[xr.Dataset, ...] = (),
+) -> xr.Dataset:
+    """Read a product that still holds, or make it and write it."""
+    path, mark = job.output / name, fingerprint(name, *depends)
+    if job.resume and path.exists():
+        found = read_product(path)
+        if found.attrs.get("fingerprint") == mark:
+            job.progress.say(f"{name}: nothing changed, kept")
+            return found
+    made = make()
+    made.attrs["fingerprint"] = mark
+    write_product(
+        made,
+        path,
+        title=title,
+        config_json=as_json(job.config),
+        sources=[*job.config.reports.files, *job.config.references],
+        source_uuids=[source.attrs["uuid"] for source in sources],
+    )
+    return read_product(path)

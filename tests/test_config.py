@@ -1,0 +1,101 @@
+"""The configuration: defaults, units, and one clear message for each fault."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+
+from airswing.config import load_config, quantity
+from airswing.errors import ConfigError
+
+SMALLEST = {
+    "reports": {"files": "reports/*.csv"},
+    "references": {"ruc": {"files": "ruc/*.grb"}, "nam": {"files": "nam/*.grb"}},
+    "output": "results/",
+}
+
+
+def write(folder: Path, content: dict) -> Path:
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    return path
+
+
+def test_defaults_are_the_documented_ones_in_si(tmp_path):
+    config = load_config(write(tmp_path, SMALLEST))
+    assert config.collocation.max_time_gap == 3 * 3600.0
+    assert config.screening.max_turn == pytest.approx(math.radians(10))
+    assert config.screening.min_ground_speed == pytest.approx(80 * 1852 / 3600)
+    assert config.table.resolution == pytest.approx(math.radians(0.1))
+    assert config.fit.min_reports == 200 and config.fit.harmonics == "auto"
+    assert config.gap.phases == ["ascent", "cruise", "descent"]
+    assert config.field_test is None
+    assert config.reports.files == ["reports/*.csv"]
+
+
+def test_pools_and_the_gap_reference(tmp_path):
+    content = SMALLEST | {"references": {"ruc": {"files": "a"}, "rr": {"files": "b"}}}
+    assert load_config(write(tmp_path, content)).gap_reference() == "ruc"
+    config = load_config(write(tmp_path, content | {"pool": {"both": ["ruc", "rr"]}}))
+    assert config.gap_reference() == "both"
+    assert config.pools() == {"ruc": ["ruc"], "rr": ["rr"], "both": ["ruc", "rr"]}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"colocation": {}}, ["colocation", "did you mean 'collocation'"]),
+        ({"screening": {"max_trun": "3 deg"}}, ["screening.max_trun", "'max_turn'"]),
+        ({"collocation": {"max_time_gap": 3}}, ["collocation.max_time_gap", "needs a unit"]),
+        ({"collocation": {"max_time_gap": "3 kt"}}, ["max_time_gap", "'3 kt'"]),
+        ({"pool": {"x": ["ruc", "nam"]}}, ["pool.x", "never_pool"]),
+        ({"pool": {"x": ["ruc", "rux"]}}, ["pool.x", "did you mean 'ruc'"]),
+        ({"gap": {"reference": "ruk"}}, ["gap.reference", "'ruc'"]),
+        ({"references": {}}, ["references"]),
+        (
+            {
+                "field_test": {
+                    "start": "2009-10-20",
+                    "before_start": "2009-07-20",
+                    "corrected": ["N1", "N2"],
+                    "controls": ["N2"],
+                }
+            },
+            ["field_test", "both groups", "N2"],
+        ),
+    ],
+)
+def test_a_fault_is_named_with_its_place(tmp_path, change, words):
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, SMALLEST | change))
+    message = str(caught.value)
+    assert "config.yaml" in message
+    assert all(word in message for word in words), message
+    assert "\n" not in message
+
+
+def test_absent_or_broken_files_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match="no such configuration"):
+        load_config(tmp_path / "none.yaml")
+    broken = tmp_path / "broken.yaml"
+    broken.write_text("a: [")
+    with pytest.raises(ConfigError, match="not a YAML file"):
+        load_config(broken)
+    broken.write_text("- a list")
+    with pytest.raises(ConfigError, match="mapping"):
+        load_config(broken)
+
+
+def test_a_missing_key_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"output: required key"):
+        load_config(write(tmp_path, {k: v for k, v in SMALLEST.items() if k != "output"}))
+
+
+def test_quantities():
+    assert quantity("0.1 arcmin", "radian") == pytest.approx(math.radians(0.1 / 60))
+    assert quantity("1 kt", "meter / second") == pytest.approx(0.514444, abs=1e-6)
+    with pytest.raises(ValueError, match="needs a unit"):
+        quantity(3, "second")
