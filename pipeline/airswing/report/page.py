@@ -1,0 +1,309 @@
+"""The page of a run: the result first, then what shows it.
+
+Assumes the products of FORMATS.md section 5 with reports in the same order in HEADINGS and
+CORRECTED.  Writes one self-contained HTML file; large fleets keep it usable: small multiples
+stand twelve to a figure, larger figures are made for the aircraft with the largest deviation,
+everyone is in the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from markupsafe import Markup
+
+import airswing
+from airswing.report import compass, maps, overview
+from airswing.report.document import (
+    Column,
+    Row,
+    Section,
+    document,
+    folded,
+    heading,
+    link,
+    listing,
+    paragraph,
+    table,
+)
+from airswing.report.embed import embedded, write_whole
+from airswing.report.selection import headline_reference, one_fit
+from airswing.report.style import plural
+from airswing.report.summaries import (
+    correction_rows,
+    fleet_disagreement,
+    harmonic_amplitude,
+    headline,
+    screening_audit,
+)
+
+SMALL_PER_FIGURE = 12
+LARGE_FIGURES = 40
+SVG_UP_TO = 16
+"""Aircraft up to which the large figures are drawings; beyond, images."""
+
+
+def write_page(
+    directory: Path | str,
+    *,
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    corrected: xr.Dataset | None = None,
+    audit: Mapping[str, Any] | xr.Dataset | None = None,
+    summary: Mapping[str, Any] | None = None,
+    field_test: Mapping[str, Any] | None = None,
+    sensitivity: Mapping[str, Any] | None = None,
+    profiles: xr.Dataset | None = None,
+) -> Path:
+    """Write ``report/index.html`` of a run.
+
+    Parameters
+    ----------
+    directory : Path
+        The run's output folder; the page is written to ``report/index.html`` in it.
+    headings, fits, corrected : Dataset
+        Products of FORMATS.md section 5.
+    audit : mapping or Dataset, optional
+        What screening removed by rule; counted from ``headings["screening"]`` where absent.
+    summary : mapping, optional
+        ``links``: list of (label, address relative to the page); ``warnings``: list of str;
+        any other plain value is listed under "This run".
+    field_test, sensitivity : mapping, optional
+        Contents of ``field_test.json`` and ``sensitivity.json``.
+    profiles : Dataset, optional
+        ``error_profiles.nc``.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    InputError
+        If the page cannot be written.
+    """
+    summary = dict(summary or {})
+    reference = headline_reference(fits, headings)
+    sections = [
+        _corrections_section(fits, reference, summary),
+        _curves_section(headings, fits, reference),
+        _fleet_section(headings, fits, corrected, reference),
+        *_evaluation_sections(field_test, sensitivity, profiles),
+        _places_section(headings),
+        _audit_section(headings),
+        _run_section(summary),
+    ]
+    text = document(
+        title="airswing: compass deviation of the fleet",
+        kicker=f"Compass deviation from wind reports  ·  {_period(headings)}",
+        headline=headline(headings, fits, corrected, reference),
+        facts=_facts(headings, fits, corrected, reference),
+        warnings=[str(line) for line in summary.get("warnings", [])],
+        sections=[section for section in sections if section.parts],
+        footer=[
+            f"airswing {airswing.__version__}. Map outline: Natural Earth and US Census "
+            "Bureau, public domain. Intervals are 95 %, with flights as the independent "
+            "units, unless said otherwise."
+        ],
+    )
+    return write_whole(Path(directory) / "report" / "index.html", text)
+
+
+def _period(headings: xr.Dataset) -> str:
+    times = headings["time"].to_numpy()
+    if times.size == 0:
+        return "no reports"
+    first, last = times.min(), times.max()
+    return f"{np.datetime_as_string(first, 'D')} to {np.datetime_as_string(last, 'D')}"
+
+
+def _facts(
+    headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
+) -> list[tuple[str, str]]:
+    amplitude = harmonic_amplitude(fits, reference)
+    kept = int((headings["screening"].to_numpy() == 0).sum())
+    facts = [
+        (f"{amplitude.size} of {fits.sizes['aircraft']}", "aircraft with a fit to be trusted"),
+        (f"{np.median(amplitude):.1f}°" if amplitude.size else "-", "median amplitude"),
+    ]
+    if corrected is not None:
+        total = fleet_disagreement(headings, corrected, fits, reference)
+        if total.number:
+            facts.append(
+                (
+                    f"{total.before:.1f} → {total.after:.1f} kt",
+                    f"wind disagreement with {reference}, before and after",
+                )
+            )
+    facts.append((f"{kept:,}", f"reports used of {headings.sizes['report']:,}"))
+    return facts
+
+
+def _corrections_section(fits: xr.Dataset, reference: str, summary: Mapping[str, Any]) -> Section:
+    nodes = [f"{node:.0f}°" for node in fits["table_heading"].to_numpy()]
+    columns = [
+        Column("aircraft", "words"),
+        *[Column(node) for node in nodes],
+        Column("resi\u00addual"),
+        Column("offset"),
+        Column("amplitude"),
+        Column("phase"),
+        Column("reports"),
+        Column("status", "words"),
+    ]
+    rows = [
+        Row(
+            [
+                row["aircraft"],
+                *row["table"],
+                row["residual"],
+                row["offset"],
+                row["amplitude"],
+                row["phase"],
+                f"{row['reports']:,}",
+                row["status"],
+            ],
+            doubt=not row["good"],
+        )
+        for row in correction_rows(fits, reference)
+    ]
+    sign = str(fits["table_correction"].attrs.get("sign", "subtract_error"))
+    meaning = (
+        "degrees to add to the indicated heading"
+        if "add_error" not in sign
+        else "the heading error itself, degrees to subtract from the indicated heading"
+    )
+    caption = (
+        f"Eight-point corrections by indicated magnetic heading ({meaning}), fitted against "
+        f"{reference}; residual: rms degrees that eight points and rounding cost; offset, "
+        "amplitude and phase in degrees with 95 % intervals. Grey italics: not to be trusted "
+        f"(n = {plural(len(rows), 'aircraft', 'aircraft')})."
+    )
+    parts = [table(columns, rows, caption=caption)]
+    links = [link(str(address), str(label)) for label, address in summary.get("links", [])]
+    if links:
+        parts.append(listing(links))
+    return Section("corrections", "Corrections", "What to load into each unit.", parts)
+
+
+def _curves_section(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> Section:
+    order = overview.by_amplitude(fits, reference)
+    pages = [order[i : i + SMALL_PER_FIGURE] for i in range(0, len(order), SMALL_PER_FIGURE)]
+    parts: list[Markup] = []
+    for index, names in enumerate(pages):
+        shown = embedded(
+            compass.small_multiples_figure(headings, fits, names, reference), raster=True, dpi=140
+        )
+        title = f"{names[0]} to {names[-1]}, by amplitude ({len(names)} aircraft)"
+        parts.append(shown if index == 0 else folded(title, [shown], unfolded=index == 1))
+    large = order[:LARGE_FIGURES]
+    parts.append(heading("Each aircraft, larger"))
+    if len(large) < len(order):
+        parts.append(
+            paragraph(
+                f"The {len(large)} aircraft with the largest amplitude; the other "
+                f"{len(order) - len(large)} are in the figures above and in the table."
+            )
+        )
+    raster = len(large) > SVG_UP_TO
+    for index, name in enumerate(large):
+        figure = compass.heading_error_figure(headings, fits, name, reference)
+        words = compass.fit_words(one_fit(fits, name, reference))
+        shown = embedded(figure, raster=raster, dpi=110 if raster else 150)
+        parts.append(folded(f"{name}: {words}", [shown], unfolded=index == 0))
+    lead = (
+        "Heading error is the indicated heading minus the heading that the reference wind "
+        "implies; a compass without deviation would lie along zero."
+    )
+    return Section("curves", "Heading error against heading", lead, parts)
+
+
+def _fleet_section(
+    headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
+) -> Section:
+    order = overview.by_amplitude(fits, reference)
+    size = overview.PAGE_OF_AIRCRAFT
+    pages = [order[i : i + size] for i in range(0, len(order), size)]
+    parts: list[Markup] = []
+    for index, names in enumerate(pages):
+        shown = [embedded(overview.fleet_figure(fits, names))]
+        if corrected is not None:
+            shown.append(
+                embedded(overview.disagreement_figure(headings, corrected, fits, reference, names))
+            )
+        title = f"{names[0]} to {names[-1]}, by amplitude ({len(names)} aircraft)"
+        parts += shown if index == 0 else [folded(title, shown)]
+    parts.append(heading("Headings flown"))
+    roses = [order[i : i + size] for i in range(0, len(order), size)]
+    parts += [
+        shown if index == 0 else folded(f"{names[0]} to {names[-1]}", [shown])
+        for index, names in enumerate(roses)
+        for shown in [embedded(compass.coverage_figure(headings, names), raster=True, dpi=140)]
+    ]
+    return Section("fleet", "The fleet", "", parts)
+
+
+def _places_section(headings: xr.Dataset) -> Section:
+    parts = [
+        embedded(maps.reports_figure(headings)),
+        embedded(maps.phase_maps_figure(headings), raster=True, dpi=130),
+        embedded(maps.level_maps_figure(headings), raster=True, dpi=130),
+    ]
+    return Section("places", "Where the reports are", "", parts)
+
+
+def _audit_section(headings: xr.Dataset) -> Section:
+    rules = screening_audit(headings)
+    total = max(headings.sizes["report"], 1)
+    rows = [
+        Row(
+            [
+                rule.name.replace("_", " "),
+                f"{rule.together:,}",
+                f"{rule.alone:,}",
+                f"{100 * rule.together / total:.1f} %",
+            ]
+        )
+        for rule in rules
+    ]
+    columns = [
+        Column("rule", "words"),
+        Column("reports marked"),
+        Column("by this rule alone"),
+        Column("share of all"),
+    ]
+    counts = table(columns, rows, caption=f"Screening by rule (n = {total:,} reports).")
+    return Section(
+        "audit",
+        "What was left out",
+        "",
+        [
+            embedded(overview.audit_figure(headings)),
+            folded("The counts", [counts]),
+        ],
+    )
+
+
+def _evaluation_sections(
+    field_test: Mapping[str, Any] | None,
+    sensitivity: Mapping[str, Any] | None,
+    profiles: xr.Dataset | None,
+) -> list[Section]:
+    return []
+
+
+def _run_section(summary: Mapping[str, Any]) -> Section:
+    rows = [
+        Row([str(name).replace("_", " "), value])
+        for name, value in summary.items()
+        if isinstance(value, str | int | float) and not isinstance(value, bool)
+    ]
+    if not rows:
+        return Section("run", "This run")
+    columns = [Column("", "words"), Column("", "long")]
+    return Section("run", "This run", "", [table(columns, rows)])

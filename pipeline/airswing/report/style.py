@@ -1,0 +1,157 @@
+"""One look for every figure: sizes, type, colours told apart by colour-blind readers.
+
+Assumes figures are seen about 920 CSS pixels wide (9.6 inches) on a light page or in a
+notebook, or printed on A4.  Everything uses matplotlib's object-oriented interface on the
+Agg-safe :class:`~matplotlib.figure.Figure`; nothing here touches pyplot or keeps a figure
+alive.  Colours are those of Okabe and Ito (2008), "Color Universal Design".
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+INK = "#1f2933"
+SOFT = "#5f6b7a"
+FAINT = "#c9d0d8"
+PALE = "#eef1f4"
+BLUE = "#0072B2"
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+VERMILION = "#D55E00"
+SKY = "#56B4E9"
+PURPLE = "#CC79A7"
+SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, INK)
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+DENSITY = "viridis_r"
+DIVERGING = "PuOr_r"
+
+FULL_WIDTH = 9.6
+"""Width of a page-wide figure, inches."""
+
+MANY = 20_000
+"""Points beyond which a scatter becomes a density."""
+
+RC: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.5,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": SOFT,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e3e7ec",
+    "grid.linewidth": 0.7,
+    "text.color": INK,
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": 9,
+    "ytick.labelsize": 9,
+    "legend.fontsize": 9,
+    "legend.frameon": False,
+    "lines.linewidth": 1.8,
+    "figure.facecolor": "white",
+    "axes.facecolor": "white",
+    "savefig.facecolor": "white",
+    "svg.hashsalt": "airswing",
+    "svg.fonttype": "path",
+}
+
+
+class CaptionedFigure(Figure):
+    """A matplotlib Figure that carries its caption and shows itself in a notebook.
+
+    Attributes
+    ----------
+    caption : str
+        What the figure shows in words, with the number of reports or aircraft behind it.
+    alternative : str
+        One line for those who cannot see the figure.
+    """
+
+    caption: str = ""
+    alternative: str = ""
+
+    def say(self, caption: str, *, alternative: str | None = None) -> CaptionedFigure:
+        """Set the caption (and the alternative text, by default its first sentence)."""
+        self.caption = caption
+        self.alternative = alternative or caption.split(". ")[0].rstrip(".")
+        return self
+
+    def _repr_png_(self) -> bytes:
+        from airswing.report.embed import png_bytes
+
+        return png_bytes(self)
+
+
+def styled(function: Callable[P, R]) -> Callable[P, R]:
+    """Run a figure function under the style, leaving matplotlib's settings as they were."""
+
+    @functools.wraps(function)
+    def inner(*args: P.args, **kwargs: P.kwargs) -> R:
+        with matplotlib.rc_context(RC):
+            return function(*args, **kwargs)
+
+    return inner
+
+
+def new_figure(height: float, *, width: float = FULL_WIDTH) -> CaptionedFigure:
+    """Return an empty captioned figure.
+
+    Parameters
+    ----------
+    height, width : float
+        Inches.
+
+    Returns
+    -------
+    CaptionedFigure
+    """
+    return CaptionedFigure(figsize=(width, height), dpi=120, layout="constrained")
+
+
+def series_style(index: int) -> tuple[str, str]:
+    """Return the colour and the marker of a series, so that neither is needed alone."""
+    return SERIES[index % len(SERIES)], MARKERS[index % len(MARKERS)]
+
+
+def compass_axis(axes: Axes, *, label: str, step: int = 45) -> None:
+    """Make the x axis of a panel a heading from 0 to 360 degrees."""
+    axes.set_xlim(0, 360)
+    axes.set_xticks(range(0, 361, step))
+    axes.set_xlabel(label)
+
+
+def thousands(number: float) -> str:
+    """Format a count with thin grouping: ``12,345``."""
+    return f"{int(number):,}"
+
+
+def plural(number: int, noun: str, plural_noun: str | None = None) -> str:
+    """Return ``1 flight`` or ``12,345 flights``."""
+    word = noun if number == 1 else (plural_noun or f"{noun}s")
+    return f"{thousands(number)} {word}"
+
+
+def blank(axes: Axes, message: str) -> None:
+    """Say in an empty panel why it is empty."""
+    axes.axis("off")
+    axes.text(
+        0.5, 0.5, message, ha="center", va="center", color=SOFT, transform=axes.transAxes, wrap=True
+    )

@@ -1,0 +1,254 @@
+"""The numbers a page states: disagreement before and after, audit, tables, headline.
+
+Assumes SI winds and the Datasets of the stages.  Disagreement is the mean length of the vector
+difference between reported and reference wind (the seed's metric), in knots; its interval
+takes flights as the units (errors inside a flight are correlated).  Only reports that passed
+the screening and were corrected are compared, the same ones before and after.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.ragged import aircraft_of_report
+from airswing.report.selection import headline_reference, pooled, status_words, tails, used
+from airswing.vocabulary import SCREENING
+
+Floats = NDArray[np.float64]
+KNOT = 1852.0 / 3600.0
+NORMAL_95 = 1.96
+
+
+class BeforeAfter(NamedTuple):
+    """Mean vector disagreement (kt) of each aircraft, and the reduction with its interval."""
+
+    before: Floats
+    after: Floats
+    reduction: Floats
+    half_width: Floats
+    number: NDArray[np.int64]
+    """Reports, (aircraft,)."""
+
+
+def clustered_mean(
+    value: Floats, group: NDArray[Any], cluster: NDArray[Any], groups: int
+) -> tuple[Floats, Floats]:
+    """Mean of each group and its standard error with clusters as the independent units.
+
+    Parameters
+    ----------
+    value : array (n,)
+    group : array of int (n,)
+        Group of each value, 0 to groups - 1.
+    cluster : array of int (n,)
+        Cluster (flight) of each value; a cluster lies in one group.
+    groups : int
+
+    Returns
+    -------
+    mean, standard_error : array (groups,)
+        NaN for an empty group; the error is NaN with fewer than two clusters.  With residual
+        sums s_f of the flights f of a group of n values:
+        se^2 = m/(m-1) sum_f s_f^2 / n^2, m flights (Liang and Zeger 1986).
+    """
+    number = np.bincount(group, minlength=groups).astype(float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.bincount(group, weights=value, minlength=groups) / number
+    keys, which = np.unique(cluster, return_inverse=True)
+    sums = np.bincount(which, weights=value - mean[group], minlength=keys.size)
+    owner = np.zeros(keys.size, int)
+    owner[which] = group
+    clusters = np.bincount(owner, minlength=groups).astype(float)
+    square = np.bincount(owner, weights=sums**2, minlength=groups)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.sqrt(clusters / (clusters - 1) * square) / number
+    return mean, np.where(clusters > 1, error, np.nan)
+
+
+def compared(
+    headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Vector disagreement of each report before and after (kt), and which reports count."""
+    wind = [
+        pooled(headings, fits, reference, f"reference_{way}_wind")
+        for way in ("eastward", "northward")
+    ]
+    before = (
+        np.hypot(
+            headings["eastward_wind"].to_numpy() - wind[0],
+            headings["northward_wind"].to_numpy() - wind[1],
+        )
+        / KNOT
+    )
+    after = (
+        np.hypot(
+            corrected["corrected_eastward_wind"].to_numpy() - wind[0],
+            corrected["corrected_northward_wind"].to_numpy() - wind[1],
+        )
+        / KNOT
+    )
+    keep = used(headings) & np.isfinite(before) & np.isfinite(after)
+    if "correction_applied" in corrected:
+        keep &= corrected["correction_applied"].to_numpy() == 0
+    return before, after, keep
+
+
+def disagreement(
+    headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
+) -> BeforeAfter:
+    """Before and after of each aircraft against one reference or pool.
+
+    Parameters
+    ----------
+    headings, corrected, fits : Dataset
+        Products of FORMATS.md section 5, reports in the same order.
+    reference : str
+        Reference or pool.
+
+    Returns
+    -------
+    BeforeAfter
+        NaN for aircraft that were not corrected.
+    """
+    before, after, keep = compared(headings, corrected, fits, reference)
+    owner, flight = aircraft_of_report(headings)[keep], headings["flight"].to_numpy()[keep]
+    count = headings.sizes["aircraft"]
+    first, _ = clustered_mean(before[keep], owner, flight, count)
+    second, _ = clustered_mean(after[keep], owner, flight, count)
+    gain, error = clustered_mean((before - after)[keep], owner, flight, count)
+    number = np.bincount(owner, minlength=count)
+    return BeforeAfter(first, second, gain, NORMAL_95 * error, number)
+
+
+class Total(NamedTuple):
+    """Fleet-wide disagreement (kt) before and after, reduction with 95 % interval, reports."""
+
+    before: float
+    after: float
+    reduction: float
+    half_width: float
+    number: int
+
+
+def fleet_disagreement(
+    headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
+) -> Total:
+    """Before and after over all corrected reports against one reference or pool."""
+    before, after, keep = compared(headings, corrected, fits, reference)
+    if not keep.any():
+        return Total(np.nan, np.nan, np.nan, np.nan, 0)
+    flight = headings["flight"].to_numpy()[keep]
+    one = np.zeros(int(keep.sum()), int)
+    gain, error = clustered_mean((before - after)[keep], one, flight, 1)
+    return Total(
+        float(before[keep].mean()),
+        float(after[keep].mean()),
+        float(gain[0]),
+        float(NORMAL_95 * error[0]),
+        int(keep.sum()),
+    )
+
+
+class Rule(NamedTuple):
+    """Reports one screening rule marks: in all, and those no other rule marks."""
+
+    name: str
+    together: int
+    alone: int
+
+
+def screening_audit(headings: xr.Dataset) -> list[Rule]:
+    """Count what each screening rule removed, the largest first, rules that hit none omitted."""
+    flags = headings["screening"].to_numpy()
+    rules = [
+        Rule(name, int(np.count_nonzero(flags & bit)), int(np.count_nonzero(flags == bit)))
+        for name, bit in SCREENING.items()
+    ]
+    return sorted((rule for rule in rules if rule.together), key=lambda rule: -rule.together)
+
+
+def harmonic_amplitude(fits: xr.Dataset, reference: str) -> Floats:
+    """Amplitude (degree) of each aircraft whose fit is ok, against one reference."""
+    fit = fits.sel(reference=reference)
+    return np.asarray(fit["amplitude"].to_numpy()[fit["status"].to_numpy() == 0], float)
+
+
+def headline(
+    headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
+) -> str:
+    """Return the page's first sentence: how many were fitted, how large, what it bought."""
+    amplitude = harmonic_amplitude(fits, reference)
+    fleet = fits.sizes["aircraft"]
+    if amplitude.size == 0:
+        return (
+            f"None of {fleet} aircraft could be fitted against {reference}: see below what was "
+            "left out and why."
+        )
+    low, high = np.percentile(amplitude, [5, 95])
+    text = (
+        f"{amplitude.size} of {fleet} aircraft fitted against {reference}: the typical compass "
+        f"deviation is {np.median(amplitude):.1f}° in amplitude "
+        f"({low:.1f}° to {high:.1f}° for nine in ten)"
+    )
+    if corrected is None:
+        return text + "."
+    total = fleet_disagreement(headings, corrected, fits, reference)
+    if total.number == 0:
+        return text + "; no report could be corrected."
+    interval = f" ± {total.half_width:.2f}" if np.isfinite(total.half_width) else ""
+    verb = "falls" if total.reduction > 0 else "rises"
+    return (
+        f"{text}; correcting it, the wind's mean disagreement {verb} from {total.before:.1f} kt "
+        f"to {total.after:.1f} kt (by {abs(total.reduction):.2f}{interval} kt)."
+    )
+
+
+def correction_rows(fits: xr.Dataset, reference: str) -> list[dict[str, Any]]:
+    """Return a table row for each aircraft: status, fit in words, 8 corrections, residual."""
+    fit = fits.sel(reference=reference)
+    rows = []
+    for index, name in enumerate(tails(fits)):
+        one = fit.isel(aircraft=index)
+        good = int(one["status"]) == 0
+        table = one["table_correction"].to_numpy().astype(float)
+        rows.append(
+            {
+                "aircraft": name,
+                "status": status_words(one["status"]),
+                "good": good,
+                "reports": int(one["report_count"]),
+                "flights": int(one["flight_count"]),
+                "offset": interval_text(one, "offset"),
+                "amplitude": interval_text(one, "amplitude"),
+                "phase": interval_text(one, "phase", digits=0),
+                "table": [f"{value:+.1f}" if np.isfinite(value) else "-" for value in table],
+                "residual": number_text(one["table_residual_rms"]),
+                "before": number_text(one["residual_rms_before"]),
+                "after": number_text(one["residual_rms_after"]),
+            }
+        )
+    return rows
+
+
+def interval_text(fit: xr.Dataset, name: str, *, digits: int = 2) -> str:
+    """Return ``value ± half width`` of a fit's quantity, or a dash."""
+    value, half = float(fit[name]), NORMAL_95 * float(fit[f"{name}_standard_error"])
+    if not np.isfinite(value):
+        return "-"
+    value = value % 360 if name == "phase" else value
+    return f"{value:.{digits}f}" + (f" ± {half:.{digits}f}" if np.isfinite(half) else "")
+
+
+def number_text(value: Any, *, digits: int = 2) -> str:
+    """Return a number with fixed digits, or a dash where there is none."""
+    number = float(value)
+    return f"{number:.{digits}f}" if np.isfinite(number) else "-"
+
+
+def default_reference(fits: xr.Dataset, headings: xr.Dataset, reference: str | None) -> str:
+    """Return the reference given, or the one the page leads with."""
+    return reference or headline_reference(fits, headings)

@@ -1,0 +1,89 @@
+"""The run's page: whole, self-contained, headline first, small enough, written atomically."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import factories
+import pytest
+
+from airswing.errors import InputError
+from airswing.report import write_page
+
+
+class Balance(HTMLParser):
+    """Collect tags left open, and every address the page asks for."""
+
+    void = frozenset({"meta", "img", "br", "link", "input", "hr"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.images = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in self.void:
+            self.open.append(tag)
+        self.images += tag == "img"
+        self.addresses += [str(v) for k, v in attrs if k in {"src", "href"}]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def parsed(page: Path) -> tuple[str, Balance]:
+    text = page.read_text("utf-8")
+    found = Balance()
+    found.feed(text)
+    return text, found
+
+
+def test_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
+    headings, fits = factories.headings(), factories.fits()
+    page = write_page(
+        tmp_path,
+        headings=headings,
+        fits=fits,
+        corrected=factories.corrected(headings),
+        summary={"links": [("all tables", "../tables.csv")], "configuration": "a.yaml"},
+    )
+    assert page == tmp_path / "report" / "index.html"
+    text, found = parsed(page)
+    assert found.open == []
+    outside = [a for a in found.addresses if not a.startswith(("data:image/", "#"))]
+    assert outside == ["../tables.csv"]
+    assert found.images >= 10
+    assert not re.search(r"https?://(?!www\.w3\.org)", re.sub(r'src="data:[^"]*"', "", text))
+    headline = re.search(r"<h1>(.*?)</h1>", text).group(1)
+    assert headline.startswith("5 of 6 aircraft fitted against ruc+rtfdaa")
+    assert "falls from" in headline
+    for name in factories.names(6):
+        assert name in text
+    assert not list(page.parent.glob(".index*"))
+
+
+def test_page_without_a_single_fit_says_so(tmp_path: Path) -> None:
+    headings, fits = factories.headings(aircraft=2, reports=60), factories.fits(aircraft=2)
+    fits["status"][:] = 1
+    text, _ = parsed(write_page(tmp_path, headings=headings, fits=fits))
+    assert "None of 2 aircraft could be fitted" in text
+
+
+def test_names_from_files_are_escaped(tmp_path: Path) -> None:
+    headings, fits = factories.headings(aircraft=2, reports=60), factories.fits(aircraft=2)
+    odd = ["<script>x</script>", "N&1"]
+    headings, fits = headings.assign_coords(aircraft=odd), fits.assign_coords(aircraft=odd)
+    text, found = parsed(write_page(tmp_path, headings=headings, fits=fits))
+    assert "<script>x" not in text
+    assert found.open == []
+
+
+def test_unwritable_folder_leaves_the_old_page(tmp_path: Path) -> None:
+    headings, fits = factories.headings(aircraft=1, reports=60), factories.fits(aircraft=1)
+    (tmp_path / "report").write_text("a file where the folder should be")
+    with pytest.raises(InputError, match="cannot write the page"):
+        write_page(tmp_path, headings=headings, fits=fits)
+    assert (tmp_path / "report").read_text() == "a file where the folder should be"
