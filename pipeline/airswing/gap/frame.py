@@ -4,7 +4,7 @@ Assumptions and validity: SI units and radians everywhere except ``latitude``/``
 (degrees) and ``horizontal_field`` (nT). The heading and the airspeed are the INDICATED ones, that
 is direction and length of the air vector ``V_A = V_G - W_reported`` the unit worked with. A report
 enters a frame when its reported wind, reference wind and ground vector are all known; nothing is
-left out for the size of its residual (that would attenuate every effect, GAP.md section 9).
+left out for the size of its residual (that would attenuate every effect).
 
 Constants of the whole archive (its first time, its median horizontal field) travel with every
 subset, so that columns built chunk by chunk agree with columns built at once.
@@ -202,7 +202,7 @@ class Frame:
         return np.isin(self.aircraft, [self.tails.index(tail) for tail in wanted])
 
     def step_distance(self) -> FloatArray:
-        """Return the great-circle distance from the row before, (n,) m; NaN on the first of a flight.
+        """Return the great-circle distance from the row before, (n,) m; NaN at a flight's start.
 
         Rows must be in order of aircraft, flight and time (as `from_headings` gives them).
         """
@@ -328,9 +328,7 @@ def _members(ds: xr.Dataset, reference: str | Sequence[str]) -> list[int]:
         wanted = wanted[0].split("+")
     for name in wanted:
         if name not in known:
-            raise InputError(
-                "unknown reference", found=name, remedy=f"one of {', '.join(known)}"
-            )
+            raise InputError("unknown reference", found=name, remedy=f"one of {', '.join(known)}")
     return [known.index(name) for name in wanted]
 
 

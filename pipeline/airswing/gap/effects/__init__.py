@@ -7,13 +7,18 @@ from airswing.gap.effects.base import (
     CATALOGUE,
     ActiveEffect,
     Effect,
-    HeadingEffect,
-    OneCoefficient,
     Parameter,
     State,
     discover,
     register,
     unregister,
+)
+from airswing.gap.effects.forms import (
+    HeadingEffect,
+    MomentEffect,
+    OffsetAndCycle,
+    OneCoefficient,
+    WindEffect,
 )
 
 __all__ = [
@@ -21,9 +26,12 @@ __all__ = [
     "ActiveEffect",
     "Effect",
     "HeadingEffect",
+    "MomentEffect",
+    "OffsetAndCycle",
     "OneCoefficient",
     "Parameter",
     "State",
+    "WindEffect",
     "discover",
     "register",
     "unregister",

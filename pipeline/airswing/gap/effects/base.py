@@ -22,7 +22,7 @@ import importlib
 import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -40,10 +40,6 @@ Parameters = dict[str, Any]
 Errors = dict[str, float]
 
 STAGES: tuple[Stage, ...] = ("identity", "atmosphere", "sensor", "report")
-MAX_PHASE_ERROR = 180.0 / np.sqrt(3.0)
-"""Standard error (degree) of a phase about which nothing is known (uniform over a turn)."""
-DEGREE = float(np.pi / 180.0)
-"""One degree in radians."""
 SPREAD = 1e-9
 """A context quantity that varies by less than this does not vary."""
 
@@ -63,7 +59,9 @@ class Parameter:
     description : str
         What it is and which sign means what.
     default : float or None
-        Value where none is given; None where it must be given.
+        Value where none is given.
+    required : bool
+        It must be given.
     si : float
         What one unit is in radians or SI.
     number : bool
@@ -75,6 +73,7 @@ class Parameter:
     scale: float
     description: str
     default: float | None = 0.0
+    required: bool = False
     si: float = 1.0
     number: bool = True
 
@@ -265,132 +264,12 @@ class Effect(ABC):
                     field=name,
                     remedy=f"it takes {', '.join(known)}",
                 )
-        out: Parameters = {p.name: p.default for p in self.parameters if p.default is not None}
-        out.update(values)
-        for name, parameter in known.items():
-            if parameter.default is None and name not in out and parameter.scale > 0.0:
-                raise InputError(f"effect {self.name} needs the parameter {name}", field=name)
-        return out
-
-
-class OneCoefficient(Effect):
-    """An effect of one parameter proportional to its one coefficient."""
-
-    @property
-    def column_scales(self) -> FloatArray:
-        """See `Effect.column_scales`: the parameter's scale."""
-        return np.array([self.parameters[0].scale * self.parameters[0].si])
-
-    def to_parameters(
-        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
-        """See `Effect.to_parameters`: a change of unit."""
-        name, unit = self.parameters[0].name, self.parameters[0].si
-        value, error = float(coefficients[0]), standard_error(covariance)
-        return {name: value / unit}, {name: error / unit}
-
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
-        """See `Effect.from_parameters`: a change of unit."""
-        first = self.parameters[0]
-        return np.array([float(self.complete(values)[first.name]) * first.si])
-
-
-class HeadingEffect(Effect):
-    """A heading error that is a linear combination of known functions of the context."""
-
-    @abstractmethod
-    def basis(self, frame: Frame) -> FloatArray:
-        """Heading error per unit of each coefficient, (k, n)."""
-
-    def columns(self, frame: Frame) -> FloatArray:
-        """See `Effect.columns`: ``-V n(psi)`` times the basis."""
-        return known(self.basis(frame))[:, :, None] * heading_derivative(frame)
-
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
-        """See `Effect.apply`: the basis at the indicated magnetic heading, added to the error."""
-        error = self.from_parameters(values, frame) @ known(self.basis(frame))
-        return replace(state, heading_error=state.heading_error + error)
-
-
-def known(values: FloatArray) -> FloatArray:
-    """Put 0 where the context is not known: no statement, so no contribution."""
-    return np.where(np.isfinite(values), values, 0.0)
-
-
-def heading_derivative(frame: Frame) -> FloatArray:
-    """Give the reported wind per radian of heading error, (n, 2): ``-V (cos psi, -sin psi)``."""
-    right = np.stack([np.cos(frame.heading), -np.sin(frame.heading)], axis=-1)
-    return np.asarray(-frame.airspeed[:, None] * right)
-
-
-def airspeed_derivative(frame: Frame) -> FloatArray:
-    """Give the reported wind per m/s of airspeed error, (n, 2): ``-(sin psi, cos psi)``."""
-    return -np.stack([np.sin(frame.heading), np.cos(frame.heading)], axis=-1)
-
-
-def cycles(angle: FloatArray, number: int = 1) -> FloatArray:
-    """Return sine and cosine of `number` cycles of an angle, (2, n)."""
-    return np.stack([np.sin(number * angle), np.cos(number * angle)])
-
-
-def amplitude_phase(
-    coefficients: FloatArray, covariance: FloatArray
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Give amplitude and phase of ``B sin + C cos = amplitude sin(. + phase)``, in degrees.
-
-    Parameters
-    ----------
-    coefficients : ndarray (2,)
-        B and C, rad.
-    covariance : ndarray (2, 2)
-        rad squared.
-
-    Returns
-    -------
-    (amplitude, phase), (their standard errors)
-        Degrees; phase in (-180, 180]; errors by the delta method.
-    """
-    sine, cosine = float(coefficients[0]), float(coefficients[1])
-    size = float(np.hypot(sine, cosine))
-    phase = float(np.degrees(np.arctan2(cosine, sine)))
-    covariance = np.asarray(covariance, dtype=np.float64)
-    if size == 0.0:
-        spread = float(np.degrees(np.sqrt(max(0.0, np.trace(covariance) / 2.0))))
-        return (0.0, 0.0), (spread, MAX_PHASE_ERROR)
-    amplitude_error = _spread(np.array([sine, cosine]) / size, covariance)
-    phase_error = _spread(np.array([-cosine, sine]) / size**2, covariance)
-    return (float(np.degrees(size)), phase), (amplitude_error, min(phase_error, MAX_PHASE_ERROR))
-
-
-def _spread(gradient: FloatArray, covariance: FloatArray) -> float:
-    variance = float(gradient @ covariance @ gradient)
-    return float(np.degrees(np.sqrt(max(0.0, variance))))
-
-
-def sine_cosine(amplitude: float, phase: float) -> FloatArray:
-    """Return B and C (rad) of an amplitude and a phase (degrees)."""
-    angle = np.radians(phase)
-    return np.asarray(np.radians(amplitude) * np.array([np.cos(angle), np.sin(angle)]))
-
-
-def standard_error(covariance: FloatArray, index: int = 0) -> float:
-    """Return the standard error of one coefficient."""
-    return float(np.sqrt(max(0.0, float(np.asarray(covariance)[index, index]))))
-
-
-def told(values: Mapping[str, Any], errors: Mapping[str, float] | None, name: str) -> str:
-    """Give a parameter as text, "3.9 ± 0.2" where its standard error is known."""
-    value = float(values[name])
-    error = None if errors is None else errors.get(name)
-    if error is None or not np.isfinite(error):
-        return f"{value:.3g}"
-    if error <= 0.0:
-        return f"{value:.3g} ± 0"
-    power = int(np.floor(np.log10(error)))
-    digits = int(np.clip(-power + (error < 2.0 * 10.0**power), 0, 5))
-    return f"{value:.{digits}f} ± {error:.{digits}f}"
+        for parameter in self.parameters:
+            if parameter.required and values.get(parameter.name) is None:
+                raise InputError(
+                    f"effect {self.name} needs a value of {parameter.name}", field=parameter.name
+                )
+        return {p.name: p.default for p in self.parameters} | dict(values)
 
 
 _ABSENT = {

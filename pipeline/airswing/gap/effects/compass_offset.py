@@ -7,14 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from airswing.gap.effects.base import (
-    DEGREE,
-    FloatArray,
-    HeadingEffect,
-    OneCoefficient,
-    Parameter,
-    told,
-)
+from airswing.gap.effects.base import FloatArray, Parameter
+from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
 from airswing.gap.frame import Frame
 
 
@@ -28,7 +22,9 @@ class CompassOffset(OneCoefficient, HeadingEffect):
     )
     source = "Coefficient A, NGA Handbook of Magnetic Compass Adjustment; de Haan 2013 (Mode-S)."
     parameters = (
-        Parameter("offset_deg", "degree", 1.5, "indicated minus true heading", si=DEGREE),
+        Parameter(
+            "offset_deg", "degree", 1.5, "indicated minus true heading", required=True, si=DEGREE
+        ),
     )
     needs = ("heading",)
     confused_with = (

@@ -7,17 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from airswing.gap.effects.base import (
-    Errors,
-    FloatArray,
-    HeadingEffect,
-    Parameter,
-    Parameters,
-    amplitude_phase,
-    cycles,
-    sine_cosine,
-    told,
-)
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
+from airswing.gap.effects.forms import HeadingEffect, amplitude_phase, cycles, sine_cosine, told
 from airswing.gap.frame import Frame
 
 
@@ -38,7 +29,7 @@ class HardIron(HeadingEffect):
         "Coefficients B and C, NGA Handbook of Magnetic Compass Adjustment; seed paper, step d."
     )
     parameters = (
-        Parameter("amplitude_deg", "degree", 4.0, "amplitude of one cycle at the stated H"),
+        Parameter("amplitude_deg", "degree", 4.0, "amplitude at the stated H", required=True),
         Parameter("phase_deg", "degree", 180.0, "error = amplitude sin(magnetic heading + phase)"),
         Parameter(
             "at_horizontal_field_nT",
@@ -84,8 +75,8 @@ class HardIron(HeadingEffect):
     def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`; restated at the archive's H."""
         full = self.complete(values)
-        stated = float(full.get("at_horizontal_field_nT", frame.reference_field))
-        growth = stated / frame.reference_field
+        stated = full["at_horizontal_field_nT"]
+        growth = 1.0 if stated is None else float(stated) / frame.reference_field
         return growth * sine_cosine(float(full["amplitude_deg"]), float(full["phase_deg"]))
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:

@@ -8,15 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from airswing.gap.effects.base import (
-    FloatArray,
-    OneCoefficient,
-    Parameter,
-    Parameters,
-    State,
-    airspeed_derivative,
-    told,
-)
+from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, told
 from airswing.gap.frame import Frame
 
 
@@ -28,9 +21,13 @@ class TasScale(OneCoefficient):
         "Errors of static port, pitot tube or temperature recovery make the true airspeed wrong "
         "by a factor; the reported wind is wrong along the heading only."
     )
-    source = "DOMAIN.md section 3 (along-track part of the joint fit); de Haan 2011."
+    source = (
+        "de Haan 2011, J. Geophys. Res. 116, D10111; Lenschow 1986, Probing the Atmospheric BL."
+    )
     parameters = (
-        Parameter("scale_percent", "percent", 2.0, "positive: airspeed too high", si=0.01),
+        Parameter(
+            "scale_percent", "percent", 2.0, "positive: airspeed too high", required=True, si=0.01
+        ),
     )
     needs = ("heading",)
     confused_with = ("tas_offset: where the airspeed varies little",)

@@ -1,0 +1,65 @@
+"""Heading error while the aircraft speeds up or slows down in climb and descent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import FloatArray, Parameter
+from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
+from airswing.gap.frame import Frame
+from airswing.physics.atmosphere import GRAVITY
+from airswing.vocabulary import PHASE
+
+
+class AccelerationError(OneCoefficient, HeadingEffect):
+    """amplitude sin(m) tan(dip) a/g, a the longitudinal acceleration, in climb and descent.
+
+    Speeding up in climb and slowing down in descent make it opposite in the two. A free pendulum
+    north of the magnetic equator has an amplitude of -57 degrees; slaving to a gyro leaves a part.
+    """
+
+    name = "acceleration_error"
+    physics = (
+        "The flux valve hangs as a pendulum. Under longitudinal acceleration it tilts and takes "
+        "in a part of the vertical field: an error as the sine of the magnetic heading times the "
+        "tangent of the dip, opposite in climb and descent."
+    )
+    source = "FAA-H-8083-15B, Instrument Flying Handbook, ch. 5 (ANDS); AGARDograph 160 vol. 1."
+    parameters = (
+        Parameter(
+            "amplitude_deg",
+            "degree",
+            20.0,
+            "at 1 g and a dip of 45 degrees; may be negative",
+            required=True,
+            si=DEGREE,
+        ),
+    )
+    needs = ("magnetic_heading", "acceleration", "dip")
+    confused_with = ("hard_iron: where climb and descent are not sampled alike",)
+    column_names = ("amplitude",)
+
+    def basis(self, frame: Frame) -> FloatArray:
+        """Return sin(m) tan(dip) a/g, and 0 in cruise, (1, n)."""
+        pull = np.where(frame.phase == PHASE["cruise"], 0.0, frame.acceleration) / GRAVITY
+        return np.asarray(np.sin(frame.magnetic_heading) * np.tan(frame.dip) * pull)[None]
+
+    def testable(self, frame: Frame) -> str | None:
+        """See `Effect.testable`; climb or descent must be there."""
+        reason = super().testable(frame)
+        if reason is None and not np.any(self.basis(frame)):
+            return "no climb or descent in these reports"
+        return reason
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        return (
+            "heading error from longitudinal acceleration in climb and descent, amplitude "
+            f"{told(values, errors, 'amplitude_deg')} degrees per g where the dip is 45 degrees"
+        )
+
+
+EFFECT = AccelerationError()

@@ -1,0 +1,55 @@
+"""Reported altitude off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import FloatArray, Parameter
+from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse, told
+from airswing.gap.frame import Frame
+
+
+class AltitudeOffset(OneCoefficient, WindEffect):
+    """Reported pressure altitude too high by an offset, to first order in it.
+
+    The aircraft flew lower than it says, at a higher pressure: ``W = W_ref + offset k dW/dlnp``
+    with ``k = g / (R T)`` of the standard atmosphere, which pressure altitudes obey exactly.
+    """
+
+    name = "altitude_offset"
+    physics = (
+        "A static-port error, or an altimeter setting left on the ground's pressure, gives the "
+        "report a wrong level: it differs from the model by the wind shear times the height."
+    )
+    source = "First-order Taylor expansion of the reference wind in ln p; ICAO Doc 7488/3."
+    parameters = (
+        Parameter(
+            "offset_ft",
+            "ft",
+            300.0,
+            "positive: reported higher than flown",
+            required=True,
+            si=0.3048,
+        ),
+    )
+    needs = ("dudlnp",)
+    confused_with = (
+        "a height error of the model: an exact alias when the whole fleet shows it",
+        "time_lag: where climb and shear always go together",
+    )
+    column_names = ("offset",)
+
+    def columns(self, frame: Frame) -> FloatArray:
+        """See `Effect.columns`: shear by ln p times the lapse of ln p with height."""
+        shear = np.stack([frame.dudlnp, frame.dvdlnp], axis=-1)
+        return known(shear * log_pressure_lapse(frame)[:, None])[None]
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        return f"reported altitude too high by {told(values, errors, 'offset_ft')} ft"
+
+
+EFFECT = AltitudeOffset()

@@ -1,0 +1,77 @@
+"""A deviation that changes linearly in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
+from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error, told
+from airswing.gap.frame import Frame
+
+DAY = 86400.0
+
+
+class CompassDrift(HeadingEffect):
+    """Heading error growing by a rate from an offset at the first report of the archive."""
+
+    name = "compass_drift"
+    physics = (
+        "Parts magnetise slowly, a gyro's slaving drifts out of adjustment: the heading error "
+        "changes by a little every day."
+    )
+    source = "NGA Handbook of Magnetic Compass Adjustment (change of deviation with time)."
+    parameters = (
+        Parameter(
+            "rate_deg_per_day",
+            "degree per day",
+            0.05,
+            "change of the error",
+            required=True,
+            si=DEGREE / DAY,
+        ),
+        Parameter("offset_deg", "degree", 1.0, "error at the archive's first report", si=DEGREE),
+    )
+    kind = "drift"
+    needs = ("heading", "time")
+    confused_with = (
+        "compass_step: where the record is short",
+        "compass_offset: where the drift is slow",
+    )
+    column_names = ("rate", "offset")
+
+    @property
+    def column_scales(self) -> FloatArray:
+        """See `Effect.column_scales`; rad s-1 and rad."""
+        return np.array([p.scale * p.si for p in self.parameters])
+
+    def basis(self, frame: Frame) -> FloatArray:
+        """Return the time since the archive's first report (s) and one, (2, n)."""
+        return np.stack([frame.time - frame.epoch, np.ones(frame.size)])
+
+    def to_parameters(
+        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+    ) -> tuple[Parameters, Errors]:
+        """See `Effect.to_parameters`."""
+        values = {
+            p.name: float(c) / p.si for p, c in zip(self.parameters, coefficients, strict=True)
+        }
+        errors = {
+            p.name: standard_error(covariance, i) / p.si for i, p in enumerate(self.parameters)
+        }
+        return dict(values), errors
+
+    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+        """See `Effect.from_parameters`."""
+        full = self.complete(values)
+        return np.array([float(full[p.name]) * p.si for p in self.parameters])
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        rate = told(values, errors, "rate_deg_per_day")
+        return f"heading error that grows by {rate} degrees a day"
+
+
+EFFECT = CompassDrift()

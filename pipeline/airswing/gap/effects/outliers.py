@@ -1,0 +1,49 @@
+"""Gross errors in some reports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import Parameter, Parameters, State
+from airswing.gap.effects.forms import MomentEffect
+from airswing.gap.frame import Frame
+
+
+class Outliers(MomentEffect):
+    """A fraction of the reports carries a random vector error, alike in all directions."""
+
+    name = "outliers"
+    physics = (
+        "Transmission errors, wrong digits, winds computed in a manoeuvre: single reports that are "
+        "grossly wrong and tell nothing about their neighbours."
+    )
+    source = "Moninger, Mamrosh & Pauley 2003, Bull. Amer. Meteor. Soc. 84 (quality of ACARS)."
+    parameters = (
+        Parameter("fraction", "1", 0.02, "share of the reports, 0 to 1", required=True),
+        Parameter("size_m_s", "m s-1", 20.0, "standard deviation of either component", 20.0),
+    )
+    confused_with = ("heavy tails of the model's own error",)
+
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """See `Effect.apply`: which reports and how much is drawn."""
+        hit = rng.random(frame.size) < float(values["fraction"])
+        error = float(values["size_m_s"]) * rng.standard_normal((2, frame.size)) * hit
+        return replace(
+            state, report_u=state.report_u + error[0], report_v=state.report_v + error[1]
+        )
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        share = 100.0 * float(values["fraction"])
+        spread = 100.0 * float((errors or {}).get("fraction", 0.0))
+        pm = f" ± {spread:.2g}" if spread else ""
+        return f"gross errors in {share:.2g}{pm} percent of the reports"
+
+
+EFFECT = Outliers()

@@ -1,0 +1,50 @@
+"""Positions coded more coarsely than stated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import Parameter, Parameters, State
+from airswing.gap.effects.forms import MomentEffect, told
+from airswing.gap.frame import Frame
+
+
+class PositionCoding(MomentEffect):
+    """Latitude and longitude rounded to `step` minutes of arc; the wind stays what it was.
+
+    The unit computes its wind from its own navigation; the coarse positions spoil the ground
+    vector of whoever reads the reports.
+    """
+
+    name = "position_coding"
+    physics = (
+        "A message format on the way keeps fewer digits of the position: ground speed and track "
+        "made from consecutive positions scatter, and with them heading and airspeed."
+    )
+    source = "WMO No. 958, AMDAR Reference Manual, appendix on coding."
+    parameters = (Parameter("step", "arcmin", 1.0, "step of either coordinate", required=True),)
+    confused_with = ("noise of the ground velocity from irregular report times",)
+
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """See `Effect.apply`."""
+        step = float(values["step"]) / 60.0
+        if step <= 0.0:
+            return state
+        return replace(
+            state,
+            latitude=np.clip(np.round(state.latitude / step) * step, -90.0, 90.0),
+            longitude=np.round(state.longitude / step) * step,
+        )
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        return f"positions coded in steps of {told(values, errors, 'step')} minutes of arc"
+
+
+EFFECT = PositionCoding()

@@ -1,0 +1,68 @@
+"""Model winds along the grid taken for earth-relative ones, or the reverse."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.forms import OneCoefficient, known, told
+from airswing.gap.frame import Frame
+
+
+class ReferenceGridRelative(OneCoefficient):
+    """The reference lacks a rotation by `fraction` times the grid's convergence angle.
+
+    1: winds along the grid were taken as they are (flagged earth-relative); -1: earth-relative
+    winds were rotated once too often.
+    """
+
+    name = "reference_grid_relative"
+    physics = (
+        "Winds on Lambert and similar grids are stored along the grid's axes. Where their flag is "
+        "wrong they are off by the angle between grid north and true north, which grows away from "
+        "the grid's central meridian: the wind vector turns, its speed stays."
+    )
+    source = "NCEP GRIB documentation, resolution and component flags (uvRelativeToGrid)."
+    parameters = (
+        Parameter(
+            "fraction", "1", 1.0, "1: rotation missing; -1: one rotation too many", required=True
+        ),
+    )
+    scope = "reference"
+    needs = ("grid_convergence",)
+    confused_with = (
+        "hard_iron: under a steady wind, k x wind fakes one cycle",
+        "declination_error: both turn with longitude, one the wind, the other the heading",
+    )
+    column_names = ("fraction",)
+
+    def columns(self, frame: Frame) -> FloatArray:
+        """See `Effect.columns`: the wind's right-hand normal times the convergence angle."""
+        turned = np.stack([frame.v_ref, -frame.u_ref], axis=-1)
+        return known(frame.grid_convergence[:, None] * turned)[None]
+
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """See `Effect.apply`: the rotation in full."""
+        angle = float(values["fraction"]) * known(frame.grid_convergence)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        return replace(
+            state,
+            wind_u=cosine * state.wind_u + sine * state.wind_v,
+            wind_v=cosine * state.wind_v - sine * state.wind_u,
+        )
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        return (
+            "model winds lack the rotation from grid to earth, by "
+            f"{told(values, errors, 'fraction')} times the grid's convergence angle"
+        )
+
+
+EFFECT = ReferenceGridRelative()

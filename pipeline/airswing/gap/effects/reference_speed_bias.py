@@ -1,0 +1,104 @@
+"""Model wind too strong or too weak, everywhere or beyond a level."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import Effect, Errors, FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.forms import standard_error, told
+from airswing.gap.frame import Frame
+
+LEVELS = (850.0, 700.0, 600.0, 500.0, 400.0, 300.0, 250.0)
+"""hPa at which a bias may begin; each makes a candidate above and one below."""
+
+
+class ReferenceSpeedBias(Effect):
+    """Reference wind = (1 + bias) times the wind met, at all levels, above or below one."""
+
+    name = "reference_speed_bias"
+    physics = (
+        "A model with too little or too much momentum shows winds too weak or too strong, often "
+        "above a level only (jet too weak for lack of resolution): along the wind, not the heading."
+    )
+    source = "Benjamin et al. 1999, Wea. Forecasting 14 (ACARS against RUC winds by level)."
+    parameters = (
+        Parameter("bias_percent", "percent", 5.0, "positive: model too strong", required=True),
+        Parameter("above_hPa", "hPa", 0.0, "at lower pressures only; null: everywhere", None),
+        Parameter("below_hPa", "hPa", 0.0, "at higher pressures only; null: everywhere", None),
+    )
+    scope = "reference"
+    confused_with = (
+        "regression dilution: model error alone makes reports seem 1 to 8 percent weaker",
+        "tas_scale: where aircraft always fly along the wind",
+    )
+    column_names = (
+        "all",
+        *(f"above_{level:.0f}" for level in LEVELS),
+        *(f"below_{level:.0f}" for level in LEVELS),
+    )
+    alternatives = tuple((k,) for k in range(1 + 2 * len(LEVELS)))
+
+    @property
+    def column_scales(self) -> FloatArray:
+        """See `Effect.column_scales`; fraction."""
+        return np.full(len(self.column_names), 0.05)
+
+    def columns(self, frame: Frame) -> FloatArray:
+        """See `Effect.columns`: minus the reference wind, by candidate level."""
+        above = [frame.pressure < 100.0 * level for level in LEVELS]
+        parts = np.array([np.ones(frame.size, bool), *above, *(~mask for mask in above)])
+        return np.asarray(-parts[:, :, None] * np.stack([frame.u_ref, frame.v_ref], axis=-1))
+
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """See `Effect.apply`: the wind met is the reference over 1 + bias."""
+        where = np.ones(frame.size, bool)
+        if values["above_hPa"] is not None:
+            where &= frame.pressure < 100.0 * float(values["above_hPa"])
+        if values["below_hPa"] is not None:
+            where &= frame.pressure >= 100.0 * float(values["below_hPa"])
+        factor = np.where(where, 1.0 / (1.0 + float(values["bias_percent"]) / 100.0), 1.0)
+        return replace(state, wind_u=state.wind_u * factor, wind_v=state.wind_v * factor)
+
+    def to_parameters(
+        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+    ) -> tuple[Parameters, Errors]:
+        """See `Effect.to_parameters`; of the candidate with the largest coefficient.
+
+        A coefficient c is the fraction by which reports fall short: bias = 1 / (1 - c) - 1.
+        """
+        k = int(np.argmax(np.abs(coefficients)))
+        left = 1.0 - float(coefficients[k])
+        side, _, level = self.column_names[k].partition("_")
+        values: Parameters = {"bias_percent": 100.0 * (1.0 / left - 1.0)}
+        values["above_hPa"] = float(level) if side == "above" else None
+        values["below_hPa"] = float(level) if side == "below" else None
+        return values, {"bias_percent": 100.0 * standard_error(covariance, k) / left**2}
+
+    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+        """See `Effect.from_parameters`; a level is moved to the nearest candidate."""
+        full = self.complete(values)
+        bias = float(full["bias_percent"]) / 100.0
+        k = 0
+        for first, name in ((1, "above_hPa"), (1 + len(LEVELS), "below_hPa")):
+            if full[name] is not None:
+                k = first + int(np.argmin(np.abs(np.log(np.array(LEVELS) / float(full[name])))))
+        out = np.zeros(len(self.column_names))
+        out[k] = bias / (1.0 + bias)
+        return out
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        where = "at all levels"
+        for side in ("above", "below"):
+            if values.get(f"{side}_hPa") is not None:
+                where = f"{side} {float(values[f'{side}_hPa']):.0f} hPa"
+        return f"model wind too strong by {told(values, errors, 'bias_percent')} percent {where}"
+
+
+EFFECT = ReferenceSpeedBias()

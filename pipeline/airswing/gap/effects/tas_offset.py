@@ -1,0 +1,47 @@
+"""Airspeed too high by an amount."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, told
+from airswing.gap.frame import Frame
+
+
+class TasOffset(OneCoefficient):
+    """Indicated true airspeed is the true one plus a constant."""
+
+    name = "tas_offset"
+    physics = (
+        "A zero error of the pressure transducers makes the airspeed wrong by an amount rather "
+        "than a factor; the reported wind is wrong along the heading only."
+    )
+    source = "Lenschow & Spyers-Duran 1989, NCAR Research Aviation Facility Bulletin 23."
+    parameters = (
+        Parameter("offset_m_s", "m s-1", 2.0, "positive: airspeed too high", required=True),
+    )
+    needs = ("heading",)
+    confused_with = ("tas_scale: where the airspeed varies little",)
+    column_names = ("offset",)
+
+    def columns(self, frame: Frame) -> FloatArray:
+        """See `Effect.columns`: ``-h(psi)``."""
+        return airspeed_derivative(frame)[None]
+
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """See `Effect.apply`."""
+        return replace(state, airspeed=state.airspeed + float(values["offset_m_s"]))
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        return f"airspeed too high by {told(values, errors, 'offset_m_s')} m/s"
+
+
+EFFECT = TasOffset()

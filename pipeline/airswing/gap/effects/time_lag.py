@@ -1,0 +1,57 @@
+"""Reported wind older than position and time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import FloatArray, Parameter
+from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse, told
+from airswing.gap.frame import Frame
+
+
+class TimeLag(OneCoefficient, WindEffect):
+    """The wind sent is the one met `offset_s` seconds earlier on the path, to first order in it.
+
+    ``W = W_ref - offset (dW/dt + V_G . grad W + dW/dlnp dlnp/dt)`` with ``dlnp/dt`` from the rate
+    of climb. Times cut to the minute look like a negative lag of half a minute.
+    """
+
+    name = "time_lag"
+    physics = (
+        "Averaging, filtering and buffering in the unit attach a wind to a later position and "
+        "time; the report shows the wind of a place the aircraft has left."
+    )
+    source = "First-order Taylor expansion of the reference wind along the path."
+    parameters = (
+        Parameter(
+            "offset_s", "s", 60.0, "positive: wind older than position and time", required=True
+        ),
+    )
+    needs = ("dudt", "dudx")
+    confused_with = (
+        "altitude_offset: in climb alone or in descent alone",
+        "reference_time_offset: where the wind's change along the path is its change in time",
+    )
+    column_names = ("offset",)
+
+    def columns(self, frame: Frame) -> FloatArray:
+        """See `Effect.columns`: minus the change of the wind along the path."""
+        sinking = known(-frame.climb_rate * log_pressure_lapse(frame))
+        along = [
+            known(t) + known(frame.ground_u * x + frame.ground_v * y) + sinking * known(p)
+            for t, x, y, p in (
+                (frame.dudt, frame.dudx, frame.dudy, frame.dudlnp),
+                (frame.dvdt, frame.dvdx, frame.dvdy, frame.dvdlnp),
+            )
+        ]
+        return -np.stack(along, axis=-1)[None]
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        return f"wind older than position and time by {told(values, errors, 'offset_s')} s"
+
+
+EFFECT = TimeLag()

@@ -1,0 +1,52 @@
+"""Heading error in banked turns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import FloatArray, Parameter
+from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
+from airswing.gap.frame import Frame
+
+
+class TurnError(OneCoefficient, HeadingEffect):
+    """amplitude bank tan(dip) cos(m), the bank in radians, right wing down positive."""
+
+    name = "turn_error"
+    physics = (
+        "In a coordinated turn the flux valve banks with the aircraft and takes in a part of the "
+        "vertical field: an error as bank times the tangent of the dip times the cosine of the "
+        "magnetic heading (the northerly turning error)."
+    )
+    source = "FAA-H-8083-15B, Instrument Flying Handbook, ch. 5 (northerly turning error)."
+    parameters = (
+        Parameter(
+            "amplitude_deg",
+            "degree",
+            20.0,
+            "at a bank of one radian and a dip of 45 degrees; may be negative",
+            required=True,
+            si=DEGREE,
+        ),
+    )
+    needs = ("magnetic_heading", "bank", "dip")
+    confused_with = ("noise of the ground velocity: bank is inferred from the turning track",)
+    column_names = ("amplitude",)
+
+    def basis(self, frame: Frame) -> FloatArray:
+        """Return bank tan(dip) cos(m), (1, n)."""
+        turning = frame.bank * np.tan(frame.dip) * np.cos(frame.magnetic_heading)
+        return np.asarray(turning)[None]
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        return (
+            f"heading error in turns, amplitude {told(values, errors, 'amplitude_deg')} degrees "
+            "per radian of bank where the dip is 45 degrees"
+        )
+
+
+EFFECT = TurnError()

@@ -1,0 +1,54 @@
+"""Winds coded more coarsely than stated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.effects.base import Parameter, Parameters, State
+from airswing.gap.effects.forms import MomentEffect, told
+from airswing.gap.frame import Frame
+from airswing.physics.triangle import wind_components, wind_from_direction
+
+KNOT = 1852.0 / 3600.0
+
+
+class WindCoding(MomentEffect):
+    """Speed rounded to `step` knots, direction to `direction_step_deg` degrees (0: as it is)."""
+
+    name = "wind_coding"
+    physics = (
+        "A message format on the way keeps fewer digits (10-degree or 5-knot steps): values lie "
+        "on a lattice, and the error across the wind grows with its speed."
+    )
+    source = "WMO No. 958, AMDAR Reference Manual, appendix on coding; FM 42 AMDAR code form."
+    parameters = (
+        Parameter("step", "kt", 5.0, "step of the speed", required=True),
+        Parameter("direction_step_deg", "degree", 10.0, "step of the direction; 0: as it is"),
+    )
+    confused_with = ("noise: where the step is finer than the noise",)
+
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """See `Effect.apply`."""
+        speed, direction = wind_from_direction(state.report_u, state.report_v)
+        step = float(values["step"]) * KNOT
+        angle = np.radians(float(values["direction_step_deg"]))
+        speed = np.round(speed / step) * step if step > 0.0 else speed
+        direction = np.round(direction / angle) * angle if angle > 0.0 else direction
+        report_u, report_v = wind_components(speed, direction)
+        return replace(state, report_u=report_u, report_v=report_v)
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        text = f"wind speed coded in steps of {told(values, errors, 'step')} kt"
+        if float(values.get("direction_step_deg") or 0.0) == 0.0:
+            return text
+        return f"{text}, direction in steps of {told(values, errors, 'direction_step_deg')} degrees"
+
+
+EFFECT = WindCoding()
