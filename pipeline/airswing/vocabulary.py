@@ -299,8 +299,27 @@ _CORRECTED = [
     ),
 ]
 
+_P4 = ("reference", "state", "flight_phase", "layer")
+_PROFILES = [
+    _V("state", "", "whether the wind is as reported or as corrected", ("state",), "str"),
+    _V("flight_phase", "", "phase of flight", ("flight_phase",), "str"),
+    *[
+        _V(f"{name}_rms{suffix}", units, f"{text}rms error of the {what}", _P4)
+        for name, units, what in (
+            ("eastward", "m s-1", "eastward wind"),
+            ("northward", "m s-1", "northward wind"),
+            ("direction", "degree", "wind direction where the reference wind is 5 m/s or more"),
+        )
+        for suffix, text in (("", ""), ("_standard_error", "standard error of the "))
+    ],
+    _V("profile_count", "1", "reports in the cell", _P4, "i4"),
+    _V("profile_flights", "1", "flights in the cell", _P4, "i4"),
+    _V("layer_bottom_pressure", "Pa", "pressure at the bottom of the layer", ("layer",)),
+    _V("layer_top_pressure", "Pa", "pressure at the top of the layer", ("layer",)),
+]
+
 VARIABLES: dict[str, Variable] = {
-    entry.name: entry for entry in [*_REPORTS, *_WINDS, *_HEADINGS, *_FITS, *_CORRECTED]
+    entry.name: entry for entry in [*_REPORTS, *_WINDS, *_HEADINGS, *_FITS, *_CORRECTED, *_PROFILES]
 }
 """Every variable by name."""
 
