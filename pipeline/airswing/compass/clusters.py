@@ -1,0 +1,115 @@
+"""Covariance of a robust fit whose errors are correlated within flights and days.
+
+Assumptions
+-----------
+Clusters are independent of each other; nothing is assumed inside one. The parameter error is
+then the sum over clusters of M s_g with M the inverse of the slope matrix and s_g the cluster's
+score, and the covariance the sum of the outer products (sandwich). With few clusters each score is
+first divided by (I - N_g / N)^(1/2), which makes the estimate unbiased under the working model
+(CR2), and the interval takes Student's t with 1 / sum p_g^2 degrees of freedom, p_g the cluster's
+share of the information on that parameter.
+
+References
+----------
+Bell & McCaffrey 2002 (Survey Methodology 28); Pustejovsky & Tipton 2018 (J. Bus. Econ. Stat. 36);
+MacKinnon, Nielsen & Webb 2023 (J. Econometrics 232).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+MANY = 150
+"""From this number of clusters on, the leverage of one is left to a common factor."""
+
+
+def group_sums(values: Array, group: Index, groups: int) -> Array:
+    """Sum rows by group.
+
+    Parameters
+    ----------
+    values : array, shape (n, ...)
+    group : array of int, shape (n,)
+        0 .. groups - 1.
+    groups : int
+
+    Returns
+    -------
+    array, shape (groups, ...)
+    """
+    total = np.zeros((groups, *values.shape[1:]))
+    np.add.at(total, group, values)
+    return total
+
+
+def influences(score: Array, normal: Array, normals: Array | None, kappa: float) -> Array:
+    """Share of every cluster in the parameter error.
+
+    Parameters
+    ----------
+    score : array, shape (g, p)
+        Score of every cluster.
+    normal : array, shape (p, p)
+        Weighted normal matrix of all.
+    normals : array, shape (g, p, p), optional
+        That of every cluster; without it a common factor g / (g - p) stands for the leverage.
+    kappa : float
+        Slope of the robust score over the mean weight: M = (kappa N)^-1.
+
+    Returns
+    -------
+    array, shape (g, p)
+        Rows whose outer products sum to the covariance.
+    """
+    values, vectors = np.linalg.eigh(normal)
+    root = np.sqrt(np.maximum(values, values[-1] * 1e-14))
+    inverse_root = vectors / root
+    whitened = score @ inverse_root
+    clusters, size = whitened.shape
+    if normals is None:
+        factor = clusters / max(clusters - size, 1)
+        whitened = whitened * np.sqrt(factor)
+    else:
+        share = np.einsum("ia,gij,jb->gab", inverse_root, normals, inverse_root)
+        part, axes = np.linalg.eigh(share)
+        gain = 1.0 / np.sqrt(np.clip(1.0 - part, 0.05, 1.0))
+        whitened = np.einsum("gab,gb,gcb,gc->ga", axes, gain, axes, whitened)
+    return np.asarray(whitened @ inverse_root.T / kappa)
+
+
+def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> Array:
+    """Find how many independent pieces of information stand behind each parameter.
+
+    Parameters
+    ----------
+    normal, normals
+        As in :func:`influences`.
+    clusters : int
+
+    Returns
+    -------
+    array, shape (p,)
+    """
+    if normals is None:
+        return np.full(normal.shape[0], max(clusters / 3.0, 1.0))
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    part = np.einsum("ji,gik,kj->gj", inverse, normals, inverse)
+    share = part / np.maximum(part.sum(axis=0), 1e-300)
+    return np.maximum(1.0 / np.maximum((share**2).sum(axis=0), 1e-12) - 1.0, 1.0)
+
+
+def covariance(influence: Array) -> Array:
+    """Sum of outer products.
+
+    Parameters
+    ----------
+    influence : array, shape (g, p)
+
+    Returns
+    -------
+    array, shape (p, p)
+    """
+    return np.asarray(influence.T @ influence)

@@ -1,0 +1,198 @@
+"""The wind again, from the corrected heading.
+
+Assumptions
+-----------
+What the unit did wrong is the direction of its air vector alone: psi_corr = psi_ind -
+psi_err(m), m the indicated magnetic heading. With V_A = V_G - W_reported the ground vector drops
+out: W_corrected = W_reported + V_A - R V_A, R the turn by -psi_err. So only the air vector
+(airspeed and indicated heading) is needed, and every report that has one is corrected, whether or
+not the fit used it. The airspeed scale can be removed too, on request: V_A / (1 + s).
+
+The standard error is what the uncertainty of the fit leaves in the vector wind: V times the
+curve's standard error at that heading (and V times that of the scale where it is applied), plus
+the table's own residual where the table is used; the random error of the report is not in it.
+
+Degrees in the Datasets, radians and m/s inside.
+
+References
+----------
+Jacobs et al. 2010 (seed paper), step f.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from airswing.compass.clusters import Array
+from airswing.compass.table import deviation_curve, error_from_table, unit_interpolation
+from airswing.errors import InputError
+from airswing.ragged import aircraft_of_report
+from airswing.vocabulary import CORRECTION, STATUS, describe
+
+KEPT = ("time", "latitude", "longitude", "pressure", "pressure_altitude", "eastward_wind",
+        "northward_wind", "reference_eastward_wind", "reference_northward_wind", "lead_time",
+        "heading", "magnetic_heading", "airspeed", "phase", "flight", "screening", "row_size",
+        "roll_flag", "temperature_qc")
+"""Variables of the reports that the corrected product carries on, where they are there."""
+
+
+def corrected_wind(
+    u: ArrayLike, v: ArrayLike, airspeed: ArrayLike, heading: ArrayLike, error: ArrayLike,
+    scale: ArrayLike = 0.0,
+) -> tuple[Array, Array]:
+    """Wind that the unit would have computed along the corrected heading.
+
+    Parameters
+    ----------
+    u, v : array_like, shape (n,)
+        Reported wind, m/s.
+    airspeed : array_like, shape (n,)
+        |V_A|, m/s.
+    heading, error : array_like, shape (n,)
+        Indicated true heading and heading error, radians.
+    scale : array_like, default 0
+        Relative error of the airspeed, to be removed.
+
+    Returns
+    -------
+    u, v : arrays, shape (n,)
+        m/s.
+    """
+    speed, psi, turn = (np.asarray(part, dtype=np.float64) for part in (airspeed, heading, error))
+    better = speed / (1.0 + np.asarray(scale, dtype=np.float64))
+    return (np.asarray(u + speed * np.sin(psi) - better * np.sin(psi - turn)),
+            np.asarray(v + speed * np.cos(psi) - better * np.cos(psi - turn)))
+
+
+def curve_standard_error(covariance: ArrayLike, heading: ArrayLike) -> Array:
+    """Standard error of the deviation curve at given headings.
+
+    Parameters
+    ----------
+    covariance : array_like, shape (n, 5, 5) or (5, 5)
+        degree2.
+    heading : array_like, shape (n,)
+        Degrees.
+
+    Returns
+    -------
+    array, shape (n,)
+        Degrees.
+    """
+    angle = np.radians(np.asarray(heading, dtype=np.float64))
+    rows = np.stack([np.ones_like(angle), np.sin(angle), np.cos(angle), np.sin(2 * angle),
+                     np.cos(2 * angle)], axis=-1)
+    square = np.einsum("...i,...ij,...j->...", rows, np.asarray(covariance), rows)
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+
+
+def correct(
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    *,
+    reference: str | None = None,
+    method: Literal["table", "curve"] = "table",
+    apply_airspeed_scale: bool = False,
+) -> xr.Dataset:
+    """Correct the winds of every aircraft that has a fit.
+
+    Parameters
+    ----------
+    headings : Dataset
+        The reports with their headings, screened or not.
+    fits : Dataset
+        From :func:`~airswing.compass.deviation.fit_deviation`, with tables for ``method="table"``.
+    reference : str, optional
+        Whose fit to apply; the first pool, else the first reference, when not given.
+    method : {"table", "curve"}
+        What the unit would do with its table, or the fitted curve itself.
+    apply_airspeed_scale : bool
+        Remove the airspeed scale as well.
+
+    Returns
+    -------
+    Dataset
+        The reports with ``corrected_*`` and ``correction_applied``. A report that cannot be
+        corrected keeps its wind as reported, and the flag says why.
+
+    Raises
+    ------
+    InputError
+        If the reference has no fits or the tables are missing.
+    """
+    fit = _chosen(fits, reference, method)
+    row = _aircraft_rows(headings, fit)
+    known = row >= 0
+    ok = known & (fit["status"].to_numpy()[row] == STATUS["ok"])
+    column = {name: headings[name].to_numpy().astype(np.float64) for name in
+              ("eastward_wind", "northward_wind", "airspeed", "heading", "magnetic_heading")}
+    m = column["magnetic_heading" if fits.attrs.get("abscissa", "magnetic") == "magnetic"
+               else "heading"]
+    has_heading = np.isfinite(m) & np.isfinite(column["airspeed"]) & np.isfinite(column["heading"])
+    has_wind = np.isfinite(column["eastward_wind"]) & np.isfinite(column["northward_wind"])
+    flag = np.select(
+        [~has_wind, ~ok, ~has_heading],
+        [CORRECTION["missing_wind"], CORRECTION["no_fit"], CORRECTION["no_heading"]],
+        CORRECTION["corrected"]).astype(np.int8)
+    done = flag == CORRECTION["corrected"]
+    found = _corrected(column, m, fit, row, done, method, apply_airspeed_scale)
+    kept = headings[[name for name in KEPT if name in headings]]
+    ds = kept.assign({name: ("report", values) for name, values in found.items()})
+    ds["correction_applied"] = ("report", flag)
+    ds.attrs.update(correction_reference=str(fit["reference"].item()), correction_method=method)
+    return describe(ds)
+
+
+def _chosen(fits: xr.Dataset, reference: str | None, method: str) -> xr.Dataset:
+    names = [str(name) for name in fits["reference"].to_numpy()]
+    single = int(fits.attrs.get("reference_count", len(names)))
+    wanted = names[single if single < len(names) else 0] if reference is None else reference
+    if wanted not in names:
+        raise InputError("no fit against this reference", field="reference", found=wanted,
+                         remedy=f"Fitted: {', '.join(names)}")
+    if method == "table" and "table_correction" not in fits:
+        raise InputError("the fits hold no tables", field="table_correction",
+                         remedy="Call add_tables first, or use method='curve'")
+    fit = fits.isel(reference=names.index(wanted))
+    return fit.assign(table_error=error_from_table(fit)) if "table_correction" in fit else fit
+
+
+def _aircraft_rows(headings: xr.Dataset, fit: xr.Dataset) -> NDArray[np.int64]:
+    place = {str(name): k for k, name in enumerate(fit["aircraft"].to_numpy())}
+    rows = np.array([place.get(str(name), -1) for name in headings["aircraft"].to_numpy()],
+                    dtype=np.int64)
+    return np.asarray(rows[aircraft_of_report(headings)])
+
+
+def _corrected(
+    column: dict[str, Any], m: Array, fit: xr.Dataset, row: NDArray[np.int64],
+    done: NDArray[np.bool_], method: str, apply_scale: bool,
+) -> dict[str, Array]:
+    at, own = m[done], row[done]
+    speed, heading = column["airspeed"][done], column["heading"][done]
+    known = curve_standard_error(fit["deviation_covariance"].to_numpy()[own], at)
+    if method == "table":
+        error = unit_interpolation(fit["table_error"].to_numpy()[own], at)
+        known = np.hypot(known, fit["table_residual_rms"].to_numpy()[own])
+    else:
+        error = deviation_curve(fit["deviation"].to_numpy()[own], at[:, np.newaxis])[:, 0]
+    scale = fit["airspeed_scale"].to_numpy()[own] if apply_scale else np.zeros(own.size)
+    scale_error = (fit["airspeed_scale_standard_error"].to_numpy()[own] if apply_scale
+                   else np.zeros(own.size))
+    u, v = corrected_wind(column["eastward_wind"][done], column["northward_wind"][done], speed,
+                          np.radians(heading), np.radians(error), scale)
+    values = {"corrected_eastward_wind": u, "corrected_northward_wind": v,
+              "corrected_heading": np.mod(heading - error, 360.0),
+              "corrected_wind_standard_error": speed * np.hypot(np.radians(known), scale_error)}
+    plain = {"corrected_eastward_wind": column["eastward_wind"],
+             "corrected_northward_wind": column["northward_wind"],
+             "corrected_heading": column["heading"],
+             "corrected_wind_standard_error": np.full(done.size, np.nan)}
+    for name, part in values.items():
+        plain[name] = plain[name].copy()
+        plain[name][done] = part
+    return plain

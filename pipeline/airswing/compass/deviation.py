@@ -1,0 +1,356 @@
+"""Deviation of every aircraft's compass from its headings' errors: the fit and its status.
+
+Assumptions
+-----------
+One deviation curve an aircraft over the whole period, a function of the indicated magnetic heading
+(A constant, one or two cycles: Archibald Smith's coefficients); one airspeed scale an aircraft; a
+reference wind whose bias is shared by the fleet in part. See :mod:`airswing.compass.kernel` for the
+equations and :mod:`airswing.compass.pooling` for the bias. B and C are those of the region flown:
+they scale with 1/H (hard iron).
+
+Standard errors allow for flights' and days' common errors, for the number of clusters (they are
+made wider so that +-1.96 of them is a 95 % interval) and for the choice of one or two cycles
+(the two-cycle fit's covariance plus the square of what the choice moved).
+
+Inside degrees; NaN coefficients wherever the status is not ``ok``.
+
+References
+----------
+Jacobs et al. 2010 (seed paper), eq. 3 and step d; NGA Handbook of Magnetic Compass Adjustment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.compass.clusters import Array
+from airswing.compass.derived import (
+    choose_cycles,
+    halves_apart,
+    one_cycle,
+    sinusoid,
+    t_inflation,
+)
+from airswing.compass.kernel import COMPASS, Observations, prepare
+from airswing.compass.pooling import day_ratio, pool, widened
+from airswing.compass.robustfit import AircraftFit, fit_aircraft
+from airswing.errors import InputError
+from airswing.ragged import row_bounds
+from airswing.vocabulary import STATUS, describe
+
+COEFFICIENTS = ("A", "B", "C", "D", "E")
+MIN_FLIGHTS = 5
+MAX_CONDITION = 12.0
+MAX_STANDARD_ERROR = 1.5
+"""Degrees: a coefficient less certain than this is not published."""
+HALVES_RMS, HALVES_CHI2 = 1.0, 25.0
+"""The halves of the period disagree if their curves differ by this much (degrees rms) and by this
+much more than chance."""
+_NEEDED = ("heading", "magnetic_heading", "airspeed", "heading_error", "airspeed_error",
+           "heading_error_standard_error", "screening", "flight", "time", "row_size")
+
+
+@dataclass(frozen=True)
+class _Options:
+    harmonics: Literal["auto", 1, 2]
+    joint: bool
+    min_reports: int
+    min_compass_points: int
+
+
+@dataclass
+class _Aircraft:
+    """What is known of one aircraft before the fleet."""
+
+    reports: int
+    flights: int
+    compass_points: int
+    fit: AircraftFit | None
+    status: int
+
+
+def fit_deviation(
+    headings: xr.Dataset,
+    *,
+    pools: Mapping[str, Sequence[str]] | None = None,
+    harmonics: Literal["auto", 1, 2] = "auto",
+    abscissa: Literal["magnetic", "true"] = "magnetic",
+    joint: bool = True,
+    min_reports: int = 200,
+    min_compass_points: int = 6,
+) -> xr.Dataset:
+    """Fit the deviation of every aircraft against every reference and every pool.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Headings of every report (``report``, ``reference``, ``aircraft``); only reports with
+        ``screening`` 0 and finite values count.
+    pools : mapping of str to list of str, optional
+        Name of a pool -> its references, fitted together.
+    harmonics : {"auto", 1, 2}
+        Cycles of the curve; "auto" keeps the second where the data show it.
+    abscissa : {"magnetic", "true"}
+        Argument of the curve: indicated magnetic heading, or (the seed's) true heading.
+    joint : bool
+        Fit airspeed errors jointly, with airspeed scale and reference bias; else the heading
+        error alone.
+    min_reports, min_compass_points : int
+        Fewer give status ``too_few_reports``, ``poor_heading_coverage``.
+
+    Returns
+    -------
+    Dataset
+        Every variable of ``fits.nc`` except the table's.
+
+    Raises
+    ------
+    InputError
+        If a variable is missing or a pool names an unknown reference.
+    """
+    groups = _groups(headings, pools or {})
+    options = _Options(harmonics, joint, min_reports, min_compass_points)
+    columns = _Columns(headings, abscissa)
+    parts = [_fit_reference(columns, members, options) for members in groups.values()]
+    fits = xr.concat(parts, dim="reference", join="override", combine_attrs="override")
+    fits = fits.assign_coords(
+        reference=("reference", np.array(list(groups), dtype=object)),
+        aircraft=("aircraft", headings["aircraft"].to_numpy().astype(object)),
+        coefficient=("coefficient", np.array(COEFFICIENTS, dtype=object)),
+        coefficient_2=("coefficient_2", np.array(COEFFICIENTS, dtype=object)),
+        component=("component", np.array(["eastward", "northward"], dtype=object)),
+    )
+    fits.attrs.update(abscissa=abscissa, joint=int(joint), harmonics_asked=str(harmonics),
+                      reference_count=headings.sizes["reference"])
+    return describe(fits)
+
+
+def _groups(headings: xr.Dataset, pools: Mapping[str, Sequence[str]]) -> dict[str, list[int]]:
+    for name in _NEEDED:
+        if name not in headings:
+            raise InputError("the headings lack a variable the fit needs", field=name)
+    names = [str(name) for name in headings["reference"].to_numpy()]
+    groups = {name: [k] for k, name in enumerate(names)}
+    for pool_name, members in pools.items():
+        unknown = [name for name in members if name not in names]
+        if unknown or not members:
+            raise InputError("the pool names a reference that is not there", field=pool_name,
+                             found=", ".join(unknown) or "no member",
+                             remedy=f"References: {', '.join(names)}")
+        groups[pool_name] = [names.index(name) for name in members]
+    return groups
+
+
+class _Columns:
+    """The report columns as plain arrays, read once."""
+
+    def __init__(self, headings: xr.Dataset, abscissa: str) -> None:
+        self.start, self.stop = row_bounds(headings["row_size"].to_numpy())
+        self.heading = headings["heading"].to_numpy()
+        self.abscissa = (headings["magnetic_heading"].to_numpy() if abscissa == "magnetic"
+                         else self.heading)
+        self.airspeed = headings["airspeed"].to_numpy()
+        self.kept = headings["screening"].to_numpy() == 0
+        self.flight = headings["flight"].to_numpy()
+        self.day = headings["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
+        by_reference = ("reference", "report")
+        self.heading_error, self.standard_error, self.airspeed_error = (
+            headings[name].transpose(*by_reference)
+            for name in ("heading_error", "heading_error_standard_error", "airspeed_error"))
+
+    def observations(
+        self, aircraft: int, members: list[int]
+    ) -> tuple[list[Observations], NDArray[np.int64], NDArray[Any]]:
+        """Reports of one aircraft: one set a member, the day of each flight, the abscissae."""
+        row = slice(int(self.start[aircraft]), int(self.stop[aircraft]))
+        common = [part[row] for part in (self.heading, self.abscissa, self.airspeed)]
+        good = self.kept[row] & np.isfinite(common[0] + common[1] + common[2])
+        own, masks = [], []
+        for k in members:
+            errors = [part[k, row].to_numpy() for part in
+                      (self.heading_error, self.airspeed_error, self.standard_error)]
+            masks.append(good & np.isfinite(errors[0] + errors[1]))
+            own.append(errors)
+        some = np.logical_or.reduce(masks)
+        code = np.zeros(some.size, dtype=np.int64)
+        _, first, inverse = np.unique(self.flight[row][some], return_index=True,
+                                      return_inverse=True)
+        code[some] = inverse
+        sets = [prepare(*[part[mask] for part in (*common, *errors)], code[mask])
+                for mask, errors in zip(masks, own, strict=True)]
+        return sets, self.day[row][some][first], common[1][some]
+
+
+def _fit_reference(columns: _Columns, members: list[int], options: _Options) -> xr.Dataset:
+    index = xr.DataArray(np.arange(columns.start.size), dims="aircraft").chunk({"aircraft": 1})
+
+    def one(aircraft: Any) -> _Aircraft:
+        return _fit_one(columns, int(aircraft), members, options)
+
+    found = xr.apply_ufunc(one, index, vectorize=True, dask="parallelized",
+                           output_dtypes=[object]).compute(scheduler="threads")
+    return _published(list(found.to_numpy()), len(members), options)
+
+
+def _fit_one(
+    columns: _Columns, aircraft: int, members: list[int], options: _Options
+) -> _Aircraft:
+    sets, flight_day, abscissa = columns.observations(aircraft, members)
+    counts = np.bincount(np.mod(np.rint(abscissa / 45.0).astype(np.int64), 8), minlength=8)
+    points = int(np.sum(counts >= max(3, 0.002 * abscissa.size)))
+    found = _Aircraft(int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"])
+    if abscissa.size < options.min_reports or flight_day.size < MIN_FLIGHTS:
+        found.status = STATUS["too_few_reports"]
+    elif points < options.min_compass_points:
+        found.status = STATUS["poor_heading_coverage"]
+    cycles = 1 if options.harmonics == 1 else 2
+    if points >= 3 and flight_day.size >= 2 and abscissa.size >= 20:
+        found.fit = fit_aircraft(sets, flight_day, joint=options.joint, harmonics=cycles)
+        if (found.fit is not None and options.harmonics == "auto"
+                and condition_number(found.fit.normal, 2) > MAX_CONDITION):
+            found.fit = fit_aircraft(sets, flight_day, joint=options.joint, harmonics=1)
+    if found.status == STATUS["ok"] and found.fit is None:
+        found.status = STATUS["too_few_reports"]
+    return found
+
+
+def condition_number(normal: Array, harmonics: int) -> float:
+    """Condition number of the heading design, its columns scaled to unit mean square.
+
+    Parameters
+    ----------
+    normal : array, shape (p, p)
+        Normal matrix with A, B, C, D, E first.
+    harmonics : int
+
+    Returns
+    -------
+    float
+        1 for headings spread evenly; infinite where a column cannot be told from the others.
+    """
+    size = 1 + 2 * harmonics
+    scale = np.array([1.0, *[np.sqrt(2.0)] * (size - 1)])
+    values = np.linalg.eigvalsh(normal[:size, :size] * np.outer(scale, scale))
+    return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")
+
+
+def _published(
+    aircraft: list[_Aircraft], members: int, options: _Options
+) -> xr.Dataset:
+    table = _empty(len(aircraft))
+    for k, one in enumerate(aircraft):
+        table["report_count"][k], table["flight_count"][k] = one.reports, one.flights
+        table["compass_points"][k], table["status"][k] = one.compass_points, one.status
+        if one.fit is not None:
+            table["condition_number"][k] = condition_number(one.fit.normal, _cycles(one.fit))
+            if table["condition_number"][k] > MAX_CONDITION and one.status == STATUS["ok"]:
+                table["status"][k] = STATUS["poor_heading_coverage"]
+    chosen = np.flatnonzero(table["status"] == STATUS["ok"])
+    if chosen.size:
+        _publish_fits(table, chosen, [_fit_of(aircraft[k]) for k in chosen], members, options)
+    return _dataset(table)
+
+
+def _fit_of(one: _Aircraft) -> AircraftFit:
+    if one.fit is None:
+        raise ValueError("an aircraft without a fit was to be published")
+    return one.fit
+
+
+def _cycles(fit: AircraftFit) -> int:
+    return 2 if 4 in fit.free else 1
+
+
+def _publish_fits(
+    table: dict[str, NDArray[Any]], chosen: NDArray[np.int64], fits: list[AircraftFit],
+    members: int, options: _Options,
+) -> None:
+    ratio = day_ratio([np.diagonal(fit.covariance) for fit in fits],
+                      [np.diagonal(fit.day.T @ fit.day) for fit in fits],
+                      [max(fit.day_number.size - 1, 1) for fit in fits])
+    cycles, thetas = [], []
+    for k, fit in zip(chosen, fits, strict=True):
+        wide = widened(fit.covariance, ratio)
+        number = _cycles(fit)
+        if number == 2 and options.harmonics == "auto":
+            number = choose_cycles(fit.theta, wide, fit.day_number.size)
+        cycles.append(number)
+        thetas.append(fit.theta if number == _cycles(fit)
+                      else one_cycle(fit.theta, fit.normal, fit.free))
+        _judge(table, int(k), fit, wide)
+    fleet = pool(fits, thetas, joint=options.joint)
+    for row, (k, fit) in enumerate(zip(chosen, fits, strict=True)):
+        shift = fit.theta - thetas[row]
+        widen = t_inflation(fit.freedom)
+        covariance = fleet.covariance[row] * np.outer(widen, widen) + np.outer(shift, shift)
+        _fill(table, int(k), fit, fleet.theta[row], covariance, cycles[row], options.joint)
+    if options.joint:
+        bias = fleet.bias.reshape(members, 2)
+        average = np.tile(np.eye(2), members) / members
+        table["reference_bias"] = bias.mean(axis=0)
+        table["reference_bias_standard_error"] = np.sqrt(
+            np.diagonal(average @ fleet.bias_covariance @ average.T))
+
+
+def _judge(table: dict[str, NDArray[Any]], k: int, fit: AircraftFit, covariance: Array) -> None:
+    rms, chi2 = halves_apart(fit.flight, fit.flight_order, covariance)
+    apart = np.degrees(rms) > HALVES_RMS and chi2 > HALVES_CHI2
+    if apart or not fit.converged:
+        table["status"][k] = STATUS["unstable_fit"]
+
+
+def _fill(
+    table: dict[str, NDArray[Any]], k: int, fit: AircraftFit, theta: Array, covariance: Array,
+    cycles: int, joint: bool,
+) -> None:
+    deviation = np.degrees(theta[:COMPASS])
+    square = covariance[:COMPASS, :COMPASS] * np.degrees(1.0) ** 2
+    if np.sqrt(np.diagonal(square)[:3].max()) > MAX_STANDARD_ERROR:
+        table["status"][k] = STATUS["unstable_fit"]
+    if table["status"][k] != STATUS["ok"]:
+        return
+    value, error = sinusoid(deviation, square)
+    table["deviation"][k], table["deviation_covariance"][k] = deviation, square
+    for name, one, one_error in zip(("offset", "amplitude", "phase"), value, error, strict=True):
+        table[name][k], table[f"{name}_standard_error"][k] = one, one_error
+    table["harmonics"][k] = cycles
+    table["residual_rms_before"][k] = np.degrees(fit.rms_before)
+    table["residual_rms_after"][k] = np.degrees(fit.rms_after)
+    if joint:
+        table["airspeed_scale"][k] = theta[COMPASS]
+        table["airspeed_scale_standard_error"][k] = np.sqrt(covariance[COMPASS, COMPASS])
+
+
+_PER_AIRCRAFT = ("offset", "amplitude", "phase", "offset_standard_error",
+                 "amplitude_standard_error", "phase_standard_error", "airspeed_scale",
+                 "airspeed_scale_standard_error", "condition_number", "residual_rms_before",
+                 "residual_rms_after")
+_COUNTS = ("report_count", "flight_count", "compass_points", "status", "harmonics")
+
+
+def _empty(aircraft: int) -> dict[str, NDArray[Any]]:
+    table: dict[str, NDArray[Any]] = {name: np.full(aircraft, np.nan) for name in _PER_AIRCRAFT}
+    table |= {name: np.zeros(aircraft, dtype=np.int32) for name in _COUNTS}
+    table["deviation"] = np.full((aircraft, COMPASS), np.nan)
+    table["deviation_covariance"] = np.full((aircraft, COMPASS, COMPASS), np.nan)
+    table["reference_bias"] = np.full(2, np.nan)
+    table["reference_bias_standard_error"] = np.full(2, np.nan)
+    return table
+
+
+def _dataset(table: dict[str, NDArray[Any]]) -> xr.Dataset:
+    dims = {name: ("aircraft",) for name in (*_PER_AIRCRAFT, *_COUNTS)}
+    extra = {"deviation": ("aircraft", "coefficient"),
+             "deviation_covariance": ("aircraft", "coefficient", "coefficient_2"),
+             "reference_bias": ("component",), "reference_bias_standard_error": ("component",)}
+    small = {"compass_points", "status", "harmonics"}
+    return xr.Dataset({
+        name: (({**dims, **extra})[name], values.astype(np.int8) if name in small else values)
+        for name, values in table.items()
+    })

@@ -1,0 +1,241 @@
+"""The 8-point correction table a unit's firmware holds, and the firmware's look-up.
+
+Assumptions
+-----------
+The firmware holds one number a node at indicated magnetic headings 0, 45, ... 315 degrees and
+interpolates linearly between them, round the circle. The best table is then not the curve at its
+nodes (which multiplies harmonic k by sinc^2(k/8): 0.950, 0.811) but the least-squares projection
+of the curve on that piecewise-linear basis, weighted by the headings the aircraft flies; sectors
+it never flies follow the curve all the same, through a small even weight.
+
+Signs
+-----
+``subtract_error``: the table holds the degrees to ADD to the indicated heading, minus the heading
+error. That is a navigator's deviation card too (east positive = magnetic - compass).
+``add_error``: the table holds the heading error itself, which the unit subtracts.
+The argument is the indicated magnetic heading: psi_corr = psi_ind - psi_err(psi_ind).
+
+Degrees throughout.
+
+References
+----------
+Jacobs et al. 2010 (seed paper), steps e and f.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from airswing.compass.clusters import Array
+from airswing.errors import InputError
+from airswing.ragged import row_bounds
+from airswing.vocabulary import describe
+
+NODES = np.arange(0.0, 360.0, 45.0)
+FINE = np.arange(0.5, 360.0, 1.0)
+"""Headings at which curve and table are compared: the middles of 1-degree bins."""
+EVEN_SHARE = 0.05
+"""Share of the weight that is spread evenly, so that empty sectors follow the curve."""
+Sign = Literal["subtract_error", "add_error"]
+SIGNS: dict[str, float] = {"subtract_error": -1.0, "add_error": 1.0}
+
+
+def deviation_curve(coefficients: ArrayLike, heading: ArrayLike) -> Array:
+    """Heading error A + B sin m + C cos m + D sin 2m + E cos 2m.
+
+    Parameters
+    ----------
+    coefficients : array_like, shape (..., 5)
+        Degrees.
+    heading : array_like, shape (m,) or broadcastable to (..., m)
+        Indicated magnetic heading, degrees.
+
+    Returns
+    -------
+    array, shape (..., m)
+        Degrees.
+    """
+    angle = np.radians(np.asarray(heading, dtype=np.float64))
+    a, b, c, d, e = np.moveaxis(np.asarray(coefficients, dtype=np.float64), -1, 0)[..., np.newaxis]
+    return np.asarray(a + b * np.sin(angle) + c * np.cos(angle) + d * np.sin(2 * angle)
+                      + e * np.cos(2 * angle))
+
+
+def unit_interpolation(table: ArrayLike, heading: ArrayLike) -> Array:
+    """Look a heading up in a table exactly as the unit does.
+
+    Parameters
+    ----------
+    table : array_like, shape (node,) or (n, node)
+        One table, or one for each heading; nodes evenly spaced from 0 degrees.
+    heading : array_like, shape (n,)
+        Indicated magnetic heading, degrees, any turn.
+
+    Returns
+    -------
+    array, shape (n,)
+        Degrees; NaN where the heading or a node is NaN.
+    """
+    values = np.asarray(table, dtype=np.float64)
+    nodes = values.shape[-1]
+    place = np.mod(np.asarray(heading, dtype=np.float64), 360.0) * (nodes / 360.0)
+    known = np.isfinite(place)
+    lower = np.where(known, np.floor(place), 0).astype(np.int64) % nodes
+    share = place - np.floor(place)
+    upper = (lower + 1) % nodes
+    if values.ndim == 1:
+        return np.asarray(values[lower] * (1 - share) + values[upper] * share)
+    row = np.arange(values.shape[0])
+    return np.asarray(values[row, lower] * (1 - share) + values[row, upper] * share)
+
+
+def project_curve(
+    error: ArrayLike, histogram: ArrayLike | None = None
+) -> tuple[Array, Array]:
+    """Least-squares projection of a curve on the periodic piecewise-linear basis.
+
+    Parameters
+    ----------
+    error : array_like, shape (360,)
+        The curve at the middles of the 1-degree bins (:data:`FINE`), degrees.
+    histogram : array_like, shape (360,), optional
+        Reports in each bin; even without it.
+
+    Returns
+    -------
+    nodes : array, shape (8,)
+        Degrees.
+    weight : array, shape (360,)
+        What was used, summing to one.
+    """
+    weight = np.full(FINE.size, 1.0 / FINE.size)
+    total = 0.0 if histogram is None else float(np.sum(histogram))
+    if total > 0:
+        share = np.asarray(histogram, dtype=np.float64) / total
+        weight = (1 - EVEN_SHARE) * share + EVEN_SHARE * weight
+    basis = np.stack([unit_interpolation(row, FINE) for row in np.eye(NODES.size)], axis=1)
+    normal = basis.T @ (basis * weight[:, np.newaxis])
+    nodes = np.linalg.solve(normal, basis.T @ (weight * np.asarray(error, dtype=np.float64)))
+    return np.asarray(nodes), weight
+
+
+def round_to(values: ArrayLike, resolution: float) -> Array:
+    """Round to the nearest multiple of a resolution.
+
+    Parameters
+    ----------
+    values : array_like
+        Degrees.
+    resolution : float
+        Degrees; 0 leaves the values as they are.
+
+    Returns
+    -------
+    array
+        A negative zero becomes zero.
+    """
+    found = np.asarray(values, dtype=np.float64)
+    if resolution <= 0:
+        return found
+    steps = np.rint(found / resolution)
+    inverse = round(1.0 / resolution)
+    exact = abs(inverse * resolution - 1.0) < 1e-9
+    return np.asarray((steps / inverse if exact else steps * resolution) + 0.0)
+
+
+def heading_histogram(headings: xr.Dataset, *, abscissa: str = "magnetic") -> NDArray[np.int64]:
+    """Count each aircraft's used reports by 1-degree bin of heading.
+
+    Parameters
+    ----------
+    headings : Dataset
+    abscissa : {"magnetic", "true"}
+
+    Returns
+    -------
+    array of int, shape (aircraft, 360)
+    """
+    start, stop = row_bounds(headings["row_size"].to_numpy())
+    name = "magnetic_heading" if abscissa == "magnetic" else "heading"
+    heading = headings[name].to_numpy()
+    used = np.isfinite(heading) & (headings["screening"].to_numpy() == 0)
+    counts = np.zeros((start.size, FINE.size), dtype=np.int64)
+    for row, (begin, end) in enumerate(zip(start, stop, strict=True)):
+        part = heading[begin:end][used[begin:end]]
+        bins = np.floor(np.mod(part, 360.0)).astype(np.int64) % FINE.size
+        counts[row] = np.bincount(bins, minlength=FINE.size)
+    return counts
+
+
+def add_tables(
+    fits: xr.Dataset,
+    headings: xr.Dataset,
+    *,
+    resolution: float = 0.1,
+    sign: Sign = "subtract_error",
+) -> xr.Dataset:
+    """Add each aircraft's 8-point table to its fit.
+
+    Parameters
+    ----------
+    fits : Dataset
+        With ``deviation``.
+    headings : Dataset
+        The reports of the fit: their headings weigh the projection.
+    resolution : float
+        Degrees; what the unit can hold. 0 for no rounding.
+    sign : {"subtract_error", "add_error"}
+        What the table holds, see the module.
+
+    Returns
+    -------
+    Dataset
+        ``fits`` with ``table_heading``, ``table_correction`` (NaN without a fit) and
+        ``table_residual_rms``: table against curve over the headings flown, rounding included.
+
+    Raises
+    ------
+    InputError
+        If the sign is unknown.
+    """
+    if sign not in SIGNS:
+        raise InputError("unknown sign of the table", field="table.sign", found=sign,
+                         remedy=f"One of: {', '.join(SIGNS)}")
+    histogram = heading_histogram(headings, abscissa=fits.attrs.get("abscissa", "magnetic"))
+    deviation = fits["deviation"].transpose("reference", "aircraft", "coefficient").to_numpy()
+    tables = np.full((*deviation.shape[:2], NODES.size), np.nan)
+    residual = np.full(deviation.shape[:2], np.nan)
+    for place in zip(*np.nonzero(np.isfinite(deviation).all(axis=-1)), strict=True):
+        error = deviation_curve(deviation[place], FINE)
+        nodes, weight = project_curve(error, histogram[place[1]])
+        tables[place] = round_to(nodes, resolution)
+        residual[place] = np.sqrt(
+            np.sum(weight * (unit_interpolation(tables[place], FINE) - error) ** 2))
+    correction = SIGNS[sign] * tables + 0.0
+    by_aircraft = ("reference", "aircraft")
+    found = fits.assign(table_correction=((*by_aircraft, "node"), correction),
+                        table_residual_rms=(by_aircraft, residual),
+                        table_heading=("node", NODES))
+    found.attrs.update(table_sign=sign, table_resolution=float(resolution))
+    return describe(found)
+
+
+def error_from_table(fits: xr.Dataset) -> xr.DataArray:
+    """Heading error that the tables stand for, whatever their sign.
+
+    Parameters
+    ----------
+    fits : Dataset
+        From :func:`add_tables`.
+
+    Returns
+    -------
+    DataArray, dims (reference, aircraft, node)
+        Degrees, indicated minus true.
+    """
+    sign = SIGNS[fits.attrs.get("table_sign", "subtract_error")]
+    return sign * fits["table_correction"]
