@@ -1,0 +1,226 @@
+"""What is true of a sample fleet: its deviations, drawn, evaluated and written down.
+
+Assumptions: a deviation curve is evaluated from the vector instrument at the reports' mean field,
+without the parts that depend on time, icing, acceleration or bank. Units: degrees, nT, m/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from airswing.sample.earthfield import EarthField
+from airswing.sample.faults import UNIT_FAULTS, Fault, Setting, apply_unit_faults
+from airswing.sample.instrument import Unit, deviation_curve
+from airswing.sample.observe import Correction
+from airswing.sample.world import stream
+
+__all__ = ["corrections", "fleet_deviations", "small_effects", "truth_record", "unit_of"]
+
+Array = NDArray[np.float64]
+_STEADY = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset", "three_cycle")
+
+
+def fleet_deviations(tails: Sequence[str], seed: int) -> list[dict[str, Any]]:
+    """Return ordinary compass errors for a fleet.
+
+    Parameters
+    ----------
+    tails : sequence of str
+        The fleet.
+    seed : int
+        The archive's seed.
+
+    Returns
+    -------
+    list of dict
+        Offsets of about 0.8 degrees; one cycle of 0.6-2.6 degrees, 3-6 on every fourth aircraft;
+        two cycles on every fifth; airspeed scale of 0.3 %.
+    """
+    rng = stream(seed, "deviations")
+    effects: list[dict[str, Any]] = []
+
+    def add(name: str, tail: str, **parameters: float) -> None:
+        rounded = {key: round(float(value), 3) for key, value in parameters.items()}
+        effects.append({"name": name, "tails": [tail], "parameters": rounded})
+
+    for index, tail in enumerate(tails):
+        size = rng.uniform(3.0, 6.0) if index % 4 == 1 else rng.uniform(0.6, 2.6)
+        add("compass_offset", tail, offset_deg=rng.normal(0, 0.8))
+        add("hard_iron", tail, amplitude_deg=size, phase_deg=rng.uniform(-180, 180))
+        add("tas_scale", tail, scale_percent=rng.normal(0, 0.3))
+        twice, phase = rng.uniform(1.0, 2.0), rng.uniform(-180, 180)
+        if index % 5 == 2:
+            add("soft_iron", tail, amplitude_deg=twice, phase_deg=phase)
+    return effects
+
+
+def small_effects(tails: Sequence[str], seed: int) -> list[dict[str, Any]]:
+    """Return a little of every effect for every aircraft, and one per cent of gross errors.
+
+    Parameters
+    ----------
+    tails : sequence of str
+        The fleet.
+    seed : int
+        The archive's seed.
+
+    Returns
+    -------
+    list of dict
+        Effects of about 0.05-0.15 m/s each.
+    """
+    rng = stream(seed, "background")
+    effects: list[dict[str, Any]] = []
+    for tail in tails:
+        sizes: dict[str, dict[str, float]] = {
+            "compass_offset": {"offset_deg": rng.normal(0, 0.06)},
+            "hard_iron": {
+                "amplitude_deg": abs(rng.normal(0, 0.08)), "phase_deg": rng.uniform(-180, 180)
+            },
+            "soft_iron": {
+                "amplitude_deg": abs(rng.normal(0, 0.05)), "phase_deg": rng.uniform(-180, 180)
+            },
+            "tas_scale": {"scale_percent": rng.normal(0, 0.06)},
+            "compass_drift": {"rate_deg_per_day": rng.normal(0, 0.002)},
+            "heater_current": {"offset_deg": rng.normal(0, 0.1)},
+            "acceleration_error": {"amplitude_deg": rng.normal(0, 0.08)},
+            "turn_error": {"amplitude_deg": rng.normal(0, 0.2)},
+            "time_lag": {"offset_s": rng.uniform(0, 6)},
+            "altitude_offset": {"offset_ft": rng.normal(0, 20)},
+            "heading_by_temperature": {"amplitude_deg": rng.normal(0, 0.04)},
+            "three_cycle": {
+                "amplitude_deg": abs(rng.normal(0, 0.04)), "phase_deg": rng.uniform(-180, 180)
+            },
+        }  # fmt: skip
+        effects += [
+            {"name": name, "tails": [tail], "parameters": values} for name, values in sizes.items()
+        ]
+    effects.append({"name": "outliers", "tails": None, "parameters": {"fraction": 0.01}})
+    return effects
+
+
+def unit_of(
+    index: int, faults: Sequence[Fault], tails: Sequence[str], horizontal: float, down: float
+) -> Unit:
+    """Return the steady errors of one aircraft's unit, arrays of length 1."""
+    one = np.zeros(1)
+    setting = Setting(
+        tail=np.array([index]),
+        hours=one,
+        latitude=one,
+        longitude=one,
+        altitude=one + 4000.0,
+        magnetic=one,
+        declination=one,
+        horizontal=one + horizontal,
+        down=one + down,
+        acceleration=one,
+        bank=one,
+        temperature=one + 260.0,
+        drift=one,
+        icing=np.zeros(1, bool),
+        box=(0.0, 1.0, 0.0, 1.0),
+    )
+    apply_unit_faults(setting, [fault for fault in faults if fault.name in _STEADY], tails)
+    return setting.unit
+
+
+def corrections(
+    faults: Sequence[Fault],
+    earth: EarthField,
+    tails: Sequence[str],
+    chosen: Sequence[str],
+    start: float,
+) -> Correction:
+    """Return tables an airline would load after an earlier year's swing, to 0.1 degree.
+
+    Parameters
+    ----------
+    faults : sequence of Fault
+        What is wrong with the units.
+    earth : EarthField
+        Field of the region.
+    tails, chosen : sequence of str
+        The fleet, and those that get a table.
+    start : float
+        Hours since the archive's start.
+
+    Returns
+    -------
+    Correction
+        The error of each unit at eight headings, exact but for rounding.
+    """
+    south, north, west, east = earth.box
+    middle = [np.array([0.5 * (south + north)]), np.array([0.5 * (west + east)]), np.zeros(1)]
+    _, horizontal, down = (float(value[0]) for value in earth.at(*middle))
+    nodes = np.radians(np.arange(0.0, 360.0, 45.0))
+    tables = {}
+    for tail in chosen:
+        index = list(tails).index(tail)
+        curve = deviation_curve(
+            horizontal, down, unit_of(index, faults, tails, horizontal, down)
+        )
+        error = curve["A"] + curve["B"] * np.sin(nodes) + curve["C"] * np.cos(nodes)
+        error += curve["D"] * np.sin(2 * nodes) + curve["E"] * np.cos(2 * nodes)
+        tables[index] = np.round(error, 1)
+    return Correction(tables, start)
+
+
+def truth_record(
+    frame: pd.DataFrame,
+    faults: Sequence[Fault],
+    earth: EarthField,
+    tails: Sequence[str],
+    effects: Sequence[Mapping[str, Any]],
+) -> dict[str, Any]:
+    """Return the truth of an archive as plain numbers.
+
+    Parameters
+    ----------
+    frame : pandas.DataFrame
+        Reports with their exact columns.
+    faults : sequence of Fault
+        All of them.
+    earth : EarthField
+        Field of the region.
+    tails : sequence of str
+        The fleet.
+    effects : sequence of mapping
+        The effects as they were asked for.
+
+    Returns
+    -------
+    dict
+        ``aircraft``: by tail ``deviation`` (A..E in degrees against indicated magnetic heading),
+        ``offset, amplitude, phase`` of the seed's sinusoid, ``reports``, ``cruise_reports``,
+        ``airspeed_scale, airspeed_offset``; ``effects``.
+    """
+    out: dict[str, Any] = {"aircraft": {}, "effects": [dict(effect) for effect in effects]}
+    for index, tail in enumerate(tails):
+        own = frame[frame["tail"] == tail]
+        cruise = own[own["phase"] == 2] if (own["phase"] == 2).any() else own
+        if cruise.empty:
+            continue
+        horizontal = float(cruise["horizontal"].mean())
+        down = float((cruise["horizontal"] * np.tan(cruise["dip"])).mean())
+        unit = unit_of(index, faults, tails, horizontal, down)
+        curve = deviation_curve(horizontal, down, unit)
+        out["aircraft"][tail] = {
+            "deviation": {name: round(curve[name], 4) for name in "ABCDE"},
+            "deviation_residual_rms": round(curve["residual_rms"], 4),
+            "offset": round(curve["A"], 4),
+            "amplitude": round(float(np.hypot(curve["B"], curve["C"])), 4),
+            "phase": round(float(np.degrees(np.arctan2(curve["C"], curve["B"]))), 3),
+            "airspeed_scale": round(float(unit.airspeed_factor[0]) - 1.0, 6),
+            "airspeed_offset": round(float(unit.airspeed_offset[0]), 4),
+            "mean_horizontal_field": round(horizontal, 1),
+            "reports": len(own),
+            "cruise_reports": int((own["phase"] == 2).sum()),
+        }
+    out["known_faults"] = sorted({fault.name for fault in faults if fault.name in UNIT_FAULTS})
+    return out
