@@ -1,0 +1,405 @@
+"""Ground velocity at each report, from the fixes of the same flight before and after it.
+
+Assumptions
+-----------
+Reports stand flight by flight in order of time (the ragged order of an archive). Positions and
+times are rounded to a known resolution: uniform errors, independent between fixes, of variance
+resolution^2 / 12. (A time *cut* to the minute shifts every fix by half a minute on average; that
+cancels in a velocity.) Between fixes the velocity wanders like a random walk of spectral density
+``acceleration_density`` per component: 0.02 m2 s-3, which is the 1.8 m2 s-2 that upper-air winds
+change by over the 20 km of three minutes' flight, with a margin for speed changes.
+
+Method
+------
+A chord between two fixes is the velocity at its middle, and reports are at its ends. The velocity
+at a fix is therefore the derivative of the parabola through it and one fix on each side: the two
+chords, each weighted by the other's duration, with geodesic distances and the azimuths of both
+geodesics *at the shared fix*. For close or coarsely timed fixes the neighbours are noisy: then of
+all windows reaching 1, 2, 3, 4, 6, 9 or 13 fixes back and forward the one with the least expected
+error (rounding plus wandering) is used; no window reaches past a fix where the track visibly bends.
+At the ends of a flight a single chord is all there is; its larger wandering error is in its
+standard error.
+
+Validity
+--------
+Any longitude, both sides of the antimeridian; not at a pole. Chords with no duration, longer than
+``max_gap`` or faster than 400 m/s are no evidence and break the flight; a report with no chord
+left has no value (NaN).
+
+Units
+-----
+Degrees for position, seconds, metres; velocities m s-1; angles in results radians.
+
+References
+----------
+Karney 2013, Algorithms for geodesics, J. Geodesy 87:43-55; Lindborg 1999, J. Fluid Mech.
+388:259-288 for the change of wind over distance.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pyproj import Geod
+
+from airswing.physics.triangle import bearing, vector_from_bearing, wrap_signed
+
+__all__ = ["ACCELERATION_DENSITY", "GroundTrack", "ground_track"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+GRAVITY = 9.80665
+"""m s-2."""
+METRES_PER_DEGREE = 111195.0
+"""Of latitude on the mean sphere: good to 0.5 %, for standard errors alone."""
+MAX_GROUND_SPEED = 400.0
+"""m s-1: above any aircraft that reports winds."""
+MAX_GAP = 1800.0
+"""Seconds: over half an hour an aircraft may have turned and turned back."""
+ACCELERATION_DENSITY = 0.02
+"""m2 s-3 per component."""
+BEND = np.radians(5.0)
+"""Radians: a change of track by more, beyond three standard errors, is a turn."""
+ARMS = (1, 2, 3, 4, 6, 9, 13)
+"""Fixes a window may reach, each way."""
+
+_WGS84 = Geod(ellps="WGS84")
+
+
+class GroundTrack(NamedTuple):
+    """Motion over ground at each report; every array has shape (report,), NaN where unknown.
+
+    Attributes
+    ----------
+    eastward, northward : ndarray
+        Ground velocity, m s-1.
+    along_error, cross_error : ndarray
+        Standard errors along and across the track, m s-1: rounding of positions (both) and times
+        (along), and the wandering of the velocity inside the window.
+    error : ndarray
+        Root mean square of the two: the standard error of one component, m s-1.
+    turn : ndarray
+        Change of track between the two chords, radians, positive to the right.
+    longitudinal_acceleration : ndarray
+        Change of speed between the two chords over the time between their middles, m s-2.
+    climb_rate : ndarray
+        m s-1.
+    bank : ndarray
+        Bank of a coordinated turn at that rate of turn, radians, positive to the right.
+    before, after : ndarray of int8
+        How many fixes back and forward the window reaches; 0 on the missing side of a flight's
+        end, and both 0 where there is no value.
+    """
+
+    eastward: Array
+    northward: Array
+    along_error: Array
+    cross_error: Array
+    error: Array
+    turn: Array
+    longitudinal_acceleration: Array
+    climb_rate: Array
+    bank: Array
+    before: NDArray[np.int8]
+    after: NDArray[np.int8]
+
+
+class _Fixes(NamedTuple):
+    """The reports as fixes, with the chord from each to the next (last entry: none)."""
+
+    latitude: Array
+    longitude: Array
+    seconds: Array
+    altitude: Array
+    position_variance: Array  # m2, mean of the two components
+    time_variance: Array  # s2
+    distance: Array  # of the chord to the next fix, m
+    forward: Array  # its azimuth at this fix, radians
+    backward: Array  # azimuth at the next fix back to this one, radians
+    segment: Index  # number of the unbroken run of fixes
+
+
+def ground_track(
+    latitude: ArrayLike,
+    longitude: ArrayLike,
+    seconds: ArrayLike,
+    altitude: ArrayLike,
+    flight: ArrayLike,
+    *,
+    position_resolution: ArrayLike,
+    time_resolution: ArrayLike,
+    acceleration_density: float = ACCELERATION_DENSITY,
+    max_gap: float = MAX_GAP,
+    widen: bool = True,
+) -> GroundTrack:
+    """Ground velocity at every report of an archive, with its standard error.
+
+    Parameters
+    ----------
+    latitude, longitude : array_like, shape (report,)
+        Degrees.
+    seconds : array_like, shape (report,)
+        Since any fixed instant; ascending within a flight.
+    altitude : array_like, shape (report,)
+        Pressure altitude, m.
+    flight : array_like of int, shape (report,)
+        Number of the flight, the same for reports that stand together and belong together.
+    position_resolution : array_like, scalar or shape (report,)
+        Degrees: the step of latitude and longitude.
+    time_resolution : array_like, scalar or shape (report,)
+        Seconds: the step of time.
+    acceleration_density : float
+        Spectral density of each component's acceleration, m2 s-3.
+    max_gap : float
+        Longest chord that is evidence of a velocity, s.
+    widen : bool
+        Whether windows may reach past the neighbouring fixes where that lowers the error.
+
+    Returns
+    -------
+    GroundTrack
+
+    References
+    ----------
+    Jacobs et al. 2010 step a, with the chords centred at the report.
+    """
+    fixes = _make_fixes(
+        latitude, longitude, seconds, altitude, flight, position_resolution, time_resolution,
+        max_gap,
+    )  # fmt: skip
+    before, after = _neighbours(fixes)
+    if widen:
+        _widen(fixes, before, after, acceleration_density)
+    return _motion(fixes, before, after, acceleration_density)
+
+
+def _make_fixes(
+    latitude: ArrayLike,
+    longitude: ArrayLike,
+    seconds: ArrayLike,
+    altitude: ArrayLike,
+    flight: ArrayLike,
+    position_resolution: ArrayLike,
+    time_resolution: ArrayLike,
+    max_gap: float,
+) -> _Fixes:
+    lat, lon, when, height = (
+        np.asarray(value, dtype=np.float64).reshape(-1)
+        for value in (latitude, longitude, seconds, altitude)
+    )
+    number = np.asarray(flight).reshape(-1)
+    step = np.broadcast_to(np.nan_to_num(np.asarray(position_resolution, np.float64)), lat.shape)
+    tick = np.broadcast_to(np.nan_to_num(np.asarray(time_resolution, np.float64)), lat.shape)
+    distance, forward, backward = (np.full(lat.shape, np.nan) for _ in range(3))
+    placed = np.isfinite(lat) & np.isfinite(lon) & np.isfinite(when)
+    pair = np.flatnonzero((number[1:] == number[:-1]) & placed[1:] & placed[:-1])
+    forward[pair], backward[pair], distance[pair] = _geodesic(lat, lon, pair, pair + 1)
+    duration = np.full(lat.shape, np.nan)
+    duration[:-1] = np.diff(when)
+    # rounding may hide up to one step of time and two of position
+    slack = 2.0 * METRES_PER_DEGREE * step
+    sound = (duration >= 0.0) & (duration <= max_gap)
+    sound &= distance - slack <= MAX_GROUND_SPEED * (duration + np.where(tick > 1.0, tick, 0.0))
+    segment = np.concatenate([[0], np.cumsum(~sound[:-1])]) if lat.size else np.zeros(0)
+    shrink = (1.0 + np.cos(np.radians(lat)) ** 2) / 2.0
+    return _Fixes(
+        lat, lon, when, height,
+        (METRES_PER_DEGREE * step) ** 2 / 12.0 * shrink, tick**2 / 12.0,
+        distance, forward, backward, segment.astype(np.int64),
+    )  # fmt: skip
+
+
+def _geodesic(lat: Array, lon: Array, here: Index, there: Index) -> tuple[Array, Array, Array]:
+    """Azimuth at the first point, azimuth at the second back to the first, and distance."""
+    away, back, length = _WGS84.inv(lon[here], lat[here], lon[there], lat[there])
+    return np.radians(away), np.radians(back), np.asarray(length, dtype=np.float64)
+
+
+def _same(segment: Index, offset: int) -> Mask:
+    """Whether the fix ``offset`` further on belongs to the same unbroken run."""
+    found = np.zeros(segment.size, dtype=bool)
+    size = segment.size - abs(offset)
+    if size > 0:
+        here, there = (slice(0, size), slice(abs(offset), None))
+        linked = segment[here] == segment[there]
+        found[here if offset > 0 else there] = linked
+    return found
+
+
+def _neighbours(fixes: _Fixes) -> tuple[Index, Index]:
+    """The plain window: one fix each way, none where there is no chord of any duration."""
+    duration = np.full(fixes.seconds.shape, np.nan)
+    duration[:-1] = np.diff(fixes.seconds)
+    after = (_same(fixes.segment, 1) & (duration > 0.0)).astype(np.int64)
+    before = np.zeros_like(after)
+    before[1:] = after[:-1]
+    # a fix at the same time as its neighbour has no plain window
+    stuck = _same(fixes.segment, 1) & (duration == 0.0)
+    stuck[1:] |= stuck[:-1].copy()
+    before[stuck], after[stuck] = 0, 0
+    return before, after
+
+
+def _variances(before: Array, after: Array, density: float) -> tuple[Array, Array]:
+    """Noise gain (s-2) and wandering (m2 s-2) of a window with these arms in seconds; 0 = none.
+
+    The parabola's derivative weighs the fixes by -b/(a(a+b)), (b-a)/(ab), a/(b(a+b)) for arms a, b.
+    A random walk's mean over a chord differs from its end by density * duration / 3.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        total = before + after
+        weights = (
+            before / (after * total), (after - before) / (before * after), after / (before * total)
+        )  # fmt: skip
+        centred = weights[0] ** 2 + weights[1] ** 2 + weights[2] ** 2
+        single = 2.0 / total**2
+        both = (before > 0.0) & (after > 0.0)
+        gain = np.where(both, centred, single)
+        wander = density / 3.0 * np.where(both, before * after / total, total)
+    moving = total > 0.0
+    return np.where(moving, gain, np.inf), np.where(moving, wander, 0.0)
+
+
+def _arms(seconds: Array, before: Index, after: Index, here: Index) -> tuple[Array, Array]:
+    return seconds[here] - seconds[here - before], seconds[here + after] - seconds[here]
+
+
+def _local_speed(fixes: _Fixes) -> Array:
+    """Path flown over time gone by in the widest window: enough for a variance, NaN where none."""
+    reach = ARMS[-1]
+    size = fixes.seconds.size
+    here = np.arange(size)
+    first = np.searchsorted(fixes.segment, fixes.segment, side="left")
+    last = np.searchsorted(fixes.segment, fixes.segment, side="right") - 1
+    start, stop = np.maximum(here - reach, first), np.minimum(here + reach, last)
+    path = np.concatenate([[0.0], np.cumsum(np.nan_to_num(fixes.distance))])
+    elapsed = fixes.seconds[stop] - fixes.seconds[start]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = (path[stop] - path[start]) / elapsed
+    return np.asarray(np.where(elapsed > 0.0, np.minimum(speed, MAX_GROUND_SPEED), np.nan))
+
+
+def _bends(fixes: _Fixes) -> Index:
+    """Running count of fixes, up to and with each, where the track bends beyond its error."""
+    bend = np.zeros(fixes.seconds.size, dtype=bool)
+    middle = np.flatnonzero(_same(fixes.segment, 1) & _same(fixes.segment, -1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, two = 1.0 / fixes.distance[middle - 1], 1.0 / fixes.distance[middle]
+        variance = fixes.position_variance[middle] * ((one + two) ** 2 + one**2 + two**2)
+        change = wrap_signed(fixes.forward[middle] - fixes.backward[middle - 1] - np.pi)
+        bend[middle] = np.abs(change) > BEND + 3.0 * np.sqrt(variance)
+    return np.cumsum(bend)
+
+
+def _widen(fixes: _Fixes, before: Index, after: Index, density: float) -> None:
+    """Reach further wherever that lowers the expected variance of the velocity (in place)."""
+    speed = _local_speed(fixes)
+    noise = fixes.position_variance + 0.5 * speed**2 * fixes.time_variance
+    everyone = np.arange(fixes.seconds.size)
+    gain, wander = _variances(*_arms(fixes.seconds, before, after, everyone), density)
+    # rounding falls as 1/t^2 and wandering grows as t: below this the plain window is the best
+    here = np.flatnonzero(np.isfinite(noise) & (noise * gain > 0.5 * wander))
+    bends = _bends(fixes)
+    straight = bends[here] == bends[np.maximum(here - 1, 0)]
+    best = noise[here] * gain[here] + wander[here]
+    centred = (before[here] > 0) & (after[here] > 0)
+    behind = {arm: _reachable(fixes, bends, here, -arm) for arm in ARMS}
+    ahead = {arm: _reachable(fixes, bends, here, arm) for arm in ARMS}
+    anyone = np.ones(here.size, dtype=bool)
+    # single chords first: any centred window then displaces them
+    for back, front in sorted(product((0, *ARMS), repeat=2), key=lambda arms: min(arms) > 0):
+        both = back > 0 and front > 0
+        allowed = behind.get(back, anyone) & ahead.get(front, anyone)
+        allowed &= straight if max(back, front) > 1 else anyone
+        place = np.flatnonzero(allowed if both else allowed & ~centred)
+        one = fixes.seconds[here[place]] - fixes.seconds[here[place] - back]
+        two = fixes.seconds[here[place] + front] - fixes.seconds[here[place]]
+        gain, wander = _variances(one, two, density)
+        cost = noise[here[place]] * gain + wander
+        timed = (one > 0.0) & (two > 0.0) if both else one + two > 0.0
+        better = timed & ((cost < best[place]) | (both & ~centred[place]))
+        place = place[better]
+        best[place], centred[place] = cost[better], both
+        before[here[place]], after[here[place]] = back, front
+
+
+def _reachable(fixes: _Fixes, bends: Index, here: Index, offset: int) -> Mask:
+    """Whether the fix at an offset is in the same run with no bend strictly between."""
+    found = _same(fixes.segment, offset)[here]
+    if abs(offset) > 1:
+        low, high = (here, here + offset - 1) if offset > 0 else (here + offset, here - 1)
+        size = fixes.seconds.size
+        inside = bends[np.clip(high, 0, size - 1)] - bends[np.clip(low, 0, size - 1)]
+        found &= inside == 0
+    return found
+
+
+def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> GroundTrack:
+    east_1, north_1, climb_1, arm_1 = _chord(fixes, before, -1)
+    east_2, north_2, climb_2, arm_2 = _chord(fixes, after, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(after == 0, 1.0, arm_2 / (arm_1 + arm_2))
+        share = np.where(before == 0, 0.0, share)
+    east, north, climb = (
+        _blend(share, one, two)
+        for one, two in ((east_1, east_2), (north_1, north_2), (climb_1, climb_2))
+    )
+    gain, wander = _variances(arm_1, arm_2, density)
+    with np.errstate(invalid="ignore"):
+        cross = gain * fixes.position_variance + wander
+        along = cross + gain * (east**2 + north**2) * fixes.time_variance
+    centred = (before > 0) & (after > 0)
+    interval = np.where(centred, 0.5 * (arm_1 + arm_2), np.nan)
+    turn = wrap_signed(bearing(east_2, north_2) - bearing(east_1, north_1))
+    speed_1, speed_2 = np.hypot(east_1, north_1), np.hypot(east_2, north_2)
+    rate = np.hypot(east, north) * turn / interval
+    return GroundTrack(
+        east, north, np.sqrt(np.where(np.isfinite(east), along, np.nan)),
+        np.sqrt(np.where(np.isfinite(east), cross, np.nan)),
+        np.sqrt(np.where(np.isfinite(east), 0.5 * (along + cross), np.nan)),
+        turn, (speed_2 - speed_1) / interval, climb, np.arctan(rate / GRAVITY),
+        before.astype(np.int8), after.astype(np.int8),
+    )  # fmt: skip
+
+
+def _blend(share: Array, one: Array, two: Array) -> Array:
+    """Weighted mean of two chords of which either may be absent."""
+    return np.asarray(
+        np.where(share == 1.0, one, np.where(share == 0.0, two, share * one + (1.0 - share) * two))
+    )
+
+
+def _chord(fixes: _Fixes, reach: Index, side: int) -> tuple[Array, Array, Array, Array]:
+    """Velocity and climb along the chord on one side, in the directions at the report itself.
+
+    Returns
+    -------
+    eastward, northward, climb : ndarrays
+        m s-1; NaN where there is no chord.
+    duration : ndarray
+        s; 0 where there is no chord.
+    """
+    size = fixes.seconds.size
+    distance, azimuth = (np.full(size, np.nan) for _ in range(2))
+    here = np.flatnonzero(reach == 1)
+    if side > 0:
+        distance[here], azimuth[here] = fixes.distance[here], fixes.forward[here]
+    else:
+        distance[here], azimuth[here] = fixes.distance[here - 1], fixes.backward[here - 1]
+    here = np.flatnonzero(reach > 1)
+    azimuth[here], _, distance[here] = _geodesic(
+        fixes.latitude, fixes.longitude, here, here + side * reach[here]
+    )
+    everyone = np.arange(size)
+    there = everyone + side * reach
+    duration = side * (fixes.seconds[there] - fixes.seconds)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = side * distance / duration
+        climb = side * (fixes.altitude[there] - fixes.altitude) / duration
+    east, north = vector_from_bearing(speed, azimuth)
+    return east, north, climb, np.where(reach > 0, duration, 0.0)

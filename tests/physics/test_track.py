@@ -1,0 +1,310 @@
+"""Ground vectors: paths flown exactly, then rounded; the stated errors against the found ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from pyproj import Geod
+
+from airswing.physics.track import GroundTrack, ground_track
+from airswing.physics.triangle import along_cross, bearing
+
+GEOD = Geod(ellps="WGS84")
+KNOT = 1852.0 / 3600.0
+TENTH_MINUTE = 0.1 / 60.0
+
+
+def straight(
+    latitude: float, longitude: float, azimuth: float, speed: float, seconds: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fixes along one geodesic, and the azimuth at each, in degrees."""
+    size = seconds.size
+    lon, lat, back = GEOD.fwd(
+        np.full(size, longitude), np.full(size, latitude), np.full(size, azimuth), speed * seconds
+    )
+    return np.asarray(lat), np.asarray(lon), np.mod(np.asarray(back) + 180.0, 360.0)
+
+
+def tracked(lat: Any, lon: Any, seconds: Any, **options: Any) -> GroundTrack:
+    options = {"position_resolution": 0.0, "time_resolution": 0.0, **options}
+    altitude = options.pop("altitude", np.zeros(np.shape(lat)))
+    flight = options.pop("flight", np.zeros(np.shape(lat), dtype=int))
+    return ground_track(lat, lon, seconds, altitude, flight, **options)
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0])
+def test_a_geodesic_flown_steadily_gives_its_own_azimuth_at_every_fix(azimuth: float) -> None:
+    seconds = np.array([0.0, 165.0, 330.0, 400.0, 700.0])
+    lat, lon, expected = straight(45.0, -93.0, azimuth + 1e-9, 128.6, seconds)
+    found = tracked(lat, lon, seconds)
+    np.testing.assert_allclose(np.hypot(found.eastward, found.northward), 128.6, rtol=1e-9)
+    track = np.degrees(bearing(found.eastward, found.northward))
+    # the azimuth of a geodesic changes along it: by 1 degree here on an east-west leg
+    np.testing.assert_allclose((track - expected[: track.size] + 180) % 360, 180.0, atol=1e-6)
+    np.testing.assert_array_equal(found.before, [0, 1, 1, 1, 1])
+    np.testing.assert_array_equal(found.after, [1, 1, 1, 1, 0])
+    np.testing.assert_allclose(found.turn[1:-1], 0.0, atol=1e-8)
+    assert np.isnan(found.turn[[0, -1]]).all()
+
+
+def test_across_the_antimeridian() -> None:
+    seconds = np.arange(6) * 165.0
+    lat, lon, _ = straight(52.0, 179.5, 80.0, 220.0, seconds)
+    assert lon.min() < 0.0 < lon.max()
+    found = tracked(lat, lon, seconds)
+    shifted = tracked(lat, np.mod(lon, 360.0) - 90.0, seconds)
+    np.testing.assert_allclose(np.hypot(found.eastward, found.northward), 220.0, rtol=1e-9)
+    np.testing.assert_allclose(found.eastward, shifted.eastward, rtol=1e-9)
+    np.testing.assert_allclose(found.northward, shifted.northward, rtol=1e-9, atol=1e-9)
+
+
+def test_speeding_up_is_centred_at_the_report_with_unequal_legs() -> None:
+    # along a meridian at 100 + 0.1 t: chords of 100 s and 200 s
+    seconds = np.array([0.0, 100.0, 300.0])
+    path = 100.0 * seconds + 0.05 * seconds**2
+    lon, lat, _ = GEOD.fwd(np.full(3, -90.0), np.full(3, 40.0), np.zeros(3), path)
+    found = tracked(np.asarray(lat), np.asarray(lon), seconds, altitude=2.0 * seconds)
+    # by hand: chords 105 and 120 m/s, weighted 200 : 100, are 110 = 100 + 0.1 * 100
+    assert found.northward[1] == pytest.approx(110.0, abs=1e-6)
+    assert found.northward[0] == pytest.approx(105.0, abs=1e-6), "one chord, its own middle"
+    assert found.longitudinal_acceleration[1] == pytest.approx(0.1, abs=1e-9)
+    np.testing.assert_allclose(found.climb_rate, 2.0)
+
+
+def test_a_turn_its_sign_and_its_bank() -> None:
+    # a circle to the right: 3 degrees in 30 s at 120 m/s
+    rate, speed = np.radians(0.1), 120.0
+    angle = rate * np.arange(9) * 30.0
+    east, north = speed / rate * (1 - np.cos(angle)), speed / rate * np.sin(angle)
+    lon, lat, _ = GEOD.fwd(
+        np.full(9, -90.0), np.full(9, 40.0),
+        np.degrees(np.arctan2(east, north)), np.hypot(east, north),
+    )  # fmt: skip
+    found = tracked(np.asarray(lat), np.asarray(lon), np.arange(9) * 30.0)
+    inner = slice(1, -1)
+    np.testing.assert_allclose(np.degrees(found.turn[inner]), 3.0, atol=0.01)
+    # tan(bank) = V omega / g = 120 * 0.00174533 / 9.80665: 1.2234 degrees, right wing down
+    np.testing.assert_allclose(np.degrees(found.bank[inner]), 1.2234, atol=0.005)
+    track = bearing(found.eastward, found.northward)
+    np.testing.assert_allclose(np.degrees(track - angle)[inner], 0.0, atol=0.04)
+    left = tracked(np.asarray(lat), -180.0 - np.asarray(lon), np.arange(9) * 30.0)
+    np.testing.assert_allclose(left.turn[inner], -found.turn[inner], atol=1e-9)
+    np.testing.assert_allclose(left.bank[inner], -found.bank[inner], atol=1e-9)
+
+
+def test_flights_do_not_touch_and_a_lone_report_has_no_value() -> None:
+    seconds = np.array([0.0, 165.0, 330.0, 400.0, 0.0, 165.0])
+    lat, lon, _ = straight(45.0, -93.0, 70.0, 130.0, seconds)
+    flight = np.array([4, 4, 4, 9, 2, 2])
+    found = tracked(lat, lon, seconds, flight=flight)
+    assert np.isnan(found.eastward[3]) and np.isnan(found.error[3])
+    np.testing.assert_array_equal(found.before, [0, 1, 1, 0, 0, 1])
+    np.testing.assert_array_equal(found.after, [1, 1, 0, 0, 1, 0])
+    alone = tracked(lat[4:], lon[4:], seconds[4:])
+    np.testing.assert_array_equal(found.eastward[4:], alone.eastward)
+
+
+def test_no_time_no_velocity_and_broken_chords() -> None:
+    seconds = np.array([0.0, 165.0, 165.0, 330.0, 495.0, 660.0, 4000.0, 4165.0])
+    lat, lon, _ = straight(45.0, -93.0, 70.0, 130.0, seconds)
+    found = tracked(lat, lon, seconds, widen=False)
+    assert np.isnan(found.eastward[[1, 2]]).all(), "two fixes at one time"
+    assert np.isfinite(found.eastward[[0, 3, 4, 5, 6, 7]]).all()
+    assert found.after[5] == 0 and found.before[6] == 0, "no chord over 56 minutes"
+    assert np.isfinite(found.error[np.isfinite(found.eastward)]).all()
+    # one fix a degree off: neither of its chords is an aircraft's
+    bad = np.arange(6) * 165.0
+    lat, lon, _ = straight(45.0, -93.0, 70.0, 130.0, bad)
+    lat[3] += 1.0
+    found = tracked(lat, lon, bad)
+    assert np.isnan(found.northward[3])
+    np.testing.assert_allclose(np.hypot(found.eastward, found.northward)[[0, 1, 2, 4, 5]], 130.0)
+    lat[3] = np.nan
+    assert np.isnan(tracked(lat, lon, bad).northward[3])
+
+
+def test_empty_and_single() -> None:
+    for size in (0, 1):
+        found = tracked(np.full(size, 45.0), np.zeros(size), np.zeros(size))
+        assert found.eastward.shape == (size,) and np.isnan(found.eastward).all()
+
+
+def rounded_flights(
+    leg: float,
+    *,
+    position: float,
+    tick: float,
+    density: float = 0.0,
+    flights: int = 150,
+    fixes: int = 40,
+    speed: float = 250.0 * KNOT,
+    spread: float = 0.1,
+    seed: int = 5,
+) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
+    """Flights whose velocity is a random walk, rounded; and the velocity at each fix.
+
+    All on the equator near the origin of a tangent plane, where the plane is true to 1e-4.
+    """
+    rng = np.random.default_rng(seed)
+    duration = leg * rng.uniform(1.0 - spread, 1.0 + spread, (flights, fixes))
+    seconds = np.cumsum(duration, axis=1) + rng.uniform(0.0, 3600.0, (flights, 1))
+    change = np.diff(seconds, axis=1, prepend=seconds[:, :1])[..., np.newaxis]
+    kick = np.sqrt(density * change) * rng.normal(size=(flights, fixes, 2))
+    azimuth = rng.uniform(0.0, 2 * np.pi, (flights, 1))
+    start = speed * np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
+    velocity = start + np.cumsum(kick, axis=1)
+    wobble = np.sqrt(density * change**3 / 12.0) * rng.normal(size=kick.shape)
+    place = np.cumsum((velocity - kick / 2.0) * change + wobble, axis=1)
+    place += rng.uniform(-2e4, 2e4, (flights, 1, 2)) - place[:, fixes // 2 : fixes // 2 + 1]
+    scale = np.array([111319.49, 110574.28])  # metres a degree on the WGS84 equator
+    lon, lat = np.moveaxis(place / scale, -1, 0)
+    arguments = {
+        "latitude": (np.round(lat / position) * position).ravel(),
+        "longitude": (np.round(lon / position) * position).ravel(),
+        "seconds": (np.floor(seconds / tick) * tick).ravel(),
+        "altitude": np.zeros(seconds.size),
+        "flight": np.repeat(np.arange(flights), fixes),
+    }
+    return arguments, velocity[..., 0].ravel(), velocity[..., 1].ravel()
+
+
+def misses(
+    found: GroundTrack, east: np.ndarray, north: np.ndarray, which: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    along, cross = along_cross(found.eastward - east, found.northward - north, bearing(east, north))
+    return along[which], cross[which]
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@pytest.mark.parametrize(("leg", "rms_degrees"), [(165.0, 0.18), (70.0, 0.42)])
+def test_one_chord_of_tenths_of_a_minute(leg: float, rms_degrees: float) -> None:
+    """The domain's figures: 0.18 degrees over 21 km, 0.42 over 9 km, for one chord."""
+    arguments, east, north = rounded_flights(
+        leg, position=TENTH_MINUTE, tick=1e-3, flights=3000, fixes=2
+    )
+    found = ground_track(
+        **arguments, position_resolution=TENTH_MINUTE, time_resolution=0.0, acceleration_density=0.0
+    )
+    assert np.all(found.before + found.after == 1)
+    _, cross = misses(found, east, north, np.isfinite(found.eastward))
+    at_42_north = np.sqrt(
+        (1.0 + np.cos(np.radians(42.0)) ** 2) / 2.0
+    )  # degrees of longitude shrink
+    found_degrees = np.degrees(rms(cross) / (250 * KNOT)) * at_42_north
+    assert found_degrees == pytest.approx(rms_degrees, rel=0.05)
+    assert rms(found.cross_error) == pytest.approx(rms(cross), rel=0.08)
+
+
+@pytest.mark.parametrize(("leg", "share"), [(120.0, 0.27), (180.0, 0.15), (420.0, 0.06)])
+def test_one_chord_of_whole_minutes(leg: float, share: float) -> None:
+    """The domain's figures for one chord: 27, 15, 6 % of ground speed for 2, 3, 7 minutes."""
+    arguments, east, north = rounded_flights(
+        leg, position=1e-6, tick=60.0, flights=6000, fixes=2, spread=0.25
+    )
+    found = ground_track(
+        **arguments, position_resolution=0.0, time_resolution=60.0, acceleration_density=0.0
+    )
+    along, _ = misses(found, east, north, np.isfinite(found.eastward))
+    assert rms(along) / (250 * KNOT) == pytest.approx(share, abs=0.02)
+    assert np.mean(along) > 0.0, "one over a rounded time is too large on average"
+
+
+@pytest.mark.parametrize(
+    ("leg", "position", "tick", "gain"),
+    [
+        (165.0, TENTH_MINUTE, 1.0, 0.99),
+        (60.0, TENTH_MINUTE, 1.0, 0.85),
+        (20.0, TENTH_MINUTE, 1.0, 0.45),
+        (120.0, TENTH_MINUTE, 60.0, 0.30),
+        (180.0, TENTH_MINUTE, 60.0, 0.40),
+        (420.0, 0.01, 60.0, 0.65),
+    ],
+)
+def test_stated_errors_are_the_found_ones_and_widening_pays(
+    leg: float, position: float, tick: float, gain: float
+) -> None:
+    density = 0.011
+    arguments, east, north = rounded_flights(leg, position=position, tick=tick, density=density)
+    options = {
+        "position_resolution": position, "time_resolution": tick, "acceleration_density": density
+    }  # fmt: skip
+    wide = ground_track(**arguments, **options)
+    plain = ground_track(**arguments, **options, widen=False)
+    centred = (wide.before > 0) & (wide.after > 0)
+    ends = (wide.before > 0) ^ (wide.after > 0)
+    assert ends.sum() == 2 * 150 and centred.sum() == 38 * 150
+    for which in (centred, ends):
+        along, cross = misses(wide, east, north, which)
+        assert rms(along) == pytest.approx(rms(wide.along_error[which]), rel=0.15)
+        assert rms(cross) == pytest.approx(rms(wide.cross_error[which]), rel=0.15)
+    was = rms(np.hypot(*misses(plain, east, north, centred)))
+    now = rms(np.hypot(*misses(wide, east, north, centred)))
+    assert now <= gain * was + 0.01
+    along, _ = misses(wide, east, north, centred)
+    assert abs(np.mean(along)) < 0.35, "and the bias of rounded times is gone"
+
+
+def test_close_fixes_of_one_minute_are_reached_over() -> None:
+    arguments, east, north = rounded_flights(30.0, position=TENTH_MINUTE, tick=60.0, flights=40)
+    options = {"position_resolution": TENTH_MINUTE, "time_resolution": 60.0}
+    plain = ground_track(**arguments, **options, widen=False)
+    wide = ground_track(**arguments, **options)
+    assert np.isnan(plain.eastward).mean() > 0.5
+    assert np.isfinite(wide.eastward).all()
+    along, cross = misses(wide, east, north, np.ones(east.size, dtype=bool))
+    assert rms(cross) < 2.0 and rms(along) < 0.12 * 250 * KNOT
+
+
+def test_no_window_reaches_over_a_turn() -> None:
+    size = 21
+    seconds = np.arange(size) * 20.0
+    along = 130.0 * seconds
+    corner = along[10]
+    north = np.minimum(along, corner)
+    east = np.maximum(along - corner, 0.0)
+    lat, lon = north / 110574.28, east / 111319.49
+    found = tracked(lat, lon, seconds, position_resolution=TENTH_MINUTE, time_resolution=1.0)
+    reach = np.arange(size)
+    assert np.all((reach + found.after)[reach < 10] <= 10)
+    assert np.all((reach - found.before)[reach > 10] >= 10)
+    assert found.before[10] == 1 and found.after[10] == 1
+    assert np.degrees(found.turn[10]) == pytest.approx(90.0, abs=0.5)
+    straight_legs = (reach < 10) | (reach > 10)
+    expected = np.where(reach < 10, 0.0, 90.0)
+    track = np.degrees(bearing(found.eastward, found.northward))
+    miss = (track - expected + 180.0) % 360.0 - 180.0
+    assert np.abs(miss[straight_legs]).max() < 0.1
+    assert found.after[3] > 1, "but it does widen on the straight"
+
+
+@given(
+    st.floats(-65.0, 65.0), st.floats(-180.0, 180.0), st.floats(0.0, 359.0), st.floats(40.0, 280.0)
+)
+def test_speed_is_kept_anywhere(lat: float, lon: float, azimuth: float, speed: float) -> None:
+    seconds = np.array([0.0, 140.0, 333.0, 500.0])
+    fixes = straight(lat, lon, azimuth, speed, seconds)
+    found = tracked(*fixes[:2], seconds)
+    np.testing.assert_allclose(np.hypot(found.eastward, found.northward), speed, rtol=1e-6)
+
+
+def test_a_research_aircrafts_own_ground_velocity(real: Callable[[str], Path]) -> None:
+    """One position a minute of a jet at 225 m/s against its GPS velocity at those instants."""
+    with xr.open_dataset(real("heading/ncar_gv_20131001.nc"), engine="netcdf4") as ds:
+        flight = ds[["LATC", "LONC", "GGVEW", "GGVNS"]].load()
+    pick = slice(0, None, 20)
+    lat, lon = (flight[name].to_numpy()[pick].astype(float) for name in ("LATC", "LONC"))
+    found = tracked(lat, lon, np.arange(301.0)[pick])
+    miss_east = found.eastward - flight.GGVEW.to_numpy()[pick]
+    miss_north = found.northward - flight.GGVNS.to_numpy()[pick]
+    centred = (found.before > 0) & (found.after > 0)
+    assert rms(np.hypot(miss_east, miss_north)[centred]) < 1.5
