@@ -164,6 +164,7 @@ _WINDS = [
         )
     ],
     _V("grid_convergence", "degree", "angle from the model grid's north to true north", _RR),
+    _V("unread_messages", "1", "problems met in reading the reference", ("reference",), "i4"),
 ]
 
 _HEADINGS = [

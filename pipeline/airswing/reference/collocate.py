@@ -1,0 +1,262 @@
+"""Reference winds at the reports: all model times, joined in time, lazily.
+
+The work maps over model times, not over reports: each needed message is read
+once, by the task of its model time, for the reports of both intervals that
+share it; two bracketing samples are joined with their time weights.
+
+Assumptions and validity
+------------------------
+* Linear in time between two valid times at most `max_time_gap` apart; no value
+  outside. A report exactly at a valid time takes that one alone.
+* Planning uses the reports' times and places; no message is read before the
+  result is computed.
+* A report's value depends on that report and its four or eight model points
+  alone, so results are the same bit for bit on any scheduler and in any chunking.
+* A file that vanished or was replaced gives no value to its reports, is
+  logged, and is counted in `unread_messages`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import dask.array as da
+import numpy as np
+import xarray as xr
+from dask.highlevelgraph import HighLevelGraph
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.reference.catalogue import Catalogue
+from airswing.reference.planning import Plan, Points, plan, points_of, require_overlap, schedule
+from airswing.reference.planning import Schedule as Schedule
+from airswing.reference.sampling import ModelTime, Sample, sample_model_time
+from airswing.reference.store import SampleStore
+from airswing.vocabulary import describe
+
+__all__ = ["Plan", "collocate", "plan", "require_overlap"]
+
+Floats = NDArray[np.float64]
+
+_WINDS = ("reference_eastward_wind", "reference_northward_wind", "lead_time")
+_DERIVATIVES = (
+    "reference_eastward_wind_tendency",
+    "reference_northward_wind_tendency",
+    "reference_eastward_wind_lnp_derivative",
+    "reference_northward_wind_lnp_derivative",
+    "reference_eastward_wind_x_derivative",
+    "reference_northward_wind_x_derivative",
+    "reference_eastward_wind_y_derivative",
+    "reference_northward_wind_y_derivative",
+    "grid_convergence",
+)
+_LOG = logging.getLogger("airswing.reference")
+
+
+class _SampleTask:
+    """One model time and its reports: what one dask task needs, and nothing large."""
+
+    __slots__ = ("model", "options", "places", "store")
+
+    def __init__(
+        self,
+        model: ModelTime,
+        places: tuple[Floats, Floats, Floats],
+        options: tuple[bool, bool],
+        store: str | None,
+    ) -> None:
+        self.model, self.places, self.options, self.store = model, places, options, store
+
+    def __getstate__(self) -> tuple[Any, ...]:
+        return (self.model, self.places, self.options, self.store)
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        self.model, self.places, self.options, self.store = state
+
+    def run(self) -> Sample:
+        """Sample, or take the finished sample of an earlier run."""
+        sparse, derivatives = self.options
+        work = partial(
+            sample_model_time, self.model, *self.places, sparse=sparse, derivatives=derivatives
+        )
+        if self.store is None:
+            return _logged(work())
+        return SampleStore(Path(self.store)).get_or_make(
+            self.model, self.places, derivatives, lambda: _logged(work())
+        )
+
+
+def _logged(sample: Sample) -> Sample:
+    for file, reason in sample.problems:
+        _LOG.warning("%s: %s; its reports get no value", file, reason)
+    return sample
+
+
+def _run(task: _SampleTask) -> Sample:
+    return task.run()
+
+
+class _Join:
+    """Joins the samples of one reference in time, into columns in the reports' order."""
+
+    def __init__(
+        self, points: Points, times: Schedule, catalogue: Catalogue, *, derivatives: bool
+    ) -> None:
+        used = np.flatnonzero(times.stop > times.start)
+        self.derivatives = derivatives
+        self.order, self.size = points.order, points.size
+        self.earlier, self.weight, self.later = times.earlier, times.weight, times.later
+        self.used, self.start, self.stop = used, times.start[used], times.stop[used]
+        self.valid, self.leads = catalogue.valid, catalogue.leads
+
+    def __call__(self, samples: list[Sample]) -> Floats:
+        count = self.earlier.size
+        rows = 2 + (7 if self.derivatives else 0)
+        first = np.full((rows, count), np.nan)
+        second = np.full((rows, count), np.nan)
+        unread = 0
+        for number, start, stop, sample in zip(
+            self.used, self.start, self.stop, samples, strict=True
+        ):
+            run = slice(int(start), int(stop))
+            before = self.earlier[run] == number
+            after = (self.earlier[run] == number - 1) & self.later[run]
+            first[:, run][:, before] = sample.table[:, before]
+            second[:, run][:, after] = sample.table[:, after]
+            unread += len(sample.problems)
+        return self._columns(first, second, unread)
+
+    def _columns(self, first: Floats, second: Floats, unread: int) -> Floats:
+        weight = self.weight
+        joined = np.where(weight == 0.0, first, (1.0 - weight) * first + weight * second)
+        wind = joined[:2]
+        matched = np.isfinite(wind).all(axis=0)
+        wind = np.where(matched, wind, np.nan)
+        now, then = self.earlier, np.minimum(self.earlier + 1, self.valid.size - 1)
+        lead = (1.0 - weight) * self.leads[now] + weight * self.leads[then]
+        columns = [*wind, np.where(matched, lead / 3600.0, np.nan)]
+        if self.derivatives:
+            step = (self.valid[then] - self.valid[now]) / 1e9
+            with np.errstate(divide="ignore", invalid="ignore"):
+                columns += list((second[:2] - first[:2]) / step)
+            columns += [*joined[2:8], np.degrees(joined[8])]
+        result = np.full((len(columns) + 1, self.size), np.nan)
+        result[:-1, self.order] = columns
+        result[-1] = unread
+        return result
+
+
+def collocate(
+    reports: xr.Dataset,
+    catalogues: Mapping[str, Catalogue],
+    *,
+    max_time_gap: float = 10800.0,
+    derivatives: bool = False,
+    sparse: bool = True,
+    store: str | os.PathLike[str] | None = None,
+) -> xr.Dataset:
+    """Reference winds at reports, lazily.
+
+    Parameters
+    ----------
+    reports : Dataset
+        With `time`, `latitude`, `longitude` (degrees, any convention) and `pressure` (Pa)
+        by ``report``, in any order.
+    catalogues : mapping of str to Catalogue
+        References by name.
+    max_time_gap : float
+        Longest time between two bracketing valid times, s.
+    derivatives : bool
+        Also give the time derivative, derivatives by ln p and by true eastward and
+        northward distance, and the grid's convergence.
+    sparse : bool
+        Read simply packed messages in place; otherwise decode every message whole.
+        The results are the same bit for bit.
+    store : path-like, optional
+        Folder for finished samples: a later call reuses those whose files, reports and
+        options are the same.
+
+    Returns
+    -------
+    Dataset
+        Lazy, dims ``(reference, report)``: `reference_eastward_wind`,
+        `reference_northward_wind` (m s-1, true), `lead_time` (h), the derivatives, and
+        `unread_messages` by reference.
+
+    Raises
+    ------
+    InputError
+        Without references, or where reports lack a column.
+    """
+    if not catalogues:
+        raise InputError("no reference given", field="references")
+    points = points_of(reports)
+    names = [*_WINDS, *(_DERIVATIVES if derivatives else ())]
+    tables = [
+        _reference_table(
+            points, catalogue, len(names) + 1, max_time_gap=max_time_gap,
+            derivatives=derivatives, sparse=sparse, store=store,
+        )
+        for catalogue in catalogues.values()
+    ]  # fmt: skip
+    stacked = da.stack(tables)
+    data: dict[str, Any] = {
+        name: (("reference", "report"), stacked[:, row]) for row, name in enumerate(names)
+    }
+    if points.size:
+        unread = stacked[:, -1, 0].astype(np.int64)
+    else:
+        unread = np.zeros(len(catalogues), dtype=np.int64)
+    data["unread_messages"] = ("reference", unread)
+    coords = {"reference": ("reference", np.array(list(catalogues), dtype=object))}
+    return describe(xr.Dataset(data, coords=coords))
+
+
+def _reference_table(
+    points: Points,
+    catalogue: Catalogue,
+    rows: int,
+    *,
+    max_time_gap: float,
+    derivatives: bool,
+    sparse: bool,
+    store: str | os.PathLike[str] | None,
+) -> da.Array:
+    """One reference's columns as a lazy (rows, report) array: a task a model time and a join."""
+    times = schedule(points, catalogue.valid, max_time_gap=max_time_gap, both=derivatives)
+    join = _Join(points, times, catalogue, derivatives=derivatives)
+    options = (sparse, derivatives)
+    token = _token(points, catalogue, (max_time_gap, *options, str(store)))
+    graph: dict[Any, Any] = {}
+    keys = []
+    for number, start, stop in zip(join.used, join.start, join.stop, strict=True):
+        run = slice(int(start), int(stop))
+        places = (points.latitude[run], points.longitude[run], points.pressure[run])
+        where = None if store is None else os.fspath(store)
+        key = (f"sample-{token}", int(number))
+        task = _SampleTask(catalogue.model_time(int(number)), places, options, where)
+        graph[key] = (_run, task)
+        keys.append(key)
+    name = f"winds-{token}"
+    graph[(name, 0, 0)] = (join, keys)
+    return da.Array(
+        HighLevelGraph.from_collections(name, graph, dependencies=()),
+        name,
+        chunks=((rows,), (points.size,)),
+        dtype=np.float64,
+    )
+
+
+def _token(points: Points, catalogue: Catalogue, options: tuple[Any, ...]) -> str:
+    digest = hashlib.blake2b(digest_size=16)
+    digest.update(catalogue.fingerprint.encode())
+    digest.update(repr(options).encode())
+    for array in (points.order, points.time, points.latitude, points.longitude, points.pressure):
+        digest.update(array.tobytes())
+    return digest.hexdigest()

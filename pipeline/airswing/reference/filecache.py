@@ -1,0 +1,208 @@
+"""What files hold, remembered between runs in the user's cache folder.
+
+An entry stands for a file's path, size, modification time and a sample of
+its octets, and for the code that read it: a change of any of them means a
+new scan. Nothing is ever written beside the data. A cache that cannot be read
+or written costs time, not the run: one warning is given.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sqlite3
+import sys
+import warnings
+import zlib
+from collections import Counter
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from airswing.reference import grids, gridsections, messages, octets
+from airswing.reference.messages import FIELD_DTYPE, Field, FileContents
+from airswing.reference.sampling import SourceFile
+
+_SAMPLE = 256
+
+
+def default_folder() -> Path:
+    """Folder for caches of this user: `AIRSWING_CACHE`, else the system's custom."""
+    named = os.environ.get("AIRSWING_CACHE")
+    if named:
+        return Path(named)
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "airswing"
+    root = os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else None
+    return Path(root or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "airswing"
+
+
+def identify(path: str) -> SourceFile:
+    """Identity of a file: path, size, modification time and a hash of octets here and there.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    SourceFile
+
+    Raises
+    ------
+    OSError
+    """
+    full = os.path.abspath(path)
+    descriptor = os.open(full, os.O_RDONLY)
+    try:
+        status = os.fstat(descriptor)
+        places = (0, status.st_size // 2, max(status.st_size - _SAMPLE, 0))
+        octets_seen = b"".join(os.pread(descriptor, _SAMPLE, place) for place in places)
+    finally:
+        os.close(descriptor)
+    sample = hashlib.blake2b(octets_seen, digest_size=12).hexdigest()
+    return SourceFile(full, status.st_size, status.st_mtime_ns, sample)
+
+
+@lru_cache(maxsize=1)
+def code_version() -> str:
+    """Hash of the source that reads headers."""
+    digest = hashlib.blake2b(digest_size=12)
+    for module in (octets, grids, gridsections, messages):
+        digest.update(Path(str(module.__file__)).read_bytes())
+    return digest.hexdigest()
+
+
+class FileCache:
+    """A small database of file contents; use as a context manager.
+
+    Parameters
+    ----------
+    folder : path-like, optional
+        Default: `default_folder`.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str] | None = None) -> None:
+        self.folder = Path(folder) if folder is not None else default_folder()
+        self._database: sqlite3.Connection | None = None
+        self._pending: list[tuple[str, bytes, bytes]] = []
+        self._writable = True
+
+    def __enter__(self) -> FileCache:
+        path = self.folder / "grib-headers.sqlite"
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._database = sqlite3.connect(path, timeout=30.0)
+            self._database.execute(
+                "CREATE TABLE IF NOT EXISTS contents (key TEXT PRIMARY KEY, about BLOB, rows BLOB)"
+            )
+        except (OSError, sqlite3.Error) as error:
+            self._give_up_writing(error)
+            self._open_readonly(path)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.flush()
+        if self._database is not None:
+            self._database.close()
+            self._database = None
+
+    def _open_readonly(self, path: Path) -> None:
+        try:
+            uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
+            self._database = sqlite3.connect(uri, uri=True)
+            self._database.execute("SELECT key FROM contents LIMIT 1")
+        except (OSError, sqlite3.Error):
+            self._database = None
+
+    def _give_up_writing(self, error: Exception) -> None:
+        if self._writable:
+            warnings.warn(
+                f"cache folder {self.folder} cannot be written ({error}): "
+                "GRIB headers will be read again by the next run",
+                stacklevel=2,
+            )
+        self._writable = False
+
+    def get(self, file: SourceFile) -> FileContents | None:
+        """Contents of a file seen before, None where they are not known."""
+        if self._database is None:
+            return None
+        try:
+            row = self._database.execute(
+                "SELECT about, rows FROM contents WHERE key = ?", (_key(file),)
+            ).fetchone()
+            return None if row is None else _unpack(*row)
+        except (sqlite3.Error, zlib.error, ValueError, KeyError, TypeError):
+            return None
+
+    def put(self, file: SourceFile, contents: FileContents) -> None:
+        """Remember a file's contents."""
+        if self._database is not None and self._writable:
+            self._pending.append((_key(file), *_pack(contents)))
+            if len(self._pending) >= 500:
+                self.flush()
+
+    def flush(self) -> None:
+        """Write what is pending."""
+        if not self._pending or self._database is None:
+            return
+        try:
+            with self._database:
+                self._database.executemany(
+                    "INSERT OR REPLACE INTO contents VALUES (?, ?, ?)", self._pending
+                )
+        except sqlite3.Error as error:
+            self._give_up_writing(error)
+        self._pending = []
+
+
+def _key(file: SourceFile) -> str:
+    text = "\0".join([*map(str, file), code_version()])
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def _pack(contents: FileContents) -> tuple[bytes, bytes]:
+    about = {
+        "grids": [[edition, section.hex()] for edition, section in contents.grids],
+        "skipped": [[what, why, count] for (what, why), count in contents.skipped.items()],
+        "messages": contents.messages,
+        "parts": contents.parts,
+    }
+    rows = contents.table().tobytes()
+    return zlib.compress(json.dumps(about).encode(), 1), zlib.compress(rows, 1)
+
+
+def _unpack(about: bytes, rows: bytes) -> FileContents:
+    said = json.loads(zlib.decompress(about))
+    table = np.frombuffer(zlib.decompress(rows), dtype=FIELD_DTYPE)
+    return FileContents(
+        fields=[Field(*row) for row in table.tolist()],
+        grids=[(edition, bytes.fromhex(section)) for edition, section in said["grids"]],
+        skipped=Counter({(what, why): count for what, why, count in said["skipped"]}),
+        messages=said["messages"],
+        parts=said["parts"],
+    )
+
+
+def contents_of(files: Iterable[SourceFile], cache: FileCache) -> Iterable[FileContents | OSError]:
+    """Contents of files in turn, from the cache or a scan; an `OSError` where one cannot be read."""
+    for file in files:
+        known = cache.get(file)
+        if known is None:
+            try:
+                known = messages.scan_file(file.path)
+            except OSError as error:
+                yield error
+                continue
+            cache.put(file, known)
+        yield known

@@ -1,0 +1,334 @@
+"""Which model times a table of reports needs, and which reports they cannot serve.
+
+Assumptions and validity
+------------------------
+* A report between two valid times at most `max_time_gap` apart needs both; a
+  report exactly at a valid time needs that one alone. Others have no model.
+* Reports are looked at in order of time, so that the reports of one model
+  time are one run of that order.
+* Places and levels are judged by the grids' projections and the catalogued
+  levels; nothing is decoded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.reference.catalogue import Catalogue
+from airswing.reference.messages import ISOBARIC
+from airswing.reference.sampling import level_brackets
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+COLUMNS = ("time", "latitude", "longitude", "pressure")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Points:
+    """Where and when the reports are, in order of time.
+
+    Parameters
+    ----------
+    order : (n,) int array
+        Place of each in the Dataset.
+    time : (n,) int array, ns since 1970
+        Missing times are left out of all four arrays.
+    latitude, longitude : (n,) float arrays, degrees
+    pressure : (n,) float array, Pa
+    size : int
+        Reports in the Dataset.
+    """
+
+    order: Ints
+    time: Ints
+    latitude: Floats
+    longitude: Floats
+    pressure: Floats
+    size: int
+
+
+def points_of(reports: xr.Dataset) -> Points:
+    """Times and places of reports, sorted by time.
+
+    Raises
+    ------
+    InputError
+        Where a column is missing.
+    """
+    absent = [name for name in COLUMNS if name not in reports.variables]
+    if absent:
+        raise InputError("reports lack " + ", ".join(absent), field="reports")
+    time = np.asarray(reports["time"].values).astype("datetime64[ns]")
+    known = np.flatnonzero(~np.isnat(time))
+    stamp = time[known].astype(np.int64)
+    order = known[np.argsort(stamp, kind="stable")]
+    columns = [
+        np.ascontiguousarray(np.asarray(reports[name].values)[order], dtype=np.float64)
+        for name in COLUMNS[1:]
+    ]
+    return Points(order, time[order].astype(np.int64), *columns, size=time.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Schedule:
+    """Which reports each model time serves, and with which weights.
+
+    Parameters
+    ----------
+    earlier : (n,) int array
+        Number of the model time at or before each report, -1 where it has no model.
+    weight : (n,) float array
+        Weight of the model time after, 0 to 1; 0 exactly at a valid time.
+    later : (n,) bool array
+        Whether the model time after is needed.
+    start, stop : (time,) int arrays
+        Run of reports that each model time serves.
+    """
+
+    earlier: Ints
+    weight: Floats
+    later: NDArray[np.bool_]
+    start: Ints
+    stop: Ints
+
+
+def schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = False) -> Schedule:
+    """Assign reports to model times.
+
+    Parameters
+    ----------
+    points : Points
+    valid : (time,) int array, ns since 1970, increasing
+    max_time_gap : float
+        Longest time between two bracketing valid times, s.
+    both : bool
+        Ask for the model time after even at a valid time, where there is one in reach
+        (time derivatives need it).
+
+    Returns
+    -------
+    Schedule
+    """
+    count = valid.size
+    earlier = np.searchsorted(valid, points.time, side="right") - 1
+    steps = np.diff(valid)
+    near = np.append(steps <= round(max_time_gap * 1e9), False)
+    exact = (earlier >= 0) & (valid[earlier] == points.time)
+    bracketed = (earlier >= 0) & (earlier < count - 1) & near[earlier]
+    later = bracketed & (~exact | both)
+    step = np.append(steps, 1)[earlier]
+    weight = np.where(later & ~exact, (points.time - valid[earlier]) / step, 0.0)
+    earlier = np.where(exact | bracketed, earlier, -1)
+    start = np.searchsorted(points.time, valid, side="left")
+    stop = np.searchsorted(points.time, valid, side="right")
+    after = np.searchsorted(points.time, np.append(valid[1:], valid[-1:]), side="left")
+    before = np.searchsorted(points.time, np.append(valid[:1], valid[:-1]), side="right")
+    stop = np.where(near, after, stop)
+    reach = np.concatenate([[False], near[:-1]])
+    if both:
+        before = np.searchsorted(points.time, np.append(valid[:1], valid[:-1]), side="left")
+    start = np.where(reach, before, start)
+    return Schedule(earlier, weight, later, start, np.maximum(stop, start))
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What collocating against one reference will take.
+
+    Parameters
+    ----------
+    reference : str
+    model_times, messages, bytes : int
+        Model times and messages to read; their octets as stored.
+    sparse_messages : int
+        Messages read in place rather than decoded whole.
+    reports, matched : int
+        Reports, and those inside the reference's time, grid and levels.
+    without_time, outside_grid, outside_levels : int
+        Reports without a model, by the first reason that applies.
+    report_times, model_span : tuple of str
+        First and last time of each.
+    report_box, model_box : tuple of float
+        South, north, west, east, degrees (of the grids' outlines for the model).
+    """
+
+    reference: str
+    model_times: int
+    messages: int
+    bytes: int
+    sparse_messages: int
+    reports: int
+    matched: int
+    without_time: int
+    outside_grid: int
+    outside_levels: int
+    report_times: tuple[str, str]
+    model_span: tuple[str, str]
+    report_box: tuple[float, float, float, float]
+    model_box: tuple[float, float, float, float]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain dictionary, ready for JSON."""
+        return asdict(self)
+
+
+def plan(
+    reports: xr.Dataset,
+    catalogues: Mapping[str, Catalogue],
+    *,
+    max_time_gap: float = 10800.0,
+    derivatives: bool = False,
+    sparse: bool = True,
+) -> dict[str, Plan]:
+    """What collocation will read and which reports have no model, before anything is decoded.
+
+    Parameters
+    ----------
+    reports : Dataset
+        With `time`, `latitude`, `longitude` (degrees), `pressure` (Pa) by ``report``.
+    catalogues : mapping of str to Catalogue
+    max_time_gap : float
+        Longest time between two bracketing valid times, s.
+    derivatives, sparse : bool
+        As for `airswing.reference.collocate.collocate`.
+
+    Returns
+    -------
+    dict of str to Plan
+    """
+    points = points_of(reports)
+    options = {"max_time_gap": max_time_gap, "derivatives": derivatives, "sparse": sparse}
+    return {name: _plan_one(name, points, c, **options) for name, c in catalogues.items()}
+
+
+def _plan_one(
+    name: str,
+    points: Points,
+    catalogue: Catalogue,
+    *,
+    max_time_gap: float,
+    derivatives: bool,
+    sparse: bool,
+) -> Plan:
+    times = schedule(points, catalogue.valid, max_time_gap=max_time_gap, both=derivatives)
+    timed = times.earlier >= 0
+    placed = np.zeros(points.time.size, dtype=bool)
+    leveled = np.zeros(points.time.size, dtype=bool)
+    counts = np.zeros(4, dtype=np.int64)
+    for number in np.flatnonzero(times.stop > times.start):
+        run = slice(int(times.start[number]), int(times.stop[number]))
+        inside, on_level, needed = _needs(catalogue, int(number), points, run, derivatives)
+        mine = times.earlier[run] == number
+        placed[run] |= inside & mine
+        leveled[run] |= inside & on_level & mine
+        rows = np.arange(catalogue.bounds[number], catalogue.bounds[number + 1])[needed]
+        tables = [catalogue.u[rows], catalogue.v[rows]]
+        if catalogue.level_kinds[number] != ISOBARIC and needed.any():
+            bounds = slice(catalogue.bounds[number], catalogue.bounds[number + 1])
+            tables.append(catalogue.pressure[bounds])
+        for table in tables:
+            counts += [0, table.size, _octets(table), table["sparse"].sum() if sparse else 0]
+        counts[0] += bool(needed.any())
+    matched = int(leveled.sum())
+    without_time = points.size - int(timed.sum())
+    outside_grid = int((timed & ~placed).sum())
+    return Plan(
+        name, *(int(c) for c in counts), points.size, matched, without_time, outside_grid,
+        int(placed.sum()) - matched, _span(points.time), _span(catalogue.valid),
+        _box(points.latitude, points.longitude), _outline(catalogue),
+    )  # fmt: skip
+
+
+def _octets(table: NDArray[Any]) -> int:
+    """Octets of fields as stored (a multi-field message is shared out by its data sections)."""
+    whole = table["section_data"] - table["offset"] > table["length"]
+    return int(np.where(whole, 0, table["length"]).sum())
+
+
+def _needs(
+    catalogue: Catalogue, number: int, points: Points, run: slice, derivatives: bool
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Reports inside the grid, reports between levels, levels needed of one model time."""
+    grid = catalogue.grids[int(catalogue.grid_numbers[number])]
+    fi, _ = grid.fractional_index(points.latitude[run], points.longitude[run])
+    pressure = points.pressure[run]
+    inside = np.isfinite(fi)
+    levels = catalogue.levels(number)
+    needed = np.zeros(levels.size, dtype=bool)
+    if catalogue.level_kinds[number] != ISOBARIC:
+        needed[:] = inside.any()
+        return inside, np.isfinite(pressure), needed
+    brackets = level_brackets(levels, pressure, both=derivatives)
+    use = inside & brackets.inside
+    needed[brackets.k[use & ((brackets.weight < 1) | derivatives)]] = True
+    below = use & ((brackets.weight > 0) | derivatives) & (brackets.k + 1 < levels.size)
+    needed[brackets.k[below] + 1] = True
+    return inside, brackets.inside, needed
+
+
+def _span(time: Ints) -> tuple[str, str]:
+    if time.size == 0:
+        return ("", "")
+    ends = time[[0, -1]].astype("datetime64[ns]").astype("datetime64[m]")
+    return (f"{ends[0]}Z", f"{ends[1]}Z")
+
+
+def _box(latitude: Floats, longitude: Floats) -> tuple[float, float, float, float]:
+    known = np.isfinite(latitude) & np.isfinite(longitude)
+    if not known.any():
+        return (np.nan, np.nan, np.nan, np.nan)
+    lat, lon = latitude[known], longitude[known]
+    return tuple(round(float(x), 2) for x in (lat.min(), lat.max(), lon.min(), lon.max()))  # type: ignore[return-value]
+
+
+def _outline(catalogue: Catalogue) -> tuple[float, float, float, float]:
+    boxes = np.array([catalogue.grids[int(n)].outline() for n in np.unique(catalogue.grid_numbers)])
+    low, high = boxes.min(axis=0), boxes.max(axis=0)
+    return tuple(round(float(x), 2) for x in (low[0], high[1], low[2], high[3]))  # type: ignore[return-value]
+
+
+def require_overlap(plans: Mapping[str, Plan]) -> None:
+    """Refuse a run in which a reference serves no report at all.
+
+    Parameters
+    ----------
+    plans : mapping of str to Plan
+
+    Raises
+    ------
+    InputError
+        Naming both spans: in time, or in space.
+    """
+    for name, one in plans.items():
+        if one.matched:
+            continue
+        field = f"references.{name}"
+        if one.without_time == one.reports:
+            raise InputError(
+                "no overlap in time between reports and model winds", field=field,
+                found=f"reports {' to '.join(one.report_times)}, "
+                f"model {' to '.join(one.model_span)}",
+                remedy="Two valid times around a report may be at most max_time_gap apart",
+            )  # fmt: skip
+        if one.outside_levels == 0:
+            raise InputError(
+                "no overlap in space between reports and model winds", field=field,
+                found=f"reports {_place(one.report_box)}, model {_place(one.model_box)}",
+            )  # fmt: skip
+        raise InputError(
+            "no report lies between the model's levels", field=field,
+            found=f"{one.outside_levels} reports above the highest or below the lowest level",
+            remedy="Pressures are in Pa inside; check the unit of the reports' altitude column",
+        )  # fmt: skip
+
+
+def _place(box: tuple[float, float, float, float]) -> str:
+    return f"latitude {box[0]:g} to {box[1]:g}, longitude {box[2]:g} to {box[3]:g}"
