@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse, told
+from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse, sided
 from airswing.gap.frame import Frame
 
 
@@ -49,7 +49,8 @@ class AltitudeOffset(OneCoefficient, WindEffect):
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""
-        return f"reported altitude too high by {told(values, errors, 'offset_ft')} ft"
+        size, side = sided(values, errors, "offset_ft", ("high", "low"))
+        return f"reported altitude too {side} by {size} ft"
 
 
 EFFECT = AltitudeOffset()

@@ -40,6 +40,8 @@ Parameters = dict[str, Any]
 Errors = dict[str, float]
 
 STAGES: tuple[Stage, ...] = ("identity", "atmosphere", "sensor", "report")
+LEAST_SPREAD = 2e-3
+"""One minus the mean resultant of headings: below it (about 4 degrees) they are one heading."""
 SPREAD = 1e-9
 """A context quantity that varies by less than this does not vary."""
 
@@ -298,19 +300,31 @@ _CONSTANT = {
 }
 
 
+def absent_context(frame: Frame, name: str) -> str | None:
+    """Say why a field of the frame is not known anywhere; None where it is known somewhere."""
+    if _known_values(frame, name).size == 0:
+        return _ABSENT.get(name, f"no {name.replace('_', ' ')}")
+    return None
+
+
 def missing_context(frame: Frame, name: str) -> str | None:
     """Say why a field of the frame cannot carry an effect; None where it is known and varies."""
-    values = np.asarray(getattr(frame, name), dtype=np.float64)
-    there = values[np.isfinite(values)] if name != "icing" else values[values >= 0]
-    if there.size == 0:
-        return _ABSENT.get(name, f"no {name.replace('_', ' ')}")
+    reason = absent_context(frame, name)
+    if reason is not None:
+        return reason
+    there = _known_values(frame, name)
     if name in {"heading", "magnetic_heading"}:
-        varies = 1.0 - np.hypot(np.mean(np.cos(there)), np.mean(np.sin(there))) > 1e-5
+        varies = 1.0 - np.hypot(np.mean(np.cos(there)), np.mean(np.sin(there))) > LEAST_SPREAD
     else:
         varies = float(np.ptp(there)) > SPREAD * max(1e-6, float(np.max(np.abs(there))))
     if not varies:
         return _CONSTANT.get(name, f"{name.replace('_', ' ')} does not vary in these reports")
     return None
+
+
+def _known_values(frame: Frame, name: str) -> FloatArray:
+    values = np.asarray(getattr(frame, name), dtype=np.float64)
+    return values[values >= 0.0] if name == "icing" else values[np.isfinite(values)]
 
 
 CATALOGUE: dict[str, Effect] = {}

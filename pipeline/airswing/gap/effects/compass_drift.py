@@ -26,7 +26,7 @@ class CompassDrift(HeadingEffect):
     parameters = (
         Parameter(
             "rate_deg_per_day",
-            "degree per day",
+            "degree/day",
             0.05,
             "change of the error",
             required=True,

@@ -86,15 +86,12 @@ class DeclinationError(HeadingEffect):
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""
-        mean = (
-            ""
-            if values.get("mean_deg") is None
-            else (f", a mean heading error of {told(values, errors, 'mean_deg')} degrees")
-        )
+        mean = ""
+        if values.get("mean_deg") is not None:
+            mean = f", a mean heading error of {told(values, errors, 'mean_deg')} degrees"
         if values.get("factor") is not None:
-            return (
-                f"magnetic variation in use {told(values, errors, 'factor')} times too large{mean}"
-            )
+            factor = told(values, errors, "factor")
+            return f"magnetic variation in use is {factor} times the right one{mean}"
         if values.get("epoch_year") is not None:
             return f"magnetic variation in use dates from {float(values['epoch_year']):.0f}{mean}"
         return f"magnetic variation in use is out of date{mean}"

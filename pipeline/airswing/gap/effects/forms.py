@@ -9,11 +9,20 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from airswing.gap.effects.base import Effect, Errors, FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.base import (
+    Effect,
+    Errors,
+    FloatArray,
+    Kind,
+    Parameter,
+    Parameters,
+    Stage,
+    State,
+)
 from airswing.gap.frame import Frame
 from airswing.physics.atmosphere import (
     GAS_CONSTANT,
@@ -53,8 +62,8 @@ class OneCoefficient(Effect):
 class MomentEffect(Effect):
     """An effect on variances and lattices only: it has no column."""
 
-    kind = "second_moment"
-    stage = "report"
+    kind: ClassVar[Kind] = "second_moment"
+    stage: ClassVar[Stage] = "report"
 
     @property
     def column_scales(self) -> FloatArray:
@@ -79,7 +88,7 @@ class MomentEffect(Effect):
 class WindEffect(Effect):
     """A wind met (or sent) that parts from the reference by linear combination of columns."""
 
-    stage = "atmosphere"
+    stage: ClassVar[Stage] = "atmosphere"
 
     def apply(
         self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
@@ -243,3 +252,14 @@ def told(values: Mapping[str, Any], errors: Mapping[str, float] | None, name: st
     power = int(np.floor(np.log10(error)))
     digits = int(np.clip(-power + (error < 2.0 * 10.0**power), 0, 5))
     return f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+def sided(
+    values: Mapping[str, Any],
+    errors: Mapping[str, float] | None,
+    name: str,
+    sides: tuple[str, str],
+) -> tuple[str, str]:
+    """Give the size of a signed parameter as text, and the word for its sign."""
+    value = float(values[name])
+    return told({name: abs(value)}, errors, name), sides[0] if value >= 0.0 else sides[1]

@@ -30,7 +30,7 @@ class HeaterCurrent(OffsetAndCycle):
 
     def condition(self, frame: Frame) -> FloatArray:
         """Return 1 where icing protection is on, 0 where off or unknown."""
-        return (frame.icing == 1).astype(np.float64)
+        return np.asarray(frame.icing == 1, dtype=np.float64)
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""

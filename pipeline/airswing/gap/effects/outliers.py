@@ -24,7 +24,7 @@ class Outliers(MomentEffect):
     source = "Moninger, Mamrosh & Pauley 2003, Bull. Amer. Meteor. Soc. 84 (quality of ACARS)."
     parameters = (
         Parameter("fraction", "1", 0.02, "share of the reports, 0 to 1", required=True),
-        Parameter("size_m_s", "m s-1", 20.0, "standard deviation of either component", 20.0),
+        Parameter("size_m_s", "m/s", 20.0, "standard deviation of either component", 20.0),
     )
     confused_with = ("heavy tails of the model's own error",)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from airswing.gap.effects.base import Effect, Errors, FloatArray, Parameter, Parameters, State
-from airswing.gap.effects.forms import standard_error, told
+from airswing.gap.effects.forms import sided, standard_error
 from airswing.gap.frame import Frame
 
 LEVELS = (850.0, 700.0, 600.0, 500.0, 400.0, 300.0, 250.0)
@@ -98,7 +98,8 @@ class ReferenceSpeedBias(Effect):
         for side in ("above", "below"):
             if values.get(f"{side}_hPa") is not None:
                 where = f"{side} {float(values[f'{side}_hPa']):.0f} hPa"
-        return f"model wind too strong by {told(values, errors, 'bias_percent')} percent {where}"
+        size, side = sided(values, errors, "bias_percent", ("strong", "weak"))
+        return f"model wind too {side} by {size} percent {where}"
 
 
 EFFECT = ReferenceSpeedBias()

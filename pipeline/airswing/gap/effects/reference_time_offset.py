@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, told
+from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, sided
 from airswing.gap.frame import Frame
 
 
@@ -48,9 +48,8 @@ class ReferenceTimeOffset(OneCoefficient, WindEffect):
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""
-        return (
-            f"model winds show a time {told(values, errors, 'offset_h')} hours later than stamped"
-        )
+        size, side = sided(values, errors, "offset_h", ("later", "earlier"))
+        return f"model winds show a time {size} hours {side} than stamped"
 
 
 EFFECT = ReferenceTimeOffset()

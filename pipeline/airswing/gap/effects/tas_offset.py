@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
-from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, told
+from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, sided
 from airswing.gap.frame import Frame
 
 
@@ -23,7 +23,7 @@ class TasOffset(OneCoefficient):
     )
     source = "Lenschow & Spyers-Duran 1989, NCAR Research Aviation Facility Bulletin 23."
     parameters = (
-        Parameter("offset_m_s", "m s-1", 2.0, "positive: airspeed too high", required=True),
+        Parameter("offset_m_s", "m/s", 2.0, "positive: airspeed too high", required=True),
     )
     needs = ("heading",)
     confused_with = ("tas_scale: where the airspeed varies little",)
@@ -41,7 +41,8 @@ class TasOffset(OneCoefficient):
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""
-        return f"airspeed too high by {told(values, errors, 'offset_m_s')} m/s"
+        size, side = sided(values, errors, "offset_m_s", ("high", "low"))
+        return f"airspeed too {side} by {size} m/s"
 
 
 EFFECT = TasOffset()

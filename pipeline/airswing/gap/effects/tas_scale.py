@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
-from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, told
+from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, sided
 from airswing.gap.frame import Frame
 
 
@@ -46,7 +46,8 @@ class TasScale(OneCoefficient):
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""
-        return f"airspeed too high by {told(values, errors, 'scale_percent')} percent"
+        size, side = sided(values, errors, "scale_percent", ("high", "low"))
+        return f"airspeed too {side} by {size} percent"
 
 
 EFFECT = TasScale()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse, told
+from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse, sided
 from airswing.gap.frame import Frame
 
 
@@ -51,7 +51,8 @@ class TimeLag(OneCoefficient, WindEffect):
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""
-        return f"wind older than position and time by {told(values, errors, 'offset_s')} s"
+        size, side = sided(values, errors, "offset_s", ("older", "younger"))
+        return f"wind {side} than position and time by {size} s"
 
 
 EFFECT = TimeLag()
