@@ -5,5 +5,6 @@ Assumes winds and positions as the aircraft sent them; nothing is corrected here
 """
 
 from airswing.reports.read import iter_frames, read_reports
+from airswing.reports.summary import reports_summary
 
-__all__ = ["iter_frames", "read_reports"]
+__all__ = ["iter_frames", "read_reports", "reports_summary"]

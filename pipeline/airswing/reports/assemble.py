@@ -9,8 +9,8 @@ Duplicates
 Two reports of one tail at one time and place (within 1e-4 degree and 15 m) are one: the more
 complete stays, then the one with the smaller values, never the one that happened to come
 first: the result does not depend on the order of rows or files. Same tail and time at another
-place is kept where the clock (whole minutes) is coarse enough for both to be true, else it is a conflict
-and the more complete stays.
+place is kept where the clock (whole minutes) is coarse enough for both to be true, else it is a
+conflict and the more complete stays. Those kept follow the climb or descent around them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.reports.audit import Audit
-from airswing.reports.derive import derive_flight, derive_phase
+from airswing.reports.derive import derive_flight, derive_phase, seconds_since_1970
 from airswing.reports.resolution import detect_resolution
 from airswing.vocabulary import describe
 
@@ -31,6 +31,7 @@ FASTEST = 350.0
 """m/s over ground; two places farther apart than this allows are not one moment of a flight."""
 _METRES_PER_DEGREE = 111_195.0
 _SAME_PLACE = 1e-4  # degrees
+_TREND_GAP = 1200.0  # s: farther reports do not tell a climb from a descent
 _CATEGORIES = ("tail", "flight")
 _OUTPUT = (
     "latitude", "longitude", "pressure", "pressure_altitude", "eastward_wind", "northward_wind",
@@ -96,6 +97,7 @@ class Gatherer:
         _take(columns, _order(columns))
         _drop_same_place(columns, audit)
         _drop_conflicts(columns, audit)
+        _take(columns, _along_climb(columns))
         return _layout(columns, tails, audit)
 
 
@@ -174,6 +176,28 @@ def _drop_conflicts(columns: Columns, audit: Audit) -> None:
         _take(columns, np.delete(np.arange(columns["tail"].size), later - worse_before))
 
 
+def _along_climb(columns: Columns) -> NDArray[np.int64]:
+    """Order that lets reports of one minute climb or descend with those around them."""
+    order = np.arange(columns["tail"].size)
+    same = _same_moment(columns["tail"], columns["time"])
+    tied = np.flatnonzero(same | np.r_[same[1:], False])
+    if not tied.size:
+        return order
+    moment = np.cumsum(~same) - 1
+    starts = np.flatnonzero(~same)
+    altitude = columns["pressure_altitude"].astype(np.float64)
+    mean = np.add.reduceat(altitude, starts) / np.diff(np.r_[starts, altitude.size])
+    tail = columns["tail"][starts]
+    here = np.arange(starts.size)
+    gap = np.diff(seconds_since_1970(columns["time"][starts]))
+    close = (tail[1:] == tail[:-1]) & (gap < _TREND_GAP)
+    before = np.where(np.r_[False, close], here - 1, here)
+    after = np.where(np.r_[close, False], here + 1, here)
+    trend = np.nan_to_num(np.sign(mean[after] - mean[before]))[moment[tied]]
+    order[tied] = tied[np.lexsort((trend * altitude[tied], moment[tied]))]
+    return order
+
+
 def _apart(
     columns: Columns, one: NDArray[Any], other: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -186,9 +210,9 @@ def _apart(
 
 
 def _clock(columns: Columns) -> NDArray[np.float64]:
-    """Whole minutes throughout mean a minute's clock; otherwise a second's (s, per tail)."""
+    """Nine in ten on whole minutes mean a minute's clock; otherwise a second's (s, per tail)."""
     seconds = columns["time"].astype("datetime64[ms]").astype(np.int64) % 60_000 != 0
-    fine = np.bincount(columns["tail"], weights=seconds) > 0
+    fine = np.bincount(columns["tail"], weights=seconds) > 0.1 * np.bincount(columns["tail"])
     return np.where(fine, 1.0, 60.0)
 
 

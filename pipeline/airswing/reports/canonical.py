@@ -8,8 +8,9 @@ Rules
 A report is dropped only without tail, time or position. Everything else impossible becomes
 NaN and is counted: the position of a report without wind still serves the ground vector.
 Longitudes 180..360 become -180..0, wind direction 360 becomes 0, calm (speed 0) has no wind
-whatever its direction, and a speed without a direction is no wind. Pressure follows from
-pressure altitude by the two-layer standard atmosphere, or the reverse.
+whatever its direction, and a speed without a direction is no wind. The wind of a position
+exactly at 0 N 0 E fails its check. Pressure follows from pressure altitude by the two-layer
+standard atmosphere, or the reverse.
 
 Validity
 --------
@@ -89,7 +90,6 @@ def clean(piece: pd.DataFrame, audit: Audit) -> pd.DataFrame:
         ("missing_position", ~np.isfinite(latitude) | ~np.isfinite(longitude)),
         ("latitude_out_of_range", np.abs(latitude) > 90.0),
         ("longitude_out_of_range", (longitude < -180.0) | (longitude > 360.0)),
-        ("position_at_origin", (np.abs(latitude) < _ORIGIN) & (np.abs(longitude) < _ORIGIN)),
     ):
         audit.drop(reason, int(np.count_nonzero(keep & bad)))
         keep &= ~bad
@@ -116,7 +116,15 @@ def clean(piece: pd.DataFrame, audit: Audit) -> pd.DataFrame:
             if name in piece
             else np.full(len(piece), missing, dtype=np.int8)
         )
+    _distrust_origin(frame, audit)
     return frame
+
+
+def _distrust_origin(frame: pd.DataFrame, audit: Audit) -> None:
+    """Fail the wind of reports at 0 N 0 E exactly: a position rather unset than true."""
+    unset = (frame["latitude"].abs() < _ORIGIN) & (frame["longitude"].abs() < _ORIGIN)
+    audit.repair("wind_failed_at_origin", int(unset.sum()))
+    frame.loc[unset, "wind_qc"] = np.int8(WIND_QC["fail"])
 
 
 def _stripped(values: pd.Series[Any]) -> pd.Series[Any]:

@@ -164,9 +164,7 @@ def _target(theirs: str, target: Any) -> tuple[str, str | None]:
 def _resolve(theirs: str, name: str, unit: str | None) -> tuple[str, Source]:
     if name in TEXT:
         if unit is not None:
-            raise InputError(
-                f"{name} has no unit", field=f"reports.columns.{theirs}", found=unit
-            )
+            raise InputError(f"{name} has no unit", field=f"reports.columns.{theirs}", found=unit)
         return TEXT[name], Source(theirs)
     known = split_name(name)
     if known is None:
@@ -313,19 +311,19 @@ def sources(
     for stripped, name in by_stripped.items():
         if name in taken:
             continue
-        variable, plain = _understood(stripped, name)
-        if variable is not None and plain is not None:
-            found.setdefault(variable, plain)
+        known = _understood(stripped, name)
+        if known is not None:
+            found.setdefault(*known)
     _check_required(found, names, file)
     return found
 
 
-def _understood(stripped: str, name: str) -> tuple[str | None, Source | None]:
+def _understood(stripped: str, name: str) -> tuple[str, Source] | None:
     if stripped.lower() in TEXT:
         return TEXT[stripped.lower()], Source(name)
     known = split_name(stripped)
     if known is None:
-        return None, None
+        return None
     quantity, unit = known
     return quantity.variable, Source(name, *_affine(unit, quantity.si_unit))
 

@@ -83,7 +83,7 @@ def step_distance(
 
 
 def derive_flight(columns: dict[str, NDArray[Any]]) -> NDArray[np.int32]:
-    """Number the flights of an archive.
+    """Give every flight of an archive a number.
 
     Parameters
     ----------
@@ -148,7 +148,9 @@ def climb_rate(
     right = np.where(seconds[right] - seconds > FARTHEST, here, right)
     span = seconds[right] - seconds[left]
     rise = altitude[right] - altitude[left]
-    return np.divide(rise, span, out=np.full(flight.size, np.nan), where=span > 0.0)
+    rate = np.full(flight.size, np.nan)
+    np.divide(rise, span, out=rate, where=span > 0.0)
+    return rate
 
 
 def derive_phase(columns: dict[str, NDArray[Any]], flight: NDArray[Any]) -> NDArray[np.int8]:
@@ -171,9 +173,7 @@ def derive_phase(columns: dict[str, NDArray[Any]], flight: NDArray[Any]) -> NDAr
     if not known.size:
         return phase
     known = known[np.argsort(flight[known], kind="stable")]
-    rate = climb_rate(
-        seconds_since_1970(columns["time"][known]), altitude[known], flight[known]
-    )
+    rate = climb_rate(seconds_since_1970(columns["time"][known]), altitude[known], flight[known])
     found = np.where(np.isfinite(rate) & (altitude[known] >= LOWEST_CRUISE), PHASE["cruise"], 0)
     found[_lasting(rate, flight[known])] = PHASE["ascent"]
     found[_lasting(-rate, flight[known])] = PHASE["descent"]
@@ -182,7 +182,7 @@ def derive_phase(columns: dict[str, NDArray[Any]], flight: NDArray[Any]) -> NDAr
 
 
 def _lasting(rate: NDArray[np.float64], flight: NDArray[Any]) -> NDArray[np.bool_]:
-    """Runs of a flight over the leaving rate that reach the entering rate somewhere."""
+    """Find the runs of a flight over the leaving rate that reach the entering rate somewhere."""
     moving = rate > LEAVE_RATE
     begins = np.r_[True, (np.diff(moving.astype(np.int8)) != 0) | (np.diff(flight) != 0)]
     run = np.cumsum(begins) - 1

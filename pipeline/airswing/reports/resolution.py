@@ -8,7 +8,7 @@ allowing for values stored with fewer digits after the coding.
 Validity: from 5 reports an aircraft; with fewer the archive's most frequent step stands in. At
 most 2,000 reports an aircraft are looked at, spread evenly. An aircraft that truly reports on
 whole minutes looks like one whose clock is cut to the minute, unless its ground speeds are far
-steadier than such a clock allows; then its clock is good to a second.
+steadier than such a clock allows and no minute holds two; then its clock is good to a second.
 """
 
 from __future__ import annotations
@@ -30,22 +30,20 @@ Step = tuple[float, float]
 POSITION_STEPS: tuple[Step, ...] = tuple(
     (step, float(min(0.1 * step, max(0.04 * step, 7e-6))))
     for step in (
-        1.0, 0.5, 0.25, 0.1, 0.05, ARC_MINUTE, 0.01, 0.5 * ARC_MINUTE, 0.005, 0.1 * ARC_MINUTE,
+        0.1, 0.05, ARC_MINUTE, 0.01, 0.5 * ARC_MINUTE, 0.005, 0.1 * ARC_MINUTE,
         0.001, 1.0 / 3600.0, 0.01 * ARC_MINUTE, 1e-4, 0.1 / 3600.0, 1e-5,
     )
 )  # fmt: skip
 """degrees"""
-TIME_STEPS: tuple[Step, ...] = tuple(
-    (step, 0.02 * step) for step in (3600.0, 600.0, 300.0, 60.0, 30.0, 10.0, 6.0, 1.0, 0.1, 0.01)
-)
-"""s"""
+TIME_STEPS: tuple[Step, ...] = tuple((step, 0.02 * step) for step in (60.0, 6.0, 1.0, 0.1, 0.01))
+"""s; coarser ones are schedules, not codings"""
 SPEED_STEPS: tuple[Step, ...] = (
-    (5.0 * KNOT, 0.051), (2.0, 0.02), (2.0 * KNOT, 0.051), (1.0, 0.02), (KNOT, 0.051),
+    (5.0 * KNOT, 0.051), (1.0, 0.02), (KNOT, 0.051),
     (0.5, 0.01), (0.1, 0.005), (0.1 * KNOT, 0.0026), (0.01, 0.001),
 )  # fmt: skip
 """m/s; knots may be stored to 0.1 m/s"""
 DIRECTION_STEPS: tuple[Step, ...] = tuple(
-    (step, 0.02 * step) for step in (45.0, 30.0, 22.5, 10.0, 5.0, 1.0, 0.1, 0.01)
+    (step, 0.02 * step) for step in (10.0, 5.0, 1.0, 0.1, 0.01)
 )
 """degrees"""
 
@@ -122,35 +120,42 @@ def detect_resolution(
     seen = np.flatnonzero(place % np.maximum(stride, 1) == 0)
     group = columns["tail"][seen]
 
-    def step(name: str, steps: tuple[Step, ...]) -> NDArray[np.float64]:
-        return _filled(columns[name][seen].astype(np.float64), group, number, steps)
+    def step(name: str, steps: tuple[Step, ...], usual: float) -> NDArray[np.float64]:
+        return _filled(columns[name][seen].astype(np.float64), group, number, steps, usual=usual)
 
     position = _filled(
         np.concatenate([columns["latitude"][seen], columns["longitude"][seen]]),
         np.concatenate([group, group]),
         number,
         POSITION_STEPS,
+        usual=0.01,
     )
     day = columns["time"] - columns["time"].astype("datetime64[D]")
     seconds = day[seen].astype("timedelta64[ns]").astype(np.int64) / 1e9
-    clock = _filled(seconds, group, number, TIME_STEPS)
+    clock = _filled(seconds, group, number, TIME_STEPS, usual=60.0)
     return {
         "position_resolution": position,
         "time_resolution": np.where(_steady(columns, clock, number), 1.0, clock),
-        "wind_speed_resolution": step("wind_speed", SPEED_STEPS),
-        "wind_direction_resolution": step("wind_direction", DIRECTION_STEPS),
+        "wind_speed_resolution": step("wind_speed", SPEED_STEPS, KNOT),
+        "wind_direction_resolution": step("wind_direction", DIRECTION_STEPS, 1.0),
     }
 
 
 def _filled(
-    values: NDArray[np.float64], group: NDArray[Any], number: int, steps: tuple[Step, ...]
+    values: NDArray[np.float64],
+    group: NDArray[Any],
+    number: int,
+    steps: tuple[Step, ...],
+    *,
+    usual: float,
 ) -> NDArray[np.float64]:
+    """Steps per aircraft; the most frequent one, at most the usual, where reports are too few."""
     found = lattice_step(values, group, number, steps)
     absent = np.isnan(found)
     if absent.any():
         own, times_met = np.unique(found[~absent], return_counts=True)
         pooled = lattice_step(values, np.zeros_like(group), 1, steps, fewest=1)[0]
-        found[absent] = own[np.argmax(times_met)] if own.size else pooled
+        found[absent] = own[np.argmax(times_met)] if own.size else min(pooled, usual)
     return found
 
 
@@ -169,13 +174,14 @@ def _steady(
     tail = columns["tail"]
     gap = np.diff(seconds_since_1970(columns["time"]))
     speed = step_distance(columns["latitude"], columns["longitude"]) / np.where(gap > 0, gap, 1.0)
+    twice = np.bincount(tail[1:][(gap == 0) & (np.diff(tail) == 0)], minlength=number)
     leg = (gap > 0) & (gap < 1800.0) & (np.diff(tail) == 0) & (speed > 60.0)
     pair = np.flatnonzero(leg[1:] & leg[:-1])
     change = np.abs(np.log(speed[pair + 1] / speed[pair]))
     expected = clock[tail[pair]] / np.minimum(gap[pair], gap[pair + 1]) * np.sqrt(0.5)
     ratio = change / expected
     size = np.bincount(tail[pair], minlength=number)
-    for aircraft in np.flatnonzero((clock >= 10.0) & (size >= 10)):
+    for aircraft in np.flatnonzero((clock >= 10.0) & (size >= 10) & (twice == 0)):
         start, stop = np.searchsorted(tail[pair], (aircraft, aircraft + 1))
         steady[aircraft] = 1.4826 * float(np.median(ratio[start:stop])) < 1.0 / 3.0
     return steady
