@@ -100,7 +100,7 @@ class Scenario:
     legs_per_day: float = 4.0
     climb_seconds: float = 60.0
     cruise_seconds: float = 120.0
-    coding: Coding = Coding()
+    coding: Coding = field(default_factory=Coding)
     field_test: tuple[int, tuple[str, ...]] | None = None
     packing: Mapping[str, str] = field(default_factory=dict)
 
@@ -173,11 +173,16 @@ def _simulate(scenario: Scenario) -> _Simulated:
     if scenario.field_test is not None:
         day, chosen = scenario.field_test
         correction = corrections(faults, earth, scenario.tails, chosen, 24.0 * day)
+
+    def wind(_: object, lat: Array, lon: Array, pressure: Array, hours: Array) -> Array:
+        return world.at_points(*plane(lat, lon), np.log(pressure / 1e5), hours)
+
     reports = observe(
         flown,
         flight,
         step,
-        world=world,
+        wind=wind,
+        seed=scenario.seed,
         field=earth,
         faults=faults,
         tails=scenario.tails,
@@ -233,7 +238,7 @@ def simulate_arrays(*, derivatives: bool = True, **options: Any) -> pd.DataFrame
     """
     scenario = Scenario(**options)
     made = _simulate(scenario)
-    frame = _finished(made.reports, scenario)
+    frame = finished(made.reports, scenario.start)
     for name, stored in made.references.items():
         wind = sample_reference(
             stored,
@@ -250,11 +255,24 @@ def simulate_arrays(*, derivatives: bool = True, **options: Any) -> pd.DataFrame
     return frame
 
 
-def _finished(reports: pd.DataFrame, scenario: Scenario) -> pd.DataFrame:
-    """Return the reports sorted by tail and time, with absolute times and pressure."""
+def finished(reports: pd.DataFrame, start: datetime) -> pd.DataFrame:
+    """Return the reports sorted by tail and time, with absolute times and pressure.
+
+    Parameters
+    ----------
+    reports : pandas.DataFrame
+        From `airswing.sample.observe.observe`.
+    start : datetime
+        Hour zero, UTC.
+
+    Returns
+    -------
+    pandas.DataFrame
+        With ``time`` (datetime64) and ``pressure`` (Pa).
+    """
     frame = reports.sort_values(["tail", "hours", "flight"], kind="stable", ignore_index=True)
     whole = np.round(frame["hours"].to_numpy() * 3600.0).astype("timedelta64[s]")
-    frame["time"] = (np.datetime64(scenario.start, "s") + whole).astype("datetime64[ns]")
+    frame["time"] = (np.datetime64(start, "s") + whole).astype("datetime64[ns]")
     frame["pressure"] = pressure_from_altitude(frame["altitude"].to_numpy())
     return frame
 
@@ -262,10 +280,26 @@ def _finished(reports: pd.DataFrame, scenario: Scenario) -> pd.DataFrame:
 _PHASES = np.array(["", "ascent", "cruise", "descent"])
 
 
-def _write_reports(
-    directory: Path, frame: pd.DataFrame, *, true_airspeed: bool, phases: Sequence[str]
+def write_reports(
+    directory: Path,
+    frame: pd.DataFrame,
+    *,
+    true_airspeed: bool = False,
+    phases: Sequence[str] = ("ascent", "cruise", "descent"),
 ) -> None:
-    """Write one CSV per aircraft in canonical columns."""
+    """Write one CSV per aircraft in canonical columns.
+
+    Parameters
+    ----------
+    directory : Path
+        Folder, made where missing.
+    frame : pandas.DataFrame
+        From `finished`.
+    true_airspeed : bool
+        Also the indicated airspeed and heading.
+    phases : sequence of str
+        Phases of flight to write.
+    """
     directory.mkdir(parents=True, exist_ok=True)
     table = pd.DataFrame(
         {
@@ -291,9 +325,7 @@ def _write_reports(
         part.to_csv(directory / f"{tail}.csv", index=False)
 
 
-def _config(
-    directory: str, scenario: Scenario, made: _Simulated, output: str
-) -> dict[str, Any]:
+def _config(directory: str, scenario: Scenario, made: _Simulated, output: str) -> dict[str, Any]:
     """Return the configuration of an archive."""
     suffix = {1: "grb", 2: "grb2"}
     config: dict[str, Any] = {
@@ -376,12 +408,12 @@ def write_archive(
         effects = fleet_deviations(probe.tails, seed)
     scenario = Scenario(days=days, aircraft=aircraft, seed=seed, effects=effects, **options)
     made = _simulate(scenario)
-    frame = _finished(made.reports, scenario)
+    frame = finished(made.reports, scenario.start)
     for tail, share in (thinned or {}).items():
         own = frame["flight"][frame["tail"] == tail].unique()
         kept = own[: max(1, int(share * own.size))]
         frame = frame[(frame["tail"] != tail) | frame["flight"].isin(kept)]
-    _write_reports(root / "reports", frame, true_airspeed=true_airspeed, phases=phases)
+    write_reports(root / "reports", frame, true_airspeed=true_airspeed, phases=phases)
     for name, stored in made.references.items():
         write_reference(
             root / name,
@@ -398,10 +430,48 @@ def write_archive(
     config = _config(where, scenario, made, output or f"{where}/results")
     target = root / "config.yaml"
     target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
-    folder = Path(truth) if truth is not None else root / "truth"
-    folder.mkdir(parents=True, exist_ok=True)
-    record = truth_record(frame, made.faults, made.field, scenario.tails, effects)
-    record["seed"], record["start"] = seed, scenario.start.isoformat()
-    record["corrected"] = scenario.field_test and list(scenario.field_test[1])
-    (folder / "truth.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
+    save_truth(
+        Path(truth) if truth is not None else root / "truth",
+        frame,
+        made.faults,
+        made.field,
+        scenario.tails,
+        effects,
+        seed=seed,
+        start=scenario.start,
+        corrected=scenario.field_test and list(scenario.field_test[1]),
+    )
     return target
+
+
+def save_truth(
+    folder: Path,
+    frame: pd.DataFrame,
+    faults: Sequence[Fault],
+    earth: EarthField,
+    tails: Sequence[str],
+    effects: Effects,
+    *,
+    seed: int,
+    start: datetime,
+    corrected: Sequence[str] | None = None,
+) -> None:
+    """Write ``truth.json``.
+
+    Parameters
+    ----------
+    folder : Path
+        Where; made where missing.
+    frame, faults, earth, tails, effects
+        See `airswing.sample.truth.truth_record`.
+    seed : int
+        The archive's seed.
+    start : datetime
+        Its first day.
+    corrected : sequence of str, optional
+        Tails that apply a table in the field test.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    record = truth_record(frame, faults, earth, tails, effects)
+    record.update(seed=seed, start=start.isoformat(), corrected=corrected)
+    (folder / "truth.json").write_text(json.dumps(record, indent=1), encoding="utf-8")

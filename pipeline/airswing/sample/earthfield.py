@@ -56,9 +56,7 @@ class EarthField:
         south, north, west, east = self.box
         lat = np.arange(np.floor(south) - 1, north + 1 + _STEP, _STEP)
         lon = np.arange(np.floor(west) - 1, east + 1 + _STEP, _STEP)
-        ends = [
-            _lattice(lat, lon, self.start + timedelta(days=span)) for span in (0.0, self.days)
-        ]
+        ends = [_lattice(lat, lon, self.start + timedelta(days=span)) for span in (0.0, self.days)]
         object.__setattr__(self, "_axes", (lat, lon))
         object.__setattr__(self, "_first", RegularGridInterpolator((lat, lon), ends[0]))
         change = RegularGridInterpolator((lat, lon), ends[1] - ends[0])

@@ -345,9 +345,7 @@ def apply_unit_faults(setting: Setting, faults: Sequence[Fault], tails: Sequence
             UNIT_FAULTS[fault.name](setting, fault, where)
 
 
-def reference_changes(
-    faults: Sequence[Fault], names: Sequence[str]
-) -> dict[str, ReferenceChange]:
+def reference_changes(faults: Sequence[Fault], names: Sequence[str]) -> dict[str, ReferenceChange]:
     """Return what the faults do to each reference.
 
     Parameters

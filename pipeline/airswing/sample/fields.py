@@ -181,6 +181,8 @@ def sample_reference(
     longitude: Array,
     pressure: Array,
     hours: Array,
+    *,
+    shift: tuple[Array, Array] | None = None,
 ) -> dict[str, Array]:
     """Return a reference's wind and its gradients at points.
 
@@ -194,6 +196,8 @@ def sample_reference(
         hPa.
     hours : ndarray (n,)
         Hours since the start.
+    shift : (ndarray, ndarray), optional
+        Rows and columns (n,) to look away from each point.
 
     Returns
     -------
@@ -202,6 +206,8 @@ def sample_reference(
         m/s per unit ln p; ``dudx, dvdx, dudy, dvdy`` s-1 towards true east and north; NaN outside.
     """
     row, column = stored.grid.indices(latitude, longitude)
+    if shift is not None:
+        row, column = row + shift[0], column + shift[1]
     zeta = np.log(stored.levels)
     depth = np.interp(np.log(pressure), zeta[::-1], np.arange(zeta.size)[::-1].astype(float))
     step = (hours - stored.hours[0]) / (stored.hours[1] - stored.hours[0])
@@ -227,9 +233,7 @@ def _corners(wind: NDArray[np.float32], lows: list[NDArray[np.int64]]) -> Array:
     flat = wind.reshape(-1)
     sizes = wind.shape
     strides = np.array([np.prod(sizes[axis + 1 :]) for axis in range(5)], dtype=np.int64)
-    base = sum(
-        low * strides[axis] for low, axis in zip(lows, (0, 2, 3, 4), strict=True)
-    )
+    base = sum(low * strides[axis] for low, axis in zip(lows, (0, 2, 3, 4), strict=True))
     out = np.empty((2, 2, 2, 2, 2, base.size))
     for corner in np.ndindex(2, 2, 2, 2, 2):
         shift = int(np.dot(corner[:4], strides[[0, 2, 3, 4]]) + corner[4] * strides[1])

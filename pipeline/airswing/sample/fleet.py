@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.sample.network import Timetable
 from airswing.sample.world import stream
 
@@ -74,6 +75,10 @@ class Flown:
         low = where.astype(int)
         first = values[low, flight]
         return np.asarray(first + (values[low + 1, flight] - first) * (where - low))
+
+    def pressure(self, step: NDArray[np.int64], flight: NDArray[np.int64]) -> Array:
+        """Return the pressure in Pa at whole steps."""
+        return pressure_from_altitude(self.altitude[step, flight])
 
     def acceleration(self, flight: NDArray[np.int64], step: Array) -> tuple[Array, Array]:
         """Return the eastward and northward acceleration over the ground, m s-2."""
@@ -213,7 +218,9 @@ def fly(
         track, speed, rate = new_track, new_speed, new_rate
         sink = home / np.maximum(speed, 60.0) * _DESCENT
         phase = np.where((phase == ASCENT) & (altitude >= table.cruise_altitude), CRUISE, phase)
-        phase = np.where((phase != DESCENT) & alive & (altitude > 500) & (sink < altitude), 3, phase)
+        phase = np.where(
+            (phase != DESCENT) & alive & (altitude > 500) & (sink < altitude), DESCENT, phase
+        )
         landed = (phase == DESCENT) & ((altitude < 250.0) | ((stage == 2) & (left < 2500.0)))
         phase = np.where(landed, 0, phase).astype(np.int8)
     stacked = {name: np.stack(values) for name, values in kept.items()}

@@ -11,7 +11,7 @@ Validity: checked by reading back with eccodes and cfgrib in the tests. Units: m
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import eccodes
@@ -24,6 +24,8 @@ from airswing.sample.lambert import LambertGrid
 __all__ = ["MessageWriter", "write_reference"]
 
 Array = NDArray[np.float64]
+_FIXED_BITS = {"grid_complex_spatial_differencing": 12, "grid_complex": 12, "grid_ccsds": 12}
+"""Packings that take a number of bits, not of decimals: steps of 0.01-0.03 m/s."""
 
 
 def _grid_keys(grid: LambertGrid, edition: int) -> dict[str, float | int | str]:
@@ -98,13 +100,16 @@ class MessageWriter:
             eccodes.codes_set(handle, "typeOfLevel", "isobaricInhPa")
             for key, value in _component_keys(edition, component).items():
                 eccodes.codes_set(handle, key, value)
-            eccodes.codes_set(handle, "bitsPerValue", 0)
-            eccodes.codes_set(handle, "decimalPrecision", decimals)
+            if packing not in _FIXED_BITS:
+                eccodes.codes_set(handle, "bitsPerValue", 0)
+                eccodes.codes_set(handle, "decimalPrecision", decimals)
             if packing != "grid_simple":
                 eccodes.codes_set_values(handle, np.arange(grid.rows * grid.columns, dtype=float))
                 eccodes.codes_set(handle, "packingType", packing)
+            if packing in _FIXED_BITS:
+                eccodes.codes_set(handle, "bitsPerValue", _FIXED_BITS[packing])
             self._templates.append(handle)
-        self._decimals = decimals
+        self._decimals = None if packing in _FIXED_BITS else decimals
 
     def message(
         self,
@@ -140,7 +145,8 @@ class MessageWriter:
         eccodes.codes_set(handle, "dataTime", base.hour * 100 + base.minute)
         eccodes.codes_set(handle, "endStep", lead)
         eccodes.codes_set(handle, "level", int(level))
-        eccodes.codes_set(handle, "decimalPrecision", self._decimals)
+        if self._decimals is not None:
+            eccodes.codes_set(handle, "decimalPrecision", self._decimals)
         eccodes.codes_set_values(handle, values.astype(np.float64).ravel())
         return bytes(eccodes.codes_get_message(handle))
 
@@ -190,8 +196,6 @@ def write_reference(
     list of Path
         Files, in order of time.
     """
-    from datetime import timedelta
-
     directory.mkdir(parents=True, exist_ok=True)
     suffix = (names or {1: "grb", 2: "grb2"})[edition]
     writer = MessageWriter(

@@ -112,7 +112,8 @@ class LambertGrid:
         x0, y0 = self._origin
         x = x0 + self.spacing * np.arange(self.columns)
         y = y0 + self.spacing * np.arange(self.rows)
-        lon, lat = self._projection(*np.meshgrid(x, y), inverse=True)
+        px, py = np.meshgrid(x, y)
+        lon, lat = self._projection(px, py, inverse=True)
         return np.asarray(lat), np.asarray(lon)
 
 

@@ -69,7 +69,8 @@ NETWORKS = {
     "great_lakes": Network(_AIRPORTS, ("MSP", "DTW", "ORD", "MKE", "CLE"), (280, 800), (43.4, -87)),
     "lower_lakes": Network(
         {code: _AIRPORTS[code] for code in
-         "DTW ORD MKE CLE IND CVG TVC GRB CWA MLI SBN CMH LAN PIA APN".split()},
+         ("DTW", "ORD", "MKE", "CLE", "IND", "CVG", "TVC", "GRB", "CWA", "MLI", "SBN", "CMH",
+          "LAN", "PIA", "APN")},
         ("DTW", "ORD", "MKE"), (230, 620), (42.3, -86.2),
     ),
     "continental": Network(
@@ -120,7 +121,13 @@ def _routes(rng: np.random.Generator, network: Network, hub: str) -> tuple[list[
 
 
 def timetable(
-    network: Network, *, aircraft: int, days: int, seed: int, legs_per_day: float
+    network: Network,
+    *,
+    aircraft: int,
+    days: int,
+    seed: int,
+    legs_per_day: float,
+    duty: tuple[float, float, float] = (10.0, 13.0, 29.0),
 ) -> Timetable:
     """Return the flights of a fleet.
 
@@ -136,6 +143,8 @@ def timetable(
         The archive's seed.
     legs_per_day : float
         Mean number of legs an aircraft flies a day.
+    duty : (float, float, float)
+        Earliest and latest first departure and the hour no leg starts after, hours of the day.
 
     Returns
     -------
@@ -149,7 +158,7 @@ def timetable(
         names, share = _routes(rng, network, hub)
         cruise = rng.uniform(126.0, 142.0)
         for day in range(days):
-            clock = day * 24.0 + rng.uniform(10.0, 13.0)
+            clock = day * 24.0 + rng.uniform(*duty[:2])
             rounds = int(legs_per_day / 2 + rng.uniform())
             for _ in range(rounds):
                 there = str(rng.choice(names, p=share))
@@ -160,7 +169,7 @@ def timetable(
                     level = max(3600.0, top - 610.0 * float(rng.integers(0, 4)))
                     rows.append((index, clock, start, end, level, cruise + rng.normal(0, 1.5)))
                     clock += length / (cruise - 12.0) / 3600.0 + rng.uniform(0.5, 0.8)
-                if clock > day * 24.0 + 29.0:
+                if clock > day * 24.0 + duty[2]:
                     break
     columns = list(zip(*rows, strict=True))
     place = network.airports

@@ -10,7 +10,7 @@ units.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,11 +24,13 @@ from airswing.sample.fields import plane
 from airswing.sample.fleet import STEP, Flown
 from airswing.sample.instrument import coded, compute_wind, sensed_heading
 from airswing.sample.waves import random_waves
-from airswing.sample.world import World, stream
+from airswing.sample.world import stream
 
 __all__ = ["Coding", "Correction", "observe"]
 
 Array = NDArray[np.float64]
+Wind = Callable[[NDArray[np.int64], Array, Array, Array, Array], Array]
+"""(flight, latitude, longitude, pressure Pa, hours) to the true wind (2, n) in m/s."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class Correction:
 
 
 def _state(
-    flown: Flown, flight: NDArray[np.int64], step: Array, world: World, field: EarthField
+    flown: Flown, flight: NDArray[np.int64], step: Array, wind: Wind, field: EarthField
 ) -> dict[str, Array]:
     """Return the exact state at (fractional) steps: places, air vector, field, accelerations."""
     state = {
@@ -77,18 +79,17 @@ def _state(
         for name in ("latitude", "longitude", "altitude", "east", "north", "bank")
     }
     hours = flown.departure[flight] + step * STEP / 3600.0
-    x, y = plane(state["latitude"], state["longitude"])
     pressure = pressure_from_altitude(state["altitude"])
-    wind = world.at_points(x, y, np.log(pressure / 1e5), hours)
-    air = state["east"] - wind[0], state["north"] - wind[1]
+    blown = wind(flight, state["latitude"], state["longitude"], pressure, hours)
+    air = state["east"] - blown[0], state["north"] - blown[1]
     heading = np.arctan2(*air)
     speeding = flown.acceleration(flight, step)
     declination, horizontal, down = field.at(state["latitude"], state["longitude"], hours)
     state.update(
         hours=hours,
         pressure=pressure,
-        u=wind[0],
-        v=wind[1],
+        u=blown[0],
+        v=blown[1],
         heading=heading,
         airspeed=np.hypot(*air),
         drift=_wrap(np.arctan2(state["east"], state["north"]) - heading),
@@ -105,17 +106,17 @@ def _wrap(angle: Array) -> Array:
     return np.asarray(np.pi - (np.pi - angle) % (2 * np.pi))
 
 
-def _weather(state: dict[str, Array], world: World) -> tuple[Array, NDArray[np.bool_]]:
+def _weather(state: dict[str, Array], seed: int) -> tuple[Array, NDArray[np.bool_]]:
     """Return true temperature (K) and whether icing protection is on."""
     moist = random_waves(
-        stream(world.seed, "weather"),
+        stream(seed, "weather"),
         count=40,
         rms=1.0,
         lengths=(90.0, 250.0),
         depth=0.6,
         memory=12.0,
         start=-12.0,
-        end=world.end + 24.0,
+        end=float(state["hours"].max()) + 24.0,
         drift=(35.0, 0.0),
     )
     x, y = plane(state["latitude"], state["longitude"])
@@ -181,7 +182,8 @@ def observe(
     flight: NDArray[np.int64],
     step: NDArray[np.int64],
     *,
-    world: World,
+    wind: Wind,
+    seed: int,
     field: EarthField,
     faults: Sequence[Fault],
     tails: Sequence[str],
@@ -196,8 +198,10 @@ def observe(
         The flights.
     flight, step : ndarray int (n,)
         Where on them the reports are made.
-    world : World
-        True wind.
+    wind : callable
+        True wind, see `Wind`.
+    seed : int
+        The archive's seed.
     field : EarthField
         Earth's magnetic field.
     faults : sequence of Fault
@@ -218,16 +222,16 @@ def observe(
         ``horizontal``, ``dip`` (radians, SI).
     """
     tail = flown.aircraft[flight]
-    here = _state(flown, flight, step.astype(float), world, field)
+    here = _state(flown, flight, step.astype(float), wind, field)
     lag = _lag_steps(faults, tail, here["hours"], tails)
     late = lag != 0
     used = here
     if late.any():
-        past = _state(flown, flight[late], np.maximum(step - lag, 0.0)[late], world, field)
+        past = _state(flown, flight[late], np.maximum(step - lag, 0.0)[late], wind, field)
         used = {name: values.copy() for name, values in here.items()}
         for name, values in past.items():
             used[name][late] = values
-    temperature, icing = _weather(here, world)
+    temperature, icing = _weather(here, seed)
     box = (
         float(here["latitude"].min()),
         float(here["latitude"].max()),
@@ -257,7 +261,7 @@ def observe(
         },
     )
     apply_unit_faults(setting, faults, tails)
-    rng = stream(world.seed, "instrument noise")
+    rng = stream(seed, "instrument noise")
     heading, airspeed = _indicate(used, setting, rng, coding, correction)
     u, v = compute_wind(used["east"], used["north"], airspeed, heading)
     frame = pd.DataFrame(
@@ -285,7 +289,7 @@ def observe(
             "temperature": temperature,
         }
     )
-    return _report(frame, here, u, v, faults, tails, coding, world.seed)
+    return _report(frame, here, u, v, faults, tails, coding, seed)
 
 
 def _report(

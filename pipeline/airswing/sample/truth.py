@@ -162,9 +162,7 @@ def corrections(
     tables = {}
     for tail in chosen:
         index = list(tails).index(tail)
-        curve = deviation_curve(
-            horizontal, down, unit_of(index, faults, tails, horizontal, down)
-        )
+        curve = deviation_curve(horizontal, down, unit_of(index, faults, tails, horizontal, down))
         error = curve["A"] + curve["B"] * np.sin(nodes) + curve["C"] * np.cos(nodes)
         error += curve["D"] * np.sin(2 * nodes) + curve["E"] * np.cos(2 * nodes)
         tables[index] = np.round(error, 1)

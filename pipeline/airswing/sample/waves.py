@@ -99,7 +99,7 @@ class Waves:
             out[:, part] = (wave @ pair).real.T
         return out
 
-    def on_grid(self, x: Array, y: Array, zeta: Array, hours: Array) -> Array:
+    def on_grid(self, x: Array, y: Array, zeta: Array, hours: Array) -> NDArray[np.float32]:
         """Return the wind on a grid at a list of times.
 
         Parameters

@@ -133,7 +133,7 @@ class World:
     def __post_init__(self) -> None:
         """Draw the fields."""
         sizes = self.parameters
-        span = {"start": -12.0, "end": self.end + 24.0}
+        start, end = -12.0, self.end + 24.0
         waves = random_waves(
             stream(self.seed, "waves"),
             count=36,
@@ -143,7 +143,8 @@ class World:
             memory=60.0,
             drift=(38.0, -6.0),
             rotational=0.97,
-            **span,
+            start=start,
+            end=end,
         )
         meso = random_waves(
             stream(self.seed, "mesoscale"),
@@ -154,7 +155,8 @@ class World:
             memory=5.0,
             drift=(45.0, 5.0),
             rotational=0.6,
-            **span,
+            start=start,
+            end=end,
         )
         rng = stream(self.seed, "jet")
         object.__setattr__(self, "waves", waves)
@@ -198,7 +200,9 @@ class World:
         wind = self.mesoscale.at_points(x, y, zeta, hours) * _growth(zeta)
         return wind + self.large_scale_at(x, y, zeta, hours)
 
-    def large_scale_on_grid(self, x: Array, y: Array, zeta: Array, hours: Array) -> Array:
+    def large_scale_on_grid(
+        self, x: Array, y: Array, zeta: Array, hours: Array
+    ) -> NDArray[np.float32]:
         """Return jet and waves on a grid, m/s, shape (T, 2, L, rows, columns), float32."""
         wind = self.waves.on_grid(x, y, zeta, hours)
         wind *= _wave_profile(zeta).astype(np.float32)[:, None, None]
@@ -233,7 +237,7 @@ class Reference:
     def __post_init__(self) -> None:
         """Draw the errors: shared, own, persistent and daily."""
         sizes, seed = self.world.parameters, self.world.seed
-        span = {"start": -12.0, "end": self.world.end + 24.0}
+        start, end = -12.0, self.world.end + 24.0
 
         def error(label: str, rms: float, count: int) -> Waves:
             return random_waves(
@@ -244,7 +248,8 @@ class Reference:
                 depth=sizes.depth,
                 memory=sizes.memory,
                 drift=(25.0, 0.0),
-                **span,
+                start=start,
+                end=end,
             )
 
         def steady(label: str, rms: float) -> Waves:
@@ -255,7 +260,8 @@ class Reference:
                 lengths=(250.0, 800.0),
                 depth=0.6,
                 memory=np.inf,
-                **span,
+                start=start,
+                end=end,
             )
 
         own = np.sqrt(1.0 - sizes.shared)
@@ -269,14 +275,14 @@ class Reference:
         )
         object.__setattr__(self, "bias", steady("bias ", sizes.bias))
         object.__setattr__(self, "daily", steady("daily ", sizes.daily))
-        object.__setattr__(self, "burst", self._burst(span))
+        object.__setattr__(self, "burst", self._burst())
 
     errors: tuple[Waves, ...] = ()
     bias: Waves = None  # type: ignore[assignment]
     daily: Waves = None  # type: ignore[assignment]
     burst: Waves = None  # type: ignore[assignment]
 
-    def _burst(self, span: dict[str, float]) -> Waves:
+    def _burst(self) -> Waves:
         """Draw the field whose exponential scales the error where tails are heavy."""
         return random_waves(
             stream(self.world.seed, "burst " + self.name),
@@ -285,7 +291,8 @@ class Reference:
             lengths=(500.0, 900.0),
             depth=3.0,
             memory=18.0,
-            **span,
+            start=-12.0,
+            end=self.world.end + 24.0,
         )
 
     def _resolved(self) -> Waves:
