@@ -19,6 +19,9 @@ app = typer.Typer(
     help="Swing the compass of an aircraft from its archive of wind reports and model winds.",
 )
 
+_USAGE_ERROR: Any = typer.BadParameter.__base__
+"""Base of every error in how a command was called (typer does not export it by name)."""
+
 ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Configuration (YAML).")]
 Output = Annotated[Path | None, typer.Option(help="Folder for the products.", metavar="DIR")]
 Resume = Annotated[bool, typer.Option("--resume", help="Keep finished work that still holds.")]
@@ -112,6 +115,24 @@ def correct(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 
 
 @app.command()
+def evaluate(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
+    """Compute the field test, from headings.nc: field_test.json on standard output."""
+    from airswing import workflow
+
+    job = _job(config, output=output, quiet=quiet)
+    _print(workflow.make_field_test(job), as_json=True, text="")
+
+
+@app.command()
+def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
+    """Show how the fits depend on the reference, from headings.nc: sensitivity.json."""
+    from airswing import workflow
+
+    job = _job(config, output=output, quiet=quiet)
+    _print(workflow.make_sensitivity(job), as_json=True, text="")
+
+
+@app.command()
 def sample(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write to.")],
     days: Annotated[int, typer.Option(help="Length of the archive.", min=1)] = 30,
@@ -141,10 +162,13 @@ def main() -> None:
     from airswing.errors import AirswingError
 
     try:
-        app(standalone_mode=True)
+        app(standalone_mode=False)
+    except _USAGE_ERROR as err:
+        err.show()
+        raise SystemExit(2) from None
+    except (KeyboardInterrupt, typer.Abort):
+        print("airswing: interrupted; finished products are intact", file=sys.stderr)
+        raise SystemExit(130) from None
     except AirswingError as err:
         print(f"airswing: {err}", file=sys.stderr)
         raise SystemExit(2) from None
-    except KeyboardInterrupt:
-        print("airswing: interrupted; finished products are intact", file=sys.stderr)
-        raise SystemExit(130) from None

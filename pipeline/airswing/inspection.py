@@ -39,14 +39,14 @@ def inspect_file(path: Path) -> dict[str, Any]:
     if b"GRIB" in start:
         from airswing.reference.inspection import inspect_grib
 
-        return {"file": str(path), "kind": "grib"} | inspect_grib(path)
+        return {"file": str(path), "kind": "grib", **inspect_grib(path)}
     if start.startswith((b"CDF", b"\x89HDF")):
         product = _product(path)
         if product is not None:
             return {"file": str(path), "kind": "product"} | product
     from airswing.reports.summary import reports_summary
 
-    return {"file": str(path), "kind": "reports"} | reports_summary(path)
+    return {"file": str(path), "kind": "reports", **reports_summary(path)}
 
 
 def _product(path: Path) -> dict[str, Any] | None:

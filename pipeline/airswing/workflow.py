@@ -12,17 +12,22 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
 from airswing.config import Config, as_json
-from airswing.errors import InputError
+from airswing.errors import ConfigError, InputError
 from airswing.fingerprint import file_identities, fingerprint
-from airswing.products import read_product, write_product
+from airswing.products import read_product, write_json, write_product
 from airswing.progress import Progress
 
+if TYPE_CHECKING:
+    from airswing.reference.catalogue import Catalogue
+    from airswing.reference.planning import Plan
+
 HEADINGS, FITS, CORRECTED = "headings.nc", "fits.nc", "corrected.nc"
+PROFILES, FIELD_TEST, SENSITIVITY = "error_profiles.nc", "field_test.json", "sensitivity.json"
 
 
 @dataclass(frozen=True)
@@ -90,12 +95,15 @@ def read(job: Job) -> xr.Dataset:
     from airswing.reports.read import read_reports
 
     asked = job.config.reports
-    return read_reports(
-        asked.files, format=asked.format, columns=asked.columns, on_bad_file=asked.on_bad_file
-    )
+    with job.progress.stage("reports") as stage:
+        reports = read_reports(
+            asked.files, format=asked.format, columns=asked.columns, on_bad_file=asked.on_bad_file
+        )
+        stage.note = f"{reports.sizes['report']:,} reports of {reports.sizes['aircraft']} aircraft"
+    return reports
 
 
-def catalogues(job: Job, names: list[str]) -> dict[str, Any]:
+def catalogues(job: Job, names: list[str]) -> dict[str, Catalogue]:
     """Catalogue the GRIB folders of some references.
 
     Parameters
@@ -110,14 +118,45 @@ def catalogues(job: Job, names: list[str]) -> dict[str, Any]:
     from airswing.reference.catalogue import build_catalogue
 
     found = {}
-    for name in names:
-        asked = job.config.references[name]
-        found[name] = build_catalogue(
-            asked.files, name=name, lead=asked.lead, on_bad_file=asked.on_bad_file
+    with job.progress.stage("catalogue") as stage:
+        for name in names:
+            asked = job.config.references[name]
+            found[name] = build_catalogue(
+                asked.files, name=name, lead=asked.lead, on_bad_file=asked.on_bad_file
+            )
+        stage.note = ", ".join(
+            f"{name} {len(model):,} model times" for name, model in found.items()
         )
-        for note in found[name].notes:
-            job.progress.say(f"{name}: {note}")
+    for name, model in found.items():
+        for note in model.notes:
+            job.progress.say(f"  {name}: {note}")
     return found
+
+
+def plans_of(
+    job: Job, reports: xr.Dataset, models: dict[str, Catalogue], options: dict[str, Any]
+) -> dict[str, Plan]:
+    """What the collocation will read, and which reports have no model.
+
+    Parameters
+    ----------
+    job : Job
+    reports : Dataset
+    models : dict of str to Catalogue
+    options : dict
+        ``max_time_gap``, ``sparse`` and ``derivatives`` of the collocation.
+
+    Returns
+    -------
+    dict of str to Plan
+    """
+    from airswing.reference.planning import plan
+
+    with job.progress.stage("plan") as stage:
+        plans = plan(reports, models, **options)
+        messages = sum(one.messages for one in plans.values())
+        stage.note = f"{messages:,} messages to read"
+    return plans
 
 
 def collocated_headings(job: Job, *, names: list[str], derivatives: bool = False) -> xr.Dataset:
@@ -137,29 +176,29 @@ def collocated_headings(job: Job, *, names: list[str], derivatives: bool = False
         In memory; ``reading_audit`` and ``reference_audit`` in the attributes.
     """
     from airswing.compass.headings import derive_headings
-    from airswing.reference.collocate import collocate, require_overlap
+    from airswing.reference.collocate import collocate
+    from airswing.reference.planning import require_overlap
 
-    with job.progress.stage("reports") as stage:
-        reports = read(job)
-        stage.note = f"{reports.sizes['report']:,} reports of {reports.sizes['aircraft']} aircraft"
-    with job.progress.stage("catalogue") as stage:
-        models = catalogues(job, names)
-        gap = job.config.collocation.max_time_gap
-        require_overlap(reports, models, max_time_gap=gap)
-        stage.note = "; ".join(f"{name}: {model.summary()}" for name, model in models.items())
-    with job.progress.stage("collocate"):
-        winds = collocate(
-            reports,
-            models,
-            max_time_gap=gap,
-            derivatives=derivatives,
-            sparse=job.config.collocation.sparse,
-            store=job.store,
-        ).compute()
+    reports = read(job)
+    models = catalogues(job, names)
+    asked = job.config.collocation
+    options = {
+        "max_time_gap": asked.max_time_gap,
+        "sparse": asked.sparse,
+        "derivatives": derivatives,
+    }
+    plans = plans_of(job, reports, models, options)
+    require_overlap(plans)
+    with job.progress.stage("collocate") as stage:
+        winds = collocate(reports, models, store=job.store, **options).compute()
+        matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
+        stage.note = f"reports within the model: {matched}"
+    unread = winds["unread_messages"].to_series().to_dict()
     with job.progress.stage("headings"):
-        headings = derive_headings(reports, winds).compute()
+        headings = derive_headings(reports, winds.drop_vars("unread_messages")).compute()
     headings.attrs["reference_audit"] = {
-        name: {"summary": model.summary(), "notes": model.notes, "skipped": model.skipped}
+        name: plans[name].as_dict()
+        | {"notes": model.notes, "skipped": model.skipped, "unread_messages": unread[name]}
         for name, model in models.items()
     }
     return headings
@@ -326,7 +365,7 @@ def make_page(
 
 
 def make_evaluation(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> dict[str, Any]:
-    """What the evaluation adds to the page; filled by the evaluation stages.
+    """Field test, sensitivity and error profiles, as far as the configuration allows them.
 
     Parameters
     ----------
@@ -336,8 +375,116 @@ def make_evaluation(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> di
     Returns
     -------
     dict
+        ``profiles``, and ``field_test`` and ``sensitivity`` where there are groups and more than
+        one reference; the keywords of :func:`airswing.report.page.write_page`.
     """
-    return {}
+    found: dict[str, Any] = {"profiles": make_profiles(job, headings, corrected)}
+    if job.config.field_test is not None:
+        found["field_test"] = make_field_test(job, headings)
+    if len(job.config.references) > 1:
+        found["sensitivity"] = make_sensitivity(job, headings)
+    return found
+
+
+def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
+    """Error profiles by phase of flight and level: ``error_profiles.nc``.
+
+    Parameters
+    ----------
+    job : Job
+    headings, corrected : Dataset
+
+    Returns
+    -------
+    Dataset
+    """
+    from airswing.evaluation.profiles import error_profiles
+
+    with job.progress.stage("profiles"):
+        profiles = error_profiles(headings, corrected, pools=job.config.pools())
+        write_product(
+            profiles,
+            job.output / PROFILES,
+            title="Wind error by phase of flight and level, as reported and as corrected",
+            config_json=as_json(job.config),
+            source_uuids=[headings.attrs["uuid"], corrected.attrs["uuid"]],
+        )
+    return profiles
+
+
+def make_field_test(job: Job, headings: xr.Dataset | None = None) -> dict[str, Any]:
+    """The field test of the configuration: ``field_test.json``.
+
+    Parameters
+    ----------
+    job : Job
+    headings : Dataset, optional
+        Read from the output folder when not given.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    ConfigError
+        If the configuration has no ``field_test``.
+    """
+    from airswing.evaluation.fieldtest import field_test
+
+    config = job.config
+    if config.field_test is None:
+        raise ConfigError(
+            "there is no field test to evaluate",
+            field="field_test",
+            remedy="Add field_test with start, before_start, corrected and controls",
+        )
+    with job.progress.stage("field test") as stage:
+        result = field_test(
+            _ready(job, headings, HEADINGS),
+            pools=config.pools(),
+            reference=main_reference(config),
+            **config.field_test.model_dump(),
+        )
+        write_json(job.output / FIELD_TEST, result)
+        low, high = result["adjusted_reduction_ci_kt"]
+        stage.note = (
+            f"adjusted reduction {result['adjusted_reduction_kt']:.2f} kt ({low:.2f} to {high:.2f})"
+        )
+    return result
+
+
+def make_sensitivity(job: Job, headings: xr.Dataset | None = None) -> dict[str, Any]:
+    """Every reference and pool fitted on the same reports: ``sensitivity.json``.
+
+    Parameters
+    ----------
+    job : Job
+    headings : Dataset, optional
+        Read from the output folder when not given.
+
+    Returns
+    -------
+    dict
+    """
+    from airswing.evaluation.sensitivity import compare
+
+    config = job.config
+    with job.progress.stage("compare") as stage:
+        result = compare(
+            _ready(job, headings, HEADINGS),
+            pools=config.pools(),
+            never_pool=config.never_pool,
+            **config.fit.model_dump(),
+        )
+        write_json(job.output / SENSITIVITY, result)
+        verdicts = (
+            f"{' and '.join(pair['references'])}: "
+            + ("poolable" if pair["poolable"] else "not poolable")
+            for pair in result["pairs"]
+        )
+        stage.note = "; ".join(verdicts)
+    return result
 
 
 def main_reference(config: Config) -> str:
