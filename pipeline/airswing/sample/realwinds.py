@@ -19,6 +19,7 @@ Units: hours from the run's start, hPa, m/s.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -380,3 +381,7 @@ def _config(root: Path, files: list[str], start: datetime, output: str | None) -
         },
         "output": output or f"{root.resolve()}/results",
     }
+
+
+if __name__ == "__main__":
+    print(write_archive(sys.argv[1], sys.argv[2]))
