@@ -1,0 +1,211 @@
+"""Which ground vector to believe: the chords between fixes, or the unit's own, taken back.
+
+Assumptions
+-----------
+A unit that reports its true heading and true airspeed beside its wind lets its own ground vector
+be taken back: V_G = V_A + V_W, the velocity of its GPS at the instant of the report, free of the
+rounding of positions and times. That holds only if the column named heading *is* the true heading
+the wind was computed with: in some archives it is a track, or a magnetic heading. So it is held
+against the chords first, aircraft by aircraft.
+
+The test
+--------
+Over reports with both, the reported heading must differ from the heading the chords imply by less
+than 1.5 degrees in the median absolute value and less than 0.6 degrees in the signed median (a
+magnetic heading differs by the declination, which would pass straight into coefficient A), each
+plus what rounding explains, and by no more than it differs from the track (a track column agrees
+with the track to its rounding); airspeeds must differ by less than 3 m/s in the median. With
+fewer than 20 reports to judge by, the chords are kept. Where an aircraft passes, single reports
+that are more than 15 m/s plus five standard errors away from their chord keep the chord.
+
+Units
+-----
+Radians, m s-1.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.physics.triangle import (
+    along_cross,
+    angle_of_vector,
+    bearing,
+    speed_of_vector,
+    vector_from_bearing,
+)
+
+__all__ = ["Evidence", "choose_ground_vector", "group_median"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+FEWEST = 20
+"""Reports below which an aircraft's column is not judged."""
+MAX_HEADING_DIFFERENCE = float(np.radians(1.5))
+MAX_HEADING_BIAS = float(np.radians(0.6))
+"""Radians: half a degree is what cutting instead of rounding to whole degrees causes."""
+MAX_AIRSPEED_DIFFERENCE = 3.0
+MAX_VECTOR_DIFFERENCE = 15.0
+MEDIAN_OF_NORMAL = 0.6745
+"""Median absolute value of a normal variable of unit variance."""
+
+
+class Evidence(NamedTuple):
+    """The ground vector believed at each report.
+
+    Attributes
+    ----------
+    eastward, northward : ndarray, shape (report,)
+        Ground velocity, m s-1.
+    along_error, cross_error : ndarray, shape (report,)
+        Its standard errors along and across itself, m s-1.
+    own : ndarray of bool, shape (report,)
+        Whether it is the unit's own.
+    reason : ndarray of str, shape (aircraft,)
+        ``own`` where the unit's own vector is believed, else why not: ``absent``,
+        ``too_few``, ``heading_is_track``, ``heading_differs``, ``airspeed_differs``.
+    """
+
+    eastward: Array
+    northward: Array
+    along_error: Array
+    cross_error: Array
+    own: NDArray[np.bool_]
+    reason: NDArray[np.str_]
+
+
+def group_median(values: Array, group: Index, groups: int) -> Array:
+    """Median of each group, NaN left out.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    group : ndarray of int, shape (n,)
+        Group of each value, 0 to ``groups - 1``.
+    groups : int
+
+    Returns
+    -------
+    ndarray, shape (groups,)
+        NaN where a group has no value.
+    """
+    known = np.isfinite(values)
+    number = group[known]
+    order = np.lexsort((values[known], number))
+    sorted_values = values[known][order]
+    size = np.bincount(number, minlength=groups)
+    start = np.cumsum(size) - size
+    found = np.full(groups, np.nan)
+    some = size > 0
+    low, high = start + (size - 1) // 2, start + size // 2
+    found[some] = 0.5 * (sorted_values[low[some]] + sorted_values[high[some]])
+    return found
+
+
+def choose_ground_vector(
+    chord: tuple[Array, Array, Array, Array],
+    wind: tuple[Array, Array],
+    reported: tuple[Array, Array],
+    steps: tuple[Array, Array, Array],
+    aircraft: Index,
+    number: int,
+) -> Evidence:
+    """Believe the unit's own ground vector where it can be taken back and agrees.
+
+    Parameters
+    ----------
+    chord : four ndarrays, shape (report,)
+        Eastward and northward ground velocity from fixes, and its along- and cross-track standard
+        errors, m s-1.
+    wind : two ndarrays, shape (report,)
+        Eastward and northward reported wind, m s-1.
+    reported : two ndarrays, shape (report,)
+        Reported true airspeed (m s-1) and true heading (radians); NaN where absent.
+    steps : three ndarrays, shape (report,)
+        Resolution of the reported airspeed (m s-1), heading (radians) and wind (m s-1).
+    aircraft : ndarray of int, shape (report,)
+        Aircraft of each report.
+    number : int
+        Number of aircraft.
+
+    Returns
+    -------
+    Evidence
+    """
+    airspeed, heading = reported
+    air = vector_from_bearing(airspeed, heading)
+    own = air[0] + wind[0], air[1] + wind[1]
+    reason = _judge(chord, wind, air, own, aircraft, number)
+    errors = _own_errors(airspeed, heading, own, steps)
+    apart = np.hypot(own[0] - chord[0], own[1] - chord[1])
+    explained = np.hypot(chord[2], chord[3]) + np.hypot(*errors)
+    far = apart > MAX_VECTOR_DIFFERENCE + 5.0 * explained
+    use = (reason == "own")[aircraft] & np.isfinite(own[0] + own[1]) & ~far
+    return Evidence(
+        np.where(use, own[0], chord[0]), np.where(use, own[1], chord[1]),
+        np.where(use, errors[0], chord[2]), np.where(use, errors[1], chord[3]),
+        use, reason,
+    )  # fmt: skip
+
+
+def _judge(
+    chord: tuple[Array, Array, Array, Array],
+    wind: tuple[Array, Array],
+    air: tuple[Array, Array],
+    own: tuple[Array, Array],
+    aircraft: Index,
+    number: int,
+) -> NDArray[np.str_]:
+    """Why each aircraft's own ground vector is not believed, or ``own``."""
+    present = np.bincount(aircraft, weights=np.isfinite(own[0] + own[1]), minlength=number)
+    implied = chord[0] - wind[0], chord[1] - wind[1]
+    turned = angle_of_vector(*implied, *air)
+    off_air = np.abs(turned)
+    off_track = np.abs(angle_of_vector(chord[0], chord[1], *air))
+    speed = speed_of_vector(*implied)
+    off_speed = np.abs(speed_of_vector(*air) - speed)
+    both = np.isfinite(off_air)
+
+    def middle(values: Any) -> Array:
+        return group_median(np.where(both, values, np.nan), aircraft, number)
+
+    noise = MEDIAN_OF_NORMAL * 2.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        angle_noise = middle(chord[3] / speed)
+        angle_allowed = MAX_HEADING_DIFFERENCE + noise * angle_noise
+        speed_allowed = MAX_AIRSPEED_DIFFERENCE + noise * middle(chord[2])
+    heading_apart, track_apart = middle(off_air), middle(off_track)
+    judged = np.bincount(aircraft, weights=both, minlength=number)
+    # a median's standard error is 1.25 sigma / sqrt(n); a few of them for correlated noise
+    bias_allowed = MAX_HEADING_BIAS + 5.0 * angle_noise / np.sqrt(np.maximum(judged, 1.0))
+    biased = ~(np.abs(middle(turned)) <= bias_allowed)
+    return np.asarray(
+        np.select(
+            [
+                present == 0,
+                judged < FEWEST,
+                (track_apart < heading_apart) & (track_apart < 0.5 * MAX_HEADING_DIFFERENCE),
+                ~(heading_apart <= angle_allowed) | (track_apart < heading_apart) | biased,
+                ~(middle(off_speed) <= speed_allowed),
+            ],
+            ["absent", "too_few", "heading_is_track", "heading_differs", "airspeed_differs"],
+            "own",
+        )
+    )
+
+
+def _own_errors(
+    airspeed: Array, heading: Array, own: tuple[Array, Array], steps: tuple[Array, Array, Array]
+) -> tuple[Array, Array]:
+    """Rounding of airspeed, heading and wind, turned onto the ground vector: along and across."""
+    along_air = steps[0] / np.sqrt(12.0)
+    cross_air = steps[1] / np.sqrt(12.0) * airspeed
+    wind_variance = steps[2] ** 2 / 12.0
+    cosine, sine = along_cross(*vector_from_bearing(1.0, heading), bearing(own[0], own[1]))
+    along = (along_air * cosine) ** 2 + (cross_air * sine) ** 2 + wind_variance
+    cross = (along_air * sine) ** 2 + (cross_air * cosine) ** 2 + wind_variance
+    return np.sqrt(along), np.sqrt(cross)

@@ -1,0 +1,321 @@
+"""Headings and heading errors of every report: ground vector, both air vectors, magnetic field.
+
+Assumptions
+-----------
+Reports in the ragged order (aircraft, then time) with flights numbered over the archive; model
+winds relative to true north at the same reports. The unit computed its wind as ground velocity
+minus true airspeed along its indicated heading, so that the indicated heading is the argument of
+V_A = V_G - V_W,reported: it is derived, and needs no heading column. Where an aircraft does report
+true heading and airspeed, and they agree with its fixes, they are believed before the chords
+(`airswing.compass.evidence`).
+
+What the standard errors mean
+-----------------------------
+``ground_velocity_error`` is one standard error of each component of V_G: rounding of positions
+and times, and wandering between fixes. ``heading_error_standard_error`` is that error carried
+through psi_err to first order: V_G enters both air vectors, so an error of it nearly cancels and
+only the part that scales or shears the difference of the two winds is left. It says nothing about
+the model's error nor the unit's coding of its wind: the fit estimates that scatter itself.
+
+Laziness
+--------
+What depends on the reports alone is computed at once (an archive is sorted, so it is whole
+anyway); what depends on the model winds stays lazy when they are dask arrays.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.compass.evidence import Evidence, choose_ground_vector
+from airswing.errors import InputError
+from airswing.physics import triangle
+from airswing.physics.geomagnetism import FieldLattice
+from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, ground_track
+from airswing.ragged import aircraft_of_report
+from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
+from airswing.vocabulary import VARIABLES, describe
+
+__all__ = ["derive_headings", "heading_error_sensitivity"]
+
+Array = NDArray[np.float64]
+
+_NEEDED = (
+    "time", "latitude", "longitude", "pressure_altitude", "eastward_wind", "northward_wind",
+    "flight", "row_size",
+)  # fmt: skip
+_WIND_NAMES = ("reference_eastward_wind", "reference_northward_wind")
+
+
+class _Motion(NamedTuple):
+    """What the reports alone say; arrays of shape (report,), m s-1 and radians."""
+
+    ground: Evidence
+    path: GroundTrack
+    air_east: Array
+    air_north: Array
+
+
+def derive_headings(
+    reports: xr.Dataset,
+    winds: xr.Dataset,
+    *,
+    acceleration_density: float = ACCELERATION_DENSITY,
+    widen: bool = True,
+) -> xr.Dataset:
+    """Headings, magnetic field and heading errors of reports against model winds.
+
+    Parameters
+    ----------
+    reports : Dataset
+        Canonical reports (dimensions ``report`` and ``aircraft``).
+    winds : Dataset
+        Collocated model winds (dimensions ``reference`` and ``report``), in memory or dask-backed.
+    acceleration_density : float
+        How the ground velocity wanders between fixes, m2 s-3; see `airswing.physics.track`.
+    widen : bool
+        Whether ground vectors may reach past the neighbouring fixes.
+
+    Returns
+    -------
+    Dataset
+        Reports and winds with ``ground_speed, track, ground_eastward_velocity,
+        ground_northward_velocity, ground_velocity_error, turn, longitudinal_acceleration,
+        climb_rate, bank, heading, magnetic_heading, airspeed, declination, horizontal_field, dip``
+        (report) and ``heading_error, heading_error_standard_error, airspeed_error`` (reference,
+        report); angles in degrees. The attribute ``ground_vector_evidence`` (JSON) counts which
+        ground vector was believed and says why an aircraft's own was not.
+
+    Raises
+    ------
+    InputError
+        If a variable is missing, or the two Datasets do not hold the same reports.
+
+    References
+    ----------
+    Jacobs et al. 2010, steps a-c and equation 3.
+    """
+    _check(reports, winds)
+    reports = reports.compute()
+    motion = _motion(reports, acceleration_density=acceleration_density, widen=widen)
+    columns = _report_columns(motion) | _field_columns(reports, motion)
+    found = reports.merge(winds, compat="override", combine_attrs="override")
+    found = found.assign({name: ("report", values) for name, values in columns.items()})
+    found = found.assign(_reference_columns(winds, motion))
+    for name in (*columns, "heading_error", "heading_error_standard_error", "airspeed_error"):
+        # the type it has on disk: a stage run from the product gives the same bits
+        found[name] = found[name].astype(VARIABLES[name].dtype)
+    found.attrs = {**winds.attrs, **reports.attrs}
+    found.attrs["ground_vector_evidence"] = json.dumps(_account(reports, motion))
+    return describe(found)
+
+
+def heading_error_sensitivity(
+    air_east: Array, air_north: Array, implied_east: Array, implied_north: Array
+) -> tuple[Array, Array]:
+    """Derivative of the heading error by the ground velocity.
+
+    Parameters
+    ----------
+    air_east, air_north, implied_east, implied_north : ndarrays
+        Both air vectors, m s-1.
+
+    Returns
+    -------
+    by_east, by_north : ndarrays
+        Radians per m s-1. The heading of a vector V turns by n.dV/|V|, n its right-hand normal;
+        the same dV enters both vectors, so what is left is the difference of the two n/|V|.
+    """
+    used = air_east**2 + air_north**2
+    implied = implied_east**2 + implied_north**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_east = air_north / used - implied_north / implied
+        by_north = implied_east / implied - air_east / used
+    return by_east, by_north
+
+
+def _check(reports: xr.Dataset, winds: xr.Dataset) -> None:
+    for name in _NEEDED:
+        if name not in reports:
+            raise InputError("the reports lack a variable", field=name)
+    for name in _WIND_NAMES:
+        if name not in winds:
+            raise InputError("the model winds lack a variable", field=name)
+    if winds.sizes.get("report") != reports.sizes["report"]:
+        raise InputError(
+            "model winds and reports do not hold the same reports",
+            field="report",
+            found=f"{winds.sizes.get('report')} winds for {reports.sizes['report']} reports",
+            remedy="Collocate these reports again",
+        )
+    total = int(reports["row_size"].sum())
+    if total != reports.sizes["report"]:
+        raise InputError(
+            "row_size does not add up to the reports",
+            field="row_size",
+            found=f"{total} for {reports.sizes['report']} reports",
+        )
+
+
+def _column(ds: xr.Dataset, name: str) -> Array:
+    if name not in ds:
+        return np.full(ds.sizes["report"], np.nan)
+    return np.asarray(ds[name].to_numpy(), dtype=np.float64)
+
+
+def _seconds(reports: xr.Dataset) -> Array:
+    time = reports["time"].to_numpy().astype("datetime64[ns]")
+    seconds = time.astype(np.int64) / 1e9
+    return np.asarray(np.where(np.isnat(time), np.nan, seconds))
+
+
+def _per_report(reports: xr.Dataset, name: str, aircraft: NDArray[np.int64]) -> Array:
+    """Resolution of each report's aircraft; 0 where it is not known."""
+    if name not in reports:
+        return np.zeros(aircraft.size)
+    return np.nan_to_num(np.asarray(reports[name].to_numpy(), dtype=np.float64))[aircraft]
+
+
+def _motion(reports: xr.Dataset, *, acceleration_density: float, widen: bool) -> _Motion:
+    aircraft = aircraft_of_report(reports)
+    path = ground_track(
+        _column(reports, "latitude"),
+        _column(reports, "longitude"),
+        _seconds(reports),
+        _column(reports, "pressure_altitude"),
+        reports["flight"].to_numpy(),
+        position_resolution=_per_report(reports, "position_resolution", aircraft),
+        time_resolution=_per_report(reports, "time_resolution", aircraft),
+        acceleration_density=acceleration_density,
+        widen=widen,
+    )
+    wind = _column(reports, "eastward_wind"), _column(reports, "northward_wind")
+    ground = _believed(reports, path, wind, aircraft)
+    air_east, air_north = triangle.air_vector(ground.eastward, ground.northward, *wind)
+    return _Motion(ground, path, air_east, air_north)
+
+
+def _believed(
+    reports: xr.Dataset, path: GroundTrack, wind: tuple[Array, Array], aircraft: NDArray[np.int64]
+) -> Evidence:
+    number = reports.sizes["aircraft"]
+    airspeed, heading = _column(reports, "reported_airspeed"), _column(reports, "reported_heading")
+    airspeed = np.where(airspeed > 0.0, airspeed, np.nan)
+    speed_step, heading_step = (
+        np.nan_to_num(lattice_step(values, aircraft, number, steps))[aircraft]
+        for values, steps in ((airspeed, SPEED_STEPS), (heading, DIRECTION_STEPS))
+    )
+    return choose_ground_vector(
+        (path.eastward, path.northward, path.along_error, path.cross_error),
+        wind,
+        (airspeed, np.radians(heading)),
+        (
+            speed_step,
+            np.radians(heading_step),
+            _per_report(reports, "wind_speed_resolution", aircraft),
+        ),
+        aircraft,
+        number,
+    )
+
+
+def _report_columns(motion: _Motion) -> dict[str, Array]:
+    ground, path = motion.ground, motion.path
+    return {
+        "ground_eastward_velocity": ground.eastward,
+        "ground_northward_velocity": ground.northward,
+        "ground_speed": triangle.speed_of_vector(ground.eastward, ground.northward),
+        "track": np.degrees(triangle.bearing(ground.eastward, ground.northward)),
+        "ground_velocity_error": np.sqrt(0.5 * (ground.along_error**2 + ground.cross_error**2)),
+        "turn": np.degrees(path.turn),
+        "longitudinal_acceleration": path.longitudinal_acceleration,
+        "climb_rate": path.climb_rate,
+        "bank": np.degrees(path.bank),
+        "heading": np.degrees(triangle.bearing(motion.air_east, motion.air_north)),
+        "airspeed": triangle.speed_of_vector(motion.air_east, motion.air_north),
+    }
+
+
+def _field_columns(reports: xr.Dataset, motion: _Motion) -> dict[str, Array]:
+    place = (
+        _column(reports, "latitude"),
+        _column(reports, "longitude"),
+        np.nan_to_num(_column(reports, "pressure_altitude")),
+        _seconds(reports),
+    )
+    field = FieldLattice.covering(*place).at(*place)
+    heading = triangle.bearing(motion.air_east, motion.air_north)
+    return {
+        "magnetic_heading": np.degrees(triangle.wrap_positive(heading - field.declination)),
+        "declination": np.degrees(field.declination),
+        "horizontal_field": field.horizontal,
+        "dip": np.degrees(field.dip),
+    }
+
+
+def _reference_columns(winds: xr.Dataset, motion: _Motion) -> dict[str, xr.DataArray]:
+    per_report = (
+        motion.ground.eastward, motion.ground.northward, motion.air_east, motion.air_north,
+        motion.ground.along_error, motion.ground.cross_error,
+    )  # fmt: skip
+    error, standard_error, speed_error = xr.apply_ufunc(
+        _compare,
+        *(winds[name] for name in _WIND_NAMES),
+        *(xr.DataArray(values, dims="report") for values in per_report),
+        output_core_dims=[[], [], []],
+        output_dtypes=[np.float64] * 3,
+        dask="parallelized",
+        keep_attrs=False,
+    )
+    return {
+        "heading_error": error,
+        "heading_error_standard_error": standard_error,
+        "airspeed_error": speed_error,
+    }
+
+
+def _compare(
+    wind_east: Array,
+    wind_north: Array,
+    ground_east: Array,
+    ground_north: Array,
+    air_east: Array,
+    air_north: Array,
+    along_error: Array,
+    cross_error: Array,
+) -> tuple[Array, Array, Array]:
+    """Heading error and its standard error (degrees), airspeed error; m s-1 in."""
+    implied = triangle.air_vector(ground_east, ground_north, wind_east, wind_north)
+    error = triangle.heading_error(air_east, air_north, *implied)
+    slope = heading_error_sensitivity(air_east, air_north, *implied)
+    along, cross = triangle.along_cross(*slope, triangle.bearing(ground_east, ground_north))
+    standard_error = np.hypot(along * along_error, cross * cross_error)
+    speed_error = triangle.airspeed_error(air_east, air_north, *implied)
+    return np.degrees(error), np.degrees(standard_error), speed_error
+
+
+def _account(reports: xr.Dataset, motion: _Motion) -> dict[str, Any]:
+    """Which ground vector was believed, and how the chords reached."""
+    ground, path = motion.ground, motion.path
+    known = np.isfinite(ground.eastward)
+    tails = [str(name) for name in reports["aircraft"].to_numpy()]
+    refused = {
+        tail: str(why)
+        for tail, why in zip(tails, ground.reason, strict=True)
+        if why not in ("own", "absent")
+    }
+    chord = known & ~ground.own
+    return {
+        "reported_heading_and_airspeed": int(ground.own.sum()),
+        "chords": int(chord.sum()),
+        "none": int((~known).sum()),
+        "one_sided": int((chord & ((path.before == 0) | (path.after == 0))).sum()),
+        "widened": int((chord & (np.maximum(path.before, path.after) > 1)).sum()),
+        "aircraft_with_own_vector": int((ground.reason == "own").sum()),
+        "aircraft_whose_own_vector_was_not_believed": refused,
+    }

@@ -1,0 +1,238 @@
+"""Which reports the fit may use, as flag bits, and an account of what each rule removed.
+
+Assumptions
+-----------
+Headings of `airswing.compass.headings`. Every rule is judged by itself and sets its own bit: a
+report may carry several, and is kept where it carries none. A value that is absent breaks only
+the rule that is about its absence: no roll flag is not a bad roll flag unless the policy says so,
+and the end of a flight, where no turn can be seen, is not a turn.
+
+On the size of residuals
+------------------------
+Screening on the residual itself attenuates every deviation that is fitted afterwards. The gross
+error rule is therefore deliberately loose: 40 m/s or a third of the airspeed (a compass 19 degrees
+off), whichever is larger, against *every* reference, or an airspeed no aircraft flies. What lies
+between is for the robust fit to weigh.
+
+Units
+-----
+Keywords in SI and radians, like the configuration; the Dataset in degrees, like every Dataset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.errors import ConfigError
+from airswing.ragged import aircraft_of_report
+from airswing.vocabulary import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC, describe
+
+__all__ = ["audit", "kept", "screen"]
+
+KNOT = 1852.0 / 3600.0
+MAX_INNOVATION = 40.0
+"""m s-1."""
+MAX_INNOVATION_SHARE = 1.0 / 3.0
+"""Of the airspeed."""
+AIRSPEEDS = (25.0, 350.0)
+"""m s-1: outside it no aircraft that reports winds flies."""
+MAX_GROUND_VELOCITY_ERROR = 0.15
+"""Of the ground speed: a single chord of two whole minutes has 0.27, of three 0.15."""
+
+
+def screen(
+    headings: xr.Dataset,
+    *,
+    phases: Collection[str] = ("cruise",),
+    roll: Literal["reject_bad", "require_good", "ignore"] = "reject_bad",
+    temperature_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail",
+    max_turn: float = float(np.radians(10.0)),
+    min_ground_speed: float = 80.0 * KNOT,
+    wind_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail",
+    max_ground_velocity_error: float = MAX_GROUND_VELOCITY_ERROR,
+    max_innovation: float = MAX_INNOVATION,
+) -> xr.Dataset:
+    """Mark the reports that the fit should not use, and why.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Of `airswing.compass.headings.derive_headings`.
+    phases : collection of str
+        Phases of flight to use: ``ascent``, ``cruise``, ``descent``, ``unknown``.
+    roll : {"reject_bad", "require_good", "ignore"}
+        Roll flag. Requiring "good" drops every carrier that reports no roll.
+    temperature_qc, wind_qc : {"reject_fail", "require_pass", "ignore"}
+        The source's own verdicts.
+    max_turn : float
+        Largest change of track at the report, radians.
+    min_ground_speed : float
+        m s-1.
+    max_ground_velocity_error : float
+        Largest standard error of the ground velocity, as a share of the ground speed.
+    max_innovation : float
+        Gross errors: smallest vector difference, m s-1, that a report must show from every
+        reference it has (a third of its airspeed where that is more).
+
+    Returns
+    -------
+    Dataset
+        The same with ``screening`` (report), int32 bits of `airswing.vocabulary.SCREENING`; dask
+        arrays stay lazy.
+
+    Raises
+    ------
+    ConfigError
+        On an unknown phase or policy.
+    """
+    rules = {
+        "phase": ~headings["phase"].isin(_phase_codes(phases)),
+        "roll": _judged(headings, "roll_flag", ROLL, roll, {"reject_bad": "bad"}),
+        "temperature_qc": _judged(
+            headings, "temperature_qc", TEMPERATURE_QC, temperature_qc, {"reject_fail": "fail"}
+        ),
+        "wind_qc": _judged(headings, "wind_qc", WIND_QC, wind_qc, {"reject_fail": "fail"}),
+        "turn": np.abs(headings["turn"]) > np.degrees(max_turn),
+        "ground_speed": headings["ground_speed"] < min_ground_speed,
+        "no_ground_vector": _no_ground_vector(headings, max_ground_velocity_error),
+        "no_reference": _no_reference(headings),
+        "missing_wind": headings["eastward_wind"].isnull() | headings["northward_wind"].isnull(),
+        "gross_error": _gross_error(headings, max_innovation),
+    }
+    bits = xr.zeros_like(headings["phase"], dtype=np.int32)
+    for name, broken in rules.items():
+        bits = bits + broken.astype(np.int32) * np.int32(SCREENING[name])
+    return describe(headings.assign(screening=bits.drop_attrs()))
+
+
+def kept(headings: xr.Dataset, reference: str | None = None) -> xr.DataArray:
+    """Tell which reports passed every rule.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened.
+    reference : str, optional
+        Also require a heading error against this reference.
+
+    Returns
+    -------
+    DataArray of bool, shape (report,)
+    """
+    passed = headings["screening"] == 0
+    if reference is not None:
+        passed = passed & headings["heading_error"].sel(reference=reference, drop=True).notnull()
+    return passed.rename("kept").drop_attrs()
+
+
+def audit(headings: xr.Dataset) -> xr.Dataset:
+    """Count what each screening rule removed.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened.
+
+    Returns
+    -------
+    Dataset
+        ``together`` (rule, aircraft): reports the rule marked, whatever else marked them;
+        ``alone`` (rule, aircraft): those that no other rule marked, which would come back were
+        the rule dropped; ``reports``, ``kept`` (aircraft); and over the fleet ``together_total``,
+        ``alone_total`` (rule), ``reports_total``, ``kept_total``.
+    """
+    bits = np.asarray(headings["screening"].to_numpy(), dtype=np.int64)
+    aircraft, number = aircraft_of_report(headings), headings.sizes["aircraft"]
+
+    def counted(marked: NDArray[np.bool_]) -> NDArray[np.int64]:
+        return np.bincount(aircraft[marked], minlength=number)
+
+    axes = ("rule", "aircraft")
+    found = xr.Dataset(
+        {
+            "together": (axes, np.stack([counted(bits & b > 0) for b in SCREENING.values()])),
+            "alone": (axes, np.stack([counted(bits == b) for b in SCREENING.values()])),
+            "reports": ("aircraft", counted(np.ones(bits.size, dtype=bool))),
+            "kept": ("aircraft", counted(bits == 0)),
+        },
+        coords={"rule": list(SCREENING), "aircraft": headings["aircraft"].to_numpy()},
+    )
+    totals = {f"{name}_total": found[name].sum("aircraft") for name in found}
+    found = found.assign(totals)
+    for name, meaning in _MEANINGS.items():
+        found[name].attrs["long_name"] = meaning
+        found[f"{name}_total"].attrs["long_name"] = f"{meaning}, all aircraft"
+    return found
+
+
+_MEANINGS = {
+    "together": "reports the rule marked",
+    "alone": "reports only this rule marked",
+    "reports": "reports before screening",
+    "kept": "reports no rule marked",
+}
+
+
+def _phase_codes(phases: Collection[str]) -> list[int]:
+    for name in phases:
+        if name not in PHASE:
+            raise ConfigError(
+                "no such phase of flight",
+                field="screening.phases",
+                found=name,
+                remedy=f"Known: {', '.join(PHASE)}",
+            )
+    return [PHASE[name] for name in phases]
+
+
+def _judged(
+    headings: xr.Dataset,
+    name: str,
+    codes: dict[str, int],
+    policy: str,
+    rejecting: dict[str, str],
+) -> xr.DataArray:
+    """Reports that a flag leaves out under a policy; an absent flag variable is all missing."""
+    requiring = {"require_good": "good", "require_pass": "pass"}
+    flag = headings.get(name)
+    if flag is None:
+        flag = xr.zeros_like(headings["phase"])  # 0 is "missing" in every table of codes
+    if policy == "ignore":
+        return xr.zeros_like(flag, dtype=bool)
+    if policy in rejecting:
+        return flag == codes[rejecting[policy]]
+    if policy in requiring and requiring[policy] in codes:
+        return flag != codes[requiring[policy]]
+    raise ConfigError(
+        "no such screening policy",
+        field=f"screening.{name.removesuffix('_flag')}",
+        found=policy,
+        remedy=f"Known: {', '.join([*rejecting, *requiring, 'ignore'])}",
+    )
+
+
+def _no_ground_vector(headings: xr.Dataset, largest: float) -> xr.DataArray:
+    speed = headings["ground_speed"]
+    absent = speed.isnull() | headings["ground_velocity_error"].isnull()
+    return absent | (headings["ground_velocity_error"] > largest * speed)
+
+
+def _no_reference(headings: xr.Dataset) -> xr.DataArray:
+    east, north = headings["reference_eastward_wind"], headings["reference_northward_wind"]
+    return (east.isnull() | north.isnull()).all("reference")
+
+
+def _gross_error(headings: xr.Dataset, largest: float) -> xr.DataArray:
+    east = headings["eastward_wind"] - headings["reference_eastward_wind"]
+    north = headings["northward_wind"] - headings["reference_northward_wind"]
+    airspeed = headings["airspeed"]
+    allowed = (MAX_INNOVATION_SHARE * airspeed.fillna(0.0)).clip(min=largest)
+    # a report whose best reference still is that far away; with no reference there is no saying
+    nearest = (east**2 + north**2).min("reference")
+    slow, fast = AIRSPEEDS
+    return (nearest > allowed**2) | (airspeed < slow) | (airspeed > fast)
