@@ -311,6 +311,7 @@ def write_reports(
             "wind_direction_deg": frame["direction"].map("{:g}".format),
             "wind_speed_kt": frame["speed"].map("{:g}".format),
             "temperature_degC": frame["celsius"].astype(int),
+            "temperature_qc": frame["temperature_qc"],
             "roll_flag": frame["roll_flag"],
             "phase": _PHASES[frame["phase"].to_numpy()],
             "flight": frame["flight"].astype(str),

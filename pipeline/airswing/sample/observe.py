@@ -348,5 +348,6 @@ def _report(
     frame["u"], frame["v"] = -metres * np.sin(radians), -metres * np.cos(radians)
     rng = stream(seed, "temperature noise")
     frame["celsius"] = np.round(frame["temperature"] - 273.15 + rng.normal(0, 0.5, count))
+    frame["temperature_qc"] = np.where(rng.uniform(size=count) < 0.004, "fail", "pass")
     frame["roll_flag"] = np.where(np.abs(frame["bank"]) > np.radians(5.0), "B", "G")
     return frame

@@ -101,7 +101,7 @@ def write_quickstart(directory: str | Path) -> Path:
         climb_seconds=150.0,
         cruise_seconds=80.0,
         field_test=(DAYS_BEFORE, CORRECTED),
-        thinned={"N406": 0.06},
+        thinned={"N406": 0.04},
         packing={"rtfdaa": "grid_complex_spatial_differencing"},
     )
     config.unlink()
