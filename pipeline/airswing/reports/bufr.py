@@ -46,7 +46,7 @@ _NUMBERS = {
     "windSpeed": "wind_speed",
     "airTemperature": "air_temperature",
     "aircraftTrueAirspeed": "reported_airspeed",
-    "trueHeadingOfAircraftShipOrOtherMobilePlatform": "reported_heading",
+    "aircraftTrueHeading": "reported_heading",
 }
 _PHASES = ("phaseOfAircraftFlight", "detailedPhaseOfFlight")
 _ROLLS = ("aircraftRollAngleQuality", "aircraftRollAngle")

@@ -329,25 +329,31 @@ def _understood(stripped: str, name: str) -> tuple[str, Source] | None:
 
 
 def _check_required(found: Mapping[str, Source], names: list[str], file: object) -> None:
+    def refuse(wanted: str, what: str = "a required column is missing") -> InputError:
+        return _absent(wanted, names, file, what, found)
+
     for variable in REQUIRED:
         if variable not in found:
-            raise _absent(variable, names, file, "a required column is missing")
+            raise refuse(variable)
     if "pressure_altitude" not in found and "pressure" not in found:
-        wanted = "pressure_altitude_ft"
-        raise _absent(wanted, names, file, "neither pressure_altitude_ft nor pressure_hPa is there")
+        raise refuse(
+            "pressure_altitude_ft", "neither pressure_altitude_ft nor pressure_hPa is there"
+        )
     if {"eastward_wind", "northward_wind"} <= set(found):
         return
     for variable in ("wind_direction", "wind_speed"):
         if variable not in found:
-            wanted = QUANTITIES[variable].canonical
-            raise _absent(wanted, names, file, "a required column is missing")
+            raise refuse(QUANTITIES[variable].canonical)
 
 
-def _absent(wanted: str, names: list[str], file: object, what: str) -> InputError:
-    folded = {name.lower(): name for name in names}
+def _absent(
+    wanted: str, names: list[str], file: object, what: str, used: Mapping[str, Source] | None = None
+) -> InputError:
+    taken = {source.column for source in (used or {}).values()}
+    folded = {name.strip().lower(): name for name in names if name not in taken}
     near = difflib.get_close_matches(wanted.lower(), list(folded), n=3, cutoff=0.4)
     stem = wanted.split("_")[0].lower()
-    near += [key for key in folded if stem in key and key not in near]
+    near += [key for key in folded if key not in near and (stem in key or key[:3] == stem[:3])]
     remedy = "Map the file's own name to it under reports.columns"
     if near:
         remedy = f"Nearest there: {', '.join(folded[key] for key in near[:3])}. " + remedy

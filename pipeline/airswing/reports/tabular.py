@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import csv
 import gzip
+import re
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,7 @@ ROWS_PER_PIECE = 250_000
 _BLANKS = ["", " ", "NA", "N/A", "n/a", "NaN", "nan", "NULL", "null", "None", "-", "--", "M",
            "MISSING", "missing", "9999", "99999", "-9999", "99999.0", "-9999.0"]  # fmt: skip
 _EXTRA = "columns past the header"
+_SKIPPED = re.compile(r"Skipping line \d+")
 
 Mapped = Mapping[str, tuple[str, Source]]
 
@@ -58,23 +61,42 @@ def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
     wanted = [source.column for source in found.values()]
     options: dict[str, Any] = {
         "sep": separator, "header": None, "skiprows": 1, "names": [*names, _EXTRA],
-        "usecols": [*wanted, _EXTRA], "index_col": False, "dtype": {**text, _EXTRA: str},
+        "index_col": False, "on_bad_lines": "warn", "dtype": {**text, _EXTRA: str},
         "keep_default_na": False, "low_memory": False,
         "na_values": {column: _BLANKS for column in wanted if column not in text},
         "encoding": "utf-8", "compression": compression, "chunksize": ROWS_PER_PIECE,
     }  # fmt: skip
     rows = 0
-    try:
-        with pd.read_csv(path, **options) as reader:
-            for table in reader:
-                rows += len(table)
-                yield raw_piece(_whole_rows(table, audit), found, audit)
-    except UnicodeDecodeError as error:
-        raise _not_utf8(path) from error
-    except (pd.errors.ParserError, EOFError, OSError) as error:
-        raise InputError(f"cannot be read as CSV: {error}", file=path) from error
+    for table in _tables(path, options, audit):
+        rows += len(table)
+        yield raw_piece(_whole_rows(table, audit), found, audit)
     if not rows:
         raise InputError("has a header but no reports", file=path)
+
+
+def _tables(path: Path, options: dict[str, Any], audit: Audit) -> Iterator[pd.DataFrame]:
+    """Tables of a CSV file; rows pandas skips for having far too many columns are counted."""
+    reader: Any = None
+    try:
+        while True:
+            try:
+                with warnings.catch_warnings(record=True) as caught:
+                    warnings.simplefilter("always")
+                    reader = pd.read_csv(path, **options) if reader is None else reader
+                    table = next(reader, None)
+            except UnicodeDecodeError as error:
+                raise _not_utf8(path) from error
+            except (ValueError, EOFError, OSError) as error:  # ParserError is a ValueError
+                raise InputError(f"cannot be read as CSV: {error}", file=path) from error
+            ragged = sum(len(_SKIPPED.findall(str(entry.message))) for entry in caught)
+            audit.read += ragged
+            audit.drop("ragged_row", ragged)
+            if table is None:
+                return
+            yield table
+    finally:
+        if reader is not None:
+            reader.close()
 
 
 def _whole_rows(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
@@ -94,10 +116,14 @@ def _header(path: Path) -> tuple[list[str], str, str | None]:
             line = file.readline()
     except UnicodeDecodeError as error:
         raise _not_utf8(path) from error
+    except (EOFError, OSError) as error:
+        raise InputError(f"cannot be read as CSV: {error}", file=path) from error
     if not line.strip():
         raise InputError("has no header row", file=path, remedy="The first row names the columns")
     separator = max(",;\t", key=line.count)
-    names = next(csv.reader([line.rstrip("\r\n")], delimiter=separator))
+    names: list[str] = []
+    for name in next(csv.reader([line.rstrip("\r\n")], delimiter=separator)):
+        names.append(name if name not in names else f"{name} (column {len(names) + 1})")
     return names, separator, "gzip" if packed else None
 
 

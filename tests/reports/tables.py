@@ -1,0 +1,62 @@
+"""Report tables for the tests: one plain row, and whole flights, in canonical columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+
+def row(**values: Any) -> dict[str, Any]:
+    """One good report with some values replaced."""
+    plain: dict[str, Any] = {
+        "tail": "N412XJ",
+        "time": "2009-01-05T12:00:00Z",
+        "latitude": 41.5,
+        "longitude": -87.25,
+        "pressure_altitude_ft": 20000,
+        "wind_direction_deg": 270,
+        "wind_speed_kt": 40,
+        "temperature_degC": -20.0,
+        "roll_flag": "G",
+        "temperature_qc": "pass",
+    }
+    return {**plain, **values}
+
+
+def flight(
+    *,
+    tail: str = "N412XJ",
+    start: str = "2009-01-05T12:00:00",
+    seconds: Any = None,
+    latitude: float = 41.5,
+    longitude: float = -87.0,
+    speed: float = 120.0,
+    altitude_ft: Any = 20000.0,
+    **values: Any,
+) -> pd.DataFrame:
+    """Reports of a flight due east at a steady speed (m/s), in canonical columns."""
+    seconds = np.arange(10) * 180.0 if seconds is None else np.asarray(seconds, dtype=float)
+    metres_per_degree = 111_195.0 * np.cos(np.radians(latitude))
+    degrees = longitude + speed * seconds / metres_per_degree
+    time = pd.Timestamp(start) + pd.to_timedelta(np.round(seconds), unit="s")
+    return pd.DataFrame(
+        {
+            "tail": tail,
+            "time": time,
+            "latitude": latitude,
+            "longitude": (degrees + 180.0) % 360.0 - 180.0,
+            "pressure_altitude_ft": altitude_ft,
+            "wind_direction_deg": 270,
+            "wind_speed_kt": 40,
+            **values,
+        }
+    )
+
+
+def write(path: Path, rows: list[dict[str, Any]] | pd.DataFrame) -> Path:
+    """Write rows as CSV; an absent value is an empty field."""
+    pd.DataFrame(rows).to_csv(path, index=False)
+    return path

@@ -1,0 +1,132 @@
+"""Resolution of position, time and wind, from made lattices and real aircraft."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from airswing.reports.resolution import (
+    DIRECTION_STEPS,
+    KNOT,
+    POSITION_STEPS,
+    SPEED_STEPS,
+    TIME_STEPS,
+    detect_resolution,
+    lattice_step,
+)
+
+RNG = np.random.default_rng(20090105)
+
+
+def found_step(values: np.ndarray, steps: tuple[tuple[float, float], ...]) -> float:
+    group = np.zeros(values.size, dtype=int)
+    return float(lattice_step(values, group, 1, steps)[0])
+
+
+def on(step: float, low: float, high: float, number: int = 60) -> np.ndarray:
+    return step * np.round(RNG.uniform(low, high, number) / step)
+
+
+@pytest.mark.parametrize("step", [1 / 60, 0.01, 0.1 / 60, 0.001, 1 / 3600, 1e-4, 1e-5])
+@pytest.mark.parametrize("digits", [7, 5, 4])
+def test_position_survives_the_digits_it_is_stored_with(step, digits):
+    if step < 10.0**-digits or (digits == 4 and step == 1 / 3600):
+        pytest.skip("the storage is coarser than the coding")
+    assert found_step(np.round(on(step, 30, 50), digits), POSITION_STEPS) == pytest.approx(step)
+
+
+def test_position_in_single_precision():
+    values = on(0.1 / 60, -120, -70).astype(np.float32).astype(float)
+    assert found_step(values, POSITION_STEPS) == pytest.approx(0.1 / 60)
+
+
+@pytest.mark.parametrize("step", [60.0, 6.0, 1.0, 0.1])
+def test_time(step):
+    assert found_step(on(step, 0, 86400), TIME_STEPS) == step
+
+
+@pytest.mark.parametrize("step", [KNOT, 1.0, 0.5, 0.1])
+def test_wind_speed(step):
+    assert found_step(on(step, 0, 60), SPEED_STEPS) == pytest.approx(step)
+
+
+def test_whole_knots_stored_to_a_tenth_of_a_metre_are_whole_knots():
+    assert found_step(np.round(on(KNOT, 0, 60), 1), SPEED_STEPS) == pytest.approx(KNOT)
+
+
+@pytest.mark.parametrize("step", [10.0, 5.0, 1.0, 0.1])
+def test_wind_direction(step):
+    assert found_step(on(step, 0, 360), DIRECTION_STEPS) == step
+
+
+@pytest.mark.parametrize("step", [10.0, 1.0])
+def test_a_few_values_off_the_lattice_do_not_hide_it(step):
+    values = on(step, 0, 360, 100)
+    values[:8] += 0.37
+    assert found_step(values, DIRECTION_STEPS) == step
+    values[:30] += 0.37
+    assert found_step(values, DIRECTION_STEPS) < step
+
+
+def test_missing_values_and_too_few_values():
+    values = np.r_[on(10.0, 0, 360), np.nan, np.nan]
+    assert found_step(values, DIRECTION_STEPS) == 10.0
+    assert np.isnan(found_step(values[:4], DIRECTION_STEPS))
+
+
+def reports(number: int, *, every: float, clock: float, tail: int = 0) -> dict[str, np.ndarray]:
+    """A flight due east at 120 m/s whose times are cut to the clock."""
+    seconds = np.cumsum(RNG.uniform(0.7, 1.3, number) * every) if clock < 60 else np.nan
+    if clock >= 60:
+        seconds = np.cumsum(np.round(RNG.uniform(0.7, 1.3, number) * every))
+    east = -87.0 + 120.0 * seconds / 111_195.0
+    start = np.datetime64("2009-01-05T12:00:00", "ns")
+    return {
+        "tail": np.full(number, tail),
+        "time": start + (np.floor(seconds / clock) * clock * 1e9).astype("timedelta64[ns]"),
+        "latitude": np.zeros(number),
+        "longitude": np.round(east * 600.0) / 600.0,
+        "wind_speed": np.round(RNG.uniform(5, 40, number)) * KNOT,
+        "wind_direction": np.round(RNG.uniform(0, 359, number)),
+    }
+
+
+def test_all_four_of_one_aircraft():
+    found = detect_resolution(reports(80, every=180.0, clock=1.0), np.array([80]))
+    assert found["position_resolution"][0] == pytest.approx(0.1 / 60)
+    assert found["time_resolution"][0] == 1.0
+    assert found["wind_speed_resolution"][0] == pytest.approx(KNOT)
+    assert found["wind_direction_resolution"][0] == 1.0
+
+
+def test_a_clock_cut_to_the_minute():
+    found = detect_resolution(reports(80, every=180.0, clock=60.0), np.array([80]))
+    assert found["time_resolution"][0] == 60.0
+
+
+def test_a_schedule_of_whole_minutes_is_no_cut_clock():
+    seconds = 180.0 * np.arange(80)
+    made = reports(80, every=180.0, clock=1.0)
+    made["time"] = np.datetime64("2009-01-05T12:00:00", "ns") + (seconds * 1e9).astype(
+        "timedelta64[ns]"
+    )
+    made["longitude"] = np.round((-87.0 + 120.0 * seconds / 111_195.0) * 600.0) / 600.0
+    assert detect_resolution(made, np.array([80]))["time_resolution"][0] == 1.0
+
+
+def test_an_aircraft_with_few_reports_takes_the_usual_step_of_the_others():
+    many, few = reports(60, every=180.0, clock=1.0), reports(2, every=180.0, clock=1.0, tail=1)
+    joined = {name: np.concatenate([many[name], few[name]]) for name in many}
+    found = detect_resolution(joined, np.array([60, 2]))
+    for values in found.values():
+        assert values[1] == values[0]
+
+
+def test_an_archive_of_one_report_claims_nothing_coarse():
+    made = {name: values[:1] for name, values in reports(5, every=180.0, clock=60.0).items()}
+    made["latitude"][:], made["longitude"][:] = 40.0, -80.0
+    made["wind_speed"][:], made["wind_direction"][:] = 10.0 * KNOT, 90.0
+    found = detect_resolution(made, np.array([1]))
+    assert found["position_resolution"][0] <= 0.01
+    assert found["wind_direction_resolution"][0] <= 1.0
+    assert found["wind_speed_resolution"][0] <= KNOT
