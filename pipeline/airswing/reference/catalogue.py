@@ -27,10 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.reference.fields import FIELD_DTYPE, HYBRID, FileContents
 from airswing.reference.filecache import FileCache, contents_of, identify
 from airswing.reference.grids import Grid
 from airswing.reference.gridsections import read_grid
-from airswing.reference.messages import FIELD_DTYPE, HYBRID, FileContents
 from airswing.reference.sampling import ModelTime, SourceFile
 
 Table = NDArray[Any]
@@ -91,7 +91,7 @@ class Catalogue:
     grid_numbers, level_kinds : (time,) int arrays
     bounds : (time + 1,) int array
         Rows of `u`, `v`, `pressure` of each model time.
-    u, v, pressure : (level rows,) arrays of `messages.FIELD_DTYPE`
+    u, v, pressure : (level rows,) arrays of `fields.FIELD_DTYPE`
     skipped : list of {"file", "what", "reason", "count"}
     notes : list of str
         Choices made between candidates.

@@ -34,8 +34,15 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.reference.catalogue import Catalogue
-from airswing.reference.planning import Plan, Points, plan, points_of, require_overlap, schedule
-from airswing.reference.planning import Schedule as Schedule
+from airswing.reference.planning import (
+    Plan,
+    Points,
+    Schedule,
+    plan,
+    points_of,
+    require_overlap,
+    schedule,
+)
 from airswing.reference.sampling import ModelTime, Sample, sample_model_time
 from airswing.reference.store import SampleStore
 from airswing.vocabulary import describe
@@ -205,7 +212,7 @@ def collocate(
         )
         for catalogue in catalogues.values()
     ]  # fmt: skip
-    stacked = da.stack(tables)
+    stacked: da.Array = da.stack(tables)  # type: ignore[no-untyped-call]
     data: dict[str, Any] = {
         name: (("reference", "report"), stacked[:, row]) for row, name in enumerate(names)
     }
@@ -245,7 +252,7 @@ def _reference_table(
         keys.append(key)
     name = f"winds-{token}"
     graph[(name, 0, 0)] = (join, keys)
-    return da.Array(
+    return da.Array(  # type: ignore[no-untyped-call]
         HighLevelGraph.from_collections(name, graph, dependencies=()),
         name,
         chunks=((rows,), (points.size,)),

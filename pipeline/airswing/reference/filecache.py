@@ -23,8 +23,8 @@ from types import TracebackType
 
 import numpy as np
 
-from airswing.reference import grids, gridsections, messages, octets
-from airswing.reference.messages import FIELD_DTYPE, Field, FileContents
+from airswing.reference import edition1, edition2, fields, grids, gridsections, messages, octets
+from airswing.reference.fields import FIELD_DTYPE, Field, FileContents
 from airswing.reference.sampling import SourceFile
 
 _SAMPLE = 256
@@ -72,7 +72,7 @@ def identify(path: str) -> SourceFile:
 def code_version() -> str:
     """Hash of the source that reads headers."""
     digest = hashlib.blake2b(digest_size=12)
-    for module in (octets, grids, gridsections, messages):
+    for module in (octets, grids, gridsections, fields, edition1, edition2, messages):
         digest.update(Path(str(module.__file__)).read_bytes())
     return digest.hexdigest()
 
@@ -195,7 +195,7 @@ def _unpack(about: bytes, rows: bytes) -> FileContents:
 
 
 def contents_of(files: Iterable[SourceFile], cache: FileCache) -> Iterable[FileContents | OSError]:
-    """Contents of files in turn, from the cache or a scan; an `OSError` where one cannot be read."""
+    """Contents of files in turn, from the cache or a scan; `OSError` where one is unreadable."""
     for file in files:
         known = cache.get(file)
         if known is None:

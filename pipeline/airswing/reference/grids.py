@@ -5,13 +5,17 @@ Assumptions and validity
 * Lambert conformal (tangent and secant, either hemisphere), polar
   stereographic (either pole), Mercator, regular and rotated latitude/longitude
   grids of GRIB editions 1 and 2, on a sphere or an ellipsoid of revolution.
-  Any other grid is refused by name (`UnplaceableGrid`).
+  Any other grid is refused by name (`UnplaceableGridError`).
 * The projections are Snyder (1987, USGS Professional Paper 1395): equations
   15-1 to 15-10 (Lambert), 21-30 to 21-38 (polar stereographic), 7-6 to 7-7
   (Mercator); rotated latitude/longitude is a plain rotation of the sphere.
 * GRIB counts grid lengths of polar stereographic and Mercator grids at the
   latitude LaD (60 degrees in edition 1), of Lambert grids at the standard
   parallels.
+* The first value of a message lies at the first grid point (La1, Lo1) and the rest
+  follow in the scanning direction, as WMO regulation 92.8 and table 3.4 have it.
+  (eccodes' iterator lays projected grids towards increasing x and y from that
+  corner whatever the scanning direction.)
 * Wind components "relative to the grid" point to increasing x and y of the
   projection, whatever the scanning direction (WMO code table 3.3).
 * Degrees outside the kernels, radians inside; metres.
@@ -26,7 +30,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -35,7 +38,7 @@ Ints = NDArray[np.int64]
 EDGE_TOLERANCE = 1e-6
 
 
-class UnplaceableGrid(Exception):
+class UnplaceableGridError(Exception):
     """A grid whose points cannot be placed; the text says which and why."""
 
 
@@ -62,8 +65,8 @@ class Grid:
         Standard parallels of a Lambert cone, degrees.
     south : bool
         South pole at the centre of a polar stereographic projection.
-    pole_latitude, pole_longitude, pole_rotation : float
-        Southern pole of a rotated grid and the rotation about it, degrees.
+    pole_latitude, pole_longitude : float
+        Southern pole of a rotated grid, degrees.
     periodic : bool
         The column after the last is the first.
     wind_along_grid : bool
@@ -88,7 +91,6 @@ class Grid:
     south: bool = False
     pole_latitude: float = -90.0
     pole_longitude: float = 0.0
-    pole_rotation: float = 0.0
     periodic: bool = False
     wind_along_grid: bool = False
     j_consecutive: bool = False
@@ -304,8 +306,7 @@ def _rotated_axes(grid: Grid) -> Floats:
 def _rotate(grid: Grid, lat: Floats, lon: Floats) -> tuple[Floats, Floats]:
     """Rotated longitude and latitude, degrees."""
     x, y, z = _rotated_axes(grid) @ _unit(lat, lon).reshape(3, -1)
-    rotated_lon = np.degrees(np.arctan2(y, x)) - grid.pole_rotation
-    return rotated_lon, np.degrees(np.arctan2(z, np.hypot(x, y)))
+    return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
 def _rotated_convergence(grid: Grid, lat: Floats, lon: Floats) -> Floats:

@@ -12,7 +12,7 @@ import math
 from functools import lru_cache
 from typing import Any
 
-from airswing.reference.grids import Grid, UnplaceableGrid
+from airswing.reference.grids import Grid, UnplaceableGridError
 from airswing.reference.octets import ibm_float, ieee_float, missing, signed, unsigned
 
 _GRIB1_NAMES = {
@@ -29,6 +29,11 @@ _GRIB1_NAMES = {
     201: "Arakawa semi-staggered E-grid",
     202: "Arakawa filled E-grid",
     203: "Arakawa staggered E-grid",
+}
+#: Octets of the sections, by edition and grid.
+_LENGTHS = {
+    1: {0: 32, 1: 34, 3: 34, 5: 28, 10: 42},
+    2: {0: 72, 1: 84, 10: 72, 20: 65, 30: 73},
 }
 _GRIB2_NAMES = {
     2: "stretched latitude/longitude",
@@ -79,33 +84,33 @@ def read_grid(edition: int, section: bytes) -> Grid:
 
     Raises
     ------
-    UnplaceableGrid
+    UnplaceableGridError
         With the grid's name where it is one this package cannot place.
     """
-    try:
-        return _grib1(section) if edition == 1 else _grib2(section)
-    except IndexError:
-        raise UnplaceableGrid("grid section too short for its type") from None
+    kind = section[5:6] if edition == 1 else section[12:14]
+    if not kind or len(section) < _LENGTHS[edition].get(int.from_bytes(kind, "big"), 0):
+        raise UnplaceableGridError("grid section too short for its type")
+    return _grib1(section) if edition == 1 else _grib2(section)
 
 
 def _eccentricity(major: float, minor: float) -> float:
     if not (major >= minor > 0):
-        raise UnplaceableGrid(f"impossible earth shape, axes {major} m and {minor} m")
+        raise UnplaceableGridError(f"impossible earth shape, axes {major} m and {minor} m")
     return math.sqrt(1.0 - (minor / major) ** 2)
 
 
 def _scanning(flags: int) -> dict[str, bool]:
     if flags & 0x0F:
-        raise UnplaceableGrid(f"grid with staggered rows (scanning mode {flags})")
+        raise UnplaceableGridError(f"grid with staggered rows (scanning mode {flags})")
     return {"j_consecutive": bool(flags & 0x20), "alternate_rows": bool(flags & 0x10)}
 
 
 def _counts(section: bytes, start: int, width: int) -> tuple[int, int]:
     if missing(section, start, width) or missing(section, start + width, width):
-        raise UnplaceableGrid("reduced grid (rows of different length)")
+        raise UnplaceableGridError("reduced grid (rows of different length)")
     ni, nj = unsigned(section, start, width), unsigned(section, start + width, width)
     if ni < 1 or nj < 1:
-        raise UnplaceableGrid(f"grid of {ni} by {nj} points")
+        raise UnplaceableGridError(f"grid of {ni} by {nj} points")
     return ni, nj
 
 
@@ -124,7 +129,7 @@ def _steps(
     di = si * extent / (ni - 1) if ni > 1 else si
     dj = (last[0] - first[0]) / (nj - 1) if nj > 1 else sj
     if di == 0 or dj == 0 or (nj > 1 and dj * sj < 0):
-        raise UnplaceableGrid("corners and scanning direction contradict each other")
+        raise UnplaceableGridError("corners and scanning direction contradict each other")
     periodic = abs(abs(di) * ni - 360.0) < ni * unit
     if periodic:
         di = si * 360.0 / ni
@@ -135,7 +140,7 @@ def _grib1(section: bytes) -> Grid:
     kind = section[5]
     if kind not in (0, 1, 3, 5, 10):
         name = _GRIB1_NAMES.get(kind, "unknown")
-        raise UnplaceableGrid(f"{name} grid (GRIB1 representation type {kind})")
+        raise UnplaceableGridError(f"{name} grid (GRIB1 representation type {kind})")
     ni, nj = _counts(section, 6, 2)
     scan, flags = section[27], section[16]
     major, minor = (6378160.0, 6356775.0) if flags & 0x40 else (6367470.0, 6367470.0)
@@ -156,17 +161,13 @@ def _grib1(section: bytes) -> Grid:
         shared |= _steps(ni, nj, scan, first, last, 1e-3)
         if kind == 0:
             return Grid("regular_ll", **shared)
-        pole = {
-            "pole_latitude": signed(section, 32, 3) / 1e3,
-            "pole_longitude": signed(section, 35, 3) / 1e3,
-            "pole_rotation": ibm_float(section, 38),
-        }
-        return Grid("rotated_ll", **shared, **pole)
+        pole = (signed(section, 32, 3) / 1e3, signed(section, 35, 3) / 1e3)
+        return _rotated(shared, pole, ibm_float(section, 38))
     if kind == 1:
         di, dj = si * unsigned(section, 28, 3), sj * unsigned(section, 31, 3)
         return _mercator(shared, di, dj, signed(section, 23, 3) / 1e3)
     if section[26] & 0x40:
-        raise UnplaceableGrid("bipolar projection")
+        raise UnplaceableGridError("bipolar projection")
     shared |= {
         "di": si * unsigned(section, 20, 3),
         "dj": sj * unsigned(section, 23, 3),
@@ -191,18 +192,18 @@ def _earth(section: bytes) -> tuple[float, float]:
         unit = 1000.0 if shape == 3 else 1.0
         major = unsigned(section, 21, 4) / 10.0 ** section[20] * unit
         return major, unsigned(section, 26, 4) / 10.0 ** section[25] * unit
-    raise UnplaceableGrid(f"unknown shape of the earth (code {shape})")
+    raise UnplaceableGridError(f"unknown shape of the earth (code {shape})")
 
 
 def _grib2(section: bytes) -> Grid:
     kind = unsigned(section, 12, 2)
     if kind not in (0, 1, 10, 20, 30):
         name = _GRIB2_NAMES.get(kind, "unknown")
-        raise UnplaceableGrid(f"{name} grid (GRIB2 template 3.{kind})")
+        raise UnplaceableGridError(f"{name} grid (GRIB2 template 3.{kind})")
     if section[5]:
-        raise UnplaceableGrid("predefined grid without its definition")
+        raise UnplaceableGridError("predefined grid without its definition")
     if section[10]:
-        raise UnplaceableGrid("reduced grid (rows of different length)")
+        raise UnplaceableGridError("reduced grid (rows of different length)")
     ni, nj = _counts(section, 30, 4)
     major, minor = _earth(section)
     shared: dict[str, Any] = {
@@ -224,11 +225,11 @@ def _grib2(section: bytes) -> Grid:
     true_latitude = signed(section, 47, 4) / 1e6
     if kind == 10:
         if unsigned(section, 60, 4):
-            raise UnplaceableGrid("Mercator grid turned against the equator")
+            raise UnplaceableGridError("Mercator grid turned against the equator")
         di, dj = si * unsigned(section, 64, 4) / 1e3, sj * unsigned(section, 68, 4) / 1e3
         return _mercator(shared, di, dj, true_latitude)
     if section[63] & 0x40:
-        raise UnplaceableGrid("bipolar projection")
+        raise UnplaceableGridError("bipolar projection")
     shared |= {
         "di": si * unsigned(section, 55, 4) / 1e3,
         "dj": sj * unsigned(section, 59, 4) / 1e3,
@@ -257,18 +258,22 @@ def _grib2_degrees(section: bytes, kind: int, shared: dict[str, Any]) -> Grid:
     }
     if kind == 0:
         return Grid("regular_ll", **shared)
-    return Grid(
-        "rotated_ll",
-        pole_latitude=signed(section, 72, 4) / scale,
-        pole_longitude=signed(section, 76, 4) / scale,
-        pole_rotation=ieee_float(section, 80),
-        **shared,
-    )
+    pole = (signed(section, 72, 4) / scale, signed(section, 76, 4) / scale)
+    return _rotated(shared, pole, ieee_float(section, 80))
+
+
+def _rotated(shared: dict[str, Any], pole: tuple[float, float], turned: float) -> Grid:
+    if turned:
+        raise UnplaceableGridError(
+            f"rotated grid turned by {turned:g} degrees about its own pole "
+            "(programs do not agree on what that means)"
+        )
+    return Grid("rotated_ll", pole_latitude=pole[0], pole_longitude=pole[1], **shared)
 
 
 def _mercator(shared: dict[str, Any], di: float, dj: float, true_latitude: float) -> Grid:
     if not (di and dj):
-        raise UnplaceableGrid("Mercator grid without grid lengths")
+        raise UnplaceableGridError("Mercator grid without grid lengths")
     e, phi = shared["eccentricity"], math.radians(true_latitude)
     scale = math.cos(phi) / math.sqrt(1.0 - (e * math.sin(phi)) ** 2)
     turn = 2.0 * math.pi * shared["radius"] * scale / abs(di)
@@ -278,7 +283,7 @@ def _mercator(shared: dict[str, Any], di: float, dj: float, true_latitude: float
 
 def _lambert(shared: dict[str, Any], latin1: float, latin2: float) -> Grid:
     if not (shared["di"] and shared["dj"]):
-        raise UnplaceableGrid("Lambert grid without grid lengths")
+        raise UnplaceableGridError("Lambert grid without grid lengths")
     if abs(latin1) >= 90.0 or abs(latin2) >= 90.0 or abs(latin1 + latin2) < 1e-9:
-        raise UnplaceableGrid(f"no Lambert cone with standard parallels {latin1} and {latin2}")
+        raise UnplaceableGridError(f"no Lambert cone with standard parallels {latin1} and {latin2}")
     return Grid("lambert", latin1=latin1, latin2=latin2, **shared)

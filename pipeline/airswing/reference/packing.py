@@ -35,7 +35,7 @@ Ints = NDArray[np.int64]
 MAX_BITS = 57
 
 
-class UnreadableMessage(Exception):
+class UnreadableMessageError(Exception):
     """A message whose values cannot be had; the text says why."""
 
 
@@ -93,13 +93,13 @@ def read_bytes(descriptor: int, start: int, length: int, *, spare: int = 0) -> b
 
     Raises
     ------
-    UnreadableMessage
+    UnreadableMessageError
         Where the file ends before.
     """
     buffer = bytearray(length + spare)
     got = os.preadv(descriptor, [memoryview(buffer)[:length]], start) if length else 0
     if got != length:
-        raise UnreadableMessage(f"file ends {length - got} octets early")
+        raise UnreadableMessageError(f"file ends {length - got} octets early")
     return buffer
 
 
@@ -168,7 +168,7 @@ def sparse_values(descriptor: int, packing: SimplePacking, points: Ints) -> Floa
 
     Raises
     ------
-    UnreadableMessage
+    UnreadableMessageError
         Where the file or the data section ends before the points' octets.
     """
     flat = points.ravel()
@@ -191,17 +191,16 @@ def _unpack(descriptor: int, packing: SimplePacking, order: Ints) -> Floats:
     bit = order * packing.bits
     first, last = int(bit.min()) >> 3, (int(bit.max()) + packing.bits + 7) >> 3
     if packing.start + last > packing.end:
-        raise UnreadableMessage("data section shorter than its grid and bitmap promise")
+        raise UnreadableMessageError("data section shorter than its grid and bitmap promise")
     window = read_bytes(descriptor, packing.start + first, last - first, spare=8)
     words: NDArray[np.uint64] = np.ndarray(
         shape=(last - first,), dtype=">u8", buffer=window, strides=(1,)
     )
     word = words[(bit >> 3) - first].astype(np.uint64)
     integers = (word << (bit & 7).astype(np.uint64)) >> np.uint64(64 - packing.bits)
-    scale = power(2, packing.binary_scale)
-    return (integers.astype(np.float64) * scale + packing.reference) * power(
-        10, -packing.decimal_scale
-    )
+    scale, factor = power(2, packing.binary_scale), power(10, -packing.decimal_scale)
+    values: Floats = (integers.astype(np.float64) * scale + packing.reference) * factor
+    return values
 
 
 def _constant(packing: SimplePacking) -> float:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.reference.catalogue import Catalogue
-from airswing.reference.messages import ISOBARIC
+from airswing.reference.fields import ISOBARIC
 from airswing.reference.sampling import level_brackets
 
 Floats = NDArray[np.float64]
@@ -70,11 +70,12 @@ def points_of(reports: xr.Dataset) -> Points:
     known = np.flatnonzero(~np.isnat(time))
     stamp = time[known].astype(np.int64)
     order = known[np.argsort(stamp, kind="stable")]
-    columns = [
+    latitude, longitude, pressure = (
         np.ascontiguousarray(np.asarray(reports[name].values)[order], dtype=np.float64)
         for name in COLUMNS[1:]
-    ]
-    return Points(order, time[order].astype(np.int64), *columns, size=time.size)
+    )
+    stamps = time[order].astype(np.int64)
+    return Points(order, stamps, latitude, longitude, pressure, time.size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,8 +206,13 @@ def plan(
     dict of str to Plan
     """
     points = points_of(reports)
-    options = {"max_time_gap": max_time_gap, "derivatives": derivatives, "sparse": sparse}
-    return {name: _plan_one(name, points, c, **options) for name, c in catalogues.items()}
+    return {
+        name: _plan_one(
+            name, points, catalogue, max_time_gap=max_time_gap, derivatives=derivatives,
+            sparse=sparse,
+        )
+        for name, catalogue in catalogues.items()
+    }  # fmt: skip
 
 
 def _plan_one(
@@ -241,16 +247,27 @@ def _plan_one(
     without_time = points.size - int(timed.sum())
     outside_grid = int((timed & ~placed).sum())
     return Plan(
-        name, *(int(c) for c in counts), points.size, matched, without_time, outside_grid,
-        int(placed.sum()) - matched, _span(points.time), _span(catalogue.valid),
-        _box(points.latitude, points.longitude), _outline(catalogue),
-    )  # fmt: skip
+        reference=name,
+        model_times=int(counts[0]),
+        messages=int(counts[1]),
+        bytes=int(counts[2]),
+        sparse_messages=int(counts[3]),
+        reports=points.size,
+        matched=matched,
+        without_time=without_time,
+        outside_grid=outside_grid,
+        outside_levels=int(placed.sum()) - matched,
+        report_times=_span(points.time),
+        model_span=_span(catalogue.valid),
+        report_box=_box(points.latitude, points.longitude),
+        model_box=_outline(catalogue),
+    )
 
 
 def _octets(table: NDArray[Any]) -> int:
-    """Octets of fields as stored (a multi-field message is shared out by its data sections)."""
-    whole = table["section_data"] - table["offset"] > table["length"]
-    return int(np.where(whole, 0, table["length"]).sum())
+    """Octets of fields as stored; a message of many fields counts once."""
+    firsts = np.unique(table[["file", "offset", "length"]])
+    return int(firsts["length"].sum())
 
 
 def _needs(

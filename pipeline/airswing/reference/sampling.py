@@ -25,9 +25,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.reference.fields import ISOBARIC
 from airswing.reference.grids import Grid
-from airswing.reference.messages import ISOBARIC
-from airswing.reference.packing import UnreadableMessage
+from airswing.reference.packing import UnreadableMessageError
 from airswing.reference.values import field_values
 
 Floats = NDArray[np.float64]
@@ -64,8 +64,8 @@ class ModelTime:
         Lead time, s.
     grid : Grid
     level_kind : int
-        `messages.ISOBARIC` or `messages.HYBRID`.
-    u, v, pressure : (level,) arrays of `messages.FIELD_DTYPE`
+        `fields.ISOBARIC` or `fields.HYBRID`.
+    u, v, pressure : (level,) arrays of `fields.FIELD_DTYPE`
         One row a level, isobaric levels by increasing pressure; `pressure` is
         empty for isobaric levels. ``file`` numbers `files`.
     files : tuple of SourceFile
@@ -134,7 +134,7 @@ class _Reader:
             return np.full(points.shape, np.nan)
         try:
             values = field_values(descriptor, row, self.model.grid.size, points, sparse=self.sparse)
-        except (UnreadableMessage, OSError) as error:
+        except (UnreadableMessageError, OSError) as error:
             place = f"message at {int(row['offset'])}: {error}"
             self.problems[self.model.files[number].path, place] = None
             return np.full(points.shape, np.nan)
@@ -213,8 +213,10 @@ def _weighted(values: Floats, weights: Sequence[Floats]) -> Floats:
 
 
 class _Brackets(NamedTuple):
-    """Level above (k) and weight of the level below (k + 1) of each report; `inside` where
-    the report lies between levels. `upper`, `lower`: ln p of both."""
+    """Level above (k) and weight of the level below (k + 1) of each report.
+
+    `inside`: the report lies between levels; `upper`, `lower`: ln p of both levels.
+    """
 
     k: Ints
     weight: Floats
@@ -363,7 +365,8 @@ def _to_true(
         return np.stack(wind)
     depth = brackets.lower - brackets.upper
     with np.errstate(divide="ignore", invalid="ignore"):
-        shear = _turned(*((pair[1] - pair[0]) / depth for pair in along[:2]), angle)
+        u_shear, v_shear = ((pair[1] - pair[0]) / depth for pair in along[:2])
+    shear = _turned(u_shear, v_shear, angle)
     slopes = _true_slopes(grid, mixed, wind, angle, lat, lon)
     return np.stack([*wind, *shear, *slopes, angle])
 

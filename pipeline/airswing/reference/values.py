@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from airswing.reference.octets import signed, unsigned
 from airswing.reference.packing import (
     SimplePacking,
-    UnreadableMessage,
+    UnreadableMessageError,
     grib1_packing,
     grib2_packing,
     read_bytes,
@@ -41,7 +41,7 @@ def field_values(
     ----------
     descriptor : int
         The open file that holds the field.
-    row : record of `airswing.reference.messages.FIELD_DTYPE`
+    row : record of `airswing.reference.fields.FIELD_DTYPE`
     size : int
         Points of the field's grid.
     points : int array
@@ -56,14 +56,14 @@ def field_values(
 
     Raises
     ------
-    UnreadableMessage
+    UnreadableMessageError
         Where the octets are not the message the catalogue saw, or cannot be decoded.
     """
     if sparse and row["sparse"]:
         return sparse_values(descriptor, simple_packing(descriptor, row, size), points)
     values = decode(message_bytes(descriptor, row))
     if values.size != size:
-        raise UnreadableMessage(f"{values.size} values on a grid of {size} points")
+        raise UnreadableMessageError(f"{values.size} values on a grid of {size} points")
     return np.asarray(values[points])
 
 
@@ -83,7 +83,7 @@ def message_bytes(descriptor: int, row: Any) -> bytes:
         return bytes(read_bytes(descriptor, offset, length))
     head = bytes(read_bytes(descriptor, offset, 16))
     if head[:4] != b"GRIB":
-        raise UnreadableMessage("no GRIB message where the catalogue saw one")
+        raise UnreadableMessageError("no GRIB message where the catalogue saw one")
     starts = [row[f"section_{name}"] for name in ("identification", "grid", "product", "packing")]
     body = [_section(descriptor, int(start)) for start in starts]
     bitmap = int(row["section_bitmap"])
@@ -112,19 +112,19 @@ def decode(message: bytes) -> Floats:
 
     Raises
     ------
-    UnreadableMessage
+    UnreadableMessageError
     """
     import eccodes
 
     try:
         handle = eccodes.codes_new_from_message(message)
     except eccodes.CodesInternalError as error:
-        raise UnreadableMessage(f"not decodable: {error}") from error
+        raise UnreadableMessageError(f"not decodable: {error}") from error
     try:
         eccodes.codes_set(handle, "missingValue", _ABSENT)
         values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
     except eccodes.CodesInternalError as error:
-        raise UnreadableMessage(f"not decodable: {error}") from error
+        raise UnreadableMessageError(f"not decodable: {error}") from error
     finally:
         eccodes.codes_release(handle)
     absent = values == _ABSENT
