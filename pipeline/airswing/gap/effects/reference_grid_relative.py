@@ -33,6 +33,7 @@ class ReferenceGridRelative(OneCoefficient):
         ),
     )
     scope = "reference"
+    stage = "atmosphere"
     needs = ("grid_convergence",)
     confused_with = (
         "hard_iron: under a steady wind, k x wind fakes one cycle",

@@ -31,6 +31,7 @@ class ReferenceSpeedBias(Effect):
         Parameter("below_hPa", "hPa", 0.0, "at higher pressures only; null: everywhere", None),
     )
     scope = "reference"
+    stage = "atmosphere"
     confused_with = (
         "regression dilution: model error alone makes reports seem 1 to 8 percent weaker",
         "tas_scale: where aircraft always fly along the wind",
@@ -50,7 +51,9 @@ class ReferenceSpeedBias(Effect):
     def columns(self, frame: Frame) -> FloatArray:
         """See `Effect.columns`: minus the reference wind, by candidate level."""
         above = [frame.pressure < 100.0 * level for level in LEVELS]
-        parts = np.array([np.ones(frame.size, bool), *above, *(~mask for mask in above)])
+        parts = np.array(
+            [np.ones(frame.size, bool), *above, *(~mask for mask in above)], dtype=np.float64
+        )
         return np.asarray(-parts[:, :, None] * np.stack([frame.u_ref, frame.v_ref], axis=-1))
 
     def apply(

@@ -1,7 +1,7 @@
 """Change of the declination between an earlier epoch and the reports' dates.
 
-Assumptions and validity: IGRF, 1900 to 2030; epochs outside are moved to its ends. The frame's own
-declination is the one of the date.
+Assumptions and validity: IGRF, 1900 to 2030; epochs outside are moved to its ends. Both epochs are
+evaluated here, so the pattern is secular variation alone whatever declination the frame carries.
 """
 
 from __future__ import annotations
@@ -49,11 +49,10 @@ def declination_change(
     else:
         seconds = frame.time - (years or 0.0) * YEAR
     seconds = np.clip(seconds, (FIRST - 1970.0) * YEAR + 86400.0, (LAST - 1970.0) * YEAR - 86400.0)
-    height = altitude_from_pressure(frame.pressure)
-    place = (frame.latitude, frame.longitude, height, seconds)
-    old = FieldLattice.covering(*place).at(*place).declination
-    change = old - frame.declination
-    return np.asarray(np.arctan2(np.sin(change), np.cos(change)))
+    place = (frame.latitude, frame.longitude, altitude_from_pressure(frame.pressure))
+    now = FieldLattice.covering(*place, frame.time).at(*place, frame.time).declination
+    old = FieldLattice.covering(*place, seconds).at(*place, seconds).declination
+    return np.asarray(np.arctan2(np.sin(old - now), np.cos(old - now)))
 
 
 def _thinned(frame: Frame) -> Frame:

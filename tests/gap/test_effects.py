@@ -1,0 +1,488 @@
+from __future__ import annotations
+
+import importlib
+import sys
+from dataclasses import replace
+from datetime import datetime
+
+import numpy as np
+import ppigrf
+import pytest
+from tests.gap import frames
+
+from airswing.config import quantity
+from airswing.errors import InputError
+from airswing.gap.effects import (
+    CATALOGUE,
+    ActiveEffect,
+    HeadingEffect,
+    OneCoefficient,
+    Parameter,
+    discover,
+    register,
+    unregister,
+)
+from airswing.gap.effects.base import STAGES
+from airswing.gap.effects.forms import DEGREE, amplitude_phase, told
+from airswing.gap.effects.secular import declination_change
+from airswing.gap.effects_file import parse_effects
+from airswing.gap.frame import Frame
+from airswing.gap.simulate import simulate
+
+KNOT = 1852.0 / 3600.0
+NAMES = {
+    "compass_offset": {"offset_deg"},
+    "hard_iron": {"amplitude_deg", "phase_deg"},
+    "soft_iron": {"amplitude_deg", "phase_deg"},
+    "compass_step": {"offset_deg", "amplitude_deg", "phase_deg"},
+    "compass_drift": {"rate_deg_per_day"},
+    "heater_current": {"offset_deg", "amplitude_deg"},
+    "acceleration_error": {"amplitude_deg"},
+    "turn_error": {"amplitude_deg"},
+    "declination_error": {"epoch_year", "factor", "mean_deg"},
+    "tas_scale": {"scale_percent"},
+    "tas_offset": {"offset_m_s"},
+    "reference_speed_bias": {"bias_percent", "above_hPa"},
+    "reference_time_offset": {"offset_h"},
+    "reference_grid_relative": {"fraction"},
+    "altitude_offset": {"offset_ft"},
+    "time_lag": {"offset_s"},
+    "tail_swap": {"pair"},
+    "wind_coding": {"step"},
+    "position_coding": {"step"},
+    "outliers": {"fraction"},
+}
+EXAMPLES = {
+    "hard_iron": {"amplitude_deg": 3.9, "phase_deg": 40.1},
+    "soft_iron": {"amplitude_deg": 1.2, "phase_deg": -20.0},
+    "compass_step": {"offset_deg": 1.0, "amplitude_deg": 2.0, "phase_deg": 3.0},
+    "compass_drift": {"rate_deg_per_day": 0.05},
+    "heater_current": {"offset_deg": 1.0, "amplitude_deg": 2.0},
+    "declination_error": {"epoch_year": 1995.0, "mean_deg": 0.8},
+    "tail_swap": {"pair": ["N401", "N402"]},
+}
+LINEAR = [name for name, effect in CATALOGUE.items() if effect.column_names]
+
+
+def values_of(name):
+    return EXAMPLES.get(name) or {CATALOGUE[name].parameters[0].name: 2.5}
+
+
+@pytest.fixture(scope="module")
+def perfect() -> Frame:
+    return simulate(frames.frame())
+
+
+def difference(frame, name, values, **options):
+    """Reported wind with an effect minus without, (n, 2)."""
+    there = simulate(frame, effects=[ActiveEffect(name, values, **options)])
+    return there.residual - simulate(frame).residual
+
+
+def test_catalogue_holds_the_binding_names():
+    assert set(CATALOGUE) == set(NAMES)
+    for name, parameters in NAMES.items():
+        assert parameters <= {p.name for p in CATALOGUE[name].parameters}
+
+
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_every_effect_says_what_it_is(name):
+    effect = CATALOGUE[name]
+    assert len(effect.physics) > 60
+    assert len(effect.source) > 20
+    assert effect.confused_with
+    assert effect.stage in STAGES
+    assert effect.scope in {"aircraft", "fleet", "reference", "pair"}
+    assert effect.column_scales.shape == (len(effect.column_names),)
+    assert (effect.column_scales > 0).all()
+    for parameter in effect.parameters:
+        assert parameter.description
+        if parameter.number and parameter.units != "1":
+            quantity(f"1 {parameter.units}", parameter.units)
+    sentence = effect.wording(values_of(name))
+    assert len(sentence) > 20
+    assert "{" not in sentence
+    assert all(word not in sentence for word in ("None", "nan", "_"))
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_columns_are_the_derivative_of_the_simulation(perfect, name):
+    effect = CATALOGUE[name]
+    columns = effect.columns(perfect)
+    assert columns.shape == (len(effect.column_names), perfect.size, 2)
+    for k, scale in enumerate(effect.column_scales):
+        # an old declination table is linear in its age only as far as IGRF is
+        years = (name, k) == ("declination_error", 0)
+        small = np.zeros(len(columns))
+        small[k] = 10.0 if years else 1e-4 * scale
+        values, _ = effect.to_parameters(small, np.zeros((small.size,) * 2), perfect)
+        back, _ = effect.to_parameters(-small, np.zeros((small.size,) * 2), perfect)
+        up, down = difference(perfect, name, values), difference(perfect, name, back)
+        slope = up / small[k] if years else (up - down) / (2.0 * small[k])
+        size = np.sqrt(np.mean(columns[k] ** 2))
+        assert size > 0.0 or effect.column_names[k] in {"above_250", "above_300", "above_400"}
+        np.testing.assert_allclose(
+            slope, columns[k], atol=(0.05 if years else 1e-6) * (size or 1.0)
+        )
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_parameters_give_the_coefficients_back(perfect, name):
+    effect = CATALOGUE[name]
+    rng = np.random.default_rng(3)
+    for chosen in effect.alternatives or [tuple(range(len(effect.column_names)))]:
+        coefficients = np.zeros(len(effect.column_names))
+        coefficients[list(chosen)] = effect.column_scales[list(chosen)] * rng.normal(
+            size=len(chosen)
+        )
+        covariance = np.diag((0.1 * effect.column_scales) ** 2)
+        values, errors = effect.to_parameters(coefficients, covariance, perfect)
+        again = effect.from_parameters(values, perfect)
+        tolerance = 0.02 if name == "declination_error" else 1e-9
+        np.testing.assert_allclose(again, coefficients, atol=tolerance * effect.column_scales.max())
+        assert set(errors) <= set(values)
+        assert errors
+        assert all(error > 0.0 for error in errors.values())
+
+
+def test_errors_of_amplitude_and_phase_match_a_sample_of_fits():
+    rng = np.random.default_rng(0)
+    covariance = np.array([[2.0, 0.8], [0.8, 1.0]]) * 1e-5
+    truth = np.radians([3.0, -2.0])
+    (amplitude, phase), (amplitude_error, phase_error) = amplitude_phase(truth, covariance)
+    assert amplitude == pytest.approx(np.hypot(3.0, 2.0))
+    assert phase == pytest.approx(np.degrees(np.arctan2(-2.0, 3.0)))
+    fits = rng.multivariate_normal(truth, covariance, 20000)
+    assert np.degrees(np.hypot(*fits.T)).std() == pytest.approx(amplitude_error, rel=0.03)
+    assert np.degrees(np.arctan2(fits[:, 1], fits[:, 0])).std() == pytest.approx(
+        phase_error, rel=0.03
+    )
+    assert amplitude_phase(np.zeros(2), covariance)[1][1] > 100.0  # phase of nothing
+
+
+def test_one_degree_at_250_knots_is_4_36_knots_across(perfect):
+    north = replace(
+        perfect.take(slice(0, 1)),
+        u_ref=np.zeros(1), v_ref=np.zeros(1),
+        ground_u=np.zeros(1), ground_v=np.array([250.0 * KNOT]),
+    )  # fmt: skip
+    ((across, along),) = difference(north, "compass_offset", {"offset_deg": 1.0}) / KNOT
+    # indicated 1 degree right of north: the air seems to go east, so the wind to blow west
+    assert across == pytest.approx(-4.363, abs=1e-3)
+    assert along == pytest.approx(0.038, abs=1e-3)
+    ((across, along),) = difference(north, "tas_scale", {"scale_percent": 2.0}) / KNOT
+    assert (across, along) == pytest.approx((0.0, -5.0))
+    ((across, along),) = difference(north, "tas_offset", {"offset_m_s": 1.0})
+    assert (across, along) == pytest.approx((0.0, -1.0))
+
+
+@pytest.mark.parametrize(
+    ("field", "degrees"), [(19369.0, 3.0), (16494.0, 3.523), (24717.0, 2.351), (15352.0, 3.785)]
+)
+def test_hard_iron_grows_as_the_field_weakens(perfect, field, degrees):
+    effect = CATALOGUE["hard_iron"]
+    values = {"amplitude_deg": 3.0, "phase_deg": 0.0, "at_horizontal_field_nT": 19369.0}
+    east = replace(
+        perfect.take(slice(0, 1)),
+        magnetic_heading=np.array([np.pi / 2]), horizontal_field=np.array([field]),
+    )  # fmt: skip
+    error = effect.from_parameters(values, east) @ effect.basis(east)
+    assert np.degrees(error[0]) == pytest.approx(degrees, abs=1e-3)
+
+
+def test_phase_convention_of_one_and_two_cycles(perfect):
+    m = np.radians([0.0, 60.0, 135.0])
+    frame = replace(perfect.take(slice(0, 3)), magnetic_heading=m)
+    frame = replace(frame, horizontal_field=np.full(3, frame.reference_field))
+    for name, number in (("hard_iron", 1), ("soft_iron", 2)):
+        effect = CATALOGUE[name]
+        error = effect.from_parameters({"amplitude_deg": 2.0, "phase_deg": 30.0}, frame)
+        expected = 2.0 * np.sin(number * m + np.radians(30.0))
+        np.testing.assert_allclose(np.degrees(error @ effect.basis(frame)), expected)
+
+
+def test_heater_acts_where_icing_is_on_and_is_untestable_without_the_flag(perfect):
+    change = np.hypot(*difference(perfect, "heater_current", {"offset_deg": 2.0}).T)
+    assert (change[perfect.icing == 1] > 1.0).all()
+    assert (change[perfect.icing != 1] == 0.0).all()
+    bare = frames.frame(icing=False)
+    assert CATALOGUE["heater_current"].testable(bare) == "no icing column"
+    never = replace(perfect, icing=np.zeros_like(perfect.icing))
+    assert "never changes" in CATALOGUE["heater_current"].testable(never)
+    assert CATALOGUE["heater_current"].testable(perfect) is None
+
+
+def test_acceleration_error_is_opposite_in_climb_and_descent_and_none_in_cruise(perfect):
+    effect = CATALOGUE["acceleration_error"]
+    three = replace(
+        perfect.take(slice(0, 3)),
+        phase=np.array([1, 2, 3]),
+        magnetic_heading=np.full(3, np.pi / 2),
+        dip=np.full(3, np.arctan(2.0)),
+        acceleration=9.80665 * np.array([0.05, 0.05, -0.05]),
+    )
+    error = effect.from_parameters({"amplitude_deg": -20.0}, three) @ effect.basis(three)
+    np.testing.assert_allclose(np.degrees(error), [-2.0, 0.0, 2.0])
+    cruise = perfect.take(perfect.phase == 2)
+    assert effect.testable(cruise) == "no climb or descent in these reports"
+
+
+def test_turn_error_by_hand(perfect):
+    effect = CATALOGUE["turn_error"]
+    two = replace(
+        perfect.take(slice(0, 2)),
+        magnetic_heading=np.array([0.0, np.pi / 2]),
+        dip=np.full(2, np.arctan(2.5)),
+        bank=np.full(2, 0.2),
+    )
+    np.testing.assert_allclose(effect.basis(two)[0], [0.5, 0.0], atol=1e-12)
+
+
+def test_declination_of_an_old_epoch_is_igrf_itself(perfect):
+    few = perfect.take(slice(0, None, 40))
+    change = difference(few, "declination_error", {"epoch_year": 1995.0})
+    then, now = (
+        np.array(
+            [
+                np.arctan2(east.item(), north.item())
+                for east, north, _ in (
+                    ppigrf.igrf(lon, lat, 3.0, date)
+                    for lon, lat in zip(few.longitude, few.latitude, strict=True)
+                )
+            ]
+        )
+        for date in (datetime(1995, 1, 1), datetime(2009, 7, 18))
+    )
+    error = then - now
+    chord = 2.0 * few.airspeed * np.abs(np.sin(error / 2.0))
+    np.testing.assert_allclose(np.hypot(*change.T), chord, atol=0.05)
+    assert chord.mean() > 1.0
+
+
+def test_declination_parameters_tell_epoch_factor_and_mean(perfect):
+    real = perfect
+    effect = CATALOGUE["declination_error"]
+    coefficients = effect.from_parameters({"epoch_year": 1990.0}, real)
+    assert coefficients[0] == pytest.approx(2009.6 - 1990.0, rel=0.1)
+    values, errors = effect.to_parameters(coefficients, np.diag([1.0, 1e-4]), real)
+    assert values["epoch_year"] == pytest.approx(1990.0, abs=0.3)
+    assert values["factor"] is None
+    mean = np.degrees(np.mean(declination_change(real, epoch_year=1990.0)))
+    assert values["mean_deg"] == pytest.approx(mean, rel=0.03)
+    assert errors["epoch_year"] == pytest.approx(1.0)
+    by_mean = effect.from_parameters({"mean_deg": values["mean_deg"]}, real)
+    assert by_mean[0] == pytest.approx(coefficients[0], rel=1e-6)
+    values, errors = effect.to_parameters(np.array([0.0, 0.2]), np.diag([1.0, 1e-4]), real)
+    assert values["factor"] == pytest.approx(1.2)
+    assert errors["factor"] == pytest.approx(0.01)
+    assert "1.2 times" in effect.wording(values)
+
+
+def _places(frame):
+    return frame.time, frame.latitude, frame.longitude, np.log(frame.pressure)
+
+
+def test_time_offset_is_the_field_of_another_hour(perfect):
+    time, *place = _places(perfect)
+    met = frames.wind(time - 1200.0, *place)  # stamped t, shows t + 20 min
+    change = difference(perfect, "reference_time_offset", {"offset_h": 1.0 / 3.0})
+    expected = np.stack(met, -1) - np.stack(frames.wind(time, *place), -1)
+    np.testing.assert_allclose(change, expected, atol=0.01)
+    assert np.abs(expected).max() > 0.15
+
+
+def test_altitude_offset_is_the_wind_of_another_level(perfect):
+    from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
+
+    time, latitude, longitude, lnp = _places(perfect)
+    flown = np.log(pressure_from_altitude(altitude_from_pressure(perfect.pressure) - 91.44))
+    met = np.stack(frames.wind(time, latitude, longitude, flown), -1)
+    expected = met - np.stack(frames.wind(time, latitude, longitude, lnp), -1)
+    change = difference(perfect, "altitude_offset", {"offset_ft": 300.0})
+    np.testing.assert_allclose(change, expected, atol=0.005)
+    assert np.abs(expected).max() > 0.1
+
+
+def test_time_lag_is_the_wind_of_an_earlier_place(perfect):
+    from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
+
+    time, latitude, longitude, lnp = _places(perfect)
+    lag = 60.0
+    east = frames.METRES_PER_DEGREE * np.cos(np.radians(40.0))
+    earlier = altitude_from_pressure(perfect.pressure) - lag * perfect.climb_rate
+    met = frames.wind(
+        time - lag,
+        latitude - lag * perfect.ground_v / frames.METRES_PER_DEGREE,
+        longitude - lag * perfect.ground_u / east,
+        np.log(pressure_from_altitude(earlier)),
+    )
+    expected = np.stack(met, -1) - np.stack(frames.wind(time, latitude, longitude, lnp), -1)
+    change = difference(perfect, "time_lag", {"offset_s": lag})
+    np.testing.assert_allclose(change, expected, atol=0.01)
+    assert np.abs(expected).max() > 0.3
+
+
+def test_unrotated_winds_are_turned_back(perfect):
+    angle = perfect.grid_convergence
+    along_grid = replace(
+        perfect,
+        u_ref=np.cos(angle) * perfect.u_ref - np.sin(angle) * perfect.v_ref,
+        v_ref=np.sin(angle) * perfect.u_ref + np.cos(angle) * perfect.v_ref,
+    )
+    effect = [ActiveEffect("reference_grid_relative", {"fraction": 1.0})]
+    met = simulate(along_grid, effects=effect)
+    np.testing.assert_allclose(met.u_rep, perfect.u_ref, atol=1e-9)
+    np.testing.assert_allclose(met.v_rep, perfect.v_ref, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("limits", "inside"),
+    [
+        ({}, lambda p: p > 0),
+        ({"above_hPa": 500.0}, lambda p: p < 5e4),
+        ({"below_hPa": 700.0}, lambda p: p >= 7e4),
+    ],
+)
+def test_speed_bias_gives_the_wind_that_was_met(perfect, limits, inside):
+    factor = np.where(inside(perfect.pressure), 1.1, 1.0)
+    strong = replace(perfect, u_ref=perfect.u_ref * factor, v_ref=perfect.v_ref * factor)
+    met = simulate(
+        strong, effects=[ActiveEffect("reference_speed_bias", {"bias_percent": 10.0, **limits})]
+    )
+    np.testing.assert_allclose(met.u_rep, perfect.u_ref, atol=1e-9)
+    assert 0.0 < np.mean(factor > 1.0) <= 1.0
+
+
+def test_swapped_aircraft_show_each_others_errors_from_the_date_on(perfect):
+    date = float(np.median(perfect.time))
+    sent = simulate(
+        perfect,
+        effects=[
+            ActiveEffect("compass_offset", {"offset_deg": 3.0}, tails=("N401",)),
+            ActiveEffect("tail_swap", {"pair": ["N401", "N403"]}, period=(date, None)),
+        ],
+    )
+    wrong = np.hypot(*(sent.residual - perfect.residual).T) > 1.0
+    late = perfect.time >= date
+    np.testing.assert_array_equal(
+        wrong, np.where(late, perfect.aircraft == 2, perfect.aircraft == 0)
+    )
+    with pytest.raises(InputError, match="N999"):
+        difference(perfect, "tail_swap", {"pair": ["N401", "N999"]})
+    with pytest.raises(InputError, match="two aircraft"):
+        difference(perfect, "tail_swap", {"pair": "N401"})
+    reason = CATALOGUE["tail_swap"].testable(perfect.of_aircraft("N401"))
+    assert reason == "only one aircraft in these reports"
+
+
+def test_coarse_winds_lie_on_their_lattice(perfect):
+    sent = simulate(
+        perfect, effects=[ActiveEffect("wind_coding", {"step": 5.0, "direction_step_deg": 10.0})]
+    )
+    speed = np.hypot(sent.u_rep, sent.v_rep) / KNOT
+    direction = np.degrees(np.arctan2(-sent.u_rep, -sent.v_rep))
+    np.testing.assert_allclose(speed / 5.0, np.round(speed / 5.0), atol=1e-9)
+    np.testing.assert_allclose(direction / 10.0, np.round(direction / 10.0), atol=1e-9)
+    assert np.unique(np.round(speed)).size > 3
+
+
+def test_coarse_positions_lie_on_their_lattice_and_leave_the_wind(perfect):
+    sent = simulate(perfect, effects=[ActiveEffect("position_coding", {"step": 2.0})])
+    for values in (sent.latitude, sent.longitude):
+        np.testing.assert_allclose(values * 30.0, np.round(values * 30.0), atol=1e-9)
+    assert 0.0 < np.abs(sent.latitude - perfect.latitude).max() <= 1.0 / 60.0 + 1e-12
+    np.testing.assert_array_equal(sent.u_rep, perfect.u_rep)
+
+
+def test_outliers_are_as_many_and_as_large_as_said(perfect):
+    many = perfect.take(np.tile(np.arange(perfect.size), 10))
+    change = difference(many, "outliers", {"fraction": 0.05, "size_m_s": 15.0})
+    hit = np.hypot(*change.T) > 0.0
+    assert hit.mean() == pytest.approx(0.05, abs=4.0 * np.sqrt(0.05 * 0.95 / hit.size))
+    assert change[hit].std() == pytest.approx(15.0, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["compass_offset", "hard_iron", "soft_iron", "tas_scale"])
+def test_one_heading_tests_no_sensor(perfect, name):
+    same = replace(perfect, heading=0.0 * perfect.heading + 1.0,
+                   magnetic_heading=0.0 * perfect.heading + 1.05)  # fmt: skip
+    assert CATALOGUE[name].testable(same) == "all reports on one heading"
+    assert CATALOGUE[name].testable(perfect) is None
+
+
+def test_missing_context_is_named(perfect):
+    flat = replace(perfect, dudlnp=np.full(perfect.size, np.nan))
+    assert "vertical derivative" in CATALOGUE["altitude_offset"].testable(flat)
+    regular = replace(perfect, grid_convergence=np.zeros(perfect.size))
+    assert "true north" in CATALOGUE["reference_grid_relative"].testable(regular)
+    assert (np.isfinite(CATALOGUE["altitude_offset"].columns(flat))).all()
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [(0.21, "3.9 ± 0.2"), (0.15, "3.92 ± 0.15"), (2.3, "4 ± 2"), (None, "3.92"), (0.0, "3.92 ± 0")],
+)
+def test_numbers_are_told_to_the_digits_that_are_known(error, text):
+    assert told({"a": 3.923}, None if error is None else {"a": error}, "a") == text
+
+
+class _Fourth(OneCoefficient, HeadingEffect):
+    """Three cycles: an effect nobody has put into the catalogue."""
+
+    name = "three_cycles"
+    physics = "a test"
+    source = "this file"
+    parameters = (Parameter("amplitude_deg", "degree", 1.0, "of three cycles", si=DEGREE),)
+    needs = ("magnetic_heading",)
+    column_names = ("sin3",)
+
+    def basis(self, frame):
+        return np.sin(3.0 * frame.magnetic_heading)[None]
+
+    def wording(self, values, errors=None):
+        return "three cycles"
+
+
+def test_adding_an_effect_is_one_call(perfect):
+    register(_Fourth())
+    try:
+        (active,) = parse_effects([{"name": "three_cycles", "parameters": {"amplitude_deg": 2.0}}])
+        sent = simulate(perfect, effects=[active])
+        column = CATALOGUE["three_cycles"].columns(perfect)[0]
+        np.testing.assert_allclose(sent.residual, np.radians(2.0) * column, atol=0.6)
+        assert np.sqrt(np.mean(sent.residual**2)) > 1.0
+        with pytest.raises(ValueError, match="already"):
+            register(_Fourth())
+    finally:
+        unregister("three_cycles")
+    assert "three_cycles" not in CATALOGUE
+
+
+def test_adding_an_effect_is_one_file(tmp_path, monkeypatch):
+    package = tmp_path / "more_effects"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "helper.py").write_text("NOT_AN_EFFECT = 1\n")
+    (package / "four_cycles.py").write_text(
+        "import numpy as np\n"
+        "from airswing.gap.effects import HeadingEffect, OneCoefficient, Parameter\n"
+        "class FourCycles(OneCoefficient, HeadingEffect):\n"
+        "    name = 'four_cycles'\n"
+        "    physics = source = 'a test'\n"
+        "    parameters = (Parameter('amplitude_deg', 'degree', 1.0, 'size', si=np.pi / 180),)\n"
+        "    column_names = ('sin4',)\n"
+        "    def basis(self, frame):\n"
+        "        return np.sin(4 * frame.magnetic_heading)[None]\n"
+        "    def wording(self, values, errors=None):\n"
+        "        return 'four cycles'\n"
+        "EFFECT = FourCycles()\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    importlib.invalidate_caches()
+    try:
+        discover("more_effects")
+        assert CATALOGUE["four_cycles"].columns(frames.frame()).shape[0] == 1
+    finally:
+        unregister("four_cycles")
+        for module in [m for m in sys.modules if m.startswith("more_effects")]:
+            del sys.modules[module]
