@@ -96,7 +96,10 @@ def headings(
             "lead_time": (pair, np.full((len(REFERENCES), n), 1.0)),
         },
         coords={"aircraft": names(aircraft), "reference": list(REFERENCES)},
-        attrs={"reading_audit": '{"duplicate": 12, "impossible_position": 3, "files": []}'},
+        attrs={
+            "reading_audit": '{"reports_read": 2500, "dropped": {"duplicate": 12, '
+            '"impossible_position": 3}, "repaired": {"longitude_wrapped": 40}, "files": 1}'
+        },
     )
 
 
@@ -205,4 +208,123 @@ def field_test() -> dict[str, Any]:
         "adjusted_reduction_kt": 2.47,
         "adjusted_reduction_ci_kt": [2.1, 2.8],
         "adjusted_reduction_quadrature_kt": 2.24,
+    }
+
+
+def full_field_test(seed: int = 5) -> dict[str, Any]:
+    """Return :func:`field_test` with intervals, single aircraft and a permutation test."""
+    rng = np.random.default_rng(seed)
+    found = field_test()
+    for entry in found["groups"].values():
+        for key in ("before", "during", "reduction"):
+            entry[f"{key}_ci_kt"] = [entry[f"{key}_kt"] - 0.3, entry[f"{key}_kt"] + 0.3]
+    found["adjusted_reduction_quadrature_ci_kt"] = [1.9, 2.6]
+    rows = [
+        {"aircraft": f"N{i}", "group": group, "before_kt": before, "during_kt": before + change}
+        for i in range(36)
+        for group, level, change in [("corrected", 8.9, -1.3) if i < 19 else ("controls", 7.0, 1.2)]
+        for before in [float(rng.normal(level, 0.9))]
+    ]
+    null = rng.normal(0, 0.5, 500)
+    found["by_aircraft"] = rows
+    found["permutation"] = {
+        "effect_kt": 2.31,
+        "p_value": 0.0005,
+        "draws": 2000,
+        "null_effects_kt": null.tolist(),
+    }
+    found["regression_to_the_mean"] = {"spurious_reduction_kt": 0.12, "rule": "the 19 worst"}
+    found["matched_controls"] = {"adjusted_reduction_kt": 2.2, "mean_distance_kt": 0.8}
+    return found
+
+
+def profiles(seed: int = 6) -> xr.Dataset:
+    """Return an error profile Dataset: three references, four phases, eight layers."""
+    rng = np.random.default_rng(seed)
+    reference = [*REFERENCES, POOL]
+    dims = ("reference", "state", "flight_phase", "layer")
+    shape = (len(reference), 2, 4, 8)
+    base = np.array([4.0, 3.0])[None, :, None, None] + np.linspace(0, 1, 8)
+    edges = np.array([1100.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0]) * 100
+    number = rng.integers(200, 3000, (shape[0], 1, *shape[2:])) * np.ones((1, 2, 1, 1), int)
+    number[:, :, 0] = 0
+    values = {}
+    for name, factor in (("eastward", 1.0), ("northward", 1.0), ("direction", 4.0)):
+        noisy = factor * (base + rng.normal(0, 0.1, shape))
+        values[f"{name}_rms"] = (dims, np.where(number > 0, noisy, np.nan))
+        values[f"{name}_rms_standard_error"] = (dims, np.full(shape, 0.08 * factor))
+    return xr.Dataset(
+        {
+            **values,
+            "profile_count": (dims, number),
+            "layer_bottom_pressure": ("layer", edges[:-1]),
+            "layer_top_pressure": ("layer", edges[1:]),
+        },
+        coords={
+            "reference": reference,
+            "state": ["reported", "corrected"],
+            "flight_phase": ["unknown", "ascent", "cruise", "descent"],
+        },
+    )
+
+
+def sensitivity(aircraft: int = 6, seed: int = 7) -> dict[str, Any]:
+    """Return a comparison of three references in the shape of sensitivity.json."""
+    rng = np.random.default_rng(seed)
+
+    def pair(one: str, two: str, *, shift: float, slice_name: str | None = None) -> dict[str, Any]:
+        values = rng.normal(shift, 0.03, 5)
+        fleet = {
+            "aircraft": aircraft,
+            "difference": dict(zip("ABCDE", values.tolist(), strict=True)),
+            "standard_error": dict.fromkeys("ABCDE", 0.05),
+            "curve_rms_deg": float(np.abs(values).mean()),
+            "p_value": 0.4 if shift < 0.1 else 1e-5,
+        }
+        rows = []
+        for name in names(aircraft):
+            entry: dict[str, Any] = {"aircraft": name, "p_value": 0.3}
+            for quantity, scale in (("offset", 0.1), ("amplitude", 0.12), ("phase", 3.0)):
+                value = float(rng.normal(shift, scale / 2))
+                entry[quantity] = {
+                    "difference": value,
+                    "standard_error": scale / 2,
+                    "ci": [value - scale, value + scale],
+                }
+            rows.append(entry)
+        found = {
+            "references": [one, two],
+            "reports": 9000,
+            "mean_vector_difference_m_s": 2.1,
+            "fleet": fleet,
+            "aircraft": rows,
+            "regions": [],
+            "poolable": shift < 0.1,
+            "why": "they agree within error" if shift < 0.1 else "nam is in never_pool",
+        }
+        if slice_name:
+            found["slice"] = slice_name
+            found.pop("aircraft")
+        return found
+
+    return {
+        "reports": 9000,
+        "references": ["ruc", "rtfdaa", "nam"],
+        "pairs": [
+            pair("ruc", "rtfdaa", shift=0.0),
+            pair("ruc", "nam", shift=0.4),
+            pair("rtfdaa", "nam", shift=0.4),
+        ],
+        "by_phase": [pair("ruc", "rtfdaa", shift=0.0, slice_name="cruise")],
+        "three_way": [
+            {
+                "references": ["ruc", "rtfdaa", "nam"],
+                "reports": 9000,
+                "errors": [
+                    {"reference": "ruc", "component_rms": 1.4},
+                    {"reference": "rtfdaa", "component_rms": 1.6},
+                    {"reference": "nam", "component_rms": None},
+                ],
+            }
+        ],
     }

@@ -6,11 +6,11 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
-import factories
 import pytest
 
 from airswing.errors import InputError
 from airswing.report import write_page
+from tests.report import factories
 
 
 class Balance(HTMLParser):
@@ -43,18 +43,19 @@ def parsed(page: Path) -> tuple[str, Balance]:
 
 def test_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
     headings, fits = factories.headings(), factories.fits()
+    (tmp_path / "tables.csv").write_text("aircraft\n")
     page = write_page(
-        tmp_path,
+        tmp_path / "report",
         headings=headings,
         fits=fits,
         corrected=factories.corrected(headings),
-        summary={"links": [("all tables", "../tables.csv")], "configuration": "a.yaml"},
+        summary={"links": [("notes", "notes.txt")], "configuration": "a.yaml"},
     )
     assert page == tmp_path / "report" / "index.html"
     text, found = parsed(page)
     assert found.open == []
     outside = [a for a in found.addresses if not a.startswith(("data:image/", "#"))]
-    assert outside == ["../tables.csv"]
+    assert outside == ["../tables.csv", "notes.txt"]
     assert found.images >= 10
     assert not re.search(r"https?://(?!www\.w3\.org)", re.sub(r'src="data:[^"]*"', "", text))
     headline = re.search(r"<h1>(.*?)</h1>", text).group(1)
@@ -85,5 +86,5 @@ def test_unwritable_folder_leaves_the_old_page(tmp_path: Path) -> None:
     headings, fits = factories.headings(aircraft=1, reports=60), factories.fits(aircraft=1)
     (tmp_path / "report").write_text("a file where the folder should be")
     with pytest.raises(InputError, match="cannot write the page"):
-        write_page(tmp_path, headings=headings, fits=fits)
+        write_page(tmp_path / "report", headings=headings, fits=fits)
     assert (tmp_path / "report").read_text() == "a file where the folder should be"

@@ -20,7 +20,23 @@ _WHERE = {
     "fleet_figure": "overview",
     "disagreement_figure": "overview",
     "audit_figure": "overview",
+    "field_test_figure": "evaluation_figures",
+    "scrutiny_figure": "evaluation_figures",
+    "profiles_figure": "evaluation_figures",
+    "pair_differences_figure": "sensitivity_figures",
+    "aircraft_differences_figure": "sensitivity_figures",
+    "aircraft_heading_figure": "gap_figures",
+    "phase_level_figure": "gap_figures",
+    "gap_map_figure": "gap_figures",
+    "timeline_figure": "gap_figures",
+    "slices_figure": "gap_figures",
+    "evidence_figure": "gap_evidence_figures",
+    "posterior_figure": "gap_evidence_figures",
+    "waterfall_figure": "gap_evidence_figures",
+    "autocorrelation_figure": "gap_evidence_figures",
+    "pit_figure": "gap_evidence_figures",
     "write_page": "page",
+    "write_gap_page": "gap_page",
 }
 
 __all__ = sorted(_WHERE)

@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from airswing.report.selection import headline_reference, tails
 from airswing.report.style import (
@@ -198,34 +199,47 @@ def disagreement_figure(
 
 
 def _bars(
-    axes: Axes, names: Sequence[str], whole: Sequence[int], part: Sequence[int] | None, total: int
+    axes: Axes, names: Sequence[str], numbers: Sequence[int], colour: Any, total: int
 ) -> None:
     y = np.arange(len(names))
-    axes.barh(y, whole, color=SKY if part is not None else SOFT, height=0.7, label="marked by it")
-    if part is not None:
-        axes.barh(y, part, color=BLUE, height=0.7, label="marked by no other rule")
+    axes.barh(y, numbers, color=colour, height=0.7, label="by this rule")
     axes.set_yticks(y, [name.replace("_", " ") for name in names])
-    axes.invert_yaxis()
+    axes.set_ylim(len(names) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)
-    for row, number in enumerate(whole):
+    for row, number in enumerate(numbers):
         share = f" ({100 * number / total:.1f} %)" if total else ""
         axes.text(number, row, f"  {thousands(number)}{share}", va="center", fontsize=8.5)
-    axes.set_xlim(0, max([*whole, 1]) * 1.32)
+    axes.set_xlim(0, max([*numbers, 1]) * 1.35)
+    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     axes.set_xlabel("reports")
 
 
-def reading_reasons(ds: xr.Dataset) -> dict[str, int]:
-    """Count by reason what reading left out, from the attribute ``reading_audit``."""
+def reading_reasons(ds: xr.Dataset) -> tuple[dict[str, int], dict[str, int]]:
+    """Count by reason the reports dropped and repaired on reading.
+
+    Parameters
+    ----------
+    ds : Dataset
+        With the attribute ``reading_audit`` (JSON or mapping) where reading left one.
+
+    Returns
+    -------
+    dropped, repaired : dict of str to int
+        Largest first; empty without the attribute.
+    """
+    stored = ds.attrs.get("reading_audit", {})
     try:
-        stored: Mapping[str, Any] = json.loads(str(ds.attrs.get("reading_audit", "{}")))
+        audit: Mapping[str, Any] = json.loads(stored) if isinstance(stored, str) else stored
     except json.JSONDecodeError:
-        return {}
-    return {
-        str(name): int(number)
-        for name, number in stored.items()
-        if isinstance(number, int | float) and number > 0
-    }
+        return {}, {}
+    return _ordered(audit.get("dropped", {})), _ordered(audit.get("repaired", {}))
+
+
+def _ordered(tally: Mapping[str, Any]) -> dict[str, int]:
+    """Keep what was counted at least once, the largest first."""
+    kept = {str(name): int(number) for name, number in tally.items() if int(number) > 0}
+    return dict(sorted(kept.items(), key=lambda item: -item[1]))
 
 
 @styled
@@ -241,28 +255,26 @@ def audit_figure(headings: xr.Dataset) -> Figure:
     -------
     CaptionedFigure
     """
-    rules, reasons = screening_audit(headings), reading_reasons(headings)
+    rules, (dropped, repaired) = screening_audit(headings), reading_reasons(headings)
     total = headings.sizes["report"]
     kept = int((headings["screening"].to_numpy() == 0).sum())
-    heights = [max(len(rules), 1), max(len(reasons), 1)]
-    figure = new_figure(1.5 + 0.32 * max(heights))
+    reasons = [(name, number, SOFT) for name, number in dropped.items()]
+    reasons += [(f"repaired: {name}", number, FAINT) for name, number in repaired.items()]
+    figure = new_figure(1.5 + 0.32 * max(len(rules), len(reasons), 1))
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1) if reasons else (1, 0.001))
     if rules:
-        _bars(
-            left,
-            [rule.name for rule in rules],
-            [rule.together for rule in rules],
-            [rule.alone for rule in rules],
-            total,
-        )
-        left.legend(loc="lower right")
+        names = [rule.name for rule in rules]
+        whole = [rule.together for rule in rules]
+        alone = [rule.alone for rule in rules]
+        _bars(left, names, whole, SKY, total)
+        left.barh(range(len(names)), alone, color=BLUE, height=0.7, label="by no other rule")
+        left.legend(loc="lower right", title="reports marked")
     else:
         blank(left, "No rule left out a report.")
     left.set_title("Screening before the fit")
     if reasons:
-        order = sorted(reasons, key=lambda name: -reasons[name])
-        _bars(right, order, [reasons[name] for name in order], None, 0)
-        right.set_title("Set aside on reading")
+        _bars(right, [r[0] for r in reasons], [r[1] for r in reasons], [r[2] for r in reasons], 0)
+        right.set_title("Dropped or repaired on reading")
     else:
         right.axis("off")
     return figure.say(

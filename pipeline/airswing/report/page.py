@@ -31,6 +31,11 @@ from airswing.report.document import (
     table,
 )
 from airswing.report.embed import embedded, write_whole
+from airswing.report.evaluation_sections import (
+    field_test_section,
+    profiles_section,
+    sensitivity_section,
+)
 from airswing.report.selection import headline_reference, one_fit
 from airswing.report.style import plural
 from airswing.report.summaries import (
@@ -59,19 +64,20 @@ def write_page(
     sensitivity: Mapping[str, Any] | None = None,
     profiles: xr.Dataset | None = None,
 ) -> Path:
-    """Write ``report/index.html`` of a run.
+    """Write the page of a run, ``index.html``, into its folder.
 
     Parameters
     ----------
     directory : Path
-        The run's output folder; the page is written to ``report/index.html`` in it.
+        Folder of the page, ``report`` in the run's output folder; products found beside it are
+        linked.
     headings, fits, corrected : Dataset
         Products of FORMATS.md section 5.
     audit : mapping or Dataset, optional
         What screening removed by rule; counted from ``headings["screening"]`` where absent.
     summary : mapping, optional
-        ``links``: list of (label, address relative to the page); ``warnings``: list of str;
-        any other plain value is listed under "This run".
+        ``reference``: the fit the page leads with; ``links``: more (label, address relative to
+        the page); ``warnings``: list of str; other plain values are listed under "This run".
     field_test, sensitivity : mapping, optional
         Contents of ``field_test.json`` and ``sensitivity.json``.
     profiles : Dataset, optional
@@ -88,12 +94,15 @@ def write_page(
         If the page cannot be written.
     """
     summary = dict(summary or {})
-    reference = headline_reference(fits, headings)
+    reference = _lead_reference(fits, headings, summary)
+    summary["links"] = [*product_links(Path(directory)), *summary.get("links", [])]
     sections = [
         _corrections_section(fits, reference, summary),
         _curves_section(headings, fits, reference),
         _fleet_section(headings, fits, corrected, reference),
-        *_evaluation_sections(field_test, sensitivity, profiles),
+        field_test_section(field_test),
+        sensitivity_section(sensitivity),
+        profiles_section(profiles, reference),
         _places_section(headings),
         _audit_section(headings),
         _run_section(summary),
@@ -111,7 +120,32 @@ def write_page(
             "units, unless said otherwise."
         ],
     )
-    return write_whole(Path(directory) / "report" / "index.html", text)
+    return write_whole(Path(directory) / "index.html", text)
+
+
+PRODUCTS = {
+    "tables.csv": "8-point tables of the fleet (CSV)",
+    "swing_cards": "swing cards, one page an aircraft",
+    "fits.nc": "fits with covariances (NetCDF)",
+    "corrected.nc": "corrected reports (NetCDF)",
+    "headings.nc": "headings and heading errors of every report (NetCDF)",
+    "field_test.json": "field test (JSON)",
+    "sensitivity.json": "sensitivity to the reference (JSON)",
+    "error_profiles.nc": "error profiles (NetCDF)",
+    "gap/index.html": "the sim-to-real gap (page)",
+}
+
+
+def product_links(directory: Path) -> list[tuple[str, str]]:
+    """Return (label, address) of the products that stand beside the page's folder."""
+    beside = directory.parent
+    return [(label, f"../{name}") for name, label in PRODUCTS.items() if (beside / name).exists()]
+
+
+def _lead_reference(fits: xr.Dataset, headings: xr.Dataset, summary: Mapping[str, Any]) -> str:
+    asked = str(summary.get("reference", ""))
+    known = [str(name) for name in fits["reference"].to_numpy()]
+    return asked if asked in known else headline_reference(fits, headings)
 
 
 def _period(headings: xr.Dataset) -> str:
@@ -287,14 +321,6 @@ def _audit_section(headings: xr.Dataset) -> Section:
             folded("The counts", [counts]),
         ],
     )
-
-
-def _evaluation_sections(
-    field_test: Mapping[str, Any] | None,
-    sensitivity: Mapping[str, Any] | None,
-    profiles: xr.Dataset | None,
-) -> list[Section]:
-    return []
 
 
 def _run_section(summary: Mapping[str, Any]) -> Section:

@@ -1,0 +1,207 @@
+"""The verdict of a gap diagnosis in plain words.
+
+Assumes ``gap.json`` of FORMATS.md: disagreement in knots, shares in 0 to 1, parameter names
+that end in their unit.  ``±`` is one standard error, as the file gives it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+PLAIN: dict[str, str] = {
+    "compass_offset": "constant heading error",
+    "hard_iron": "heading error of one cycle",
+    "soft_iron": "heading error of two cycles",
+    "compass_step": "compass deviation that changes at a date",
+    "compass_drift": "compass deviation that drifts",
+    "heater_current": "heading error while icing protection is on",
+    "acceleration_error": "heading error from acceleration in climb and descent",
+    "turn_error": "heading error in turns",
+    "declination_error": "wrong magnetic variation",
+    "tas_scale": "airspeed wrong by a factor",
+    "tas_offset": "airspeed wrong by an amount",
+    "reference_speed_bias": "model wind too weak or too strong",
+    "reference_time_offset": "model fields valid at another time than stamped",
+    "reference_grid_relative": "model winds left along the grid",
+    "altitude_offset": "reported altitude off",
+    "time_lag": "wind older than its position and time",
+    "tail_swap": "two aircraft exchanged identifiers",
+    "wind_coding": "winds coded more coarsely than stated",
+    "position_coding": "positions coded more coarsely than stated",
+    "outliers": "gross errors",
+}
+UNITS: tuple[tuple[str, str], ...] = (
+    ("_deg_per_day", "°/day"),
+    ("_deg", "°"),
+    ("_percent", " %"),
+    ("_m_s", " m/s"),
+    ("_hPa", " hPa"),
+    ("_ft", " ft"),
+    ("_kt", " kt"),
+    ("_h", " h"),
+    ("_s", " s"),
+)
+MOST_TAILS = 6
+
+
+def plain_name(name: str) -> str:
+    """Return an effect's name in plain words; an unknown name with its underscores gone."""
+    return PLAIN.get(name, name.replace("_", " "))
+
+
+def joined(words: Sequence[str], *, most: int = MOST_TAILS) -> str:
+    """Return ``a, b and c``, cut after a few with the number of the rest."""
+    shown = [str(word) for word in words[:most]]
+    if len(words) > most:
+        shown.append(f"{len(words) - most} more")
+    if len(shown) < 2:
+        return "".join(shown)
+    return f"{', '.join(shown[:-1])} and {shown[-1]}"
+
+
+def digits_for(error: float) -> int:
+    """Return the decimals that show a standard error with one or two figures."""
+    if not np.isfinite(error) or error <= 0:
+        return 2
+    return int(np.clip(np.ceil(-np.log10(error * 1.05)), 0, 4))
+
+
+def parameter_text(name: str, value: Any, error: Any = None) -> str:
+    """Return ``amplitude 3.9 ± 0.2°`` for ``amplitude_deg``."""
+    label, unit = name, ""
+    for ending, symbol in UNITS:
+        if name.endswith(ending):
+            label, unit = name[: -len(ending)], symbol
+            break
+    label = label.replace("_", " ")
+    if not isinstance(value, int | float):
+        return f"{label} {value}"
+    spread = float(error) if isinstance(error, int | float) else float("nan")
+    digits = digits_for(spread)
+    number = f"{value:.{digits}f}" if np.isfinite(spread) else f"{value:.4g}"
+    if np.isfinite(spread):
+        number += f" ± {spread:.{digits}f}"
+    return f"{label} {number}{unit}"
+
+
+def parameters_text(effect: Mapping[str, Any]) -> str:
+    """Return all parameters of an effect in one line."""
+    errors = effect.get("standard_errors") or {}
+    return ", ".join(
+        parameter_text(name, value, errors.get(name))
+        for name, value in (effect.get("parameters") or {}).items()
+        if value is not None
+    )
+
+
+def period_text(effect: Mapping[str, Any]) -> str:
+    """Return since when or between when an effect holds, or nothing."""
+    period = effect.get("period")
+    if not period:
+        return ""
+    if isinstance(period, Mapping):
+        bounds = [str(value)[:10] for value in period.values() if value]
+    elif isinstance(period, str):
+        bounds = [period[:10]]
+    else:
+        bounds = [str(value)[:10] for value in period if value]
+    if not bounds:
+        return ""
+    return f"from {bounds[0]}" + (f" to {bounds[1]}" if len(bounds) > 1 else "")
+
+
+def who_text(effect: Mapping[str, Any]) -> str:
+    """Return whom an effect concerns: its aircraft, the whole fleet, or the reference."""
+    tails = list(effect.get("tails") or [])
+    if tails:
+        return joined(tails)
+    reference = str(effect.get("name", "")).startswith("reference_")
+    return "the reference" if reference or effect.get("scope") == "reference" else "the whole fleet"
+
+
+def effect_sentence(effect: Mapping[str, Any]) -> str:
+    """Return one effect as a sentence without its stop."""
+    text = f"{who_text(effect)}: {plain_name(str(effect['name']))}"
+    details = [part for part in (parameters_text(effect), period_text(effect)) if part]
+    text += "".join(f", {part}" for part in details)
+    share = effect.get("share_of_gap")
+    if share is not None and float(share) >= 0.005:
+        text += f"; explains {100 * float(share):.0f} % of the gap"
+    return text[0].upper() + text[1:] if text.startswith("the ") else text
+
+
+def closure_sentence(gap: Mapping[str, Any]) -> str:
+    """Return what adding the effects does to the disagreement, with the noise floor."""
+    closure = gap.get("closure") or {}
+    floor = (gap.get("gap") or {}).get("noise_floor_kt")
+    floor_text = f", noise floor {float(floor):.1f}" if floor is not None else ""
+    effects = gap.get("effects") or []
+    before, after = closure.get("before"), closure.get("after")
+    if not effects or before is None or after is None:
+        return ""
+    what = "it" if len(effects) == 1 else "them"
+    where = " on held-out flights" if closure.get("held_out", True) else ""
+    return (
+        f"adding {what} takes the disagreement from {float(before):.1f} to {float(after):.1f} kt"
+        f"{where}{floor_text}"
+    )
+
+
+def verdict(gap: Mapping[str, Any], *, most: int = 3) -> str:
+    """Return the verdict: what is missing, how much of the gap it is, what adding it buys.
+
+    Parameters
+    ----------
+    gap : mapping
+        Content of ``gap.json``.
+    most : int, optional
+        Effects named in full.
+
+    Returns
+    -------
+    str
+    """
+    effects = list(gap.get("effects") or [])
+    unknown = bool((gap.get("unknown") or {}).get("present"))
+    if not effects:
+        if unknown:
+            return (
+                "Something is missing that the catalogue does not hold"
+                f"{_unknown_place(gap)}: no known effect explains it."
+            )
+        return _nothing_missing(gap)
+    text = "; ".join(effect_sentence(effect) for effect in effects[:most])
+    if len(effects) > most:
+        text += f"; and {len(effects) - most} smaller effects"
+    closing = closure_sentence(gap)
+    text += f"; {closing}." if closing else "."
+    if unknown:
+        text += f" Something unknown remains{_unknown_place(gap)}."
+    return text
+
+
+def _nothing_missing(gap: Mapping[str, Any]) -> str:
+    numbers = gap.get("gap") or {}
+    level, floor = numbers.get("mean_vector_disagreement_kt"), numbers.get("noise_floor_kt")
+    text = "Nothing is missing from the simulation that these reports can show"
+    if level is None:
+        return text + "."
+    text += f": the disagreement is {float(level):.1f} kt"
+    return text + (f" and the noise floor {float(floor):.1f} kt." if floor is not None else ".")
+
+
+def _unknown_place(gap: Mapping[str, Any]) -> str:
+    places = (gap.get("unknown") or {}).get("where") or []
+    named = [slice_words(p) if isinstance(p, Mapping) else str(p) for p in places]
+    return f" ({joined(named, most=2)})" if named else ""
+
+
+def slice_words(entry: Mapping[str, Any], *, most: int = 4) -> str:
+    """Return a slice of the archive in words: its variable and at most a few of its values."""
+    variable = str(entry.get("variable", "")).replace("_", " ")
+    values = entry.get("values", [])
+    named = [str(value) for value in values] if isinstance(values, list | tuple) else [str(values)]
+    return f"{variable}: {joined(named, most=most)}" if named else variable
