@@ -1,0 +1,405 @@
+"""Headings of archives flown with a known compass error, and of real aircraft."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import dask
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from pyproj import Geod
+
+from airswing.compass.evidence import group_median
+from airswing.compass.headings import derive_headings, heading_error_sensitivity
+from airswing.errors import InputError
+from airswing.physics.triangle import (
+    air_vector,
+    bearing,
+    heading_error,
+    speed_of_vector,
+    vector_from_bearing,
+    wind_components,
+    wind_from_triangle,
+    wrap_signed,
+)
+from airswing.vocabulary import VARIABLES
+
+ppigrf = pytest.importorskip("ppigrf")
+GEOD = Geod(ellps="WGS84")
+WIND = (18.0, -7.0)
+TENTH_MINUTE = 0.1 / 60.0
+
+
+def deviation(magnetic: np.ndarray) -> np.ndarray:
+    """A compass error of some degrees, in degrees, of a magnetic heading in degrees."""
+    angle = np.radians(magnetic)
+    return 1.5 + 3.0 * np.sin(angle) - 2.0 * np.cos(angle)
+
+
+def flown(
+    *,
+    flights: int = 16,
+    fixes: int = 9,
+    aircraft: int = 2,
+    leg: float = 165.0,
+    airspeed_scale: float = 1.0,
+    error: Callable[[np.ndarray], np.ndarray] = deviation,
+    position: float = 0.0,
+    tick: float = 0.0,
+    seed: int = 2,
+) -> xr.Dataset:
+    """Reports of aircraft along geodesics in a steady wind, their compass off by ``error``.
+
+    Holds what is true beside the reports: ``true_heading``, ``true_error``, ``unit_heading``,
+    ``unit_airspeed``, ``true_track``.
+    """
+    rng = np.random.default_rng(seed)
+    total = aircraft * flights
+    seconds = np.cumsum(leg * rng.uniform(0.8, 1.2, (total, fixes)), axis=1)
+    speed = rng.uniform(110.0, 150.0, (total, 1)) * np.ones(fixes)
+    start = np.linspace(0.0, 360.0, total, endpoint=False)[:, np.newaxis] * np.ones(fixes)
+    first_lon, first_lat = (
+        rng.uniform(low, high, (total, 1)) * np.ones(fixes)
+        for low, high in ((-100.0, -80.0), (32.0, 46.0))
+    )
+    lon, lat, back = (
+        np.asarray(part).ravel()
+        for part in GEOD.fwd(
+            first_lon.ravel(), first_lat.ravel(), start.ravel(), (speed * seconds).ravel()
+        )
+    )
+    track = np.radians(back + 180.0)
+    ground = vector_from_bearing(speed.ravel(), track)
+    air = air_vector(*ground, *WIND)
+    heading, airspeed = np.degrees(bearing(*air)), speed_of_vector(*air)
+    epoch = np.datetime64("2009-03-14T12:00", "ns")
+    since = (seconds + 86400.0 * np.arange(total)[:, np.newaxis]).ravel()
+    e, n, _ = (part[0] for part in ppigrf.igrf(lon, lat, 9.0, pd.Timestamp("2009-03-20")))
+    true_error = error(heading - np.degrees(np.arctan2(e, n)))
+    unit_heading, unit_airspeed = heading + true_error, airspeed * airspeed_scale
+    wind = wind_from_triangle(*ground, unit_airspeed, np.radians(unit_heading))
+
+    def coded(values: np.ndarray, step: float, how: Any = np.round) -> np.ndarray:
+        return values if step == 0.0 else how(values / step) * step
+
+    size = lat.size
+    seen = coded(since, tick, np.floor)
+    return xr.Dataset(
+        {
+            "row_size": ("aircraft", np.full(aircraft, flights * fixes, dtype=np.int32)),
+            "time": ("report", epoch + np.round(seen * 1e9).astype("timedelta64[ns]")),
+            "latitude": ("report", coded(lat, position)),
+            "longitude": ("report", coded(lon, position)),
+            "pressure": ("report", np.full(size, 30742.0)),
+            "pressure_altitude": ("report", np.full(size, 9000.0)),
+            "eastward_wind": ("report", wind[0]),
+            "northward_wind": ("report", wind[1]),
+            "phase": ("report", np.full(size, 2, dtype=np.int8)),
+            "flight": ("report", np.repeat(np.arange(total, dtype=np.int32), fixes)),
+            "position_resolution": ("aircraft", np.full(aircraft, position)),
+            "time_resolution": ("aircraft", np.full(aircraft, tick)),
+        },
+        coords={"aircraft": [f"N{number:03d}" for number in range(aircraft)]},
+        attrs={"reading_audit": "{}"},
+    ).assign_attrs(
+        truth={
+            "heading": heading, "error": true_error, "unit_heading": unit_heading,
+            "unit_airspeed": unit_airspeed, "track": np.degrees(track), "airspeed": airspeed,
+        }
+    )  # fmt: skip
+
+
+def model(reports: xr.Dataset, *, noise: float = 0.0, names: tuple[str, ...] = ("ruc",)) -> Any:
+    """The true wind as WINDS, with an error of its own."""
+    rng = np.random.default_rng(9)
+    shape = (len(names), reports.sizes["report"])
+    axes = ("reference", "report")
+    return xr.Dataset(
+        {
+            "reference_eastward_wind": (axes, WIND[0] + noise * rng.normal(size=shape)),
+            "reference_northward_wind": (axes, WIND[1] + noise * rng.normal(size=shape)),
+            "lead_time": (axes, np.full(shape, 1.0)),
+        },
+        coords={"reference": list(names)},
+    )
+
+
+def with_own(reports: xr.Dataset, heading: np.ndarray, airspeed: np.ndarray) -> xr.Dataset:
+    return reports.assign(
+        reported_heading=("report", np.mod(heading, 360.0)),
+        reported_airspeed=("report", airspeed),
+    )
+
+
+def evidence(found: xr.Dataset) -> dict[str, Any]:
+    return dict(json.loads(found.attrs["ground_vector_evidence"]))
+
+
+def off(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Signed difference of angles in degrees."""
+    return np.degrees(wrap_signed(np.radians(np.asarray(found, float) - expected)))
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_the_compass_error_flown_is_the_heading_error_found() -> None:
+    reports = flown()
+    truth = reports.attrs["truth"]
+    found = derive_headings(reports, model(reports))
+    assert found.heading_error.dims == ("reference", "report")
+    np.testing.assert_allclose(found.heading_error[0], truth["error"], atol=2e-3)
+    np.testing.assert_allclose(off(found.heading, truth["unit_heading"]), 0.0, atol=2e-3)
+    np.testing.assert_allclose(off(found.track, truth["track"]), 0.0, atol=1e-3)
+    np.testing.assert_allclose(found.airspeed, truth["airspeed"], rtol=1e-5)
+    np.testing.assert_allclose(found.airspeed_error, 0.0, atol=1e-3)
+    assert len(set(np.floor(truth["heading"] / 45.0))) == 8, "all eight octants were flown"
+
+
+def test_an_airspeed_error_shows_along_and_not_across() -> None:
+    reports = flown(airspeed_scale=1.02, error=np.zeros_like)
+    found = derive_headings(reports, model(reports))
+    np.testing.assert_allclose(found.heading_error, 0.0, atol=2e-3)
+    expected = 0.02 * reports.attrs["truth"]["airspeed"]
+    np.testing.assert_allclose(found.airspeed_error[0], expected, atol=2e-3)
+
+
+def test_magnetic_heading_and_field_are_those_of_igrf() -> None:
+    reports = flown(flights=4)
+    found = derive_headings(reports, model(reports))
+    report = 11
+    when = pd.Timestamp(reports.time.values[report]).floor("s").to_pydatetime()
+    place = (float(reports[name][report]) for name in ("longitude", "latitude"))
+    e, n, up = (float(part.ravel()[0]) for part in ppigrf.igrf(*place, 9.0, when))
+    declination = np.degrees(np.arctan2(e, n))
+    assert found.declination[report] == pytest.approx(declination, abs=0.01)
+    assert found.horizontal_field[report] == pytest.approx(np.hypot(e, n), abs=1.0)
+    assert found.dip[report] == pytest.approx(np.degrees(np.arctan2(-up, np.hypot(e, n))), abs=0.01)
+    np.testing.assert_allclose(
+        off(found.heading - found.declination, found.magnetic_heading.values), 0.0, atol=1e-4
+    )
+
+
+def test_units_ranges_and_types_are_the_vocabularys() -> None:
+    reports = flown(flights=3)
+    found = derive_headings(reports, model(reports, noise=3.0))
+    for name in ("heading", "magnetic_heading", "track"):
+        assert float(found[name].min()) >= 0.0 and float(found[name].max()) <= 360.0
+    for name in ("heading", "heading_error", "horizontal_field", "turn", "airspeed_error"):
+        assert found[name].attrs["units"] == VARIABLES[name].units
+        assert found[name].dtype == VARIABLES[name].dtype
+    assert found.attrs["reading_audit"] == "{}"
+
+
+def test_what_one_reference_lacks_the_other_keeps() -> None:
+    reports = flown(flights=3)
+    winds = model(reports, names=("ruc", "rtfdaa"))
+    winds.reference_eastward_wind[0, 5] = np.nan
+    found = derive_headings(reports, winds)
+    assert np.isnan(found.heading_error.sel(reference="ruc")[5])
+    assert np.isfinite(found.heading_error.sel(reference="rtfdaa")).all()
+    assert np.isfinite(found.heading).all()
+
+
+def test_lazy_until_asked_and_the_same_numbers() -> None:
+    reports = flown(flights=4)
+    winds = model(reports, noise=2.0, names=("ruc", "rtfdaa"))
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise AssertionError("something was computed")
+
+    with dask.config.set(scheduler=refuse):
+        lazy = derive_headings(reports, winds.chunk(report=17))
+    names = ("heading_error", "heading_error_standard_error", "airspeed_error")
+    for name in names:
+        assert dask.is_dask_collection(lazy[name].data)
+    eager = derive_headings(reports, winds)
+    for name in names:
+        np.testing.assert_array_equal(lazy[name].compute(), eager[name])
+
+
+@pytest.mark.parametrize(("position", "tick"), [(TENTH_MINUTE, 1.0), (0.01, 60.0)])
+def test_the_standard_error_is_the_error(position: float, tick: float) -> None:
+    reports = flown(flights=60, position=position, tick=tick)
+    found = derive_headings(reports, model(reports), acceleration_density=0.0)
+    miss = found.heading_error[0].values - reports.attrs["truth"]["error"]
+    stated = found.heading_error_standard_error[0].values
+    assert rms(miss / stated) == pytest.approx(1.0, abs=0.25)
+    assert rms(miss) < 0.3, "an error of the ground vector nearly cancels"
+
+
+@given(st.floats(80.0, 200.0), st.floats(0.0, 6.28), st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
+def test_sensitivity_is_the_derivative(speed: float, track: float, u: float, v: float) -> None:
+    ground, step = vector_from_bearing(speed, track), 1e-3
+
+    def error(east: float, north: float) -> float:
+        used = air_vector(ground[0] + east, ground[1] + north, 8.0, 3.0)
+        return float(heading_error(*used, *air_vector(ground[0] + east, ground[1] + north, u, v)))
+
+    slope = heading_error_sensitivity(*air_vector(*ground, 8.0, 3.0), *air_vector(*ground, u, v))
+    numeric = (
+        (error(step, 0.0) - error(-step, 0.0)) / (2 * step),
+        (error(0.0, step) - error(0.0, -step)) / (2 * step),
+    )
+    np.testing.assert_allclose(slope, numeric, atol=1e-8)
+
+
+def test_the_units_own_heading_and_airspeed_are_believed_where_they_agree() -> None:
+    reports = flown(position=0.01, tick=60.0)
+    truth = reports.attrs["truth"]
+    own = with_own(reports, np.round(truth["unit_heading"]), truth["unit_airspeed"])
+    chords = derive_headings(reports, model(reports))
+    found = derive_headings(own, model(reports))
+    told = evidence(found)
+    assert told["reported_heading_and_airspeed"] == reports.sizes["report"]
+    assert told["aircraft_with_own_vector"] == 2 and told["chords"] == 0
+    np.testing.assert_allclose(off(found.heading, np.round(truth["unit_heading"])), 0, atol=1e-3)
+    assert rms(off(found.track, truth["track"])) < 0.35 < rms(off(chords.track, truth["track"]))
+    assert float(found.ground_velocity_error.median()) < 1.0
+    # half a degree of rounding in a whole degree, the rest is the compass
+    assert rms(found.heading_error[0] - truth["error"]) < 0.35
+
+
+@pytest.mark.parametrize(
+    ("column", "reason"),
+    [("track", "heading_is_track"), ("magnetic", "heading_differs"), ("cas", "airspeed_differs")],
+)
+def test_a_column_that_is_something_else_is_not_believed(column: str, reason: str) -> None:
+    reports = flown(position=TENTH_MINUTE, tick=1.0)
+    truth = reports.attrs["truth"]
+    heading, airspeed = truth["unit_heading"].copy(), truth["unit_airspeed"].copy()
+    second = np.arange(heading.size) >= heading.size // 2
+    if column == "track":
+        heading[second] = truth["track"][second]
+    elif column == "magnetic":
+        heading[second] -= 2.0
+    else:
+        airspeed[second] *= 0.65
+    found = derive_headings(with_own(reports, heading, airspeed), model(reports))
+    told = evidence(found)
+    assert told["aircraft_whose_own_vector_was_not_believed"] == {"N001": reason}
+    assert told["reported_heading_and_airspeed"] == (~second).sum()
+    np.testing.assert_allclose(found.heading_error[0].values, truth["error"], atol=0.6)
+
+
+def test_too_few_reports_or_one_wild_one() -> None:
+    reports = flown(flights=2, fixes=8)
+    truth = reports.attrs["truth"]
+    few = derive_headings(
+        with_own(reports, truth["unit_heading"], truth["unit_airspeed"]), model(reports)
+    )
+    assert set(evidence(few)["aircraft_whose_own_vector_was_not_believed"].values()) == {"too_few"}
+    reports = flown()
+    truth = reports.attrs["truth"]
+    heading = truth["unit_heading"].copy()
+    heading[7] += 40.0
+    airspeed = truth["unit_airspeed"].copy()
+    airspeed[9] = np.nan
+    found = derive_headings(with_own(reports, heading, airspeed), model(reports))
+    assert evidence(found)["chords"] == 2
+    np.testing.assert_allclose(found.heading_error[0], truth["error"], atol=3e-3)
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.floats(-9, 9)), max_size=30))
+def test_group_median(pairs: list[tuple[int, float]]) -> None:
+    group = np.array([pair[0] for pair in pairs], dtype=np.int64)
+    values = np.array([pair[1] for pair in pairs], dtype=float)
+    expected = pd.Series(values).groupby(group).median().reindex(range(4))
+    np.testing.assert_allclose(group_median(values, group, 4), expected)
+
+
+def test_input_that_does_not_fit_is_told() -> None:
+    reports = flown(flights=2)
+    with pytest.raises(InputError, match="flight"):
+        derive_headings(reports.drop_vars("flight"), model(reports))
+    with pytest.raises(InputError, match="reference_northward_wind"):
+        derive_headings(reports, model(reports).drop_vars("reference_northward_wind"))
+    with pytest.raises(InputError, match="35 winds for 36 reports"):
+        derive_headings(reports, model(reports).isel(report=slice(1, None)))
+    with pytest.raises(InputError, match="row_size"):
+        derive_headings(reports.assign(row_size=("aircraft", [3, 4])), model(reports))
+
+
+def test_no_reports_at_all() -> None:
+    reports = flown(flights=2).isel(report=slice(0, 0)).assign(row_size=("aircraft", [0, 0]))
+    found = derive_headings(reports, model(reports))
+    assert found.heading_error.shape == (1, 0)
+
+
+def test_a_research_aircraft_from_its_fixes_and_wind_alone(real: Callable[[str], Path]) -> None:
+    """Heading and airspeed that nobody gave us, against the ones its instruments recorded."""
+    with xr.open_dataset(real("heading/ncar_gv_20131001.nc"), engine="netcdf4") as ds:
+        gv = ds.load().isel(Time=slice(0, None, 20))
+    size = gv.sizes["Time"]
+    wind = wind_components(gv.WSC.values.astype(float), np.radians(gv.WDC.values.astype(float)))
+    reports = xr.Dataset(
+        {
+            "row_size": ("aircraft", [size]),
+            "time": ("report", gv.Time.values.astype("datetime64[ns]")),
+            "latitude": ("report", gv.LATC.values.astype(float)),
+            "longitude": ("report", gv.LONC.values.astype(float)),
+            "pressure_altitude": ("report", gv.GGALT.values.astype(float)),
+            "eastward_wind": ("report", wind[0]),
+            "northward_wind": ("report", wind[1]),
+            "flight": ("report", np.zeros(size, dtype=np.int32)),
+        },
+        coords={"aircraft": ["N677F"]},
+    )
+    found = derive_headings(reports, model(reports), widen=False)
+    inner = slice(1, -1)
+    miss = off(found.heading, gv.THDG.values.astype(float))[inner]
+    assert np.median(np.abs(miss)) < 0.5, "degrees"
+    assert np.median(np.abs(found.airspeed.values - gv.TASX.values)[inner]) < 1.0
+    # the drift is more than ten degrees: neither the track nor the wrong sign would do
+    assert np.median(np.abs(off(found.track, gv.THDG.values.astype(float)))[inner]) > 8.0
+
+
+@pytest.mark.parametrize(
+    "name", ["Cessna_172S_flight_4171", "Cessna_172S_flight_4188", "PA-44-180_flight_3766"]
+)
+def test_wind_triangle_of_light_aircraft(real: Callable[[str], Path], name: str) -> None:
+    """Garmin G1000: ground vector less wind is the recorded heading and airspeed."""
+    lines = real(f"heading/{name}.csv").read_text().splitlines()
+    columns = [column.strip() for column in lines[1].split(",")]
+    log = pd.DataFrame([[float(x) for x in line.split(",")] for line in lines[2:]], columns=columns)
+    log = log[(log.TAS > 70.0) & (log.Roll.abs() < 5.0) & (log.GndSpd > 60.0)]
+    # track and heading are magnetic there, the wind is true
+    ground = vector_from_bearing(log.GndSpd, np.radians(log.TRK + log.MagVar))
+    misses = {}
+    for sign in (1.0, -1.0, 0.0):
+        wind = wind_components(log.WndSpd, np.radians(log.WndDr))
+        air = air_vector(*ground, sign * wind[0], sign * wind[1])
+        turned = off(np.degrees(bearing(*air)), (log.HDG + log.MagVar).to_numpy())
+        misses[sign] = np.nanmedian(np.abs(turned))
+        if sign == 1.0:
+            speed = speed_of_vector(*air) - log.TAS.to_numpy()
+            assert abs(np.nanmedian(speed)) < 0.5, "knots"
+    assert len(set(np.floor(log.HDG / 45.0))) >= 8
+    assert misses[1.0] < 1.5
+    assert misses[1.0] < 0.75 * misses[0.0] < 0.75 * misses[-1.0]
+
+
+def test_real_airliners_fly_steadier_in_the_air_than_over_ground(
+    real: Callable[[str], Path],
+) -> None:
+    """Cruising jets of 1999: airspeeds within a few per cent, ground speeds spread by the wind."""
+    from airswing.compass.screening import kept, screen
+    from airswing.reports.read import read_reports
+
+    reports = read_reports([real("reports/acars_19990209_14z.nc")], format="madis")
+    found = screen(derive_headings(reports, model(reports)), max_innovation=200.0)
+    assert evidence(found)["reported_heading_and_airspeed"] == 0, "its 'heading' is no heading"
+    use = kept(found).values & (found.airspeed.values > 180.0)
+    assert use.sum() > 400
+    air, ground = found.airspeed.values[use], found.ground_speed.values[use]
+    assert 225.0 < np.median(air) < 245.0
+    assert np.std(air) < 0.6 * np.std(ground)
+    assert np.median(found.heading_error_standard_error.values[0][use]) < 0.5

@@ -1,0 +1,231 @@
+"""Screening: one report for each rule, the policies, the account, and no attenuation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import dask
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airswing.compass.screening import audit, kept, screen
+from airswing.errors import ConfigError
+from airswing.vocabulary import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC
+
+GOOD: dict[str, Any] = {
+    "phase": PHASE["cruise"],
+    "roll_flag": ROLL["good"],
+    "temperature_qc": TEMPERATURE_QC["pass"],
+    "wind_qc": WIND_QC["pass"],
+    "turn": 1.0,
+    "ground_speed": 130.0,
+    "ground_velocity_error": 1.0,
+    "airspeed": 120.0,
+    "eastward_wind": 10.0,
+    "northward_wind": -4.0,
+}
+WORST: dict[str, dict[str, Any]] = {  # what breaks each rule and nothing else
+    "phase": {"phase": PHASE["ascent"]},
+    "roll": {"roll_flag": ROLL["bad"]},
+    "temperature_qc": {"temperature_qc": TEMPERATURE_QC["fail"]},
+    "turn": {"turn": -10.5},
+    "ground_speed": {"ground_speed": 40.0},
+    "no_ground_vector": {"ground_velocity_error": 25.0},
+    "no_reference": {"reference_eastward_wind": (np.nan, np.nan)},
+    "missing_wind": {"eastward_wind": np.nan},
+    "wind_qc": {"wind_qc": WIND_QC["fail"]},
+    "gross_error": {"reference_northward_wind": (60.0, 60.0)},
+}
+
+
+def made(*changes: dict[str, Any], row_size: tuple[int, ...] | None = None) -> xr.Dataset:
+    """HEADINGS with one good report for each dict of changes."""
+    reports = [{**GOOD, **change} for change in changes]
+    columns = {name: ("report", np.array([r[name] for r in reports])) for name in GOOD}
+    for name in ("reference_eastward_wind", "reference_northward_wind"):
+        default = (12.0, 11.0) if "east" in name else (-3.0, -5.0)
+        pairs = [change.get(name, default) for change in changes]
+        columns[name] = (("reference", "report"), np.array(pairs, dtype=float).T)
+    sizes = row_size or (len(reports),)
+    columns["row_size"] = ("aircraft", np.array(sizes))
+    columns["heading_error"] = (
+        ("reference", "report"), columns["reference_eastward_wind"][1] * 0.1
+    )  # fmt: skip
+    names = [f"N{i}" for i in range(len(sizes))]
+    return xr.Dataset(columns, coords={"reference": ["ruc", "rtfdaa"], "aircraft": names})
+
+
+def bits(ds: xr.Dataset, **options: Any) -> list[int]:
+    return list(screen(ds, **options).screening.values)
+
+
+def test_every_rule_has_its_bit_and_only_its_bit() -> None:
+    assert list(WORST) == list(SCREENING)
+    found = bits(made({}, *WORST.values()))
+    assert found == [0, *SCREENING.values()]
+
+
+def test_bits_add_up() -> None:
+    both = {**WORST["roll"], **WORST["turn"], **WORST["phase"]}
+    assert bits(made(both)) == [SCREENING["roll"] + SCREENING["turn"] + SCREENING["phase"]]
+
+
+def test_type_and_meanings() -> None:
+    found = screen(made({}, WORST["turn"])).screening
+    assert found.dtype == np.int32
+    assert found.attrs["flag_meanings"].split() == list(SCREENING)
+    np.testing.assert_array_equal(found.attrs["flag_masks"], list(SCREENING.values()))
+
+
+@pytest.mark.parametrize(
+    ("policy", "left_out"),
+    [
+        ("reject_bad", ["bad"]),
+        ("require_good", ["missing", "bad", "not_available"]),
+        ("ignore", []),
+    ],
+)
+def test_roll_policies(policy: str, left_out: list[str]) -> None:
+    found = bits(made(*({"roll_flag": code} for code in ROLL.values())), roll=policy)
+    expected = [SCREENING["roll"] if name in left_out else 0 for name in ROLL]
+    assert found == expected
+
+
+@pytest.mark.parametrize("name", ["temperature_qc", "wind_qc"])
+@pytest.mark.parametrize(
+    ("policy", "left_out"),
+    [("reject_fail", ["fail"]), ("require_pass", ["missing", "fail"]), ("ignore", [])],
+)
+def test_quality_policies(name: str, policy: str, left_out: list[str]) -> None:
+    ds = made(*({name: code} for code in TEMPERATURE_QC.values()))
+    expected = [SCREENING[name] if word in left_out else 0 for word in TEMPERATURE_QC]
+    assert bits(ds, **{name: policy}) == expected
+
+
+def test_phases_are_chosen() -> None:
+    ds = made(*({"phase": code} for code in PHASE.values()))
+    assert np.flatnonzero(np.array(bits(ds, phases=["ascent", "descent"])) == 0).tolist() == [1, 3]
+    assert np.flatnonzero(np.array(bits(ds, phases=list(PHASE))) == 0).tolist() == [0, 1, 2, 3]
+
+
+def test_limits_are_limits() -> None:
+    turns = made(*({"turn": turn} for turn in (9.99, -9.99, 10.01, np.nan)))
+    assert [bit > 0 for bit in bits(turns)] == [False, False, True, False]
+    turns = made({"turn": 5.0})
+    assert bits(turns, max_turn=np.radians(4.9)) == [SCREENING["turn"]]
+    assert bits(turns, max_turn=np.radians(5.1)) == [0]
+    slow = made({"ground_speed": 41.0}, {"ground_speed": 41.3})  # 80 kt is 41.16 m/s
+    assert bits(slow) == [SCREENING["ground_speed"], 0]
+    coarse = made({"ground_velocity_error": 15.0})
+    assert bits(coarse) == [0] and bits(coarse, max_ground_velocity_error=0.1) != [0]
+
+
+def test_no_ground_vector_breaks_no_other_rule() -> None:
+    nothing = {"ground_speed": np.nan, "ground_velocity_error": np.nan, "airspeed": np.nan,
+               "turn": np.nan}  # fmt: skip
+    assert bits(made(nothing)) == [SCREENING["no_ground_vector"]]
+
+
+def test_one_reference_is_enough() -> None:
+    ds = made({"reference_eastward_wind": (np.nan, 10.0)})
+    found = screen(ds)
+    assert found.screening.values == [0]
+    assert kept(found).values == [True]
+    assert kept(found, "ruc").values == [False]
+    assert kept(found, "rtfdaa").values == [True]
+
+
+def test_gross_errors_only() -> None:
+    away = {"reference_northward_wind": (60.0, -4.0)}  # one reference agrees
+    assert bits(made(away)) == [0]
+    assert bits(made({"airspeed": 10.0}, {"airspeed": 500.0})) == [SCREENING["gross_error"]] * 2
+    # a compass 12 degrees off on a jet at 230 m/s: 48 m/s, and yet no gross error
+    jet = {"airspeed": 230.0, "reference_eastward_wind": (58.0, 58.0),
+           "reference_northward_wind": (-4.0, -4.0)}  # fmt: skip
+    assert bits(made(jet)) == [0]
+    assert bits(made({**jet, "airspeed": 100.0})) == [SCREENING["gross_error"]]
+
+
+def test_large_deviations_are_not_screened_away() -> None:
+    """Fitting what is kept must give back the deviation put in: no attenuation."""
+    rng = np.random.default_rng(4)
+    size, amplitude = 4000, 8.0
+    heading = rng.uniform(0.0, 2 * np.pi, size)
+    error = amplitude * np.sin(heading) + rng.normal(0.0, 2.0, size)
+    across = 120.0 * np.radians(error)
+    ds = made(*[{}] * size).assign(
+        reference_eastward_wind=(
+            ("reference", "report"), np.tile(10.0 + across * np.cos(heading), (2, 1))
+        ),
+        reference_northward_wind=(
+            ("reference", "report"), np.tile(-4.0 - across * np.sin(heading), (2, 1))
+        ),
+    )  # fmt: skip
+    use = kept(screen(ds)).values
+    slope = np.sum(error[use] * np.sin(heading[use])) / np.sum(np.sin(heading[use]) ** 2)
+    assert use.mean() > 0.999
+    assert slope == pytest.approx(amplitude, abs=0.15)
+
+
+def test_the_account() -> None:
+    ds = made(
+        {}, WORST["turn"], {**WORST["turn"], **WORST["roll"]}, {},
+        WORST["phase"], {**WORST["phase"], **WORST["roll"]},
+        row_size=(4, 2),
+    )  # fmt: skip
+    found = audit(screen(ds))
+    assert found.together.sel(rule="turn").values.tolist() == [2, 0]
+    assert found.alone.sel(rule="turn").values.tolist() == [1, 0]
+    assert found.together.sel(rule="roll").values.tolist() == [1, 1]
+    assert found.alone.sel(rule="roll").values.tolist() == [0, 0]
+    assert found.alone.sel(rule="phase").values.tolist() == [0, 1]
+    assert found.reports.values.tolist() == [4, 2]
+    assert found.kept.values.tolist() == [2, 0]
+    assert int(found.kept_total) == 2 and int(found.reports_total) == 6
+    assert found.together_total.to_series()["phase"] == 2
+    assert found.aircraft.values.tolist() == ["N0", "N1"]
+    assert found.kept.attrs["long_name"] == "reports no rule marked"
+
+
+@given(st.lists(st.sampled_from([None, *WORST]), min_size=1, max_size=25), st.integers(0, 25))
+def test_the_account_adds_up(rules: list[str | None], cut: int) -> None:
+    cut = min(cut, len(rules))
+    changes = ({} if rule is None else WORST[rule] for rule in rules)
+    found = audit(screen(made(*changes, row_size=(cut, len(rules) - cut))))
+    assert int(found.kept_total + found.alone_total.sum()) == len(rules)
+    for rule in SCREENING:
+        assert found.alone.sel(rule=rule).values.tolist() == [
+            rules[:cut].count(rule), rules[cut:].count(rule)
+        ]  # fmt: skip
+
+
+def test_dask_stays_lazy() -> None:
+    ds = made({}, *WORST.values())
+    eager = screen(ds).screening.values
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise AssertionError("something was computed")
+
+    with dask.config.set(scheduler=refuse):
+        lazy = screen(ds.chunk(report=4))
+    assert dask.is_dask_collection(lazy.screening.data)
+    np.testing.assert_array_equal(lazy.screening.compute(), eager)
+
+
+def test_flags_that_a_source_does_not_have_are_missing() -> None:
+    ds = made({}).drop_vars(["roll_flag", "wind_qc"])
+    assert bits(ds) == [0]
+    assert bits(ds, roll="require_good") == [SCREENING["roll"]]
+
+
+def test_unknown_words_are_refused() -> None:
+    ds = made({})
+    with pytest.raises(ConfigError, match=r"screening.phases.*cruising"):
+        screen(ds, phases=["cruising"])
+    with pytest.raises(ConfigError, match=r"screening.roll.*require_pass"):
+        screen(ds, roll="require_pass")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=r"screening.temperature_qc.*strict"):
+        screen(ds, temperature_qc="strict")  # type: ignore[arg-type]
