@@ -1,0 +1,120 @@
+"""The command line: exit statuses, one message for bad input, results on standard output."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+
+def airswing(*words: object, folder: Path) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "airswing", *map(str, words)]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=240)
+
+
+def config(root: Path, folder: Path, **changes) -> Path:
+    content = yaml.safe_load((root / "configs/quickstart.yaml").read_text())
+    content["reports"]["files"] = str(root / content["reports"]["files"])
+    for reference in content["references"].values():
+        reference["files"] = str(root / reference["files"])
+    content["output"] = str(folder / "results")
+    for key, value in changes.items():
+        content[key] = value
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"colour": "red"}, ["colour", "unknown key"]),
+        ({"never_pool": ["ruc"]}, ["pool.ruc+rtfdaa", "never_pool"]),
+        ({"reports": {"files": "nowhere/*.csv"}}, ["nowhere/*.csv"]),
+        ({"references": {"ruc": {"files": "nowhere/*.grb"}}, "pool": {}}, ["nowhere/*.grb"]),
+    ],
+)
+def test_bad_input_is_one_message_and_status_2(root, tmp_path, changes, words):
+    done = airswing("run", config(root, tmp_path, **changes), folder=tmp_path)
+    assert done.returncode == 2, done.stderr
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith("airswing: ")
+    assert all(word in last for word in words), last
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+
+
+def test_no_overlap_in_time_tells_both_spans(root, tmp_path):
+    table = next((root / "data_samples/reports").glob("*.csv")).read_text().splitlines()
+    header = table[0].split(",")
+    when = header.index("time")
+    rows = [line.split(",") for line in table[1:300]]
+    for row in rows:
+        row[when] = row[when].replace("2009", "2012", 1)
+    (tmp_path / "late.csv").write_text("\n".join(",".join(row) for row in [header, *rows]))
+    done = airswing("run", config(root, tmp_path, reports={"files": "late.csv"}), folder=tmp_path)
+    assert done.returncode == 2
+    assert "no overlap in time" in done.stderr
+    assert "2012-" in done.stderr and "2009-" in done.stderr
+
+
+def test_wrong_usage_is_status_2(tmp_path):
+    done = airswing("run", "--colour", "red", folder=tmp_path)
+    assert done.returncode == 2 and "--colour" in done.stderr
+    assert airswing("evaluate", "absent.yaml", folder=tmp_path).returncode == 2
+
+
+def test_a_stage_without_the_product_before_it_says_so(root, tmp_path):
+    done = airswing("fit", config(root, tmp_path), folder=tmp_path)
+    assert done.returncode == 2
+    assert "headings.nc" in done.stderr and "airswing run" in done.stderr
+
+
+def test_stages_one_by_one_and_the_json_summary(root, tmp_path):
+    path = config(root, tmp_path)
+    for stage, product in (("collocate", "headings"), ("fit", "fits"), ("correct", "corrected")):
+        done = airswing(stage, path, "--quiet", folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.strip().endswith(f"{product}.nc")
+        assert done.stderr == ""
+    done = airswing("run", path, "--resume", "--json", "--quiet", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["status"]["ok"] >= 4
+    done = airswing("compare", path, "--quiet", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["pairs"][0]["references"] == ["ruc", "rtfdaa"]
+
+
+def test_an_interrupt_is_status_130_and_leaves_no_half_product(root, tmp_path):
+    command = [sys.executable, "-m", "airswing", "run", str(config(root, tmp_path))]
+    started = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    time.sleep(2.5)
+    started.send_signal(signal.SIGINT)
+    _, message = started.communicate(timeout=60)
+    assert started.returncode == 130, message
+    assert "Traceback" not in message
+    left = [p.name for p in (tmp_path / "results").rglob("*.part")]
+    assert left == []
+
+
+def test_inspect_tells_what_files_hold(root, tmp_path):
+    grib = next((root / "data_samples/ruc").iterdir())
+    table = next((root / "data_samples/reports").iterdir())
+    done = airswing("inspect", grib, table, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "kind: grib" in done.stdout and "kind: reports" in done.stdout
+    (tmp_path / "empty").touch()
+    assert airswing("inspect", tmp_path / "empty", folder=tmp_path).returncode == 2
+
+
+def test_no_path_of_a_machine_is_in_the_help(tmp_path):
+    done = airswing("--help", folder=tmp_path)
+    assert done.returncode == 0
+    for command in ("run", "collocate", "fit", "correct", "evaluate", "compare", "sample"):
+        assert command in done.stdout

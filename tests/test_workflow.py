@@ -1,0 +1,263 @@
+"""The whole job on the shipped sample: the truth is found, and every product keeps the contract."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+
+from airswing import workflow
+from airswing.config import load_config
+from airswing.errors import InputError
+from airswing.products import read_product
+from airswing.progress import Progress
+from airswing.vocabulary import STATUS, lookup
+
+PRODUCTS = (workflow.HEADINGS, workflow.FITS, workflow.CORRECTED, workflow.PROFILES)
+GLOBAL = [
+    "Conventions",
+    "title",
+    "institution",
+    "source",
+    "history",
+    "references",
+    "airswing_config",
+    "airswing_version",
+    "uuid",
+    "source_uuids",
+]
+
+
+def job_of(root: Path, output: Path, **changes) -> workflow.Job:
+    """Job of the shipped sample, its paths taken from the repository's top."""
+    content = yaml.safe_load((root / "configs/quickstart.yaml").read_text())
+    content["reports"]["files"] = str(root / content["reports"]["files"])
+    for reference in content["references"].values():
+        reference["files"] = str(root / reference["files"])
+    content |= changes
+    path = output.parent / "config.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    return workflow.Job(load_config(path, output=output), Progress(quiet=True))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> tuple[workflow.Job, dict]:
+    root = Path(__file__).resolve().parents[1]
+    output = tmp_path_factory.mktemp("run") / "results"
+    job = job_of(root, output)
+    return job, workflow.run(job)
+
+
+@pytest.fixture(scope="module")
+def truth() -> dict:
+    path = Path(__file__).resolve().parents[1] / "data_samples/truth/truth.json"
+    return json.loads(path.read_text())["aircraft"]
+
+
+@pytest.mark.parametrize("reference", ["ruc", "rtfdaa", "ruc+rtfdaa"])
+def test_the_sample_recovers_its_truth_within_its_intervals(finished, truth, reference):
+    fits = read_product(finished[0].output / workflow.FITS).sel(reference=reference)
+    trusted = fits.isel(aircraft=np.flatnonzero(fits["status"] == STATUS["ok"]))
+    assert trusted.sizes["aircraft"] >= 4
+    scores = []
+    for name in trusted["aircraft"].to_numpy():
+        fit = trusted.sel(aircraft=name)
+        known = np.array([truth[name]["deviation"][c] for c in "ABCDE"])
+        error = np.sqrt(np.diag(fit["deviation_covariance"]))
+        free = error > 0
+        scores += list(((fit["deviation"].to_numpy() - known) / error)[free])
+        if truth[name]["amplitude"] > 2:
+            assert abs(float(fit["amplitude"]) - truth[name]["amplitude"]) < 0.5
+            turned = float(fit["phase"]) - truth[name]["phase"]
+            assert abs((turned + 180) % 360 - 180) < 6
+    # Standard scores of a right fit: few beyond two, none beyond four.
+    scores = np.abs(scores)
+    assert scores.max() < 4
+    assert (scores < 1.96).mean() >= 0.75
+
+
+def test_the_winds_improve(finished):
+    change = finished[1]["disagreement_kt"]
+    assert change["after"] < change["before"] - 0.5
+
+
+def test_an_aircraft_without_enough_data_is_refused_with_its_reason(finished):
+    status = finished[1]["status"]
+    assert status["ok"] >= 4
+    assert status["too_few_reports"] + status["poor_heading_coverage"] >= 1
+
+
+@pytest.mark.parametrize("name", PRODUCTS)
+def test_every_product_keeps_the_contract(finished, name):
+    path = finished[0].output / name
+    with xr.open_dataset(path, decode_timedelta=False) as ds:
+        assert all(key in ds.attrs for key in GLOBAL)
+        assert ds.attrs["Conventions"] == "CF-1.11"
+        assert ds.attrs["airswing_config"].startswith("{")
+        if name != workflow.HEADINGS:
+            parents = {
+                read_product(finished[0].output / parent).attrs["uuid"] for parent in PRODUCTS[:2]
+            }
+            assert set(ds.attrs["source_uuids"].split()) & parents
+        for key, variable in ds.variables.items():
+            entry = lookup(str(key), variable.dims)
+            assert variable.dims == entry.dims, key
+            assert variable.attrs.get("units", entry.units) == entry.units, key
+            assert variable.attrs["long_name"] == entry.long_name
+            if variable.dtype.kind == "f" and key not in _MAY_BE_EMPTY:
+                assert np.isfinite(variable.to_numpy()).any(), key
+
+
+_MAY_BE_EMPTY = {"reported_airspeed", "reported_heading"}
+
+
+def test_the_binding_names_are_there(finished):
+    output = finished[0].output
+    headings = read_product(output / workflow.HEADINGS)
+    for name in [
+        "time",
+        "latitude",
+        "longitude",
+        "pressure",
+        "eastward_wind",
+        "northward_wind",
+        "reference_eastward_wind",
+        "reference_northward_wind",
+        "lead_time",
+        "ground_speed",
+        "track",
+        "ground_velocity_error",
+        "heading",
+        "magnetic_heading",
+        "heading_error",
+        "heading_error_standard_error",
+        "airspeed",
+        "airspeed_error",
+        "declination",
+        "horizontal_field",
+        "phase",
+        "flight",
+        "screening",
+        "aircraft",
+        "row_size",
+    ]:
+        assert name in headings.variables, name
+    fits = read_product(output / workflow.FITS)
+    for name in [
+        "aircraft",
+        "reference",
+        "deviation",
+        "deviation_covariance",
+        "offset",
+        "amplitude",
+        "phase",
+        "offset_standard_error",
+        "amplitude_standard_error",
+        "phase_standard_error",
+        "harmonics",
+        "airspeed_scale",
+        "reference_bias",
+        "report_count",
+        "flight_count",
+        "compass_points",
+        "condition_number",
+        "residual_rms_before",
+        "residual_rms_after",
+        "status",
+        "table_heading",
+        "table_correction",
+        "table_residual_rms",
+    ]:
+        assert name in fits.variables, name
+    corrected = read_product(output / workflow.CORRECTED)
+    for name in [
+        "corrected_eastward_wind",
+        "corrected_northward_wind",
+        "corrected_wind_standard_error",
+        "corrected_heading",
+        "correction_applied",
+        "eastward_wind",
+        "northward_wind",
+    ]:
+        assert name in corrected.variables, name
+
+
+def test_the_page_and_the_tables_are_there(finished):
+    output = finished[0].output
+    assert "<html" in (output / "report/index.html").read_text()
+    assert (output / "tables.csv").read_text().count("N401") >= 1
+    assert any((output / "swing_cards").iterdir())
+    assert not (output / ".collocated").exists()
+
+
+def test_resume_keeps_what_holds_and_remakes_what_does_not(finished, root):
+    job = finished[0]
+    before = {name: read_product(job.output / name).attrs["uuid"] for name in PRODUCTS[:3]}
+    again = workflow.Job(job.config, Progress(quiet=True), resume=True)
+    workflow.make_headings(again)
+    workflow.make_fits(again)
+    assert read_product(job.output / workflow.HEADINGS).attrs["uuid"] == before["headings.nc"]
+    assert read_product(job.output / workflow.FITS).attrs["uuid"] == before["fits.nc"]
+    loose = job.config.fit.model_copy(update={"harmonics": 1})
+    changed = job.config.model_copy(update={"fit": loose})
+    workflow.make_fits(workflow.Job(changed, Progress(quiet=True), resume=True))
+    assert read_product(job.output / workflow.FITS).attrs["uuid"] != before["fits.nc"]
+    workflow.make_fits(again)
+
+
+def test_a_corrected_archive_has_nothing_left_to_correct(finished):
+    """Round trip: the corrected winds, fitted again, show hardly any deviation."""
+    from airswing.compass.deviation import fit_deviation
+    from airswing.compass.headings import derive_headings
+    from airswing.compass.screening import screen
+
+    job = finished[0]
+    headings = read_product(job.output / workflow.HEADINGS)
+    corrected = read_product(job.output / workflow.CORRECTED)
+    winds = headings[["reference_eastward_wind", "reference_northward_wind", "lead_time"]]
+    reports = headings.drop_dims("reference").assign(
+        eastward_wind=corrected["corrected_eastward_wind"],
+        northward_wind=corrected["corrected_northward_wind"],
+    )
+    again = screen(derive_headings(reports, winds), **job.config.screening.model_dump())
+    refit = fit_deviation(again, pools=job.config.pools(), harmonics=1).sel(reference="ruc+rtfdaa")
+    first = read_product(job.output / workflow.FITS).sel(reference="ruc+rtfdaa")
+    ok = (first["status"] == 0).to_numpy() & (refit["status"] == 0).to_numpy()
+    assert ok.sum() >= 4
+    assert np.nanmax(refit["amplitude"].to_numpy()[ok]) < 0.3
+
+
+def test_nothing_left_after_screening_names_the_rules(tmp_path, root):
+    screening = {"min_ground_speed": "900 kt"}
+    with pytest.raises(InputError, match=r"screening left no report.*ground_speed"):
+        workflow.make_headings(job_of(root, tmp_path / "out", screening=screening))
+    assert not (tmp_path / "out" / workflow.HEADINGS).exists()
+
+
+def test_an_output_folder_that_cannot_be_made_is_named(tmp_path, root):
+    (tmp_path / "out").write_text("a file stands where the folder should be")
+    with pytest.raises(InputError, match="out"):
+        workflow.make_headings(job_of(root, tmp_path / "out"))
+
+
+def test_threads_and_processes_give_the_same_bits(finished, root, tmp_path):
+    from airswing.compute import scheduler
+
+    job = job_of(root, tmp_path / "out", compute={"workers": 2, "threads": 1})
+    with scheduler(job.config.compute, job.progress):
+        other = workflow.make_headings(job)
+    first = read_product(finished[0].output / workflow.HEADINGS)
+    for name in first.data_vars:
+        np.testing.assert_array_equal(other[name].to_numpy(), first[name].to_numpy(), str(name))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_read_only_output_folder_is_named(tmp_path, root):
+    (tmp_path / "out").mkdir(mode=0o500)
+    with pytest.raises(InputError, match="cannot write"):
+        workflow.make_headings(job_of(root, tmp_path / "out"))
