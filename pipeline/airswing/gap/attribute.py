@@ -1,0 +1,305 @@
+"""Which effects are at work: search over terms, forward, swapped and backward.
+
+Assumptions: the residual is the sum of a few terms (an effect on some aircraft or on all, always or
+from a date on), the climatology and noise. Terms are *gated* by evidence tempered with the cluster
+factor and by a practical size, *ranked* by raw evidence among those that pass, and re-examined each
+time another enters: taken out, everything is ranked again, and the best takes its place. Dictionary
+groups compete with the catalogue; where one beats the best known effect by three cluster factors it
+enters as an unknown term and is conditioned on like the others.
+
+Validity: coefficients are linear; large heading errors are linearised again by
+:mod:`airswing.gap.diagnose`.
+
+Source: GAP.md section 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.changepoint import evaluate_step
+from airswing.gap.evidence import Candidate, Score, evaluate
+from airswing.gap.measure import Base, Conditional, Included, climatology, condition
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Thresholds of the search.
+
+    Attributes
+    ----------
+    evidence : float
+        Smallest tempered evidence of a term, nats.
+    fleet_evidence : float
+        The same for fleet-wide terms.
+    size : float
+        Smallest rms where it acts, m s-1.
+    unknown_margin : float
+        Tempered evidence, in cluster factors, by which a dictionary group must beat the best known
+        effect.
+    most_terms : int
+        Length of the search.
+    """
+
+    evidence: float = 6.0
+    fleet_evidence: float = 6.0
+    size: float = 0.08
+    unknown_margin: float = 3.0
+    most_terms: int = 12
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect at work.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    tails : tuple of int
+        Aircraft struck (all, in fleet scope).
+    period : (int, int) or None
+        First and one past the last day index in force, per term.
+    score : Score
+        Evidence when it entered.
+    """
+
+    candidate: Candidate
+    tails: tuple[int, ...]
+    period: tuple[int, int] | None
+    score: Score
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Name and scope."""
+        return self.candidate.name, self.candidate.scope
+
+
+@dataclass(frozen=True)
+class Found:
+    """Result of the search.
+
+    Attributes
+    ----------
+    terms : tuple of Term
+        In order of entry.
+    given : Conditional
+        Sums given all terms.
+    rivals : tuple of tuple of Score
+        For each term, all candidates ranked with that term taken out.
+    """
+
+    terms: tuple[Term, ...]
+    given: Conditional
+    rivals: tuple[tuple[Score, ...], ...]
+
+
+def term_weights(term: Term, shape: tuple[int, int]) -> Floats:
+    """Factor on a term's columns by aircraft and day, (A, D)."""
+    weights = np.zeros(shape)
+    period = slice(None) if term.period is None else slice(*term.period)
+    for a in term.tails:
+        weights[a, period] = 1.0
+    return weights
+
+
+def term_columns(term: Term, shape: tuple[int, int]) -> list[Included]:
+    """Columns a term conditions on: its own per aircraft, or shared in fleet scope."""
+    whole = term_weights(term, shape)
+    width = 4.0 * np.maximum(term.candidate.scales, 1e-12)
+    out = []
+    if term.candidate.scope == "fleet":
+        return [
+            Included(int(j), whole, 1 / w**2)
+            for j, w in zip(term.candidate.columns, width, strict=True)
+        ]
+    for a in term.tails:
+        weights = np.zeros(shape)
+        weights[a] = whole[a]
+        out += [
+            Included(int(j), weights, 1 / w**2)
+            for j, w in zip(term.candidate.columns, width, strict=True)
+        ]
+    return out
+
+
+def given_terms(base: Base, terms: Sequence[Term]) -> Conditional:
+    """Sums conditioned on the climatology and some terms."""
+    shape = base.stats.day_count.shape
+    columns = climatology(base)
+    for term in terms:
+        columns += term_columns(term, shape)
+    return condition(base, columns)
+
+
+def rank(
+    base: Base, given: Conditional, pool: Sequence[Candidate], taken: dict[tuple[str, str], set[int]]
+) -> list[Score]:
+    """Evaluate all candidates, best raw evidence first.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+    pool : sequence of Candidate
+    taken : dict
+        (name, scope) -> aircraft already in a term of that name.
+
+    Returns
+    -------
+    list of Score
+    """
+    out = []
+    aircraft = len(base.stats.tails)
+    for candidate in pool:
+        own = taken.get((candidate.name, candidate.scope), set())
+        if len(own) == aircraft:
+            continue
+        allowed = np.array([a not in own for a in range(aircraft)])
+        if candidate.kind == "step":
+            out.append(evaluate_step(base, given, candidate, allowed=allowed))
+        else:
+            out.append(evaluate(base.stats, given, candidate, allowed=allowed))
+    return sorted(out, key=lambda s: -s.raw)
+
+
+def passes(score: Score, rules: Rules) -> bool:
+    """Whether a candidate may enter: tempered evidence and practical size."""
+    bound = rules.fleet_evidence if score.candidate.scope == "fleet" else rules.evidence
+    return score.tempered > bound and bool(struck(score, rules).size)
+
+
+def struck(score: Score, rules: Rules) -> NDArray[np.int64]:
+    """Aircraft a candidate strikes: posterior above one half, size, and no mere leak.
+
+    An effect of one aircraft leaks through the day fields into the others: those whose evidence is
+    under a fiftieth of the largest wait until it is conditioned on.
+    """
+    if score.candidate.scope == "fleet":
+        return np.arange(score.posterior.size) if score.size.max() > rules.size else np.zeros(0, int)
+    ok = (score.posterior > 0.5) & (score.size > rules.size)
+    ok &= score.aircraft_evidence > 0.02 * score.aircraft_evidence.max(initial=0.0)
+    return np.flatnonzero(ok)
+
+
+def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
+    """Best candidate that passes; a dictionary group only if it beats the known ones clearly.
+
+    Parameters
+    ----------
+    ranked : sequence of Score
+    rules : Rules
+
+    Returns
+    -------
+    Score or None
+    """
+    passing = [s for s in ranked if passes(s, rules)]
+    known = [s for s in passing if s.candidate.known]
+    unknown = sorted((s for s in passing if not s.candidate.known), key=lambda s: -s.tempered)
+    best = known[0] if known else None
+    if unknown:
+        margin = rules.unknown_margin * unknown[0].factor
+        strongest = max((s.tempered for s in known), default=0.0)
+        raw = known[0].raw if known else 0.0
+        if unknown[0].tempered > strongest + margin and unknown[0].raw > raw + margin:
+            return max(unknown[:4], key=lambda s: s.raw)
+    return best
+
+
+def enter(score: Score, rules: Rules) -> Term:
+    """Make a term of a passing candidate."""
+    return Term(score.candidate, tuple(int(a) for a in struck(score, rules)), score.period, score)
+
+
+def search(base: Base, pool: Sequence[Candidate], *, rules: Rules | None = None) -> Found:
+    """Search the terms that explain the residual.
+
+    Parameters
+    ----------
+    base : Base
+    pool : sequence of Candidate
+    rules : Rules, optional
+
+    Returns
+    -------
+    Found
+    """
+    rules = rules or Rules()
+    terms: list[Term] = []
+    for _ in range(rules.most_terms):
+        given = given_terms(base, terms)
+        best = choose(rank(base, given, pool, _taken(terms)), rules)
+        if best is None:
+            break
+        terms = _merge(terms, enter(best, rules))
+        terms = _swap(base, pool, terms, rules)
+    terms = _prune(base, pool, terms, rules)
+    rivals = []
+    for k in range(len(terms)):
+        others = terms[:k] + terms[k + 1 :]
+        rivals.append(tuple(rank(base, given_terms(base, others), pool, _taken(others))))
+    return Found(tuple(terms), given_terms(base, terms), tuple(rivals))
+
+
+def _taken(terms: Sequence[Term]) -> dict[tuple[str, str], set[int]]:
+    out: dict[tuple[str, str], set[int]] = {}
+    for term in terms:
+        out.setdefault(term.key, set()).update(term.tails)
+    return out
+
+
+def _merge(terms: Sequence[Term], new: Term) -> list[Term]:
+    """Add a term, joining it with one of the same candidate and period."""
+    for k, old in enumerate(terms):
+        if old.candidate.key == new.candidate.key and old.period == new.period:
+            joined = replace(old, tails=tuple(sorted({*old.tails, *new.tails})))
+            return [*terms[:k], joined, *terms[k + 1 :]]
+    return [*terms, new]
+
+
+def _swap(
+    base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rules
+) -> list[Term]:
+    """Take every earlier term out in turn; where another explains its share better, exchange."""
+    if len(terms) < 2:
+        return terms
+    for k in range(len(terms)):
+        others = terms[:k] + terms[k + 1 :]
+        best = choose(rank(base, given_terms(base, others), pool, _taken(others)), rules)
+        if best is None:
+            return _swap(base, pool, others, rules)
+        new = enter(best, rules)
+        if new.candidate.key != terms[k].candidate.key or new.period != terms[k].period:
+            merged = _merge(others, new)
+            if len(merged) == len(terms):
+                terms = [*terms[:k], new, *terms[k + 1 :]]
+            else:
+                return merged
+    return terms
+
+
+def _prune(
+    base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rules
+) -> list[Term]:
+    """Drop terms, and aircraft of terms, that do not stand given all the others."""
+    k = 0
+    while k < len(terms):
+        others = terms[:k] + terms[k + 1 :]
+        given = given_terms(base, others)
+        term = terms[k]
+        own = [c for c in pool if c.key == term.candidate.key]
+        score = rank(base, given, own, _taken(others))
+        if not score or not passes(score[0], rules):
+            terms = others
+            continue
+        best = enter(score[0], rules)
+        period = best.period if term.period is not None else None
+        terms = [*terms[:k], replace(best, period=period), *terms[k + 1 :]]
+        k += 1
+    return terms

@@ -1,0 +1,232 @@
+"""Dates: the evidence for columns that act only from a date on, or between two dates.
+
+Assumptions: the change happens between two days; before it (and after the end, where there is one)
+the columns do not act. The posterior over dates is exact: every date's Gaussian evidence from
+cumulative sums of the daily sums. What is conditioned on stays conditioned on: its columns of the
+same aircraft are projected out of the window's columns.
+
+Validity: about 60 dates are tried (every day of two months, every third of half a year); the
+climatology is conditioned on at its fitted value.
+
+Source: GAP.md section 6; cumulative-sum change-point posterior (Smith 1975, Biometrika 62).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.evidence import (
+    AIRCRAFT_ALLOWANCE,
+    RAW_FACTOR,
+    SCALE_GRID,
+    Candidate,
+    Score,
+    aircraft_factor,
+    allowance_covariance,
+    gaussian_evidence,
+    log_mean,
+    mixture,
+    rms,
+)
+from airswing.gap.measure import Base, Conditional
+
+Floats = NDArray[np.float64]
+
+#: Shortest period tried, days with reports.
+SHORTEST = 3
+#: Prior probability that a change ends again before the archive does.
+ENDING = 0.2
+
+
+def residual_scores(base: Base, given: Conditional) -> Floats:
+    """Scores of core columns by aircraft and day with the included columns taken off.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+
+    Returns
+    -------
+    (A, D, c) float
+    """
+    stats = base.stats
+    core = stats.layout.core
+    fitted = np.zeros((*stats.day_count.shape, core))
+    outside = np.zeros((*stats.day_count.shape, core))
+    share = _week_share(base)
+    for x, value in zip(given.included, given.coefficients, strict=True):
+        if x.column < core:
+            fitted[:, :, x.column] += x.weights * value
+        else:
+            rows = stats.week_gram[:, :, x.column, :core][:, stats.week_of_day]
+            outside += rows * (x.weights * share * value)[:, :, None]
+    raw = stats.day_score[:, :, :core] - outside
+    raw -= np.einsum("adij,adj->adi", stats.day_gram, fitted, optimize=True)
+    fields = stats.layout.blocks["day_fields"]
+    shared = np.einsum("dij,dj->di", base.root, raw[:, :, fields].sum(axis=0))
+    coupled = np.einsum("adip,di->adp", base.cross[..., :core], shared, optimize=True)
+    return np.asarray(raw - coupled)
+
+
+def _week_share(base: Base) -> Floats:
+    """Share of each day in its week's reports, per aircraft, (A, D)."""
+    stats = base.stats
+    week = stats.week_of_day
+    total = np.stack([stats.day_count[:, week == w].sum(axis=1) for w in range(stats.weeks.size)], 1)
+    return np.asarray(stats.day_count / np.maximum(total[:, week], 1e-9))
+
+
+def own_day_grams(base: Base, aircraft: int, columns: NDArray[np.int64]) -> Floats:
+    """X'X of some core columns by day, day fields eliminated, (D, k, k)."""
+    cross = base.cross[aircraft][:, :, columns]
+    own = base.stats.day_gram[aircraft][:, columns][:, :, columns]
+    return np.asarray(own - np.einsum("dik,dil->dkl", cross, cross))
+
+
+def windows(days: int, *, shortest: int = SHORTEST, most: int = 60) -> NDArray[np.int64]:
+    """Pairs (first day, one past the last day) tried, (w, 2)."""
+    stride = max(1, int(np.ceil(days / most)))
+    edges = np.arange(0, days + 1, stride)
+    if edges[-1] != days:
+        edges = np.r_[edges, days]
+    pairs = [(a, b) for a in edges for b in edges if b - a >= shortest]
+    pairs = [(a, b) for a, b in pairs if (a > 0 or b < days) and (a < shortest) <= (a == 0)]
+    return np.array([(a, b) for a, b in pairs if days - b >= shortest or b == days], np.int64)
+
+
+def evaluate_step(
+    base: Base, given: Conditional, candidate: Candidate, *, allowed: NDArray[np.bool_] | None = None
+) -> Score:
+    """Evidence that columns act within a period only, per aircraft, all dates averaged.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+    candidate : Candidate
+        Per-aircraft, core columns.
+    allowed : (A,) bool, optional
+
+    Returns
+    -------
+    Score
+        With the most probable period of the aircraft with the strongest evidence, and the
+        posterior over windows of every aircraft.
+    """
+    stats = base.stats
+    aircraft = len(stats.tails)
+    tried = windows(stats.days.size)
+    prior = _window_prior(tried, stats.days.size)
+    remains = residual_scores(base, given)
+    factor = aircraft_factor(stats, given, candidate.columns)
+    tempered = np.full((SCALE_GRID.size, aircraft), 0.0)
+    raw = np.zeros((SCALE_GRID.size, aircraft))
+    table = np.full((aircraft, len(tried)), -np.inf)
+    estimate = np.zeros((aircraft, candidate.columns.size))
+    acting = stats.acting[:, candidate.columns].max(axis=1)
+    for a in range(aircraft):
+        if len(tried) == 0 or acting[a] < 20 or (allowed is not None and not allowed[a]):
+            continue
+        sums = _window_sums(base, given, a, candidate.columns, tried, remains)
+        values = _window_evidence(stats, a, candidate, sums, factor)
+        tempered[:, a] = [log_mean_with(row, prior) for row in values[0]]
+        raw[:, a] = [log_mean_with(row, prior) for row in values[1]]
+        table[a] = np.logaddexp.reduce(values[0] + prior, axis=0)
+        at = np.unravel_index(int(np.argmax(values[0] + prior)), values[0].shape)
+        estimate[a] = values[2][at]
+    total, posterior, best = mixture(tempered)
+    whole, _, _ = mixture(raw)
+    top = int(np.argmax(tempered[best]))
+    period = tuple(int(x) for x in tried[int(np.argmax(table[top]))]) if len(tried) else (0, 0)
+    second = stats.raw_gram[:, candidate.columns][:, :, candidate.columns]
+    return Score(
+        candidate, total, whole, factor, _together(posterior, table, period, tried), tempered[best],
+        estimate, rms(second, acting, estimate), acting, period=(period[0], period[1]), dates=table,
+    )  # fmt: skip
+
+
+def _together(
+    posterior: Floats, table: Floats, period: tuple[int, ...], tried: NDArray[np.int64]
+) -> Floats:
+    """Posterior of aircraft whose own dates agree with the strongest one's within three days."""
+    out = posterior.copy()
+    near = (np.abs(tried - np.array(period)) <= 3).all(axis=1)
+    for a in range(out.size):
+        if np.isfinite(table[a]).any():
+            share = np.exp(table[a] - np.logaddexp.reduce(table[a]))
+            out[a] *= share[near].sum() > 0.05
+    return out
+
+
+def _window_prior(tried: NDArray[np.int64], days: int) -> Floats:
+    """Log prior of windows: those that last to the end share 1 - ENDING, the others ENDING."""
+    last = tried[:, 1] == days
+    count = np.array([(~last).sum(), last.sum()])
+    weight = np.where(last, (1 - ENDING) / max(count[1], 1), ENDING / max(count[0], 1))
+    return np.asarray(np.log(weight))
+
+
+def log_mean_with(values: Floats, log_prior: Floats) -> float:
+    """Logarithm of the prior-weighted mean of exponentials."""
+    return float(np.logaddexp.reduce(values + log_prior))
+
+
+def _window_sums(
+    base: Base, given: Conditional, aircraft: int, columns: NDArray[np.int64],
+    tried: NDArray[np.int64], remains: Floats,
+) -> tuple[Floats, Floats]:
+    """Information (w, k, k) and score (w, k) of the columns in every window."""
+    core = base.stats.layout.core
+    included = [
+        x
+        for x in given.included
+        if x.column < core and 0 < x.weights[aircraft].sum() == x.weights.sum()
+    ]
+    others = np.array([x.column for x in included], np.int64)
+    both = np.r_[columns, others]
+    grams = own_day_grams(base, aircraft, both)
+    k = columns.size
+    if others.size:
+        factor = np.stack([x.weights[aircraft] for x in included], -1)
+        grams[:, :, k:] *= factor[:, None, :]
+        cross_total = (grams[:, k:, k:] * factor[:, :, None]).sum(axis=0)
+        cross_total += np.diag([x.precision for x in included])
+        inverse = np.linalg.inv(cross_total + 1e-9 * np.trace(cross_total) * np.eye(others.size))
+    running = np.concatenate([np.zeros((1, *grams.shape[1:])), np.cumsum(grams, axis=0)])
+    score = np.concatenate([np.zeros((1, k)), np.cumsum(remains[aircraft][:, columns], axis=0)])
+    window = running[tried[:, 1]] - running[tried[:, 0]]
+    information = window[:, :k, :k]
+    if others.size:
+        side = window[:, :k, k:]
+        information = information - side @ inverse @ side.transpose(0, 2, 1)
+    return information, score[tried[:, 1]] - score[tried[:, 0]]
+
+
+def _window_evidence(
+    stats: object, aircraft: int, candidate: Candidate, sums: tuple[Floats, Floats], factor: float
+) -> tuple[Floats, Floats, Floats]:
+    """Tempered and raw evidence (S, w) and estimates (S, w, k) of every prior scale and window."""
+    information, score = sums
+    columns = candidate.columns
+    second = stats.raw_gram[aircraft][np.ix_(columns, columns)]  # type: ignore[attr-defined]
+    acting = stats.acting[aircraft, columns].max()  # type: ignore[attr-defined]
+    allowance = allowance_covariance(second, acting, AIRCRAFT_ALLOWANCE, candidate.scales)
+    tempered, raw, estimates = [], [], []
+    for scale in SCALE_GRID:
+        prior = candidate.scales * scale
+        value, estimate = gaussian_evidence(
+            information, score, factor=factor, allowance=allowance, prior=prior
+        )
+        tempered.append(value)
+        estimates.append(estimate)
+        raw.append(
+            gaussian_evidence(
+                information, score, factor=RAW_FACTOR, allowance=0 * allowance, prior=prior
+            )[0]
+        )
+    return np.stack(tempered), np.stack(raw), np.stack(estimates)
+
+
+__all__ = ["evaluate_step", "log_mean", "own_day_grams", "residual_scores", "windows"]

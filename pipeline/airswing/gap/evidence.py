@@ -1,0 +1,442 @@
+"""How much the data speak for a candidate: closed-form Gaussian evidence, tempered by clusters.
+
+Assumptions: an estimate of an aircraft's coefficients is normal about the truth with covariance
+``f I^-1 + P``. ``I`` is the conditional information; ``f`` the cluster factor, estimated from the
+scatter of day and week scores about each aircraft's own fit and pooled over aircraft; ``P`` an
+allowance for model error that persists over the archive, stated in m/s rms where the candidate
+acts. Under the null the coefficients are zero; else normal with the prior scale of the catalogue
+times a factor that is averaged over a grid.
+
+Per-aircraft candidates are a spike-and-slab mixture: a share pi of aircraft is struck, pi averaged
+over a grid. Fleet candidates have one set of coefficients. Evidence is in nats. *Raw* evidence
+(ranking) takes one common factor for all candidates; *tempered* evidence (gates) the estimated one.
+
+Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (2011).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.measure import Conditional
+from airswing.gap.statistics import Layout, Statistics
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Factors on the prior scales over which evidence is averaged.
+SCALE_GRID = np.array([0.08, 0.2, 0.5, 1.2, 3.0])
+#: Shares of aircraft struck over which the mixture is averaged.
+SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
+#: Persistent model error allowed for, m/s rms where the candidate acts.
+AIRCRAFT_ALLOWANCE = 0.08
+FLEET_ALLOWANCE = 0.10
+#: Common cluster factor of raw evidence.
+RAW_FACTOR = 1.5
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Something that could explain the residual.
+
+    Attributes
+    ----------
+    name : str
+        Effect or dictionary group.
+    columns : (k,) int
+        Columns of the layout.
+    scope : str
+        ``aircraft`` (own coefficients for each) or ``fleet`` (one set for all).
+    scales : (k,)
+        Prior standard deviations.
+    known : bool
+        True for an effect of the catalogue, False for a dictionary group.
+    subset : tuple of int
+        Which of the effect's coefficients these columns are.
+    kind : str
+        The effect's kind.
+    """
+
+    name: str
+    columns: Integers
+    scope: str
+    scales: Floats
+    known: bool
+    subset: tuple[int, ...] = ()
+    kind: str = "mean"
+
+    @property
+    def key(self) -> tuple[str, str, tuple[int, ...]]:
+        """What identifies the candidate."""
+        return self.name, self.scope, self.subset
+
+
+@dataclass(frozen=True)
+class Score:
+    """Evidence for a candidate given what is included.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    tempered, raw : float
+        Log Bayes factor against nothing, nats.
+    factor : float
+        Cluster factor used.
+    posterior : (A,)
+        Probability per aircraft that it is struck (1 for all in fleet scope).
+    aircraft_evidence : (A,)
+        Tempered log Bayes factor per aircraft.
+    estimate : (A, k)
+        Estimates, shrunk by the prior.
+    size : (A,)
+        rms of the effect where it acts, m/s.
+    acting : (A,)
+        Reports on which it acts.
+    period : (int, int) or None
+        Day indices (first, one past the last) between which it acts; None: always.
+    dates : (A, w) or None
+        Log evidence of every window tried, per aircraft.
+    """
+
+    candidate: Candidate
+    tempered: float
+    raw: float
+    factor: float
+    posterior: Floats
+    aircraft_evidence: Floats
+    estimate: Floats
+    size: Floats
+    acting: Floats
+    period: tuple[int, int] | None = None
+    dates: Floats | None = None
+
+
+def candidates(
+    layout: Layout, effects: Mapping[str, Any], *, dictionary: bool = True
+) -> list[Candidate]:
+    """All candidates of a layout.
+
+    Parameters
+    ----------
+    layout : Layout
+    effects : mapping
+        Name -> effect, for scopes, scales and alternatives.
+    dictionary : bool
+        Also the dictionary groups, each for single aircraft and for the fleet.
+
+    Returns
+    -------
+    list of Candidate
+    """
+    out = []
+    for name in layout.effects:
+        effect, block = effects[name], layout.columns(name)
+        scales = np.asarray(effect.column_scales, float)
+        scope = "aircraft" if effect.scope in ("aircraft", "pair") else "fleet"
+        subsets = effect.alternatives or (tuple(range(block.size)),)
+        for subset in subsets:
+            pick = np.array(subset, np.int64)
+            out.append(
+                Candidate(name, block[pick], scope, scales[pick], True, tuple(subset), effect.kind)
+            )
+    if not dictionary:
+        return out
+    for name in layout.groups:
+        block = layout.columns(name)
+        scales = np.full(block.size, 0.8)
+        for scope in ("aircraft", "fleet"):
+            if scope == "aircraft" and name.startswith("wind:"):
+                continue
+            out.append(Candidate(name, block, scope, scales, False, tuple(range(block.size))))
+    return out
+
+
+def allowance_covariance(
+    second: Floats, acting: Floats | float, size: float, scales: Floats
+) -> Floats:
+    """Covariance of coefficients whose effect is ``size`` m/s rms where it acts.
+
+    Parameters
+    ----------
+    second : (..., k, k) float
+        Unwhitened X'X.
+    acting : (...) float
+        Reports on which the candidate acts.
+    size : float
+        m s-1.
+    scales : (k,) float
+        Prior scales, to regularise.
+
+    Returns
+    -------
+    (..., k, k) float
+    """
+    k = scales.size
+    count = np.maximum(np.asarray(acting, float), 1.0)[..., None, None]
+    scaled = second / count * np.outer(scales, scales)
+    floor = 0.02 * np.trace(scaled, axis1=-2, axis2=-1) / k + 1e-12
+    inverse = np.linalg.inv(scaled + floor[..., None, None] * np.eye(k)) * np.outer(scales, scales)
+    return np.asarray(size**2 / k * inverse)
+
+
+def gaussian_evidence(
+    information: Floats, score: Floats, *, factor: float, allowance: Floats, prior: Floats
+) -> tuple[Floats, Floats]:
+    """Log Bayes factor of free coefficients against none, and the shrunk estimate.
+
+    Parameters
+    ----------
+    information : (..., k, k) float
+        Conditional X'X.
+    score : (..., k) float
+        Conditional X'r.
+    factor : float
+        Cluster factor.
+    allowance : (..., k, k) float
+        Covariance of persistent model error, in both hypotheses.
+    prior : (k,) float
+        Prior standard deviations of the coefficients.
+
+    Returns
+    -------
+    log_bayes_factor : (...) float
+    estimate : (..., k) float
+        Posterior mean.
+
+    Notes
+    -----
+    In units of the prior: theta_hat = I^-1 s, V = f I^-1 + P; the log ratio of N(theta_hat; 0, V + S)
+    to N(theta_hat; 0, V). Directions without information drop out through a floor on I.
+    """
+    k = prior.size
+    own = information * np.outer(prior, prior)
+    floor = 1e-6 * np.trace(own, axis1=-2, axis2=-1) / k + 1e-9
+    own = own + floor[..., None, None] * np.eye(k)
+    spread = np.linalg.inv(own)
+    hat = np.einsum("...ij,...j->...i", spread, score * prior)
+    variance = factor * spread + allowance / np.outer(prior, prior)
+    wide = variance + np.eye(k)
+    inner = np.linalg.solve(wide, hat[..., None])[..., 0]
+    whole = np.linalg.solve(variance, hat[..., None])[..., 0]
+    logs = np.linalg.slogdet(wide)[1] - np.linalg.slogdet(variance)[1]
+    return 0.5 * ((hat * whole).sum(-1) - (hat * inner).sum(-1) - logs), prior * inner
+
+
+def cluster_factor(
+    gram_by_day: Floats, score_by_day: Floats, information: Floats, *, blocks: tuple[int, ...] = (1, 3, 7)
+) -> Floats:
+    """Scatter of block scores about a unit's own fit, relative to the information.
+
+    Parameters
+    ----------
+    gram_by_day : (D, k, k) float
+        X'X by day; its sum is about ``information``.
+    score_by_day : (D, k) float
+    information : (k, k) float
+    blocks : tuple of int
+        Lengths of the blocks, days.
+
+    Returns
+    -------
+    (len(blocks),) float
+        Mean squared scatter per degree of freedom; NaN for fewer than four blocks.
+    """
+    days, k = score_by_day.shape
+    ridge = (1e-6 * np.trace(information) / k + 1e-30) * np.eye(k)
+    spread = np.linalg.inv(information + ridge)
+    fit = spread @ score_by_day.sum(axis=0)
+    share = gram_by_day.sum(axis=0)
+    ratio = float(np.trace(information) / max(float(np.trace(share)), 1e-30))
+    remains = score_by_day - ratio * gram_by_day @ fit
+    out = np.full(len(blocks), np.nan)
+    for i, length in enumerate(blocks):
+        edges = np.arange(0, days, length)
+        if edges.size < 4:
+            continue
+        sums = np.add.reduceat(remains, edges, axis=0)
+        active = np.any(np.add.reduceat(gram_by_day, edges, axis=0), axis=(1, 2)).sum()
+        degrees = k * max(active - 1, 1) / max(active, 1)
+        out[i] = float(np.einsum("di,ij,dj->", sums, spread, sums)) / degrees
+    return out
+
+
+def aircraft_factor(stats: Statistics, given: Conditional, columns: Integers) -> float:
+    """Cluster factor of a per-aircraft candidate, pooled over aircraft (median), at least 1."""
+    values = []
+    for a in range(len(stats.tails)):
+        own = _day_grams(stats, a, columns)
+        information = given.gram[a][np.ix_(columns, columns)]
+        if np.trace(own.sum(axis=0)) <= 0:
+            continue
+        values.append(cluster_factor(own, given.score[a][:, columns], information))
+    if not values:
+        return 1.0
+    pooled = np.nanmedian(np.array(values), axis=0)
+    return _largest(pooled)
+
+
+def fleet_factor(stats: Statistics, given: Conditional, columns: Integers) -> float:
+    """Cluster factor of a fleet candidate: by day over all aircraft, at least 1.5."""
+    own = sum(_day_grams(stats, a, columns) for a in range(len(stats.tails)))
+    information = given.fleet_gram[np.ix_(columns, columns)]
+    values = cluster_factor(np.asarray(own), given.fleet_score[:, columns], information)
+    return max(1.5, _largest(values))
+
+
+def _largest(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    return max(1.0, float(finite.max())) if finite.size else 1.5
+
+
+def _day_grams(stats: Statistics, aircraft: int, columns: Integers) -> Floats:
+    """X'X by day (D, k, k); dictionary columns take the week's, shared out by reports."""
+    if columns.max() < stats.layout.core:
+        return np.asarray(stats.day_gram[aircraft][:, columns][:, :, columns], float)
+    week = stats.week_of_day
+    count = stats.day_count[aircraft]
+    total = np.bincount(week, count, minlength=stats.weeks.size)[week]
+    share = np.divide(count, total, out=np.zeros_like(count), where=total > 0)
+    own = stats.week_gram[aircraft][:, columns][:, :, columns].astype(float)
+    return np.asarray(share[:, None, None] * own[week])
+
+
+def evaluate(
+    stats: Statistics, given: Conditional, candidate: Candidate, *, allowed: NDArray[np.bool_] | None = None
+) -> Score:
+    """Evidence of one candidate given the included columns.
+
+    Parameters
+    ----------
+    stats : Statistics
+    given : Conditional
+    candidate : Candidate
+    allowed : (A,) bool, optional
+        Aircraft it may still strike; all by default.
+
+    Returns
+    -------
+    Score
+    """
+    if candidate.scope == "fleet":
+        return _evaluate_fleet(stats, given, candidate)
+    return _evaluate_aircraft(stats, given, candidate, allowed)
+
+
+def _sizes(stats: Statistics, candidate: Candidate) -> tuple[Floats, Floats]:
+    """Unwhitened second moments (A, k, k) and acting counts (A,) of a candidate."""
+    columns, total = candidate.columns, stats.day_count.sum(axis=1)
+    if columns.max() < stats.layout.core:
+        second = stats.raw_gram[:, columns][:, :, columns]
+        return second, np.maximum(stats.acting[:, columns].max(axis=1), 0.0)
+    k = columns.size
+    wide = stats.week_gram.sum(axis=1)[:, columns][:, :, columns].astype(float)
+    trace = np.trace(wide, axis1=1, axis2=2)[:, None, None]
+    second = np.divide(wide, trace, out=np.zeros_like(wide), where=trace > 0)
+    return second * total[:, None, None] * (k / max(k, 1)), total
+
+
+def rms(second: Floats, acting: Floats, coefficients: Floats) -> Floats:
+    """Root mean square (m/s) of effects with these coefficients (A, k), where they act."""
+    energy = np.einsum("ak,akl,al->a", coefficients, second, coefficients)
+    return np.asarray(np.sqrt(np.maximum(energy, 0) / np.maximum(acting, 1.0)))
+
+
+def _evaluate_fleet(stats: Statistics, given: Conditional, candidate: Candidate) -> Score:
+    columns, aircraft = candidate.columns, len(stats.tails)
+    pick = np.ix_(columns, columns)
+    information, score = given.fleet_gram[pick], given.fleet_score[:, columns].sum(axis=0)
+    factor = fleet_factor(stats, given, columns)
+    second, acting = _sizes(stats, candidate)
+    allowance = allowance_covariance(
+        second.sum(axis=0), float(acting.sum()), FLEET_ALLOWANCE, candidate.scales
+    )
+    nothing = np.zeros_like(allowance)
+    tempered, raw, estimates = [], [], []
+    for scale in SCALE_GRID:
+        prior = candidate.scales * scale
+        value, estimate = gaussian_evidence(
+            information, score, factor=factor, allowance=allowance, prior=prior
+        )
+        tempered.append(float(value))
+        estimates.append(estimate)
+        value, _ = gaussian_evidence(
+            information, score, factor=RAW_FACTOR, allowance=nothing, prior=prior
+        )
+        raw.append(float(value))
+    estimate = np.tile(estimates[int(np.argmax(tempered))], (aircraft, 1))
+    total = log_mean(np.array(tempered))
+    return Score(
+        candidate, total, log_mean(np.array(raw)), factor, np.ones(aircraft),
+        np.full(aircraft, total), estimate, rms(second, acting, estimate), acting,
+    )  # fmt: skip
+
+
+def _evaluate_aircraft(
+    stats: Statistics, given: Conditional, candidate: Candidate, allowed: NDArray[np.bool_] | None
+) -> Score:
+    columns, aircraft = candidate.columns, len(stats.tails)
+    factor = aircraft_factor(stats, given, columns)
+    second, acting = _sizes(stats, candidate)
+    live = acting >= 20
+    if allowed is not None:
+        live &= allowed
+    tempered, raw = np.zeros((2, SCALE_GRID.size, aircraft))
+    estimates = np.zeros((SCALE_GRID.size, aircraft, columns.size))
+    information = given.gram[live][:, columns][:, :, columns]
+    score = given.score[live][:, :, columns].sum(axis=1)
+    allowance = allowance_covariance(
+        second[live], acting[live], AIRCRAFT_ALLOWANCE, candidate.scales
+    )
+    for i, scale in enumerate(SCALE_GRID if live.any() else ()):
+        prior = candidate.scales * scale
+        tempered[i, live], estimates[i, live] = gaussian_evidence(
+            information, score, factor=factor, allowance=allowance, prior=prior
+        )
+        raw[i, live] = gaussian_evidence(
+            information, score, factor=RAW_FACTOR, allowance=0 * allowance, prior=prior
+        )[0]
+    total, posterior, best = mixture(tempered)
+    whole, _, _ = mixture(raw)
+    estimate = estimates[best]
+    return Score(
+        candidate, total, whole, factor, posterior, tempered[best], estimate,
+        rms(second, acting, estimate), acting,
+    )  # fmt: skip
+
+
+def mixture(evidence: Floats) -> tuple[float, Floats, int]:
+    """Spike-and-slab mixture over aircraft, averaged over prior scale and share struck.
+
+    Parameters
+    ----------
+    evidence : (S, A) float
+        Log Bayes factor per prior scale and aircraft.
+
+    Returns
+    -------
+    total : float
+        Log evidence against nobody struck.
+    posterior : (A,) float
+        Probability that each aircraft is struck, given that the candidate is at work.
+    best : int
+        Prior scale of the highest evidence.
+    """
+    share = SHARE_GRID[:, None, None]
+    each = np.logaddexp(np.log1p(-share), np.log(share) + evidence[None])
+    joint = each.sum(axis=2)
+    weight = np.exp(joint - joint.max())
+    weight /= weight.sum()
+    struck = np.exp(np.log(share) + evidence[None] - each)
+    posterior = np.einsum("ps,psa->a", weight, struck)
+    return log_mean(joint.ravel()), posterior, int(np.argmax(joint.max(axis=0)))
+
+
+def log_mean(values: Floats) -> float:
+    """Logarithm of the mean of exponentials."""
+    top = float(values.max())
+    return top + float(np.log(np.mean(np.exp(values - top))))

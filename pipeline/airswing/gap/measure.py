@@ -1,0 +1,292 @@
+"""Linear algebra on the sums: day fields out, climatology and found effects conditioned on.
+
+Assumptions: whitened residuals are X theta plus unit noise plus, every day, a random combination of
+the day-field columns with variances estimated here by expectation maximisation. Eliminating the day
+fields couples the aircraft that flew on the same day; the coupling is kept between everything that
+is conditioned on, and between aircraft in fleet-wide columns.
+
+Validity: conditional sums of an aircraft's own columns are exact; sums of candidates of *different*
+aircraft are treated as independent once the included columns are conditioned on. Dictionary columns
+against columns in force for a part of a week use the week's average.
+
+Source: Frisch-Waugh-Lovell elimination; mixed-model equations of Henderson (1975).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.statistics import Statistics
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Included:
+    """One column that is conditioned on.
+
+    Attributes
+    ----------
+    column : int
+        A column of the layout; one outside the core is in force by whole weeks.
+    weights : (A, D)
+        Factor on the column per aircraft and day: 1 where it acts.
+    precision : float
+        1 over its prior variance.
+    """
+
+    column: int
+    weights: Floats
+    precision: float
+
+
+@dataclass(frozen=True)
+class Base:
+    """Sums with the day fields eliminated.
+
+    Attributes
+    ----------
+    stats : Statistics
+    day_variance : (q,)
+        Variances of the day fields' coefficients, m2 s-2.
+    root : (D, q, q)
+        Inverse Cholesky factor of the day fields' normal matrix, per day.
+    cross : (A, D, q, p)
+        ``root`` times Z'X.
+    gram : (A, p, p)
+        Own X'X per aircraft with the day fields eliminated.
+    fleet_gram : (p, p)
+        The same of the fleet-wide columns, coupling included.
+    score : (A, D, p)
+        X'r with the day fields eliminated.
+    """
+
+    stats: Statistics
+    day_variance: Floats
+    root: Floats
+    cross: Floats
+    gram: Floats
+    fleet_gram: Floats
+    score: Floats
+
+
+@dataclass(frozen=True)
+class Conditional:
+    """Sums given the included columns.
+
+    Attributes
+    ----------
+    included : tuple of Included
+    coefficients : (m,)
+        Posterior means of the included columns' coefficients.
+    covariance : (m, m)
+        Posterior covariance at unit noise.
+    gram : (A, p, p)
+    score : (A, D, p)
+    fleet_gram : (p, p)
+    included_gram : (m, m)
+    included_score : (D, m)
+    """
+
+    included: tuple[Included, ...]
+    coefficients: Floats
+    covariance: Floats
+    gram: Floats
+    score: Floats
+    fleet_gram: Floats
+    included_gram: Floats
+    included_score: Floats
+
+    @property
+    def fleet_score(self) -> Floats:
+        """Score of the fleet-wide columns by day, (D, p)."""
+        return np.asarray(self.score.sum(axis=0))
+
+
+def day_variances(stats: Statistics, *, rounds: int = 40, floor: float = 1e-4) -> Floats:
+    """Variances of the day fields by expectation maximisation.
+
+    Parameters
+    ----------
+    stats : Statistics
+    rounds : int
+    floor : float
+        Smallest variance, m2 s-2.
+
+    Returns
+    -------
+    (q,) float
+    """
+    fields = stats.layout.blocks["day_fields"]
+    gram = stats.day_cross[:, :, :, fields].sum(axis=0)
+    score = stats.day_score[:, :, fields].sum(axis=0)
+    variance = np.full(fields.stop, 0.5)
+    for _ in range(rounds):
+        spread = np.linalg.inv(gram + np.diag(1 / variance))
+        mean = np.einsum("dij,dj->di", spread, score)
+        second = mean**2 + np.diagonal(spread, axis1=1, axis2=2)
+        variance = np.maximum(second.mean(axis=0), floor)
+    return variance
+
+
+def eliminate_days(stats: Statistics, variance: Floats | None = None) -> Base:
+    """Eliminate the day fields from all sums.
+
+    Parameters
+    ----------
+    stats : Statistics
+    variance : (q,) float, optional
+        Variances of the day fields; estimated when not given.
+
+    Returns
+    -------
+    Base
+    """
+    variance = day_variances(stats) if variance is None else variance
+    fields = stats.layout.blocks["day_fields"]
+    normal = stats.day_cross[:, :, :, fields].sum(axis=0) + np.diag(1 / variance)
+    root = np.linalg.inv(np.linalg.cholesky(normal))
+    cross = np.einsum("dij,adjp->adip", root, stats.day_cross, optimize=True)
+    shared = np.einsum("dij,dj->di", root, stats.day_score[:, :, fields].sum(axis=0))
+    flat = cross.reshape(cross.shape[0], -1, cross.shape[-1])
+    gram = stats.week_gram.sum(axis=1, dtype=np.float64) - np.matmul(flat.transpose(0, 2, 1), flat)
+    total = flat.sum(axis=0)
+    fleet = stats.week_gram.sum(axis=(0, 1), dtype=np.float64) - total.T @ total
+    score = stats.day_score - np.einsum("adip,di->adp", cross, shared, optimize=True)
+    return Base(stats, variance, root, cross, gram, fleet, score)
+
+
+def climatology(base: Base, *, precision: float = 0.25) -> list[Included]:
+    """Included columns of the reference's climatology: fleet-wide, with a wide prior.
+
+    Parameters
+    ----------
+    base : Base
+    precision : float
+        1 over the prior variance of each coefficient, s2 m-2.
+
+    Returns
+    -------
+    list of Included
+    """
+    stats = base.stats
+    ones = np.ones(stats.day_count.shape)
+    return [Included(int(j), ones, precision) for j in stats.layout.columns("climatology")]
+
+
+def condition(base: Base, included: list[Included]) -> Conditional:
+    """Condition all sums on a set of columns.
+
+    Parameters
+    ----------
+    base : Base
+    included : list of Included
+
+    Returns
+    -------
+    Conditional
+    """
+    m = len(included)
+    columns = np.array([x.column for x in included], np.int64)
+    precision = np.array([x.precision for x in included])
+    weights = np.stack([x.weights for x in included])
+    inner, by_day = included_sums(base, columns, weights)
+    cross = included_cross(base, columns, weights)
+    factor = np.linalg.cholesky(inner + np.diag(precision) + 1e-9 * np.eye(m))
+    half = np.linalg.inv(factor)
+    reduced = np.einsum("ij,ajp->aip", half, cross, optimize=True)
+    gram = base.gram - np.matmul(reduced.transpose(0, 2, 1), reduced)
+    total = reduced.sum(axis=0)
+    covariance = half.T @ half
+    share = by_day @ covariance
+    score = base.score - np.einsum("dm,amp->adp", share, cross, optimize=True)
+    return Conditional(
+        tuple(included), covariance @ by_day.sum(axis=0), covariance, gram, score,
+        base.fleet_gram - total.T @ total, inner, by_day,
+    )  # fmt: skip
+
+
+def included_sums(base: Base, columns: Integers, weights: Floats) -> tuple[Floats, Floats]:
+    """X'X among weighted core columns, and X'r by day.
+
+    Parameters
+    ----------
+    base : Base
+    columns : (m,) int
+    weights : (m, A, D) float
+
+    Returns
+    -------
+    gram : (m, m) float
+    score : (D, m) float
+    """
+    stats = base.stats
+    m, core = columns.size, stats.layout.core
+    gram = np.zeros((m, m))
+    days = stats.days.size
+    coupled = np.zeros((m, days, base.cross.shape[2]))
+    score = np.zeros((days, m))
+    inner = np.flatnonzero(columns < core)
+    for k in range(m):
+        coupled[k] = np.einsum("ad,adi->di", weights[k], base.cross[:, :, :, columns[k]])
+        score[:, k] = (weights[k] * base.score[:, :, columns[k]]).sum(axis=0)
+        if columns[k] < core:
+            active = np.flatnonzero(weights[k].any(axis=1))
+            own = stats.day_gram[active, :, columns[k], :][:, :, columns[inner]]
+            gram[k, inner] = np.einsum(
+                "ad,mad,adm->m", weights[k][active], weights[inner][:, active], own, optimize=True
+            )
+    outer = np.flatnonzero(columns >= core)
+    if outer.size:
+        means = week_means(stats, weights)
+        for k in outer:
+            own = stats.week_gram[:, :, columns[k], :][:, :, columns]
+            row = np.einsum("aw,maw,awm->m", means[k], means, own, optimize=True)
+            gram[k], gram[:, k] = row, row
+    flat = coupled.reshape(m, -1)
+    return gram - flat @ flat.T, score
+
+
+def week_means(stats: Statistics, weights: Floats) -> Floats:
+    """Mean of day weights (m, A, D) over each week's reports, (m, A, W)."""
+    week = stats.week_of_day
+    out = np.zeros((*weights.shape[:2], stats.weeks.size))
+    for w in range(stats.weeks.size):
+        count = stats.day_count[:, week == w]
+        total = np.maximum(count.sum(axis=1), 1e-9)
+        out[:, :, w] = (weights[:, :, week == w] * count).sum(axis=2) / total
+    return out
+
+
+def included_cross(base: Base, columns: Integers, weights: Floats) -> Floats:
+    """X'Y between weighted core columns and each aircraft's every column.
+
+    Parameters
+    ----------
+    base : Base
+    columns : (m,) int
+    weights : (m, A, D) float
+
+    Returns
+    -------
+    (A, m, p) float
+    """
+    stats = base.stats
+    out = np.zeros((len(stats.tails), columns.size, stats.layout.size))
+    core = stats.layout.core
+    means = week_means(stats, weights)
+    for k, column in enumerate(columns):
+        shared = np.einsum("bd,bdi->di", weights[k], base.cross[:, :, :, column])
+        out[:, k] = -np.einsum("di,adip->ap", shared, base.cross, optimize=True)
+        active = np.flatnonzero(weights[k].any(axis=1))
+        first = core if column < core else 0
+        if column < core:
+            rows = stats.day_gram[active, :, column, :].astype(float)
+            out[active, k, :core] += np.einsum("ad,adc->ac", weights[k][active], rows)
+        rows = stats.week_gram[active, :, column, first:].astype(float)
+        out[active, k, first:] += np.einsum("aw,awp->ap", means[k][active], rows)
+    return out
