@@ -486,3 +486,56 @@ def test_adding_an_effect_is_one_file(tmp_path, monkeypatch):
         unregister("four_cycles")
         for module in [m for m in sys.modules if m.startswith("more_effects")]:
             del sys.modules[module]
+
+
+def test_declination_pattern_of_a_report_does_not_depend_on_the_others(perfect):
+    some = np.arange(10, 400, 7)
+    whole = declination_change(perfect, years=10.0)[some]
+    np.testing.assert_array_equal(declination_change(perfect.take(some), years=10.0), whole)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "errors", "sentence"),
+    [
+        (
+            "hard_iron",
+            {"amplitude_deg": 3.91, "phase_deg": 40.13, "at_horizontal_field_nT": 19369.0},
+            {"amplitude_deg": 0.21, "phase_deg": 3.0},
+            "heading error of one cycle, amplitude 3.9 ± 0.2 degrees, phase 40 ± 3 degrees "
+            "where H is 19369 nT",
+        ),
+        ("tas_scale", {"scale_percent": -2.0}, {}, "airspeed too low by 2 percent"),
+        (
+            "reference_speed_bias",
+            {"bias_percent": -5.0, "above_hPa": 500.0},
+            None,
+            "model wind too weak by 5 percent above 500 hPa",
+        ),
+        (
+            "reference_speed_bias",
+            {"bias_percent": 5.0, "above_hPa": None},
+            None,
+            "model wind too strong by 5 percent at all levels",
+        ),
+        (
+            "heater_current",
+            {"offset_deg": 1.5},
+            None,
+            "extra heading error while icing protection is on: 1.5 degrees",
+        ),
+        (
+            "compass_step",
+            {"offset_deg": 1.5, "amplitude_deg": 0.0},
+            None,
+            "heading error that changes at a date: a constant part of 1.5 degrees",
+        ),
+        ("time_lag", {"offset_s": -30.0}, None, "wind younger than position and time by 30 s"),
+        ("outliers", {"fraction": 0.02}, {"fraction": 0.001},
+         "gross errors in 2 ± 0.1 percent of the reports"),
+        ("wind_coding", {"step": 5.0}, None, "wind speed coded in steps of 5 kt"),
+        ("declination_error", {"mean_deg": 1.5}, None,
+         "magnetic variation in use is out of date, a mean heading error of 1.5 degrees"),
+    ],
+)  # fmt: skip
+def test_wording(name, values, errors, sentence):
+    assert CATALOGUE[name].wording(values, errors) == sentence

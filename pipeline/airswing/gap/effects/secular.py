@@ -1,7 +1,9 @@
 """Change of the declination between an earlier epoch and the reports' dates.
 
 Assumptions and validity: IGRF, 1900 to 2030; epochs outside are moved to its ends. Both epochs are
-evaluated here, so the pattern is secular variation alone whatever declination the frame carries.
+evaluated here, so the pattern is secular variation alone whatever declination the frame carries: at
+whole degrees and years and interpolated linearly (it is smooth away from the magnetic poles, within
+1 % there), so that a report has one value whatever others are asked for with it.
 """
 
 from __future__ import annotations
@@ -11,11 +13,12 @@ import numpy as np
 from airswing.gap.effects.base import FloatArray
 from airswing.gap.effects.forms import known
 from airswing.gap.frame import Frame
-from airswing.physics.atmosphere import altitude_from_pressure
 from airswing.physics.geomagnetism import FieldLattice
 
 YEAR = 365.25 * 86400.0
-FIRST, LAST = 1900.0, 2030.0
+FIRST, LAST = 1900.01, 2029.99
+HEIGHT = 5000.0
+"""m: secular variation hardly depends on height."""
 MOST = 500
 """Reports used to match an epoch with a coefficient."""
 
@@ -44,15 +47,53 @@ def declination_change(
     ndarray (n,)
         rad.
     """
-    if epoch_year is not None:
-        seconds = np.full(frame.size, (epoch_year - 1970.0) * YEAR)
-    else:
-        seconds = frame.time - (years or 0.0) * YEAR
-    seconds = np.clip(seconds, (FIRST - 1970.0) * YEAR + 86400.0, (LAST - 1970.0) * YEAR - 86400.0)
-    place = (frame.latitude, frame.longitude, altitude_from_pressure(frame.pressure))
-    now = FieldLattice.covering(*place, frame.time).at(*place, frame.time).declination
-    old = FieldLattice.covering(*place, seconds).at(*place, seconds).declination
-    return np.asarray(np.arctan2(np.sin(old - now), np.cos(old - now)))
+    nodes = _nodes(frame.longitude, frame.latitude)
+    date = 1970.0 + frame.time / YEAR
+    dates = np.arange(np.floor(date.min()), np.floor(date.max()) + 2.0)
+    lon, lat, now = np.meshgrid(*nodes, dates, indexing="ij")
+    old = now - (years or 0.0) if epoch_year is None else np.full(now.shape, epoch_year)
+    change = _change(lat, lon, now, old)
+    out = np.zeros(frame.size)
+    for k, whole in enumerate(dates):
+        weight = np.clip(1.0 - np.abs(date - whole), 0.0, 1.0)
+        some = np.flatnonzero(weight)
+        out[some] += weight[some] * _bilinear(
+            change[:, :, k], frame.longitude[some] - nodes[0][0], frame.latitude[some] - nodes[1][0]
+        )
+    return out
+
+
+def _nodes(longitude: FloatArray, latitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Whole degrees around the reports, two at least along either side."""
+    lon, lat = (
+        np.arange(np.floor(values.min()), np.floor(values.max()) + 2.0)
+        for values in (longitude, latitude)
+    )
+    return lon, lat
+
+
+def _change(
+    latitude: FloatArray, longitude: FloatArray, now: FloatArray, old: FloatArray
+) -> FloatArray:
+    """Declination of one decimal year minus that of another, rad."""
+    height = np.full(latitude.shape, HEIGHT)
+    then, there = (
+        FieldLattice.covering(latitude, longitude, height, seconds)
+        .at(latitude, longitude, height, seconds)
+        .declination
+        for seconds in ((np.clip(year, FIRST, LAST) - 1970.0) * YEAR for year in (old, now))
+    )
+    return np.asarray(np.arctan2(np.sin(then - there), np.cos(then - there)))
+
+
+def _bilinear(values: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Values between nodes one apart, at distances from the first."""
+    i, j = x.astype(np.int64), y.astype(np.int64)
+    x, y = x - i, y - j
+    return np.asarray(
+        (1.0 - x) * ((1.0 - y) * values[i, j] + y * values[i, j + 1])
+        + x * ((1.0 - y) * values[i + 1, j] + y * values[i + 1, j + 1])
+    )
 
 
 def _thinned(frame: Frame) -> Frame:
