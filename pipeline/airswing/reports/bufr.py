@@ -137,7 +137,7 @@ class _Taken:
 
 
 def _decodable(file: Any, audit: Audit) -> Iterator[Any]:
-    for message in file:
+    for message in _framed(file, audit):
         if message["masterTablesVersionNumber"] < _OLDEST_TABLES:
             _retable(message)
         if _unpacked(message):
@@ -149,6 +149,23 @@ def _decodable(file: Any, audit: Audit) -> Iterator[Any]:
                 continue
         audit.read += 1
         audit.drop("undecodable_message", 1)
+
+
+def _framed(file: Any, audit: Audit) -> Iterator[Any]:
+    """Messages up to the end of the file, or to where it is cut off or garbled."""
+    import eccodes
+
+    messages = iter(file)
+    while True:
+        try:
+            message = next(messages, None)
+        except eccodes.CodesInternalError:
+            audit.read += 1
+            audit.drop("undecodable_message", 1)
+            return
+        if message is None:
+            return
+        yield message
 
 
 def _unpacked(message: Any) -> bool:
@@ -178,7 +195,9 @@ def _merged(table: pd.DataFrame) -> pd.DataFrame:
     hollow = table[list(_MEASURED)].isna().all(axis=1)
     if not hollow.any():
         return table
-    repeats = (table[place].fillna(-1) == table[place].shift().fillna(-1)).all(axis=1)
+    here = table[place].astype(object)
+    before = here.shift()
+    repeats = ((here == before) | (here.isna() & before.isna())).all(axis=1)
     second = np.flatnonzero((repeats & hollow).to_numpy(dtype=bool))
     if not second.size:
         return table
@@ -227,7 +246,7 @@ def _times(table: pd.DataFrame) -> tuple[NDArray[np.datetime64], NDArray[np.bool
 def _tails(table: pd.DataFrame) -> pd.Series[Any]:
     tail = pd.Series("", index=table.index, dtype=object)
     for name in reversed(_TAILS):
-        own = table[name].fillna("").astype(str).str.strip()
+        own = table[name].astype(object).fillna("").astype(str).str.strip()
         tail = own.where(own != "", tail)
     return tail
 

@@ -1,0 +1,137 @@
+"""Order, duplicates and layout: the same Dataset whatever the order of rows and files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from airswing.ragged import aircraft_of_report
+from airswing.reports import read_reports
+from airswing.vocabulary import VARIABLES
+
+from .tables import flight, row, write
+
+
+def read(path: Path, rows: Any) -> tuple[xr.Dataset, dict[str, Any]]:
+    ds = read_reports(write(path / "reports.csv", rows))
+    return ds, json.loads(ds.attrs["reading_audit"])
+
+
+def fleet() -> pd.DataFrame:
+    """Two tails, repeated rows, minute ties, missing values: everything order could disturb."""
+    climb = flight(
+        tail="B2", seconds=[0, 0, 60, 60, 120, 180], altitude_ft=[1e3, 2e3, 3e3, 4e3, 5e3, 6e3]
+    )
+    level = flight(tail="A1", start="2009-01-05T23:50:00", temperature_degC=-20.0)
+    fuller = level.iloc[[3]].assign(wind_speed_kt=44)
+    emptier = level.iloc[[4]].assign(wind_speed_kt=np.nan)
+    return pd.concat([climb, level, level.iloc[[2]], fuller, emptier], ignore_index=True)
+
+
+def test_the_contract_of_the_dataset(tmp_path: Path):
+    ds, audit = read(tmp_path, fleet())
+    assert ds["aircraft"].to_numpy().tolist() == ["A1", "B2"]
+    assert ds["row_size"].to_numpy().tolist() == [10, 6]
+    assert audit["reports_read"] == 19
+    assert audit["reports_kept"] == 16
+    wanted = {
+        name for name, entry in VARIABLES.items()
+        if name in set(list(VARIABLES)[: list(VARIABLES).index("reference")])
+        and entry.dims[0] in ("report", "aircraft")
+    }  # fmt: skip
+    assert wanted <= set(ds.variables)
+    for name in wanted - {"aircraft", "row_size", "time"}:
+        entry = VARIABLES[name]
+        assert ds[name].dims == entry.dims
+        assert ds[name].dtype == np.dtype(entry.dtype), name
+        assert ds[name].attrs["long_name"] == entry.long_name
+    assert ds["time"].dtype == np.dtype("datetime64[ns]")
+    tail = aircraft_of_report(ds)
+    seconds = ds["time"].to_numpy().astype(np.int64)
+    assert (np.diff(seconds)[np.diff(tail) == 0] >= 0).all()
+
+
+def test_duplicates_are_told_apart(tmp_path: Path):
+    _, audit = read(tmp_path, fleet())
+    assert audit["dropped"] == {"exact_duplicate": 1, "same_tail_and_time": 2}
+
+
+def test_of_two_reports_at_one_place_and_time_the_fuller_stays(tmp_path: Path):
+    ds, audit = read(tmp_path, [row(wind_speed_kt=None, temperature_degC=None), row()])
+    assert audit["dropped"] == {"same_tail_and_time": 1}
+    assert not np.isnan(ds["eastward_wind"][0])
+
+
+def test_two_places_at_one_second_are_a_conflict(tmp_path: Path):
+    rows = [row(time=f"2009-01-05T12:0{k}:07Z", longitude=-87 + 0.1 * k) for k in range(5)]
+    ds, audit = read(tmp_path, [*rows, row(time="2009-01-05T12:02:07Z", longitude=-80.0)])
+    assert audit["dropped"] == {"conflicting_position": 1}
+    assert ds.sizes["report"] == 5
+
+
+def test_two_places_in_one_minute_of_a_minute_clock_both_stay(tmp_path: Path):
+    rows = [row(time=f"2009-01-05T12:0{k}:00Z", longitude=-87 + 0.1 * k) for k in range(5)]
+    ds, audit = read(tmp_path, [*rows, row(time="2009-01-05T12:02:00Z", longitude=-86.75)])
+    assert audit["dropped"] == {}
+    assert ds.sizes["report"] == 6
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_reports_of_one_minute_follow_the_climb_or_descent(tmp_path: Path, sign: int):
+    feet = 10_000 + sign * np.arange(12) * 700.0
+    table = flight(seconds=np.arange(12) * 20.0, altitude_ft=feet)
+    table["time"] = table["time"].dt.floor("min")
+    ds, _ = read(tmp_path, table.sample(frac=1.0, random_state=3))
+    assert (sign * np.diff(ds["pressure_altitude"]) > 0).all()
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(order=st.permutations(range(19)), cut=st.integers(1, 18))
+def test_order_of_rows_and_files_does_not_matter(tmp_path: Path, order: list[int], cut: int):
+    table = fleet()
+    wanted, _ = read(tmp_path, table)
+    shuffled = table.iloc[order]
+    found, _ = read(tmp_path, shuffled)
+    xr.testing.assert_identical(found, wanted)
+    one = write(tmp_path / "one.csv", shuffled[:cut])
+    two = write(tmp_path / "two.csv", shuffled[cut:])
+    split = read_reports([two, one])
+    xr.testing.assert_equal(split, wanted)
+
+
+def test_midnight_and_the_antimeridian_end_no_flight(tmp_path: Path):
+    table = flight(start="2008-12-31T23:50:00", longitude=179.5, speed=200.0)
+    ds, _ = read(tmp_path, table)
+    assert float(ds["longitude"].min()) < -179 < 179 < float(ds["longitude"].max())
+    assert np.unique(ds["flight"]).tolist() == [0]
+    assert ds["time"].to_numpy()[-1] > np.datetime64("2009-01-01")
+
+
+def test_given_phases_and_flights_are_kept_and_the_rest_derived(tmp_path: Path):
+    first = flight(flight="MES1", phase=["descent"] + [""] * 9)
+    second = flight(flight="MES1", start="2009-01-06T12:00:00", phase="")
+    ds, audit = read(tmp_path, pd.concat([first, second]))
+    assert ds["phase"].to_numpy().tolist() == [3] + [2] * 19
+    assert ds["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
+    assert audit["repaired"] == {"phase_derived": 19}
+
+
+def test_an_aircraft_whose_reports_all_went_is_not_listed(tmp_path: Path):
+    ds, _ = read(tmp_path, [row(), row(tail="GONE", latitude=95.0)])
+    assert ds["aircraft"].to_numpy().tolist() == ["N412XJ"]
+
+
+def test_the_dataset_can_be_written_and_read_back(tmp_path: Path):
+    ds, _ = read(tmp_path, fleet())
+    ds.to_netcdf(tmp_path / "reports.nc")
+    with xr.open_dataset(tmp_path / "reports.nc", engine="netcdf4") as back:
+        np.testing.assert_array_equal(back["eastward_wind"], ds["eastward_wind"])
+        assert back.attrs["reading_audit"] == ds.attrs["reading_audit"]
