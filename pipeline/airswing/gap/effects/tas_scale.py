@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
-from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, sided
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, sided, standard_error
 from airswing.gap.frame import Frame
 
 
@@ -43,6 +43,19 @@ class TasScale(OneCoefficient):
         """See `Effect.apply`."""
         factor = 1.0 + float(values["scale_percent"]) / 100.0
         return replace(state, airspeed=state.airspeed * factor)
+
+    def to_parameters(
+        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+    ) -> tuple[Parameters, Errors]:
+        """See `Effect.to_parameters`; a coefficient is the error over the INDICATED airspeed."""
+        left = 1.0 - float(coefficients[0])
+        error = 100.0 * standard_error(covariance) / left**2
+        return {"scale_percent": 100.0 * (1.0 / left - 1.0)}, {"scale_percent": error}
+
+    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+        """See `Effect.from_parameters`: scale / (1 + scale)."""
+        scale = float(self.complete(values)["scale_percent"]) / 100.0
+        return np.array([scale / (1.0 + scale)])
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""
