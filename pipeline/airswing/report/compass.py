@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from airswing.report.selection import (
     compass_points,
     curve_with_error,
+    fitted_bias,
     headline_reference,
     one_fit,
     rows_of,
@@ -257,7 +258,17 @@ def heading_error_figure(
         f"{name}: heading error (indicated minus the heading {reference} implies) against "
         f"indicated magnetic heading, n = {plural(number, 'report')} of "
         f"{plural(flights, 'flight')}; medians in bins of {BIN_WIDTH:.0f} degrees, fitted curve, "
-        f"and what the 8-point table stands for.{trust}"
+        f"and what the 8-point table stands for.{_bias_words(fits, reference)}{trust}"
+    )
+
+
+def _bias_words(fits: xr.Dataset, reference: str) -> str:
+    eastward, northward = fitted_bias(fits, reference)
+    if not (eastward or northward):
+        return ""
+    return (
+        f" The reference's fitted bias ({eastward:+.2f} m/s eastward, {northward:+.2f} m/s "
+        "northward) is taken out of the points."
     )
 
 
@@ -317,7 +328,7 @@ def small_multiples_figure(
         f"{plural(len(aircraft), 'aircraft', 'aircraft')} against {reference} on one scale "
         f"(n = {plural(total, 'report')}). Grey: reports; black: medians in bins of 30 degrees; "
         "blue: fitted curve and its 95 % interval (dashed: not to be trusted); orange diamonds: "
-        "8-point table."
+        f"8-point table.{_bias_words(fits, reference)}"
     )
 
 

@@ -143,10 +143,15 @@ def sensitivity_section(sensitivity: Mapping[str, Any] | None) -> Section:
     lead = (
         "All pairs of references agree within error: they may be pooled."
         if all(pair.get("poolable") for pair in pairs)
-        else "; ".join(f"{pair_name(p)}: not poolable, {p.get('why', '')}" for p in apart[:3])
-        or "Some pairs cannot be judged on these reports."
+        else _apart_sentence(apart) or "Some pairs cannot be judged on these reports."
     )
-    return Section("sensitivity", title, lead[0].upper() + lead[1:], parts)
+    return Section("sensitivity", title, lead.replace(" +- ", " ± "), parts)
+
+
+def _apart_sentence(apart: Sequence[Mapping[str, Any]]) -> str:
+    named = [f"{pair_name(pair)} ({pair.get('why', '')})" for pair in apart[:2]]
+    more = f", and {len(apart) - 2} more pairs" if len(apart) > 2 else ""
+    return f"Not poolable: {'; '.join(named)}{more}." if named else ""
 
 
 def _verdict_table(pairs: Sequence[Mapping[str, Any]], caption: str) -> Markup:
@@ -170,7 +175,7 @@ def _verdict_table(pairs: Sequence[Mapping[str, Any]], caption: str) -> Markup:
                     *([pair.get("slice", "")] if sliced else []),
                     pair_name(pair),
                     verdict_word(pair),
-                    pair.get("why", ""),
+                    str(pair.get("why", "")).replace(" +- ", " ± "),
                     number_text(fleet.get("curve_rms_deg", float("nan"))),
                     _p_value(fleet.get("p_value")),
                     number_text(pair.get("mean_vector_difference_m_s", float("nan"))),

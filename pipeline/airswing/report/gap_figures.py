@@ -316,7 +316,9 @@ def timeline_figure(
     axes.set_ylabel(quantity)
     if len(series) > 1:
         figure.legend(loc="outside upper left", ncols=min(len(series), 7))
-    dated = " Dashed: changes found, shaded their 95 % interval." if changes else ""
+    spans = any(np.size(when) == 2 for when in (changes or {}).values())
+    dated = " Dashed: changes found" if changes else ""
+    dated += (", shaded their 95 % interval." if spans else ".") if changes else ""
     counted = f" (n = {plural(number, 'report')})" if number else ""
     return figure.say(
         f"{quantity[0].upper()}{quantity[1:]} over time with 95 % intervals{counted}.{dated}"

@@ -179,8 +179,7 @@ def _which_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
         rows = [
             Row(
                 [
-                    plain_name(str(effect["name"])),
-                    str(effect["name"]),
+                    f"{plain_name(str(effect['name']))} ({effect['name']})",
                     who_text(effect),
                     parameters_text(effect) or "-",
                     period_text(effect) or "always",
@@ -193,7 +192,6 @@ def _which_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
         ]
         columns = [
             Column("effect", "long"),
-            Column("name", "words"),
             Column("who", "long"),
             Column("parameters", "long"),
             Column("when", "words"),

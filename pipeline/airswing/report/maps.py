@@ -41,9 +41,9 @@ def _places(headings: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np.float
     return longitude, latitude
 
 
-def _height(view: View, columns: int, rows: int, *, width: float = FULL_WIDTH) -> float:
-    each = min(width / columns * view.height_over_width, 7.0)
-    return rows * (each + 0.55) + 0.2
+def _height(view: View, columns: int, rows: int, *, colourbar: bool = False) -> float:
+    width = (FULL_WIDTH - (1.1 if colourbar else 0.0)) / columns - 0.55
+    return rows * (min(width * view.height_over_width, 7.0) + 0.55)
 
 
 def draw_places(
@@ -120,7 +120,7 @@ def reports_figure(headings: xr.Dataset, *, keep: Mask | None = None, title: str
     view = view_of(longitude, latitude)
     shown = np.isfinite(longitude) & np.isfinite(latitude)
     shown &= True if keep is None else keep
-    figure = new_figure(_height(view, 1, 1))
+    figure = new_figure(_height(view, 1, 1, colourbar=int(shown.sum()) > MANY))
     axes = figure.add_subplot()
     drawn = draw_places(axes, view, longitude[shown], latitude[shown], cells=64)
     if drawn is not None:

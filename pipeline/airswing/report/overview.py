@@ -199,12 +199,12 @@ def disagreement_figure(
 
 
 def _bars(
-    axes: Axes, names: Sequence[str], numbers: Sequence[int], colour: Any, total: int
+    axes: Axes, names: Sequence[str], numbers: Sequence[int], colour: Any, total: int, room: int
 ) -> None:
     y = np.arange(len(names))
     axes.barh(y, numbers, color=colour, height=0.7, label="by this rule")
     axes.set_yticks(y, [name.replace("_", " ") for name in names])
-    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.set_ylim(max(len(names), room) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)
     for row, number in enumerate(numbers):
@@ -266,14 +266,15 @@ def audit_figure(headings: xr.Dataset) -> Figure:
         names = [rule.name for rule in rules]
         whole = [rule.together for rule in rules]
         alone = [rule.alone for rule in rules]
-        _bars(left, names, whole, SKY, total)
+        _bars(left, names, whole, SKY, total, len(reasons))
         left.barh(range(len(names)), alone, color=BLUE, height=0.7, label="by no other rule")
         left.legend(loc="lower right", title="reports marked")
     else:
         blank(left, "No rule left out a report.")
     left.set_title("Screening before the fit")
     if reasons:
-        _bars(right, [r[0] for r in reasons], [r[1] for r in reasons], [r[2] for r in reasons], 0)
+        labels, numbers, colours = zip(*reasons, strict=True)
+        _bars(right, labels, numbers, list(colours), 0, len(rules))
         right.set_title("Dropped or repaired on reading")
     else:
         right.axis("off")

@@ -36,7 +36,7 @@ from airswing.report.evaluation_sections import (
     profiles_section,
     sensitivity_section,
 )
-from airswing.report.selection import headline_reference, one_fit
+from airswing.report.selection import adds_error, headline_reference, one_fit
 from airswing.report.style import plural
 from airswing.report.summaries import (
     correction_rows,
@@ -105,7 +105,7 @@ def write_page(
         profiles_section(profiles, reference),
         _places_section(headings),
         _audit_section(headings),
-        _run_section(summary),
+        _run_section(summary, headings),
     ]
     text = document(
         title="airswing: compass deviation of the fleet",
@@ -206,11 +206,10 @@ def _corrections_section(fits: xr.Dataset, reference: str, summary: Mapping[str,
         )
         for row in correction_rows(fits, reference)
     ]
-    sign = str(fits["table_correction"].attrs.get("sign", "subtract_error"))
     meaning = (
-        "degrees to add to the indicated heading"
-        if "add_error" not in sign
-        else "the heading error itself, degrees to subtract from the indicated heading"
+        "the heading error itself, degrees to subtract from the indicated heading"
+        if adds_error(fits)
+        else "degrees to add to the indicated heading"
     )
     caption = (
         f"Eight-point corrections by indicated magnetic heading ({meaning}), fitted against "
@@ -323,13 +322,23 @@ def _audit_section(headings: xr.Dataset) -> Section:
     )
 
 
-def _run_section(summary: Mapping[str, Any]) -> Section:
-    rows = [
-        Row([str(name).replace("_", " "), value])
+def _run_section(summary: Mapping[str, Any], headings: xr.Dataset) -> Section:
+    named = {
+        "airswing_version": "version",
+        "references": "read from",
+        "history": "history",
+        "uuid": "identifier of headings.nc",
+    }
+    entries = {
+        str(name).replace("_", " "): value
         for name, value in summary.items()
         if isinstance(value, str | int | float) and not isinstance(value, bool)
-    ]
-    if not rows:
-        return Section("run", "This run")
-    columns = [Column("", "words"), Column("", "long")]
-    return Section("run", "This run", "", [table(columns, rows)])
+    }
+    entries |= {
+        label: str(headings.attrs[name])
+        for name, label in named.items()
+        if headings.attrs.get(name)
+    }
+    rows = [Row([name, value]) for name, value in entries.items()]
+    columns = [Column("what", "words"), Column("value", "long")]
+    return Section("run", "This run", "", [table(columns, rows)] if rows else [])

@@ -95,14 +95,32 @@ def used(headings: xr.Dataset, rows: slice = slice(None)) -> NDArray[np.bool_]:
     return np.asarray(headings["screening"].isel(report=rows).to_numpy() == 0)
 
 
+def fitted_bias(fits: xr.Dataset, reference: str) -> tuple[float, float]:
+    """Return the eastward and northward bias of a reference (m/s) of the joint fit, else zero."""
+    if "reference_bias" not in fits:
+        return 0.0, 0.0
+    bias = np.nan_to_num(fits["reference_bias"].sel(reference=reference).to_numpy().astype(float))
+    return float(bias[0]), float(bias[1])
+
+
 def compass_points(
     headings: xr.Dataset, fits: xr.Dataset, aircraft: str | int, reference: str
 ) -> tuple[Floats, Floats]:
-    """Magnetic heading and heading error (degrees) of the reports behind one fit."""
+    """Magnetic heading and heading error (degrees) of the reports behind one fit.
+
+    The reference's fitted bias b is taken out, as the joint fit does, so that the reports lie
+    about the fitted curve: psi_err - (b_u cos psi - b_v sin psi) / V (DOMAIN.md section 3).
+    """
     rows = rows_of(headings, aircraft)
     abscissa = "heading" if fits.attrs.get("abscissa") == "true" else "magnetic_heading"
     heading = np.asarray(headings[abscissa].isel(report=rows).to_numpy(), float) % 360.0
     error = pooled(headings, fits, reference, "heading_error", rows)
+    eastward, northward = fitted_bias(fits, reference)
+    if eastward or northward:
+        true = np.radians(np.asarray(headings["heading"].isel(report=rows).to_numpy(), float))
+        airspeed = np.asarray(headings["airspeed"].isel(report=rows).to_numpy(), float)
+        across = eastward * np.cos(true) - northward * np.sin(true)
+        error = error - np.degrees(across / np.where(airspeed > 0, airspeed, np.nan))
     keep = used(headings, rows) & np.isfinite(heading) & np.isfinite(error)
     return heading[keep], error[keep]
 
@@ -155,5 +173,10 @@ def table_error(fit: xr.Dataset) -> tuple[Floats, Floats]:
     """
     nodes = fit["table_heading"].to_numpy().astype(float)
     correction = fit["table_correction"].to_numpy().astype(float)
-    sign = fit["table_correction"].attrs.get("sign", fit.attrs.get("table_sign", ""))
-    return nodes, correction if "add_error" in str(sign) else -correction
+    return nodes, correction if adds_error(fit) else -correction
+
+
+def adds_error(fits: xr.Dataset) -> bool:
+    """Return whether the stored table is the heading error itself, not what a unit adds."""
+    sign = fits["table_correction"].attrs.get("sign", fits.attrs.get("table_sign", ""))
+    return "add_error" in str(sign)
