@@ -119,6 +119,12 @@ def test_format_is_told_by_content(tmp_path: Path, real: Callable[[str], Path]):
     assert detect_format(write(tmp_path / "table.nc", flight())) == "csv"
 
 
+def test_a_table_that_mentions_a_format_is_still_a_table(tmp_path: Path):
+    for word in ("BUFR", "GRIB"):
+        path = write(tmp_path / "a.csv", flight(source=word))
+        assert read_reports(path).sizes["report"] == 10
+
+
 def test_frames_come_file_by_file(tmp_path: Path):
     for day in (5, 6, 7):
         write(tmp_path / f"{day}.csv", flight(start=f"2009-01-{day:02d}T12:00:00"))

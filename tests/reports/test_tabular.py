@@ -161,6 +161,11 @@ class TestParquet:
         assert ds["time"].to_numpy()[0] == np.datetime64("2009-01-05T12:00:00")
         assert int(np.isnan(ds["eastward_wind"]).sum()) == 1
 
+    def test_a_tail_that_is_no_whole_number_stays_as_it_is(self, tmp_path: Path):
+        pytest.importorskip("pyarrow")
+        flight(tail=7.5).to_parquet(tmp_path / "a.parquet")
+        assert read_reports(tmp_path / "a.parquet")["aircraft"].to_numpy().tolist() == ["7.5"]
+
     def test_a_broken_or_empty_file_is_named(self, tmp_path: Path):
         pytest.importorskip("pyarrow")
         (tmp_path / "a.parquet").write_bytes(b"PAR1" + b"garbage" * 20)

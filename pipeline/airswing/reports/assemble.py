@@ -29,6 +29,8 @@ from airswing.vocabulary import describe
 
 FASTEST = 350.0
 """m/s over ground; two places farther apart than this allows are not one moment of a flight."""
+REPORTS_AT_ONCE = 500_000
+"""Reports whose flights and phases are derived together (more where one aircraft has more)."""
 _METRES_PER_DEGREE = 111_195.0
 _SAME_PLACE = 1e-4  # degrees
 _TREND_GAP = 1200.0  # s: farther reports do not tell a climb from a descent
@@ -216,14 +218,33 @@ def _clock(columns: Columns) -> NDArray[np.float64]:
     return np.where(fine, 1.0, 60.0)
 
 
+def _derived(
+    columns: Columns, row_size: NDArray[Any]
+) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+    """Flights and phases, a few aircraft at a time: the working arrays stay small."""
+    flight = np.empty(columns["tail"].size, dtype=np.int32)
+    phase = np.empty(columns["tail"].size, dtype=np.int8)
+    stops = np.cumsum(row_size)
+    start, number = 0, 0
+    for stop, ahead in zip(stops, [*stops[1:], np.inf], strict=True):
+        if ahead - start <= REPORTS_AT_ONCE:
+            continue
+        part = {name: values[start:stop] for name, values in columns.items()}
+        own = derive_flight(part)
+        phase[start:stop] = derive_phase(part, own)
+        flight[start:stop] = own + number
+        number += int(own.max(initial=-1)) + 1
+        start = int(stop)
+    return flight, phase
+
+
 def _layout(columns: Columns, tails: NDArray[np.object_], audit: Audit) -> xr.Dataset:
     row_size = np.bincount(columns["tail"], minlength=tails.size)
     present = row_size > 0
     columns["tail"] = (np.cumsum(present) - 1)[columns["tail"]].astype(np.int32)
     resolution = detect_resolution(columns, row_size[present])
-    flight = derive_flight(columns)
+    flight, derived = _derived(columns, row_size)
     unknown = columns["phase"] == 0
-    derived = derive_phase(columns, flight)
     columns["phase"] = np.where(unknown, derived, columns["phase"]).astype(np.int8)
     audit.repair("phase_derived", int(np.count_nonzero(unknown & (derived != 0))))
     audit.repair("flight_derived", int(np.count_nonzero(columns["flight"] < 0)))

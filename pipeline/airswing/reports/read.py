@@ -232,13 +232,14 @@ def detect_format(path: Path) -> str:
     for magic, kind in _MAGIC:
         if start.startswith(magic):
             return kind
-    if b"BUFR" in start:
+    text = b"\x00" not in start and _share_of_control_bytes(start) <= 0.05
+    if b"BUFR" in start and not text:
         return "bufr"
-    if b"GRIB" in start[:64]:
+    if b"GRIB" in start and not text:
         raise InputError(
             "is a GRIB file, not reports", file=path, remedy="Name it under references"
         )
-    if b"\x00" in start or _share_of_control_bytes(start) > 0.05:
+    if not text:
         raise InputError("is no report file of a known format", file=path, found=start[:16])
     return "csv"
 

@@ -205,7 +205,7 @@ def raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) ->
 
 def _as_text(column: pd.Series[Any]) -> Any:
     """Text of a column; a whole number written as 12.0 by another program is 12."""
-    if pd.api.types.is_float_dtype(column.dtype):
+    if pd.api.types.is_float_dtype(column.dtype) and (column.dropna() % 1 == 0).all():
         column = column.astype("Int64")
     return column.astype("string").fillna("").astype(str).to_numpy(dtype=object)
 
