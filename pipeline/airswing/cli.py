@@ -133,6 +133,40 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 
 
 @app.command()
+def simulate(
+    config: ConfigPath,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Report file to write.")],
+    effects: Annotated[Path | None, typer.Option(help="Effects file (YAML).")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate the reports forward: what the units should have sent."""
+    from airswing import gap_workflow
+
+    job = _job(config, quiet=quiet)
+    print(_inside(job, lambda job: gap_workflow.simulation(job, effects, output, seed=seed)))
+
+
+@app.command()
+def gap(
+    config: ConfigPath,
+    output: Output = None,
+    resume: Resume = False,
+    scheduler: Scheduler = None,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Diagnose the gap to the simulation: where, which effect, how far it closes."""
+    from airswing import gap_workflow
+    from airswing.gap.wording import as_text
+
+    job = _job(config, output=output, resume=resume, quiet=quiet, scheduler=scheduler)
+    result = _inside(job, gap_workflow.diagnosis)
+    text = f"{as_text(result)}\npage: {job.output / 'gap' / 'index.html'}"
+    _print(result, as_json=json, text=text)
+
+
+@app.command()
 def sample(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write to.")],
     days: Annotated[int, typer.Option(help="Length of the archive.", min=1)] = 30,

@@ -1,0 +1,112 @@
+"""The stages of the gap, in order: simulate the reports, diagnose where and why the real ones part.
+
+Assumes the configuration of the main job. The gap needs the reference wind's derivatives, which
+``headings.nc`` does not hold, so the reports are collocated anew against the gap's reference.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from airswing.config import as_json
+from airswing.products import write_json, write_product
+from airswing.workflow import Job, collocated_headings
+
+GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
+
+
+def gap_headings(job: Job) -> xr.Dataset:
+    """Screened headings against the gap's reference, with the derivatives of its wind.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    Dataset
+        Not written: the store of model times makes a second call cheap under ``resume``.
+    """
+    from airswing.compass.screening import screen
+
+    config = job.config
+    if not job.resume:
+        shutil.rmtree(job.store, ignore_errors=True)
+    members = config.pools()[config.gap_reference()]
+    headings = collocated_headings(job, names=members, derivatives=True)
+    shutil.rmtree(job.store, ignore_errors=True)
+    return screen(headings, **config.screening.model_dump())
+
+
+def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -> Path:
+    """Simulate the archive's reports forward through the reference and write them.
+
+    Parameters
+    ----------
+    job : Job
+    effects : Path, optional
+        Effects file; none is the perfect instrument.
+    output : Path
+        ``.csv`` or ``.parquet``.
+    seed : int, default 0
+
+    Returns
+    -------
+    Path
+        The file written.
+    """
+    from airswing.gap.effects_file import read_effects
+    from airswing.gap.simulated_reports import simulate_reports, write_reports
+
+    active = read_effects(effects) if effects is not None else []
+    headings = gap_headings(job)
+    members = job.config.pools()[job.config.gap_reference()]
+    with job.progress.stage("simulate") as stage:
+        table = simulate_reports(headings, reference=members, effects=active, seed=seed)
+        stage.note = f"{len(table):,} reports, {len(active)} effects"
+    return write_reports(table, output)
+
+
+def diagnosis(job: Job) -> dict[str, Any]:
+    """Diagnose the gap: ``gap.json``, ``gap.nc``, ``effects.yaml`` and ``gap/index.html``.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    dict
+        The content of ``gap.json``.
+    """
+    from airswing.gap.diagnose import diagnose
+    from airswing.gap.effects_file import write_effects
+    from airswing.gap.frame import Frame
+    from airswing.report.gap_page import write_gap_page
+
+    config = job.config
+    headings = gap_headings(job)
+    frame = Frame.from_headings(
+        headings, reference=config.pools()[config.gap_reference()], phases=config.gap.phases
+    )
+    with job.progress.stage("diagnose") as stage:
+        found = diagnose(frame, progress=job.progress.say)
+        names = [effect["name"] for effect in found.gap["effects"]]
+        stage.note = ", ".join(names) or "no effect missing"
+    content = found.gap | {"reference": config.gap_reference()}
+    write_json(job.output / GAP_JSON, content)
+    write_effects(found.effects, job.output / GAP_EFFECTS)
+    write_product(
+        found.maps,
+        job.output / GAP_PRODUCT,
+        title="Gap between reported and simulated winds: maps, evidence and statistics",
+        config_json=as_json(config),
+        sources=[*config.reports.files, *config.references],
+    )
+    with job.progress.stage("page") as stage:
+        stage.note = str(write_gap_page(job.output / "gap", gap=content, maps=found.maps))
+    return content
