@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import dask
 import numpy as np
 import pytest
 from tests.gap.frames import TAILS, headings_dataset
@@ -116,3 +117,16 @@ def test_step_distance_by_hand(archive):
     np.testing.assert_allclose(path.step_distance() / 1e3, expected, rtol=1e-5)
     np.testing.assert_allclose(path.residual, 0.0)
     assert path.day[0] == 14426  # 2009-07-01
+
+
+def test_lazy_headings_are_computed_once(archive):
+    computed = []
+
+    def scheduler(graph, keys, **options):
+        computed.append(len(keys))
+        return dask.threaded.get(graph, keys, **options)
+
+    with dask.config.set(scheduler=scheduler):
+        lazy = Frame.from_headings(archive.chunk(report=50), reference="ruc")
+    assert len(computed) == 1
+    np.testing.assert_array_equal(lazy.dudy, Frame.from_headings(archive, reference="ruc").dudy)

@@ -322,6 +322,16 @@ _PER_REFERENCE: dict[str, tuple[str, bool]] = {
     "grid_convergence": ("grid_convergence", True),
     "lead_time": ("lead_time", False),
 }
+_VARIABLES = (
+    "row_size",
+    "time",
+    "flight",
+    "phase",
+    "icing",
+    "screening",
+    *(name for name, _ in (_PER_REPORT | _PER_REFERENCE).values()),
+    *_AIRCRAFT_FIELDS,
+)
 _ESSENTIAL = ("u_rep", "v_rep", "u_ref", "v_ref", "ground_u", "ground_v", "heading", "airspeed")
 
 
@@ -386,6 +396,7 @@ def _build(
     reference_field: float | None,
 ) -> Frame:
     members = _members(ds, reference)
+    ds = ds[[name for name in _VARIABLES if name in ds]].compute()  # one pass over a lazy graph
     size = ds.sizes["report"]
     tails = tuple(str(name) for name in ds["aircraft"].values)
     nanoseconds = ds["time"].values.astype("datetime64[ns]").astype(np.int64)
