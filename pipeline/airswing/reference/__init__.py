@@ -1,8 +1,25 @@
 """Model winds in: catalogue GRIB folders, sample their winds at report positions.
 
-The order of the modules is the order of the data: ``grids`` (where a point
-lies on a model's grid), ``packing`` (the value at a grid point of one
-message), ``messages`` (what a file holds, from its octets), ``catalogue``
-(which messages make a wind profile at which time), ``sampling`` (one model
-time at its reports) and ``collocate`` (all model times, joined in time).
+The modules in the order of the data: ``octets``, ``grids`` and
+``gridsections`` (where a point lies on a model's grid), ``packing`` and
+``values`` (the value at a grid point of one message), ``fields``,
+``edition1``, ``edition2`` and ``messages`` (what a file holds, from its
+octets), ``sampling`` (one model time at its reports), ``filecache`` and
+``catalogue`` (which messages make a wind profile at which time),
+``planning`` (which reports need which model times), ``store`` and
+``collocate`` (all model times, joined in time), ``inspection``.
 """
+
+from airswing.reference.catalogue import Catalogue, build_catalogue
+from airswing.reference.collocate import Plan, collocate, plan, require_overlap
+from airswing.reference.inspection import inspect_grib
+
+__all__ = [
+    "Catalogue",
+    "Plan",
+    "build_catalogue",
+    "collocate",
+    "inspect_grib",
+    "plan",
+    "require_overlap",
+]

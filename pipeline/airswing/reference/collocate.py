@@ -24,7 +24,7 @@ import os
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import dask.array as da
 import numpy as np
@@ -122,7 +122,7 @@ class _Join:
         self.used, self.start, self.stop = used, times.start[used], times.stop[used]
         self.valid, self.leads = catalogue.valid, catalogue.leads
 
-    def __call__(self, samples: list[Sample]) -> Floats:
+    def __call__(self, samples: list[Sample]) -> tuple[Floats, int]:
         count = self.earlier.size
         rows = 2 + (7 if self.derivatives else 0)
         first = np.full((rows, count), np.nan)
@@ -137,9 +137,9 @@ class _Join:
             first[:, run][:, before] = sample.table[:, before]
             second[:, run][:, after] = sample.table[:, after]
             unread += len(sample.problems)
-        return self._columns(first, second, unread)
+        return self._columns(first, second), unread
 
-    def _columns(self, first: Floats, second: Floats, unread: int) -> Floats:
+    def _columns(self, first: Floats, second: Floats) -> Floats:
         weight = self.weight
         joined = np.where(weight == 0.0, first, (1.0 - weight) * first + weight * second)
         wind = joined[:2]
@@ -153,9 +153,8 @@ class _Join:
             with np.errstate(divide="ignore", invalid="ignore"):
                 columns += list((second[:2] - first[:2]) / step)
             columns += [*joined[2:8], np.degrees(joined[8])]
-        result = np.full((len(columns) + 1, self.size), np.nan)
-        result[:-1, self.order] = columns
-        result[-1] = unread
+        result = np.full((len(columns), self.size), np.nan)
+        result[:, self.order] = columns
         return result
 
 
@@ -205,62 +204,75 @@ def collocate(
         raise InputError("no reference given", field="references")
     points = points_of(reports)
     names = [*_WINDS, *(_DERIVATIVES if derivatives else ())]
-    tables = [
-        _reference_table(
-            points, catalogue, len(names) + 1, max_time_gap=max_time_gap,
-            derivatives=derivatives, sparse=sparse, store=store,
-        )
-        for catalogue in catalogues.values()
-    ]  # fmt: skip
-    stacked: da.Array = da.stack(tables)  # type: ignore[no-untyped-call]
-    data: dict[str, Any] = {
-        name: (("reference", "report"), stacked[:, row]) for row, name in enumerate(names)
-    }
-    if points.size:
-        unread = stacked[:, -1, 0].astype(np.int64)
-    else:
-        unread = np.zeros(len(catalogues), dtype=np.int64)
+    options = _Options(max_time_gap, derivatives, sparse, None if store is None else str(store))
+    graph: dict[Any, Any] = {}
+    joins = [_add_reference(graph, points, one, options) for one in catalogues.values()]
+    token = hashlib.blake2b("".join(joins).encode(), digest_size=16).hexdigest()
+    base = f"winds-{token}"
+    data: dict[str, Any] = {}
+    for row, name in enumerate(names):
+        keys = {(f"{name}-{token}", n, 0): (_row, join, row) for n, join in enumerate(joins)}
+        chunks = ((1,) * len(joins), (points.size,))
+        array = _lazy(base, graph, f"{name}-{token}", keys, chunks, np.dtype("f8"))
+        data[name] = (("reference", "report"), array)
+    counts = {(f"unread-{token}", n): (_unread, join) for n, join in enumerate(joins)}
+    unread = _lazy(base, graph, f"unread-{token}", counts, ((1,) * len(joins),), np.dtype("i8"))
     data["unread_messages"] = ("reference", unread)
     coords = {"reference": ("reference", np.array(list(catalogues), dtype=object))}
     return describe(xr.Dataset(data, coords=coords))
 
 
-def _reference_table(
-    points: Points,
-    catalogue: Catalogue,
-    rows: int,
-    *,
-    max_time_gap: float,
-    derivatives: bool,
-    sparse: bool,
-    store: str | os.PathLike[str] | None,
+class _Options(NamedTuple):
+    """How to collocate, as `collocate` takes it."""
+
+    max_time_gap: float
+    derivatives: bool
+    sparse: bool
+    store: str | None
+
+
+def _lazy(
+    base: str, graph: dict[Any, Any], name: str, keys: dict[Any, Any], chunks: Any, dtype: Any
 ) -> da.Array:
-    """One reference's columns as a lazy (rows, report) array: a task a model time and a join."""
-    times = schedule(points, catalogue.valid, max_time_gap=max_time_gap, both=derivatives)
-    join = _Join(points, times, catalogue, derivatives=derivatives)
-    options = (sparse, derivatives)
-    token = _token(points, catalogue, (max_time_gap, *options, str(store)))
-    graph: dict[Any, Any] = {}
+    """A lazy array over the samples and joins that all variables share."""
+    layers = HighLevelGraph({base: graph, name: keys}, {base: set(), name: {base}})
+    return da.Array(layers, name, chunks=chunks, dtype=dtype)  # type: ignore[no-untyped-call]
+
+
+def _row(joined: tuple[Floats, int], number: int) -> Floats:
+    """One column of a join as a block with the reference's dimension."""
+    return joined[0][number : number + 1]
+
+
+def _unread(joined: tuple[Floats, int]) -> NDArray[np.int64]:
+    return np.array([joined[1]], dtype=np.int64)
+
+
+def _add_reference(
+    graph: dict[Any, Any], points: Points, catalogue: Catalogue, options: _Options
+) -> str:
+    """Add one reference to a graph, a task a model time and a join; the join's key."""
+    times = schedule(
+        points, catalogue.valid, max_time_gap=options.max_time_gap, both=options.derivatives
+    )
+    join = _Join(points, times, catalogue, derivatives=options.derivatives)
+    token = _token(points, catalogue, options)
     keys = []
     for number, start, stop in zip(join.used, join.start, join.stop, strict=True):
         run = slice(int(start), int(stop))
         places = (points.latitude[run], points.longitude[run], points.pressure[run])
-        where = None if store is None else os.fspath(store)
-        key = (f"sample-{token}", int(number))
-        task = _SampleTask(catalogue.model_time(int(number)), places, options, where)
+        key = f"sample-{token}-{int(number)}"
+        task = _SampleTask(
+            catalogue.model_time(int(number)), places, (options.sparse, options.derivatives),
+            options.store,
+        )  # fmt: skip
         graph[key] = (_run, task)
         keys.append(key)
-    name = f"winds-{token}"
-    graph[(name, 0, 0)] = (join, keys)
-    return da.Array(  # type: ignore[no-untyped-call]
-        HighLevelGraph.from_collections(name, graph, dependencies=()),
-        name,
-        chunks=((rows,), (points.size,)),
-        dtype=np.float64,
-    )
+    graph[f"join-{token}"] = (join, keys)
+    return f"join-{token}"
 
 
-def _token(points: Points, catalogue: Catalogue, options: tuple[Any, ...]) -> str:
+def _token(points: Points, catalogue: Catalogue, options: _Options) -> str:
     digest = hashlib.blake2b(digest_size=16)
     digest.update(catalogue.fingerprint.encode())
     digest.update(repr(options).encode())

@@ -26,7 +26,7 @@ from airswing.reference.fields import (
 )
 from airswing.reference.grids import UnplaceableGridError
 from airswing.reference.gridsections import read_grid
-from airswing.reference.octets import unsigned
+from airswing.reference.octets import ibm_float, signed, unsigned
 from airswing.reference.packing import MAX_BITS
 
 _TIME_UNITS = {
@@ -118,7 +118,10 @@ def _field_grib1(
     return Field(
         file=0, offset=start, length=length, part=0, edition=1, kind=kind, level_kind=level_kind,
         level=level, valid=base + lead * 1_000_000_000, lead=lead, member=0, grid=grid,
-        packing=packing, sparse=sparse, section_identification=-1, section_grid=grid_at,
+        packing=packing, sparse=sparse, bits=data[10], binary_scale=signed(data, 4, 2),
+        decimal_scale=signed(product, 26, 2), reference_value=ibm_float(data, 6),
+        data_start=at + 11, data_end=at + unsigned(data, 0, 3),
+        section_identification=-1, section_grid=grid_at,
         section_product=start + 8, section_packing=start + 8, section_bitmap=bitmap_at,
         section_data=at,
     )  # fmt: skip

@@ -24,7 +24,7 @@ from airswing.reference.fields import (
 )
 from airswing.reference.grids import UnplaceableGridError
 from airswing.reference.gridsections import read_grid
-from airswing.reference.octets import missing, signed, unsigned
+from airswing.reference.octets import ieee_float, missing, signed, unsigned
 from airswing.reference.packing import MAX_BITS
 
 _TIME_UNITS = {0: 60, 1: 3600, 2: 86400, 10: 10800, 11: 21600, 12: 43200, 13: 1}
@@ -120,19 +120,25 @@ def _field_grib2(
     except UnplaceableGridError as error:
         raise SkippedError("grid", str(error)) from None
     representation = window.get(sections[5], 21)
-    packing, bits = unsigned(representation, 9, 2), representation[19]
+    packing = unsigned(representation, 9, 2)
+    simple = packing == 0 and len(representation) >= 21
+    bits = representation[19] if simple else 0
     indicator = window.get(sections[6], 6)[5]
     bitmap_at = {255: -1, 0: sections[6], 254: bitmap}.get(indicator, -1)
     if indicator not in (0, 255) and bitmap_at < 0:
         raise SkippedError("wind", f"predefined bitmap {indicator}")
     room = unsigned(window.get(sections[7], 4), 0, 4) - 5
     size = read_grid(2, section).size
-    sparse = packing == 0 and bits <= MAX_BITS and fits(room, bits, size, bitmap_at)
+    sparse = simple and bits <= MAX_BITS and fits(room, bits, size, bitmap_at)
     member = product[35] if unsigned(product, 7, 2) == 1 and not missing(product, 35, 1) else 0
     return Field(
         file=0, offset=start, length=length, part=part, edition=2, kind=kind,
         level_kind=level_kind, level=level, valid=base + lead * 1_000_000_000, lead=lead,
-        member=member, grid=grid, packing=packing, sparse=sparse,
+        member=member, grid=grid, packing=packing, sparse=sparse, bits=bits,
+        binary_scale=signed(representation, 15, 2) if simple else 0,
+        decimal_scale=signed(representation, 17, 2) if simple else 0,
+        reference_value=ieee_float(representation, 11) if simple else 0.0,
+        data_start=sections[7] + 5, data_end=sections[7] + 5 + room,
         section_identification=sections[1], section_grid=sections[3],
         section_product=sections[4], section_packing=sections[5],
         section_bitmap=bitmap_at,

@@ -23,9 +23,8 @@ U, V, PRESSURE = 0, 1, 2
 #: Kinds of level.
 ISOBARIC, HYBRID = 0, 1
 
-#: One row a field. `section_*` are offsets in the file of the sections needed to read it
-#: (-1: none): grid, product, packing, bitmap, data; GRIB1 has its product section under
-#: `section_packing`, as decimal scaling stands there.
+#: One row a field. `bits`, the scales, `reference_value` and `data_start`, `data_end` (offsets
+#: of packed values) describe simple packing; `section_*` are offsets of whole sections (-1: none).
 FIELD_DTYPE = np.dtype(
     [
         ("file", "i4"),
@@ -42,6 +41,12 @@ FIELD_DTYPE = np.dtype(
         ("grid", "i4"),
         ("packing", "i4"),
         ("sparse", "?"),
+        ("bits", "i2"),
+        ("binary_scale", "i4"),
+        ("decimal_scale", "i4"),
+        ("reference_value", "f8"),
+        ("data_start", "i8"),
+        ("data_end", "i8"),
         ("section_identification", "i8"),
         ("section_grid", "i8"),
         ("section_product", "i8"),
@@ -73,6 +78,12 @@ class Field(NamedTuple):
     grid: int
     packing: int
     sparse: bool
+    bits: int
+    binary_scale: int
+    decimal_scale: int
+    reference_value: float
+    data_start: int
+    data_end: int
     section_identification: int
     section_grid: int
     section_product: int

@@ -96,10 +96,7 @@ class FileCache:
         path = self.folder / "grib-headers.sqlite"
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._database = sqlite3.connect(path, timeout=30.0)
-            self._database.execute(
-                "CREATE TABLE IF NOT EXISTS contents (key TEXT PRIMARY KEY, about BLOB, rows BLOB)"
-            )
+            self._database = _connect(path)
         except (OSError, sqlite3.Error) as error:
             self._give_up_writing(error)
             self._open_readonly(path)
@@ -164,6 +161,27 @@ class FileCache:
         except sqlite3.Error as error:
             self._give_up_writing(error)
         self._pending = []
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    """Open the database, anew where it is damaged: it holds nothing that cannot be read again."""
+    try:
+        return _prepared(path)
+    except sqlite3.DatabaseError as error:
+        if isinstance(error, sqlite3.OperationalError):
+            raise
+        path.unlink(missing_ok=True)
+        return _prepared(path)
+
+
+def _prepared(path: Path) -> sqlite3.Connection:
+    database = sqlite3.connect(path, timeout=30.0)
+    database.execute("PRAGMA synchronous=OFF")
+    database.execute("PRAGMA journal_mode=MEMORY")
+    database.execute(
+        "CREATE TABLE IF NOT EXISTS contents (key TEXT PRIMARY KEY, about BLOB, rows BLOB)"
+    )
+    return database
 
 
 def _key(file: SourceFile) -> str:

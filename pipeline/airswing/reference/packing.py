@@ -26,8 +26,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.octets import ibm_float, ieee_float, signed, unsigned
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -101,53 +99,6 @@ def read_bytes(descriptor: int, start: int, length: int, *, spare: int = 0) -> b
     if got != length:
         raise UnreadableMessageError(f"file ends {length - got} octets early")
     return buffer
-
-
-def grib1_packing(
-    descriptor: int, decimal_scale: int, bitmap_section: int, data_section: int, size: int
-) -> SimplePacking:
-    """Packing of a GRIB1 field from its bitmap and data sections.
-
-    Parameters
-    ----------
-    descriptor : int
-        Open file.
-    decimal_scale : int
-        D of the product section.
-    bitmap_section, data_section : int
-        Offsets in the file of the BMS (-1: none) and the BDS.
-    size : int
-        Number of grid points.
-    """
-    head = bytes(read_bytes(descriptor, data_section, 11))
-    return SimplePacking(
-        reference=ibm_float(head, 6),
-        binary_scale=signed(head, 4, 2),
-        decimal_scale=decimal_scale,
-        bits=head[10],
-        start=data_section + 11,
-        end=data_section + unsigned(head, 0, 3),
-        bitmap=bitmap_section + 6 if bitmap_section >= 0 else -1,
-        size=size,
-    )
-
-
-def grib2_packing(
-    descriptor: int, packing_section: int, bitmap_section: int, data_section: int, size: int
-) -> SimplePacking:
-    """Packing of a GRIB2 field from the offsets of sections 5, 6 (-1: no bitmap) and 7."""
-    head = bytes(read_bytes(descriptor, packing_section, 20))
-    length = unsigned(bytes(read_bytes(descriptor, data_section, 4)), 0, 4)
-    return SimplePacking(
-        reference=ieee_float(head, 11),
-        binary_scale=signed(head, 15, 2),
-        decimal_scale=signed(head, 17, 2),
-        bits=head[19],
-        start=data_section + 5,
-        end=data_section + length,
-        bitmap=bitmap_section + 6 if bitmap_section >= 0 else -1,
-        size=size,
-    )
 
 
 def sparse_values(descriptor: int, packing: SimplePacking, points: Ints) -> Floats:

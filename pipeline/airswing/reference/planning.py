@@ -240,8 +240,8 @@ def _plan_one(
         if catalogue.level_kinds[number] != ISOBARIC and needed.any():
             bounds = slice(catalogue.bounds[number], catalogue.bounds[number + 1])
             tables.append(catalogue.pressure[bounds])
-        for table in tables:
-            counts += [0, table.size, _octets(table), table["sparse"].sum() if sparse else 0]
+        table = np.concatenate(tables)
+        counts += [0, table.size, _octets(table), table["sparse"].sum() if sparse else 0]
         counts[0] += bool(needed.any())
     matched = int(leveled.sum())
     without_time = points.size - int(timed.sum())

@@ -186,13 +186,13 @@ def bilinear(values: Floats, x: Floats, y: Floats) -> Floats:
 
     Parameters
     ----------
-    values : (4, n) float array
+    values : (4, ..., n) float array
         As `corners` orders them; NaN where missing.
     x, y : (n,) float arrays
 
     Returns
     -------
-    (n,) float array
+    (..., n) float array
     """
     return _weighted(values, ((1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y))
 
@@ -206,7 +206,7 @@ def bilinear_slopes(values: Floats, x: Floats, y: Floats) -> tuple[Floats, Float
 
 
 def _weighted(values: Floats, weights: Sequence[Floats]) -> Floats:
-    total = np.zeros(values.shape[1])
+    total = np.zeros(values.shape[1:])
     for value, weight in zip(values, weights, strict=True):
         total += np.where(weight == 0.0, 0.0, weight * value)
     return total
@@ -343,13 +343,13 @@ def _along_grid(
     for start, stop in zip(starts, [*starts[1:], level.size], strict=True):
         here, group = int(level[start]), report[start:stop]
         part = cell.take(group)
-        for row, field in enumerate((model.u[here], model.v[here])):
-            values = reader.values(field, part.points)
-            along[row, side[start:stop], group] = bilinear(values, part.x, part.y)
-            if derivatives:
-                slopes = bilinear_slopes(values, part.x, part.y)
-                along[2 + row, side[start:stop], group] = slopes[0]
-                along[4 + row, side[start:stop], group] = slopes[1]
+        both = (model.u[here], model.v[here])
+        values = np.stack([reader.values(field, part.points) for field in both], axis=1)
+        along[:2, side[start:stop], group] = bilinear(values, part.x, part.y)
+        if derivatives:
+            slopes = bilinear_slopes(values, part.x, part.y)
+            along[2:4, side[start:stop], group] = slopes[0]
+            along[4:6, side[start:stop], group] = slopes[1]
     return along
 
 

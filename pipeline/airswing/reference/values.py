@@ -10,18 +10,16 @@ global multi-field switch, which is not safe between threads.
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.octets import signed, unsigned
+from airswing.reference.octets import unsigned
 from airswing.reference.packing import (
     SimplePacking,
     UnreadableMessageError,
-    grib1_packing,
-    grib2_packing,
-    read_bytes,
     sparse_values,
 )
 
@@ -29,7 +27,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 #: What eccodes is asked to put where a point is missing; no field holds it.
-_ABSENT = 1e300
+ABSENT = 1e300
 
 
 def field_values(
@@ -60,28 +58,36 @@ def field_values(
         Where the octets are not the message the catalogue saw, or cannot be decoded.
     """
     if sparse and row["sparse"]:
-        return sparse_values(descriptor, simple_packing(descriptor, row, size), points)
+        return sparse_values(descriptor, simple_packing(row, size), points)
     values = decode(message_bytes(descriptor, row))
     if values.size != size:
         raise UnreadableMessageError(f"{values.size} values on a grid of {size} points")
-    return np.asarray(values[points])
+    taken: Floats = values[points]
+    taken[taken == ABSENT] = np.nan
+    return taken
 
 
-def simple_packing(descriptor: int, row: Any, size: int) -> SimplePacking:
-    """Packing parameters of a simply packed field, read from its sections."""
-    bitmap, data = int(row["section_bitmap"]), int(row["section_data"])
-    if row["edition"] == 1:
-        product = bytes(read_bytes(descriptor, int(row["section_product"]), 28))
-        return grib1_packing(descriptor, signed(product, 26, 2), bitmap, data, size)
-    return grib2_packing(descriptor, int(row["section_packing"]), bitmap, data, size)
+def simple_packing(row: Any, size: int) -> SimplePacking:
+    """Packing parameters of a simply packed field, as its catalogue row has them."""
+    bitmap = int(row["section_bitmap"])
+    return SimplePacking(
+        reference=float(row["reference_value"]),
+        binary_scale=int(row["binary_scale"]),
+        decimal_scale=int(row["decimal_scale"]),
+        bits=int(row["bits"]),
+        start=int(row["data_start"]),
+        end=int(row["data_end"]),
+        bitmap=bitmap + 6 if bitmap >= 0 else -1,
+        size=size,
+    )
 
 
 def message_bytes(descriptor: int, row: Any) -> bytes:
     """The field as a complete GRIB message that holds nothing else."""
     offset, length = int(row["offset"]), int(row["length"])
     if row["edition"] == 1:
-        return bytes(read_bytes(descriptor, offset, length))
-    head = bytes(read_bytes(descriptor, offset, 16))
+        return _octets(descriptor, offset, length)
+    head = _octets(descriptor, offset, 16)
     if head[:4] != b"GRIB":
         raise UnreadableMessageError("no GRIB message where the catalogue saw one")
     starts = [row[f"section_{name}"] for name in ("identification", "grid", "product", "packing")]
@@ -93,9 +99,16 @@ def message_bytes(descriptor: int, row: Any) -> bytes:
     return b"".join([head[:8], total.to_bytes(8, "big"), *body, b"7777"])
 
 
+def _octets(descriptor: int, start: int, length: int) -> bytes:
+    octets = os.pread(descriptor, length, start)
+    if len(octets) != length:
+        raise UnreadableMessageError(f"file ends {length - len(octets)} octets early")
+    return octets
+
+
 def _section(descriptor: int, start: int) -> bytes:
-    length = unsigned(bytes(read_bytes(descriptor, start, 4)), 0, 4)
-    return bytes(read_bytes(descriptor, start, length))
+    length = unsigned(_octets(descriptor, start, 4), 0, 4)
+    return _octets(descriptor, start, length)
 
 
 def decode(message: bytes) -> Floats:
@@ -108,7 +121,7 @@ def decode(message: bytes) -> Floats:
     Returns
     -------
     values : (size,) float array
-        In the order of the message; NaN at missing points.
+        In the order of the message; `ABSENT` at missing points.
 
     Raises
     ------
@@ -121,13 +134,10 @@ def decode(message: bytes) -> Floats:
     except eccodes.CodesInternalError as error:
         raise UnreadableMessageError(f"not decodable: {error}") from error
     try:
-        eccodes.codes_set(handle, "missingValue", _ABSENT)
+        eccodes.codes_set(handle, "missingValue", ABSENT)
         values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
     except eccodes.CodesInternalError as error:
         raise UnreadableMessageError(f"not decodable: {error}") from error
     finally:
         eccodes.codes_release(handle)
-    absent = values == _ABSENT
-    if absent.any():
-        values[absent] = np.nan
     return values
