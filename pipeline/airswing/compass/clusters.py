@@ -98,7 +98,8 @@ def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> A
     inverse = np.linalg.pinv(normal, hermitian=True)
     part = np.einsum("ji,gik,kj->gj", inverse, normals, inverse)
     share = part / np.maximum(part.sum(axis=0), 1e-300)
-    return np.maximum(1.0 / np.maximum((share**2).sum(axis=0), 1e-12) - 1.0, 1.0)
+    pieces = 1.0 / np.maximum((share**2).sum(axis=0), 1e-12)
+    return np.asarray(np.maximum(pieces - 1.0, 1.0))
 
 
 def covariance(influence: Array) -> Array:

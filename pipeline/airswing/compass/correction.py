@@ -62,10 +62,11 @@ def corrected_wind(
     u, v : arrays, shape (n,)
         m/s.
     """
-    speed, psi, turn = (np.asarray(part, dtype=np.float64) for part in (airspeed, heading, error))
+    east, north, speed, psi, turn = (np.asarray(part, dtype=np.float64)
+                                     for part in (u, v, airspeed, heading, error))
     better = speed / (1.0 + np.asarray(scale, dtype=np.float64))
-    return (np.asarray(u + speed * np.sin(psi) - better * np.sin(psi - turn)),
-            np.asarray(v + speed * np.cos(psi) - better * np.cos(psi - turn)))
+    return (np.asarray(east + speed * np.sin(psi) - better * np.sin(psi - turn)),
+            np.asarray(north + speed * np.cos(psi) - better * np.cos(psi - turn)))
 
 
 def curve_standard_error(covariance: ArrayLike, heading: ArrayLike) -> Array:

@@ -54,58 +54,98 @@ def sinusoid(coefficients: Array, covariance: Array) -> tuple[Array, Array]:
     square = covariance[1:3, 1:3]
     along = (np.array([b, c]) / amplitude if amplitude > 0 else np.linalg.eigh(square)[1][:, -1])
     across = np.array([-along[1], along[0]])
-    wide = NORMAL_95 * float(np.sqrt(max(across @ square @ across, 0.0)))
+    wide = NORMAL_95 * float(np.sqrt(max(float(across @ square @ across), 0.0)))
     sine = min(wide / amplitude, 1.0) if amplitude > 0 else 1.0
     value = np.array([a, amplitude, np.degrees(np.arctan2(c, b))])
-    error = np.array([np.sqrt(covariance[0, 0]), np.sqrt(max(along @ square @ along, 0.0)),
+    error = np.array([np.sqrt(covariance[0, 0]), np.sqrt(max(float(along @ square @ along), 0.0)),
                       np.degrees(np.arcsin(sine)) / NORMAL_95 if sine < 1 else 180 / NORMAL_95])
     return value, error
 
 
-def choose_cycles(theta: Array, covariance: Array, clusters: int) -> int:
-    """Whether a second cycle is there: Wald's statistic against the clusters' information.
+def cycles_statistic(theta: Array, covariance: Array) -> float:
+    """Wald's statistic of the second cycle, on two degrees of freedom.
 
     Parameters
     ----------
     theta : array, shape (p,)
     covariance : array, shape (p, p)
         Clustered covariance of ``theta``.
+
+    Returns
+    -------
+    float
+    """
+    return float(theta[3:5] @ np.linalg.solve(covariance[3:5, 3:5], theta[3:5]))
+
+
+def choose_cycles(statistic: float, clusters: int) -> int:
+    """Number of cycles by evidence: a quasi-BIC that counts independent clusters, not reports.
+
+    Parameters
+    ----------
+    statistic : float
+        From :func:`cycles_statistic`.
     clusters : int
-        Independent pieces of data, which a quasi-BIC counts instead of reports.
 
     Returns
     -------
     int
         1 or 2.
     """
-    two = theta[3:5]
-    statistic = float(two @ np.linalg.solve(covariance[3:5, 3:5], two))
     return 2 if statistic > 2.0 * np.log(max(clusters, 3)) else 1
 
 
-def one_cycle(theta: Array, normal: Array, free: NDArray[np.int64]) -> Array:
-    """Estimate with D = E = 0, from the two-cycle fit's normal equations.
+def one_cycle_map(normal: Array, free: NDArray[np.int64]) -> Array:
+    """Linear map from the two-cycle estimate to the one with D = E = 0.
 
     Parameters
     ----------
-    theta : array, shape (p,)
     normal : array, shape (p, p)
+        Normal matrix of the two-cycle fit.
     free : array of int
         Fitted parameters.
 
     Returns
     -------
-    array, shape (p,)
+    array, shape (p, p)
     """
     kept = free[(free != 3) & (free != 4)]
-    moved = theta.copy()
-    push = normal[np.ix_(kept, [3, 4])] @ theta[3:5]
-    moved[kept] += np.linalg.solve(normal[np.ix_(kept, kept)], push)
-    moved[3:5] = 0.0
-    return moved
+    found = np.eye(normal.shape[0])
+    found[3:5, 3:5] = 0.0
+    found[np.ix_(kept, [3, 4])] = np.linalg.solve(normal[np.ix_(kept, kept)],
+                                                  normal[np.ix_(kept, [3, 4])])
+    return found
 
 
-def halves_apart(influence: Array, order: NDArray[np.int64], covariance: Array) -> tuple[float, float]:
+def choice_covariance(shift: Array, covariance: Array, statistic: float) -> Array:
+    """Covariance to add where one cycle was chosen: what D = E = 0 may have cost.
+
+    The shift of the other coefficients holds their possible bias and its own noise; the positive
+    part of Stein's factor, 1 - 2 / statistic, leaves the bias. D and E, published as zero, keep
+    their two-cycle covariance and the square of what was put to zero, so that their interval
+    still holds a small second cycle that the data could not show.
+
+    Parameters
+    ----------
+    shift : array, shape (p,)
+        Two-cycle estimate minus the published one.
+    covariance : array, shape (p, p)
+        Of the two-cycle estimate.
+    statistic : float
+
+    Returns
+    -------
+    array, shape (p, p)
+    """
+    factor = max(0.0, 1.0 - 2.0 / statistic) if statistic > 0 else 0.0
+    added = factor * np.outer(shift, shift)
+    added[3:5, 3:5] = covariance[3:5, 3:5] + np.outer(shift[3:5], shift[3:5])
+    return np.asarray(added)
+
+
+def halves_apart(
+    influence: Array, order: NDArray[np.int64], covariance: Array
+) -> tuple[float, float]:
     """How far the curves of the first and second half of the flights are apart.
 
     Parameters

@@ -10,7 +10,7 @@ they scale with 1/H (hard iron).
 
 Standard errors allow for flights' and days' common errors, for the number of clusters (they are
 made wider so that +-1.96 of them is a 95 % interval) and for the choice of one or two cycles
-(the two-cycle fit's covariance plus the square of what the choice moved).
+(where one was chosen, what that may have cost is in the covariance, D and E included).
 
 Inside degrees; NaN coefficients wherever the status is not ``ok``.
 
@@ -21,8 +21,9 @@ Jacobs et al. 2010 (seed paper), eq. 3 and step d; NGA Handbook of Magnetic Comp
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -31,13 +32,15 @@ from numpy.typing import NDArray
 
 from airswing.compass.clusters import Array
 from airswing.compass.derived import (
+    choice_covariance,
     choose_cycles,
+    cycles_statistic,
     halves_apart,
-    one_cycle,
+    one_cycle_map,
     sinusoid,
     t_inflation,
 )
-from airswing.compass.kernel import COMPASS, Observations, prepare
+from airswing.compass.kernel import COMPASS, Reports, plain_sinusoid
 from airswing.compass.pooling import day_ratio, pool, widened
 from airswing.compass.robustfit import AircraftFit, fit_aircraft
 from airswing.errors import InputError
@@ -52,6 +55,8 @@ MAX_STANDARD_ERROR = 1.5
 HALVES_RMS, HALVES_CHI2 = 1.0, 25.0
 """The halves of the period disagree if their curves differ by this much (degrees rms) and by this
 much more than chance."""
+CHUNKS = 8
+"""Tasks the aircraft are shared between."""
 _NEEDED = ("heading", "magnetic_heading", "airspeed", "heading_error", "airspeed_error",
            "heading_error_standard_error", "screening", "flight", "time", "row_size")
 
@@ -131,6 +136,43 @@ def fit_deviation(
     return describe(fits)
 
 
+def fit_sinusoid(
+    headings: xr.Dataset, *, abscissa: Literal["magnetic", "true"] = "magnetic"
+) -> xr.Dataset:
+    """Fit the seed's plain sinusoid: ordinary least squares of the heading error, nothing more.
+
+    Parameters
+    ----------
+    headings : Dataset
+        As for :func:`fit_deviation`; only screened reports with finite values count.
+    abscissa : {"magnetic", "true"}
+
+    Returns
+    -------
+    Dataset
+        ``offset``, ``amplitude``, ``phase`` (reference, aircraft), degrees; NaN with fewer than
+        three reports.
+    """
+    start, stop = row_bounds(headings["row_size"].to_numpy())
+    m = headings["magnetic_heading" if abscissa == "magnetic" else "heading"].to_numpy()
+    kept = headings["screening"].to_numpy() == 0
+    error = headings["heading_error"].transpose("reference", "report")
+    curves = np.full((error.shape[0], start.size, 3), np.nan)
+    for k in range(error.shape[0]):
+        values = error[k].to_numpy()
+        for row, (begin, end) in enumerate(zip(start, stop, strict=True)):
+            one, other = values[begin:end], m[begin:end]
+            good = kept[begin:end] & np.isfinite(one) & np.isfinite(other)
+            if not good.all():
+                one, other = one[good], other[good]
+            if one.size >= 3:
+                curves[k, row] = plain_sinusoid(one, other)[0]
+    names = ("offset", "amplitude", "phase")
+    return describe(xr.Dataset(
+        {name: (("reference", "aircraft"), curves[..., j]) for j, name in enumerate(names)},
+        coords={name: headings[name] for name in ("reference", "aircraft")}))
+
+
 def _groups(headings: xr.Dataset, pools: Mapping[str, Sequence[str]]) -> dict[str, list[int]]:
     for name in _NEEDED:
         if name not in headings:
@@ -156,44 +198,88 @@ class _Columns:
         self.abscissa = (headings["magnetic_heading"].to_numpy() if abscissa == "magnetic"
                          else self.heading)
         self.airspeed = headings["airspeed"].to_numpy()
-        self.kept = headings["screening"].to_numpy() == 0
+        self.screening = headings["screening"].to_numpy()
         self.flight = headings["flight"].to_numpy()
-        self.day = headings["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
-        by_reference = ("reference", "report")
-        self.heading_error, self.standard_error, self.airspeed_error = (
-            headings[name].transpose(*by_reference)
-            for name in ("heading_error", "heading_error_standard_error", "airspeed_error"))
+        self.time = headings["time"].to_numpy()
+        self.errors = [headings[name].transpose("reference", "report") for name in
+                       ("heading_error", "airspeed_error", "heading_error_standard_error")]
+        self.read: dict[int, list[NDArray[Any]]] = {}
+
+    def use(self, members: list[int]) -> None:
+        """Read the errors against these references; forget the others."""
+        self.read = {k: self.read.get(k) or [part[k].to_numpy() for part in self.errors]
+                     for k in members}
 
     def observations(
         self, aircraft: int, members: list[int]
-    ) -> tuple[list[Observations], NDArray[np.int64], NDArray[Any]]:
+    ) -> tuple[list[Reports], NDArray[np.int64], NDArray[Any]]:
         """Reports of one aircraft: one set a member, the day of each flight, the abscissae."""
         row = slice(int(self.start[aircraft]), int(self.stop[aircraft]))
         common = [part[row] for part in (self.heading, self.abscissa, self.airspeed)]
-        good = self.kept[row] & np.isfinite(common[0] + common[1] + common[2])
-        own, masks = [], []
-        for k in members:
-            errors = [part[k, row].to_numpy() for part in
-                      (self.heading_error, self.airspeed_error, self.standard_error)]
-            masks.append(good & np.isfinite(errors[0] + errors[1]))
-            own.append(errors)
+        own = [[part[row] for part in self.read[k]] for k in members]
+        if self._all_good(row, [*common, *(part for errors in own for part in errors[:2])]):
+            first, number = _numbered(self.flight[row])
+            return ([_reports(common, errors, number) for errors in own],
+                    _days(self.time[row][first]), common[1])
+        good = (self.screening[row] == 0) & np.isfinite(common[0] + common[1] + common[2])
+        masks = [good & np.isfinite(errors[0] + errors[1]) for errors in own]
         some = np.logical_or.reduce(masks)
+        first, number = _numbered(self.flight[row][some])
         code = np.zeros(some.size, dtype=np.int64)
-        _, first, inverse = np.unique(self.flight[row][some], return_index=True,
-                                      return_inverse=True)
-        code[some] = inverse
-        sets = [prepare(*[part[mask] for part in (*common, *errors)], code[mask])
-                for mask, errors in zip(masks, own, strict=True)]
-        return sets, self.day[row][some][first], common[1][some]
+        code[some] = number
+        sets = [_reports([part[mask] for part in common], [part[mask] for part in errors],
+                         code[mask]) for mask, errors in zip(masks, own, strict=True)]
+        return sets, _days(self.time[row][some][first]), common[1][some]
+
+
+    def _all_good(self, row: slice, parts: list[NDArray[Any]]) -> bool:
+        """Whether every report counts: a sum is finite only where every term is."""
+        return not self.screening[row].any() and all(np.isfinite(part.sum()) for part in parts)
+
+
+def _reports(
+    common: list[NDArray[Any]], errors: list[NDArray[Any]], flight: NDArray[np.int64]
+) -> Reports:
+    return Reports(common[0], common[1], common[2], errors[0], errors[1], errors[2], flight)
+
+
+def _days(time: NDArray[Any]) -> NDArray[np.int64]:
+    return time.astype("datetime64[D]").astype(np.int64)
+
+
+def _numbered(flight: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First report of every flight, and the flights numbered 0, 1, 2 ..."""
+    if np.any(flight[1:] < flight[:-1]):
+        _, first, number = np.unique(flight, return_index=True, return_inverse=True)
+        return first, number
+    new = np.ones(flight.size, dtype=np.bool_)
+    np.not_equal(flight[1:], flight[:-1], out=new[1:])
+    first = np.flatnonzero(new)
+    return first, np.repeat(np.arange(first.size), np.diff(first, append=flight.size))
+
+
+class _Fitter:
+    """The kernel that runs over the aircraft; hashed by identity, not by its columns."""
+
+    def __init__(self, columns: _Columns, members: list[int], options: _Options) -> None:
+        self.columns, self.members, self.options = columns, members, options
+
+    def __call__(self, aircraft: NDArray[Any]) -> NDArray[Any]:
+        found = np.empty(aircraft.shape, dtype=object)
+        for k, number in enumerate(aircraft):
+            found[k] = _fit_one(self.columns, int(number), self.members, self.options)
+        return found
+
+    def __dask_tokenize__(self) -> str:
+        return uuid.uuid4().hex
 
 
 def _fit_reference(columns: _Columns, members: list[int], options: _Options) -> xr.Dataset:
-    index = xr.DataArray(np.arange(columns.start.size), dims="aircraft").chunk({"aircraft": 1})
-
-    def one(aircraft: Any) -> _Aircraft:
-        return _fit_one(columns, int(aircraft), members, options)
-
-    found = xr.apply_ufunc(one, index, vectorize=True, dask="parallelized",
+    columns.use(members)
+    size = columns.start.size
+    index = xr.DataArray(np.arange(size), dims="aircraft")
+    index = index.chunk({"aircraft": max(1, -(-size // CHUNKS))})
+    found = xr.apply_ufunc(_Fitter(columns, members, options), index, dask="parallelized",
                            output_dtypes=[object]).compute(scheduler="threads")
     return _published(list(found.to_numpy()), len(members), options)
 
@@ -202,7 +288,7 @@ def _fit_one(
     columns: _Columns, aircraft: int, members: list[int], options: _Options
 ) -> _Aircraft:
     sets, flight_day, abscissa = columns.observations(aircraft, members)
-    counts = np.bincount(np.mod(np.rint(abscissa / 45.0).astype(np.int64), 8), minlength=8)
+    counts = np.bincount(np.rint(abscissa * (1 / 45.0)).astype(np.int64) & 7, minlength=8)
     points = int(np.sum(counts >= max(3, 0.002 * abscissa.size)))
     found = _Aircraft(int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"])
     if abscissa.size < options.min_reports or flight_day.size < MIN_FLIGHTS:
@@ -274,21 +360,17 @@ def _publish_fits(
     ratio = day_ratio([np.diagonal(fit.covariance) for fit in fits],
                       [np.diagonal(fit.day.T @ fit.day) for fit in fits],
                       [max(fit.day_number.size - 1, 1) for fit in fits])
-    cycles, thetas = [], []
+    cycles, kept, added = [], [], []
     for k, fit in zip(chosen, fits, strict=True):
-        wide = widened(fit.covariance, ratio)
-        number = _cycles(fit)
-        if number == 2 and options.harmonics == "auto":
-            number = choose_cycles(fit.theta, wide, fit.day_number.size)
+        number, one, extra = _with_cycles(fit, widened(fit.covariance, ratio), options)
         cycles.append(number)
-        thetas.append(fit.theta if number == _cycles(fit)
-                      else one_cycle(fit.theta, fit.normal, fit.free))
-        _judge(table, int(k), fit, wide)
-    fleet = pool(fits, thetas, joint=options.joint)
+        kept.append(one)
+        added.append(extra)
+        _judge(table, int(k), fit, widened(fit.covariance, ratio))
+    fleet = pool(kept, joint=options.joint)
     for row, (k, fit) in enumerate(zip(chosen, fits, strict=True)):
-        shift = fit.theta - thetas[row]
         widen = t_inflation(fit.freedom)
-        covariance = fleet.covariance[row] * np.outer(widen, widen) + np.outer(shift, shift)
+        covariance = (fleet.covariance[row] + added[row]) * np.outer(widen, widen)
         _fill(table, int(k), fit, fleet.theta[row], covariance, cycles[row], options.joint)
     if options.joint:
         bias = fleet.bias.reshape(members, 2)
@@ -296,6 +378,21 @@ def _publish_fits(
         table["reference_bias"] = bias.mean(axis=0)
         table["reference_bias_standard_error"] = np.sqrt(
             np.diagonal(average @ fleet.bias_covariance @ average.T))
+
+
+def _with_cycles(
+    fit: AircraftFit, covariance: Array, options: _Options
+) -> tuple[int, AircraftFit, Array]:
+    number, nothing = _cycles(fit), np.zeros_like(covariance)
+    if number == 1 or options.harmonics != "auto":
+        return number, fit, nothing
+    statistic = cycles_statistic(fit.theta, covariance)
+    if choose_cycles(statistic, fit.day_number.size) == 2:
+        return 2, fit, nothing
+    to_one = one_cycle_map(fit.normal, fit.free)
+    one = replace(fit, theta=to_one @ fit.theta, flight=fit.flight @ to_one.T,
+                  day=fit.day @ to_one.T)
+    return 1, one, choice_covariance(fit.theta - one.theta, covariance, statistic)
 
 
 def _judge(table: dict[str, NDArray[Any]], k: int, fit: AircraftFit, covariance: Array) -> None:

@@ -28,7 +28,9 @@ Compass Adjustment; Maronna, Martin & Yohai, Robust Statistics (2006), ch. 6 (bi
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,13 +38,15 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Index = NDArray[np.int64]
+Values = NDArray[np.floating[Any]]
 
 COMPASS = 5
 """A, B, C, D, E come first in every parameter vector, then s, then b_u, b_v a reference."""
 LOCAL = COMPASS + 3
 CROSS_ROW, ALONG_ROW = np.array([0, 1, 2, 3, 4, 6, 7]), np.array([5, 6, 7])
 """Parameters that each row of the vector equation knows."""
-BLOCK = 8192
+CROSS_SQUARE, ALONG_SQUARE = (np.ix_(row, row) for row in (CROSS_ROW, ALONG_ROW))
+BLOCK = 16384
 CUT_2D, CUT_1D = 5.0, 4.685
 """Tukey's constants: 95 % efficiency for a normal vector (2-D) and scalar residual."""
 MEDIAN_CHI2 = 0.4549
@@ -56,6 +60,8 @@ class Observations:
     ----------
     sin_m, cos_m, sin_psi, cos_psi : array, shape (n,)
         Abscissa and indicated true heading.
+    error : array, shape (n,)
+        Heading error, radians.
     along, cross : array, shape (n,)
         V'_A along and to the right of the indicated heading, m/s.
     airspeed : array, shape (n,)
@@ -70,15 +76,71 @@ class Observations:
     cos_m: Single
     sin_psi: Single
     cos_psi: Single
+    error: Single
     along: Single
     cross: Single
     airspeed: Single
     variance: Single
     flight: Index
 
+    @property
+    def size(self) -> int:
+        """Number of reports."""
+        return int(self.flight.size)
+
     def take(self, keep: slice) -> Observations:
         """Part of the reports (the flight numbers are kept)."""
         return Observations(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+
+
+@dataclass(frozen=True)
+class Reports:
+    """Reports of one aircraft against one reference as they stand in the Datasets.
+
+    Attributes
+    ----------
+    heading, abscissa : array, shape (n,)
+        Indicated true heading psi and the argument m of the deviation, degrees.
+    airspeed : array, shape (n,)
+        |V_A|, m/s.
+    heading_error, standard_error : array, shape (n,)
+        arg V_A - arg V'_A and what is known of its standard error, degrees.
+    airspeed_error : array, shape (n,)
+        |V_A| - |V'_A|, m/s.
+    flight : array of int, shape (n,)
+        0, 1, 2 ... within the aircraft; reports of one flight need not stand together.
+    """
+
+    heading: Values
+    abscissa: Values
+    airspeed: Values
+    heading_error: Values
+    airspeed_error: Values
+    standard_error: Values
+    flight: Index
+
+    @property
+    def size(self) -> int:
+        """Number of reports."""
+        return int(self.flight.size)
+
+    def sorted(self) -> Reports:
+        """The same reports, flight by flight."""
+        if not np.any(self.flight[1:] < self.flight[:-1]):
+            return self
+        order = np.argsort(self.flight, kind="stable")
+        return Reports(*(getattr(self, name)[order] for name in self.__dataclass_fields__))
+
+    def take(self, keep: slice) -> Observations:
+        """Make part of the reports ready; they must be sorted by flight."""
+        m, psi, error = (_radians32(part[keep]) for part in
+                         (self.abscissa, self.heading, self.heading_error))
+        v = self.airspeed[keep].astype(np.float32)
+        implied = v - self.airspeed_error[keep].astype(np.float32)
+        known = np.nan_to_num(_radians32(self.standard_error[keep])) * v
+        return Observations(np.sin(m), np.cos(m), np.sin(psi), np.cos(psi), error,
+                            implied * np.cos(error), -implied * np.sin(error), v, known * known,
+                            self.flight[keep])
 
 
 @dataclass(frozen=True)
@@ -109,55 +171,23 @@ class PassSums:
         return max(self.slope / self.weight, 0.2) if self.weight > 0 else 1.0
 
 
-def prepare(
-    heading: NDArray[np.floating],
-    abscissa: NDArray[np.floating],
-    airspeed: NDArray[np.floating],
-    heading_error: NDArray[np.floating],
-    airspeed_error: NDArray[np.floating],
-    standard_error: NDArray[np.floating],
-    flight: NDArray[np.integer],
-) -> Observations:
-    """Make the reports of one aircraft and one reference ready.
-
-    Parameters
-    ----------
-    heading, abscissa : array, shape (n,)
-        Indicated true heading psi and the argument m of the deviation, degrees.
-    airspeed : array, shape (n,)
-        |V_A|, m/s.
-    heading_error, standard_error : array, shape (n,)
-        arg V_A - arg V'_A and what is known of its standard error, degrees.
-    airspeed_error : array, shape (n,)
-        |V_A| - |V'_A|, m/s.
-    flight : array of int, shape (n,)
-        0, 1, 2 ... within the aircraft; reports of one flight need not stand together.
-
-    Returns
-    -------
-    Observations
-        Sorted by flight.
-    """
-    code = np.asarray(flight, dtype=np.int64)
-    if code.size and np.any(code[1:] < code[:-1]):
-        order = np.argsort(code, kind="stable")
-        heading, abscissa, airspeed, heading_error, airspeed_error, standard_error, code = (
-            part[order] for part in (heading, abscissa, airspeed, heading_error, airspeed_error,
-                                     standard_error, code))
-    m, psi, error = (_radians32(part) for part in (abscissa, heading, heading_error))
-    v = airspeed.astype(np.float32)
-    implied = v - airspeed_error.astype(np.float32)
-    known = np.nan_to_num(_radians32(standard_error)) * v
-    return Observations(np.sin(m), np.cos(m), np.sin(psi), np.cos(psi), implied * np.cos(error),
-                        -implied * np.sin(error), v, known * known, code)
-
-
-def _radians32(degrees: NDArray[np.floating]) -> Single:
+def _radians32(degrees: Values) -> Single:
     return degrees.astype(np.float32) * np.float32(np.pi / 180.0)
 
 
+class _Scratch(threading.local):
+    """Rows of a block, kept by each thread: asking for new memory costs more than the sums."""
+
+    def __init__(self) -> None:
+        self.rows, self.weighted, self.score = np.empty((3, LOCAL, BLOCK), dtype=np.float32)
+        self.other, self.other_weighted = np.empty((2, 4, BLOCK), dtype=np.float32)
+
+
+_SCRATCH = _Scratch()
+
+
 def accumulate(
-    obs: Observations,
+    obs: Observations | Reports,
     theta: Array,
     scatter: Scatter,
     flights: int,
@@ -169,7 +199,8 @@ def accumulate(
 
     Parameters
     ----------
-    obs : Observations
+    obs : Observations or Reports
+        Sorted by flight; reports are made ready a block at a time.
     theta : array, shape (8,)
         A, B, C, D, E (radians), s, b_u, b_v (m/s).
     scatter : Scatter
@@ -186,9 +217,8 @@ def accumulate(
     """
     sums = PassSums(np.zeros((LOCAL, LOCAL)), np.zeros(LOCAL), np.zeros((flights, LOCAL)),
                     np.zeros((flights, LOCAL, LOCAL)) if by_flight else None)
-    for begin in range(0, obs.flight.size, BLOCK):
+    for begin in range(0, obs.size, BLOCK):
         _block(obs.take(slice(begin, begin + BLOCK)), theta, scatter, joint, sums)
-    sums.score = sums.flight_score.sum(axis=0)
     return sums
 
 
@@ -231,56 +261,80 @@ def _block(
     obs: Observations, theta: Array, scatter: Scatter, joint: bool, sums: PassSums
 ) -> None:
     r_along, r_cross, sin_t, cos_t, delta = residuals(obs, theta, joint)
-    known = np.float32(scatter.part) * obs.variance
-    w_cross = 1 / (known + np.float32(scatter.cross))
-    w_along = 1 / (known + np.float32(scatter.along)) if joint else None
-    q = r_cross * r_cross * w_cross
-    if w_along is not None:
-        q += r_along * r_along * w_along
-    cut = CUT_2D if joint else CUT_1D
-    u = np.maximum(1 - q * np.float32(1 / cut**2), 0)
-    tukey = u * u
-    w_cross *= tukey
+    w_along, w_cross = _weights(obs, scatter, r_along, r_cross, joint, sums)
     scaled = obs.airspeed * np.float32(1 - theta[COMPASS])
-    rows = np.zeros((LOCAL - 1, obs.airspeed.size), dtype=np.float32)
+    # eight rows, the residual last: its products are the score, and eight suit the processor
+    count = obs.size
+    rows, weighted, score, other, other_weighted = (
+        part[:, :count] for part in (_SCRATCH.rows, _SCRATCH.weighted, _SCRATCH.score,
+                                     _SCRATCH.other, _SCRATCH.other_weighted))
+    rows[0] = scaled
     np.multiply(scaled, obs.sin_m, out=rows[1])
     np.multiply(scaled, obs.cos_m, out=rows[2])
-    np.multiply(rows[1], 2 * obs.cos_m, out=rows[3])
+    np.multiply(2 * rows[1], obs.cos_m, out=rows[3])
     np.subtract(scaled, 2 * rows[1] * obs.sin_m, out=rows[4])
-    rows[0] = scaled
-    if joint:
-        rows[5], rows[6] = cos_t, -sin_t
-    _add_rows(rows, w_cross, r_cross, obs.flight, CROSS_ROW, sums)
-    if w_along is not None:
-        w_along *= tukey
-        rows = np.stack([obs.airspeed, sin_t, cos_t])
-        _add_rows(rows, w_along, r_along, obs.flight, ALONG_ROW, sums)
-    lost = 2 if joint else 4
-    sums.weight += float(tukey.sum(dtype=np.float64))
-    sums.slope += float((tukey - lost * (1 - u) * u).sum(dtype=np.float64))
-    error = np.arctan2(-obs.cross, obs.along)
-    sums.before2 += float(np.dot(tukey, error * error))
-    error -= delta
-    sums.after2 += float(np.dot(tukey, error * error))
+    rows[5], rows[7] = cos_t, r_cross
+    np.negative(sin_t, out=rows[6])
+    np.multiply(rows, w_cross, out=weighted)
+    _add_normal(rows, weighted, CROSS_ROW, CROSS_SQUARE, sums)
+    other[0], other[1], other[2], other[3] = obs.airspeed, sin_t, cos_t, r_along
+    np.multiply(other, w_along, out=other_weighted)
+    _add_normal(other, other_weighted, ALONG_ROW, ALONG_SQUARE, sums)
+    r_cross *= -1
+    r_along *= -1
+    np.multiply(weighted[:COMPASS], r_cross, out=score[:COMPASS])
+    np.multiply(weighted[COMPASS:-1], r_cross, out=score[COMPASS + 1:])
+    other_weighted *= r_along
+    score[COMPASS] = other_weighted[0]
+    score[COMPASS + 1:] += other_weighted[1:-1]
+    starts = np.flatnonzero(obs.flight[1:] != obs.flight[:-1]) + 1
+    starts = np.concatenate([[0], starts])
+    sums.flight_score[obs.flight[starts]] += np.add.reduceat(score, starts, axis=1).T
+    if sums.flight_normal is not None:
+        _add_by_flight(rows, w_cross, CROSS_ROW, obs.flight, starts, sums.flight_normal)
+        _add_by_flight(other, w_along, ALONG_ROW, obs.flight, starts, sums.flight_normal)
+    tukey = w_cross * (np.float32(scatter.part) * obs.variance + np.float32(scatter.cross))
+    sums.before2 += float(np.dot(tukey, obs.error * obs.error))
+    after = obs.error - delta
+    sums.after2 += float(np.dot(tukey, after * after))
 
 
-def _add_rows(
-    rows: Single, w: Single, r: Single, flight: Index, place: Index, sums: PassSums
+def _weights(
+    obs: Observations, scatter: Scatter, r_along: Single, r_cross: Single, joint: bool,
+    sums: PassSums,
+) -> tuple[Single, Single]:
+    known = np.float32(scatter.part) * obs.variance
+    w_cross = 1 / (known + np.float32(scatter.cross))
+    w_along = 1 / (known + np.float32(scatter.along)) if joint else np.zeros_like(w_cross)
+    q = r_cross * r_cross * w_cross + r_along * r_along * w_along
+    u = np.maximum(1 - q * np.float32(1 / (CUT_2D if joint else CUT_1D) ** 2), 0)
+    tukey = u * u
+    total, plain = (float(part.sum(dtype=np.float64)) for part in (tukey, u))
+    sums.weight += total
+    sums.slope += total - (2 if joint else 4) * (plain - total)
+    return w_along * tukey, w_cross * tukey
+
+
+def _add_normal(
+    rows: Single, weighted: Single, place: Index, square: tuple[Index, ...], sums: PassSums
 ) -> None:
-    weighted = rows * w
-    sums.normal[np.ix_(place, place)] += weighted @ rows.T
-    weighted *= -r
-    starts = np.flatnonzero(np.diff(flight, prepend=flight[0] - 1))
-    sums.flight_score[np.ix_(flight[starts], place)] += np.add.reduceat(weighted, starts, axis=1).T
-    if sums.flight_normal is None:
-        return
+    normal = weighted @ rows.T
+    sums.normal[square] += normal[:-1, :-1]
+    sums.score[place] -= normal[:-1, -1]
+
+
+def _add_by_flight(
+    rows: Single, w: Single, place: Index, flight: Index, starts: Index, normals: Array
+) -> None:
     stops = np.append(starts[1:], flight.size)
     for number, begin, end in zip(flight[starts], starts, stops, strict=True):
-        part = rows[:, begin:end]
-        sums.flight_normal[number][np.ix_(place, place)] += (part * w[begin:end]) @ part.T
+        part = rows[:-1, begin:end]
+        normals[number][np.ix_(place, place)] += (part * w[begin:end]) @ part.T
 
 
-def robust_scatter(obs: Observations, theta: Array, *, joint: bool) -> Scatter:
+def robust_scatter(
+    obs: Observations, theta: Array, *, joint: bool, parted: bool = True
+) -> Scatter:
     """Find the residual's variance a component from medians, so that gross errors do not count.
 
     Parameters
@@ -288,6 +342,8 @@ def robust_scatter(obs: Observations, theta: Array, *, joint: bool) -> Scatter:
     obs : Observations
     theta : array, shape (8,)
     joint : bool
+    parted : bool
+        False: one variance for all reports (``part`` 0), enough for a start.
 
     Returns
     -------
@@ -296,23 +352,28 @@ def robust_scatter(obs: Observations, theta: Array, *, joint: bool) -> Scatter:
         difference of the two air vectors), found from the halves of low and high known variance.
     """
     r_along, r_cross, *_ = residuals(obs, theta, joint)
-    low = obs.variance <= np.median(obs.variance)
-    part = 0.0
-    if low.any() and not low.all():
-        gain = _median_square(r_cross[~low]) - _median_square(r_cross[low])
-        spread = float(obs.variance[~low].mean() - obs.variance[low].mean())
-        part = float(np.clip(gain / max(spread, 1e-12), 0.0, 1.0))
-    known = part * float(np.median(obs.variance))
-    return Scatter(*(max(total - known, 0.1 * total, 1e-6) for total in
-                     (_median_square(r_along), _median_square(r_cross))), part)
+    along, cross = r_along * r_along, r_cross * r_cross
+    part, known = 0.0, 0.0
+    if parted and obs.variance.size > 1:
+        middle = _median(obs.variance)
+        low = obs.variance <= middle
+        spread = 0.0 if low.all() else float(obs.variance[~low].mean() - obs.variance[low].mean())
+        if spread > 1e-9:
+            gain = (_median(cross[~low]) - _median(cross[low])) / MEDIAN_CHI2
+            part = min(max(gain / spread, 0.0), 1.0)
+        known = part * middle
+    along_total, cross_total = (_median(one) / MEDIAN_CHI2 for one in (along, cross))
+    return Scatter(max(along_total - known, 0.1 * along_total, 1e-6),
+                   max(cross_total - known, 0.1 * cross_total, 1e-6), part)
 
 
-def _median_square(residual: Single) -> float:
-    return float(np.median(residual * residual)) / MEDIAN_CHI2
+def _median(values: Single) -> float:
+    middle = values.size // 2
+    return float(np.partition(values, middle)[middle])
 
 
 def plain_sinusoid(
-    heading_error: NDArray[np.floating], abscissa: NDArray[np.floating]
+    heading_error: Values, abscissa: Values
 ) -> tuple[Array, Array]:
     """Fit the seed's sinusoid by ordinary least squares in one pass, each report alike.
 
@@ -341,4 +402,4 @@ def plain_sinusoid(
     linear = np.linalg.solve(normal[:3, :3], normal[:3, 3])
     curve = np.array([linear[0], np.hypot(linear[1], linear[2]),
                       np.degrees(np.arctan2(linear[2], linear[1]))])
-    return curve, linear
+    return curve, np.asarray(linear, dtype=np.float64)

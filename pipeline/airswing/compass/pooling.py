@@ -105,10 +105,12 @@ def between_scatter(estimate: Array, covariance: Array) -> float:
     """
     if estimate.shape[0] < 2:
         return float("inf")
-    total = covariance[np.newaxis] + TAU_GRID[:, np.newaxis, np.newaxis, np.newaxis] ** 2 * np.eye(2)
+    between = TAU_GRID[:, np.newaxis, np.newaxis, np.newaxis] ** 2 * np.eye(2)
+    total = covariance[np.newaxis] + between
     inverse = np.linalg.inv(total)
     information = inverse.sum(axis=1)
-    mean = np.linalg.solve(information, np.einsum("taij,aj->ti", inverse, estimate)[..., np.newaxis])
+    weighted = np.einsum("taij,aj->ti", inverse, estimate)
+    mean = np.linalg.solve(information, weighted[..., np.newaxis])
     apart = estimate - mean[..., 0][:, np.newaxis]
     square = np.einsum("tai,taij,taj->t", apart, inverse, apart)
     log = -0.5 * (square + np.linalg.slogdet(total)[1].sum(axis=1)
@@ -117,15 +119,13 @@ def between_scatter(estimate: Array, covariance: Array) -> float:
     return float(np.sqrt(np.sum(weight * TAU_GRID**2) / weight.sum()))
 
 
-def pool(fits: list[AircraftFit], thetas: list[Array], *, joint: bool) -> Fleet:
+def pool(fits: list[AircraftFit], *, joint: bool) -> Fleet:
     """Second pass over the fleet.
 
     Parameters
     ----------
     fits : list of AircraftFit
-        Of one reference or pool; at least one.
-    thetas : list of array, shape (p,)
-        The estimates to pool (after the choice of cycles).
+        Of one reference or pool, after the choice of cycles; at least one.
     joint : bool
         False: there is no bias; only the day's widening is done.
 
@@ -138,10 +138,11 @@ def pool(fits: list[AircraftFit], thetas: list[Array], *, joint: bool) -> Fleet:
     ratio = day_ratio([np.diagonal(one) for one in raw],
                       [np.diagonal(fit.day.T @ fit.day) for fit in fits], freedom)
     wide = [widened(one, ratio) for one in raw]
+    thetas = [fit.theta for fit in fits]
     size = thetas[0].size
     if not joint:
-        return Fleet(np.array(thetas), np.array(wide), np.full(2 * ((size - FIRST_BIAS) // 2), np.nan),
-                     np.full((size - FIRST_BIAS,) * 2, np.nan), np.empty(0))
+        none = np.full(size - FIRST_BIAS, np.nan)
+        return Fleet(np.array(thetas), np.array(wide), none, np.outer(none, none), np.empty(0))
     b = slice(FIRST_BIAS, size)
     estimate = np.array([theta[b] for theta in thetas])
     spread = np.array([one[b, b] for one in wide])
@@ -149,12 +150,13 @@ def pool(fits: list[AircraftFit], thetas: list[Array], *, joint: bool) -> Fleet:
                     for k in range(0, size - FIRST_BIAS, 2)])
     if len(fits) < 2:
         return Fleet(np.array(thetas), np.array(wide), estimate[0], spread[0], tau)
-    return _second_pass(fits, thetas, wide, np.repeat(tau, 2) ** 2, tau)
+    return _second_pass(fits, wide, np.repeat(tau, 2) ** 2, tau)
 
 
 def _second_pass(
-    fits: list[AircraftFit], thetas: list[Array], wide: list[Array], prior: Array, tau: Array
+    fits: list[AircraftFit], wide: list[Array], prior: Array, tau: Array
 ) -> Fleet:
+    thetas = [fit.theta for fit in fits]
     b = slice(FIRST_BIAS, thetas[0].size)
     between = np.diag(prior)
     total = np.array([one[b, b] + between for one in wide])

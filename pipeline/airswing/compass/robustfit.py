@@ -5,13 +5,13 @@ of all its members, each with a bias b and a scatter of its own; flights (and da
 answer for the members sharing the aircraft's own errors. Valid where a few flights or more are
 there; :mod:`airswing.compass.deviation` decides what to publish.
 
-The steps: a start from a thin sample of the reports (a new scatter each step), then full passes
-with the scatter held, until a step is below a tenth of the smallest standard error.
+The steps: starts from thin samples of the reports (a new scatter each step), then full passes with
+the scatter held, until a step is below one standard error: one pass where reports are many.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,14 +26,20 @@ from airswing.compass.clusters import (
 )
 from airswing.compass.kernel import (
     COMPASS,
-    Observations,
     PassSums,
+    Reports,
     Scatter,
     accumulate,
     robust_scatter,
 )
 
-THIN = 1500
+THIN, MIDDLE = 1000, 5000
+"""Reports a start takes: first to find the place, then to be near enough for one full pass."""
+START_STEP = 3.0
+"""Standard errors of the thin sample (reports taken as independent) that end a start."""
+FINAL_STEP = 1.5
+"""Standard errors (clustered) that end the full passes. Newton's step with robust weights leaves
+a few hundredths of itself, so the estimate is then settled to a few hundredths of its error."""
 START_STEPS, PASSES = 25, 12
 ENOUGH = 2e-6
 """Radians: a smaller step is rounding in single precision."""
@@ -83,7 +89,7 @@ class AircraftFit:
 
 
 def fit_aircraft(
-    members: list[Observations],
+    members: list[Reports],
     flight_day: NDArray[np.integer],
     *,
     joint: bool = True,
@@ -93,7 +99,7 @@ def fit_aircraft(
 
     Parameters
     ----------
-    members : list of Observations
+    members : list of Reports
         One for each reference of the pool; flights numbered alike in all.
     flight_day : array of int, shape (flights,)
         Day on which each flight began.
@@ -107,28 +113,51 @@ def fit_aircraft(
     AircraftFit or None
         None where there is no report at all.
     """
-    members = [obs for obs in members] if all(obs.flight.size for obs in members) else []
+    members = [obs.sorted() for obs in members] if all(obs.size for obs in members) else []
     if not members:
         return None
     size = COMPASS + 1 + 2 * len(members)
     compass = np.arange(1 + 2 * harmonics)
     free = np.concatenate([compass, np.arange(COMPASS, size)]) if joint else compass
     flights = flight_day.size
-    theta, scatters = _start(members, free, size, flights, joint)
-    by_flight = min(flights, np.unique(flight_day).size) < MANY
-    for step_number in range(PASSES):
-        last = step_number > 0
+    days = _days(flight_day)
+    theta = np.zeros(size)
+    theta, _ = _start(members, theta, free, THIN, joint, False)
+    theta, scatters = _start(members, theta, free, MIDDLE, joint, True)
+    by_flight = min(flights, days[0].size) < MANY
+    for _ in range(PASSES):
         parts = [accumulate(obs, _local(theta, k), scatters[k], flights, joint=joint,
-                            by_flight=by_flight and last)
-                 for k, obs in enumerate(members)]
+                            by_flight=by_flight) for k, obs in enumerate(members)]
         normal, score, kappa = _joined(parts, size)
         step = _solve(normal[np.ix_(free, free)], score[free]) / kappa
         theta[free] += step
-        naive = np.sqrt(np.diagonal(np.linalg.pinv(normal[np.ix_(free, free)], hermitian=True)))
-        converged = bool(np.all(np.abs(step) <= 0.1 * naive + ENOUGH))
-        if converged and last:
+        converged = bool(np.all(np.abs(step) <= FINAL_STEP * _spread(normal, parts, free, kappa)
+                                + ENOUGH))
+        if converged:
             break
-    return _finish(theta, free, normal, kappa, parts, flight_day, converged, by_flight)
+    return _finish(theta, free, normal, kappa, parts, days, converged, by_flight)
+
+
+def _days(flight_day: NDArray[np.integer]) -> tuple[Index, Index]:
+    """Days flown, and the place of each flight's day among them."""
+    day = np.asarray(flight_day, dtype=np.int64)
+    if np.any(day[1:] < day[:-1]):
+        number, place = np.unique(day, return_inverse=True)
+        return number, place
+    new = np.ones(day.size, dtype=np.bool_)
+    np.not_equal(day[1:], day[:-1], out=new[1:])
+    return day[new], np.cumsum(new) - 1
+
+
+def _spread(normal: Array, parts: list[PassSums], free: Index, kappa: float) -> Array:
+    """Standard errors clustered by flight, as good as a stopping rule needs."""
+    score = np.zeros((parts[0].flight_score.shape[0], normal.shape[0]))
+    for k, part in enumerate(parts):
+        score[:, _place(k)] += part.flight_score
+    square = normal[np.ix_(free, free)]
+    covered = score[:, free].T @ score[:, free]
+    half = _solve(square, covered)
+    return np.asarray(np.sqrt(np.maximum(np.diagonal(_solve(square, half.T)), 0.0)) / kappa)
 
 
 def _local(theta: Array, member: int) -> Array:
@@ -144,23 +173,25 @@ def _place(member: int) -> Index:
 
 
 def _start(
-    members: list[Observations], free: Index, size: int, flights: int, joint: bool
+    members: list[Reports], theta: Array, free: Index, thin: int, joint: bool, hold: bool
 ) -> tuple[Array, list[Scatter]]:
-    thin = [obs.take(slice(None, None, max(obs.flight.size // THIN, 1))) for obs in members]
-    theta = np.zeros(size)
+    theta = theta.copy()
+    few = [obs.take(slice(None, None, max(obs.size // thin, 1))) for obs in members]
+    few = [replace(obs, flight=np.zeros_like(obs.flight)) for obs in few]
+    scatters: list[Scatter] = []
+    square = np.ix_(free, free)
     for _ in range(START_STEPS):
-        scatters = [robust_scatter(obs, _local(theta, k), joint=joint)
-                    for k, obs in enumerate(thin)]
-        parts = [accumulate(obs, _local(theta, k), scatters[k], flights, joint=joint)
-                 for k, obs in enumerate(thin)]
-        normal, score, _ = _joined(parts, size)
-        square = normal[np.ix_(free, free)]
-        step = _solve(square, score[free])
+        if not hold or not scatters:
+            scatters = [robust_scatter(obs, _local(theta, k), joint=joint, parted=hold)
+                        for k, obs in enumerate(few)]
+        parts = [accumulate(obs, _local(theta, k), scatters[k], 1, joint=joint)
+                 for k, obs in enumerate(few)]
+        normal, score, kappa = _joined(parts, theta.size)
+        step = _solve(normal[square], score[free]) / max(kappa, 0.6)
         theta[free] += step
-        if np.all(np.abs(step) * np.sqrt(np.diagonal(square)) < 0.3):
+        if np.all(np.abs(step) * np.sqrt(np.diagonal(normal)[free]) < START_STEP):
             break
-    return theta, [robust_scatter(obs, _local(theta, k), joint=joint)
-                   for k, obs in enumerate(thin)]
+    return theta, scatters
 
 
 def _joined(parts: list[PassSums], size: int) -> tuple[Array, Array, float]:
@@ -177,7 +208,7 @@ def _joined(parts: list[PassSums], size: int) -> tuple[Array, Array, float]:
 def _solve(normal: Array, score: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diagonal(normal), 1e-30))
     square = normal / np.outer(scale, scale) + 1e-9 * np.eye(scale.size)
-    return np.asarray(np.linalg.solve(square, score / scale) / scale)
+    return np.asarray((np.linalg.solve(square, (score.T / scale).T).T / scale).T)
 
 
 def _finish(
@@ -186,11 +217,12 @@ def _finish(
     normal: Array,
     kappa: float,
     parts: list[PassSums],
-    flight_day: NDArray[np.integer],
+    days: tuple[Index, Index],
     converged: bool,
     by_flight: bool,
 ) -> AircraftFit:
-    size, flights = theta.size, flight_day.size
+    day_number, day = days
+    size, flights = theta.size, day.size
     score = np.zeros((flights, size))
     normals = np.zeros((flights, size, size)) if by_flight else None
     for k, part in enumerate(parts):
@@ -198,7 +230,6 @@ def _finish(
         score[:, place] += part.flight_score
         if normals is not None and part.flight_normal is not None:
             normals[:, place[:, np.newaxis], place] += part.flight_normal
-    day_number, day = np.unique(np.asarray(flight_day, dtype=np.int64), return_inverse=True)
     square = normal[np.ix_(free, free)]
     score = score[:, free] - score[:, free].mean(axis=0)
     if normals is not None:
@@ -215,4 +246,4 @@ def _finish(
                        freedom, converged,
                        float(np.sqrt(sum(part.before2 for part in parts) / weight)),
                        float(np.sqrt(sum(part.after2 for part in parts) / weight)),
-                       np.argsort(flight_day, kind="stable"))
+                       np.argsort(day, kind="stable"))

@@ -1,0 +1,81 @@
+"""Do the fit's 95 % intervals hold the truth? Over many simulated fleets, and the bias of B and C.
+
+    python benchmarks/coverage.py --fleets 200
+
+Every fleet has its own deviations, model bias (0.5 m/s and more), day and flight errors of the
+model, airspeed scales and 1 % flipped winds. Printed per quantity: how often +-1.96 standard
+errors held the truth, the mean error and the rms error (degrees). Exit status 1 where an interval
+falls outside 93-97 % or the bias of B or C reaches 0.02 degrees.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import airswing  # noqa: F401
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "compass"))
+
+from flown import Setting, fleet_deviations, fly, wrap
+
+from airswing.compass.deviation import COEFFICIENTS, fit_deviation
+
+NAMES = (*COEFFICIENTS, "offset", "amplitude", "phase")
+
+
+def one_fleet(
+    setting: Setting, seed: int, two_cycles: float, **options
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Errors, standard errors and truth's amplitude of one fleet, (aircraft, 8) each."""
+    rng = np.random.default_rng([seed, 1])
+    deviation = fleet_deviations(setting.aircraft, rng, two_cycles=two_cycles)
+    ds, _ = fly(deviation, setting, seed)
+    fits = fit_deviation(ds, **options).isel(reference=-1)
+    amplitude = np.hypot(deviation[:, 1], deviation[:, 2])
+    phase = np.degrees(np.arctan2(deviation[:, 2], deviation[:, 1]))
+    error = np.column_stack([
+        fits["deviation"].to_numpy() - deviation, fits["offset"].to_numpy() - deviation[:, 0],
+        fits["amplitude"].to_numpy() - amplitude, wrap(fits["phase"].to_numpy() - phase)])
+    spread = np.column_stack([
+        np.sqrt(np.diagonal(fits["deviation_covariance"].to_numpy(), axis1=1, axis2=2)),
+        *[fits[f"{name}_standard_error"].to_numpy() for name in NAMES[5:]]])
+    return error, spread, amplitude
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--fleets", type=int, default=200)
+    parser.add_argument("--aircraft", type=int, default=6)
+    parser.add_argument("--days", type=int, default=40)
+    parser.add_argument("--flights", type=int, default=4)
+    parser.add_argument("--references", type=int, default=1)
+    parser.add_argument("--two-cycles", type=float, default=0.7)
+    parser.add_argument("--day-error", type=float, default=0.5)
+    parser.add_argument("--outliers", type=float, default=0.01)
+    parser.add_argument("--hub-and-spoke", action="store_true")
+    given = parser.parse_args()
+    setting = Setting(aircraft=given.aircraft, days=given.days, flights_a_day=given.flights,
+                      references=given.references, day_error=given.day_error,
+                      outliers=given.outliers, hub_and_spoke=given.hub_and_spoke)
+    pools = {"pool": ["ruc", "rtfdaa"]} if given.references > 1 else {}
+    found = [one_fleet(setting, seed, given.two_cycles, pools=pools)
+             for seed in range(given.fleets)]
+    error, spread, _ = (np.concatenate(part) for part in zip(*found, strict=True))
+    fitted = np.isfinite(error[:, 0])
+    print(f"{given.fleets} fleets, {fitted.sum()} of {fitted.size} aircraft fitted")
+    good = True
+    for k, name in enumerate(NAMES):
+        e, s = error[fitted, k], spread[fitted, k]
+        inside = np.mean(np.abs(e) <= 1.96 * s)
+        good &= 0.93 <= inside <= 0.97 and (name not in "BC" or abs(e.mean()) < 0.02)
+        print(f"{name:10s} covered {100 * inside:5.1f} %   mean {e.mean():+.4f}   "
+              f"rms {np.sqrt(np.mean(e**2)):.4f}   mean standard error {s.mean():.4f}")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,273 @@
+"""What goes on board and into the workshop: tables as CSV, and a swing card an aircraft.
+
+Assumes fits with tables (:func:`airswing.compass.table.add_tables`). A swing card is the
+deviation card of the compass bench: for each heading to be flown, the heading to steer by the
+compass, with the aircraft's identity, the data behind it and its uncertainty. Degrees.
+
+"For" is the magnetic heading wanted, "steer" the compass heading that gives it: the m that solves
+m - psi_err(m) = wanted, with the table's own interpolation.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from airswing.compass.clusters import Array
+from airswing.compass.table import (
+    FINE,
+    NODES,
+    deviation_curve,
+    error_from_table,
+    unit_interpolation,
+)
+from airswing.errors import InputError
+from airswing.vocabulary import STATUS
+
+CARDINALS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+CARD_HEADINGS = np.arange(0.0, 360.0, 30.0)
+COLUMNS = ("aircraft", "reference", "status", "heading_deg", "table_correction_deg",
+           "standard_error_deg")
+_STATUS_TEXT = {code: name for name, code in STATUS.items()}
+
+
+def steer(table_error: ArrayLike, wanted: ArrayLike) -> Array:
+    """Compass heading to steer for a magnetic heading wanted.
+
+    Parameters
+    ----------
+    table_error : array_like, shape (8,)
+        Heading error at the nodes, degrees; every slope below 1 (no error of 45 degrees between
+        neighbours), or there is no single answer.
+    wanted : array_like, shape (n,)
+        Magnetic heading, degrees.
+
+    Returns
+    -------
+    array, shape (n,)
+        Degrees, 0 to 360.
+    """
+    aim = np.asarray(wanted, dtype=np.float64)
+    nodes = np.asarray(table_error, dtype=np.float64)
+    # m - error(m) is piecewise linear and rising: invert it between the nodes of three turns
+    compass = np.concatenate([NODES + turn for turn in (-360.0, 0.0, 360.0)])
+    true = compass - np.tile(nodes, 3)
+    return np.asarray(np.mod(np.interp(np.mod(aim, 360.0), true, compass), 360.0))
+
+
+def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
+    """Write every aircraft's table, one row a node; a refused fit keeps its row and reason.
+
+    Parameters
+    ----------
+    fits : Dataset
+        With tables.
+    path : path-like
+        File to write.
+
+    Returns
+    -------
+    Path
+    """
+    _need_tables(fits)
+    target = Path(path)
+    with target.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow((*COLUMNS, f"sign: {fits.attrs.get('table_sign', 'subtract_error')}"))
+        for reference in range(fits.sizes["reference"]):
+            for aircraft in range(fits.sizes["aircraft"]):
+                writer.writerows(_table_rows(fits.isel(reference=reference, aircraft=aircraft)))
+    return target
+
+
+def _table_rows(one: xr.Dataset) -> list[tuple[str, ...]]:
+    names = (str(one["aircraft"].item()), str(one["reference"].item()),
+             _STATUS_TEXT[int(one["status"])])
+    correction = one["table_correction"].to_numpy()
+    error = _node_errors(one)
+    return [(*names, f"{node:g}", _number(correction[k], 3), _number(error[k], 3))
+            for k, node in enumerate(NODES)]
+
+
+def _node_errors(one: xr.Dataset) -> Array:
+    from airswing.compass.correction import curve_standard_error
+
+    return np.asarray(curve_standard_error(one["deviation_covariance"].to_numpy(), NODES))
+
+
+def _number(value: float, places: int) -> str:
+    return "" if not np.isfinite(value) else f"{value + 0.0:.{places}f}"
+
+
+def swing_card(fits: xr.Dataset, *, aircraft: str, reference: str | None = None) -> Any:
+    """Draw the one-page swing card of an aircraft.
+
+    Parameters
+    ----------
+    fits : Dataset
+        With tables.
+    aircraft : str
+    reference : str, optional
+        Whose fit; the first pool, else the first reference, when not given.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A5 landscape; save it as PDF, PNG or SVG.
+
+    Raises
+    ------
+    InputError
+        If the aircraft or reference is not there, or there are no tables.
+    """
+    from matplotlib.figure import Figure
+
+    one = _select(fits, aircraft, reference)
+    figure = Figure(figsize=(8.27, 5.83), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(1.05, 1.0))
+    _draw_card(left, one)
+    if int(one["status"]) == STATUS["ok"]:
+        _draw_curve(right, one)
+    figure.suptitle(f"Compass swing in flight: {aircraft}", fontweight="bold")
+    return figure
+
+
+def write_swing_cards(
+    fits: xr.Dataset, folder: str | Path, *, reference: str | None = None, suffix: str = "pdf"
+) -> list[Path]:
+    """Write a swing card for every aircraft, and ``index.csv`` that lists them.
+
+    Parameters
+    ----------
+    fits : Dataset
+        With tables.
+    folder : path-like
+        Made where it is not there.
+    reference : str, optional
+        As for :func:`swing_card`.
+    suffix : str
+        pdf, png or svg.
+
+    Returns
+    -------
+    list of Path
+        The cards, in the order of the aircraft; the index stands beside them.
+    """
+    _need_tables(fits)
+    place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    cards, rows = [], []
+    for name in (str(value) for value in fits["aircraft"].to_numpy()):
+        card = place / f"{_safe(name)}.{suffix}"
+        swing_card(fits, aircraft=name, reference=reference).savefig(card, dpi=120)
+        one = _select(fits, name, reference)
+        rows.append((name, card.name, _STATUS_TEXT[int(one["status"])],
+                     *(_number(float(one[key]), 2) for key in ("offset", "amplitude", "phase"))))
+        cards.append(card)
+    with (place / "index.csv").open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(("aircraft", "card", "status", "offset_deg", "amplitude_deg", "phase_deg"))
+        writer.writerows(rows)
+    return cards
+
+
+def _safe(name: str) -> str:
+    return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)
+
+
+def _need_tables(fits: xr.Dataset) -> None:
+    if "table_correction" not in fits:
+        raise InputError("the fits hold no tables", field="table_correction",
+                         remedy="Call add_tables first")
+
+
+def _select(fits: xr.Dataset, aircraft: str, reference: str | None) -> xr.Dataset:
+    _need_tables(fits)
+    tails = [str(value) for value in fits["aircraft"].to_numpy()]
+    names = [str(value) for value in fits["reference"].to_numpy()]
+    single = int(fits.attrs.get("reference_count", len(names)))
+    wanted = names[single if single < len(names) else 0] if reference is None else reference
+    for value, known, kind in ((aircraft, tails, "aircraft"), (wanted, names, "reference")):
+        if value not in known:
+            raise InputError(f"no fit for this {kind}", field=kind, found=value)
+    found = fits.isel(aircraft=tails.index(aircraft), reference=names.index(wanted))
+    return found.assign(table_error=error_from_table(found))
+
+
+def card_rows(table_error: ArrayLike) -> list[tuple[str, str]]:
+    """Rows of the deviation card: for a magnetic heading every 30 degrees, the one to steer.
+
+    Parameters
+    ----------
+    table_error : array_like, shape (8,)
+        Heading error at the nodes, degrees.
+
+    Returns
+    -------
+    list of (str, str)
+        Three-digit headings; N, E, S and W named.
+    """
+    names = {0: "N", 90: "E", 180: "S", 270: "W"}
+    aims = steer(table_error, CARD_HEADINGS)
+    return [(names.get(int(aim), f"{aim:03.0f}"), f"{np.rint(held) % 360:03.0f}")
+            for aim, held in zip(CARD_HEADINGS, aims, strict=True)]
+
+
+def _draw_card(panel: Any, one: xr.Dataset) -> None:
+    axes = panel.subplots()
+    axes.axis("off")
+    status = _STATUS_TEXT[int(one["status"])]
+    if status != "ok":
+        axes.text(0.5, 0.6, "NO CARD", ha="center", fontsize=20)
+        axes.text(0.5, 0.5, f"fit refused: {status.replace('_', ' ')}", ha="center")
+    else:
+        rows = card_rows(one["table_error"].to_numpy())
+        cells = [[*rows[k], *rows[k + 6]] for k in range(6)]
+        _grid(axes, cells, ("FOR", "STEER", "FOR", "STEER"), (0.02, 0.56, 0.96, 0.42))
+        _grid(axes, _node_cells(one), ("node", "", "correction", "±"), (0.02, 0.0, 0.96, 0.5))
+    panel.supxlabel(
+        f"against {one['reference'].item()}; {int(one['report_count'])} reports, "
+        f"{int(one['flight_count'])} flights, {int(one['compass_points'])} of 8 compass points",
+        fontsize=7)
+
+
+def _node_cells(one: xr.Dataset) -> list[list[str]]:
+    correction, error = one["table_correction"].to_numpy(), _node_errors(one)
+    return [[CARDINALS[k], f"{node:03.0f}", f"{correction[k]:+.1f}", f"{1.96 * error[k]:.1f}"]
+            for k, node in enumerate(NODES)]
+
+
+def _grid(
+    axes: Any, cells: list[list[str]], head: Sequence[str], box: tuple[float, ...]
+) -> None:
+    table = axes.table(cellText=cells, colLabels=list(head), bbox=box, cellLoc="center")
+    table.auto_set_font_size(False)
+    table.set_fontsize(9)
+
+
+def _draw_curve(panel: Any, one: xr.Dataset) -> None:
+    from airswing.compass.correction import curve_standard_error
+
+    upper, lower = panel.subplots(2, 1, sharey=True)
+    curve = deviation_curve(one["deviation"].to_numpy(), FINE)
+    wide = 1.96 * curve_standard_error(one["deviation_covariance"].to_numpy(), FINE)
+    nodes = one["table_error"].to_numpy()
+    for axes, first, names in ((upper, 270.0, "W N E"), (lower, 90.0, "E S W")):
+        at = np.arange(first, first + 181.0)
+        place = np.mod(at, 360.0)
+        axes.fill_between(at, np.interp(place, FINE, curve - wide, period=360),
+                          np.interp(place, FINE, curve + wide, period=360), alpha=0.3)
+        axes.plot(at, np.interp(place, FINE, curve, period=360), label="fit, 95 %")
+        axes.plot(at, unit_interpolation(nodes, at), lw=1, label="table")
+        marks = np.arange(first, first + 181.0, 45.0)
+        axes.plot(marks, unit_interpolation(nodes, marks), "o", ms=4, color="C1")
+        axes.axhline(0, color="0.6", lw=0.6)
+        axes.set_xticks(np.arange(first, first + 181.0, 90.0), names.split())
+        axes.set_ylabel("heading error (°)")
+    upper.legend(fontsize=7)
