@@ -9,7 +9,7 @@ Duplicates
 Two reports of one tail at one time and place (within 1e-4 degree and 15 m) are one: the more
 complete stays, then the one with the smaller values, never the one that happened to come
 first: the result does not depend on the order of rows or files. Same tail and time at another
-place is kept where the clock (whole minutes) is coarse enough for both to be true, else it is a
+place is kept where the time (a whole minute) is coarse enough for both to be true, else it is a
 conflict and the more complete stays. Those kept follow the climb or descent around them.
 """
 
@@ -163,13 +163,12 @@ def _drop_same_place(columns: Columns, audit: Audit) -> None:
 
 def _drop_conflicts(columns: Columns, audit: Audit) -> None:
     """Of two places no aircraft could both be at, drop the less complete report's."""
-    reach = FASTEST * _clock(columns)
     while True:
         later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
         north, east, _ = _apart(columns, later, later - 1)
         east = east * np.cos(np.radians(columns["latitude"][later]))
         metres = np.hypot(north, east) * _METRES_PER_DEGREE
-        later = later[metres > reach[columns["tail"][later]]]
+        later = later[metres > FASTEST * _clock(columns["time"][later])]
         later = later[np.r_[True, np.diff(later) > 1][: later.size]]  # one of a chain at a time
         if not later.size:
             return
@@ -211,11 +210,10 @@ def _apart(
     return north, (east + 180.0) % 360.0 - 180.0, np.abs(up)
 
 
-def _clock(columns: Columns) -> NDArray[np.float64]:
-    """Nine in ten on whole minutes mean a minute's clock; otherwise a second's (s, per tail)."""
-    seconds = columns["time"].astype("datetime64[ms]").astype(np.int64) % 60_000 != 0
-    fine = np.bincount(columns["tail"], weights=seconds) > 0.1 * np.bincount(columns["tail"])
-    return np.where(fine, 1.0, 60.0)
+def _clock(time: NDArray[np.datetime64]) -> NDArray[np.float64]:
+    """Precision a time claims: a whole minute may be cut to the minute, others to a second (s)."""
+    whole = time.astype("datetime64[ms]").astype(np.int64) % 60_000 == 0
+    return np.where(whole, 60.0, 1.0)
 
 
 def _derived(
