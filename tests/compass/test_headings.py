@@ -268,6 +268,25 @@ def test_the_units_own_heading_and_airspeed_are_believed_where_they_agree() -> N
     assert rms(found.heading_error[0] - truth["error"]) < 0.35
 
 
+def test_the_error_of_the_units_own_vector_is_its_coding() -> None:
+    reports = flown(flights=60)
+    truth = reports.attrs["truth"]
+    step = 5.0 * 1852.0 / 3600.0
+    own = with_own(
+        reports,
+        np.round(truth["unit_heading"]),
+        np.round(truth["unit_airspeed"] / step) * step,
+    )
+    found = derive_headings(own, model(reports))
+    exact = derive_headings(reports, model(reports))
+    assert evidence(found)["chords"] == 0
+    names = ("ground_eastward_velocity", "ground_northward_velocity")
+    miss = np.concatenate([(found[name] - exact[name]).values for name in names])
+    # 5 kt / sqrt(12) = 0.74 m/s along, 1 degree / sqrt(12) of 130 m/s = 0.66 m/s across
+    assert rms(found.ground_velocity_error) == pytest.approx(0.70, abs=0.03)
+    assert rms(miss) == pytest.approx(rms(found.ground_velocity_error), rel=0.08)
+
+
 @pytest.mark.parametrize(
     ("column", "reason"),
     [("track", "heading_is_track"), ("magnetic", "heading_differs"), ("cas", "airspeed_differs")],
@@ -280,7 +299,7 @@ def test_a_column_that_is_something_else_is_not_believed(column: str, reason: st
     if column == "track":
         heading[second] = truth["track"][second]
     elif column == "magnetic":
-        heading[second] -= 2.0
+        heading[second] -= 1.0  # a declination of one degree
     else:
         airspeed[second] *= 0.65
     found = derive_headings(with_own(reports, heading, airspeed), model(reports))
