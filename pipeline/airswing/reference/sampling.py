@@ -359,7 +359,8 @@ def _to_true(
     """Combine both levels and turn to true east and north."""
     weight = brackets.weight
     mixed = [_weighted(pair, (1.0 - weight, weight)) for pair in along]
-    angle = grid.convergence(lat, lon) if grid.wind_along_grid else np.zeros_like(lat)
+    convergence = grid.convergence(lat, lon)
+    angle = convergence if grid.wind_along_grid else np.zeros_like(lat)
     wind = _turned(mixed[0], mixed[1], angle)
     if not derivatives:
         return np.stack(wind)
@@ -368,7 +369,8 @@ def _to_true(
         u_shear, v_shear = ((pair[1] - pair[0]) / depth for pair in along[:2])
     shear = _turned(u_shear, v_shear, angle)
     slopes = _true_slopes(grid, mixed, wind, angle, lat, lon)
-    return np.stack([*wind, *shear, *slopes, angle])
+    # The grid's own angle whatever the flag says: a wrong flag is told by it.
+    return np.stack([*wind, *shear, *slopes, convergence])
 
 
 def _turned(u: Floats, v: Floats, angle: Floats) -> tuple[Floats, Floats]:
