@@ -1,17 +1,21 @@
 """Faults a unit, a fleet or a reference can have, as plain lists of names and numbers.
 
-A fault is a mapping ``{"name", "tails", "parameters", "period"}``: ``tails`` null for the whole
-fleet, ``period`` null or ``[start, end]`` in ISO 8601 (either may be null). Names and parameters
-are those of the published catalogue of effects, but each is realised here by physics of the
-vector instrument (`airswing.sample.instrument`), not by a formula for the curve it makes. Names
-under ``OUTSIDE`` are in no catalogue.
+A fault is a mapping ``{"name", "tails", "parameters", "period"}``: ``tails`` null or ``all`` for
+the whole fleet, ``period`` null or ``[start, end]`` in ISO 8601 (either may be null). Names and
+parameters are those of the published catalogue of effects, but each is realised here by physics
+of the vector instrument (`airswing.sample.instrument`), not by a formula for the curve it makes.
+Names under ``OUTSIDE`` are in no catalogue.
 
 Assumptions and stated scales
 -----------------------------
 * one and two cycles: error = amplitude sin(m + phase), m the indicated magnetic heading; hard
   iron is stated at ``at_horizontal_field_nT`` (the reports' median H by default);
-* ``acceleration_error``: amplitude of the heading error at 0.1 m s-2 along the heading and 70
-  degrees of dip; ``turn_error``: at 10 degrees of bank and 70 degrees of dip;
+* ``acceleration_error``: amplitude of sin(m) at 1 g along the heading and 45 degrees of dip,
+  ``turn_error``: amplitude of cos(m) at one radian of bank and 45 degrees of dip; a freely hanging
+  sensor has -57.3 degrees of both;
+* ``wind_coding``: ``step`` in kt and ``direction_step_deg``; ``position_coding``: ``step`` in
+  arc-minutes;
+* ``reference_grid_relative``: ``fraction`` 1 leaves the rotation out, -1 makes it once too often;
 * ``declination_error``: the table of ``epoch_year``, or ``factor`` times the declination, scaled
   to a mean of ``mean_deg`` over the reports where that is given.
 
@@ -37,7 +41,6 @@ __all__ = ["OUTSIDE", "UNIT_FAULTS", "Fault", "Setting", "apply_unit_faults", "p
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-_STANDARD_TAN_DIP = float(np.tan(np.radians(70.0)))
 _G = 9.80665
 
 
@@ -140,9 +143,11 @@ def _both(setting: Setting, fault: Fault, where: Mask) -> None:
 
 
 def _drift(setting: Setting, fault: Fault, where: Mask) -> None:
-    since = max(fault.period[0], 0.0)
+    since = max(fault.period[0], float(setting.hours.min()))
     days = (setting.hours[where] - since) / 24.0
-    setting.unit.rotation[where] += np.radians(fault.value("rate_deg_per_day")) * days
+    setting.unit.rotation[where] += np.radians(fault.value("rate_deg_per_day")) * days + np.radians(
+        fault.value("offset_deg")
+    )
 
 
 def _heater(setting: Setting, fault: Fault, where: Mask) -> None:
@@ -150,12 +155,12 @@ def _heater(setting: Setting, fault: Fault, where: Mask) -> None:
 
 
 def _acceleration(setting: Setting, fault: Fault, where: Mask) -> None:
-    gain = np.radians(fault.value("amplitude_deg")) / (0.1 * _STANDARD_TAN_DIP)
-    setting.unit.tilt_forward[where] -= gain * setting.acceleration[where]
+    gain = np.radians(fault.value("amplitude_deg"))
+    setting.unit.tilt_forward[where] -= gain * setting.acceleration[where] / _G
 
 
 def _turn(setting: Setting, fault: Fault, where: Mask) -> None:
-    gain = fault.value("amplitude_deg") / (10.0 * _STANDARD_TAN_DIP)
+    gain = np.radians(fault.value("amplitude_deg"))
     setting.unit.tilt_right[where] -= gain * setting.bank[where]
 
 
@@ -302,6 +307,7 @@ def parse_faults(
                 "unknown effect", field="name", found=name, remedy=f"one of {sorted(known)}"
             )
         chosen = effect.get("tails")
+        chosen = None if chosen == "all" else chosen
         missing = [tail for tail in chosen or () if tail not in tails]
         if missing:
             raise InputError("unknown aircraft", field="tails", found=str(missing))

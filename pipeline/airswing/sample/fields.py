@@ -35,7 +35,8 @@ class ReferenceChange:
     offset_hours : float
         The field stamped t is that of t + offset.
     unrotated : float
-        Fraction of the grid's turn left out although the flag says it is in.
+        Fraction of the rotation a reader will leave out: 1 for winds along the grid flagged as
+        earth's, -1 for the reverse.
     """
 
     speed_percent: float = 0.0
@@ -150,7 +151,9 @@ def build_references(
         wind = Reference(world, name).on_grid(x, y, zeta, stamp, large_scale=large)
         wind = _changed(wind, levels, change)
         flag = grid_relative[name]
-        turn = (1.0 if flag else 0.0) - change.unrotated * (1.0 if flag else -1.0)
+        if abs(change.unrotated) == 1.0:
+            flag = change.unrotated < 0
+        turn = (1.0 if flag else 0.0) + change.unrotated
         if turn != 0.0:
             wind = _turned(wind, turn * angle)
         out[name] = GriddedReference(name, grid, levels, hours, np.round(wind, decimals), flag)

@@ -189,10 +189,10 @@ def fly(
         for name, values in zip(kept, now, strict=True):
             kept[name].append(values.copy())
         aim, left = _course(lat, lon, targets[stage, np.arange(flights)])
-        passed = (stage < 2) & (left < np.where(stage == 0, 4500.0, 2500.0))
+        passed = (stage < 2) & (left < np.where(stage == 0, 4500.0, 5500.0))
         stage = np.where(passed, stage + 1, stage)
         _, home = _course(lat, lon, table.destination)
-        home = home + 22e3 * (stage < 2)
+        home = (home + 14e3 * (stage < 2)) / 0.83
         limit = _G * np.tan(_MAX_BANK) / speed
         wanted = np.clip(_wrap(aim - track) / 22.0, -limit, limit)
         wanted = np.where((phase == ASCENT) & (altitude < release), 0.0, wanted)
@@ -221,7 +221,7 @@ def fly(
         phase = np.where(
             (phase != DESCENT) & alive & (altitude > 500) & (sink < altitude), DESCENT, phase
         )
-        landed = (phase == DESCENT) & ((altitude < 250.0) | ((stage == 2) & (left < 2500.0)))
+        landed = (phase == DESCENT) & ((altitude < 250.0) | ((stage == 2) & (left < 4000.0)))
         phase = np.where(landed, 0, phase).astype(np.int8)
     stacked = {name: np.stack(values) for name, values in kept.items()}
     return Flown(

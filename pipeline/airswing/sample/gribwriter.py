@@ -24,8 +24,8 @@ from airswing.sample.lambert import LambertGrid
 __all__ = ["MessageWriter", "write_reference"]
 
 Array = NDArray[np.float64]
-_FIXED_BITS = {"grid_complex_spatial_differencing": 12, "grid_complex": 12, "grid_ccsds": 12}
-"""Packings that take a number of bits, not of decimals: steps of 0.01-0.03 m/s."""
+_FIXED_BITS = {"grid_complex_spatial_differencing": 10, "grid_complex": 10, "grid_ccsds": 10}
+"""Packings that take a number of bits, not of decimals: steps of 0.03-0.1 m/s for winds."""
 
 
 def _grid_keys(grid: LambertGrid, edition: int) -> dict[str, float | int | str]:
@@ -106,10 +106,9 @@ class MessageWriter:
             if packing != "grid_simple":
                 eccodes.codes_set_values(handle, np.arange(grid.rows * grid.columns, dtype=float))
                 eccodes.codes_set(handle, "packingType", packing)
-            if packing in _FIXED_BITS:
-                eccodes.codes_set(handle, "bitsPerValue", _FIXED_BITS[packing])
             self._templates.append(handle)
-        self._decimals = None if packing in _FIXED_BITS else decimals
+        self._decimals = decimals
+        self._bits = _FIXED_BITS.get(packing)
 
     def message(
         self,
@@ -145,8 +144,10 @@ class MessageWriter:
         eccodes.codes_set(handle, "dataTime", base.hour * 100 + base.minute)
         eccodes.codes_set(handle, "endStep", lead)
         eccodes.codes_set(handle, "level", int(level))
-        if self._decimals is not None:
+        if self._bits is None:
             eccodes.codes_set(handle, "decimalPrecision", self._decimals)
+        else:  # encoding lowers the bits of the handle it leaves behind
+            eccodes.codes_set(handle, "bitsPerValue", self._bits)
         eccodes.codes_set_values(handle, values.astype(np.float64).ravel())
         return bytes(eccodes.codes_get_message(handle))
 

@@ -318,10 +318,12 @@ def _report(
         if fault.name == "altitude_offset":
             altitude[where] += fault.value("offset_ft") * 0.3048
         elif fault.name == "wind_coding":
-            steps["direction"][where] = fault.value("step_deg", fault.value("step", 10.0))
-            steps["speed"][where] = fault.value("step_kt", coding.speed_kt)
+            steps["direction"][where] = (
+                fault.value("direction_step_deg", 10.0) or coding.direction_deg
+            )
+            steps["speed"][where] = fault.value("step", 5.0)
         elif fault.name == "position_coding":
-            steps["position"][where] = fault.value("step_arcmin", fault.value("step", 1.0)) / 60.0
+            steps["position"][where] = fault.value("step", 1.0) / 60.0
         elif fault.name == "time_lag" and fault.parameters.get("to_minute"):
             steps["time"][where] = 60.0
         elif fault.name == "outliers":
