@@ -68,6 +68,8 @@ def test_of_two_reports_at_one_place_and_time_the_fuller_stays(tmp_path: Path):
     ds, audit = read(tmp_path, [row(wind_speed_kt=None, temperature_degC=None), row()])
     assert audit["dropped"] == {"same_tail_and_time": 1}
     assert not np.isnan(ds["eastward_wind"][0])
+    ds, _ = read(tmp_path, [row(wind_speed_kt=30, temperature_degC=None), row(wind_speed_kt=40)])
+    assert float(ds["eastward_wind"][0]) == pytest.approx(40 * 1852 / 3600)
 
 
 def test_two_places_at_one_second_are_a_conflict(tmp_path: Path):
