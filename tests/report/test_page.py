@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
 from airswing.errors import InputError
-from airswing.report import write_page
+from airswing.report import page, write_page
 from tests.report import factories
 
 
@@ -44,15 +46,15 @@ def parsed(page: Path) -> tuple[str, Balance]:
 def test_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
     headings, fits = factories.headings(), factories.fits()
     (tmp_path / "tables.csv").write_text("aircraft\n")
-    page = write_page(
+    written = write_page(
         tmp_path / "report",
         headings=headings,
         fits=fits,
         corrected=factories.corrected(headings),
         summary={"links": [("notes", "notes.txt")], "configuration": "a.yaml"},
     )
-    assert page == tmp_path / "report" / "index.html"
-    text, found = parsed(page)
+    assert written == tmp_path / "report" / "index.html"
+    text, found = parsed(written)
     assert found.open == []
     outside = [a for a in found.addresses if not a.startswith(("data:image/", "#"))]
     assert outside == ["../tables.csv", "notes.txt"]
@@ -63,7 +65,7 @@ def test_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
     assert "falls from" in headline
     for name in factories.names(6):
         assert name in text
-    assert not list(page.parent.glob(".index*"))
+    assert not list(written.parent.glob(".index*"))
 
 
 def test_page_without_a_single_fit_says_so(tmp_path: Path) -> None:
@@ -88,3 +90,44 @@ def test_unwritable_folder_leaves_the_old_page(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot write the page"):
         write_page(tmp_path / "report", headings=headings, fits=fits)
     assert (tmp_path / "report").read_text() == "a file where the folder should be"
+
+
+def test_large_fleet_stays_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "LARGE_FIGURES", 2)
+    monkeypatch.setattr(page, "SMALL_PER_FIGURE", 3)
+    monkeypatch.setattr(page, "SVG_UP_TO", 1)
+    headings, fits = factories.headings(aircraft=8, reports=60), factories.fits(aircraft=8)
+    text, found = parsed(write_page(tmp_path, headings=headings, fits=fits))
+    assert "The 2 aircraft with the largest amplitude; the other 6" in text
+    small = -(-8 // 3)
+    fleet, roses, places, audit = 1, 1, 3, 1
+    assert found.images == small + 2 + fleet + roses + places + audit
+    table = re.search(r"<tbody>(.*?)</tbody>", text, re.DOTALL).group(1)
+    assert table.count("<tr") == 8
+
+
+def test_evaluations_become_sections(tmp_path: Path) -> None:
+    headings, fits = factories.headings(aircraft=2, reports=60), factories.fits(aircraft=2)
+    text, found = parsed(
+        write_page(
+            tmp_path,
+            headings=headings,
+            fits=fits,
+            field_test=factories.full_field_test(),
+            sensitivity=factories.sensitivity(),
+            profiles=factories.profiles(),
+        )
+    )
+    assert found.open == []
+    for anchor in ("field-test", "sensitivity", "profiles"):
+        assert f'<section id="{anchor}">' in text
+    assert "gained 2.47 kt (2.10 to 2.80) beyond the controls by the linear difference" in text
+    assert "2.24 kt (1.90 to 2.60) adding errors in quadrature" in text
+    assert "Not poolable: ruc - nam (nam is in never_pool)" in text
+    assert "negative variance" in text
+
+
+def test_importing_the_package_does_not_import_matplotlib() -> None:
+    code = "import airswing.report, sys; print('matplotlib' in sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "False"

@@ -128,8 +128,8 @@ def reports_figure(headings: xr.Dataset, *, keep: Mask | None = None, title: str
     axes.set_title(title)
     how = "as a density of hexagons, darker where reports are many" if drawn else "one dot each"
     return figure.say(
-        f"Where the reports are: {plural(int(shown.sum()), 'report')} of "
-        f"{plural(headings.sizes.get('aircraft', 0), 'aircraft', 'aircraft')}, {how}."
+        f"Where the reports are (n = {plural(int(shown.sum()), 'report')} of "
+        f"{plural(headings.sizes.get('aircraft', 0), 'aircraft', 'aircraft')}), {how}."
     )
 
 

@@ -279,7 +279,7 @@ def audit_figure(headings: xr.Dataset) -> Figure:
     else:
         right.axis("off")
     return figure.say(
-        f"What was left out: of {plural(total, 'report')} read, {thousands(kept)} "
+        f"What was left out (n = {plural(total, 'report')}): {thousands(kept)} "
         f"({100 * kept / max(total, 1):.1f} %) entered the fits. A report can be marked by several "
         "rules; the dark part of a bar is what only that rule removed."
     )

@@ -1,0 +1,163 @@
+"""Every figure: a caption with its number, units on its axes, nothing left behind, and content."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import airswing.report as report
+from airswing.report import compass, embed, gap_evidence_figures, gap_parts, overview
+from tests.report import factories, gap_factories
+
+HEADINGS = factories.headings()
+FITS = factories.fits()
+CORRECTED = factories.corrected(HEADINGS)
+GAP, MAPS = gap_factories.gap(), gap_factories.maps()
+
+FIGURES: dict[str, Callable[[], Figure]] = {
+    "reports": lambda: report.reports_figure(HEADINGS),
+    "dense": lambda: report.reports_figure(factories.headings(aircraft=11, reports=2000)),
+    "phases": lambda: report.phase_maps_figure(HEADINGS),
+    "levels": lambda: report.level_maps_figure(factories.headings(shift=-92)),
+    "heading error": lambda: report.heading_error_figure(HEADINGS, FITS, "N402"),
+    "small multiples": lambda: report.small_multiples_figure(HEADINGS, FITS, ["N401", "N406"]),
+    "coverage": lambda: report.coverage_figure(HEADINGS),
+    "fleet": lambda: report.fleet_figure(FITS),
+    "disagreement": lambda: report.disagreement_figure(HEADINGS, CORRECTED, FITS),
+    "audit": lambda: report.audit_figure(HEADINGS),
+    "field test": lambda: report.field_test_figure(factories.field_test()),
+    "full field test": lambda: report.field_test_figure(factories.full_field_test()),
+    "scrutiny": lambda: report.scrutiny_figure(factories.full_field_test()),
+    "profiles": lambda: report.profiles_figure(factories.profiles()),
+    "pairs": lambda: report.pair_differences_figure(factories.sensitivity()["pairs"]),
+    "pair": lambda: report.aircraft_differences_figure(factories.sensitivity()["pairs"][0]),
+    "slices": lambda: report.slices_figure(GAP["where"]),
+    "no slices": lambda: report.slices_figure([]),
+    **{
+        f"gap where {i}": lambda i=i: list(gap_parts.where_figures(MAPS, GAP, ["N404"]))[i]
+        for i in range(5)
+    },
+    **{f"gap which {i}": lambda i=i: list(gap_parts.which_figures(MAPS, GAP))[i] for i in range(2)},
+    "waterfall": lambda: next(iter(gap_parts.closure_figures(GAP))),
+    **{
+        f"gap method {i}": lambda i=i: list(gap_parts.method_figures(MAPS, GAP))[i]
+        for i in range(2)
+    },
+}
+UNIT = re.compile(
+    r"\((degree|kt|m/s|km|hPa|%|.*n = .*)\)|degree|reports|probability|correlation|"
+    r"log evidence|draws|expected"
+)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_figure_says_what_it_shows_and_of_how_many(name: str) -> None:
+    figure = FIGURES[name]()
+    caption = figure.caption  # type: ignore[attr-defined]
+    assert re.search(r"n = [\d,]+", caption), caption
+    assert "nan" not in caption
+    for axes in figure.axes:
+        for label in (axes.get_xlabel(), axes.get_ylabel()):
+            assert not label or UNIT.search(label), label
+    picture = embed.png_bytes(figure, dpi=40)
+    assert picture.startswith(b"\x89PNG")
+    assert "matplotlib.pyplot" not in sys.modules or not matplotlib.pyplot.get_fignums()
+
+
+def test_the_style_does_not_leak() -> None:
+    before = dict(matplotlib.rcParams)
+    FIGURES["heading error"]()
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_the_same_figure_gives_the_same_bytes() -> None:
+    first, second = (embed.svg_bytes(report.fleet_figure(FITS)) for _ in range(2))
+    assert first == second
+
+
+def test_captions_are_escaped_in_the_page() -> None:
+    figure = report.slices_figure([])
+    figure.say("a < b & c (n = 0)")  # type: ignore[attr-defined]
+    html = embed.embedded(figure)
+    assert "a &lt; b &amp; c" in html
+    assert 'alt="a &lt; b' in html
+
+
+def test_heading_error_figure_draws_the_fit_and_the_table() -> None:
+    axes = report.heading_error_figure(HEADINGS, FITS, "N402", "ruc").axes[0]
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    fit = FITS.sel(reference="ruc", aircraft="N402")
+    x, y = lines["fitted curve"].get_data()
+    assert np.allclose(y, factories.curve(fit["deviation"].to_numpy(), x))
+    _, nodes = lines["8-point table"].get_data()
+    assert nodes.tolist() == (-fit["table_correction"].to_numpy()).tolist()
+
+
+def test_an_untrusted_fit_is_dashed_and_has_no_table() -> None:
+    figure = report.heading_error_figure(HEADINGS, FITS, "N406", "ruc")
+    labels = {line.get_label() for line in figure.axes[0].get_lines()}
+    assert "fit, not to be trusted" in labels
+    assert "8-point table" not in labels
+    assert "poor heading coverage" in figure.caption  # type: ignore[attr-defined]
+
+
+def test_binned_medians_by_hand() -> None:
+    heading = np.array([1.0, 2, 3, 4, 5, 359, 100, 101])
+    value = np.array([1.0, 2, 3, 4, 100, 7, 8, 9])
+    found = compass.binned_medians(heading, value, width=15.0)
+    assert found.centre.tolist() == [7.5]
+    assert found.median.tolist() == [3.0]
+    assert found.half_width[0] == pytest.approx(1.96 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
+
+
+def test_sectors_are_centred_on_north() -> None:
+    counts = compass.sector_counts(np.array([0.0, 22.0, 338.0, 23.0, 180.0]), sectors=8)
+    assert counts.tolist() == [3, 1, 0, 0, 1, 0, 0, 0]
+
+
+def test_fleet_order_puts_untrusted_fits_last() -> None:
+    order = overview.by_amplitude(FITS, "ruc")
+    assert order[-1] == "N406"
+    amplitude = FITS["amplitude"].sel(reference="ruc", aircraft=order[:-1]).to_numpy()
+    assert np.all(np.diff(amplitude) <= 0)
+
+
+def test_waterfall_steps_lead_from_before_to_after() -> None:
+    figure = gap_evidence_figures.waterfall_figure(
+        [("hard_iron", 6.9, None), ("tas_scale", 6.5, [6.4, 6.6])], before=7.4, floor=6.3
+    )
+    bars = [(p.get_x(), p.get_x() + p.get_width()) for p in figure.axes[0].patches]
+    expected = [(0, 7.4), (7.4, 6.9), (6.9, 6.5), (0, 6.5), (0, 6.3)]
+    assert np.allclose(bars, expected)
+
+
+def test_cells_with_few_reports_are_white() -> None:
+    figure = report.aircraft_heading_figure(
+        ["N1"], [45.0, 135.0, 225.0], [[1.0, 2.0, 3.0]], [[9, 10, 0]]
+    )
+    mesh = figure.axes[0].collections[0].get_array()
+    assert np.ma.filled(mesh, np.nan).ravel()[1] == 2.0
+    assert np.isnan(np.ma.filled(mesh, np.nan).ravel()[[0, 2]]).all()
+
+
+def test_empty_screening_and_reading_are_told() -> None:
+    headings = factories.headings(aircraft=1, reports=40)
+    headings["screening"][:] = 0
+    headings.attrs["reading_audit"] = "not json"
+    assert "40 (100.0 %) entered" in report.audit_figure(headings).caption
+    assert overview.reading_reasons(HEADINGS) == (
+        {"duplicate": 12, "impossible_position": 3},
+        {"longitude_wrapped": 40},
+    )
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'pie_chart'"):
+        _ = report.pie_chart
+    assert "heading_error_figure" in dir(report)
