@@ -9,17 +9,3 @@ octets), ``sampling`` (one model time at its reports), ``filecache`` and
 ``planning`` (which reports need which model times), ``store`` and
 ``collocate`` (all model times, joined in time), ``inspection``.
 """
-
-from airswing.reference.catalogue import Catalogue, build_catalogue
-from airswing.reference.collocate import Plan, collocate, plan, require_overlap
-from airswing.reference.inspection import inspect_grib
-
-__all__ = [
-    "Catalogue",
-    "Plan",
-    "build_catalogue",
-    "collocate",
-    "inspect_grib",
-    "plan",
-    "require_overlap",
-]
