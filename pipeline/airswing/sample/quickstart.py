@@ -1,6 +1,6 @@
 """The small archive of ``data_samples/``: six aircraft, five weeks, and eight days of field test.
 
-Assumptions: a coarse grid over the lower Great Lakes, three-hourly fields on eight levels, all
+Assumptions: a coarse grid over the lower Great Lakes, three-hourly fields on seven levels, all
 below 8 MB. Run as ``python -m airswing.sample.quickstart data_samples``; the seed is fixed, so
 the files come out the same. Reports before 20 October 2009 go to ``reports/``; later ones, where
 two aircraft already apply their tables, to ``field_test/``.
@@ -19,7 +19,7 @@ from airswing.sample.archive import write_archive
 
 __all__ = ["EFFECTS", "write_quickstart"]
 
-SEED = 2009
+SEED = 2012
 DAYS_BEFORE, DAYS_AFTER = 34, 8
 CORRECTED = ("N401", "N404")
 
@@ -67,13 +67,15 @@ def _split(directory: Path, boundary: str) -> None:
                 target.write_text(header + "".join(kept), encoding="utf-8")
 
 
-def write_quickstart(directory: str | Path) -> Path:
+def write_quickstart(directory: str | Path, *, seed: int = SEED) -> Path:
     """Write the sample archive.
 
     Parameters
     ----------
     directory : path
         Folder for ``reports/``, ``field_test/``, ``ruc/``, ``rtfdaa/``, ``truth/``.
+    seed : int
+        The committed files have the default.
 
     Returns
     -------
@@ -86,23 +88,22 @@ def write_quickstart(directory: str | Path) -> Path:
         root,
         days=DAYS_BEFORE + DAYS_AFTER,
         aircraft=6,
-        seed=SEED,
+        seed=seed,
         effects=EFFECTS,
         start=start,
         network="lower_lakes",
-        columns=21,
-        rows=19,
+        columns=20,
+        rows=18,
         spacing_km=50.0,
-        levels=(950, 850, 750, 650, 575, 500, 425, 350),
+        levels=(950, 850, 750, 650, 550, 450, 350),
         interval_hours=3,
         lead_hours=3,
         times_per_file=8,
         legs_per_day=6.0,
-        climb_seconds=150.0,
+        climb_seconds=240.0,
         cruise_seconds=80.0,
         field_test=(DAYS_BEFORE, CORRECTED),
         thinned={"N406": 0.04},
-        packing={"rtfdaa": "grid_complex_spatial_differencing"},
     )
     config.unlink()
     _split(root, "2009-10-20")

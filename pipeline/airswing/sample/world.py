@@ -71,6 +71,8 @@ class WorldParameters:
         Share of that error's variance common to all references.
     bias, daily : float
         Persistent error and amplitude of its daily part.
+    bias_lengths : (float, float)
+        Range of the persistent parts' correlation lengths, km.
     lengths : (float, float)
         Range of the error's correlation lengths, km.
     memory : float
@@ -86,8 +88,9 @@ class WorldParameters:
     mesoscale: float = 1.5
     error: float = 1.95
     shared: float = 0.35
-    bias: float = 0.3
-    daily: float = 0.3
+    bias: float = 0.2
+    daily: float = 0.25
+    bias_lengths: tuple[float, float] = (500.0, 1500.0)
     lengths: tuple[float, float] = (110.0, 320.0)
     memory: float = 6.0
     depth: float = 0.3
@@ -100,6 +103,7 @@ class WorldParameters:
             error=1.9,
             bias=0.5,
             daily=0.45,
+            bias_lengths=(250.0, 800.0),
             lengths=(80.0, 600.0),
             memory=9.0,
             depth=0.45,
@@ -257,7 +261,7 @@ class Reference:
                 stream(seed, label + self.name),
                 count=24,
                 rms=rms,
-                lengths=(250.0, 800.0),
+                lengths=sizes.bias_lengths,
                 depth=0.6,
                 memory=np.inf,
                 start=start,
