@@ -18,9 +18,9 @@ import numpy as np
 
 import airswing  # noqa: F401
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "compass"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from flown import Setting, fleet_deviations, fly, wrap
+from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
 from airswing.compass.deviation import COEFFICIENTS, fit_deviation
 

@@ -14,11 +14,11 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "compass"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-from flown import Setting, fleet_deviations, fly
 from scipy.optimize import curve_fit
+from tests.compass.flown import Setting, fleet_deviations, fly
 
 from airswing.compass.deviation import fit_deviation, fit_sinusoid
 

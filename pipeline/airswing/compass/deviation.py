@@ -31,6 +31,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.clusters import Array
+from airswing.compass.columns import Columns
 from airswing.compass.derived import (
     choice_covariance,
     choose_cycles,
@@ -40,7 +41,7 @@ from airswing.compass.derived import (
     sinusoid,
     t_inflation,
 )
-from airswing.compass.kernel import COMPASS, Reports, plain_sinusoid
+from airswing.compass.kernel import COMPASS, plain_sinusoid
 from airswing.compass.pooling import day_ratio, pool, widened
 from airswing.compass.robustfit import AircraftFit, fit_aircraft
 from airswing.errors import InputError
@@ -121,7 +122,7 @@ def fit_deviation(
     """
     groups = _groups(headings, pools or {})
     options = _Options(harmonics, joint, min_reports, min_compass_points)
-    columns = _Columns(headings, abscissa)
+    columns = Columns(headings, abscissa)
     parts = [_fit_reference(columns, members, options) for members in groups.values()]
     fits = xr.concat(parts, dim="reference", join="override", combine_attrs="override")
     fits = fits.assign_coords(
@@ -189,79 +190,10 @@ def _groups(headings: xr.Dataset, pools: Mapping[str, Sequence[str]]) -> dict[st
     return groups
 
 
-class _Columns:
-    """The report columns as plain arrays, read once."""
-
-    def __init__(self, headings: xr.Dataset, abscissa: str) -> None:
-        self.start, self.stop = row_bounds(headings["row_size"].to_numpy())
-        self.heading = headings["heading"].to_numpy()
-        self.abscissa = (headings["magnetic_heading"].to_numpy() if abscissa == "magnetic"
-                         else self.heading)
-        self.airspeed = headings["airspeed"].to_numpy()
-        self.screening = headings["screening"].to_numpy()
-        self.flight = headings["flight"].to_numpy()
-        self.time = headings["time"].to_numpy()
-        self.errors = [headings[name].transpose("reference", "report") for name in
-                       ("heading_error", "airspeed_error", "heading_error_standard_error")]
-        self.read: dict[int, list[NDArray[Any]]] = {}
-
-    def use(self, members: list[int]) -> None:
-        """Read the errors against these references; forget the others."""
-        self.read = {k: self.read.get(k) or [part[k].to_numpy() for part in self.errors]
-                     for k in members}
-
-    def observations(
-        self, aircraft: int, members: list[int]
-    ) -> tuple[list[Reports], NDArray[np.int64], NDArray[Any]]:
-        """Reports of one aircraft: one set a member, the day of each flight, the abscissae."""
-        row = slice(int(self.start[aircraft]), int(self.stop[aircraft]))
-        common = [part[row] for part in (self.heading, self.abscissa, self.airspeed)]
-        own = [[part[row] for part in self.read[k]] for k in members]
-        if self._all_good(row, [*common, *(part for errors in own for part in errors[:2])]):
-            first, number = _numbered(self.flight[row])
-            return ([_reports(common, errors, number) for errors in own],
-                    _days(self.time[row][first]), common[1])
-        good = (self.screening[row] == 0) & np.isfinite(common[0] + common[1] + common[2])
-        masks = [good & np.isfinite(errors[0] + errors[1]) for errors in own]
-        some = np.logical_or.reduce(masks)
-        first, number = _numbered(self.flight[row][some])
-        code = np.zeros(some.size, dtype=np.int64)
-        code[some] = number
-        sets = [_reports([part[mask] for part in common], [part[mask] for part in errors],
-                         code[mask]) for mask, errors in zip(masks, own, strict=True)]
-        return sets, _days(self.time[row][some][first]), common[1][some]
-
-
-    def _all_good(self, row: slice, parts: list[NDArray[Any]]) -> bool:
-        """Whether every report counts: a sum is finite only where every term is."""
-        return not self.screening[row].any() and all(np.isfinite(part.sum()) for part in parts)
-
-
-def _reports(
-    common: list[NDArray[Any]], errors: list[NDArray[Any]], flight: NDArray[np.int64]
-) -> Reports:
-    return Reports(common[0], common[1], common[2], errors[0], errors[1], errors[2], flight)
-
-
-def _days(time: NDArray[Any]) -> NDArray[np.int64]:
-    return time.astype("datetime64[D]").astype(np.int64)
-
-
-def _numbered(flight: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First report of every flight, and the flights numbered 0, 1, 2 ..."""
-    if np.any(flight[1:] < flight[:-1]):
-        _, first, number = np.unique(flight, return_index=True, return_inverse=True)
-        return first, number
-    new = np.ones(flight.size, dtype=np.bool_)
-    np.not_equal(flight[1:], flight[:-1], out=new[1:])
-    first = np.flatnonzero(new)
-    return first, np.repeat(np.arange(first.size), np.diff(first, append=flight.size))
-
-
 class _Fitter:
     """The kernel that runs over the aircraft; hashed by identity, not by its columns."""
 
-    def __init__(self, columns: _Columns, members: list[int], options: _Options) -> None:
+    def __init__(self, columns: Columns, members: list[int], options: _Options) -> None:
         self.columns, self.members, self.options = columns, members, options
 
     def __call__(self, aircraft: NDArray[Any]) -> NDArray[Any]:
@@ -274,7 +206,7 @@ class _Fitter:
         return uuid.uuid4().hex
 
 
-def _fit_reference(columns: _Columns, members: list[int], options: _Options) -> xr.Dataset:
+def _fit_reference(columns: Columns, members: list[int], options: _Options) -> xr.Dataset:
     columns.use(members)
     size = columns.start.size
     index = xr.DataArray(np.arange(size), dims="aircraft")
@@ -285,7 +217,7 @@ def _fit_reference(columns: _Columns, members: list[int], options: _Options) -> 
 
 
 def _fit_one(
-    columns: _Columns, aircraft: int, members: list[int], options: _Options
+    columns: Columns, aircraft: int, members: list[int], options: _Options
 ) -> _Aircraft:
     sets, flight_day, abscissa = columns.observations(aircraft, members)
     counts = np.bincount(np.rint(abscissa * (1 / 45.0)).astype(np.int64) & 7, minlength=8)

@@ -356,12 +356,13 @@ def robust_scatter(
     part, known = 0.0, 0.0
     if parted and obs.variance.size > 1:
         middle = _median(obs.variance)
-        low = obs.variance <= middle
-        spread = 0.0 if low.all() else float(obs.variance[~low].mean() - obs.variance[low].mean())
+        low = obs.variance < middle
+        spread = 0.0 if not low.any() else float(obs.variance[~low].mean() - obs.variance[low].mean())
         if spread > 1e-9:
             gain = (_median(cross[~low]) - _median(cross[low])) / MEDIAN_CHI2
             part = min(max(gain / spread, 0.0), 1.0)
-        known = part * middle
+            known = part * float(obs.variance[low].mean())
+            along, cross = along[low], cross[low]
     along_total, cross_total = (_median(one) / MEDIAN_CHI2 for one in (along, cross))
     return Scatter(max(along_total - known, 0.1 * along_total, 1e-6),
                    max(cross_total - known, 0.1 * cross_total, 1e-6), part)

@@ -247,3 +247,56 @@ def _finish(
                        float(np.sqrt(sum(part.before2 for part in parts) / weight)),
                        float(np.sqrt(sum(part.after2 for part in parts) / weight)),
                        np.argsort(day, kind="stable"))
+
+
+def merged(parts: list[AircraftFit]) -> AircraftFit:
+    """Add the sums of separate periods: last month's fit and this month's make one.
+
+    Parameters
+    ----------
+    parts : list of AircraftFit
+        Of one aircraft and reference, the periods in order, none sharing a flight, all with the
+        same free parameters.
+
+    Returns
+    -------
+    AircraftFit
+        As if fitted together, but for each period keeping its own robust weights.
+
+    Raises
+    ------
+    ValueError
+        If the free parameters differ.
+    """
+    free = parts[0].free
+    if any(not np.array_equal(part.free, free) for part in parts):
+        raise ValueError("the periods were fitted with different parameters")
+    square = np.ix_(free, free)
+    slopes = [part.kappa * part.normal[square] for part in parts]
+    total = np.sum(slopes, axis=0)
+    shares = [_solve(total, slope) for slope in slopes]
+    theta = np.zeros_like(parts[0].theta)
+    rows: list[Array] = []
+    for part, share in zip(parts, shares, strict=True):
+        theta[free] += share @ part.theta[free]
+        moved = np.zeros_like(part.flight)
+        moved[:, free] = part.flight[:, free] @ share.T
+        rows.append(moved)
+    days = np.unique(np.concatenate([part.day_number for part in parts]))
+    day = np.zeros((days.size, theta.size))
+    for part, share in zip(parts, shares, strict=True):
+        day[np.ix_(np.searchsorted(days, part.day_number), free)] += part.day[:, free] @ share.T
+    first = np.cumsum([0, *[part.flight.shape[0] for part in parts[:-1]]])
+    normal = np.sum([part.normal for part in parts], axis=0)
+    weight = np.array([part.normal[0, 0] for part in parts])
+    weight = weight / weight.sum()
+    return replace(
+        parts[0], theta=theta, normal=normal,
+        kappa=float(np.trace(total) / np.trace(normal[square])),
+        flight=np.concatenate(rows), day=day, day_number=days,
+        freedom=np.sum([part.freedom for part in parts], axis=0),
+        converged=all(part.converged for part in parts),
+        rms_before=float(np.sqrt(weight @ [part.rms_before**2 for part in parts])),
+        rms_after=float(np.sqrt(weight @ [part.rms_after**2 for part in parts])),
+        flight_order=np.concatenate([part.flight_order + shift
+                                     for part, shift in zip(parts, first, strict=True)]))

@@ -33,7 +33,7 @@ from airswing.vocabulary import STATUS
 CARDINALS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 CARD_HEADINGS = np.arange(0.0, 360.0, 30.0)
 COLUMNS = ("aircraft", "reference", "status", "heading_deg", "table_correction_deg",
-           "standard_error_deg")
+           "standard_error_deg", "sign")
 _STATUS_TEXT = {code: name for name, code in STATUS.items()}
 
 
@@ -79,19 +79,21 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
     target = Path(path)
     with target.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
-        writer.writerow((*COLUMNS, f"sign: {fits.attrs.get('table_sign', 'subtract_error')}"))
+        writer.writerow(COLUMNS)
+        sign = str(fits.attrs.get("table_sign", "subtract_error"))
         for reference in range(fits.sizes["reference"]):
             for aircraft in range(fits.sizes["aircraft"]):
-                writer.writerows(_table_rows(fits.isel(reference=reference, aircraft=aircraft)))
+                one = fits.isel(reference=reference, aircraft=aircraft)
+                writer.writerows(_table_rows(one, sign))
     return target
 
 
-def _table_rows(one: xr.Dataset) -> list[tuple[str, ...]]:
+def _table_rows(one: xr.Dataset, sign: str) -> list[tuple[str, ...]]:
     names = (str(one["aircraft"].item()), str(one["reference"].item()),
              _STATUS_TEXT[int(one["status"])])
     correction = one["table_correction"].to_numpy()
     error = _node_errors(one)
-    return [(*names, f"{node:g}", _number(correction[k], 3), _number(error[k], 3))
+    return [(*names, f"{node:g}", _number(correction[k], 3), _number(error[k], 3), sign)
             for k, node in enumerate(NODES)]
 
 
@@ -130,7 +132,8 @@ def swing_card(fits: xr.Dataset, *, aircraft: str, reference: str | None = None)
 
     one = _select(fits, aircraft, reference)
     figure = Figure(figsize=(8.27, 5.83), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1.05, 1.0))
+    halves: Any = figure.subfigures(1, 2, width_ratios=(1.05, 1.0))
+    left, right = halves
     _draw_card(left, one)
     if int(one["status"]) == STATUS["ok"]:
         _draw_curve(right, one)

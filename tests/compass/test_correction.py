@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import airswing  # noqa: F401
+from airswing.compass.correction import correct, corrected_wind, curve_standard_error
+from airswing.compass.deviation import fit_deviation
+from airswing.compass.table import add_tables
+from airswing.errors import InputError
+from airswing.vocabulary import CORRECTION
+from tests.compass.flown import Setting, fleet_deviations, fly
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    headings, truth = fly(fleet_deviations(3, np.random.default_rng(3)),
+                          Setting(aircraft=3, days=30, scale_spread=0.0), 21)
+    return headings, truth, add_tables(fit_deviation(headings), headings)
+
+
+def test_wind_by_hand():
+    # 100 m/s of air toward an indicated 090 that is truly 080; ground vector (110, 0)
+    u, v = corrected_wind(10.0, 0.0, 100.0, np.radians(90), np.radians(10))
+    assert u == pytest.approx(110 - 100 * np.sin(np.radians(80)))
+    assert v == pytest.approx(-100 * np.cos(np.radians(80)))
+
+
+@given(st.floats(-20, 20), st.floats(0, 360), st.floats(40, 250), st.floats(-50, 50))
+def test_correction_undoes_a_deviation(error, true, speed, wind):
+    # fly at a true heading, report along the deviated one, correct: the wind is back
+    ground = speed * np.array([np.sin(np.radians(true)), np.cos(np.radians(true))]) + [wind, -wind]
+    shown = np.radians(true + error)
+    reported = ground - speed * np.array([np.sin(shown), np.cos(shown)])
+    found = corrected_wind(*reported, speed, shown, np.radians(error))
+    assert np.allclose(found, [wind, -wind], atol=1e-9)
+
+
+def test_standard_error_of_the_curve():
+    covariance = np.diag([0.01, 0.04, 0.09, 0.16, 0.25])
+    assert curve_standard_error(covariance, [0, 90]) == pytest.approx(
+        [np.sqrt(0.01 + 0.09 + 0.25), np.sqrt(0.01 + 0.04 + 0.25)])
+
+
+@pytest.mark.parametrize("method", ["table", "curve"])
+def test_corrected_wind_is_near_the_truth_and_its_error_honest(fleet, method):
+    headings, truth, fits = fleet
+    done = correct(headings, fits, method=method)
+    off = np.column_stack([done["corrected_eastward_wind"], done["corrected_northward_wind"]]
+                          ) - truth["true_wind"]
+    before = np.column_stack([headings["eastward_wind"], headings["northward_wind"]]
+                             ) - truth["true_wind"]
+    left = np.hypot(*off.T)
+    assert np.sqrt(np.mean(left**2)) < 0.15 * np.sqrt(np.mean(np.hypot(*before.T) ** 2))
+    stated = done["corrected_wind_standard_error"].to_numpy()
+    assert 0.4 < np.sqrt(np.mean(left**2) / np.mean(stated**2)) < 1.8
+    assert np.all(done["correction_applied"] == CORRECTION["corrected"])
+    turned = (done["corrected_heading"] - headings["heading"] + 180) % 360 - 180
+    assert np.abs(turned).max() < 15
+
+
+def test_every_report_of_a_fitted_aircraft_and_no_other(fleet):
+    headings, _, fits = fleet
+    headings, fits = headings.copy(deep=True), fits.copy(deep=True)
+    size = int(headings["row_size"][0])
+    headings["screening"][:size] = 2  # screened out, yet it has a heading: corrected
+    headings["heading"][5] = np.nan
+    headings["eastward_wind"][6] = np.nan
+    fits["status"][0, 1] = 1
+    done = correct(headings, fits)
+    flag = done["correction_applied"].to_numpy()
+    assert flag[5] == CORRECTION["no_heading"]
+    assert flag[6] == CORRECTION["missing_wind"]
+    assert np.all(np.delete(flag[:size], [5, 6]) == CORRECTION["corrected"])
+    assert np.all(flag[size:2 * size] == CORRECTION["no_fit"])
+    same = slice(size, 2 * size)
+    assert np.array_equal(done["corrected_eastward_wind"][same], headings["eastward_wind"][same])
+    assert np.isnan(done["corrected_wind_standard_error"][same]).all()
+    assert np.isnan(done["corrected_eastward_wind"][6])
+
+
+def test_airspeed_scale_is_removed_on_request():
+    headings, truth = fly([[0.5, 2, 1, 0, 0]] * 2,
+                          Setting(aircraft=2, days=60, scale_spread=0.03), 22)
+    fits = fit_deviation(headings)
+
+    def rms(**options):
+        done = correct(headings, fits, method="curve", **options)
+        return np.sqrt(np.mean((done["corrected_eastward_wind"] - truth["true_wind"][:, 0]) ** 2))
+
+    assert rms(apply_airspeed_scale=True) < 0.5 * rms()
+
+
+def test_table_and_reference_must_be_there(fleet):
+    headings, _, fits = fleet
+    with pytest.raises(InputError, match="add_tables"):
+        correct(headings, fits.drop_vars("table_correction"), method="table")
+    with pytest.raises(InputError, match="nam"):
+        correct(headings, fits, reference="nam")
+
+
+def test_both_signs_correct_alike(fleet):
+    headings, _, fits = fleet
+    other = add_tables(fits.drop_vars(["table_correction", "table_residual_rms", "table_heading"]),
+                       headings, sign="add_error")
+    one, two = correct(headings, fits), correct(headings, other)
+    assert np.array_equal(one["corrected_eastward_wind"], two["corrected_eastward_wind"])
