@@ -6,7 +6,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -94,7 +93,8 @@ def test_stages_one_by_one_and_the_json_summary(root, tmp_path):
 def test_an_interrupt_is_status_130_and_leaves_no_half_product(root, tmp_path):
     command = [sys.executable, "-m", "airswing", "run", str(config(root, tmp_path))]
     started = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
-    time.sleep(2.5)
+    while not (line := started.stderr.readline()).startswith("plan"):
+        assert line, "ended before the collocation"
     started.send_signal(signal.SIGINT)
     _, message = started.communicate(timeout=60)
     assert started.returncode == 130, message

@@ -1,12 +1,53 @@
 """Swing an aircraft's compass from its archive of wind reports and model winds.
 
 Assumes reports of wind, position and time from aircraft that compute wind as ground velocity
-minus air velocity along a magnetic heading, and model winds in GRIB. See the README for the
-two-command start and ``airswing --help`` for the commands.
+minus air velocity along a magnetic heading, and model winds in GRIB. The stages, in order, are
+functions from Datasets to a Dataset: :func:`read_reports`, :func:`build_catalogue`,
+:func:`collocate`, :func:`derive_headings`, :func:`screen`, :func:`fit_deviation`,
+:func:`add_tables`, :func:`correct`; then :func:`field_test`, :func:`compare` and
+:func:`diagnose`. See the README for the two-command start and ``airswing --help`` for the
+commands.
 """
+
+from importlib import import_module
+from typing import Any
 
 # pyproj must come first: some eccodes builds bundle a libproj that crashes the interpreter
 # when it is loaded before pyproj's. tests/test_import_order.py holds both orders.
 import pyproj  # noqa: F401
 
 __version__ = "0.1.0"
+
+_STAGES = {
+    "read_reports": "airswing.reports.read",
+    "build_catalogue": "airswing.reference.catalogue",
+    "collocate": "airswing.reference.collocate",
+    "derive_headings": "airswing.compass.headings",
+    "screen": "airswing.compass.screening",
+    "audit": "airswing.compass.screening",
+    "fit_deviation": "airswing.compass.deviation",
+    "add_tables": "airswing.compass.table",
+    "correct": "airswing.compass.correction",
+    "error_profiles": "airswing.evaluation.profiles",
+    "field_test": "airswing.evaluation.fieldtest",
+    "compare": "airswing.evaluation.sensitivity",
+    "simulate_reports": "airswing.gap.simulated_reports",
+    "Frame": "airswing.gap.frame",
+    "diagnose": "airswing.gap.diagnose",
+    "read_product": "airswing.products",
+    "write_product": "airswing.products",
+    "load_config": "airswing.config",
+}
+"""The stages a notebook calls, and where each stands; imported on first use."""
+
+__all__ = sorted(_STAGES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _STAGES:
+        raise AttributeError(f"module 'airswing' has no attribute {name!r}")
+    return getattr(import_module(_STAGES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_STAGES]

@@ -19,6 +19,7 @@ app = typer.Typer(
     help="Swing the compass of an aircraft from its archive of wind reports and model winds.",
 )
 
+_INTERRUPTED = 130
 _USAGE_ERROR: Any = typer.BadParameter.__base__
 """Base of every error in how a command was called (typer does not export it by name)."""
 
@@ -196,13 +197,15 @@ def main() -> None:
     from airswing.errors import AirswingError
 
     try:
-        app(standalone_mode=False)
+        # Depending on its version typer returns 130 after an interrupt, or raises Abort.
+        if app(standalone_mode=False) == _INTERRUPTED:
+            raise KeyboardInterrupt
     except _USAGE_ERROR as err:
         err.show()
         raise SystemExit(2) from None
     except (KeyboardInterrupt, typer.Abort):
         print("airswing: interrupted; finished products are intact", file=sys.stderr)
-        raise SystemExit(130) from None
+        raise SystemExit(_INTERRUPTED) from None
     except AirswingError as err:
         print(f"airswing: {err}", file=sys.stderr)
         raise SystemExit(2) from None

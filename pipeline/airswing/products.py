@@ -73,6 +73,24 @@ def atomic(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def require_writable(folder: Path) -> None:
+    """Make sure products can be written to a folder, before hours are spent on them.
+
+    Parameters
+    ----------
+    folder : Path
+        Made when absent.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made or written to.
+    """
+    with atomic(Path(folder) / ".writable") as temporary:
+        temporary.touch()
+    (Path(folder) / ".writable").unlink()
+
+
 def write_text(path: Path, text: str) -> Path:
     """Write a text file atomically.
 

@@ -19,7 +19,7 @@ import xarray as xr
 from airswing.config import Config, as_json
 from airswing.errors import ConfigError, InputError
 from airswing.fingerprint import file_identities, fingerprint
-from airswing.products import read_product, write_json, write_product
+from airswing.products import read_product, require_writable, write_json, write_product
 from airswing.progress import Progress
 
 if TYPE_CHECKING:
@@ -547,6 +547,7 @@ def _product(
         if found.attrs.get("fingerprint") == mark:
             job.progress.say(f"{name}: nothing changed, kept")
             return found
+    require_writable(job.output)
     made = make()
     made.attrs["fingerprint"] = mark
     write_product(
