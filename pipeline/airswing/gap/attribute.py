@@ -23,9 +23,13 @@ from numpy.typing import NDArray
 
 from airswing.gap.changepoint import evaluate_step
 from airswing.gap.evidence import Candidate, Score, evaluate
-from airswing.gap.measure import Base, Conditional, Included, climatology, condition
+from airswing.gap.measure import Base, Conditional, Included, beyond, climatology, condition
 
 Floats = NDArray[np.float64]
+
+
+#: Effects beyond which a dictionary group must have something to say.
+BASICS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
 
 
 @dataclass(frozen=True)
@@ -92,11 +96,14 @@ class Found:
         Sums given all terms.
     rivals : tuple of tuple of Score
         For each term, all candidates ranked with that term taken out.
+    left : tuple of Score
+        All candidates ranked given all terms.
     """
 
     terms: tuple[Term, ...]
     given: Conditional
     rivals: tuple[tuple[Score, ...], ...]
+    left: tuple[Score, ...] = ()
 
 
 def term_weights(term: Term, shape: tuple[int, int]) -> Floats:
@@ -156,6 +163,9 @@ def rank(
     """
     out = []
     aircraft = len(base.stats.tails)
+    layout = base.stats.layout
+    names = [name for name in BASICS if name in layout.blocks]
+    novel = beyond(given, np.concatenate([layout.columns(n) for n in names])) if names else given
     for candidate in pool:
         own = taken.get((candidate.name, candidate.scope), set())
         if len(own) == aircraft:
@@ -164,7 +174,8 @@ def rank(
         if candidate.kind == "step":
             out.append(evaluate_step(base, given, candidate, allowed=allowed))
         else:
-            out.append(evaluate(base.stats, given, candidate, allowed=allowed))
+            source = given if candidate.known else novel
+            out.append(evaluate(base.stats, source, candidate, allowed=allowed))
     return sorted(out, key=lambda s: -s.raw)
 
 
@@ -244,7 +255,9 @@ def search(base: Base, pool: Sequence[Candidate], *, rules: Rules | None = None)
     for k in range(len(terms)):
         others = terms[:k] + terms[k + 1 :]
         rivals.append(tuple(rank(base, given_terms(base, others), pool, _taken(others))))
-    return Found(tuple(terms), given_terms(base, terms), tuple(rivals))
+    given = given_terms(base, terms)
+    left = tuple(rank(base, given, pool, _taken(terms)))
+    return Found(tuple(terms), given, tuple(rivals), left)
 
 
 def _taken(terms: Sequence[Term]) -> dict[tuple[str, str], set[int]]:

@@ -8,7 +8,8 @@ plain or times sine and cosine of the magnetic heading. Three kinds of block:
 * ``day fields``: u and v times {1, x, y, z}; fitted anew every day as random effects (what the
   aircraft of one day share);
 * ``climatology``: u and v by height, region and hour, fitted once over the archive beside
-  everything else, because the reference's own bias is real and no aircraft's fault;
+  everything else, because the reference's own bias is real and no aircraft's fault; with it the
+  ``slope`` of reports on model winds, which model error alone makes flatter than 1;
 * ``dictionary``: all the rest, GAP.md section 5.
 
 Validity: hats have their knots at fixed quantiles of the archive (:func:`plan_dictionary`), so
@@ -212,11 +213,10 @@ def _groups(knots: dict[str, Floats], flags: set[str]) -> tuple[Group, ...]:
             pairs = tuple(f"{x} {h}" for x in labels for h in ("sin1", "cos1", "sin2", "cos2"))
             out.append(Group(f"{component}:{name}*heading", component, name, pairs))
     taylor = (
-        ("wind", ("along wind", "across wind")),
         ("tendency", ("dw/dt",)),
         ("advection", ("V.grad w",)),
         ("shear", ("dw/dlnp",)),
-        ("wind_by_height", ("low along", "low across", "high along", "high across")),
+        ("wind_by_height", ("along wind", "across wind")),
     )
     out += [Group(f"wind:{name}", "wind", name, labels) for name, labels in taylor]
     return tuple(out)
@@ -291,11 +291,9 @@ def _taylor(frame: Any, group: Group) -> Floats:
     """Columns (n, 2, k) made of the reference wind and its derivatives, of order 1."""
     wind = np.stack([frame.u_ref, frame.v_ref], -1) / 10.0
     turned = np.stack([-wind[:, 1], wind[:, 0]], -1)
-    if group.variable == "wind":
-        return np.stack([wind, turned], -1)
     if group.variable == "wind_by_height":
-        high = np.clip((np.log(7e4) - np.log(frame.pressure)) / 0.4, 0, 1)[:, None]
-        return np.stack([wind * (1 - high), turned * (1 - high), wind * high, turned * high], -1)
+        high = np.clip((np.log(7e4) - np.log(frame.pressure)) / 0.4, 0, 1)[:, None] - 0.5
+        return np.stack([wind * high, turned * high], -1)
     if group.variable == "tendency":
         return (np.stack([frame.dudt, frame.dvdt], -1) * 3600.0)[..., None]
     if group.variable == "shear":
@@ -352,6 +350,23 @@ def climatology_columns(frame: Any, plan: DictionaryPlan) -> Floats:
     terms = [np.ones(frame.size), z, z * z - 1, x, y, x * y, x * x - 1, y * y - 1, x * z, y * z]
     terms += [np.sin(angle), np.cos(angle)]
     return _by_component(np.stack(terms, -1))
+
+
+def slope_columns(frame: Any) -> Floats:
+    """Columns of the slope of reports on model winds: the wind and the wind turned by 90 degrees.
+
+    Parameters
+    ----------
+    frame : Frame
+        With the reference wind's large-scale part as reference wind.
+
+    Returns
+    -------
+    (n, 2, 2) float
+        m s-1 per unit of slope.
+    """
+    wind = np.stack([frame.u_ref, frame.v_ref], -1)
+    return np.stack([wind, np.stack([-wind[:, 1], wind[:, 0]], -1)], -1)
 
 
 def _by_component(terms: Floats) -> Floats:

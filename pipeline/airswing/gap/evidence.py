@@ -247,8 +247,8 @@ def cluster_factor(
         Mean squared scatter per degree of freedom; NaN for fewer than four blocks.
     """
     days, k = score_by_day.shape
-    ridge = (1e-6 * np.trace(information) / k + 1e-30) * np.eye(k)
-    spread = np.linalg.inv(information + ridge)
+    spread, rank = _truncated_inverse(information)
+    k = max(rank, 1)
     fit = spread @ score_by_day.sum(axis=0)
     share = gram_by_day.sum(axis=0)
     ratio = float(np.trace(information) / max(float(np.trace(share)), 1e-30))
@@ -263,6 +263,15 @@ def cluster_factor(
         degrees = k * max(active - 1, 1) / max(active, 1)
         out[i] = float(np.einsum("di,ij,dj->", sums, spread, sums)) / degrees
     return out
+
+
+def _truncated_inverse(matrix: Floats, *, bound: float = 1e-3) -> tuple[Floats, int]:
+    """Inverse of a symmetric matrix on the directions that carry information, and their number."""
+    scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-30))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    kept = values > bound * max(float(values[-1]), 1e-30)
+    part = vectors[:, kept] / scale[:, None]
+    return (part / values[kept]) @ part.T, int(kept.sum())
 
 
 def aircraft_factor(stats: Statistics, given: Conditional, columns: Integers) -> float:

@@ -14,7 +14,7 @@ Source: Frisch-Waugh-Lovell elimination; mixed-model equations of Henderson (197
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,10 @@ from airswing.gap.statistics import Statistics
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+
+#: Prior standard deviation of the slope of residuals on the wind that is no one's fault.
+SLOPE_SD = 0.015
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,8 @@ class Conditional:
     fleet_gram : (p, p)
     included_gram : (m, m)
     included_score : (D, m)
+    fleet_score_override : (D, p) or None
+        Fleet scores where they are not the sum over aircraft.
     """
 
     included: tuple[Included, ...]
@@ -100,10 +106,13 @@ class Conditional:
     fleet_gram: Floats
     included_gram: Floats
     included_score: Floats
+    fleet_score_override: Floats | None = None
 
     @property
     def fleet_score(self) -> Floats:
         """Score of the fleet-wide columns by day, (D, p)."""
+        if self.fleet_score_override is not None:
+            return self.fleet_score_override
         return np.asarray(self.score.sum(axis=0))
 
 
@@ -175,7 +184,9 @@ def climatology(base: Base, *, precision: float = 0.25) -> list[Included]:
     """
     stats = base.stats
     ones = np.ones(stats.day_count.shape)
-    return [Included(int(j), ones, precision) for j in stats.layout.columns("climatology")]
+    out = [Included(int(j), ones, precision) for j in stats.layout.columns("climatology")]
+    sd = SLOPE_SD
+    return out + [Included(int(j), ones, 1 / sd**2) for j in stats.layout.columns("slope")]
 
 
 def condition(base: Base, included: list[Included]) -> Conditional:
@@ -290,3 +301,33 @@ def included_cross(base: Base, columns: Integers, weights: Floats) -> Floats:
         rows = stats.week_gram[active, :, column, first:].astype(float)
         out[active, k, first:] += np.einsum("aw,awp->ap", means[k][active], rows)
     return out
+
+
+def beyond(given: Conditional, columns: Integers) -> Conditional:
+    """Sums with some columns of each unit's own projected out: what they cannot explain.
+
+    Parameters
+    ----------
+    given : Conditional
+    columns : (k,) int
+
+    Returns
+    -------
+    Conditional
+        Per-aircraft sums beyond the aircraft's own columns, fleet sums beyond the fleet's.
+    """
+    gram, score = np.empty_like(given.gram), np.empty_like(given.score)
+    for a in range(gram.shape[0]):
+        gram[a], score[a] = _project(given.gram[a], given.score[a], columns)
+    fleet, fleet_score = _project(given.fleet_gram, given.fleet_score, columns)
+    return replace(
+        given, gram=gram, score=score, fleet_gram=fleet, fleet_score_override=fleet_score
+    )
+
+
+def _project(gram: Floats, score: Floats, columns: Integers) -> tuple[Floats, Floats]:
+    own = gram[np.ix_(columns, columns)]
+    scale = np.sqrt(np.maximum(np.diagonal(own), 1e-12))
+    ridge = np.diag(1e-4 * scale**2 + 1e-9)
+    share = np.linalg.solve(own + ridge, gram[columns])
+    return gram - gram[:, columns] @ share, score - score[:, columns] @ share

@@ -28,6 +28,7 @@ from airswing.gap.dictionary import (
     climatology_columns,
     day_field_columns,
     dictionary_columns,
+    slope_columns,
 )
 from airswing.gap.noise import NoiseFit, remove_smooth_effects
 from airswing.gap.whitening import flight_order, take_gains, whiten
@@ -45,7 +46,7 @@ class Layout:
     Attributes
     ----------
     blocks : dict
-        Block name -> slice of columns, in order: ``day_fields``, ``climatology``, one block per
+        Block name -> slice of columns, in order: ``day_fields``, ``climatology``, ``slope``, one per
         effect, then one per dictionary group.
     effects : tuple of str
         Names of the effect blocks.
@@ -153,6 +154,7 @@ def make_layout(effects: Mapping[str, Any], plan: DictionaryPlan, frame: Any) ->
 
     add("day_fields", day_field_columns(few, plan).shape[-1])
     add("climatology", climatology_columns(few, plan).shape[-1])
+    add("slope", 2)
     for name, effect in effects.items():
         add(name, np.asarray(effect.columns(few)).shape[0])
     core = start
@@ -183,6 +185,7 @@ def build_columns(
     out = np.empty((frame.size, 2, layout.size), np.float32)
     out[:, :, layout.blocks["day_fields"]] = day_field_columns(frame, plan)
     out[:, :, layout.blocks["climatology"]] = climatology_columns(frame, plan)
+    out[:, :, layout.blocks["slope"]] = slope_columns(frame)
     for name in layout.effects:
         columns = np.nan_to_num(np.asarray(effects[name].columns(frame)))
         out[:, :, layout.blocks[name]] = np.moveaxis(columns, 0, -1)

@@ -1,0 +1,281 @@
+"""The diagnosis of an archive in one call: noise, sums, search, where, which, how far.
+
+Assumptions: those of the modules it calls, in the order of GAP.md. The search runs twice where
+effects are large: the second time on residuals linearised about the effects found first, with the
+noise fitted after taking them off.
+
+Validity: at least two aircraft-weeks and some thousand reports for anything but "nothing found".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.gap.attribute import Found, Rules, Term, given_terms, search
+from airswing.gap.closure import (
+    Closure,
+    close,
+    held_out_energy,
+    is_sensor,
+    take_off,
+    term_coefficients,
+    term_error,
+    term_fields,
+)
+from airswing.gap.context import exogenous
+from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
+from airswing.gap.effects import CATALOGUE
+from airswing.gap.evidence import candidates
+from airswing.gap.locate import residual_maps, slices
+from airswing.gap.measure import Base, eliminate_days
+from airswing.gap.noise import NoiseFit, fit_noise
+from airswing.gap.reliability import reliability
+from airswing.gap.statistics import accumulate, day_of_report, make_layout
+from airswing.gap.summary import assemble
+
+Floats = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What `diagnose` found.
+
+    Attributes
+    ----------
+    report : dict
+        The content of gap.json.
+    dataset : xarray.Dataset
+        The content of gap.nc.
+    details : dict
+        Everything else a page shows: waterfall, evidence, noise, ambiguity, untestable effects.
+    """
+
+    report: dict[str, Any]
+    dataset: xr.Dataset
+    details: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One pass over the reports and the search on its sums."""
+
+    noise: NoiseFit
+    base: Base
+    found: Found
+    columns_frame: Any
+    plan: DictionaryPlan
+
+
+def usable_effects(
+    frame: Any, catalogue: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Effects whose columns can be tested in an archive, and why the others cannot.
+
+    Parameters
+    ----------
+    frame : Frame
+    catalogue : mapping
+
+    Returns
+    -------
+    effects : dict
+        Name -> effect with design columns.
+    untestable : dict
+        Name -> reason.
+    """
+    effects, untestable = {}, {}
+    for name, effect in catalogue.items():
+        reason = effect.testable(frame)
+        if reason is not None:
+            untestable[name] = reason
+        elif effect.kind not in ("second_moment", "swap"):
+            effects[name] = effect
+    return effects, untestable
+
+
+def diagnose(
+    frame: Any,
+    *,
+    catalogue: Mapping[str, Any] | None = None,
+    rules: Rules | None = None,
+    dictionary: bool = True,
+    maps: bool = True,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Diagnose where an archive parts from its simulation, which effect is missing, how far it closes.
+
+    Parameters
+    ----------
+    frame : Frame
+        Reports against one reference.
+    catalogue : mapping, optional
+        Name -> effect; the whole catalogue by default.
+    rules : Rules, optional
+        Thresholds of the search.
+    dictionary : bool
+        Also look outside the catalogue.
+    maps : bool
+        Also make the maps.
+    seed : int
+        Of the draws (noise fit, bootstrap).
+    progress : callable, optional
+        Called with a stage's name and the fraction done.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    InputError
+        Fewer than 200 reports or fewer than four flights.
+    """
+    _check(frame)
+    tell = progress or (lambda stage, done: None)
+    effects, untestable = usable_effects(frame, CATALOGUE if catalogue is None else catalogue)
+    rules = rules or Rules()
+    columns_frame = exogenous(frame)
+    first = _run(frame, columns_frame, frame.residual, effects, rules, dictionary, seed, tell, None)
+    final = first
+    if any(_large(t) for t in first.found.terms):
+        final = _again(frame, columns_frame, first, effects, rules, dictionary, seed, tell)
+    found, base = final.found, final.base
+    days, _ = day_of_report(frame)
+    day = np.searchsorted(base.stats.days, days)
+    found, energy, energy_error = _stand(base, found)
+    tell("closure", 0.0)
+    known = [t for t in found.terms if t.candidate.known]
+    closure = close(frame, base, known, effects=effects, plan=final.plan, day=day, seed=seed)
+    whole = closure
+    if len(known) < len(found.terms):
+        whole = close(frame, base, found.terms, effects=effects, plan=final.plan, day=day, seed=seed)
+    bare = given_terms(base, [])
+    tell("where", 0.0)
+    where = slices(base, bare, final.plan) if dictionary else []
+    factors = reliability(frame, columns_frame, final.noise, effects)
+    report, details = assemble(
+        frame, base=base, noise=final.noise, found=found, closure=closure, whole=whole,
+        where=where, effects=effects, untestable=untestable, plan=final.plan,
+        energy=(energy, energy_error), factors=factors, seed=seed,
+    )  # fmt: skip
+    dataset = _dataset(frame, final, found, closure, maps)
+    return Diagnosis(report, dataset, details)
+
+
+def _check(frame: Any) -> None:
+    flights = np.unique(frame.flight).size
+    if frame.size < 200 or flights < 4:
+        raise InputError(
+            "too few reports for a diagnosis", found=f"{frame.size} reports of {flights} flights",
+            remedy="at least 200 reports of four flights with model winds are needed",
+        )  # fmt: skip
+
+
+def _large(term: Term) -> bool:
+    """Whether a term is large enough to be linearised again and to disturb the noise fit."""
+    return bool(np.max(term.score.size[list(term.tails)]) > 1.0)
+
+
+def _run(
+    frame: Any, columns_frame: Any, residual: Floats, effects: Mapping[str, Any], rules: Rules,
+    dictionary: bool, seed: int, tell: Progress, quiet: Floats | None,
+) -> Pass:
+    """Fit the noise, accumulate and search; the noise on ``quiet`` residuals where given."""
+    tell("noise", 0.0)
+    noise = fit_noise(
+        residual if quiet is None else quiet, aircraft=frame.aircraft, flight=frame.flight,
+        time=frame.time, latitude=frame.latitude, longitude=frame.longitude,
+        pressure=frame.pressure, heading=columns_frame.heading, airspeed=columns_frame.airspeed,
+        seed=seed,
+    )  # fmt: skip
+    plan = plan_dictionary(columns_frame)
+    if not dictionary:
+        plan = DictionaryPlan(plan.knots, (), plan.centre, plan.flags)
+    layout = make_layout(effects, plan, columns_frame)
+    stats = accumulate(
+        columns_frame, residual, noise=noise, layout=layout, effects=effects, plan=plan,
+        progress=lambda done: tell("statistics", done),
+    )  # fmt: skip
+    tell("search", 0.0)
+    base = eliminate_days(stats)
+    found = search(base, candidates(layout, effects, dictionary=dictionary), rules=rules)
+    return Pass(noise, base, found, columns_frame, plan)
+
+
+def _again(
+    frame: Any, columns_frame: Any, first: Pass, effects: Mapping[str, Any], rules: Rules,
+    dictionary: bool, seed: int, tell: Progress,
+) -> Pass:
+    """Second pass on residuals linearised about the terms of the first."""
+    base, terms = first.base, first.found.terms
+    days, _ = day_of_report(frame)
+    day = np.searchsorted(base.stats.days, days)
+    shape = base.stats.day_count.shape
+    values = term_coefficients(first.found.given, terms)
+    sensor, other, linear = (np.zeros((frame.size, 2)) for _ in range(3))
+    nothing = np.zeros(frame.size, np.int64)
+    for term, value in zip(terms, values, strict=True):
+        for source in (frame, columns_frame):
+            fields = term_fields(source, term, effects=effects, plan=first.plan)
+            part = term_error(fields, term, [value], aircraft=frame.aircraft, day=day,
+                              fold=nothing, shape=shape)  # fmt: skip
+            if source is columns_frame:
+                linear += part
+            elif is_sensor(term, effects):
+                sensor += part
+            else:
+                other += part
+    quiet = take_off(frame, sensor, other)
+    return _run(
+        frame, columns_frame, quiet + linear, effects, rules, dictionary, seed, tell, quiet
+    )
+
+
+def _stand(base: Base, found: Found) -> tuple[Found, Floats, Floats]:
+    """Keep the terms whose held-out energy exceeds two standard errors."""
+    while found.terms:
+        energy, error = held_out_energy(base, found.terms)
+        weak = np.flatnonzero(energy <= 2 * error)
+        steps = [k for k in weak if found.terms[k].period is None]
+        if not steps:
+            return found, energy, error
+        drop = steps[int(np.argmin(energy[steps]))]
+        terms = tuple(t for k, t in enumerate(found.terms) if k != drop)
+        rivals = tuple(r for k, r in enumerate(found.rivals) if k != drop)
+        found = Found(terms, given_terms(base, terms), rivals, found.left)
+    return found, np.zeros(0), np.zeros(0)
+
+
+def _dataset(frame: Any, final: Pass, found: Found, closure: Closure, maps: bool) -> xr.Dataset:
+    """Maps, evidence table and statistics as one Dataset."""
+    stats = final.base.stats
+    out = residual_maps(frame) if maps else xr.Dataset(coords={"aircraft": list(frame.tails)})
+    core = stats.layout.core
+    names = np.array([f"{n}[{i}]" for n, b in stats.layout.blocks.items() if b.stop <= core
+                      for i in range(b.stop - b.start)], dtype=object)  # fmt: skip
+    out["core_column"] = ("core_column", names)
+    out["core_column_2"] = ("core_column_2", names)
+    out["day"] = ("day", (stats.days * 86400).astype("datetime64[s]").astype("datetime64[ns]"))
+    out["score"] = (("aircraft", "day", "core_column"), stats.day_score[:, :, :core])
+    out["information"] = (
+        ("aircraft", "core_column", "core_column_2"), stats.day_gram.sum(axis=1, dtype=float),
+    )  # fmt: skip
+    out["report_count"] = (("aircraft", "day"), stats.day_count)
+    out["clipped_count"] = (("aircraft",), stats.clipped)
+    out["gross_error_count"] = (("aircraft",), stats.gross)
+    noise = final.noise
+    out["noise_distance"] = (("distance",), noise.distance_km)
+    out["noise_autocovariance"] = (("distance",), noise.autocovariance)
+    out["noise_autocovariance_model"] = (("distance",), noise.autocovariance_model)
+    out["noise_level_factor"] = (("noise_level",), noise.model.level_factors)
+    out["noise_level"] = (("noise_level",), np.exp(noise.model.level_nodes) / 100)
+    return out

@@ -1,0 +1,170 @@
+"""Puts the pieces of a diagnosis into gap.json and the details a page shows.
+
+Assumptions: shares of the gap are in mean vector disagreement on held-out reports where a term moves
+it, and in held-out whitened energy beside it (an unrotated wind or a lag hardly moves the mean). The
+noise floor is the disagreement with everything found, known and unknown, taken off.
+
+Validity: as the modules that made the pieces. Speeds in kt in the ``gap`` and ``closure`` entries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.attribute import Found, Term
+from airswing.gap.closure import Closure
+from airswing.gap.dictionary import DictionaryPlan
+from airswing.gap.locate import Slice
+from airswing.gap.measure import Base
+from airswing.gap.noise import NoiseFit
+from airswing.gap.verdict import ambiguity, describe_term, term_offsets, unknown_place
+
+Floats = NDArray[np.float64]
+
+
+def assemble(
+    frame: Any, *, base: Base, noise: NoiseFit, found: Found, closure: Closure, whole: Closure,
+    where: Sequence[Slice], effects: Mapping[str, Any], untestable: Mapping[str, str],
+    plan: DictionaryPlan, energy: tuple[Floats, Floats], factors: Mapping[str, float], seed: int,
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Make the content of gap.json and the details.
+
+    Parameters
+    ----------
+    frame : Frame
+    base, noise, found, closure, whole, where, effects, untestable, plan :
+        Pieces of the diagnosis; ``whole`` is the closure with unknown terms as well.
+    energy : (t,), (t,) float
+        Held-out energy of the terms and its standard error.
+    factors : mapping
+        Reliabilities of the gradient effects.
+    seed : int
+
+    Returns
+    -------
+    report, details : dict
+    """
+    entries, unknown = [], []
+    offsets = term_offsets(found.given, found.terms)
+    shares = _shares(found.terms, closure)
+    rank = 0
+    for k, term in enumerate(found.terms):
+        if not term.candidate.known:
+            group = next(g for g in plan.groups if g.name == term.candidate.name)
+            unknown.append(unknown_place(term, found.given, offsets[k], base.stats, group.labels))
+            continue
+        entry = describe_term(term, offsets[k], found, base, effects=effects, frame=frame,
+                              reliability=factors)  # fmt: skip
+        rivals = ambiguity(term, found.rivals[k])
+        entry["ambiguous_with"] = [r["name"] for r in rivals]
+        entry["ambiguity"] = rivals
+        entry["share_of_gap"] = shares[rank]
+        entry["held_out_energy"] = float(energy[0][k])
+        entry["held_out_energy_standard_error"] = float(energy[1][k])
+        entries.append(entry)
+        rank += 1
+    total = sum(max(e["held_out_energy"], 0) for e in entries) or 1.0
+    for entry in entries:
+        entry["share_of_energy"] = max(entry["held_out_energy"], 0) / total
+    entries.sort(key=lambda e: -e["held_out_energy"])
+    everything = closure.before - whole.after
+    explained = closure.before - closure.after
+    fraction = float(np.clip(explained / everything, 0, 1)) if everything > 1e-6 else None
+    best = max((t.score.tempered for t in found.terms), default=0.0)
+    report = {
+        "gap": {
+            "mean_vector_disagreement_kt": closure.before, "noise_floor_kt": whole.after,
+            "significance": float(min(1.0, 50.0 * np.exp(-np.clip(best, 0, 60)))),
+        },
+        "where": [_slice_entry(s) for s in where if s.q_value < 0.05][:20],
+        "effects": entries,
+        "unknown": {"present": bool(unknown), "where": unknown},
+        "closure": {
+            "before": closure.before, "after": closure.after, "ci": list(closure.after_ci),
+            "fraction_of_excess": fraction, "held_out": True,
+            "reduction": explained, "reduction_ci": list(closure.reduction_ci),
+        },
+    }  # fmt: skip
+    details = {
+        "waterfall": _waterfall(closure, whole), "alone_kt": list(closure.alone),
+        "evidence": evidence_table(found), "noise": _noise_entry(noise, base),
+        "untestable": dict(untestable), "slices": [_slice_entry(s) for s in where],
+        "reliability": dict(factors), "seed": seed,
+        "ambiguity": {e["name"]: e["ambiguity"] for e in entries},
+        "counts": {
+            "reports": frame.size, "flights": int(np.unique(frame.flight).size),
+            "days": int(base.stats.days.size), "clipped": float(base.stats.clipped.sum()),
+            "gross": float(base.stats.gross.sum()),
+        },
+    }  # fmt: skip
+    return report, details
+
+
+def _shares(terms: Sequence[Term], closure: Closure) -> list[float]:
+    """Each known term's share of the disagreement's reduction, from its step in the sequence."""
+    before = closure.before
+    out = []
+    total = closure.before - closure.after
+    for _, after, _, _ in closure.sequence:
+        out.append(float(np.clip((before - after) / total, 0, 1)) if total > 1e-6 else 0.0)
+        before = after
+    return out or [0.0] * len(terms)
+
+
+def _slice_entry(piece: Slice) -> dict[str, Any]:
+    return {
+        "variable": piece.variable, "component": piece.component, "values": list(piece.values),
+        "share_of_gap": float(np.clip(piece.share, 0, 1)), "q_value": piece.q_value,
+        "p_value": piece.p_value, "energy": piece.energy, "group": piece.group,
+        "curve": {"labels": list(piece.labels), "m_s": list(piece.effect)},
+    }  # fmt: skip
+
+
+def _waterfall(closure: Closure, whole: Closure) -> list[dict[str, Any]]:
+    """Disagreement of the real gap, after each effect, and the noise floor, kt."""
+    out = [{"label": "reports as they are", "kt": closure.before, "step_ci": None}]
+    out += [
+        {"label": name, "kt": after, "step_ci": [low, high]}
+        for name, after, low, high in closure.sequence
+    ]
+    return [*out, {"label": "noise floor", "kt": whole.after, "step_ci": None}]
+
+
+def _noise_entry(noise: NoiseFit, base: Base) -> dict[str, Any]:
+    model = noise.model
+    return {
+        "correlated_sd_m_s": float(model.correlated_sd), "white_sd_m_s": float(model.white_sd),
+        "length_km": float(model.length) / 1e3, "height_ln_p": float(model.height),
+        "level_hPa": [float(x) for x in np.exp(model.level_nodes) / 100],
+        "level_factor": [float(x) for x in model.level_factors],
+        "day_field_sd_m_s": [float(x) for x in np.sqrt(base.day_variance)],
+        "distance_km": [float(x) for x in noise.distance_km],
+        "autocovariance": [float(x) for x in noise.autocovariance],
+        "autocovariance_model": [float(x) for x in noise.autocovariance_model],
+    }  # fmt: skip
+
+
+def evidence_table(found: Found) -> list[dict[str, Any]]:
+    """All candidates with each term taken out, ranked; and those left over in the end."""
+    out = []
+    for term, ranked in zip(found.terms, found.rivals, strict=True):
+        for score in ranked[:40]:
+            out.append({
+                "instead_of": term.candidate.name, "name": score.candidate.name,
+                "scope": score.candidate.scope, "known": score.candidate.known,
+                "subset": list(score.candidate.subset), "tempered_nats": score.tempered,
+                "raw_nats": score.raw, "cluster_factor": score.factor,
+                "posterior": [float(x) for x in score.posterior],
+            })  # fmt: skip
+    for score in found.left:
+        out.append({
+            "instead_of": None, "name": score.candidate.name, "scope": score.candidate.scope,
+            "known": score.candidate.known, "subset": list(score.candidate.subset),
+            "tempered_nats": score.tempered, "raw_nats": score.raw,
+            "cluster_factor": score.factor, "posterior": [float(x) for x in score.posterior],
+        })  # fmt: skip
+    return out

@@ -1,0 +1,226 @@
+"""From the found terms to what a person and a program read: names, parameters, errors, rivals.
+
+Assumptions: parameters are those of the catalogue (`to_parameters`), from coefficients fitted on the
+whole archive given all other terms, with covariance times the cluster factor plus the allowance for
+persistent model error. Effects of the path's wind change are divided by the reliability of the
+reference's gradients, which their noise makes too small.
+
+Validity: probabilities are those of the tempered evidence, calibrated on null archives.
+
+Source: GAP.md section 6; FORMATS.md section 5 (gap.json).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.attribute import Found, Term
+from airswing.gap.evidence import (
+    AIRCRAFT_ALLOWANCE,
+    FLEET_ALLOWANCE,
+    Score,
+    allowance_covariance,
+)
+from airswing.gap.measure import Base, Conditional
+from airswing.gap.statistics import DAY, Statistics
+
+Floats = NDArray[np.float64]
+
+#: What data would separate two effects that this archive cannot.
+SEPARATING = {
+    frozenset({"tas_scale", "tas_offset"}): "reports over a wider range of airspeeds",
+    frozenset({"hard_iron", "soft_iron"}): "headings in more compass points",
+    frozenset({"compass_offset", "declination_error"}): "flights over a larger region, where the declination varies",
+    frozenset({"compass_drift", "compass_step"}): "a longer record before and after the change",
+    frozenset({"compass_offset", "compass_step"}): "a longer record before and after the change",
+    frozenset({"hard_iron", "compass_step"}): "a longer record before and after the change",
+    frozenset({"altitude_offset", "time_lag"}): "both climbs and descents through the same shear",
+    frozenset({"time_lag", "reference_time_offset"}): "flights against the motion of the weather",
+    frozenset({"heater_current", "compass_offset"}): "the icing flag, on and off on each heading",
+}
+
+
+def term_covariance(
+    stats: Statistics, given: Conditional, term: Term, start: int, row: int
+) -> Floats:
+    """Covariance (k, k) of a term's coefficients for its ``row``-th aircraft (or the fleet)."""
+    k = term.candidate.columns.size
+    own = slice(start + row * k, start + (row + 1) * k)
+    columns, scales = term.candidate.columns, term.candidate.scales
+    formal = given.covariance[own, own] * term.score.factor
+    if columns.max() >= stats.layout.core:
+        return np.asarray(formal)
+    fleet = term.candidate.scope == "fleet"
+    pick = list(range(len(stats.tails))) if fleet else [term.tails[row]]
+    second = stats.raw_gram[pick].sum(axis=0)[np.ix_(columns, columns)]
+    acting = float(stats.acting[pick].sum(axis=0)[columns].max())
+    size = FLEET_ALLOWANCE if fleet else AIRCRAFT_ALLOWANCE
+    return np.asarray(formal + 0.25 * allowance_covariance(second, acting, size, scales))
+
+
+def term_offsets(given: Conditional, terms: Sequence[Term]) -> list[int]:
+    """Position of each term's first coefficient among the included columns."""
+    sizes = [
+        t.candidate.columns.size * (1 if t.candidate.scope == "fleet" else len(t.tails)) for t in terms
+    ]
+    first = len(given.coefficients) - sum(sizes)
+    return [first + sum(sizes[:k]) for k in range(len(terms))]
+
+
+def describe_term(
+    term: Term, start: int, found: Found, base: Base, *, effects: Mapping[str, Any], frame: Any,
+    reliability: Mapping[str, float],
+) -> dict[str, Any]:
+    """One entry of ``effects`` in gap.json, without shares.
+
+    Parameters
+    ----------
+    term : Term
+    start : int
+        Position of its coefficients.
+    found : Found
+    base : Base
+    effects : mapping
+    frame : Frame
+    reliability : mapping
+        Effect name -> factor its coefficient is divided by.
+
+    Returns
+    -------
+    dict
+    """
+    stats, given = base.stats, found.given
+    effect, k = effects[term.candidate.name], term.candidate.columns.size
+    rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
+    whole = len(np.asarray(effect.column_scales))
+    factor = reliability.get(term.candidate.name, 1.0)
+    each = []
+    subset = list(term.candidate.subset)
+    for row in range(rows):
+        value, spread = np.zeros(whole), np.zeros((whole, whole))
+        own = slice(start + row * k, start + (row + 1) * k)
+        value[subset] = given.coefficients[own] / factor
+        spread[np.ix_(subset, subset)] = (
+            term_covariance(stats, given, term, start, row) / factor**2
+        )
+        each.append(effect.to_parameters(value, spread, frame))
+    tails = [stats.tails[a] for a in term.tails]
+    out: dict[str, Any] = {
+        "name": term.candidate.name, "probability": probability(term.score), "tails": tails,
+        "parameters": summary([p for p, _ in each]), "standard_errors": summary([e for _, e in each]),
+        "period": period_of(term, stats), "scope": term.candidate.scope,
+        "evidence_nats": round(term.score.tempered, 2), "cluster_factor": round(term.score.factor, 2),
+        "size_m_s": float(np.median(term.score.size[list(term.tails)])),
+    }  # fmt: skip
+    if rows > 1:
+        out["per_tail"] = {
+            t: {"parameters": p, "standard_errors": e} for t, (p, e) in zip(tails, each, strict=True)
+        }
+    return out
+
+
+def summary(values: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Median over aircraft of each parameter (the first where it is not a number)."""
+    if len(values) == 1:
+        return dict(values[0])
+    out: dict[str, Any] = {}
+    for name in values[0]:
+        column = [v[name] for v in values]
+        if any(not isinstance(x, int | float) for x in column):
+            out[name] = column[0]
+        elif name.startswith("phase"):
+            turn = np.exp(1j * np.radians(column)).mean()
+            out[name] = float(np.degrees(np.angle(turn)))
+        else:
+            out[name] = float(np.median(column))
+    return out
+
+
+def probability(score: Score) -> float:
+    """Probability that the term is real: prior odds of one in fifty against its tempered evidence."""
+    return float(1 / (1 + np.exp(np.clip(np.log(50.0) - score.tempered, -50, 50))))
+
+
+def period_of(term: Term, stats: Statistics) -> list[str | None] | None:
+    """Dates of a term in force for a part of the archive; null at the archive's ends."""
+    if term.period is None:
+        return None
+
+    def text(day: int) -> str:
+        seconds = float(stats.days[day]) * DAY + stats.day_shift * 3600
+        return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d")
+
+    first, last = term.period
+    return [
+        text(first) if first > 0 else None,
+        text(last) if last < stats.days.size else None,
+    ]
+
+
+def ambiguity(term: Term, ranked: Sequence[Score]) -> list[dict[str, Any]]:
+    """Rivals within three cluster factors of a term, with what would separate them.
+
+    Parameters
+    ----------
+    term : Term
+    ranked : sequence of Score
+        All candidates with this term taken out.
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``difference_nats`` and ``separated_by``; best first, each name once.
+    """
+    own = [s for s in ranked if s.candidate.name == term.candidate.name]
+    best = max((s.raw for s in own), default=term.score.raw)
+    out: list[dict[str, Any]] = []
+    for score in ranked:
+        name = score.candidate.name
+        if name == term.candidate.name or not score.candidate.known or score.raw <= 0:
+            continue
+        margin = 3.0 * max(score.factor, term.score.factor)
+        if best - score.raw > margin or name in [x["name"] for x in out]:
+            continue
+        advice = SEPARATING.get(frozenset({name, term.candidate.name}), "a longer record")
+        out.append({"name": name, "difference_nats": best - score.raw, "separated_by": advice})
+    return out
+
+
+def unknown_place(
+    term: Term, given: Conditional, start: int, stats: Statistics, labels: Sequence[str]
+) -> dict[str, Any]:
+    """Where an unknown effect sits: component, variables, aircraft and fitted curve.
+
+    Parameters
+    ----------
+    term : Term
+        A dictionary group.
+    given : Conditional
+    start : int
+        Position of its coefficients.
+    stats : Statistics
+    labels : sequence of str
+        One per column.
+
+    Returns
+    -------
+    dict
+    """
+    k = term.candidate.columns.size
+    rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
+    curve = given.coefficients[start : start + rows * k].reshape(rows, k).mean(axis=0)
+    component, _, variable = term.candidate.name.partition(":")
+    return {
+        "component": component, "variable": variable.removesuffix("*heading"),
+        "variables": [variable.removesuffix("*heading")]
+        + (["magnetic_heading"] if variable.endswith("*heading") else []),
+        "group": term.candidate.name, "tails": [stats.tails[a] for a in term.tails],
+        "scope": term.candidate.scope, "evidence_nats": round(term.score.tempered, 2),
+        "size_m_s": float(np.median(term.score.size[list(term.tails)])),
+        "curve": {"labels": list(labels), "m_s": [float(x) for x in curve]},
+    }  # fmt: skip
