@@ -1,0 +1,333 @@
+"""All model times joined: lazy, exact in time, the same on every scheduler, and resumable."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import dask
+import numpy as np
+import pytest
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.reference import sampling, store
+from airswing.reference.catalogue import Catalogue, build_catalogue
+from airswing.reference.collocate import collocate
+from airswing.reference.planning import plan, require_overlap
+from tests.reference.builders import LATLON, build, write
+
+SIZE = 176
+HOUR = np.timedelta64(1, "h")
+START = np.datetime64("2009-08-01T00:00", "ns")
+
+
+def hourly(folder: Path, hours=(0, 1, 2, 3), *, levels=(300, 500, 700)) -> Catalogue:
+    """Hourly files; u is 10 times the hour plus ln p, v its negative."""
+    for hour in hours:
+        messages = []
+        for level in levels:
+            value = 10.0 * hour + np.log(level * 100.0)
+            for name, sign in (("u", 1), ("v", -1)):
+                messages.append(
+                    build(LATLON, np.full(SIZE, sign * value) + 1e-3 * np.arange(SIZE),
+                          parameter=name, level=level, when=(20090801, 100 * hour), bits=32)
+                )  # fmt: skip
+        write(folder / f"h{hour:02d}.grib", *messages)
+    return build_catalogue(str(folder / "h*.grib"), name="m", cache_dir=folder / "cache")
+
+
+def reports(hours, pressure=50000.0, latitude=50.0, longitude=20.0) -> xr.Dataset:
+    hours = np.atleast_1d(np.asarray(hours, dtype=float))
+    time = START + np.round(hours * 3600e9).astype("timedelta64[ns]")
+    columns = {"latitude": latitude, "longitude": longitude, "pressure": pressure}
+    data = {k: ("report", np.broadcast_to(v, hours.shape).copy()) for k, v in columns.items()}
+    return xr.Dataset({"time": ("report", time), **data})
+
+
+def random_reports(count: int, first=-0.5, last=3.5, seed=4) -> xr.Dataset:
+    rng = np.random.default_rng(seed)
+    return reports(
+        rng.uniform(first, last, count), rng.uniform(28000, 72000, count),
+        rng.uniform(39, 61, count), rng.uniform(4, 36, count),
+    )  # fmt: skip
+
+
+def winds(ds: xr.Dataset, catalogue: Catalogue, **options) -> xr.Dataset:
+    return collocate(ds, {"m": catalogue}, **options).compute(scheduler="synchronous")
+
+
+def test_linear_in_time_between_valid_times(tmp_path: Path) -> None:
+    catalogue = hourly(tmp_path)
+    hours = np.array([0.0, 0.25, 1.0, 2.75, 3.0])
+    got = winds(reports(hours), catalogue)
+    steady = got.reference_eastward_wind.values[0] - 10 * hours
+    np.testing.assert_allclose(steady, steady[0], atol=1e-6)
+    np.testing.assert_allclose(got.lead_time.values[0], 0.0)
+    assert got.unread_messages.values.tolist() == [0]
+
+
+def test_outside_the_model_times_there_is_no_value(tmp_path: Path) -> None:
+    got = winds(reports([-0.001, 0.0, 3.0, 3.001]), hourly(tmp_path))
+    np.testing.assert_array_equal(np.isfinite(got.reference_eastward_wind[0]), [0, 1, 1, 0])
+    np.testing.assert_array_equal(np.isfinite(got.lead_time[0]), [0, 1, 1, 0])
+
+
+def test_gaps_longer_than_the_limit_are_not_bridged(tmp_path: Path) -> None:
+    catalogue = hourly(tmp_path, hours=(0, 3, 7))
+    ds = reports([0.0, 1.5, 3.0, 5.0, 7.0])
+    short = winds(ds, catalogue, max_time_gap=10800.0).reference_eastward_wind[0]
+    np.testing.assert_array_equal(np.isfinite(short), [1, 1, 1, 0, 1])
+    shorter = winds(ds, catalogue, max_time_gap=10799.0).reference_eastward_wind[0]
+    np.testing.assert_array_equal(np.isfinite(shorter), [1, 0, 1, 0, 1])
+    longer = winds(ds, catalogue, max_time_gap=4 * 3600.0).reference_eastward_wind[0]
+    np.testing.assert_array_equal(np.isfinite(longer), [1, 1, 1, 1, 1])
+
+
+def test_lead_times_are_weighted_like_the_winds(tmp_path: Path) -> None:
+    for step in (1, 3):
+        write(tmp_path / f"f{step}.grib", *[
+            build(LATLON, np.full(SIZE, 1.0), parameter=name, when=(20090801, 0), step=step)
+            for name in "uv"
+        ])  # fmt: skip
+    catalogue = build_catalogue(str(tmp_path / "f*.grib"), name="m", cache_dir=tmp_path / "c")
+    got = winds(reports([1.0, 1.5, 3.0]), catalogue)
+    np.testing.assert_allclose(got.lead_time[0], [1.0, 1.5, 3.0])
+
+
+def test_nothing_is_read_before_it_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    catalogue = hourly(tmp_path)
+
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise RuntimeError("computed")
+
+    monkeypatch.setattr(sampling, "field_values", refuse)
+    with dask.config.set(scheduler=refuse):
+        lazy = collocate(random_reports(50), {"m": catalogue}, derivatives=True)
+        assert lazy.sizes == {"reference": 1, "report": 50}
+        assert all(dask.is_dask_collection(lazy[name].variable) for name in lazy.data_vars)
+        with pytest.raises(RuntimeError, match="computed"):
+            lazy.compute()
+
+
+def test_every_scheduler_gives_the_same_bits(tmp_path: Path) -> None:
+    from distributed import Client, LocalCluster
+
+    catalogue = hourly(tmp_path)
+    lazy = collocate(random_reports(300), {"m": catalogue, "again": catalogue}, derivatives=True)
+    expected = lazy.compute(scheduler="synchronous")
+    assert np.isfinite(expected.reference_eastward_wind).sum() > 200
+    assert lazy.compute(scheduler="threads").identical(expected)
+    assert lazy.compute(scheduler="processes", num_workers=2).identical(expected)
+    with (
+        LocalCluster(n_workers=1, threads_per_worker=2, processes=False,
+                     dashboard_address=None) as cluster,
+        Client(cluster),
+    ):  # fmt: skip
+        assert lazy.compute().identical(expected)
+
+
+@pytest.mark.parametrize("derivatives", [False, True])
+def test_order_and_division_of_reports_do_not_matter(tmp_path: Path, derivatives: bool) -> None:
+    catalogue = hourly(tmp_path)
+    ds = random_reports(211)
+    whole = winds(ds, catalogue, derivatives=derivatives)
+    shuffle = np.random.default_rng(0).permutation(211)
+    mixed = winds(ds.isel(report=shuffle), catalogue, derivatives=derivatives)
+    assert mixed.identical(whole.isel(report=shuffle))
+    pieces = [
+        winds(ds.isel(report=slice(a, a + 37)), catalogue, derivatives=derivatives)
+        for a in range(0, 211, 37)
+    ]
+    joined = xr.concat([p.drop_vars("unread_messages") for p in pieces], "report")
+    xr.testing.assert_identical(joined, whole.drop_vars("unread_messages"))
+
+
+def test_sparse_and_whole_decoding_agree(real: Callable[[str], Path], tmp_path: Path) -> None:
+    folder = real("grib/wrf_ruc13_g212")
+    catalogue = build_catalogue(f"{folder}/*", name="m", cache_dir=tmp_path)
+    rng = np.random.default_rng(9)
+    time = np.datetime64("2005-08-07", "ns") + rng.uniform(0, 24 * 3600e9, 500).astype(
+        "timedelta64[ns]"
+    )
+    ds = xr.Dataset({
+        "time": ("report", time), "latitude": ("report", rng.uniform(25, 50, 500)),
+        "longitude": ("report", rng.uniform(-120, -75, 500)),
+        "pressure": ("report", rng.uniform(15000, 95000, 500)),
+    })  # fmt: skip
+    sparse = winds(ds, catalogue, derivatives=True)
+    assert np.isfinite(sparse.reference_eastward_wind).sum() > 300
+    assert winds(ds, catalogue, derivatives=True, sparse=False).identical(sparse)
+    east = ds.assign(longitude=ds.longitude + 360)
+    xr.testing.assert_allclose(winds(east, catalogue, derivatives=True), sparse, rtol=1e-9)
+
+
+def test_each_message_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    catalogue = hourly(tmp_path)
+    read: list[tuple[str, int]] = []
+    original = sampling._Reader.values
+
+    def counted(self, row, points):
+        read.append((self.model.files[int(row["file"])].path, int(row["offset"])))
+        return original(self, row, points)
+
+    monkeypatch.setattr(sampling._Reader, "values", counted)
+    ds = random_reports(400)
+    winds(ds, catalogue)
+    assert len(read) == len(set(read)) == 4 * 3 * 2
+    assert plan(ds, {"m": catalogue})["m"].messages == len(read)
+    read.clear()
+    exact = reports([1.0], pressure=50000.0)
+    winds(exact, catalogue)
+    assert len(read) == 2, "a report at a valid time and on a level needs one u and one v"
+    assert plan(exact, {"m": catalogue})["m"].messages == 2
+    read.clear()
+    between = reports([1.5], pressure=40000.0)
+    winds(between, catalogue)
+    assert len(read) == 8
+    assert plan(between, {"m": catalogue})["m"].messages == 8
+
+
+def test_tendencies_need_both_valid_times(tmp_path: Path) -> None:
+    catalogue = hourly(tmp_path)
+    got = winds(reports([0.0, 0.5, 3.0]), catalogue, derivatives=True)
+    tendency = got.reference_eastward_wind_tendency[0]
+    np.testing.assert_allclose(tendency[:2], 10 / 3600, rtol=1e-6)
+    assert np.isnan(tendency[2])
+    shear = got.reference_northward_wind_lnp_derivative[0]
+    np.testing.assert_allclose(shear, -1.0, atol=1e-5)
+    plain = winds(reports([0.0, 0.5, 3.0]), catalogue)
+    for name in plain.data_vars:
+        np.testing.assert_array_equal(plain[name], got[name])
+
+
+def test_a_vanished_and_a_replaced_file_are_counted_gaps(tmp_path: Path) -> None:
+    catalogue = hourly(tmp_path)
+    ds = reports([0.5, 1.5, 2.5, 3.0])
+    before = winds(ds, catalogue)
+    os.remove(tmp_path / "h01.grib")
+    got = winds(ds, catalogue)
+    np.testing.assert_array_equal(np.isfinite(got.reference_eastward_wind[0]), [0, 0, 1, 1])
+    np.testing.assert_array_equal(
+        got.reference_eastward_wind[0, 2:], before.reference_eastward_wind[0, 2:]
+    )
+    assert got.unread_messages.values.tolist() == [1]
+    (tmp_path / "h03.grib").write_bytes(b"something else")
+    got = winds(ds, catalogue)
+    np.testing.assert_array_equal(np.isfinite(got.reference_eastward_wind[0]), [0, 0, 0, 0])
+    assert [Path(s["file"]).name for s in catalogue.changed()] == ["h01.grib", "h03.grib"]
+
+
+def test_damaged_octets_are_a_counted_gap(tmp_path: Path) -> None:
+    """The data of one message damaged, the file's size and time as they were."""
+    catalogue = hourly(tmp_path)
+    path = tmp_path / "h02.grib"
+    stamp = path.stat().st_mtime_ns
+    data = bytearray(path.read_bytes())
+    data[: len(data) // 3] = bytes(len(data) // 3)
+    path.write_bytes(data)
+    os.utime(path, ns=(stamp, stamp))
+    got = winds(reports([2.0], pressure=30000.0), catalogue, sparse=False)
+    assert np.isnan(got.reference_eastward_wind).all()
+    assert got.unread_messages.values[0] >= 1
+
+
+def test_finished_samples_are_used_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    catalogue, ds, folder = hourly(tmp_path), random_reports(60), tmp_path / "store"
+    plain = winds(ds, catalogue)
+    assert winds(ds, catalogue, store=folder).identical(plain)
+    assert len(list(folder.iterdir())) == 4
+    victim = min(folder.iterdir())
+    victim.write_bytes(victim.read_bytes()[:100])
+    made: list[int] = []
+    original = store._save
+    monkeypatch.setattr(store, "_save", lambda *a: (made.append(1), original(*a)))
+    assert winds(ds, catalogue, store=folder).identical(plain)
+    assert len(made) == 1, "only the damaged sample is made again"
+    made.clear()
+    winds(ds, catalogue, store=folder, derivatives=True)
+    assert len(made) == 4, "other options, other samples"
+    made.clear()
+    later = reports([2.9], pressure=40000.0)
+    more = xr.concat([ds, later], "report")
+    winds(more, catalogue, store=folder)
+    assert len(made) == 2, "a new report costs the two model times around it"
+
+
+def test_unfinished_samples_are_not_kept(tmp_path: Path) -> None:
+    catalogue, folder = hourly(tmp_path), tmp_path / "store"
+    os.remove(tmp_path / "h01.grib")
+    winds(reports([0.5]), catalogue, store=folder)
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_tasks_are_few_and_small(tmp_path: Path) -> None:
+    catalogue = hourly(tmp_path)
+    lazy = collocate(random_reports(100), {"m": catalogue}, derivatives=True)
+    graph = dict(lazy.reference_eastward_wind.data.__dask_graph__())
+    samples = [task for key, task in graph.items() if str(key).startswith("sample-")]
+    assert len(samples) == 4 and len(graph) == 4 + 1 + 1
+    assert max(len(pickle.dumps(task)) for task in samples) < 20_000
+
+
+def test_reports_without_a_time_or_place_get_no_value(tmp_path: Path) -> None:
+    ds = reports([1.0, 1.0, 1.0, 1.0])
+    ds["time"] = ds.time.where(np.array([False, True, True, True]))
+    ds.latitude[1] = np.nan
+    ds.pressure[2] = np.nan
+    got = winds(ds, hourly(tmp_path))
+    np.testing.assert_array_equal(np.isfinite(got.reference_eastward_wind[0]), [0, 0, 0, 1])
+
+
+def test_no_reports_and_no_references(tmp_path: Path) -> None:
+    catalogue = hourly(tmp_path)
+    empty = winds(reports([1.0]).isel(report=slice(0, 0)), catalogue)
+    assert empty.reference_eastward_wind.shape == (1, 0)
+    with pytest.raises(InputError, match="no reference"):
+        collocate(reports([1.0]), {})
+    with pytest.raises(InputError, match="lack pressure"):
+        collocate(reports([1.0]).drop_vars("pressure"), {"m": catalogue})
+
+
+def test_the_plan_says_who_has_no_model_and_why(tmp_path: Path) -> None:
+    catalogue = hourly(tmp_path)
+    ds = reports([-1, 0.5, 0.5, 0.5, 2.0], [5e4, 5e4, 5e4, 2e4, 5e4], [50, 50, 10, 50, 50], 20.0)
+    one = plan(ds, {"m": catalogue})["m"]
+    assert (one.reports, one.matched) == (5, 2)
+    assert (one.without_time, one.outside_grid, one.outside_levels) == (1, 1, 1)
+    assert one.messages == 6 and one.model_times == 3 and one.sparse_messages == 6
+    assert one.report_times == ("2009-07-31T23:00Z", "2009-08-01T02:00Z")
+    assert one.model_span == ("2009-08-01T00:00Z", "2009-08-01T03:00Z")
+    matched = np.isfinite(winds(ds, catalogue).reference_eastward_wind[0]).sum()
+    assert matched == one.matched
+    assert one.as_dict()["matched"] == 2
+    require_overlap({"m": one})
+
+
+@pytest.mark.parametrize(
+    ("ds", "said"),
+    [
+        (reports([50.0]), r"no overlap in time.*2009-08-03T02:00Z.*2009-08-01T00:00Z"),
+        (reports([1.0], latitude=-20.0), r"no overlap in space.*-20.*latitude 40 to 60"),
+        (reports([1.0], pressure=101000.0), "no report lies between the model's levels"),
+    ],
+)
+def test_no_overlap_is_told_with_both_spans(ds: xr.Dataset, said: str, tmp_path: Path) -> None:
+    catalogue = hourly(tmp_path)
+    with pytest.raises(InputError, match=said):
+        require_overlap(plan(ds, {"m": catalogue}))
+
+
+def test_names_units_and_dimensions(tmp_path: Path) -> None:
+    got = winds(reports([1.0]), hourly(tmp_path), derivatives=True)
+    assert got.reference.values.tolist() == ["m"]
+    for name, variable in got.data_vars.items():
+        assert variable.attrs["units"], name
+        if name != "unread_messages":
+            assert variable.dims == ("reference", "report")
+    assert got.reference_eastward_wind.attrs["units"] == "m s-1"
+    assert got.lead_time.attrs["units"] == "h"
