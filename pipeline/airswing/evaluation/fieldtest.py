@@ -478,8 +478,8 @@ def _sums(
     count = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
     total = np.bincount(cell, weights=difference[chosen], minlength=count.size).reshape(shape)
     return _Sums(
-        np.asarray(count[member], dtype=np.float64),
-        total[member],
+        count[member].astype(np.float64),
+        total[member].astype(np.float64),
         np.empty(0, bool),
         days[:, 1] == 1,
     )
