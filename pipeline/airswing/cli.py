@@ -159,11 +159,11 @@ def gap(
 ) -> None:
     """Diagnose the gap to the simulation: where, which effect, how far it closes."""
     from airswing import gap_workflow
-    from airswing.gap.wording import as_text
+    from airswing.report.gap_words import verdict
 
     job = _job(config, output=output, resume=resume, quiet=quiet, scheduler=scheduler)
     result = _inside(job, gap_workflow.diagnosis)
-    text = f"{as_text(result)}\npage: {job.output / 'gap' / 'index.html'}"
+    text = f"{verdict(result)}\npage: {job.output / 'gap' / 'index.html'}"
     _print(result, as_json=json, text=text)
 
 

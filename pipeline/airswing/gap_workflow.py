@@ -7,14 +7,18 @@ Assumes the configuration of the main job. The gap needs the reference wind's de
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
 from airswing.config import as_json
-from airswing.products import write_json, write_product
+from airswing.products import plain, write_json, write_product
 from airswing.workflow import Job, collocated_headings
+
+if TYPE_CHECKING:
+    from airswing.gap.effects import ActiveEffect
 
 GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
 
@@ -71,6 +75,39 @@ def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -
     return write_reports(table, output)
 
 
+def active_effects(report: Mapping[str, Any]) -> list[ActiveEffect]:
+    """Effects of a diagnosis as the simulation takes them: one entry per aircraft or fleet.
+
+    Parameters
+    ----------
+    report : mapping
+        Content of ``gap.json``.
+
+    Returns
+    -------
+    list of ActiveEffect
+    """
+    from airswing.gap.effects_file import parse_effects
+
+    entries = []
+    for effect in report["effects"]:
+        each = effect.get("per_tail")
+        tails = "all" if effect["scope"] == "fleet" else effect["tails"]
+        pieces = [(tails, effect["parameters"])]
+        if each:
+            pieces = [([tail], values["parameters"]) for tail, values in each.items()]
+        entries += [
+            {
+                "name": effect["name"],
+                "tails": who,
+                "parameters": parameters,
+                "period": effect["period"],
+            }
+            for who, parameters in pieces
+        ]
+    return parse_effects(plain(entries))
+
+
 def diagnosis(job: Job) -> dict[str, Any]:
     """Diagnose the gap: ``gap.json``, ``gap.nc``, ``effects.yaml`` and ``gap/index.html``.
 
@@ -94,19 +131,19 @@ def diagnosis(job: Job) -> dict[str, Any]:
         headings, reference=config.pools()[config.gap_reference()], phases=config.gap.phases
     )
     with job.progress.stage("diagnose") as stage:
-        found = diagnose(frame, progress=job.progress.say)
-        names = [effect["name"] for effect in found.gap["effects"]]
+        found = diagnose(frame)
+        names = [effect["name"] for effect in found.report["effects"]]
         stage.note = ", ".join(names) or "no effect missing"
-    content = found.gap | {"reference": config.gap_reference()}
+    content = found.report | {"reference": config.gap_reference(), **found.details}
     write_json(job.output / GAP_JSON, content)
-    write_effects(found.effects, job.output / GAP_EFFECTS)
+    write_effects(active_effects(found.report), job.output / GAP_EFFECTS)
     write_product(
-        found.maps,
+        found.dataset,
         job.output / GAP_PRODUCT,
         title="Gap between reported and simulated winds: maps, evidence and statistics",
         config_json=as_json(config),
         sources=[*config.reports.files, *config.references],
     )
     with job.progress.stage("page") as stage:
-        stage.note = str(write_gap_page(job.output / "gap", gap=content, maps=found.maps))
+        stage.note = str(write_gap_page(job.output / "gap", gap=content, maps=found.dataset))
     return content

@@ -319,12 +319,83 @@ _PROFILES = [
     _V("layer_top_pressure", "Pa", "pressure at the top of the layer", ("layer",)),
 ]
 
-VARIABLES: dict[str, Variable] = {
-    entry.name: entry for entry in [*_REPORTS, *_WINDS, *_HEADINGS, *_FITS, *_CORRECTED, *_PROFILES]
-}
-"""Every variable by name."""
+_MAPS = [
+    ("heading_map", "degree", "mean heading error", ("aircraft", "octant")),
+    ("level_map_cross", "m s-1", "mean residual across the heading", ("phase", "level")),
+    ("level_map_along", "m s-1", "mean residual along the heading", ("phase", "level")),
+    ("region_map_u", "m s-1", "mean eastward residual", ("latitude", "longitude")),
+    ("region_map_v", "m s-1", "mean northward residual", ("latitude", "longitude")),
+    ("time_line", "degree", "mean heading error of the week", ("aircraft", "week")),
+    ("time_line_along", "m s-1", "mean residual along the heading of the week",
+     ("aircraft", "week")),
+]  # fmt: skip
+_GAP = [
+    *[
+        _V(name + suffix, units if suffix != "_count" else "1", text + meaning, dims, "f8")
+        for name, units, meaning, dims in _MAPS
+        for suffix, text in (
+            ("", ""),
+            ("_standard_error", "standard error of the "),
+            ("_count", "reports behind the "),
+        )
+    ],
+    _V("octant", "degree", "magnetic heading at the middle of the octant", ("octant",), "f8"),
+    _V("phase", "", "phase of flight", ("phase",), "str"),
+    _V("level", "hPa", "pressure at the middle of the layer", ("level",), "f8"),
+    _V("latitude", "degrees_north", "latitude of the box", ("latitude",), "f8", "latitude"),
+    _V("longitude", "degrees_east", "longitude of the box", ("longitude",), "f8", "longitude"),
+    _V("week", "1", "weeks since the first report", ("week",), "i4"),
+    _V("day", "", "day of the statistics", ("day",), "datetime64[ns]", "time"),
+    _V("core_column", "", "design column of the catalogue", ("core_column",), "str"),
+    _V("core_column_2", "", "design column of the catalogue", ("core_column_2",), "str"),
+    _V("score", "1", "whitened score of a design column", ("aircraft", "day", "core_column"), "f8"),
+    _V(
+        "information",
+        "1",
+        "whitened products of design columns",
+        ("aircraft", "core_column", "core_column_2"),
+        "f8",
+    ),
+    _V("report_count", "1", "reports of the day", ("aircraft", "day"), "f8"),
+    _V("clipped_count", "1", "residuals clipped at five robust standard deviations", _A, "f8"),
+    _V("gross_error_count", "1", "residuals taken as gross errors", _A, "f8"),
+    _V("effect", "", "candidate effect", ("effect",), "str"),
+    _V("log_evidence", "1", "logarithm of the evidence for the effect", ("effect",), "f8"),
+    _V(
+        "aircraft_probability",
+        "1",
+        "probability that the effect acts on the aircraft",
+        ("effect", "aircraft"),
+        "f8",
+    ),
+    _V("distance", "km", "distance along the flight", ("distance",), "f8"),
+    _V("noise_distance", "km", "distance along the flight", ("distance",), "f8"),
+    _V("noise_autocovariance", "m2 s-2", "autocovariance of the residual", ("distance",), "f8"),
+    _V(
+        "noise_autocovariance_model",
+        "m2 s-2",
+        "autocovariance of the noise model",
+        ("distance",),
+        "f8",
+    ),
+    _V("noise_level", "hPa", "pressure of the noise model's node", ("noise_level",), "f8"),
+    _V(
+        "noise_level_factor", "1", "noise of the level relative to the mean", ("noise_level",), "f8"
+    ),
+    _V("pit_bin", "1", "lower edge of the bin", ("pit_bin",), "f8"),
+    _V("pit_count", "1", "held-out reports in the bin, effects in", ("pit_bin",), "i4"),
+    _V(
+        "pit_count_before", "1", "held-out reports in the bin, effects left out", ("pit_bin",), "i4"
+    ),
+]
 
 _PHASE_ANGLE = _V("phase", "degree", "phase of the sinusoid", _RA, "f8")
+_EVERY = [
+    *_REPORTS, *_WINDS, *_HEADINGS, *_FITS, _PHASE_ANGLE, *_CORRECTED, *_PROFILES, *_GAP,
+]  # fmt: skip
+
+VARIABLES: dict[str, Variable] = {entry.name: entry for entry in reversed(_EVERY)}
+"""Every variable by name; where one name serves several dimensions, its first meaning."""
 
 
 def lookup(name: str, dims: tuple[Any, ...] = ()) -> Variable:
@@ -334,7 +405,8 @@ def lookup(name: str, dims: tuple[Any, ...] = ()) -> Variable:
     ----------
     name : str
     dims : tuple of str, optional
-        Tells the phase of a fit (reference, aircraft) from the phase of flight (report).
+        Tells the phase of a fit (reference, aircraft) from the phase of flight (report), and a
+        report's latitude from a map's.
 
     Returns
     -------
@@ -345,11 +417,10 @@ def lookup(name: str, dims: tuple[Any, ...] = ()) -> Variable:
     KeyError
         If the table has no such variable.
     """
-    if name == "phase" and "report" not in dims:
-        return _PHASE_ANGLE
     if name not in VARIABLES:
         raise KeyError(f"{name!r} is not in airswing.vocabulary; add it there first")
-    return VARIABLES[name]
+    same = (entry for entry in _EVERY if entry.name == name and entry.dims == tuple(dims))
+    return next(same, VARIABLES[name])
 
 
 def describe(ds: xr.Dataset) -> xr.Dataset:
