@@ -18,7 +18,8 @@ from tests.report import factories, gap_factories
 HEADINGS = factories.headings()
 FITS = factories.fits()
 CORRECTED = factories.corrected(HEADINGS)
-GAP, MAPS = gap_factories.gap(), gap_factories.maps()
+GAP = gap_factories.details() | gap_factories.gap()
+MAPS = gap_factories.maps()
 
 FIGURES: dict[str, Callable[[], Figure]] = {
     "reports": lambda: report.reports_figure(HEADINGS),
@@ -41,9 +42,19 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "no slices": lambda: report.slices_figure([]),
     **{
         f"gap where {i}": lambda i=i: list(gap_parts.where_figures(MAPS, GAP, ["N404"]))[i]
-        for i in range(5)
+        for i in range(4)
     },
     **{f"gap which {i}": lambda i=i: list(gap_parts.which_figures(MAPS, GAP))[i] for i in range(2)},
+    "unknown": lambda: report.unknown_curve_figure(gap_factories.unknown_place()),
+    "heading cells": lambda: report.aircraft_heading_figure(
+        ["N1"], [90.0, 270.0], [[1, 2]], [[99, 9]]
+    ),
+    "time line": lambda: report.timeline_figure(
+        np.datetime64("2009-07-01") + np.arange(9),
+        {"N1": (np.arange(9.0), np.ones(9)), "rest": (np.ones(9), np.ones(9))},
+        changes={"step, N1": (np.datetime64("2009-07-03"), np.datetime64("2009-07-05"))},
+        number=900,
+    ),
     "waterfall": lambda: next(iter(gap_parts.closure_figures(GAP))),
     **{
         f"gap method {i}": lambda i=i: list(gap_parts.method_figures(MAPS, GAP))[i]
@@ -51,7 +62,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     },
 }
 UNIT = re.compile(
-    r"\((degree|kt|m/s|km|hPa|%|.*n = .*)\)|degree|reports|probability|correlation|"
+    r"\((degree|kt|m/s|m²/s²|km|hPa|%|date|number)\)|degree|reports|probability|correlation|"
     r"log evidence|draws|expected"
 )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from airswing.report import write_gap_page
+from airswing.report import gap_parts, write_gap_page
 from airswing.report.gap_words import (
     digits_for,
     effect_sentence,
@@ -73,24 +73,32 @@ def test_words() -> None:
     assert period_text({"period": {"start": "2009-07-01", "end": "2009-07-09"}}) == (
         "from 2009-07-01 to 2009-07-09"
     )
+    assert period_text({"period": [None, "2009-08-01"]}) == "until 2009-08-01"
+    assert period_text({"period": None}) == ""
     assert effect_sentence({"name": "reference_time_offset"}).startswith("The reference: ")
     assert effect_sentence({"name": "declination_error", "tails": []}).startswith("The whole fleet")
 
 
 def test_page_with_everything(tmp_path: Path) -> None:
-    page = write_gap_page(tmp_path / "gap", gap=gap_factories.gap(), maps=gap_factories.maps())
+    page = write_gap_page(
+        tmp_path / "gap",
+        gap=gap_factories.gap(),
+        maps=gap_factories.maps(),
+        details=gap_factories.details(),
+    )
     assert page == tmp_path / "gap" / "index.html"
     text, found = parsed(page)
     assert found.open == []
     assert all(a.startswith(("data:image/", "#")) for a in found.addresses)
-    assert found.images == 11
+    where, which, far, method = 1 + 4, 2, 1, 2
+    assert found.images == where + which + far + method
     order = [
         text.index(f'<section id="{name}"') for name in ("where", "which", "far", "open", "method")
     ]
     assert order == sorted(order)
     assert text.index("<h1>") < order[0]
     assert "no icing flag in the reports" in text
-    assert "flights farther north" in text
+    assert "What would tell: headings in more compass points." in text
 
 
 def test_page_of_the_bare_contract(tmp_path: Path) -> None:
@@ -110,3 +118,47 @@ def test_page_of_the_bare_contract(tmp_path: Path) -> None:
     assert found.open == []
     assert re.search(r"<h1>Nothing is missing", text)
     assert "No effect of the catalogue is needed" in text
+
+
+def test_an_unknown_effect_is_placed_and_drawn(tmp_path: Path) -> None:
+    unknown = {"present": True, "where": [gap_factories.unknown_place()]}
+    gap = gap_factories.gap() | {"effects": [], "unknown": unknown}
+    text, found = parsed(write_gap_page(tmp_path, gap=gap))
+    place = "icing by magnetic heading, across the heading: N403"
+    assert f"found in {place}." in text
+    assert f"catalogue does not hold ({place})" in text
+    assert found.images == 2
+
+
+def test_steps_of_the_waterfall_carry_the_level_they_leave() -> None:
+    steps = gap_parts.closure_steps(gap_factories.details())
+    assert [(name, level) for name, level, _ in steps] == [
+        ("hard_iron", 6.7),
+        ("compass_step", 6.5),
+    ]
+    assert steps[0][2] == pytest.approx([6.6, 6.8])
+    assert steps[1][2] == pytest.approx([6.45, 6.55])
+
+
+def test_best_evidence_is_of_the_catalogue_alone() -> None:
+    best = gap_parts.best_evidence(gap_factories.details()["evidence"])
+    assert list(best.items()) == [
+        ("hard_iron", 5230.0),
+        ("compass_step", 400.0),
+        ("soft_iron", 320.0),
+        ("tas_scale", -2.0),
+    ]
+
+
+def test_posterior_is_taken_from_the_effect_s_own_row() -> None:
+    names = [f"N{i}" for i in range(14)]
+    found = gap_parts.posteriors(gap_factories.details()["evidence"], names)
+    assert list(found) == ["hard_iron", "compass_step"]
+    assert found["hard_iron"][-1] == 0.99
+
+
+def test_weeks_are_dated_from_the_first_day() -> None:
+    starts = gap_parts.week_starts(gap_factories.maps()).astype("datetime64[D]").astype(str)
+    assert starts[:3].tolist() == ["2009-07-01", "2009-07-08", "2009-07-15"]
+    numbers = gap_parts.week_starts(gap_factories.maps().drop_vars("day"))
+    assert numbers.tolist() == list(range(7))

@@ -212,7 +212,7 @@ def fit_words(fit: xr.Dataset) -> str:
     return (
         f"offset {float(fit['offset']):+.2f} ± {half['offset']:.2f}°, "
         f"amplitude {float(fit['amplitude']):.2f} ± {half['amplitude']:.2f}°, "
-        f"phase {float(fit['phase']) % 360:.0f} ± {half['phase']:.0f}°"
+        f"phase {float(fit['phase']):.0f} ± {half['phase']:.0f}°"
     )
 
 

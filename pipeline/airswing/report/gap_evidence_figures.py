@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from airswing.report.gap_words import slice_words
 from airswing.report.style import (
     BLUE,
     FAINT,
@@ -97,9 +98,10 @@ def evidence_figure(
         )
     counted = f" (n = {plural(number, 'report')})" if number else f" (n = {len(names)} effects)"
     return figure.say(
-        f"Evidence for each effect of the catalogue on its own{counted}. Dark blue: in the "
-        "verdict; light blue: could not be told from it; grey: neither. One effect lends "
-        "evidence to those that look like it, so a long grey bar alone is no finding."
+        f"Best evidence for each effect of the catalogue, each of those found taken out in turn"
+        f"{counted}. Dark blue: in the verdict; light blue: could not be told from it; grey: "
+        "neither. One effect lends evidence to those that look like it, so a long grey bar alone "
+        "is no finding."
     )
 
 
@@ -247,6 +249,7 @@ def autocorrelation_figure(
     half_width: Any,
     fitted: Mapping[str, Any] | Any,
     *,
+    quantity: str = "correlation of residuals",
     number: int = 0,
 ) -> Figure:
     """Autocorrelation of residuals along flights against distance, and the fitted noise.
@@ -256,11 +259,13 @@ def autocorrelation_figure(
     distance : array (lag,)
         Kilometres.
     measured, half_width : array (lag,)
-        Correlation and half width of its 95 % interval (NaN where not known).
+        Correlation, or autocovariance, and half width of its 95 % interval (NaN: not known).
     fitted : array (lag,) or mapping of str to array (lag,)
         The noise model's correlation, or several by name.
+    quantity : str, optional
+        The y axis in words.
     number : int, optional
-        Pairs of reports.
+        Reports behind the points.
 
     Returns
     -------
@@ -278,7 +283,7 @@ def autocorrelation_figure(
         color=INK,
         markersize=4,
         linewidth=1.0,
-        label="measured, 95 % interval",
+        label="measured, 95 % interval" if half.any() else "measured",
     )
     curves = fitted if isinstance(fitted, Mapping) else {"noise model": fitted}
     for colour, (name, values) in zip((BLUE, VERMILION, GREEN), curves.items(), strict=False):
@@ -286,11 +291,11 @@ def autocorrelation_figure(
     axes.axhline(0.0, color=INK, linewidth=0.8)
     axes.set_xlim(left=0)
     axes.set_xlabel("distance along the flight (km)")
-    axes.set_ylabel("correlation of residuals")
+    axes.set_ylabel(quantity)
     axes.legend(loc="upper right")
-    counted = f" (n = {plural(number, 'pair')} of reports)" if number else ""
+    counted = f" (n = {plural(number, 'report')})" if number else ""
     return figure.say(
-        f"The noise along a flight{counted}: correlation of the residuals of two reports against "
+        f"The noise along a flight{counted}: {quantity.split(' (')[0]} of two reports against "
         "the distance between them, and the model that whitens them. If the line misses the "
         "points, the intervals on this page are too wide or too narrow."
     )
@@ -336,4 +341,39 @@ def pit_figure(counts: Any, *, before: Any | None = None) -> Figure:
         f"Calibration of the improved simulation on held-out reports (n = "
         f"{plural(int(number.sum()), 'wind component')}): flat is right, a hump means noise "
         "taken too large, a trough too small, a slope a bias left."
+    )
+
+
+@styled
+def unknown_curve_figure(place: Mapping[str, Any]) -> Figure:
+    """Bars of the curve fitted to an effect that the catalogue does not hold.
+
+    Parameters
+    ----------
+    place : mapping
+        One of ``unknown.where`` of ``gap.json``: ``curve`` with ``labels`` and ``m_s``,
+        ``variables``, ``component`` and ``tails``.
+
+    Returns
+    -------
+    CaptionedFigure
+    """
+    labels, value = place["curve"]["labels"], np.asarray(place["curve"]["m_s"], float)
+    figure = new_figure(2.6)
+    axes = figure.add_subplot()
+    axes.bar(range(value.size), value, color=[BLUE if v >= 0 else ORANGE for v in value], width=0.7)
+    axes.axhline(0.0, color=INK, linewidth=0.8)
+    turned = 45 if len(labels) > 8 else 0
+    axes.set_xticks(
+        range(len(labels)),
+        [str(label) for label in labels],
+        rotation=turned,
+        ha="right" if turned else "center",
+        fontsize=8.5,
+    )
+    axes.set_ylabel("fitted residual (m/s)")
+    axes.grid(axis="x", visible=False)
+    return figure.say(
+        f"The unknown effect, as fitted without physics: {slice_words(place)} (n = "
+        f"{plural(int(value.size), 'coefficient')})."
     )

@@ -12,26 +12,19 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from airswing.report.gap_words import slice_words
 from airswing.report.outline import draw_map, view_of
 from airswing.report.style import (
-    BLUE,
     DIVERGING,
-    FAINT,
     INK,
-    SOFT,
     VERMILION,
     blank,
     compass_axis,
     new_figure,
     plural,
-    series_style,
     styled,
-    thousands,
 )
 
 Floats = NDArray[np.float64]
@@ -39,10 +32,21 @@ FEW = 10
 """Reports below which a cell is left white."""
 
 
-def shown_cells(value: Any, number: Any, *, few: int = FEW) -> Floats:
-    """Return the values with cells of fewer than `few` reports set to NaN."""
-    values, count = np.asarray(value, float), np.asarray(number, float)
-    return np.where(count >= few, values, np.nan)
+def shown_cells(value: Any, number: Any | None, *, few: int = FEW) -> Floats:
+    """Return the values with cells of fewer than `few` reports, where counted, set to NaN."""
+    values = np.asarray(value, float)
+    if number is None:
+        return values
+    return np.where(np.asarray(number, float) >= few, values, np.nan)
+
+
+def _counted(number: Any | None, total: int) -> str:
+    """Return the caption's brackets: reports, and what a white cell means."""
+    if number is None:
+        shown = f"n = {plural(total, 'report')}; " if total else ""
+        return f"{shown}white: too few flights"
+    total = int(np.nansum(np.asarray(number, float)))
+    return f"n = {plural(total, 'report')}; white: fewer than {FEW} reports"
 
 
 def even_limit(values: Floats, *, least: float = 0.5) -> float:
@@ -63,13 +67,15 @@ def _edges(centres: Floats) -> Floats:
 def aircraft_heading_figure(
     tails: Sequence[str],
     heading: Any,
-    residual: Any,
-    number: Any,
+    value: Any,
+    number: Any | None = None,
     *,
-    component: str = "across the heading",
+    standard_error: Any | None = None,
+    quantity: str = "mean residual across the heading (m/s)",
     outstanding: Sequence[str] = (),
+    total: int = 0,
 ) -> Figure:
-    """Heat map of the mean residual by aircraft and magnetic heading.
+    """Heat map of a mean by aircraft and magnetic heading.
 
     Parameters
     ----------
@@ -77,22 +83,101 @@ def aircraft_heading_figure(
         Identifiers, from top to bottom.
     heading : array (bin,)
         Middle of each bin of magnetic heading, degrees.
-    residual, number : array (aircraft, bin)
-        Mean residual (m/s) and reports of each cell.
-    component : str, optional
-        Which component is shown, in words.
+    value : array (aircraft, bin)
+        Mean of each cell; NaN where there is none.
+    number : array (aircraft, bin), optional
+        Reports of each cell.
+    standard_error : array (aircraft, bin), optional
+        Cells beyond two of them carry their value in figures, where there is room.
+    quantity : str, optional
+        What is shown, with its unit.
     outstanding : sequence of str, optional
         Aircraft set in bold: those a verdict names.
+    total : int, optional
+        Reports behind the figure, where `number` is not given.
 
     Returns
     -------
     CaptionedFigure
     """
     centres = np.asarray(heading, float)
-    shown = shown_cells(residual, number)
-    limit = even_limit(shown)
     figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
     axes = figure.add_subplot()
+    shown = shown_cells(value, number)
+    _aircraft_grid(axes, tails, centres, shown, quantity, outstanding)
+    _strong_texts(axes, centres, shown, standard_error)
+    first = min(float(_edges(centres)[0]), 0.0)
+    compass_axis(axes, label="indicated magnetic heading (degree)")
+    axes.set_xlim(first, 360.0 + first)
+    named = " Bold: aircraft that a verdict names." if outstanding else ""
+    return figure.say(
+        f"{_capital(quantity)} by aircraft and magnetic heading ({_counted(number, total)}). A "
+        "compass fault shows as a row with a wave or one colour, a model fault as stripes across "
+        f"the fleet.{named}"
+    )
+
+
+@styled
+def aircraft_time_figure(
+    tails: Sequence[str],
+    week: Any,
+    value: Any,
+    number: Any | None = None,
+    *,
+    quantity: str = "mean heading error (degree)",
+    outstanding: Sequence[str] = (),
+    total: int = 0,
+) -> Figure:
+    """Heat map of a mean by aircraft and week.
+
+    Parameters
+    ----------
+    tails : sequence of str (aircraft,)
+    week : array (week,)
+        Start of each week as datetime64, or its number from the archive's start.
+    value : array (aircraft, week)
+        Mean of each cell; NaN where there is none.
+    number : array (aircraft, week), optional
+        Reports of each cell.
+    quantity, outstanding, total
+        As for :func:`aircraft_heading_figure`.
+
+    Returns
+    -------
+    CaptionedFigure
+    """
+    weeks = np.asarray(week)
+    figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
+    axes = figure.add_subplot()
+    shown = shown_cells(value, number)
+    _aircraft_grid(axes, tails, np.arange(weeks.size, dtype=float), shown, quantity, outstanding)
+    step = max(1, -(-weeks.size // 10))
+    ticks = np.arange(0, weeks.size, step)
+    dated = np.issubdtype(weeks.dtype, np.datetime64)
+    labels = [
+        np.datetime_as_string(weeks[i], "D") if dated else f"{int(weeks[i]) + 1}" for i in ticks
+    ]
+    axes.set_xticks(ticks, labels)
+    axes.set_xlabel("week from (date)" if dated else "week of the archive (number)")
+    return figure.say(
+        f"{_capital(quantity)} by aircraft and week ({_counted(number, total)}). A fault that "
+        "begins at a date shows as a row that changes colour there."
+    )
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _aircraft_grid(
+    axes: Axes,
+    tails: Sequence[str],
+    centres: Floats,
+    shown: Floats,
+    quantity: str,
+    outstanding: Sequence[str],
+) -> None:
+    limit = even_limit(shown)
     drawn = axes.pcolormesh(
         _edges(centres),
         np.arange(len(tails) + 1) - 0.5,
@@ -102,7 +187,6 @@ def aircraft_heading_figure(
         vmax=limit,
         rasterized=True,
     )
-    compass_axis(axes, label="indicated magnetic heading (degree)")
     axes.set_yticks(range(len(tails)), tails, fontsize=8 if len(tails) <= 40 else 6.5)
     for label in axes.get_yticklabels():
         if label.get_text() in outstanding:
@@ -111,21 +195,39 @@ def aircraft_heading_figure(
     axes.invert_yaxis()
     axes.grid(visible=False)
     axes.tick_params(axis="y", length=0)
-    figure.colorbar(
-        drawn, ax=axes, label=f"mean residual {component} (m/s)", pad=0.01, extend="both"
-    )
-    total = int(np.nansum(np.asarray(number, float)))
-    named = " Bold: aircraft that a verdict names." if outstanding else ""
-    return figure.say(
-        f"Mean residual {component} by aircraft and magnetic heading (n = "
-        f"{plural(total, 'report')}; white: fewer than {FEW} reports). A compass fault shows as a "
-        f"row with a wave or one colour, a model fault as stripes across the fleet.{named}"
-    )
+    figure = axes.get_figure()
+    if figure is not None:
+        figure.colorbar(drawn, ax=axes, label=quantity, pad=0.01, extend="both")
+
+
+def _strong_texts(axes: Axes, centres: Floats, shown: Floats, error: Any | None) -> None:
+    """Write the value into the cells that are beyond two standard errors, where there is room."""
+    if error is None or centres.size > 12 or shown.shape[0] > 60:
+        return
+    limit = even_limit(shown)
+    strong = np.abs(shown) > 2 * np.asarray(error, float)
+    for row, column in np.argwhere(strong):
+        value = shown[row, column]
+        colour = "white" if abs(value) > 0.62 * limit else INK
+        axes.text(
+            centres[column],
+            row,
+            f"{value:+.1f}",
+            ha="center",
+            va="center",
+            fontsize=7.5,
+            color=colour,
+        )
 
 
 @styled
 def phase_level_figure(
-    phases: Sequence[str], layers: Sequence[str], components: Mapping[str, Any], number: Any
+    phases: Sequence[str],
+    layers: Sequence[str],
+    components: Mapping[str, Any],
+    number: Any | None = None,
+    *,
+    total: int = 0,
 ) -> Figure:
     """Heat maps of the mean residual by phase of flight and level, one for each component.
 
@@ -136,8 +238,10 @@ def phase_level_figure(
         From the ground up.
     components : mapping of str to array (phase, layer)
         Mean residual, m/s, by component in words.
-    number : array (phase, layer)
+    number : array (phase, layer), optional
         Reports of each cell.
+    total : int, optional
+        Reports behind the figure, where `number` is not given.
 
     Returns
     -------
@@ -156,18 +260,17 @@ def phase_level_figure(
         axes.set_xticks(range(len(phases)), phases)
         axes.set_yticks(range(len(layers)), layers)
         axes.grid(visible=False)
-        _cell_texts(axes, value.T, np.asarray(number).T, limit)
+        _cell_texts(axes, value.T, limit)
     panels[0].set_ylabel("layer (hPa)")
     if drawn is not None:
         figure.colorbar(drawn, ax=list(panels), label="mean residual (m/s)", pad=0.01)
-    total = int(np.nansum(np.asarray(number, float)))
     return figure.say(
-        f"Mean residual by phase of flight and layer (n = {plural(total, 'report')}; in each cell "
-        f"the mean in m/s; white: fewer than {FEW} reports)."
+        f"Mean residual by phase of flight and layer ({_counted(number, total)}; in each cell the "
+        "mean in m/s)."
     )
 
 
-def _cell_texts(axes: Axes, value: Floats, number: Any, limit: float) -> None:
+def _cell_texts(axes: Axes, value: Floats, limit: float) -> None:
     for (y, x), cell in np.ndenumerate(value):
         if np.isfinite(cell):
             strong = abs(cell) > 0.62 * limit
@@ -184,7 +287,13 @@ def _cell_texts(axes: Axes, value: Floats, number: Any, limit: float) -> None:
 
 @styled
 def gap_map_figure(
-    longitude: Any, latitude: Any, eastward: Any, northward: Any, number: Any
+    longitude: Any,
+    latitude: Any,
+    eastward: Any,
+    northward: Any,
+    number: Any | None = None,
+    *,
+    total: int = 0,
 ) -> Figure:
     """Map of the mean residual in cells: speed by colour, direction by arrows.
 
@@ -194,8 +303,10 @@ def gap_map_figure(
         Middles of the cells, degrees.
     eastward, northward : array (y, x)
         Mean residual, m/s.
-    number : array (y, x)
+    number : array (y, x), optional
         Reports of each cell.
+    total : int, optional
+        Reports behind the figure, where `number` is not given.
 
     Returns
     -------
@@ -250,127 +361,7 @@ def gap_map_figure(
     figure.colorbar(
         drawn, ax=axes, label="length of the mean residual (m/s)", shrink=0.85, pad=0.01
     )
-    total = int(np.nansum(np.asarray(number, float)))
     return figure.say(
         f"Mean residual wind (reported minus simulated) by place: colour its length, arrows where "
-        f"it blows to (n = {plural(total, 'report')}; blank: fewer than {FEW} reports)."
-    )
-
-
-@styled
-def timeline_figure(
-    time: Any,
-    series: Mapping[str, tuple[Any, Any]],
-    *,
-    changes: Mapping[str, Any] | None = None,
-    quantity: str = "mean disagreement (kt)",
-    number: int = 0,
-) -> Figure:
-    """Time lines of a quantity with 95 % intervals, and the dates of changes found.
-
-    Parameters
-    ----------
-    time : array of datetime64 (time,)
-        Middle of each day or week.
-    series : mapping of str to (value, half width), arrays (time,)
-        Lines by name; at most seven are drawn in colours.
-    changes : mapping of str to datetime64 or (datetime64, datetime64), optional
-        Date, or interval of dates, of each change by name.
-    quantity : str, optional
-        The y axis in words, with its unit.
-    number : int, optional
-        Reports behind the lines.
-
-    Returns
-    -------
-    CaptionedFigure
-    """
-    times = np.asarray(time, "datetime64[s]").astype("datetime64[ms]").astype(object)
-    figure = new_figure(3.3)
-    axes = figure.add_subplot()
-    for index, (name, (value, half)) in enumerate(series.items()):
-        colour, marker = series_style(index)
-        line, width = np.asarray(value, float), np.nan_to_num(np.asarray(half, float))
-        axes.fill_between(times, line - width, line + width, color=colour, alpha=0.18, linewidth=0)
-        axes.plot(times, line, color=colour, marker=marker, markersize=3.5, label=name)
-    for name, when in (changes or {}).items():
-        span = np.atleast_1d(np.asarray(when, "datetime64[s]")).astype("datetime64[ms]")
-        dates = span.astype(object)
-        if dates.size == 2:
-            axes.axvspan(dates[0], dates[1], color=VERMILION, alpha=0.2, linewidth=0)
-        middle = dates[0] + (dates[-1] - dates[0]) / 2
-        axes.axvline(middle, color=VERMILION, linewidth=1.2, linestyle=(0, (4, 2)))
-        axes.annotate(
-            name,
-            (middle, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(3, -2),
-            textcoords="offset points",
-            va="top",
-            fontsize=8.5,
-            color=VERMILION,
-        )
-    locator = AutoDateLocator(minticks=4, maxticks=9)  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-    axes.set_ylabel(quantity)
-    if len(series) > 1:
-        figure.legend(loc="outside upper left", ncols=min(len(series), 7))
-    spans = any(np.size(when) == 2 for when in (changes or {}).values())
-    dated = " Dashed: changes found" if changes else ""
-    dated += (", shaded their 95 % interval." if spans else ".") if changes else ""
-    counted = f" (n = {plural(number, 'report')})" if number else ""
-    return figure.say(
-        f"{quantity[0].upper()}{quantity[1:]} over time with 95 % intervals{counted}.{dated}"
-    )
-
-
-@styled
-def slices_figure(where: Sequence[Mapping[str, Any]], *, most: int = 15) -> Figure:
-    """Bars of the slices of the archive that hold the gap, by share of its energy.
-
-    Parameters
-    ----------
-    where : sequence of mappings
-        ``where`` of ``gap.json``: ``variable``, ``values``, ``share_of_gap``, ``q_value``, and
-        ``share_ci`` where given.
-    most : int, optional
-        Slices drawn at most; the rest is in the table.
-
-    Returns
-    -------
-    CaptionedFigure
-    """
-    rows = sorted(where, key=lambda entry: -float(entry["share_of_gap"]))[:most]
-    if not rows:
-        figure = new_figure(1.2)
-        blank(figure.add_subplot(), "No slice holds more of the gap than noise would.")
-        return figure.say("No slice holds more of the gap than noise would (n = 0 slices).")
-    figure = new_figure(1.0 + 0.3 * len(rows))
-    axes = figure.add_subplot()
-    share = 100 * np.array([float(entry["share_of_gap"]) for entry in rows])
-    sure = [float(entry.get("q_value", 0.0)) < 0.05 for entry in rows]
-    y = np.arange(len(rows))
-    axes.barh(y, share, color=[BLUE if good else FAINT for good in sure], height=0.7)
-    for row, entry in enumerate(rows):
-        if entry.get("share_ci"):
-            axes.plot(
-                100 * np.asarray(entry["share_ci"], float), [row, row], color=INK, linewidth=1
-            )
-        q = float(entry.get("q_value", np.nan))
-        text = f"  {share[row]:.0f} %" + (f"   q = {q:.2g}" if np.isfinite(q) else "")
-        end = max(share[row], 100 * max(entry.get("share_ci", [0])))
-        axes.text(max(end, 0), row, text, va="center", fontsize=8.5)
-    axes.set_yticks(y, [slice_words(entry) for entry in rows])
-    axes.set_ylim(len(rows) - 0.4, -0.6)
-    axes.grid(axis="y", visible=False)
-    axes.tick_params(axis="y", length=0)
-    axes.axvline(0.0, color=SOFT, linewidth=0.8)
-    axes.set_xlim(right=max(float(share.max()) * 1.4, 5.0))
-    axes.set_xlabel("share of the gap's energy (%)")
-    more = f"; {len(where) - len(rows)} smaller ones are in the table" if len(where) > most else ""
-    return figure.say(
-        f"Slices that hold the gap, by their share of its cross-fitted energy (n = "
-        f"{thousands(len(rows))} slices{more}). Blue: beyond noise at a false-discovery rate of "
-        "5 %. Slices overlap, so shares need not add to 100 %."
+        f"it blows to ({_counted(number, total)})."
     )

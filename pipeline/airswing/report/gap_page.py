@@ -28,13 +28,16 @@ from airswing.report.document import (
     table,
 )
 from airswing.report.embed import embedded, write_whole
-from airswing.report.gap_figures import slices_figure
+from airswing.report.gap_evidence_figures import unknown_curve_figure
+from airswing.report.gap_slices import slices_figure
 from airswing.report.gap_words import (
     effect_sentence,
     joined,
     parameters_text,
     period_text,
     plain_name,
+    rival_advice,
+    rival_names,
     slice_words,
     verdict,
     who_text,
@@ -66,6 +69,7 @@ def write_gap_page(
     *,
     gap: Mapping[str, Any],
     maps: xr.Dataset | None = None,
+    details: Mapping[str, Any] | None = None,
     summary: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write the page of a gap diagnosis, ``index.html``, into its folder.
@@ -75,12 +79,13 @@ def write_gap_page(
     directory : Path
         Folder of the page, ``gap`` in the run's output folder.
     gap : mapping
-        Content of ``gap.json``.  Beyond FORMATS.md: ``closure.steps`` (list of ``name``,
-        ``after``, ``ci``), ``evidence`` (list of ``name``, ``log_evidence``, ``probability``),
-        ``not_testable`` (name to reason, or list of ``name`` and ``reason``), ``would_tell``
-        (list of str), ``second_moment`` (list), ``notes`` (list of str).
+        Content of ``gap.json``; ``second_moment`` (list), ``would_tell`` and ``notes`` (lists
+        of str) are shown where given.
     maps : Dataset, optional
         Content of ``gap.nc``, names as in :mod:`airswing.report.gap_parts`.
+    details : mapping, optional
+        What the diagnosis tells beside ``gap.json``: ``waterfall``, ``evidence``, ``noise``,
+        ``untestable``, ``slices``, ``counts`` (see :mod:`airswing.gap.summary`).
     summary : mapping, optional
         ``warnings``: list of str shown below the headline.
 
@@ -94,6 +99,7 @@ def write_gap_page(
     InputError
         If the page cannot be written.
     """
+    gap = {**(details or {}), **gap}
     sections = [
         _where_section(gap, maps),
         _which_section(gap, maps),
@@ -152,10 +158,11 @@ def _facts(gap: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _where_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
     where = list(gap.get("where") or [])
+    everywhere = list(gap.get("slices") or where)
     named = sorted({str(t) for effect in gap.get("effects") or [] for t in effect.get("tails", [])})
     parts = [embedded(figure) for figure in gap_parts.where_figures(maps, gap, named)]
     parts.insert(0, embedded(slices_figure(where)))
-    if where:
+    if everywhere:
         rows = [
             Row(
                 [
@@ -164,7 +171,7 @@ def _where_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
                     f"{float(entry.get('q_value', float('nan'))):.2g}",
                 ]
             )
-            for entry in sorted(where, key=lambda entry: -float(entry["share_of_gap"]))
+            for entry in sorted(everywhere, key=lambda entry: -float(entry["share_of_gap"]))
         ]
         columns = [Column("slice", "long"), Column("share of the gap"), Column("q value")]
         parts.append(folded(f"All {len(rows)} slices", [table(columns, rows)]))
@@ -185,7 +192,7 @@ def _which_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
                     period_text(effect) or "always",
                     _number(effect.get("probability")),
                     _share(effect),
-                    joined([plain_name(str(n)) for n in effect.get("ambiguous_with") or []]) or "-",
+                    joined([plain_name(name) for name in rival_names(effect)]) or "-",
                 ]
             )
             for effect in effects
@@ -229,12 +236,17 @@ def _unknown(gap: Mapping[str, Any]) -> list[Markup]:
     ]
     text = "Something outside the catalogue is at work"
     text += f", found in {joined(places)}." if places else "; its place could not be told."
+    places_drawn = [
+        embedded(unknown_curve_figure(place))
+        for place in unknown.get("where") or []
+        if isinstance(place, Mapping) and (place.get("curve") or {}).get("labels")
+    ]
     extra = [
         f"{key.replace('_', ' ')}: {value}"
         for key, value in unknown.items()
         if key not in {"present", "where"} and isinstance(value, str | int | float)
     ]
-    return [paragraph(text, note=True), *([listing(extra)] if extra else [])]
+    return [paragraph(text, note=True), *places_drawn, *([listing(extra)] if extra else [])]
 
 
 def _second_moment(gap: Mapping[str, Any]) -> list[Markup]:
@@ -290,16 +302,16 @@ def _far_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
 def _open_section(gap: Mapping[str, Any]) -> Section:
     parts: list[Markup] = []
     for effect in gap.get("effects") or []:
-        others = [plain_name(str(name)) for name in effect.get("ambiguous_with") or []]
+        others = [plain_name(name) for name in rival_names(effect)]
         if others:
+            told = rival_advice(effect)
             text = f"{effect_sentence(effect)}. The data fit as well: {joined(others)}."
-            told = effect.get("would_separate") or effect.get("separated_by")
-            text += f" What would tell: {_plain_list(told)}." if told else ""
+            text += f" What would tell: {joined(told)}." if told else ""
             parts.append(paragraph(text))
     would = gap.get("would_tell") or []
     if would:
         parts += [heading("What data would tell"), listing([str(line) for line in would])]
-    untested = gap.get("not_testable") or {}
+    untested = gap.get("untestable") or {}
     pairs = (
         list(untested.items())
         if isinstance(untested, Mapping)
@@ -316,14 +328,23 @@ def _open_section(gap: Mapping[str, Any]) -> Section:
     return Section("open", "What could not be told apart", "", parts)
 
 
-def _plain_list(value: Any) -> str:
-    return joined([str(v) for v in value]) if isinstance(value, list | tuple) else str(value)
-
-
 def _method_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
     rows = [Row([assumption, check]) for assumption, check in ASSUMPTIONS]
     parts = [table([Column("assumption", "long"), Column("checked by", "long")], rows)]
     parts += [embedded(figure) for figure in gap_parts.method_figures(maps, gap)]
+    parts += _noise_table(gap.get("noise") or {})
     if gap.get("notes"):
         parts.append(listing([str(note) for note in gap["notes"]]))
     return Section("method", "What this rests on", "", parts)
+
+
+def _noise_table(noise: Mapping[str, Any]) -> list[Markup]:
+    names = {
+        "correlated_sd_m_s": "correlated part (m/s)",
+        "white_sd_m_s": "white part (m/s)",
+        "length_km": "correlation length (km)",
+    }
+    rows = [Row([label, _number(noise[key])]) for key, label in names.items() if key in noise]
+    if not rows:
+        return []
+    return [table([Column("noise model", "words"), Column("fitted")], rows)]

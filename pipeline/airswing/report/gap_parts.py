@@ -1,29 +1,26 @@
 """From ``gap.json`` and ``gap.nc`` to the figures of the gap page.
 
-Assumes these names in ``gap.nc``, each optional (residual: reported minus simulated, m/s):
+Assumes the arrays of :func:`airswing.gap.locate.residual_maps` (each with ``*_standard_error``;
+residual: reported minus simulated), and beside them these, every one optional:
 
-==================================  ============================================
-variable                            dimensions
-==================================  ============================================
-residual_across_heading             aircraft, heading_bin (degree, bin middles)
-residual_along_heading              aircraft, heading_bin
-heading_count                       aircraft, heading_bin
-level_residual_along, _across       flight_phase, layer
-level_count                         flight_phase, layer
-map_eastward_residual, _northward_  map_latitude, map_longitude
-map_count                           map_latitude, map_longitude
-timeline_disagreement (kt)          series, day; with _half_width, and timeline_count
-log_evidence                        effect
-aircraft_probability                effect, aircraft
-noise_correlation, _half_width      lag (km)
-noise_correlation_model             lag
-pit_count, pit_count_before         pit_bin
-==================================  ============================================
+=======================================  =============================================
+variable                                 dimensions
+=======================================  =============================================
+heading_map (degree)                     aircraft, octant
+level_map_cross, level_map_along (m/s)   phase, level
+region_map_u, region_map_v (m/s)         latitude, longitude
+time_line (degree)                       aircraft, week
+pit_count, pit_count_before              pit_bin
+=======================================  =============================================
+
+A map may have its ``*_count``.  From the details of the diagnosis: ``evidence`` (tempered
+evidence and posterior by aircraft), ``waterfall``, ``noise``, ``counts``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -32,7 +29,7 @@ from matplotlib.figure import Figure
 
 from airswing.report import gap_evidence_figures as evidence
 from airswing.report import gap_figures as places
-from airswing.report.gap_words import plain_name
+from airswing.report.gap_words import period_bounds, plain_name, rival_names
 
 
 def _has(maps: xr.Dataset | None, *names: str) -> bool:
@@ -43,72 +40,96 @@ def _words(values: Any) -> list[str]:
     return [str(value) for value in np.asarray(values)]
 
 
+def _array(maps: xr.Dataset, name: str, *dims: str) -> Any:
+    """Return an array of ``gap.nc``, or None where it has none of that name."""
+    return maps[name].transpose(*dims).to_numpy() if name in maps.variables else None
+
+
+def report_total(maps: xr.Dataset | None, gap: Mapping[str, Any]) -> int:
+    """Return the number of reports behind a diagnosis; 0 where it is not told."""
+    found = (gap.get("counts") or {}).get("reports") or gap.get("reports")
+    if not found and maps is not None:
+        found = maps.attrs.get("reports", 0)
+    return int(found or 0)
+
+
 def where_figures(
     maps: xr.Dataset | None, gap: Mapping[str, Any], named: Sequence[str]
 ) -> Iterator[Figure]:
     """Yield the figures of where the gap lies, as far as ``gap.nc`` holds them."""
     if maps is None:
         return
-    for component in ("across", "along"):
-        name = f"residual_{component}_heading"
-        if _has(maps, name, "heading_count"):
-            yield places.aircraft_heading_figure(
-                _words(maps["aircraft"]),
-                maps["heading_bin"].to_numpy(),
-                maps[name].transpose("aircraft", "heading_bin").to_numpy(),
-                maps["heading_count"].transpose("aircraft", "heading_bin").to_numpy(),
-                component=f"{component} the heading",
-                outstanding=named,
-            )
-    if _has(maps, "level_residual_along", "level_residual_across", "level_count"):
-        order = ("flight_phase", "layer")
-        yield places.phase_level_figure(
-            _words(maps["flight_phase"]),
-            _words(maps["layer"]),
-            {
-                f"{way} the heading": maps[f"level_residual_{way}"].transpose(*order).to_numpy()
-                for way in ("along", "across")
-            },
-            maps["level_count"].transpose(*order).to_numpy(),
+    total = report_total(maps, gap)
+    if _has(maps, "heading_map"):
+        yield places.aircraft_heading_figure(
+            _words(maps["aircraft"]),
+            maps["octant"].to_numpy(),
+            _array(maps, "heading_map", "aircraft", "octant"),
+            _array(maps, "heading_map_count", "aircraft", "octant"),
+            standard_error=_array(maps, "heading_map_standard_error", "aircraft", "octant"),
+            quantity="mean heading error (degree)",
+            outstanding=named,
+            total=total,
         )
-    if _has(maps, "map_eastward_residual", "map_northward_residual", "map_count"):
-        order = ("map_latitude", "map_longitude")
+    if _has(maps, "level_map_cross", "level_map_along"):
+        yield _levels(maps, total)
+    if _has(maps, "region_map_u", "region_map_v"):
+        order = ("latitude", "longitude")
         yield places.gap_map_figure(
-            maps["map_longitude"].to_numpy(),
-            maps["map_latitude"].to_numpy(),
-            *(
-                maps[name].transpose(*order).to_numpy()
-                for name in ("map_eastward_residual", "map_northward_residual", "map_count")
-            ),
+            maps["longitude"].to_numpy(),
+            maps["latitude"].to_numpy(),
+            _array(maps, "region_map_u", *order),
+            _array(maps, "region_map_v", *order),
+            _array(maps, "region_map_count", *order),
+            total=total,
         )
-    if _has(maps, "timeline_disagreement", "timeline_disagreement_half_width"):
-        yield _timeline(maps, gap)
+    if _has(maps, "time_line"):
+        yield places.aircraft_time_figure(
+            _words(maps["aircraft"]),
+            week_starts(maps),
+            _array(maps, "time_line", "aircraft", "week"),
+            _array(maps, "time_line_count", "aircraft", "week"),
+            outstanding=named,
+            total=total,
+        )
 
 
-def _timeline(maps: xr.Dataset, gap: Mapping[str, Any]) -> Figure:
-    value = maps["timeline_disagreement"].transpose("series", "day").to_numpy()
-    half = maps["timeline_disagreement_half_width"].transpose("series", "day").to_numpy()
-    names = _words(maps["series"])
-    number = int(maps["timeline_count"].sum()) if "timeline_count" in maps else 0
-    series = {name: (value[i], half[i]) for i, name in enumerate(names[:7])}
-    return places.timeline_figure(
-        maps["day"].to_numpy(), series, changes=change_dates(gap), number=number
+def week_starts(maps: xr.Dataset) -> Any:
+    """Return the first day of each week, or its number where the days are not told."""
+    weeks = maps["week"].to_numpy()
+    if "day" not in maps.variables:
+        return weeks
+    return maps["day"].to_numpy().min() + weeks.astype("timedelta64[W]")
+
+
+def _levels(maps: xr.Dataset, total: int) -> Figure:
+    """Draw phase by level, without phases that hold nothing, from the ground up."""
+    order = ("phase", "level")
+    across = _array(maps, "level_map_cross", *order)
+    along = _array(maps, "level_map_along", *order)
+    number = _array(maps, "level_map_count", *order)
+    filled = np.flatnonzero(np.isfinite(across).any(axis=1))
+    up = np.argsort(-maps["level"].to_numpy().astype(float))
+    pick = np.ix_(filled, up)
+    return places.phase_level_figure(
+        [_words(maps["phase"])[i] for i in filled],
+        [f"{level:.0f}" for level in maps["level"].to_numpy().astype(float)[up]],
+        {"along the heading": along[pick], "across the heading": across[pick]},
+        None if number is None else number[pick],
+        total=total,
     )
 
 
 def change_dates(gap: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the date of each effect that begins at one, by its plain name and aircraft."""
+    """Return the date of each effect that begins or ends at one, by its name and aircraft."""
     found: dict[str, Any] = {}
     for effect in gap.get("effects") or []:
-        period = effect.get("period")
-        if isinstance(period, Mapping):
-            period = list(period.values())
-        first = period[0] if isinstance(period, list | tuple) and period else period
-        if first:
-            tails = effect.get("tails") or []
-            whom = f", {tails[0]}" + (" ..." if len(tails) > 1 else "") if tails else ""
+        first, last = period_bounds(effect)
+        tails = effect.get("tails") or []
+        whom = f", {tails[0]}" + (" ..." if len(tails) > 1 else "") if tails else ""
+        if first or last:
             name = str(effect["name"]).replace("_", " ")
-            found[f"{name}{whom}"] = np.datetime64(str(first)[:10])
+            found[f"{name}{whom}"] = np.datetime64(first or last)
     return found
 
 
@@ -116,41 +137,59 @@ def which_figures(maps: xr.Dataset | None, gap: Mapping[str, Any]) -> Iterator[F
     """Yield the evidence of each effect and the aircraft that carry the effects."""
     effects = gap.get("effects") or []
     chosen = [str(effect["name"]) for effect in effects]
-    ambiguous = [str(name) for effect in effects for name in effect.get("ambiguous_with") or []]
-    table = _evidence_rows(maps, gap)
-    if table:
+    ambiguous = [name for effect in effects for name in rival_names(effect)]
+    best = best_evidence(gap.get("evidence") or [])
+    if best:
         yield evidence.evidence_figure(
-            [name for name, _ in table],
-            [value for _, value in table],
+            list(best),
+            list(best.values()),
             chosen=chosen,
             ambiguous=ambiguous,
-            threshold=gap.get("evidence_needed"),
-            number=int(gap.get("reports", 0) or 0),
+            number=report_total(maps, gap),
         )
-    if maps is not None and "aircraft_probability" in maps:
-        value = maps["aircraft_probability"].transpose("effect", "aircraft")
-        rows = [i for i, name in enumerate(_words(value["effect"])) if name in chosen]
+    if maps is not None and "aircraft" in maps.variables:
+        tails = _words(maps["aircraft"])
+        rows = posteriors(gap.get("evidence") or [], tails)
         if rows:
-            yield evidence.posterior_figure(
-                _words(value["aircraft"]),
-                [_words(value["effect"])[i] for i in rows],
-                value.to_numpy()[rows],
-            )
+            yield evidence.posterior_figure(tails, list(rows), np.array(list(rows.values())))
 
 
-def _evidence_rows(maps: xr.Dataset | None, gap: Mapping[str, Any]) -> list[tuple[str, float]]:
-    listed = gap.get("evidence") or []
-    if listed:
-        return [
-            (str(entry["name"]), float(entry["log_evidence"]))
-            for entry in listed
-            if isinstance(entry.get("log_evidence"), int | float)
-        ]
-    if maps is not None and "log_evidence" in maps:
-        return list(
-            zip(_words(maps["effect"]), map(float, maps["log_evidence"].to_numpy()), strict=True)
-        )
-    return []
+def best_evidence(rows: Sequence[Mapping[str, Any]], *, most: int = 20) -> dict[str, float]:
+    """Return the best tempered evidence (nats) of each effect of the catalogue, largest first."""
+    best: dict[str, float] = {}
+    for row in rows:
+        value = row.get("tempered_nats", row.get("log_evidence"))
+        if row.get("known", True) and isinstance(value, int | float) and np.isfinite(value):
+            best[str(row["name"])] = max(float(value), best.get(str(row["name"]), -np.inf))
+    return dict(sorted(best.items(), key=lambda item: -item[1])[:most])
+
+
+def posteriors(rows: Sequence[Mapping[str, Any]], tails: Sequence[str]) -> dict[str, list[float]]:
+    """Return the probability of each aircraft for the effects found on single aircraft."""
+    found: dict[str, list[float]] = {}
+    for row in rows:
+        name, posterior = str(row["name"]), list(row.get("posterior") or [])
+        own = row.get("instead_of") == row["name"] and row.get("scope") == "aircraft"
+        if own and name not in found and len(posterior) == len(tails):
+            found[name] = [float(value) for value in posterior]
+    return found
+
+
+def closure_steps(gap: Mapping[str, Any]) -> list[tuple[str, float, Sequence[float] | None]]:
+    """Return (name, disagreement after it in kt, 95 % interval) of each step of the waterfall.
+
+    The diagnosis gives the interval of the step's reduction; what is left after it lies the
+    reduction below the level before it.
+    """
+    levels = gap.get("waterfall") or []
+    steps: list[tuple[str, float, Sequence[float] | None]] = []
+    for before, entry in pairwise(levels):
+        bounds = entry.get("step_ci")
+        if bounds is not None:
+            level = float(before["kt"])
+            interval = sorted(level - float(bound) for bound in bounds)
+            steps.append((str(entry["label"]), float(entry["kt"]), interval))
+    return steps
 
 
 def closure_figures(gap: Mapping[str, Any]) -> Iterator[Figure]:
@@ -160,10 +199,7 @@ def closure_figures(gap: Mapping[str, Any]) -> Iterator[Figure]:
     if before is None or after is None or not gap.get("effects"):
         return
     floor = numbers.get("noise_floor_kt")
-    steps = [
-        (str(step["name"]), float(step.get("after", step.get("after_kt"))), step.get("ci"))
-        for step in closure.get("steps") or []
-    ]
+    steps = closure_steps(gap)
     if not steps:
         names = " + ".join(plain_name(str(effect["name"])) for effect in gap["effects"][:2])
         more = " + ..." if len(gap["effects"]) > 2 else ""
@@ -172,30 +208,24 @@ def closure_figures(gap: Mapping[str, Any]) -> Iterator[Figure]:
         steps,
         before=float(before),
         floor=float("nan") if floor is None else float(floor),
-        number=int(closure.get("reports", 0) or 0),
+        number=report_total(None, gap),
         after_all=(float(after), closure.get("ci")),
     )
 
 
 def method_figures(maps: xr.Dataset | None, gap: Mapping[str, Any]) -> Iterator[Figure]:
     """Yield the checks of the noise model and of the improved simulation's calibration."""
-    if maps is None:
-        return
-    if _has(maps, "noise_correlation", "noise_correlation_model"):
-        value = maps["noise_correlation"].to_numpy()
-        half = (
-            maps["noise_correlation_half_width"].to_numpy()
-            if "noise_correlation_half_width" in maps
-            else np.full(value.shape, np.nan)
-        )
-        number = int(maps["noise_pairs"].sum()) if "noise_pairs" in maps else 0
+    noise = gap.get("noise") or {}
+    if noise.get("distance_km"):
+        value = np.asarray(noise["autocovariance"], float)
         yield evidence.autocorrelation_figure(
-            maps["lag"].to_numpy(),
+            noise["distance_km"],
             value,
-            half,
-            maps["noise_correlation_model"].to_numpy(),
-            number=number,
+            np.full(value.shape, np.nan),
+            noise["autocovariance_model"],
+            quantity="autocovariance of residuals (m²/s²)",
+            number=report_total(maps, gap),
         )
-    if _has(maps, "pit_count"):
-        early = maps["pit_count_before"].to_numpy() if "pit_count_before" in maps else None
+    if _has(maps, "pit_count") and maps is not None:
+        early = _array(maps, "pit_count_before", "pit_bin")
         yield evidence.pit_figure(maps["pit_count"].to_numpy(), before=early)

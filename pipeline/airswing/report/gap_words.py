@@ -98,19 +98,41 @@ def parameters_text(effect: Mapping[str, Any]) -> str:
 
 
 def period_text(effect: Mapping[str, Any]) -> str:
-    """Return since when or between when an effect holds, or nothing."""
+    """Return since when, until when or between when an effect holds, or nothing."""
+    first, last = period_bounds(effect)
+    if first and last:
+        return f"from {first} to {last}"
+    if last:
+        return f"until {last}"
+    return f"from {first}" if first else ""
+
+
+def period_bounds(effect: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the first and the last date of an effect; empty where it has none."""
     period = effect.get("period")
-    if not period:
-        return ""
     if isinstance(period, Mapping):
-        bounds = [str(value)[:10] for value in period.values() if value]
-    elif isinstance(period, str):
-        bounds = [period[:10]]
-    else:
-        bounds = [str(value)[:10] for value in period if value]
-    if not bounds:
-        return ""
-    return f"from {bounds[0]}" + (f" to {bounds[1]}" if len(bounds) > 1 else "")
+        period = list(period.values())
+    if isinstance(period, str):
+        period = [period]
+    bounds = [str(value)[:10] if value else "" for value in period or []]
+    first, last, *_ = [*bounds, "", ""]
+    return first, last
+
+
+def rival_names(effect: Mapping[str, Any]) -> list[str]:
+    """Return the names of the effects that could not be told from one."""
+    rivals = effect.get("ambiguous_with") or []
+    return [str(rival["name"] if isinstance(rival, Mapping) else rival) for rival in rivals]
+
+
+def rival_advice(effect: Mapping[str, Any]) -> list[str]:
+    """Return the data that would tell an effect from its rivals, each once."""
+    listed = [*(effect.get("ambiguous_with") or []), *(effect.get("ambiguity") or [])]
+    rivals = [rival for rival in listed if isinstance(rival, Mapping)]
+    told = [str(rival["separated_by"]) for rival in rivals if "separated_by" in rival]
+    own = effect.get("separated_by") or effect.get("would_separate") or []
+    told += [own] if isinstance(own, str) else [str(line) for line in own]
+    return list(dict.fromkeys(told))
 
 
 def who_text(effect: Mapping[str, Any]) -> str:
@@ -199,9 +221,19 @@ def _unknown_place(gap: Mapping[str, Any]) -> str:
     return f" ({joined(named, most=2)})" if named else ""
 
 
+COMPONENTS = {
+    "cross": "across the heading",
+    "across": "across the heading",
+    "along": "along the heading",
+}
+
+
 def slice_words(entry: Mapping[str, Any], *, most: int = 4) -> str:
-    """Return a slice of the archive in words: its variable and at most a few of its values."""
-    variable = str(entry.get("variable", "")).replace("_", " ")
-    values = entry.get("values", [])
+    """Return a slice of the archive in words: variable, component and at most a few values."""
+    variables = entry.get("variables") or [entry.get("variable", "")]
+    text = " by ".join(str(name).replace("_", " ") for name in variables)
+    component = COMPONENTS.get(str(entry.get("component", "")))
+    text += f", {component}" if component else ""
+    values = entry.get("values", entry.get("tails", []))
     named = [str(value) for value in values] if isinstance(values, list | tuple) else [str(values)]
-    return f"{variable}: {joined(named, most=most)}" if named else variable
+    return f"{text}: {joined(named, most=most)}" if named else text

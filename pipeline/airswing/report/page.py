@@ -325,7 +325,7 @@ def _audit_section(headings: xr.Dataset) -> Section:
 def _run_section(summary: Mapping[str, Any], headings: xr.Dataset) -> Section:
     named = {
         "airswing_version": "version",
-        "references": "read from",
+        "source": "read from",
         "history": "history",
         "uuid": "identifier of headings.nc",
     }

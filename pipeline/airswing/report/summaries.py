@@ -225,7 +225,7 @@ def correction_rows(fits: xr.Dataset, reference: str) -> list[dict[str, Any]]:
                 "offset": interval_text(one, "offset"),
                 "amplitude": interval_text(one, "amplitude"),
                 "phase": interval_text(one, "phase", digits=0),
-                "table": [f"{value:+.1f}" if np.isfinite(value) else "-" for value in table],
+                "table": [signed_text(value) for value in table],
                 "residual": number_text(one["table_residual_rms"]),
                 "before": number_text(one["residual_rms_before"]),
                 "after": number_text(one["residual_rms_after"]),
@@ -239,8 +239,12 @@ def interval_text(fit: xr.Dataset, name: str, *, digits: int = 2) -> str:
     value, half = float(fit[name]), NORMAL_95 * float(fit[f"{name}_standard_error"])
     if not np.isfinite(value):
         return "-"
-    value = value % 360 if name == "phase" else value
     return f"{value:.{digits}f}" + (f" ± {half:.{digits}f}" if np.isfinite(half) else "")
+
+
+def signed_text(value: float) -> str:
+    """Return a correction with its sign and one decimal, zero as +0.0, or a dash."""
+    return f"{round(value, 1) + 0.0:+.1f}" if np.isfinite(value) else "-"
 
 
 def number_text(value: Any, *, digits: int = 2) -> str:
