@@ -152,8 +152,8 @@ def coded(
     """
     speed = np.hypot(eastward, northward) * 3600.0 / 1852.0
     direction = np.degrees(np.arctan2(-eastward, -northward)) % 360.0
-    whole = np.round(np.round(direction / direction_step) * direction_step, 3) % 360.0
-    strength = np.round(np.round(speed / speed_step) * speed_step, 3)
+    whole = np.round(np.round(direction / direction_step) * direction_step, 9) % 360.0
+    strength = np.round(np.round(speed / speed_step) * speed_step, 9)
     whole = np.where(strength == 0, 0.0, np.where(whole == 0, 360.0, whole))
     return whole, strength
 

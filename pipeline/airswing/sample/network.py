@@ -127,7 +127,6 @@ def timetable(
     days: int,
     seed: int,
     legs_per_day: float,
-    duty: tuple[float, float, float] = (10.0, 13.0, 29.0),
 ) -> Timetable:
     """Return the flights of a fleet.
 
@@ -143,8 +142,6 @@ def timetable(
         The archive's seed.
     legs_per_day : float
         Mean number of legs an aircraft flies a day.
-    duty : (float, float, float)
-        Earliest and latest first departure and the hour no leg starts after, hours of the day.
 
     Returns
     -------
@@ -158,7 +155,7 @@ def timetable(
         names, share = _routes(rng, network, hub)
         cruise = rng.uniform(126.0, 142.0)
         for day in range(days):
-            clock = day * 24.0 + rng.uniform(*duty[:2])
+            clock = day * 24.0 + rng.uniform(10.0, 13.0)
             rounds = int(legs_per_day / 2 + rng.uniform())
             for _ in range(rounds):
                 there = str(rng.choice(names, p=share))
@@ -169,7 +166,7 @@ def timetable(
                     level = max(3600.0, top - 610.0 * float(rng.integers(0, 4)))
                     rows.append((index, clock, start, end, level, cruise + rng.normal(0, 1.5)))
                     clock += length / (cruise - 12.0) / 3600.0 + rng.uniform(0.5, 0.8)
-                if clock > day * 24.0 + duty[2]:
+                if clock > day * 24.0 + 29.0:
                     break
     columns = list(zip(*rows, strict=True))
     place = network.airports

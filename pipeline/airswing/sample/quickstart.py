@@ -103,7 +103,7 @@ def write_quickstart(directory: str | Path, *, seed: int = SEED) -> Path:
         climb_seconds=240.0,
         cruise_seconds=80.0,
         field_test=(DAYS_BEFORE, CORRECTED),
-        thinned={"N406": 0.04},
+        thinned={"N406": 0.025},
     )
     config.unlink()
     _split(root, "2009-10-20")

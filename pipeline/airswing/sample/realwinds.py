@@ -38,10 +38,10 @@ from airswing.sample.archive import Scenario, finished, save_truth, write_report
 from airswing.sample.earthfield import EarthField
 from airswing.sample.faults import parse_faults
 from airswing.sample.fields import GriddedReference, sample_reference
-from airswing.sample.fleet import fly, report_steps
+from airswing.sample.fleet import report_steps
 from airswing.sample.lambert import LambertGrid
-from airswing.sample.network import NETWORKS, timetable
 from airswing.sample.observe import Coding, observe
+from airswing.sample.tour import tour
 from airswing.sample.truth import fleet_deviations
 from airswing.sample.world import stream
 
@@ -286,10 +286,8 @@ def write_archive(
     aircraft: int = 12,
     seed: int = 1,
     effects: Sequence[Mapping[str, Any]] | None = None,
-    cruise_seconds: float = 60.0,
-    climb_seconds: float = 60.0,
+    seconds: float = 60.0,
     coding: Coding | None = None,
-    network: str = "continental",
     error_scale: float = 1.0,
     output: str | None = None,
 ) -> Path:
@@ -308,13 +306,11 @@ def write_archive(
         Fleet and seed.
     effects : sequence of mapping, optional
         As in `airswing.sample.write_archive`.
-    cruise_seconds, climb_seconds : float
-        Between reports.
+    seconds : float
+        Between reports; a multiple of 10.
     coding : Coding, optional
         Coding and noise; positions to 0.01 arc-minute by default, because reports are a minute
         apart.
-    network : str
-        Where they fly.
     error_scale : float
         Factor on the real forecast error.
     output : str, optional
@@ -333,17 +329,8 @@ def write_archive(
     effects = fleet_deviations(tails, seed) if effects is None else effects
     faults = parse_faults(effects, start=start, tails=tails)
     air = RealAir(run, error, seed=seed)
-    table = timetable(
-        NETWORKS[network],
-        aircraft=aircraft,
-        days=1,
-        seed=seed,
-        legs_per_day=40.0,
-        duty=(0.2, 1.0, 20.0),
-    )
-
-    flown = fly(table, air.run_wind, seed=seed)
-    flight, step = report_steps(flown, climb_seconds=climb_seconds, cruise_seconds=cruise_seconds)
+    flown = tour(air.run_wind, aircraft=aircraft, seed=seed)
+    flight, step = report_steps(flown, climb_seconds=seconds, cruise_seconds=seconds)
     latitude, longitude = flown.latitude[step, flight], flown.longitude[step, flight]
     air.draw(flight, latitude, longitude, flown.pressure(step, flight))
     box = (latitude.min(), latitude.max(), longitude.min(), longitude.max())
