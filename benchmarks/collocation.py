@@ -125,7 +125,9 @@ def decode_all(path: str) -> None:
             eccodes.codes_release(handle)
 
 
-def collocate_hour(path: str, reports: xr.Dataset, caches: Iterator[str], *, sparse: bool) -> None:
+def collocate_hour(
+    path: str | list[str], reports: xr.Dataset, caches: Iterator[str], *, sparse: bool
+) -> None:
     """From a file never seen before (a new cache folder every time) to winds at the reports."""
     catalogue = build_catalogue(path, name="ruc", cache_dir=next(caches))
     collocate(reports, {"ruc": catalogue}, sparse=sparse).compute(scheduler="synchronous")
@@ -192,11 +194,32 @@ def one_hour(folder: Path, repeats: int) -> list[dict[str, Any]]:
     return rows
 
 
-def two_workers(folder: Path, hours: int) -> list[dict[str, Any]]:
+def many_hours(folder: Path, paths: list[str]) -> list[dict[str, Any]]:
+    """End to end in one process, headers never seen before, against decoding everything."""
+    reports, caches = some_reports(len(paths), exact=False), new_folders(folder / "many")
+
+    def decode_every() -> None:
+        for path in paths:
+            decode_all(path)
+
+    work = {
+        "plain": decode_every,
+        "whole": lambda: collocate_hour(paths, reports, caches, sparse=False),
+        "sparse": lambda: collocate_hour(paths, reports, caches, sparse=True),
+    }
+    plain, whole, sparse = interleaved(work, 2)
+    label = f"{len(paths)} hours end to end"
+    return [
+        row(f"{label}: sparse off / plain decoding", whole / plain, "<= 1.3", whole),
+        row(f"{label}: sparse on / plain decoding", sparse / plain, "<= 0.3", sparse),
+    ]
+
+
+def two_workers(folder: Path, paths: list[str]) -> list[dict[str, Any]]:
     """One and two worker processes on many hours."""
     from distributed import Client, LocalCluster
 
-    paths = copy_hours(folder / "hour.grb1", hours)
+    hours = len(paths)
     reports = some_reports(hours, exact=False)
     catalogue = build_catalogue(paths, name="ruc", cache_dir=folder / "cache")
     seconds: dict[tuple[int, bool], float] = {}
@@ -259,7 +282,9 @@ def main() -> None:
             write_hour(folder / f"hour.grb{edition}", edition, fields)
         rows = one_hour(folder, options.repeats)
         if options.hours:
-            rows += two_workers(folder, options.hours)
+            paths = copy_hours(folder / "hour.grb1", options.hours)
+            rows += many_hours(folder, paths)
+            rows += two_workers(folder, paths)
     if options.json:
         json.dump(rows, sys.stdout, indent=1)
         return

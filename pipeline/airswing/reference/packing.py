@@ -86,19 +86,19 @@ def power(base: int, exponent: int) -> float:
     return value
 
 
-def read_bytes(descriptor: int, start: int, length: int, *, spare: int = 0) -> bytearray:
-    """Octets of a file, with `spare` zero octets after them.
+def read_bytes(descriptor: int, start: int, length: int, *, spare: int = 0) -> bytes:
+    """Octets of a file, and `spare` octets of no meaning after them.
 
     Raises
     ------
     UnreadableMessageError
         Where the file ends before.
     """
-    buffer = bytearray(length + spare)
-    got = os.preadv(descriptor, [memoryview(buffer)[:length]], start) if length else 0
-    if got != length:
-        raise UnreadableMessageError(f"file ends {length - got} octets early")
-    return buffer
+    octets = os.pread(descriptor, length + spare, start)
+    if len(octets) < length:
+        raise UnreadableMessageError(f"file ends {length - len(octets)} octets early")
+    lacking = length + spare - len(octets)
+    return octets + bytes(lacking) if lacking else octets
 
 
 def sparse_values(descriptor: int, packing: SimplePacking, points: Ints) -> Floats:
@@ -126,7 +126,7 @@ def sparse_values(descriptor: int, packing: SimplePacking, points: Ints) -> Floa
     if packing.bitmap < 0:
         values = _unpack(descriptor, packing, flat)
         return values.reshape(points.shape)
-    bitmap = bytes(read_bytes(descriptor, packing.bitmap, (packing.size + 7) // 8))
+    bitmap = read_bytes(descriptor, packing.bitmap, (packing.size + 7) // 8)
     present, rank = _rank(bitmap, flat)
     values = np.full(flat.shape, np.nan)
     values[present] = _unpack(descriptor, packing, rank[present])

@@ -10,7 +10,6 @@ global multi-field switch, which is not safe between threads.
 
 from __future__ import annotations
 
-import os
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from airswing.reference.octets import unsigned
 from airswing.reference.packing import (
     SimplePacking,
     UnreadableMessageError,
+    read_bytes,
     sparse_values,
 )
 
@@ -86,8 +86,8 @@ def message_bytes(descriptor: int, row: Any) -> bytes:
     """The field as a complete GRIB message that holds nothing else."""
     offset, length = int(row["offset"]), int(row["length"])
     if row["edition"] == 1:
-        return _octets(descriptor, offset, length)
-    head = _octets(descriptor, offset, 16)
+        return read_bytes(descriptor, offset, length)
+    head = read_bytes(descriptor, offset, 16)
     if head[:4] != b"GRIB":
         raise UnreadableMessageError("no GRIB message where the catalogue saw one")
     starts = [row[f"section_{name}"] for name in ("identification", "grid", "product", "packing")]
@@ -99,16 +99,9 @@ def message_bytes(descriptor: int, row: Any) -> bytes:
     return b"".join([head[:8], total.to_bytes(8, "big"), *body, b"7777"])
 
 
-def _octets(descriptor: int, start: int, length: int) -> bytes:
-    octets = os.pread(descriptor, length, start)
-    if len(octets) != length:
-        raise UnreadableMessageError(f"file ends {length - len(octets)} octets early")
-    return octets
-
-
 def _section(descriptor: int, start: int) -> bytes:
-    length = unsigned(_octets(descriptor, start, 4), 0, 4)
-    return _octets(descriptor, start, length)
+    length = unsigned(read_bytes(descriptor, start, 4), 0, 4)
+    return read_bytes(descriptor, start, length)
 
 
 def decode(message: bytes) -> Floats:
