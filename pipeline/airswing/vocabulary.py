@@ -277,6 +277,18 @@ _FITS = [
     ),
     _V("table_correction", "degree", "correction at the table's node", (*_RA, "node"), "f8"),
     _V("table_residual_rms", "degree", "rms difference of table and fitted curve", _RA, "f8"),
+    _V("change_count", "1", "changes of the compass within the fitted period", _A, "i1"),
+    _V(
+        "change_p_value",
+        "1",
+        "probability that a fleet without any change shows one as clear as this aircraft's",
+        _A,
+        "f8",
+    ),
+    _V("change_rms", "degree", "rms over the compass of the largest change", _A, "f8"),
+    _V("change_date", "", "first day after the largest change", _A, "datetime64[ns]"),
+    _V("change_date_low", "", "earliest such day, 95 % interval", _A, "datetime64[ns]"),
+    _V("change_date_high", "", "latest such day, 95 % interval", _A, "datetime64[ns]"),
 ]
 
 _CORRECTED = [

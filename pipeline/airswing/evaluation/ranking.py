@@ -115,7 +115,8 @@ def expected_gain(
     drawn = _drawn_gains(part, deviation, covariance, draws=draws, seed=seed)
     drawn -= drawn.mean()
     sampled = np.random.default_rng([seed, 1]).standard_normal(draws)
-    drawn += clustered_error(reported - after, flown.day) * sampled
+    # The optimism is an expectation: how far this very curve is off is not known to half of it.
+    drawn += np.hypot(clustered_error(reported - after, flown.day), optimism / 2.0) * sampled
     return float(reported.mean()), gain, gain + drawn
 
 
