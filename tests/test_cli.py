@@ -118,3 +118,12 @@ def test_no_path_of_a_machine_is_in_the_help(tmp_path):
     assert done.returncode == 0
     for command in ("run", "collocate", "fit", "correct", "evaluate", "compare", "sample"):
         assert command in done.stdout
+
+
+def test_a_plan_tells_the_cost_and_writes_nothing(root, tmp_path):
+    done = airswing("run", config(root, tmp_path), "--plan", "--json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    plan = json.loads(done.stdout)
+    assert plan["references"]["ruc"]["messages"] > 100
+    assert plan["seconds"] > 0 and plan["memory_bytes"] > 1e8
+    assert not (tmp_path / "results").exists()

@@ -74,13 +74,18 @@ def run(
     output: Output = None,
     resume: Resume = False,
     scheduler: Scheduler = None,
+    plan: Annotated[bool, typer.Option("--plan", help="Only say what it would cost.")] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Do the main job: every stage, every product, the page."""
-    from airswing import summary, workflow
+    from airswing import cost, summary, workflow
 
     job = _job(config, output=output, resume=resume, quiet=quiet, scheduler=scheduler)
+    if plan:
+        planned = workflow.plan_run(job)
+        _print(planned, as_json=json, text=cost.as_text(planned))
+        return
     result = _inside(job, workflow.run)
     _print(result, as_json=json, text=summary.as_text(result, job.output))
 

@@ -80,6 +80,34 @@ def run(job: Job) -> dict[str, Any]:
     return summary
 
 
+def plan_run(job: Job) -> dict[str, Any]:
+    """Say what a run would read and cost; nothing is decoded and nothing written.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    dict
+        Per reference what :func:`airswing.reference.planning.plan` counts; ``reports``, and
+        estimates ``seconds`` and ``memory_bytes`` from this package's own benchmarks.
+    """
+    from airswing.cost import estimate
+
+    reports = read(job)
+    models = catalogues(job, list(job.config.references))
+    asked = job.config.collocation
+    options = {"max_time_gap": asked.max_time_gap, "sparse": asked.sparse, "derivatives": False}
+    plans = plans_of(job, reports, models, options)
+    return {
+        "reports": reports.sizes["report"],
+        "aircraft": reports.sizes["aircraft"],
+        **estimate(reports.sizes["report"], plans),
+        "references": {name: one.as_dict() for name, one in plans.items()},
+    }
+
+
 def read(job: Job) -> xr.Dataset:
     """Read the aircraft reports the configuration names.
 

@@ -1,0 +1,23 @@
+"""Make the README's pictures from the sample's results: run after ``make run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from airswing.products import read_product
+from airswing.report.compass import heading_error_figure
+
+RESULTS = Path("results/quickstart")
+IMAGES = Path("docs/images")
+
+
+def main() -> None:
+    """Write ``docs/images/heading_error.png``."""
+    headings = read_product(RESULTS / "headings.nc")
+    fits = read_product(RESULTS / "fits.nc")
+    figure = heading_error_figure(headings, fits, "N401", "ruc+rtfdaa")
+    figure.savefig(IMAGES / "heading_error.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""What a run is expected to cost, before anything is decoded.
+
+Assumes the rates below, measured by ``make benchmarks`` on two cores of a small virtual machine;
+another machine differs by a factor of two or so. Good for "minutes or a night?", no more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from airswing.reference.planning import Plan
+
+SECONDS_PER_SPARSE_MESSAGE = 0.2e-3
+SECONDS_PER_DECODED_BYTE = 1.0e-8
+SECONDS_PER_REPORT = 20.0e-6
+BYTES_PER_REPORT = 400
+"""Peak memory of the headings stage for each report and two references."""
+BASE_BYTES = 400_000_000
+"""The interpreter with the libraries loaded."""
+
+
+def estimate(reports: int, plans: Mapping[str, Plan]) -> dict[str, float]:
+    """Estimate time and peak memory of a run.
+
+    Parameters
+    ----------
+    reports : int
+    plans : mapping of str to Plan
+
+    Returns
+    -------
+    dict
+        ``seconds`` and ``memory_bytes``.
+    """
+    seconds = reports * SECONDS_PER_REPORT
+    for one in plans.values():
+        decoded = 1.0 - one.sparse_messages / max(one.messages, 1)
+        seconds += one.sparse_messages * SECONDS_PER_SPARSE_MESSAGE
+        seconds += decoded * one.bytes * SECONDS_PER_DECODED_BYTE
+    memory = BASE_BYTES + reports * BYTES_PER_REPORT * max(1.0, len(plans) / 2.0)
+    return {"seconds": round(seconds, 1), "memory_bytes": round(memory)}
+
+
+def as_text(found: Mapping[str, Any]) -> str:
+    """Lay a plan out for a terminal.
+
+    Parameters
+    ----------
+    found : mapping
+        Of :func:`airswing.workflow.plan_run`.
+
+    Returns
+    -------
+    str
+    """
+    lines = [f"{found['reports']:,} reports of {found['aircraft']} aircraft"]
+    for name, one in found["references"].items():
+        lines += [
+            f"{name}: {one['messages']:,} messages ({one['bytes'] / 1e6:,.0f} MB) of "
+            f"{one['model_times']:,} model times, {one['sparse_messages']:,} read in place",
+            f"  {one['matched']:,} reports have a wind; without: {one['without_time']:,} outside "
+            f"its times, {one['outside_grid']:,} outside its grid, {one['outside_levels']:,} "
+            "outside its levels",
+            f"  model {' to '.join(one['model_span'])}, reports {' to '.join(one['report_times'])}",
+        ]
+    lines.append(
+        f"expected: about {max(found['seconds'], 1):,.0f} s and "
+        f"{found['memory_bytes'] / 1e9:.1f} GB; nothing was decoded"
+    )
+    return "\n".join(lines)
