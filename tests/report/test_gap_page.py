@@ -13,6 +13,7 @@ from airswing.report.gap_words import (
     effect_sentence,
     joined,
     parameter_text,
+    parameters_text,
     period_text,
     verdict,
 )
@@ -162,3 +163,22 @@ def test_weeks_are_dated_from_the_first_day() -> None:
     assert starts[:3].tolist() == ["2009-07-01", "2009-07-08", "2009-07-15"]
     numbers = gap_parts.week_starts(gap_factories.maps().drop_vars("day"))
     assert numbers.tolist() == list(range(7))
+
+
+def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:
+    effect = {
+        "name": "hard_iron",
+        "tails": ["N1", "N2"],
+        "parameters": {"amplitude_deg": 2.6, "phase_deg": 31.0, "at_horizontal_field_nT": 18820.0},
+        "standard_errors": {"amplitude_deg": 0.1, "phase_deg": 3.0},
+        "per_tail": {
+            "N1": {"parameters": {"amplitude_deg": 1.14, "phase_deg": 170.0}},
+            "N2": {"parameters": {"amplitude_deg": 5.92, "phase_deg": -50.0}},
+        },
+    }
+    assert parameters_text(effect) == "amplitude 1.1 to 5.9°, at horizontal field 18,820 nT"
+    assert effect_sentence(effect) == (
+        "N1 and N2: heading error of one cycle, amplitude 1.1 to 5.9°"
+    )
+    effect["per_tail"]["N1"]["parameters"] = {"amplitude_deg": 5.8, "phase_deg": -51.0}
+    assert parameters_text(effect, brief=True) == "amplitude 2.6 ± 0.1°, phase 31 ± 3°"

@@ -7,7 +7,7 @@ given: further keys of the dictionary and the arrays of ``gap.nc`` (names in
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -214,12 +214,26 @@ def _which_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
                 "of the gap; ± is one standard error.",
             )
         )
+        parts += _per_aircraft(effects)
     else:
         parts.append(paragraph("No effect of the catalogue is needed to explain these reports."))
     parts += _unknown(gap)
     parts += [embedded(figure) for figure in gap_parts.which_figures(maps, gap)]
     parts += _second_moment(gap)
     return Section("which", "Which effect", "", parts)
+
+
+def _per_aircraft(effects: Sequence[Mapping[str, Any]]) -> list[Markup]:
+    """Return the parameters of each aircraft, where an effect has several."""
+    rows = [
+        Row([tail, plain_name(str(effect["name"])), parameters_text(entry)])
+        for effect in effects
+        for tail, entry in (effect.get("per_tail") or {}).items()
+    ]
+    if not rows:
+        return []
+    columns = [Column("aircraft", "words"), Column("effect", "long"), Column("parameters", "long")]
+    return [folded("Each aircraft's parameters", [table(columns, rows)])]
 
 
 def _share(effect: Mapping[str, Any]) -> str:

@@ -39,6 +39,7 @@ UNITS: tuple[tuple[str, str], ...] = (
     ("_percent", " %"),
     ("_m_s", " m/s"),
     ("_hPa", " hPa"),
+    ("_nT", " nT"),
     ("_ft", " ft"),
     ("_kt", " kt"),
     ("_h", " h"),
@@ -69,32 +70,71 @@ def digits_for(error: float) -> int:
     return int(np.clip(np.ceil(-np.log10(error * 1.05)), 0, 4))
 
 
-def parameter_text(name: str, value: Any, error: Any = None) -> str:
-    """Return ``amplitude 3.9 ± 0.2°`` for ``amplitude_deg``."""
-    label, unit = name, ""
+def label_and_unit(name: str) -> tuple[str, str]:
+    """Split ``amplitude_deg`` into ``amplitude`` and its unit."""
     for ending, symbol in UNITS:
         if name.endswith(ending):
-            label, unit = name[: -len(ending)], symbol
-            break
-    label = label.replace("_", " ")
+            return name[: -len(ending)].replace("_", " "), symbol
+    return name.replace("_", " "), ""
+
+
+def parameter_text(name: str, value: Any, error: Any = None) -> str:
+    """Return ``amplitude 3.9 ± 0.2°`` for ``amplitude_deg``."""
+    label, unit = label_and_unit(name)
     if not isinstance(value, int | float):
         return f"{label} {value}"
     spread = float(error) if isinstance(error, int | float) else float("nan")
+    if not np.isfinite(spread) or spread == 0:
+        number = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+        return f"{label} {number}{unit}"
     digits = digits_for(spread)
-    number = f"{value:.{digits}f}" if np.isfinite(spread) else f"{value:.4g}"
-    if np.isfinite(spread):
-        number += f" ± {spread:.{digits}f}"
-    return f"{label} {number}{unit}"
+    return f"{label} {value:.{digits}f} ± {spread:.{digits}f}{unit}"
 
 
-def parameters_text(effect: Mapping[str, Any]) -> str:
-    """Return all parameters of an effect in one line."""
+def parameters_text(effect: Mapping[str, Any], *, brief: bool = False) -> str:
+    """Return all parameters of an effect in one line.
+
+    Where single aircraft carry it with values of their own, their range stands instead of the
+    median, and phases, which have no middle, are left to the table of aircraft.
+
+    Parameters
+    ----------
+    effect : mapping
+        One of ``effects`` of ``gap.json``.
+    brief : bool, optional
+        Leave out the conditions a parameter is stated at (``at_...``).
+
+    Returns
+    -------
+    str
+    """
     errors = effect.get("standard_errors") or {}
-    return ", ".join(
-        parameter_text(name, value, errors.get(name))
-        for name, value in (effect.get("parameters") or {}).items()
-        if value is not None
-    )
+    each = [entry["parameters"] for entry in (effect.get("per_tail") or {}).values()]
+    parts = []
+    for name, value in (effect.get("parameters") or {}).items():
+        if value is None or (brief and name.startswith("at_")):
+            continue
+        spread = _spread(name, each, errors.get(name))
+        if spread is not None and name.startswith("phase"):
+            continue
+        text = parameter_text(name, value, errors.get(name))
+        parts.append(_range_text(name, spread) if spread is not None else text)
+    return ", ".join(parts)
+
+
+def _spread(name: str, each: Sequence[Mapping[str, Any]], error: Any) -> tuple[float, float] | None:
+    """Return the least and the greatest value over aircraft, where they differ beyond error."""
+    values = [entry[name] for entry in each if isinstance(entry.get(name), int | float)]
+    if len(values) < 2:
+        return None
+    room = 4.0 * float(error) if isinstance(error, int | float) else 0.0
+    low, high = float(min(values)), float(max(values))
+    return (low, high) if high - low > room else None
+
+
+def _range_text(name: str, spread: tuple[float, float]) -> str:
+    label, unit = label_and_unit(name)
+    return f"{label} {spread[0]:.1f} to {spread[1]:.1f}{unit}"
 
 
 def period_text(effect: Mapping[str, Any]) -> str:
@@ -147,7 +187,7 @@ def who_text(effect: Mapping[str, Any]) -> str:
 def effect_sentence(effect: Mapping[str, Any]) -> str:
     """Return one effect as a sentence without its stop."""
     text = f"{who_text(effect)}: {plain_name(str(effect['name']))}"
-    details = [part for part in (parameters_text(effect), period_text(effect)) if part]
+    details = [part for part in (parameters_text(effect, brief=True), period_text(effect)) if part]
     text += "".join(f", {part}" for part in details)
     share = effect.get("share_of_gap")
     if share is not None and float(share) >= 0.005:
@@ -197,7 +237,8 @@ def verdict(gap: Mapping[str, Any], *, most: int = 3) -> str:
         return _nothing_missing(gap)
     text = "; ".join(effect_sentence(effect) for effect in effects[:most])
     if len(effects) > most:
-        text += f"; and {len(effects) - most} smaller effects"
+        rest = len(effects) - most
+        text += f"; and {rest} smaller effect{'s' if rest > 1 else ''}"
     closing = closure_sentence(gap)
     text += f"; {closing}." if closing else "."
     if unknown:
