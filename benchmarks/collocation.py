@@ -8,6 +8,8 @@ prints ratios measured in the same run:
 
 * collocating 2,000 reports with one hour, from a cold header scan, against
   decoding the hour's messages with eccodes and doing nothing else;
+  (here and below processor time of one thread, so that other work on the
+  machine does not matter);
 * against `xarray.open_dataset(engine="cfgrib")` and `interp`;
 * two worker processes against one, on 48 hours.
 """
@@ -160,13 +162,17 @@ def cfgrib_hour(path: str, reports: xr.Dataset) -> xr.Dataset:
 
 
 def interleaved(work: dict[str, Callable[[], Any]], repeats: int) -> list[float]:
-    """Shortest of several runs of each, s; taken in turn, so that the machine's pace meets all."""
+    """Least processor time of several runs of each, s, taken in turn.
+
+    Every one of these runs in one thread and reads from the page cache, so that
+    processor time is what it takes on an idle machine, whatever else is running.
+    """
     times: dict[str, list[float]] = {name: [] for name in work}
     for _ in range(repeats):
         for name, run in work.items():
-            start = time.perf_counter()
+            start = time.process_time()
             run()
-            times[name].append(time.perf_counter() - start)
+            times[name].append(time.process_time() - start)
     return [min(of) for of in times.values()]
 
 

@@ -149,9 +149,6 @@ class _Corners(NamedTuple):
     x: Floats
     y: Floats
 
-    def take(self, index: Ints) -> _Corners:
-        return _Corners(self.points[:, index], self.x[index], self.y[index])
-
 
 def corners(grid: Grid, fi: Floats, fj: Floats) -> _Corners:
     """Corner points and cell coordinates of fractional indices.
@@ -325,9 +322,8 @@ def _along_grid(
     model: ModelTime, reader: _Reader, cell: _Corners, brackets: _Brackets, *, derivatives: bool
 ) -> Floats:
     """(2 or 6, 2, n): u, v and their index slopes on the level above and below."""
-    n = cell.x.size
-    along = np.zeros((6 if derivatives else 2, 2, n))
-    along[:, :, ~brackets.inside] = np.nan
+    values = np.zeros((4, 2, 2, cell.x.size))
+    values[..., ~brackets.inside] = np.nan
     inside = np.flatnonzero(brackets.inside)
     weight = brackets.weight[inside]
     upper = inside if derivatives else inside[weight < 1.0]
@@ -341,16 +337,14 @@ def _along_grid(
     level, side, report = level[order], side[order], report[order]
     starts = np.flatnonzero(np.diff(level, prepend=-1))
     for start, stop in zip(starts, [*starts[1:], level.size], strict=True):
-        here, group = int(level[start]), report[start:stop]
-        part = cell.take(group)
-        both = (model.u[here], model.v[here])
-        values = np.stack([reader.values(field, part.points) for field in both], axis=1)
-        along[:2, side[start:stop], group] = bilinear(values, part.x, part.y)
-        if derivatives:
-            slopes = bilinear_slopes(values, part.x, part.y)
-            along[2:4, side[start:stop], group] = slopes[0]
-            along[4:6, side[start:stop], group] = slopes[1]
-    return along
+        here, group, above = int(level[start]), report[start:stop], side[start:stop]
+        points = cell.points[:, group]
+        for row, field in enumerate((model.u[here], model.v[here])):
+            values[:, row, above, group] = reader.values(field, points)
+    along = bilinear(values, cell.x, cell.y)
+    if not derivatives:
+        return along
+    return np.concatenate([along, *bilinear_slopes(values, cell.x, cell.y)])
 
 
 def _to_true(
