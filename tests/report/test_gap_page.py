@@ -15,6 +15,7 @@ from airswing.report.gap_words import (
     parameter_text,
     parameters_text,
     period_text,
+    small_text,
     verdict,
 )
 from tests.report import gap_factories
@@ -68,6 +69,8 @@ def test_words() -> None:
     assert joined(["a", "b", "c"]) == "a, b and c"
     assert joined(list("abcdefgh"), most=2) == "a, b and 6 more"
     assert digits_for(0.2) == 1
+    assert small_text(0.0213) == "= 0.021"
+    assert small_text(4e-25) == "< 1e-06"
     assert digits_for(6.6) == 0
     assert digits_for(float("nan")) == 2
     assert period_text({"period": ["2009-07-20T00:00", None]}) == "from 2009-07-20"

@@ -39,6 +39,7 @@ from airswing.report.gap_words import (
     rival_advice,
     rival_names,
     slice_words,
+    small_text,
     verdict,
     who_text,
 )
@@ -152,7 +153,12 @@ def _facts(gap: Mapping[str, Any]) -> list[tuple[str, str]]:
             )
         )
     if numbers.get("significance") is not None:
-        facts.append((f"{float(numbers['significance']):.2g}", "probability of this gap by luck"))
+        facts.append(
+            (
+                small_text(float(numbers["significance"])).removeprefix("= "),
+                "probability of this gap by luck",
+            )
+        )
     return facts
 
 

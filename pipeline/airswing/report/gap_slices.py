@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
-from airswing.report.gap_words import slice_words
+from airswing.report.gap_words import slice_words, small_text
 from airswing.report.style import (
     BLUE,
     FAINT,
@@ -97,6 +97,10 @@ def timeline_figure(
     )
 
 
+LEAST = 0.005
+"""Share of the gap below which a slice stands in the table alone."""
+
+
 @styled
 def slices_figure(where: Sequence[Mapping[str, Any]], *, most: int = 15) -> Figure:
     """Bars of the slices of the archive that hold the gap, by share of its energy.
@@ -113,7 +117,8 @@ def slices_figure(where: Sequence[Mapping[str, Any]], *, most: int = 15) -> Figu
     -------
     CaptionedFigure
     """
-    rows = sorted(where, key=lambda entry: -float(entry["share_of_gap"]))[:most]
+    known = sorted(where, key=lambda entry: -float(entry["share_of_gap"]))[:most]
+    rows = [entry for entry in known if float(entry["share_of_gap"]) >= LEAST] or known[:3]
     if not rows:
         figure = new_figure(1.2)
         blank(figure.add_subplot(), "No slice holds more of the gap than noise would.")
@@ -130,17 +135,21 @@ def slices_figure(where: Sequence[Mapping[str, Any]], *, most: int = 15) -> Figu
                 100 * np.asarray(entry["share_ci"], float), [row, row], color=INK, linewidth=1
             )
         q = float(entry.get("q_value", np.nan))
-        text = f"  {share[row]:.0f} %" + (f"   q = {q:.2g}" if np.isfinite(q) else "")
+        text = f"  {share[row]:.0f} %" + (f"   q {small_text(q)}" if np.isfinite(q) else "")
         end = max(share[row], 100 * max(entry.get("share_ci", [0])))
         axes.text(max(end, 0), row, text, va="center", fontsize=8.5)
-    axes.set_yticks(y, [slice_words(entry) for entry in rows])
+    axes.set_yticks(y, [slice_words(entry, most=2) for entry in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)
     axes.axvline(0.0, color=SOFT, linewidth=0.8)
     axes.set_xlim(right=max(float(share.max()) * 1.4, 5.0))
     axes.set_xlabel("share of the gap's energy (%)")
-    more = f"; {len(where) - len(rows)} smaller ones are in the table" if len(where) > most else ""
+    more = (
+        f"; {len(where) - len(rows)} smaller ones are in the table"
+        if len(where) > len(rows)
+        else ""
+    )
     return figure.say(
         f"Slices that hold the gap, by their share of its cross-fitted energy (n = "
         f"{thousands(len(rows))} slices{more}). Blue: beyond noise at a false-discovery rate of "

@@ -63,6 +63,11 @@ def joined(words: Sequence[str], *, most: int = MOST_TAILS) -> str:
     return f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
+def small_text(value: float, *, least: float = 1e-6) -> str:
+    """Return ``= 0.02`` for a probability, ``< 1e-06`` where no one needs its size."""
+    return f"< {least:.0e}" if value < least else f"= {value:.2g}"
+
+
 def digits_for(error: float) -> int:
     """Return the decimals that show a standard error with one or two figures."""
     if not np.isfinite(error) or error <= 0:
