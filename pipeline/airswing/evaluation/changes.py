@@ -6,7 +6,8 @@ day's model error, common to its reports, is a random bias of the reference wind
 columns; it is eliminated day by day, so the along-track errors, which no compass touches, tell it
 from the compass. Whether there is a change: the largest score statistic over dates (Andrews 1993,
 Econometrica 61, 821-856), judged by permuting blocks of days over the whole fleet at once, so the
-probability of any false alarm in the fleet is what it says (Westfall & Young 1993). When it was:
+probability of any false alarm in the fleet is what it says (Westfall & Young 1993); changes beyond
+doubt are taken out of what is permuted, so that they do not pass for noise. When it was:
 the dates the likelihood ratio does not reject (Bai 1997, Rev. Econ. Stat. 79, 551-563; Eo &
 Morley 2015, Quant. Econ. 6, 463-497), the errors' variance as the days show it.
 
@@ -100,7 +101,8 @@ def day_sums(
         one, two = rows_cross[a:b], rows_along[a:b]
         normal[k] = one.T @ one + two.T @ two
         right[k] = one.T @ cross[a:b] + two.T @ along[a:b]
-    return DaySums(days.astype(np.int64), *_without_bias(normal, right), (stop - start).astype(np.float64))
+    count = (stop - start).astype(np.float64)
+    return DaySums(days.astype(np.int64), *_without_bias(normal, right), count)
 
 
 def _not_gross(
@@ -234,6 +236,31 @@ def _path(
     tried = (number >= fewest) & (number <= white.shape[0] - fewest)
     tried = tried & (part >= trim) & (part <= 1.0 - trim)
     return np.asarray(np.where(tried, statistic, -1.0))
+
+
+def without_change(score: Floats, share: Floats, *, trim: float, fewest: int) -> Floats:
+    """Scores with the most likely change taken out: what chance alone makes of the days.
+
+    Parameters
+    ----------
+    score : array, shape (d, 3)
+    share : array, shape (d,)
+    trim, fewest
+        As for :func:`largest_statistic`.
+
+    Returns
+    -------
+    array, shape (d, 3)
+    """
+    values, vectors = np.linalg.eigh(score.T @ score)
+    white = score @ (vectors / np.sqrt(np.maximum(values, values[-1] * 1e-10)))
+    order = np.arange(score.shape[0])[np.newaxis]
+    split = int(np.argmax(_path(white, share, order, trim=trim, fewest=fewest)[0])) + 1
+    left = score.copy()
+    for side in (slice(None, split), slice(split, None)):
+        mean = score[side].sum(0) / share[side].sum()
+        left[side] -= share[side, np.newaxis] * mean
+    return left
 
 
 def block_orders(days: int, *, block: int, draws: int, rng: np.random.Generator) -> Floats:
