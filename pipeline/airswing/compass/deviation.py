@@ -57,7 +57,8 @@ HALVES_RMS, HALVES_CHI2 = 1.0, 25.0
 """The halves of the period disagree if their curves differ by this much (degrees rms) and by this
 much more than chance."""
 CHUNKS = 8
-"""Tasks the aircraft are shared between."""
+"""Tasks the aircraft are shared between. They run one after the other: the kernel's blocks are
+so short that threads spend more on the interpreter's lock than they gain."""
 _NEEDED = ("heading", "magnetic_heading", "airspeed", "heading_error", "airspeed_error",
            "heading_error_standard_error", "screening", "flight", "time", "row_size")
 
@@ -212,7 +213,7 @@ def _fit_reference(columns: Columns, members: list[int], options: _Options) -> x
     index = xr.DataArray(np.arange(size), dims="aircraft")
     index = index.chunk({"aircraft": max(1, -(-size // CHUNKS))})
     found = xr.apply_ufunc(_Fitter(columns, members, options), index, dask="parallelized",
-                           output_dtypes=[object]).compute(scheduler="threads")
+                           output_dtypes=[object]).compute(scheduler="synchronous")
     return _published(list(found.to_numpy()), len(members), options)
 
 
@@ -220,7 +221,8 @@ def _fit_one(
     columns: Columns, aircraft: int, members: list[int], options: _Options
 ) -> _Aircraft:
     sets, flight_day, abscissa = columns.observations(aircraft, members)
-    counts = np.bincount(np.rint(abscissa * (1 / 45.0)).astype(np.int64) & 7, minlength=8)
+    # whole turns are added so that cutting the fraction off is rounding to the nearest point
+    counts = np.bincount((abscissa * (1 / 45.0) + 16.5).astype(np.int64) & 7, minlength=8)
     points = int(np.sum(counts >= max(3, 0.002 * abscissa.size)))
     found = _Aircraft(int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"])
     if abscissa.size < options.min_reports or flight_day.size < MIN_FLIGHTS:

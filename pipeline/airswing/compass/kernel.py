@@ -137,7 +137,9 @@ class Reports:
                          (self.abscissa, self.heading, self.heading_error))
         v = self.airspeed[keep].astype(np.float32)
         implied = v - self.airspeed_error[keep].astype(np.float32)
-        known = np.nan_to_num(_radians32(self.standard_error[keep])) * v
+        known = _radians32(self.standard_error[keep]) * v
+        if not np.isfinite(known.sum()):
+            known = np.nan_to_num(known, posinf=0.0)
         return Observations(np.sin(m), np.cos(m), np.sin(psi), np.cos(psi), error,
                             implied * np.cos(error), -implied * np.sin(error), v, known * known,
                             self.flight[keep])
@@ -261,7 +263,7 @@ def _block(
     obs: Observations, theta: Array, scatter: Scatter, joint: bool, sums: PassSums
 ) -> None:
     r_along, r_cross, sin_t, cos_t, delta = residuals(obs, theta, joint)
-    w_along, w_cross = _weights(obs, scatter, r_along, r_cross, joint, sums)
+    w_along, w_cross, tukey = _weights(obs, scatter, r_along, r_cross, joint, sums)
     scaled = obs.airspeed * np.float32(1 - theta[COMPASS])
     # eight rows, the residual last: its products are the score, and eight suit the processor
     count = obs.size
@@ -271,8 +273,10 @@ def _block(
     rows[0] = scaled
     np.multiply(scaled, obs.sin_m, out=rows[1])
     np.multiply(scaled, obs.cos_m, out=rows[2])
-    np.multiply(2 * rows[1], obs.cos_m, out=rows[3])
-    np.subtract(scaled, 2 * rows[1] * obs.sin_m, out=rows[4])
+    twice = rows[1] + rows[1]
+    np.multiply(twice, obs.cos_m, out=rows[3])
+    twice *= obs.sin_m
+    np.subtract(scaled, twice, out=rows[4])
     rows[5], rows[7] = cos_t, r_cross
     np.negative(sin_t, out=rows[6])
     np.multiply(rows, w_cross, out=weighted)
@@ -293,26 +297,30 @@ def _block(
     if sums.flight_normal is not None:
         _add_by_flight(rows, w_cross, CROSS_ROW, obs.flight, starts, sums.flight_normal)
         _add_by_flight(other, w_along, ALONG_ROW, obs.flight, starts, sums.flight_normal)
-    tukey = w_cross * (np.float32(scatter.part) * obs.variance + np.float32(scatter.cross))
-    sums.before2 += float(np.dot(tukey, obs.error * obs.error))
-    after = obs.error - delta
-    sums.after2 += float(np.dot(tukey, after * after))
+    delta -= obs.error
+    delta *= delta
+    sums.after2 += float(np.dot(tukey, delta))
 
 
 def _weights(
     obs: Observations, scatter: Scatter, r_along: Single, r_cross: Single, joint: bool,
     sums: PassSums,
-) -> tuple[Single, Single]:
+) -> tuple[Single, Single, Single]:
     known = np.float32(scatter.part) * obs.variance
-    w_cross = 1 / (known + np.float32(scatter.cross))
-    w_along = 1 / (known + np.float32(scatter.along)) if joint else np.zeros_like(w_cross)
+    w_cross: Single = np.reciprocal(known + np.float32(scatter.cross), dtype=np.float32)
+    w_along: Single = (np.reciprocal(known + np.float32(scatter.along), dtype=np.float32)
+                       if joint else np.zeros_like(w_cross))
     q = r_cross * r_cross * w_cross + r_along * r_along * w_along
     u = np.maximum(1 - q * np.float32(1 / (CUT_2D if joint else CUT_1D) ** 2), 0)
     tukey = u * u
-    total, plain = (float(part.sum(dtype=np.float64)) for part in (tukey, u))
+    total, plain = float(np.dot(u, u)), float(u.sum())
     sums.weight += total
     sums.slope += total - (2 if joint else 4) * (plain - total)
-    return w_along * tukey, w_cross * tukey
+    error2 = obs.error * obs.error
+    sums.before2 += float(np.dot(tukey, error2))
+    w_along *= tukey
+    w_cross *= tukey
+    return w_along, w_cross, tukey
 
 
 def _add_normal(
@@ -357,7 +365,8 @@ def robust_scatter(
     if parted and obs.variance.size > 1:
         middle = _median(obs.variance)
         low = obs.variance < middle
-        spread = 0.0 if not low.any() else float(obs.variance[~low].mean() - obs.variance[low].mean())
+        spread = (float(obs.variance[~low].mean() - obs.variance[low].mean()) if low.any()
+                  else 0.0)
         if spread > 1e-9:
             gain = (_median(cross[~low]) - _median(cross[low])) / MEDIAN_CHI2
             part = min(max(gain / spread, 0.0), 1.0)

@@ -165,17 +165,19 @@ def _second_pass(
     mean = np.einsum("aij,aj->i", share, np.array([theta[b] for theta in thetas]))
     gain = [one[:, b] @ inv for one, inv in zip(wide, inverse, strict=True)]
     theta = np.array([one + k @ (mean - one[b]) for one, k in zip(thetas, gain, strict=True)])
-    common_flight = [fit.flight[:, b] @ w.T for fit, w in zip(fits, share, strict=True)]
-    flight_mean = [part.T @ part for part in common_flight]
+    raw = [fit.covariance for fit in fits]
+    flight_mean = [w @ one[b, b] @ w.T for one, w in zip(raw, share, strict=True)]
+    flight_total = np.sum(flight_mean, axis=0)
     days = np.unique(np.concatenate([fit.day_number for fit in fits]))
     common_day = np.zeros((days.size, prior.size))
     for fit, w in zip(fits, share, strict=True):
         common_day[np.searchsorted(days, fit.day_number)] += fit.day[:, b] @ w.T
     by_flight, by_day, random = [], [], []
     for k, fit in enumerate(fits):
-        own = fit.flight + (common_flight[k] - fit.flight[:, b]) @ gain[k].T
-        rest = gain[k] @ (sum(flight_mean) - flight_mean[k]) @ gain[k].T
-        by_flight.append(own.T @ own + rest)
+        own = np.eye(fit.theta.size)
+        own[:, b] += gain[k] @ (share[k] - np.eye(prior.size))
+        rest = gain[k] @ (flight_total - flight_mean[k]) @ gain[k].T
+        by_flight.append(own @ raw[k] @ own.T + rest)
         daily = common_day @ gain[k].T
         daily[np.searchsorted(days, fit.day_number)] += fit.day - fit.day[:, b] @ gain[k].T
         by_day.append(daily.T @ daily)

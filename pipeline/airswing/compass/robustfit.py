@@ -6,7 +6,8 @@ answer for the members sharing the aircraft's own errors. Valid where a few flig
 there; :mod:`airswing.compass.deviation` decides what to publish.
 
 The steps: starts from thin samples of the reports (a new scatter each step), then full passes with
-the scatter held, until a step is below one standard error: one pass where reports are many.
+the scatter held, until a step is below three standard errors (clustered): one pass where reports
+are many.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from airswing.compass.clusters import (
 )
 from airswing.compass.kernel import (
     COMPASS,
+    Observations,
     PassSums,
     Reports,
     Scatter,
@@ -33,13 +35,13 @@ from airswing.compass.kernel import (
     robust_scatter,
 )
 
-THIN, MIDDLE = 1000, 5000
+THIN, MIDDLE = 1000, 4000
 """Reports a start takes: first to find the place, then to be near enough for one full pass."""
 START_STEP = 3.0
 """Standard errors of the thin sample (reports taken as independent) that end a start."""
-FINAL_STEP = 1.5
+FINAL_STEP = 3.0
 """Standard errors (clustered) that end the full passes. Newton's step with robust weights leaves
-a few hundredths of itself, so the estimate is then settled to a few hundredths of its error."""
+two or three hundredths of itself, so the estimate is settled to a tenth of its error or better."""
 START_STEPS, PASSES = 25, 12
 ENOUGH = 2e-6
 """Radians: a smaller step is rounding in single precision."""
@@ -122,8 +124,11 @@ def fit_aircraft(
     flights = flight_day.size
     days = _days(flight_day)
     theta = np.zeros(size)
-    theta, _ = _start(members, theta, free, THIN, joint, False)
-    theta, scatters = _start(members, theta, free, MIDDLE, joint, True)
+    middle = [obs.take(slice(None, None, max(obs.size // MIDDLE, 1))) for obs in members]
+    middle = [replace(obs, flight=np.zeros_like(obs.flight)) for obs in middle]
+    thin = [obs.take(slice(None, None, max(obs.size // THIN, 1))) for obs in middle]
+    theta, _ = _start(thin, theta, free, joint, False)
+    theta, scatters = _start(middle, theta, free, joint, True)
     by_flight = min(flights, days[0].size) < MANY
     for _ in range(PASSES):
         parts = [accumulate(obs, _local(theta, k), scatters[k], flights, joint=joint,
@@ -173,11 +178,9 @@ def _place(member: int) -> Index:
 
 
 def _start(
-    members: list[Reports], theta: Array, free: Index, thin: int, joint: bool, hold: bool
+    few: list[Observations], theta: Array, free: Index, joint: bool, hold: bool
 ) -> tuple[Array, list[Scatter]]:
     theta = theta.copy()
-    few = [obs.take(slice(None, None, max(obs.size // thin, 1))) for obs in members]
-    few = [replace(obs, flight=np.zeros_like(obs.flight)) for obs in few]
     scatters: list[Scatter] = []
     square = np.ix_(free, free)
     for _ in range(START_STEPS):
