@@ -23,7 +23,7 @@ SMALL = {"days": 2, "aircraft": 3, "seed": 5}
 
 @pytest.fixture(scope="module")
 def month() -> pd.DataFrame:
-    return simulate_arrays(days=8, aircraft=5, seed=4)
+    return simulate_arrays(days=8, aircraft=5, seed=4, columns=30, rows=23, spacing_km=62.0)
 
 
 def knots(u: pd.Series, v: pd.Series) -> float:
@@ -53,7 +53,8 @@ def test_disagreement_is_the_seed_paper_s(month: pd.DataFrame) -> None:
         {"name": "hard_iron", "tails": [tail], "parameters": {"amplitude_deg": 2.2}}
         for tail in tails
     ]
-    swung = simulate_arrays(days=8, aircraft=5, seed=4, effects=effects, derivatives=False)
+    grid = {"columns": 30, "rows": 23, "spacing_km": 62.0}
+    swung = simulate_arrays(days=8, aircraft=5, seed=4, effects=effects, derivatives=False, **grid)
     assert 7.0 < knots(swung["u"] - swung["u_ruc"], swung["v"] - swung["v_ruc"]) < 9.0
 
 
