@@ -10,7 +10,6 @@ docstring says.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -30,7 +29,7 @@ from airswing.sample.fleet import Flown, fly, report_steps
 from airswing.sample.lambert import GRIB2_RADIUS, LambertGrid, centred_grid
 from airswing.sample.network import NETWORKS, timetable
 from airswing.sample.observe import Coding, Correction, observe
-from airswing.sample.truth import corrections, fleet_deviations, small_effects, truth_record
+from airswing.sample.truth import corrections, fleet_deviations, save_truth, small_effects
 from airswing.sample.world import World, WorldParameters
 
 __all__ = ["Scenario", "simulate_arrays", "write_archive"]
@@ -443,36 +442,3 @@ def write_archive(
         corrected=scenario.field_test and list(scenario.field_test[1]),
     )
     return target
-
-
-def save_truth(
-    folder: Path,
-    frame: pd.DataFrame,
-    faults: Sequence[Fault],
-    earth: EarthField,
-    tails: Sequence[str],
-    effects: Effects,
-    *,
-    seed: int,
-    start: datetime,
-    corrected: Sequence[str] | None = None,
-) -> None:
-    """Write ``truth.json``.
-
-    Parameters
-    ----------
-    folder : Path
-        Where; made where missing.
-    frame, faults, earth, tails, effects
-        See `airswing.sample.truth.truth_record`.
-    seed : int
-        The archive's seed.
-    start : datetime
-        Its first day.
-    corrected : sequence of str, optional
-        Tails that apply a table in the field test.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    record = truth_record(frame, faults, earth, tails, effects)
-    record.update(seed=seed, start=start.isoformat(), corrected=corrected)
-    (folder / "truth.json").write_text(json.dumps(record, indent=1), encoding="utf-8")

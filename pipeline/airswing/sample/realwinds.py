@@ -34,7 +34,7 @@ from scipy.ndimage import distance_transform_edt
 
 from airswing.errors import InputError
 from airswing.physics.atmosphere import pressure_from_altitude
-from airswing.sample.archive import Scenario, finished, save_truth, write_reports
+from airswing.sample.archive import Scenario, finished, write_reports
 from airswing.sample.earthfield import EarthField
 from airswing.sample.faults import parse_faults
 from airswing.sample.fields import GriddedReference, sample_reference
@@ -42,7 +42,7 @@ from airswing.sample.fleet import report_steps
 from airswing.sample.lambert import LambertGrid
 from airswing.sample.observe import Coding, observe
 from airswing.sample.tour import tour
-from airswing.sample.truth import fleet_deviations
+from airswing.sample.truth import fleet_deviations, save_truth
 from airswing.sample.world import stream
 
 __all__ = ["RealAir", "read_run", "write_archive"]

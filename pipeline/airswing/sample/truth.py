@@ -6,7 +6,10 @@ without the parts that depend on time, icing, acceleration or bank. Units: degre
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +22,14 @@ from airswing.sample.instrument import Unit, deviation_curve
 from airswing.sample.observe import Correction
 from airswing.sample.world import stream
 
-__all__ = ["corrections", "fleet_deviations", "small_effects", "truth_record", "unit_of"]
+__all__ = [
+    "corrections",
+    "fleet_deviations",
+    "save_truth",
+    "small_effects",
+    "truth_record",
+    "unit_of",
+]
 
 Array = NDArray[np.float64]
 _STEADY = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset", "three_cycle")
@@ -222,3 +232,36 @@ def truth_record(
         }
     out["known_faults"] = sorted({fault.name for fault in faults if fault.name in UNIT_FAULTS})
     return out
+
+
+def save_truth(
+    folder: Path,
+    frame: pd.DataFrame,
+    faults: Sequence[Fault],
+    earth: EarthField,
+    tails: Sequence[str],
+    effects: Sequence[Mapping[str, Any]],
+    *,
+    seed: int,
+    start: datetime,
+    corrected: Sequence[str] | None = None,
+) -> None:
+    """Write ``truth.json``.
+
+    Parameters
+    ----------
+    folder : Path
+        Where; made where missing.
+    frame, faults, earth, tails, effects
+        See `airswing.sample.truth.truth_record`.
+    seed : int
+        The archive's seed.
+    start : datetime
+        Its first day.
+    corrected : sequence of str, optional
+        Tails that apply a table in the field test.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    record = truth_record(frame, faults, earth, tails, effects)
+    record.update(seed=seed, start=start.isoformat(), corrected=corrected)
+    (folder / "truth.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
