@@ -23,7 +23,16 @@ from numpy.typing import NDArray
 
 from airswing.gap.changepoint import evaluate_step
 from airswing.gap.evidence import Candidate, Score, evaluate
-from airswing.gap.measure import Base, Conditional, Included, beyond, climatology, condition
+from airswing.gap.measure import (
+    Base,
+    Conditional,
+    Fit,
+    Included,
+    beyond,
+    climatology,
+    condition,
+    fit_included,
+)
 
 Floats = NDArray[np.float64]
 
@@ -137,11 +146,21 @@ def term_columns(term: Term, shape: tuple[int, int]) -> list[Included]:
 
 def given_terms(base: Base, terms: Sequence[Term]) -> Conditional:
     """Sums conditioned on the climatology and some terms."""
+    return condition(base, all_columns(base, terms))
+
+
+def fit_terms(base: Base, terms: Sequence[Term]) -> Fit:
+    """Fit of the climatology and some terms alone."""
+    return fit_included(base, all_columns(base, terms))
+
+
+def all_columns(base: Base, terms: Sequence[Term]) -> list[Included]:
+    """Columns of the climatology, then of each term in turn."""
     shape = base.stats.day_count.shape
     columns = climatology(base)
     for term in terms:
         columns += term_columns(term, shape)
-    return condition(base, columns)
+    return columns
 
 
 def rank(

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.attribute import Term, given_terms, term_weights
+from airswing.gap.attribute import Term, fit_terms, term_weights
 from airswing.gap.dictionary import DictionaryPlan, dictionary_columns, unit_vectors
-from airswing.gap.measure import Base, Conditional, eliminate_days
+from airswing.gap.measure import Base, Conditional, Fit, eliminate_days
 from airswing.gap.statistics import Statistics
 
 Floats = NDArray[np.float64]
@@ -113,13 +113,13 @@ def restrict_term(term: Term, keep: NDArray[np.bool_]) -> Term:
     return replace(term, period=(int(running[term.period[0]]), int(running[term.period[1]])))
 
 
-def term_coefficients(given: Conditional, terms: Sequence[Term]) -> list[Floats]:
+def term_coefficients(given: Conditional | Fit, terms: Sequence[Term]) -> list[Floats]:
     """Coefficients of each term, (aircraft of the term, k); one row in fleet scope.
 
     Parameters
     ----------
-    given : Conditional
-        From :func:`airswing.gap.attribute.given_terms` with the same terms.
+    given : Conditional or Fit
+        Of the same terms.
     terms : sequence of Term
 
     Returns
@@ -156,7 +156,7 @@ def fold_coefficients(base: Base, terms: Sequence[Term], fold: Integers) -> list
         keep = fold != f
         part = eliminate_days(select_days(base.stats, keep), base.day_variance)
         own = [restrict_term(t, keep) for t in terms]
-        out.append(term_coefficients(given_terms(part, own), own))
+        out.append(term_coefficients(fit_terms(part, own), own))
     return out
 
 
@@ -333,24 +333,24 @@ def held_out_energy(base: Base, terms: Sequence[Term]) -> tuple[Floats, Floats]:
         keep = fold != f
         own = [restrict_term(t, keep) for t in terms]
         part = eliminate_days(select_days(stats, keep), base.day_variance)
-        train = given_terms(part, own)
+        train = fit_terms(part, own)
         there = [restrict_term(t, ~keep) for t in terms]
-        test = given_terms(eliminate_days(select_days(stats, ~keep), base.day_variance), there)
+        test = fit_terms(eliminate_days(select_days(stats, ~keep), base.day_variance), there)
         energy[f] = _energies(train, test, terms)
     spread = energy.std(axis=0, ddof=1) * np.sqrt(number) if number > 1 else energy.sum(axis=0)
     return energy.sum(axis=0), spread
 
 
-def _energies(train: Conditional, test: Conditional, terms: Sequence[Term]) -> Floats:
+def _energies(train: Fit, test: Fit, terms: Sequence[Term]) -> Floats:
     """Energy per term on the test sums, the other terms taken off at the trained coefficients."""
     theta = train.coefficients
-    score = test.included_score.sum(axis=0) - test.included_gram @ theta
+    score = test.score.sum(axis=0) - test.gram @ theta
     sizes = [c.size for c in term_coefficients(train, terms)]
     start = theta.size - sum(sizes)
     out = []
     for size in sizes:
         own = slice(start, start + size)
-        gram = test.included_gram[own, own]
+        gram = test.gram[own, own]
         out.append(2 * theta[own] @ score[own] + theta[own] @ gram @ theta[own])
         start += size
     return np.array(out)

@@ -182,7 +182,7 @@ def _check(frame: Any) -> None:
 
 def _large(term: Term) -> bool:
     """Whether a term is large enough to be linearised again and to disturb the noise fit."""
-    return bool(np.max(term.score.size[list(term.tails)]) > 1.0)
+    return bool(np.max(term.score.size[list(term.tails)]) > 1.5)
 
 
 def _run(

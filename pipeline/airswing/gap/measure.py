@@ -14,7 +14,8 @@ Source: Frisch-Waugh-Lovell elimination; mixed-model equations of Henderson (197
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,21 +62,35 @@ class Base:
         Inverse Cholesky factor of the day fields' normal matrix, per day.
     cross : (A, D, q, p)
         ``root`` times Z'X.
-    gram : (A, p, p)
-        Own X'X per aircraft with the day fields eliminated.
-    fleet_gram : (p, p)
-        The same of the fleet-wide columns, coupling included.
     score : (A, D, p)
         X'r with the day fields eliminated.
+    rows : dict
+        Rows of :func:`included_cross` already computed.
     """
 
     stats: Statistics
     day_variance: Floats
     root: Floats
     cross: Floats
-    gram: Floats
-    fleet_gram: Floats
     score: Floats
+    rows: dict[tuple[int, bytes], Floats] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def _flat(self) -> Floats:
+        return self.cross.reshape(self.cross.shape[0], -1, self.cross.shape[-1])
+
+    @cached_property
+    def gram(self) -> Floats:
+        """Own X'X per aircraft with the day fields eliminated, (A, p, p)."""
+        whole = self.stats.week_gram.sum(axis=1, dtype=np.float64)
+        return np.asarray(whole - np.matmul(self._flat.transpose(0, 2, 1), self._flat))
+
+    @cached_property
+    def fleet_gram(self) -> Floats:
+        """X'X of the fleet-wide columns, coupling of the aircraft included, (p, p)."""
+        total = self._flat.sum(axis=0)
+        whole = self.stats.week_gram.sum(axis=(0, 1), dtype=np.float64)
+        return np.asarray(whole - total.T @ total)
 
 
 @dataclass(frozen=True)
@@ -161,12 +176,8 @@ def eliminate_days(stats: Statistics, variance: Floats | None = None) -> Base:
     root = np.linalg.inv(np.linalg.cholesky(normal))
     cross = np.einsum("dij,adjp->adip", root, stats.day_cross, optimize=True)
     shared = np.einsum("dij,dj->di", root, stats.day_score[:, :, fields].sum(axis=0))
-    flat = cross.reshape(cross.shape[0], -1, cross.shape[-1])
-    gram = stats.week_gram.sum(axis=1, dtype=np.float64) - np.matmul(flat.transpose(0, 2, 1), flat)
-    total = flat.sum(axis=0)
-    fleet = stats.week_gram.sum(axis=(0, 1), dtype=np.float64) - total.T @ total
     score = stats.day_score - np.einsum("adip,di->adp", cross, shared, optimize=True)
-    return Base(stats, variance, root, cross, gram, fleet, score)
+    return Base(stats, variance, root, cross, score)
 
 
 def climatology(base: Base, *, precision: float = 0.25) -> list[Included]:
@@ -201,24 +212,63 @@ def condition(base: Base, included: list[Included]) -> Conditional:
     -------
     Conditional
     """
-    m = len(included)
-    columns = np.array([x.column for x in included], np.int64)
-    precision = np.array([x.precision for x in included])
-    weights = np.stack([x.weights for x in included])
-    inner, by_day = included_sums(base, columns, weights)
+    fit = fit_included(base, included)
+    columns, weights = _stacked(included)
     cross = included_cross(base, columns, weights)
-    factor = np.linalg.cholesky(inner + np.diag(precision) + 1e-9 * np.eye(m))
-    half = np.linalg.inv(factor)
-    reduced = np.einsum("ij,ajp->aip", half, cross, optimize=True)
+    reduced = np.einsum("ij,ajp->aip", fit.half, cross, optimize=True)
     gram = base.gram - np.matmul(reduced.transpose(0, 2, 1), reduced)
     total = reduced.sum(axis=0)
-    covariance = half.T @ half
-    share = by_day @ covariance
+    share = fit.score @ fit.covariance
     score = base.score - np.einsum("dm,amp->adp", share, cross, optimize=True)
     return Conditional(
-        tuple(included), covariance @ by_day.sum(axis=0), covariance, gram, score,
-        base.fleet_gram - total.T @ total, inner, by_day,
+        tuple(included), fit.coefficients, fit.covariance, gram, score,
+        base.fleet_gram - total.T @ total, fit.gram, fit.score,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Ridge fit of included columns alone.
+
+    Attributes
+    ----------
+    coefficients : (m,)
+    covariance, half : (m, m)
+        Posterior covariance at unit noise and its lower factor's transpose.
+    gram : (m, m)
+    score : (D, m)
+    """
+
+    coefficients: Floats
+    covariance: Floats
+    half: Floats
+    gram: Floats
+    score: Floats
+
+
+def fit_included(base: Base, included: list[Included]) -> Fit:
+    """Fit the included columns, without a look at any other.
+
+    Parameters
+    ----------
+    base : Base
+    included : list of Included
+
+    Returns
+    -------
+    Fit
+    """
+    columns, weights = _stacked(included)
+    gram, by_day = included_sums(base, columns, weights)
+    precision = np.diag([x.precision for x in included]) + 1e-9 * np.eye(len(included))
+    half = np.linalg.inv(np.linalg.cholesky(gram + precision))
+    covariance = half.T @ half
+    return Fit(covariance @ by_day.sum(axis=0), covariance, half, gram, by_day)
+
+
+def _stacked(included: list[Included]) -> tuple[Integers, Floats]:
+    columns = np.array([x.column for x in included], np.int64)
+    return columns, np.stack([x.weights for x in included])
 
 
 def included_sums(base: Base, columns: Integers, weights: Floats) -> tuple[Floats, Floats]:
@@ -287,20 +337,29 @@ def included_cross(base: Base, columns: Integers, weights: Floats) -> Floats:
     (A, m, p) float
     """
     stats = base.stats
-    out = np.zeros((len(stats.tails), columns.size, stats.layout.size))
-    core = stats.layout.core
-    means = week_means(stats, weights)
+    out = np.empty((len(stats.tails), columns.size, stats.layout.size))
     for k, column in enumerate(columns):
-        shared = np.einsum("bd,bdi->di", weights[k], base.cross[:, :, :, column])
-        out[:, k] = -np.einsum("di,adip->ap", shared, base.cross, optimize=True)
-        active = np.flatnonzero(weights[k].any(axis=1))
-        first = core if column < core else 0
-        if column < core:
-            rows = stats.day_gram[active, :, column, :].astype(float)
-            out[active, k, :core] += np.einsum("ad,adc->ac", weights[k][active], rows)
-        rows = stats.week_gram[active, :, column, first:].astype(float)
-        out[active, k, first:] += np.einsum("aw,awp->ap", means[k][active], rows)
+        key = int(column), weights[k].tobytes()
+        if key not in base.rows:
+            base.rows[key] = _cross_row(base, int(column), weights[k])
+        out[:, k] = base.rows[key]
     return out
+
+
+def _cross_row(base: Base, column: int, weights: Floats) -> Floats:
+    """X'Y between one weighted column and each aircraft's every column, (A, p)."""
+    stats = base.stats
+    core = stats.layout.core
+    shared = np.einsum("bd,bdi->di", weights, base.cross[:, :, :, column])
+    out = -np.tensordot(base.cross, shared, axes=((1, 2), (0, 1)))
+    active = np.flatnonzero(weights.any(axis=1))
+    first = core if column < core else 0
+    if column < core:
+        rows = stats.day_gram[active, :, column, :].astype(float)
+        out[active, :core] += np.einsum("ad,adc->ac", weights[active], rows)
+    rows = stats.week_gram[active, :, column, first:].astype(float)
+    out[active, first:] += np.einsum("aw,awp->ap", week_means(stats, weights[None])[0][active], rows)
+    return np.asarray(out)
 
 
 def beyond(given: Conditional, columns: Integers) -> Conditional:
