@@ -16,6 +16,7 @@ import xarray as xr
 
 from airswing.config import Config
 from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
+from airswing.evaluation.stability import change_warnings
 from airswing.ragged import aircraft_of_report
 from airswing.vocabulary import CORRECTION, STATUS
 
@@ -55,6 +56,7 @@ def summarise(
         "aircraft": headings.sizes["aircraft"],
         "status": {name: status.count(name) for name in STATUS},
         "disagreement_kt": {"before": _knots(before[used]), "after": _knots(after[used])},
+        "warnings": change_warnings(fits),
         "fits": [
             {
                 "aircraft": str(name),
@@ -100,6 +102,7 @@ def as_text(summary: dict[str, Any], output: Path) -> str:
             f"{fit['reports']:9,}   {fit['before_kt']:7.2f} -> {fit['after_kt']:5.2f}"
             f"         {fit['status']}"
         )
+    lines += ["", *summary.get("warnings", [])] if summary.get("warnings") else []
     lines += [
         "",
         f"mean wind vector disagreement of the corrected reports: {change['before']:.2f} kt "

@@ -8,6 +8,7 @@ with ``resume`` a product whose fingerprint still holds is read instead of made 
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -75,7 +76,7 @@ def run(job: Job) -> dict[str, Any]:
     fits = make_fits(job, headings)
     corrected = make_corrected(job, headings, fits)
     summary = summarise(job.config, headings, fits, corrected)
-    evaluation = make_evaluation(job, headings, corrected)
+    evaluation = make_evaluation(job, headings, fits, corrected)
     make_page(job, headings, fits, corrected, summary, evaluation)
     return summary
 
@@ -295,13 +296,19 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     from airswing.compass.deviation import fit_deviation
     from airswing.compass.swingcard import write_swing_cards, write_tables_csv
     from airswing.compass.table import add_tables
+    from airswing.evaluation.stability import add_changes, find_changes
 
     config, ready = job.config, _ready(job, headings, HEADINGS)
 
     def make() -> xr.Dataset:
         with job.progress.stage("fit") as stage:
             fits = fit_deviation(ready, pools=config.pools(), **config.fit.model_dump())
-            fits = add_tables(fits, ready, **config.table.model_dump())
+            resolution = math.degrees(config.table.resolution)
+            fits = add_tables(fits, ready, resolution=resolution, sign=config.table.sign)
+            members = config.pools()[main_reference(config)]
+            fits = add_changes(
+                fits, find_changes(ready, members=members, abscissa=config.fit.abscissa)
+            )
             good = int((fits["status"] == 0).sum())
             stage.note = f"{good} of {fits['status'].size} fits to be trusted"
         return fits
@@ -392,21 +399,31 @@ def make_page(
     return page
 
 
-def make_evaluation(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> dict[str, Any]:
-    """Field test, sensitivity and error profiles, as far as the configuration allows them.
+def make_evaluation(
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset
+) -> dict[str, Any]:
+    """Everything that judges the corrections, as far as the configuration allows it.
 
     Parameters
     ----------
     job : Job
-    headings, corrected : Dataset
+    headings, fits, corrected : Dataset
 
     Returns
     -------
     dict
-        ``profiles``, and ``field_test`` and ``sensitivity`` where there are groups and more than
-        one reference; the keywords of :func:`airswing.report.page.write_page`.
+        ``profiles``, ``stability``, ``ranking``, ``virtual``, and ``field_test`` and
+        ``sensitivity`` where there are groups and more than one reference; the keywords of
+        :func:`airswing.report.page.write_page`.
     """
-    found: dict[str, Any] = {"profiles": make_profiles(job, headings, corrected)}
+    from airswing.evaluation_workflow import make_ranking, make_stability, make_virtual
+
+    found: dict[str, Any] = {
+        "profiles": make_profiles(job, headings, corrected),
+        "stability": make_stability(job, headings),
+        "ranking": make_ranking(job, headings, fits),
+        "virtual": make_virtual(job, headings),
+    }
     if job.config.field_test is not None:
         found["field_test"] = make_field_test(job, headings)
     if len(job.config.references) > 1:
@@ -459,6 +476,7 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> dict[str, A
         If the configuration has no ``field_test``.
     """
     from airswing.evaluation.fieldtest import field_test
+    from airswing.evaluation.virtual import predicted_reduction
 
     config = job.config
     if config.field_test is None:
@@ -468,11 +486,15 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> dict[str, A
             remedy="Add field_test with start, before_start, corrected and controls",
         )
     with job.progress.stage("field test") as stage:
-        result = field_test(
-            _ready(job, headings, HEADINGS),
-            pools=config.pools(),
-            reference=main_reference(config),
-            **config.field_test.model_dump(),
+        ready = _ready(job, headings, HEADINGS)
+        against: dict[str, Any] = {"pools": config.pools(), "reference": main_reference(config)}
+        result = field_test(ready, **against, **config.field_test.model_dump())
+        result |= predicted_reduction(
+            ready,
+            start=config.field_test.start,
+            corrected=config.field_test.corrected,
+            **against,
+            **config.fit.model_dump(),
         )
         write_json(job.output / FIELD_TEST, result)
         low, high = result["adjusted_reduction_ci_kt"]

@@ -414,6 +414,14 @@ def _require_known(headings: xr.Dataset, corrected: list[str], controls: list[st
             found=", ".join(unknown[:5]),
             remedy=f"Known aircraft: {', '.join(sorted(known)[:20])}",
         )
+    both = sorted(set(corrected) & set(controls))
+    if both or not corrected or not controls:
+        raise InputError(
+            "aircraft in both groups" if both else "a group names no aircraft",
+            field="field_test",
+            found=", ".join(both) or ("corrected" if not corrected else "controls"),
+            remedy="Every aircraft is either corrected or a control",
+        )
 
 
 def _eligible(

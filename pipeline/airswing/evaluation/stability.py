@@ -112,9 +112,7 @@ def find_changes(
     return entries
 
 
-def _fleet_sums(
-    headings: xr.Dataset, members: list[str], abscissa: str
-) -> list[DaySums | None]:
+def _fleet_sums(headings: xr.Dataset, members: list[str], abscissa: str) -> list[DaySums | None]:
     """Daily sums of every aircraft; None where there are too few reports."""
     part = headings.sel(reference=members)
     argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
@@ -235,29 +233,33 @@ def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
     return describe(fits.assign({name: ("aircraft", v) for name, v in columns.items()}))
 
 
-def change_warnings(changes: list[dict[str, Any]]) -> list[str]:
-    """One sentence for each aircraft whose fit straddles a change.
+def change_warnings(fits: xr.Dataset) -> list[str]:
+    """Say which fits straddle a change of the compass, and when it was.
 
     Parameters
     ----------
-    changes : list of dict
-        Of :func:`find_changes`.
+    fits : Dataset
+        Of :func:`add_changes`; without its variables there is nothing to say.
 
     Returns
     -------
     list of str
+        One sentence an aircraft.
     """
+    if "change_count" not in fits:
+        return []
     lines = []
-    for entry in changes:
-        told = [
-            f"{one['date']} ({one['date_ci'][0]} to {one['date_ci'][1]}) by "
-            f"{one['curve_rms_deg']:.1f} degrees rms"
-            for one in entry["changes"]
-        ]
-        if told:
+    for name, number, size, *days in zip(
+        *(fits[key].to_numpy() for key in ("aircraft", "change_count", "change_rms")),
+        *(fits[f"change_date{end}"].to_numpy() for end in ("", "_low", "_high")),
+        strict=True,
+    ):
+        if number:
+            when, low, high = (str(day)[:10] for day in days)
+            others = f" (the largest of {number} changes)" if number > 1 else ""
             lines.append(
-                f"{entry['aircraft']}: the compass changed on {' and '.join(told)}; "
-                "the fit straddles it"
+                f"{name}: the compass changed by {size:.1f} degrees rms on {when} ({low} to "
+                f"{high}){others}; its fit straddles the change"
             )
     return lines
 

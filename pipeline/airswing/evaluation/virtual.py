@@ -178,6 +178,64 @@ def cross_validate(
     return result | _compared(headings, before, after, judged, ranking, draws=draws, seed=seed)
 
 
+def predicted_reduction(
+    headings: xr.Dataset,
+    *,
+    start: date,
+    corrected: list[str],
+    pools: Mapping[str, list[str]],
+    reference: str,
+    seed: int = 0,
+    **fit_options: Any,
+) -> dict[str, Any]:
+    """What the fits before a field test expected of it, aircraft weighted alike.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings.
+    start : date
+        First day of the test: nothing from it on is looked at.
+    corrected : list of str
+        Aircraft corrected in the test.
+    pools : mapping of str to list of str
+    reference : str
+        Key of ``pools``.
+    seed : int, default 0
+    **fit_options
+        As for :func:`airswing.compass.deviation.fit_deviation`.
+
+    Returns
+    -------
+    dict
+        ``ranking`` of all aircraft before the test, and ``predicted_reduction_kt`` with
+        ``predicted_reduction_ci_kt`` of the corrected that had a fit (None without any):
+        what to hold the adjusted reduction against.
+    """
+    _require_reference(pools, reference)
+    before = only(headings, headings["time"].to_numpy() < np.datetime64(start))
+    fits = _fitted(before, pools, reference, fit_options)
+    ranking = rank_aircraft(before, fits, pools=pools, reference=reference, seed=seed)
+    known = [
+        entry
+        for entry in ranking
+        if entry["aircraft"] in corrected and entry["expected_gain_kt"] is not None
+    ]
+    result: dict[str, Any] = {
+        "ranking": ranking,
+        "predicted_reduction_kt": None,
+        "predicted_reduction_ci_kt": None,
+        "predicted_aircraft": len(known),
+    }
+    if known:
+        mean = float(np.mean([entry["expected_gain_kt"] for entry in known]))
+        errors = [entry["expected_gain_standard_error_kt"] for entry in known]
+        wide = float(np.sqrt(np.sum(np.square(errors))) / len(known))
+        result["predicted_reduction_kt"] = mean
+        result["predicted_reduction_ci_kt"] = [mean - 1.96 * wide, mean + 1.96 * wide]
+    return result
+
+
 def flight_folds(headings: xr.Dataset, *, folds: int, seed: int = 0) -> NDArray[np.int64]:
     """Deal whole flights into folds, evenly over each aircraft's days.
 
@@ -395,9 +453,7 @@ def _compared(
     }
 
 
-def _side_by_side(
-    predicted: float, error: float, realised: float, drawn: Floats
-) -> dict[str, Any]:
+def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats) -> dict[str, Any]:
     own = float(drawn.std())
     difference, wide = realised - predicted, float(np.hypot(error, own))
     return {

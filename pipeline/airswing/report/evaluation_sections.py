@@ -119,6 +119,12 @@ def _scrutiny_words(field_test: Mapping[str, Any]) -> list[Markup]:
             f"Against the control nearest before the test, each corrected aircraft gained "
             f"{float(matched):+.2f} kt on average."
         )
+    predicted = field_test.get("predicted_reduction_kt")
+    if predicted is not None:
+        lines.append(
+            f"Predicted from the fits before the test: {float(predicted):.2f} kt"
+            f"{_bounds(field_test, 'predicted_reduction_ci_kt')}."
+        )
     lines += [str(note) for note in field_test.get("notes", [])]
     return [listing(lines)] if lines else []
 

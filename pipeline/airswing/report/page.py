@@ -8,7 +8,7 @@ everyone is in the table.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ from airswing.report.evaluation_sections import (
     sensitivity_section,
 )
 from airswing.report.selection import adds_error, headline_reference, one_fit
+from airswing.report.stability_sections import ranking_section, stability_section
 from airswing.report.style import plural
 from airswing.report.summaries import (
     correction_rows,
@@ -63,6 +64,9 @@ def write_page(
     field_test: Mapping[str, Any] | None = None,
     sensitivity: Mapping[str, Any] | None = None,
     profiles: xr.Dataset | None = None,
+    stability: Mapping[str, Any] | None = None,
+    ranking: Sequence[Mapping[str, Any]] | None = None,
+    virtual: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write the page of a run, ``index.html``, into its folder.
 
@@ -82,6 +86,10 @@ def write_page(
         Contents of ``field_test.json`` and ``sensitivity.json``.
     profiles : Dataset, optional
         ``error_profiles.nc``.
+    stability, virtual : mapping, optional
+        Contents of ``stability.json`` and ``virtual_field_test.json``.
+    ranking : sequence of mapping, optional
+        Of :func:`airswing.evaluation.ranking.rank_aircraft`.
 
     Returns
     -------
@@ -100,6 +108,8 @@ def write_page(
         _corrections_section(fits, reference, summary),
         _curves_section(headings, fits, reference),
         _fleet_section(headings, fits, corrected, reference),
+        ranking_section(ranking, virtual),
+        stability_section(stability),
         field_test_section(field_test),
         sensitivity_section(sensitivity),
         profiles_section(profiles, reference),
@@ -129,6 +139,9 @@ PRODUCTS = {
     "fits.nc": "fits with covariances (NetCDF)",
     "corrected.nc": "corrected reports (NetCDF)",
     "headings.nc": "headings and heading errors of every report (NetCDF)",
+    "ranking.csv": "whom to correct first (CSV)",
+    "stability.json": "fits by calendar window and changes of the compass (JSON)",
+    "virtual_field_test.json": "virtual field test (JSON)",
     "field_test.json": "field test (JSON)",
     "sensitivity.json": "sensitivity to the reference (JSON)",
     "error_profiles.nc": "error profiles (NetCDF)",
