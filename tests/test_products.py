@@ -41,6 +41,13 @@ def test_round_trip_with_names_units_and_provenance(tmp_path, reports):
     assert [entry.name for entry in path.parent.iterdir()] == ["headings.nc"]
 
 
+def test_times_may_be_missing_one_or_all(tmp_path):
+    times = np.array([["2009-01-01T00:00:00.250", "NaT"], ["NaT", "NaT"]], "M8[ns]")
+    for row in times:
+        path = write_product(xr.Dataset({"time": ("report", row)}), tmp_path / "x.nc", title="t")
+        np.testing.assert_array_equal(read_product(path)["time"].to_numpy(), row)
+
+
 def test_an_unknown_variable_cannot_be_written(tmp_path, reports):
     with pytest.raises(KeyError, match="surprise"):
         write_product(reports.assign(surprise=1), tmp_path / "x.nc", title="t")

@@ -28,7 +28,11 @@ REFERENCES = (
     "Jacobs et al. (2010), TAMDAR update: magnetic deviation correction, AMS; "
     "Jacobs, Mulally & Anderson (2014), J. Atmos. Oceanic Technol. 31(8), 1733-1747"
 )
-_TIME_ENCODING = {"units": "milliseconds since 1970-01-01", "dtype": "i8", "calendar": "standard"}
+_TIME_ATTRIBUTES = {
+    "units": "milliseconds since 1970-01-01",
+    "calendar": "standard",
+    "_FillValue": np.iinfo(np.int64).min,
+}
 
 
 @contextlib.contextmanager
@@ -194,7 +198,7 @@ def write_product(
         **provenance(title, config_json=config_json, sources=sources, source_uuids=source_uuids),
     }
     with atomic(path) as temporary:
-        ready = ds.drop_encoding()
+        ready = _with_plain_times(ds.drop_encoding())
         ready.to_netcdf(temporary, engine="netcdf4", encoding=_encodings(ready))
     return path
 
@@ -271,17 +275,27 @@ def _attribute(value: Any) -> Any:
     return json.dumps(plain(value)) if isinstance(value, (Mapping, list, bool)) else value
 
 
+def _with_plain_times(ds: xr.Dataset) -> xr.Dataset:
+    """Turn times into milliseconds: xarray cannot encode a variable whose times are all missing."""
+    times = [name for name in ds.variables if np.issubdtype(ds[name].dtype, np.datetime64)]
+    missing = np.iinfo(np.int64).min
+    for name in times:
+        values = ds[name].to_numpy().astype("datetime64[ms]")
+        counts = np.where(np.isnat(values), missing, values.astype(np.int64))
+        ds[name] = (ds[name].dims, counts, ds[name].attrs | _TIME_ATTRIBUTES)
+    return ds
+
+
 def _encodings(ds: xr.Dataset) -> dict[Any, dict[str, Any]]:
     return {name: _encoding(ds[name]) for name in ds.variables}
 
 
 def _encoding(variable: xr.DataArray) -> dict[str, Any]:
-    if np.issubdtype(variable.dtype, np.datetime64):
-        return {**_TIME_ENCODING, "zlib": True, "complevel": 1, "shuffle": True}
     entry = lookup(str(variable.name), variable.dims)
     if entry.dtype == "str" or variable.dtype.kind in "OUT":
         return {}
-    encoding: dict[str, Any] = {"dtype": entry.dtype}
+    time = entry.dtype.startswith("datetime64")
+    encoding: dict[str, Any] = {"dtype": "i8" if time else entry.dtype}
     if variable.ndim and variable.size > 1:
         encoding |= {"zlib": True, "complevel": 1, "shuffle": True}
     if entry.dtype.startswith("f"):
