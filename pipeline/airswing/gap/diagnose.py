@@ -35,10 +35,12 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence import candidates
 from airswing.gap.locate import residual_maps, slices
 from airswing.gap.measure import Base, eliminate_days
+from airswing.gap.moments import second_moments
 from airswing.gap.noise import NoiseFit, fit_noise
 from airswing.gap.reliability import reliability
-from airswing.gap.statistics import accumulate, day_of_report, make_layout
+from airswing.gap.statistics import DAY, accumulate, day_of_report, make_layout
 from airswing.gap.summary import assemble
+from airswing.gap.swap import exchange, find_swap
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -145,6 +147,16 @@ def diagnose(
     rules = rules or Rules()
     columns_frame = exogenous(frame)
     first = _run(frame, columns_frame, frame.residual, effects, rules, dictionary, seed, tell, None)
+    swap = None
+    if catalogue is None or "tail_swap" in catalogue:
+        swap = find_swap(first.base, given_terms(first.base, []), effects)
+    if swap is not None:
+        start = float(first.base.stats.days[swap.day]) * DAY + first.base.stats.day_shift * 3600
+        frame = exchange(frame, swap, start)
+        columns_frame = exogenous(frame)
+        first = _run(
+            frame, columns_frame, frame.residual, effects, rules, dictionary, seed, tell, None
+        )
     final = first
     if any(_large(t) for t in first.found.terms):
         final = _again(frame, columns_frame, first, effects, rules, dictionary, seed, tell)
@@ -162,10 +174,12 @@ def diagnose(
     tell("where", 0.0)
     where = slices(base, bare, final.plan) if dictionary else []
     factors = reliability(frame, columns_frame, final.noise, effects)
+    known_names = set(CATALOGUE if catalogue is None else catalogue)
     report, details = assemble(
         frame, base=base, noise=final.noise, found=found, closure=closure, whole=whole,
         where=where, effects=effects, untestable=untestable, plan=final.plan,
-        energy=(energy, energy_error), factors=factors, seed=seed,
+        energy=(energy, energy_error), factors=factors, seed=seed, swap=swap,
+        moments=[m for m in second_moments(frame, final.noise) if m.name in known_names],
     )  # fmt: skip
     dataset = _dataset(frame, final, found, closure, maps)
     return Diagnosis(report, dataset, details)

@@ -20,8 +20,10 @@ from airswing.gap.closure import Closure
 from airswing.gap.dictionary import DictionaryPlan
 from airswing.gap.locate import Slice
 from airswing.gap.measure import Base
+from airswing.gap.moments import MomentVerdict
 from airswing.gap.noise import NoiseFit
-from airswing.gap.verdict import ambiguity, describe_term, term_offsets, unknown_place
+from airswing.gap.swap import Swap
+from airswing.gap.verdict import ambiguity, day_text, describe_term, term_offsets, unknown_place
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +32,7 @@ def assemble(
     frame: Any, *, base: Base, noise: NoiseFit, found: Found, closure: Closure, whole: Closure,
     where: Sequence[Slice], effects: Mapping[str, Any], untestable: Mapping[str, str],
     plan: DictionaryPlan, energy: tuple[Floats, Floats], factors: Mapping[str, float], seed: int,
+    swap: Swap | None, moments: Sequence[MomentVerdict],
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Make the content of gap.json and the details.
 
@@ -70,11 +73,15 @@ def assemble(
     total = sum(max(e["held_out_energy"], 0) for e in entries) or 1.0
     for entry in entries:
         entry["share_of_energy"] = max(entry["held_out_energy"], 0) / total
+    entries += [moment_entry(m) for m in moments]
+    if swap is not None:
+        entries.append(swap_entry(swap, base))
     entries.sort(key=lambda e: -e["held_out_energy"])
     everything = closure.before - whole.after
     explained = closure.before - closure.after
     fraction = float(np.clip(explained / everything, 0, 1)) if everything > 1e-6 else None
     best = max((t.score.tempered for t in found.terms), default=0.0)
+    best = max([best, *(e["evidence_nats"] for e in entries)])
     report = {
         "gap": {
             "mean_vector_disagreement_kt": closure.before, "noise_floor_kt": whole.after,
@@ -102,6 +109,37 @@ def assemble(
         },
     }  # fmt: skip
     return report, details
+
+
+def moment_entry(verdict: MomentVerdict) -> dict[str, Any]:
+    """Entry of ``effects`` for a second-moment effect: it moves no mean and closes nothing."""
+    return _plain_entry(
+        verdict.name, verdict.tails, verdict.parameters, verdict.standard_errors, verdict.period,
+        evidence=30.0, energy=0.0, scope="aircraft",
+    ) | {"per_tail": {t: {"parameters": p} for t, p in verdict.per_tail.items()}}  # fmt: skip
+
+
+def swap_entry(swap: Swap, base: Base) -> dict[str, Any]:
+    """Entry of ``effects`` for exchanged identifiers."""
+    stats = base.stats
+    pair = [stats.tails[a] for a in swap.pair]
+    return _plain_entry(
+        "tail_swap", pair, {"pair": pair}, {}, [day_text(stats, swap.day), None],
+        evidence=swap.evidence, energy=2.0 * swap.gain, scope="pair",
+    )  # fmt: skip
+
+
+def _plain_entry(
+    name: str, tails: Sequence[str], parameters: Mapping[str, Any], errors: Mapping[str, float],
+    period: list[str | None] | None, *, evidence: float, energy: float, scope: str,
+) -> dict[str, Any]:
+    return {
+        "name": name, "probability": float(1 / (1 + 50 * np.exp(-min(evidence, 50.0)))),
+        "tails": list(tails), "parameters": dict(parameters), "standard_errors": dict(errors),
+        "period": period, "scope": scope, "evidence_nats": evidence, "cluster_factor": 1.0,
+        "size_m_s": 0.0, "ambiguous_with": [], "ambiguity": [], "share_of_gap": 0.0,
+        "share_of_energy": 0.0, "held_out_energy": energy, "held_out_energy_standard_error": 0.0,
+    }  # fmt: skip
 
 
 def _shares(terms: Sequence[Term], closure: Closure) -> list[float]:

@@ -151,15 +151,17 @@ def period_of(term: Term, stats: Statistics) -> list[str | None] | None:
     if term.period is None:
         return None
 
-    def text(day: int) -> str:
-        seconds = float(stats.days[day]) * DAY + stats.day_shift * 3600
-        return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d")
-
     first, last = term.period
     return [
-        text(first) if first > 0 else None,
-        text(last) if last < stats.days.size else None,
+        day_text(stats, first) if first > 0 else None,
+        day_text(stats, last) if last < stats.days.size else None,
     ]
+
+
+def day_text(stats: Statistics, day: int) -> str:
+    """Date of a day index, ISO 8601."""
+    seconds = float(stats.days[day]) * DAY + stats.day_shift * 3600
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d")
 
 
 def ambiguity(term: Term, ranked: Sequence[Score]) -> list[dict[str, Any]]:
