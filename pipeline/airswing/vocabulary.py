@@ -165,6 +165,9 @@ _WINDS = [
     ],
     _V("grid_convergence", "degree", "angle from the model grid's north to true north", _RR),
     _V("unread_messages", "1", "problems met in reading the reference", ("reference",), "i4"),
+    _V("decoded_messages", "1", "messages read for the reference", ("reference",), "i8"),
+    _V("decoded_bytes", "byte", "length of the messages read", ("reference",), "i8"),
+    _V("decoding_seconds", "s", "time spent reading, summed over threads", ("reference",), "f8"),
 ]
 
 _HEADINGS = [

@@ -63,6 +63,8 @@ _DERIVATIVES = (
     "reference_northward_wind_y_derivative",
     "grid_convergence",
 )
+ACCOUNT = ("unread_messages", "decoded_messages", "decoded_bytes", "decoding_seconds")
+"""What reading a reference took; the first is part of every result."""
 _LOG = logging.getLogger("airswing.reference")
 
 
@@ -122,12 +124,13 @@ class _Join:
         self.used, self.start, self.stop = used, times.start[used], times.stop[used]
         self.valid, self.leads = catalogue.valid, catalogue.leads
 
-    def __call__(self, samples: list[Sample]) -> tuple[Floats, int]:
+    def __call__(self, samples: list[Sample]) -> tuple[Floats, Floats]:
+        """Columns by report, and what reading took (rows of `ACCOUNT`)."""
         count = self.earlier.size
         rows = 2 + (7 if self.derivatives else 0)
         first = np.full((rows, count), np.nan)
         second = np.full((rows, count), np.nan)
-        unread = 0
+        account = np.zeros(len(ACCOUNT))
         for number, start, stop, sample in zip(
             self.used, self.start, self.stop, samples, strict=True
         ):
@@ -136,8 +139,8 @@ class _Join:
             after = (self.earlier[run] == number - 1) & self.later[run]
             first[:, run][:, before] = sample.table[:, before]
             second[:, run][:, after] = sample.table[:, after]
-            unread += len(sample.problems)
-        return self._columns(first, second), unread
+            account += [len(sample.problems), sample.decoded, sample.octets, sample.seconds]
+        return self._columns(first, second), account
 
     def _columns(self, first: Floats, second: Floats) -> Floats:
         weight = self.weight
@@ -166,6 +169,7 @@ def collocate(
     derivatives: bool = False,
     sparse: bool = True,
     store: str | os.PathLike[str] | None = None,
+    account: bool = False,
 ) -> xr.Dataset:
     """Reference winds at reports, lazily.
 
@@ -187,6 +191,9 @@ def collocate(
     store : path-like, optional
         Folder for finished samples: a later call reuses those whose files, reports and
         options are the same.
+    account : bool
+        Also give `decoded_messages`, `decoded_bytes` and `decoding_seconds` (summed over
+        threads) by reference: what this call itself read, which differs from run to run.
 
     Returns
     -------
@@ -215,9 +222,11 @@ def collocate(
         chunks = ((1,) * len(joins), (points.size,))
         array = _lazy(base, graph, f"{name}-{token}", keys, chunks, np.dtype("f8"))
         data[name] = (("reference", "report"), array)
-    counts = {(f"unread-{token}", n): (_unread, join) for n, join in enumerate(joins)}
-    unread = _lazy(base, graph, f"unread-{token}", counts, ((1,) * len(joins),), np.dtype("i8"))
-    data["unread_messages"] = ("reference", unread)
+    for row, name in enumerate(ACCOUNT if account else ACCOUNT[:1]):
+        counts = {(f"{name}-{token}", n): (_count, join, row) for n, join in enumerate(joins)}
+        shape = ((1,) * len(joins),)
+        lazy = _lazy(base, graph, f"{name}-{token}", counts, shape, np.dtype("f8"))
+        data[name] = ("reference", lazy if name == "decoding_seconds" else lazy.astype("i8"))
     coords = {"reference": ("reference", np.array(list(catalogues), dtype=object))}
     return describe(xr.Dataset(data, coords=coords))
 
@@ -239,13 +248,13 @@ def _lazy(
     return da.Array(layers, name, chunks=chunks, dtype=dtype)  # type: ignore[no-untyped-call]
 
 
-def _row(joined: tuple[Floats, int], number: int) -> Floats:
+def _row(joined: tuple[Floats, Floats], number: int) -> Floats:
     """One column of a join as a block with the reference's dimension."""
     return joined[0][number : number + 1]
 
 
-def _unread(joined: tuple[Floats, int]) -> NDArray[np.int64]:
-    return np.array([joined[1]], dtype=np.int64)
+def _count(joined: tuple[Floats, Floats], number: int) -> Floats:
+    return joined[1][number : number + 1]
 
 
 def _add_reference(

@@ -177,7 +177,8 @@ def _connect(path: Path) -> sqlite3.Connection:
 def _prepared(path: Path) -> sqlite3.Connection:
     database = sqlite3.connect(path, timeout=30.0)
     database.execute("PRAGMA synchronous=OFF")
-    database.execute("PRAGMA journal_mode=MEMORY")
+    # A journal on disk: a kill in the middle of a write leaves the database whole.
+    database.execute("PRAGMA journal_mode=TRUNCATE")
     database.execute(
         "CREATE TABLE IF NOT EXISTS contents (key TEXT PRIMARY KEY, about BLOB, rows BLOB)"
     )

@@ -18,6 +18,7 @@ Assumptions and validity
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -86,12 +87,15 @@ class Sample(NamedTuple):
 
     `table` is (2 or 9, report): rows `WINDS` then `DERIVATIVES`, true east and
     north, m s-1; per ln p; s-1; rad. `problems` lists (file, reason) of what could not
-    be read; `decoded` counts messages read.
+    be read; `decoded` counts messages read, `octets` their length, and `seconds` is the
+    time that reading and decoding them took.
     """
 
     table: Floats
     problems: tuple[tuple[str, str], ...]
     decoded: int
+    octets: int = 0
+    seconds: float = 0.0
 
 
 class _Reader:
@@ -101,7 +105,8 @@ class _Reader:
         self.model, self.sparse = model, sparse
         self.problems: dict[tuple[str, str], None] = {}
         self.descriptors: dict[int, int] = {}
-        self.decoded = 0
+        self.decoded = self.octets = 0
+        self.seconds = 0.0
 
     def close(self) -> None:
         for descriptor in self.descriptors.values():
@@ -132,13 +137,16 @@ class _Reader:
         descriptor = self._descriptor(number)
         if descriptor < 0:
             return np.full(points.shape, np.nan)
+        began = time.perf_counter()
         try:
             values = field_values(descriptor, row, self.model.grid.size, points, sparse=self.sparse)
         except (UnreadableMessageError, OSError) as error:
             place = f"message at {int(row['offset'])}: {error}"
             self.problems[self.model.files[number].path, place] = None
             return np.full(points.shape, np.nan)
+        self.seconds += time.perf_counter() - began
         self.decoded += 1
+        self.octets += int(row["length"])
         return values
 
 
@@ -300,7 +308,8 @@ def sample_model_time(
         reader.close()
     lat, lon = latitude[place], longitude[place]
     table[:, place] = _to_true(model.grid, along, brackets, lat, lon, derivatives=derivatives)
-    return Sample(table, tuple(reader.problems), reader.decoded)
+    problems = tuple(reader.problems)
+    return Sample(table, problems, reader.decoded, reader.octets, reader.seconds)
 
 
 def _level_pressures(model: ModelTime, reader: _Reader, cell: _Corners) -> tuple[ModelTime, Floats]:

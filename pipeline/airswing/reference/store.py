@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.errors import InputError
 from airswing.reference import grids, packing, sampling, values
 from airswing.reference.sampling import ModelTime, Sample
 
@@ -82,6 +83,18 @@ def _load(path: Path, count: int) -> Floats | None:
 
 
 def _save(path: Path, table: Floats) -> None:
+    try:
+        _replace(path, table)
+    except OSError as error:
+        raise InputError(
+            "cannot keep a finished model time; those kept before are whole",
+            file=path.parent,
+            found=error.strerror or error,
+            remedy="Free space or choose another folder with --output, then --resume",
+        ) from error
+
+
+def _replace(path: Path, table: Floats) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
     try:
