@@ -118,6 +118,34 @@ def holm(p_values: list[float]) -> list[float]:
     return [float(value) for value in adjusted]
 
 
+def persistent_covariance(influence: Floats, day: NDArray[np.int64], *, lag: int = 3) -> Floats:
+    """Covariance of a sum over days whose errors outlast a day.
+
+    Parameters
+    ----------
+    influence : array of float, shape (day, p)
+    day : array of int, shape (day,)
+        Calendar days, increasing; gaps count.
+    lag : int, default 3
+        Days over which the correlation is given weights that fall to nothing (Newey & West 1987,
+        Econometrica 55, 703-708).
+
+    Returns
+    -------
+    array of float, shape (p, p)
+        Not smaller than without the lags, variance by variance.
+    """
+    filled = np.zeros((int(day[-1] - day[0]) + 1, influence.shape[1]))
+    filled[day - day[0]] = influence
+    plain = filled.T @ filled
+    total = plain.copy()
+    for shift in range(1, min(lag, filled.shape[0] - 1) + 1):
+        product = filled[shift:].T @ filled[:-shift]
+        total += (1.0 - shift / (lag + 1.0)) * (product + product.T)
+    wider = np.sqrt(np.maximum(np.diag(total) / np.maximum(np.diag(plain), 1e-300), 1.0))
+    return np.asarray(plain * np.outer(wider, wider))
+
+
 def regional_bias(
     du: Floats,
     dv: Floats,
@@ -126,7 +154,12 @@ def regional_bias(
     *,
     min_days: int = 10,
 ) -> list[dict[str, Any]]:
-    """Mean wind difference of two references by region, with errors clustered by day.
+    """Mean wind difference of two references by region, and against the other regions.
+
+    The two models' errors are shared by regions and last for days. So each region is also held
+    against the others on the same days (``contrast``: what is common to all drops out), and the
+    errors are clustered by blocks of five days or more, with Student's t for their number
+    (Ibragimov & Mueller 2010, J. Bus. Econ. Stat. 28, 453-468).
 
     Parameters
     ----------
@@ -139,31 +172,59 @@ def regional_bias(
     Returns
     -------
     list of dict
-        ``region``, ``component``, ``difference``, ``standard_error`` (m/s), ``p_value``,
-        ``days``.
+        ``region``, ``component``, ``days``; ``difference`` and ``contrast``, each with
+        ``*_standard_error`` (m/s) and ``*_p_value`` (the contrast None with one region).
     """
+    block = day_blocks(day)
+    _, date = np.unique(day, return_inverse=True)
     found = []
     for number in np.unique(region):
         here = region == number
-        _, index = np.unique(day[here], return_inverse=True)
-        days = int(index.max()) + 1
+        days = np.unique(date[here]).size
         if days < min_days:
             continue
-        for component, values in (("eastward", du[here]), ("northward", dv[here])):
-            mean = float(values.mean())
-            summed = np.bincount(index, weights=values - mean, minlength=days)
-            # Days next to each other share some of the error: Newey-West with one lag.
-            series = float((summed**2).sum() + (summed[1:] * summed[:-1]).sum())
-            error = np.sqrt(max(series, float((summed**2).sum())) * days / (days - 1.0))
-            error /= here.sum()
-            found.append(
-                {
-                    "region": int(number),
-                    "component": component,
-                    "difference": mean,
-                    "standard_error": float(error),
-                    "p_value": float(2 * stats.t.sf(abs(mean / error), days - 1)),
-                    "days": days,
-                }
-            )
+        for component, values in (("eastward", du), ("northward", dv)):
+            entry: dict[str, Any] = {"region": int(number), "component": component, "days": days}
+            entry |= _named("difference", *_block_mean(values[here], block[here]))
+            others = np.bincount(date[~here], minlength=int(date.max()) + 1)
+            total = np.bincount(date[~here], weights=values[~here], minlength=others.size)
+            both = here & (others[date] > 0)
+            entry["contrast"] = entry["contrast_p_value"] = None
+            if np.unique(block[both]).size >= 4:
+                less = values[both] - total[date[both]] / others[date[both]]
+                entry |= _named("contrast", *_block_mean(less, block[both]))
+            found.append(entry)
     return found
+
+
+def day_blocks(day: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number the stretches of days that are taken as independent of each other.
+
+    Parameters
+    ----------
+    day : array of int, shape (n,)
+
+    Returns
+    -------
+    array of int, shape (n,)
+        6 to 12 stretches of equal length, of five days where that many fit.
+    """
+    first, length = int(day.min()), int(np.ptp(day)) + 1
+    blocks = int(np.clip(length // 5, 6, 12))
+    return np.asarray((day - first) * blocks // length)
+
+
+def _block_mean(values: Floats, block: NDArray[np.int64]) -> tuple[float, float, float]:
+    """Mean, standard error clustered by block and two-sided p value."""
+    _, index = np.unique(block, return_inverse=True)
+    blocks = int(index.max()) + 1
+    mean = float(values.mean())
+    if blocks < 2:
+        return mean, float("nan"), float("nan")
+    summed = np.bincount(index, weights=values - mean, minlength=blocks)
+    error = float(np.sqrt((summed**2).sum() * blocks / (blocks - 1.0)) / values.size)
+    return mean, error, float(2 * stats.t.sf(abs(mean) / max(error, 1e-12), blocks - 1))
+
+
+def _named(name: str, value: float, error: float, p_value: float) -> dict[str, float]:
+    return {name: value, f"{name}_standard_error": error, f"{name}_p_value": p_value}
