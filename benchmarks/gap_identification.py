@@ -34,7 +34,7 @@ UNIT_SIZE: dict[str, dict[str, float]] = {
     "compass_offset": {"offset_deg": 0.51}, "hard_iron": {"amplitude_deg": 0.72},
     "soft_iron": {"amplitude_deg": 0.72}, "compass_step": {"offset_deg": 0.51},
     "compass_drift": {"rate_deg_per_day": 0.0196}, "heater_current": {"offset_deg": 0.51},
-    "acceleration_error": {"amplitude_deg": 1.0}, "turn_error": {"amplitude_deg": 2.5},
+    "acceleration_error": {"amplitude_deg": 6.0}, "turn_error": {"amplitude_deg": 3.5},
     "declination_error": {"mean_deg": 0.5}, "tas_scale": {"scale_percent": 0.9},
     "tas_offset": {"offset_m_s": 1.0}, "reference_speed_bias": {"bias_percent": 5.0},
     "reference_time_offset": {"offset_h": 0.6}, "reference_grid_relative": {"fraction": 0.8},

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -117,10 +118,21 @@ class Statistics:
     day_energy: Floats
     day_count: Floats
     raw_gram: Floats
-    acting: Floats
+    moments: Floats
     clipped: Floats
     gross: Floats
     day_shift: float
+
+    @cached_property
+    def acting(self) -> Floats:
+        """Reports on which a core column acts, (A, c).
+
+        At most 1.5 (sum of squares)^2 / (sum of fourth powers): a column that is large on a few
+        reports (bank) and noise on the others acts on the few.
+        """
+        count, square, fourth = np.moveaxis(self.moments, -1, 0)
+        effective = np.divide(1.5 * square**2, fourth, out=np.zeros_like(fourth), where=fourth > 0)
+        return np.minimum(count, effective)
 
     @property
     def week_of_day(self) -> Integers:
@@ -225,7 +237,7 @@ def _empty(layout: Layout, tails: tuple[str, ...], days: Integers, shift: float)
         layout, tails, days, weeks,
         np.zeros((a, weeks.size, p, p), np.float32), np.zeros((a, d, c, c), np.float32),
         np.zeros((a, d, q, p)), np.zeros((a, d, p)), np.zeros((a, d)), np.zeros((a, d)),
-        np.zeros((a, c, c)), np.zeros((a, c)), np.zeros(a), np.zeros(a), shift,
+        np.zeros((a, c, c)), np.zeros((a, c, 3)), np.zeros(a), np.zeros(a), shift,
     )  # fmt: skip
 
 
@@ -337,7 +349,10 @@ def _add_chunk(
     kept = noise.gains.weight[index] > 0
     core = raw[kept][:, :, : layout.core].reshape(-1, layout.core)
     out.raw_gram[aircraft] += core.T @ core
-    out.acting[aircraft] += (np.abs(raw[kept][:, :, : layout.core]).max(axis=1) > 1e-12).sum(axis=0)
+    square = (raw[kept][:, :, : layout.core].astype(float) ** 2).sum(axis=1)
+    out.moments[aircraft] += np.stack(
+        [(square > 1e-24).sum(axis=0), square.sum(axis=0), (square**2).sum(axis=0)], -1
+    )
     target = np.asarray(values[index], np.float32)
     q, c = layout.blocks["day_fields"].stop, layout.core
     for one in np.unique(day[index]):
@@ -378,7 +393,7 @@ def merge_statistics(first: Statistics, second: Statistics) -> Statistics:
         out.week_gram[:, week] += part.week_gram
         for name in ("day_gram", "day_cross", "day_score", "day_energy", "day_count"):
             getattr(out, name)[:, at] += getattr(part, name)
-        for name in ("raw_gram", "acting", "clipped", "gross"):
+        for name in ("raw_gram", "moments", "clipped", "gross"):
             getattr(out, name)[...] += getattr(part, name)
     return out
 
