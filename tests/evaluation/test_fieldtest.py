@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from airswing.errors import InputError
-from airswing.evaluation.fieldtest import adjusted_reductions, field_test, permutation_test
+from airswing.evaluation.fieldtest import adjusted_reductions, field_test
+from airswing.evaluation.permutation import permutation_test
 from tests.evaluation.fleets import START, simulate_fleet
 
 
@@ -77,6 +78,8 @@ def test_regression_to_the_mean_shows_where_the_worst_were_chosen():
     ("options", "words"),
     [
         ({"corrected": ["N999"]}, ["N999", "does not hold"]),
+        ({"controls": ["N000"]}, ["N000", "both groups"]),
+        ({"controls": []}, ["no aircraft", "controls"]),
         ({"start": date(2011, 1, 1), "before_start": date(2010, 1, 1)}, ["no usable report"]),
     ],
 )

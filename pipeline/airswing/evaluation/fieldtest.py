@@ -29,6 +29,11 @@ from airswing.evaluation.disagreement import (
     reference_mean,
     vector_difference,
 )
+from airswing.evaluation.permutation import (
+    matched_controls,
+    permutation_test,
+    unconditional_p_value,
+)
 from airswing.ragged import aircraft_of_report
 from airswing.vocabulary import ROLL, SCREENING, TEMPERATURE_QC
 
@@ -251,14 +256,14 @@ def _scrutiny(sums: _Sums, names: NDArray[Any], *, draws: int, seed: int) -> dic
         "permutation": {
             "effect_kt": effect,
             "p_value": p_value,
-            "p_value_unconditional": _unconditional(
+            "p_value_unconditional": unconditional_p_value(
                 (before - during)[good], sums.corrected[good], draws=draws, seed=seed
             ),
             "draws": draws,
             "null_effects_kt": spread[:500],
         },
         "regression_to_the_mean": _regression_to_the_mean(sums),
-        "matched_controls": _matched(before[good], during[good], sums.corrected[good]),
+        "matched_controls": matched_controls(before[good], during[good], sums.corrected[good]),
         "by_aircraft": [
             {
                 "aircraft": str(name),
@@ -271,75 +276,6 @@ def _scrutiny(sums: _Sums, names: NDArray[Any], *, draws: int, seed: int) -> dic
             )
         ],
     }
-
-
-def permutation_test(
-    before: NDArray[np.float64],
-    during: NDArray[np.float64],
-    corrected: NDArray[np.bool_],
-    *,
-    draws: int = 2000,
-    seed: int = 0,
-) -> tuple[float, float, NDArray[np.float64]]:
-    """Test for an effect on the corrected aircraft, given each aircraft's level before.
-
-    The level during is regressed on the level before and on the group; the residuals of the
-    regression without the group are permuted over aircraft (Freedman & Lane 1983, J. Bus. Econ.
-    Stat. 1, 292-298) and the group's t value recomputed. Conditioning on the level before keeps
-    the test's size when the aircraft were chosen by it.
-
-    Parameters
-    ----------
-    before, during : arrays of float, shape (aircraft,)
-    corrected : array of bool, shape (aircraft,)
-    draws : int, default 2000
-    seed : int, default 0
-
-    Returns
-    -------
-    effect : float
-        Reduction owed to the correction (positive: better), in the unit of the input.
-    p_value : float
-        Two-sided; NaN with fewer than five aircraft or an empty group.
-    null_effects : array of float, shape (draws,)
-        Effects under permutation.
-    """
-    number = before.size
-    if number < 5 or corrected.all() or not corrected.any():
-        return float("nan"), float("nan"), np.empty(0)
-    rng = np.random.default_rng(seed)
-    plain = np.column_stack([np.ones(number), before])
-    hat = plain @ np.linalg.pinv(plain)
-    fitted = hat @ during
-    residual = during - fitted
-    order = np.argsort(rng.random((draws, number)), axis=1)
-    shuffled = np.vstack([during, fitted + residual[order]])
-    group = corrected.astype(float) - hat @ corrected.astype(float)
-    information = float(group @ group)
-    if information < 1e-9 * number:
-        return float("nan"), float("nan"), np.empty(0)
-    left = shuffled - shuffled @ hat.T
-    effects = -(left @ group) / information
-    rest = left + effects[:, np.newaxis] * group
-    error = np.sqrt((rest**2).sum(1) / max(number - 3, 1) / information)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = np.abs(effects / error)
-    p_value = (1.0 + (t[1:] >= t[0] * (1 - 1e-12)).sum()) / (draws + 1.0)
-    return float(effects[0]), float(p_value), effects[1:]
-
-
-def _unconditional(
-    change: NDArray[np.float64], corrected: NDArray[np.bool_], *, draws: int, seed: int
-) -> float:
-    """Two-sided p value of the groups' difference in change when labels are permuted."""
-    if corrected.all() or not corrected.any():
-        return float("nan")
-    rng = np.random.default_rng(seed)
-    weight = np.where(corrected, 1.0 / corrected.sum(), -1.0 / (~corrected).sum())
-    order = np.argsort(rng.random((draws, change.size)), axis=1)
-    found = abs(float(weight @ change))
-    drawn = np.abs(change[order] @ weight)
-    return float((1.0 + (drawn >= found * (1 - 1e-12)).sum()) / (draws + 1.0))
 
 
 def _regression_to_the_mean(sums: _Sums) -> dict[str, Any]:
@@ -361,21 +297,6 @@ def _regression_to_the_mean(sums: _Sums) -> dict[str, Any]:
         "spurious_reduction_kt": float(change),
         "rule": f"the {chosen} aircraft with the largest disagreement in the first half of the "
         "window before, followed through its second half, minus the others' change",
-    }
-
-
-def _matched(
-    before: NDArray[np.float64], during: NDArray[np.float64], corrected: NDArray[np.bool_]
-) -> dict[str, Any]:
-    """Each corrected aircraft against the control nearest to it before the test."""
-    if corrected.all() or not corrected.any():
-        return {"adjusted_reduction_kt": None}
-    distance = np.abs(before[corrected][:, np.newaxis] - before[~corrected][np.newaxis, :])
-    nearest = distance.argmin(1)
-    change = before - during
-    return {
-        "adjusted_reduction_kt": float((change[corrected] - change[~corrected][nearest]).mean()),
-        "mean_distance_kt": float(distance.min(1).mean()),
     }
 
 

@@ -29,7 +29,7 @@ from airswing.evaluation.changes import (
     scores,
     without_change,
 )
-from airswing.evaluation.virtual import only
+from airswing.evaluation.folds import only
 from airswing.ragged import aircraft_of_report, row_bounds
 from airswing.vocabulary import STATUS, describe
 

@@ -1,0 +1,112 @@
+"""Simulated headings for the evaluation: compasses that change, references with known errors.
+
+Built on the fit's simulator: what it makes is moved by errors of the reference wind given here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from scipy.signal import lfilter
+
+from tests.compass.flown import Setting, fleet_deviations, fly, wrap
+
+ORIGIN = np.datetime64("2008-07-01")
+
+
+def day_number(ds: xr.Dataset) -> np.ndarray:
+    return (ds["time"].to_numpy() - ORIGIN).astype("timedelta64[D]").astype(int)
+
+
+def fleet(seed: int, setting: Setting, **options) -> tuple[xr.Dataset, np.ndarray]:
+    """Headings of a fleet with drawn deviations, and those deviations (degrees)."""
+    deviation = fleet_deviations(setting.aircraft, np.random.default_rng([seed, 7]), **options)
+    return fly(deviation, setting, seed)[0], deviation
+
+
+def with_change(seed: int, setting: Setting, *, day: int, change: np.ndarray) -> xr.Dataset:
+    """The same flights in the same weather, the deviations moved by ``change`` from a day on."""
+    first, deviation = fleet(seed, setting, amplitude=4.0)
+    second, _ = fly(deviation + change, setting, seed)
+    late = day_number(first) >= day
+    kept = {"row_size", "time", "flight", "screening"}
+    return first.assign(
+        {
+            name: (first[name].dims, np.where(late, second[name], first[name]))
+            for name in first.data_vars
+            if name not in kept
+        }
+    )
+
+
+def persistent_error(
+    seed: int, days: int, *, size: float, persistence: float, columns: int = 2
+) -> np.ndarray:
+    """Errors of consecutive days, (day, column), first-order autoregressive."""
+    rng = np.random.default_rng([seed, 11])
+    shock = rng.normal(0, size * np.sqrt(1 - persistence**2), (days + 60, columns))
+    return lfilter([1.0], [1.0, -persistence], shock, axis=0)[60:]
+
+
+def moved(ds: xr.Dataset, reference: str, du: np.ndarray, dv: np.ndarray) -> xr.Dataset:
+    """Headings as they would be, were a reference's wind off by (du, dv) more, m/s a report."""
+    k = list(ds["reference"].to_numpy()).index(reference)
+    psi, airspeed = np.radians(ds["heading"].to_numpy()), ds["airspeed"].to_numpy()
+    error = np.radians(ds["heading_error"].to_numpy())
+    # The air vector the reference implies falls by (du, dv).
+    speed = airspeed - ds["airspeed_error"].to_numpy()
+    east, north = speed * np.sin(psi - error), speed * np.cos(psi - error)
+    east[k] -= du
+    north[k] -= dv
+    u = ds["reference_eastward_wind"].to_numpy().copy()
+    v = ds["reference_northward_wind"].to_numpy().copy()
+    u[k] += du
+    v[k] += dv
+    both = ("reference", "report")
+    return ds.assign(
+        heading_error=(both, wrap(np.degrees(psi - np.arctan2(east, north)))),
+        airspeed_error=(both, airspeed - np.hypot(east, north)),
+        reference_eastward_wind=(both, u),
+        reference_northward_wind=(both, v),
+    )
+
+
+def placed(ds: xr.Dataset, seed: int) -> xr.Dataset:
+    """Give every flight a place, a level and a lead time."""
+    rng = np.random.default_rng([seed, 13])
+    flight = ds["flight"].to_numpy()
+    number = int(flight.max()) + 1
+    one = ("report",)
+    return ds.assign(
+        latitude=(one, rng.uniform(38, 48, number)[flight]),
+        longitude=(one, rng.uniform(-98, -75, number)[flight]),
+        pressure=(one, rng.uniform(4.2e4, 8e4, number)[flight]),
+        phase=(one, np.full(flight.size, 2, np.int8)),
+        lead_time=(
+            ("reference", "report"),
+            np.tile(rng.integers(1, 7, number)[flight] * 1.0, (ds.sizes["reference"], 1)),
+        ),
+    )
+
+
+def references(
+    seed: int,
+    setting: Setting,
+    *,
+    size: float = 1.2,
+    persistence: float = 0.5,
+    regional: dict[str, float] | None = None,
+) -> xr.Dataset:
+    """Headings against references of equal truth: own errors, persistent from day to day.
+
+    ``regional`` adds an eastward bias (m/s) to a reference west of 88 W.
+    """
+    ds = placed(fleet(seed, setting, amplitude=4.0)[0], seed)
+    day = day_number(ds)
+    for k, name in enumerate(ds["reference"].to_numpy()):
+        own = persistent_error(seed + 1000 * (k + 1), setting.days, size=size,
+                               persistence=persistence)  # fmt: skip
+        west = ds["longitude"].to_numpy() < -88.0
+        bias = (regional or {}).get(str(name), 0.0)
+        ds = moved(ds, str(name), own[day, 0] + bias * west, own[day, 1])
+    return ds
