@@ -159,6 +159,10 @@ def gap(
     output: Output = None,
     resume: Resume = False,
     scheduler: Scheduler = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="Effect to do without, as if unknown.", metavar="EFFECT"),
+    ] = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -167,9 +171,33 @@ def gap(
     from airswing.report.gap_words import verdict
 
     job = _job(config, output=output, resume=resume, quiet=quiet, scheduler=scheduler)
-    result = _inside(job, gap_workflow.diagnosis)
+    result = _inside(job, lambda job: gap_workflow.diagnosis(job, without=without or ()))
     text = f"{verdict(result)}\npage: {job.output / 'gap' / 'index.html'}"
     _print(result, as_json=json, text=text)
+
+
+@app.command(name="gap-check")
+def gap_check(
+    cases: Annotated[int, typer.Option(help="Number of cases.", min=1)] = 60,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
+    output: Annotated[
+        Path, typer.Option(help="Folder for archives, seals and scores.", metavar="DIR")
+    ] = Path("results/gap_check"),
+    workers: Annotated[int, typer.Option(help="Diagnoses at a time.", min=1)] = 1,
+    fast: Annotated[bool, typer.Option("--fast", help="Small archives, clear effects.")] = False,
+    real: Annotated[
+        Path, typer.Option(help="Folder of real data for the fifth rung.", metavar="DIR")
+    ] = Path("../shared/real"),
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Check the diagnosis blindly: archives with sealed effects, diagnosed, opened, scored."""
+    from airswing.gap.blind.command import check_and_report
+
+    summary, text = check_and_report(
+        output, cases=cases, seed=seed, fast=fast, workers=workers, real=real, quiet=quiet
+    )
+    _print(summary, as_json=json, text=text)
 
 
 @app.command()

@@ -7,13 +7,14 @@ Assumes the configuration of the main job. The gap needs the reference wind's de
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
 from airswing.config import as_json
+from airswing.errors import InputError
 from airswing.products import plain, write_json, write_product
 from airswing.workflow import Job, collocated_headings
 
@@ -108,17 +109,24 @@ def active_effects(report: Mapping[str, Any]) -> list[ActiveEffect]:
     return parse_effects(plain(entries))
 
 
-def diagnosis(job: Job) -> dict[str, Any]:
+def diagnosis(job: Job, *, without: Sequence[str] = ()) -> dict[str, Any]:
     """Diagnose the gap: ``gap.json``, ``gap.nc``, ``effects.yaml`` and ``gap/index.html``.
 
     Parameters
     ----------
     job : Job
+    without : sequence of str, optional
+        Effects of the catalogue to do without, as if nobody knew them.
 
     Returns
     -------
     dict
         The content of ``gap.json``.
+
+    Raises
+    ------
+    InputError
+        If an effect to do without is unknown.
     """
     from airswing.gap.diagnose import diagnose
     from airswing.gap.effects_file import write_effects
@@ -131,7 +139,7 @@ def diagnosis(job: Job) -> dict[str, Any]:
         headings, reference=config.pools()[config.gap_reference()], phases=config.gap.phases
     )
     with job.progress.stage("diagnose") as stage:
-        found = diagnose(frame)
+        found = diagnose(frame, catalogue=_catalogue(without))
         names = [effect["name"] for effect in found.report["effects"]]
         stage.note = ", ".join(names) or "no effect missing"
     content = found.report | {"reference": config.gap_reference(), **found.details}
@@ -147,3 +155,16 @@ def diagnosis(job: Job) -> dict[str, Any]:
     with job.progress.stage("page") as stage:
         stage.note = str(write_gap_page(job.output / "gap", gap=content, maps=found.dataset))
     return content
+
+
+def _catalogue(without: Sequence[str]) -> dict[str, Any]:
+    """Return the catalogue but for the effects named."""
+    from airswing.gap.effects import CATALOGUE
+
+    for name in without:
+        if name not in CATALOGUE:
+            raise InputError(
+                "unknown effect", field="--without", found=name,
+                remedy=f"the catalogue holds {', '.join(CATALOGUE)}",
+            )  # fmt: skip
+    return {name: effect for name, effect in CATALOGUE.items() if name not in without}

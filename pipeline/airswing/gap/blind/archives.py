@@ -17,6 +17,7 @@ Units: m/s, kt for disagreement.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import shutil
@@ -41,7 +42,7 @@ Array = NDArray[np.float64]
 Effects = Sequence[Mapping[str, Any]]
 KNOT = 1852.0 / 3600.0
 REFERENCES = ("ruc", "rtfdaa")
-CALIBRATION_DAYS = 6
+CALIBRATION_DAYS = 5
 _EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
 
 
@@ -107,7 +108,7 @@ def strength_of(drawn: Drawn, world: World) -> float:
     """
     short = replace(world, days=min(world.days, CALIBRATION_DAYS))
     options = generator_options(short) | {"coding": _EXACT, "derivatives": False}
-    bare = simulate_arrays(effects=[], **options)
+    bare = _calibration(short)
     changed = simulate_arrays(effects=[_always(drawn, e) for e in drawn.effects], **options)
     change = innovation(changed) - innovation(bare)
     here = acting(bare, drawn) & np.isfinite(change).all(axis=1)
@@ -115,6 +116,13 @@ def strength_of(drawn: Drawn, world: World) -> float:
     if drawn.name == "compass_drift":
         size *= world.days / short.days
     return 2.0 * size if drawn.name == "tail_swap" else size
+
+
+@functools.lru_cache(maxsize=1)
+def _calibration(short: World) -> pd.DataFrame:
+    """Return the short archive without effect that strengths are measured against."""
+    options = generator_options(short) | {"coding": _EXACT, "derivatives": False}
+    return simulate_arrays(effects=[], **options)
 
 
 def _always(drawn: Drawn, effect: Mapping[str, Any]) -> dict[str, Any]:

@@ -240,9 +240,7 @@ def _world(rung: int, index: int, seed: int, size: Size) -> World:
     return World(number, kind, 1 if kind == "model" else size.days, size.aircraft)
 
 
-def _draw(
-    name: str, strength: float, rng: np.random.Generator, world: World, size: Size
-) -> Drawn:
+def _draw(name: str, strength: float, rng: np.random.Generator, world: World, size: Size) -> Drawn:
     step = SIZES.index(strength) if strength in SIZES else 1
     return draw_effect(
         name, rng, tails=size.tails, start=START, days=world.days, step=step,

@@ -249,7 +249,7 @@ def _aircraft(rng: np.random.Generator, tails: list[str]) -> list[str]:
 
 
 def _date(rng: np.random.Generator, start: datetime, days: int) -> str:
-    day = int(round(float(rng.uniform(0.25, 0.75)) * days))
+    day = round(float(rng.uniform(0.25, 0.75)) * days)
     return (start + timedelta(days=day)).isoformat()
 
 

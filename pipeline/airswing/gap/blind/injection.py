@@ -79,7 +79,8 @@ def sensor_record(table: pd.DataFrame) -> SensorRecord:
     InputError
         Fewer than ten minutes of level flight at flying speed.
     """
-    values = {n: table[n].to_numpy(float) for n in ("HDG", "TRK", "TAS", "GndSpd", "AltMSL", "Roll")}
+    names = ("HDG", "TRK", "TAS", "GndSpd", "AltMSL", "Roll")
+    values = {name: table[name].to_numpy(float) for name in names}
     good = np.all([np.isfinite(column) for column in values.values()], axis=0)
     good &= (values["TAS"] > 60.0) & (values["GndSpd"] > 50.0) & (np.abs(values["Roll"]) < 12.0)
     if good.sum() < 600:
@@ -95,7 +96,12 @@ def sensor_record(table: pd.DataFrame) -> SensorRecord:
 
 
 def _left_over(
-    seconds: Array, altitude: Array, heading: Array, airspeed: Array, wind: Array, ahead: Array,
+    seconds: Array,
+    altitude: Array,
+    heading: Array,
+    airspeed: Array,
+    wind: Array,
+    ahead: Array,
     right: Array,
 ) -> Array:
     """Return the part (2, n) of the computed wind that no smooth wind or deviation explains."""
@@ -140,7 +146,7 @@ def real_sensor(folder: Path) -> list[SensorRecord]:
 def _read(path: Path) -> pd.DataFrame:
     table = pd.read_csv(path, skipinitialspace=True, low_memory=False)
     table.columns = [str(name).strip().lstrip("#").strip() for name in table.columns]
-    return table.apply(pd.to_numeric, errors="coerce")
+    return pd.DataFrame({name: pd.to_numeric(table[name], errors="coerce") for name in table})
 
 
 def with_real_sensor(
@@ -178,9 +184,7 @@ def with_real_sensor(
     ground = out["ground_u"].to_numpy(float), out["ground_v"].to_numpy(float)
     heading, airspeed = air[0] + turned, air[1] + longer
     u, v = compute_wind(*ground, airspeed, heading)
-    direction, speed = coded(
-        u, v, direction_step=np.ones(len(out)), speed_step=np.ones(len(out))
-    )
+    direction, speed = coded(u, v, direction_step=np.ones(len(out)), speed_step=np.ones(len(out)))
     out["heading"], out["airspeed"] = heading, airspeed
     out["direction"], out["speed"] = direction, speed
     out["u"] = -speed * KNOT * np.sin(np.radians(direction))
@@ -206,7 +210,7 @@ def _moments(
     new = np.r_[True, flight[1:] != flight[:-1]]
     position = np.arange(flight.size)
     since = position - np.maximum.accumulate(np.where(new, position, 0))
-    return order[first + (begin[flight] + since) % (last - first)]
+    return np.asarray(order[first + (begin[flight] + since) % (last - first)], np.int64)
 
 
 def write_model_case(

@@ -74,9 +74,7 @@ PLACES: dict[str, tuple[str, ...]] = {
 """Variables that place an effect for which there is no name."""
 
 
-def score_case(
-    label: Label, gap: Gap | None, *, failure: str | None = None
-) -> dict[str, Any]:
+def score_case(label: Label, gap: Gap | None, *, failure: str | None = None) -> dict[str, Any]:
     """Score one diagnosis.
 
     Parameters
@@ -200,11 +198,18 @@ def _ahead(
     if not wrong:
         return False
     for key in ("held_out_energy", "share_of_gap"):
-        own = [place.get(key) for place in unknown["where"]]
-        rival = [claim.get(key) for claim in wrong]
-        if own and all(isinstance(value, int | float) for value in [*own, *rival]):
-            return bool(max(rival) > max(own))
+        own = _numbers(unknown["where"], key)
+        rival = _numbers(wrong, key)
+        if own and rival:
+            return max(rival) > max(own)
     return True
+
+
+def _numbers(entries: Sequence[Mapping[str, Any]], key: str) -> list[float]:
+    """Return one number of every entry, or nothing where one of them lacks it."""
+    values = [entry.get(key) for entry in entries]
+    numbers = [float(value) for value in values if isinstance(value, int | float)]
+    return numbers if len(numbers) == len(values) else []
 
 
 def _placed(label: Label, unknown: Mapping[str, Any]) -> bool:
