@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
+PLACE = ("latitude", "longitude", "pressure", "phase", "lead_time")
 ORIGIN = np.datetime64("2008-07-01")
 
 
@@ -18,18 +19,23 @@ def day_number(ds: xr.Dataset) -> np.ndarray:
     return (ds["time"].to_numpy() - ORIGIN).astype("timedelta64[D]").astype(int)
 
 
+def flown(deviation: np.ndarray, setting: Setting, seed: int) -> xr.Dataset:
+    """Headings of a fleet with known deviations (aircraft, 5), degrees, in places of its own."""
+    return placed(fly(deviation, setting, seed)[0], seed)
+
+
 def fleet(seed: int, setting: Setting, **options) -> tuple[xr.Dataset, np.ndarray]:
     """Headings of a fleet with drawn deviations, and those deviations (degrees)."""
     deviation = fleet_deviations(setting.aircraft, np.random.default_rng([seed, 7]), **options)
-    return fly(deviation, setting, seed)[0], deviation
+    return flown(deviation, setting, seed), deviation
 
 
 def with_change(seed: int, setting: Setting, *, day: int, change: np.ndarray) -> xr.Dataset:
     """The same flights in the same weather, the deviations moved by ``change`` from a day on."""
     first, deviation = fleet(seed, setting, amplitude=4.0)
-    second, _ = fly(deviation + change, setting, seed)
+    second = flown(deviation + change, setting, seed)
     late = day_number(first) >= day
-    kept = {"row_size", "time", "flight", "screening"}
+    kept = {"row_size", "time", "flight", "screening", *PLACE}
     return first.assign(
         {
             name: (first[name].dims, np.where(late, second[name], first[name]))
@@ -101,7 +107,7 @@ def references(
 
     ``regional`` adds an eastward bias (m/s) to a reference west of 88 W.
     """
-    ds = placed(fleet(seed, setting, amplitude=4.0)[0], seed)
+    ds, _ = fleet(seed, setting, amplitude=4.0)
     day = day_number(ds)
     for k, name in enumerate(ds["reference"].to_numpy()):
         own = persistent_error(seed + 1000 * (k + 1), setting.days, size=size,

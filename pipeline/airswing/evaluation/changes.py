@@ -17,6 +17,7 @@ Radians and m/s.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -238,13 +239,15 @@ def _path(
     return np.asarray(np.where(tried, statistic, -1.0))
 
 
-def without_change(score: Floats, share: Floats, *, trim: float, fewest: int) -> Floats:
-    """Scores with the most likely change taken out: what chance alone makes of the days.
+def without_changes(score: Floats, share: Floats, *, most: int, trim: float, fewest: int) -> Floats:
+    """Scores with the most likely changes taken out: what chance alone makes of the days.
 
     Parameters
     ----------
     score : array, shape (d, 3)
     share : array, shape (d,)
+    most : int
+        Changes taken out, one after the other.
     trim, fewest
         As for :func:`largest_statistic`.
 
@@ -252,14 +255,17 @@ def without_change(score: Floats, share: Floats, *, trim: float, fewest: int) ->
     -------
     array, shape (d, 3)
     """
-    values, vectors = np.linalg.eigh(score.T @ score)
-    white = score @ (vectors / np.sqrt(np.maximum(values, values[-1] * 1e-10)))
     order = np.arange(score.shape[0])[np.newaxis]
-    split = int(np.argmax(_path(white, share, order, trim=trim, fewest=fewest)[0])) + 1
-    left = score.copy()
-    for side in (slice(None, split), slice(split, None)):
-        mean = score[side].sum(0) / share[side].sum()
-        left[side] -= share[side, np.newaxis] * mean
+    edges, left = [0, score.shape[0]], score
+    for _ in range(most):
+        values, vectors = np.linalg.eigh(left.T @ left)
+        white = left @ (vectors / np.sqrt(np.maximum(values, values[-1] * 1e-10)))
+        path = _path(white, share, order, trim=trim, fewest=fewest)[0]
+        edges = sorted({*edges, int(np.argmax(path)) + 1})
+        left = score.copy()
+        for begin, end in pairwise(edges):
+            mean = score[begin:end].sum(0) / share[begin:end].sum()
+            left[begin:end] -= share[begin:end, np.newaxis] * mean
     return left
 
 

@@ -27,7 +27,7 @@ from airswing.evaluation.changes import (
     day_sums,
     largest_statistic,
     scores,
-    without_change,
+    without_changes,
 )
 from airswing.evaluation.folds import only
 from airswing.ragged import aircraft_of_report, row_bounds
@@ -38,9 +38,9 @@ FALSE_ALARMS = 0.02
 FEWEST_DAYS = 5
 """Days with reports on either side of a change."""
 TRIM = 0.05
-OBVIOUS = 35.0
-"""Statistic beyond which a change is taken out of the days that are permuted (chance reaches 30 in
-one fleet of a thousand)."""
+OBVIOUS = 28.0
+"""Statistic beyond which a change is taken out of the days that are permuted ; chance seldom
+reaches it."""
 MOST_CHANGES = 4
 NO_CHANGE = np.datetime64("NaT", "ns")
 
@@ -160,7 +160,7 @@ def _judged(
         score, share = scores(part)
         limits: Any = {"trim": TRIM, "fewest": FEWEST_DAYS}
         table[k, :1] = largest_statistic(score, share, order[:1], **limits)
-        rest = score if table[k, 0] < OBVIOUS else without_change(score, share, **limits)
+        rest = score if table[k, 0] < OBVIOUS else without_changes(score, share, most=2, **limits)
         table[k, 1:] = largest_statistic(rest, share, order[1:], **limits)
     # Aircraft with few days have heavier tails: each is held against its own permutations first.
     scale = np.median(table[:, 1:], axis=1, keepdims=True)
