@@ -276,7 +276,7 @@ def _project(
         n, one = _cone(grid), np.radians(grid.latin1)
         with np.errstate(divide="ignore", invalid="ignore"):
             rho = a * _parallel(one, e) / n * (_colatitude(phi, e) / _colatitude(one, e)) ** n
-        return rho * np.sin(n * turned), -rho * np.cos(n * turned)
+            return rho * np.sin(n * turned), -rho * np.cos(n * turned)  # the far pole is nowhere
     sign = -1.0 if grid.south else 1.0
     rho = _polar_scale(grid) * _colatitude(sign * phi, e)
     return rho * np.sin(turned), -sign * rho * np.cos(turned)
