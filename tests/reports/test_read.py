@@ -27,7 +27,7 @@ def test_an_empty_glob_says_pattern_and_folder(tmp_path: Path, monkeypatch: pyte
 def test_no_files_at_all_and_a_folder_are_refused(tmp_path: Path):
     with pytest.raises(InputError, match="names no file"):
         read_reports([])
-    with pytest.raises(InputError, match="no file matches"):
+    with pytest.raises(InputError, match="is a folder"):
         read_reports(tmp_path)
 
 

@@ -224,15 +224,27 @@ def _skip(file: str, what: str, reason: str, count: int = 1) -> dict[str, Any]:
 def _find(files: str | Sequence[str], name: str) -> list[str]:
     patterns = [files] if isinstance(files, str | os.PathLike) else list(files)
     found: set[str] = set()
-    for pattern in map(os.fspath, patterns):
+    for pattern in (os.path.expanduser(os.fspath(one)) for one in patterns):
         matches = [pattern] if os.path.isfile(pattern) else glob.glob(pattern, recursive=True)
-        found.update(os.path.abspath(path) for path in matches if os.path.isfile(path))
+        files_there = [os.path.abspath(path) for path in matches if os.path.isfile(path)]
+        if not files_there:
+            raise _none_found(pattern, name)
+        found.update(files_there)
     if not found:
-        raise InputError(
-            "no GRIB file found", field=f"references.{name}.files", found=", ".join(patterns),
-            remedy="Check the pattern; relative paths start at the current directory",
-        )  # fmt: skip
+        raise InputError("names no file", field=f"references.{name}.files")
     return sorted(found)
+
+
+def _none_found(pattern: str, name: str) -> InputError:
+    folder = os.path.isdir(pattern)
+    return InputError(
+        "is a folder" if folder else "no GRIB file found",
+        field=f"references.{name}.files",
+        found=f"pattern {pattern!r} in folder {os.getcwd()}",
+        remedy=f"Name the files in it, such as {os.path.join(pattern, '*')}"
+        if folder
+        else "Check the pattern; relative paths start at the current directory",
+    )
 
 
 def _identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:

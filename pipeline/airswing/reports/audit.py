@@ -34,6 +34,8 @@ class Audit:
         Files read, per format.
     files_skipped : list of dict
         ``{"file", "reason"}`` of each file that could not be read.
+    examples : dict of str to str
+        The first value met that could not be read, per reason.
     """
 
     read: int = 0
@@ -43,6 +45,7 @@ class Audit:
     flags: dict[str, Counter[str]] = field(default_factory=dict)
     formats: Counter[str] = field(default_factory=Counter)
     files_skipped: list[dict[str, str]] = field(default_factory=list)
+    examples: dict[str, str] = field(default_factory=dict)
 
     @property
     def kept(self) -> int:
@@ -71,6 +74,16 @@ class Audit:
         if number:
             self.repaired[reason] += int(number)
 
+    def example(self, reason: str, value: object) -> None:
+        """Keep the first value met that could not be read.
+
+        Parameters
+        ----------
+        reason : str
+        value : object
+        """
+        self.examples.setdefault(reason, repr(value)[:60])
+
     def codes(self, name: str, tally: Mapping[str, int]) -> None:
         """Add the codes met in one flag field.
 
@@ -92,7 +105,7 @@ class Audit:
         -------
         dict
             ``reports_read, reports_kept, dropped, repaired, missing, flags, formats, files,
-            files_skipped``.
+            files_skipped, examples``.
         """
         return {
             "reports_read": self.read,
@@ -104,6 +117,7 @@ class Audit:
             "formats": dict(sorted(self.formats.items())),
             "files": sum(self.formats.values()),
             "files_skipped": self.files_skipped,
+            "examples": self.examples,
         }
 
     def as_json(self) -> str:
@@ -125,3 +139,4 @@ class Audit:
         for name, tally in other.flags.items():
             self.codes(name, tally)
         self.files_skipped += other.files_skipped
+        self.examples = other.examples | self.examples

@@ -78,12 +78,7 @@ def read_reports(
     ):
         gatherer.add(frame)
     if not audit.kept:
-        reasons = ", ".join(f"{reason} {n}" for reason, n in audit.dropped.most_common())
-        raise InputError(
-            "no usable report",
-            field="reports.files",
-            found=f"{audit.read} reports read, dropped for: {reasons}",
-        )
+        raise _none_usable(audit)
     return gatherer.dataset(audit)
 
 
@@ -139,6 +134,19 @@ def iter_frames(
             yield frames.pop(0)
     if len(errors) == len(paths):
         raise _none_read(errors)
+
+
+def _none_usable(audit: Audit) -> InputError:
+    reasons = ", ".join(f"{reason} {n}" for reason, n in audit.dropped.most_common())
+    unread = ", ".join(f"{name} such as {value}" for name, value in audit.examples.items())
+    return InputError(
+        "no usable report",
+        field="reports.files",
+        found=f"{audit.read} reports read, dropped for: {reasons}"
+        + (f"; cannot be read: {unread}" if unread else ""),
+        remedy="Times are ISO 8601 UTC, yyyymmddHHMM or seconds since 1970; numbers have a "
+        "decimal point",
+    )
 
 
 def _none_read(errors: list[InputError]) -> InputError:
@@ -198,11 +206,14 @@ def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
         names = [text] if Path(text).is_file() else glob.glob(text, recursive=True)
         names = sorted(name for name in names if Path(name).is_file())
         if not names:
+            folder = Path(text).is_dir()
             raise InputError(
-                "no file matches",
+                "is a folder" if folder else "no file matches",
                 field="reports.files",
                 found=f"pattern {str(pattern)!r} in folder {Path.cwd()}",
-                remedy="Relative paths start at the current directory",
+                remedy=f"Name the files in it, such as {text}/*.csv"
+                if folder
+                else "Relative paths start at the current directory",
             )
         found.update(dict.fromkeys(names))
     if not found:

@@ -169,7 +169,7 @@ def parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
         if not file.metadata.num_rows:
             raise InputError("holds no reports", file=path)
         for batch in file.iter_batches(batch_size=ROWS_PER_PIECE, columns=wanted):
-            yield raw_piece(batch.to_pandas(), found, audit)
+            yield raw_piece(batch.to_pandas(ignore_metadata=True), found, audit)
 
 
 def raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) -> pd.DataFrame:
@@ -193,6 +193,7 @@ def raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) ->
         column = table[source.column]
         if variable == "time":
             piece["time"], piece["time_blank"] = parse_times(column)
+            _first_bad(column, np.isnat(piece["time"]) & ~piece["time_blank"], "time", audit)
         elif variable in TABLES:
             codes, missing = TABLES[variable]
             piece[variable] = decode_flags(column, codes, missing, name=variable, audit=audit)
@@ -201,6 +202,11 @@ def raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) ->
         else:
             piece[variable] = _as_number(column, variable, audit) * source.factor + source.offset
     return pd.DataFrame(piece)
+
+
+def _first_bad(column: pd.Series[Any], bad: Any, variable: str, audit: Audit) -> None:
+    if bad.any():
+        audit.example(variable, column.iloc[int(np.argmax(bad))])
 
 
 def _as_text(column: pd.Series[Any]) -> Any:
@@ -214,5 +220,7 @@ def _as_number(column: pd.Series[Any], variable: str, audit: Audit) -> Any:
     if pd.api.types.is_numeric_dtype(column.dtype):
         return column.to_numpy(dtype=np.float64, na_value=np.nan)
     numbers = pd.to_numeric(column, errors="coerce")
-    audit.repair(f"{variable}_unparsable", int((numbers.isna() & column.notna()).sum()))
+    bad = (numbers.isna() & column.notna()).to_numpy(dtype=bool)
+    audit.repair(f"{variable}_unparsable", int(bad.sum()))
+    _first_bad(column, bad, variable, audit)
     return numbers.to_numpy(dtype=np.float64, na_value=np.nan)
