@@ -28,6 +28,7 @@ from airswing.compass.table import (
     unit_interpolation,
 )
 from airswing.errors import InputError
+from airswing.products import atomic
 from airswing.vocabulary import STATUS
 
 CARDINALS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
@@ -77,7 +78,10 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
     """
     _need_tables(fits)
     target = Path(path)
-    with target.open("w", newline="", encoding="utf-8") as stream:
+    with (
+        atomic(target) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as stream,
+    ):
         writer = csv.writer(stream)
         writer.writerow(COLUMNS)
         sign = str(fits.attrs.get("table_sign", "subtract_error"))
@@ -164,24 +168,37 @@ def write_swing_cards(
     """
     _need_tables(fits)
     place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
     cards, rows = [], []
+    taken: set[str] = set()
     for name in (str(value) for value in fits["aircraft"].to_numpy()):
-        card = place / f"{_safe(name)}.{suffix}"
-        swing_card(fits, aircraft=name, reference=reference).savefig(card, dpi=120)
+        card = place / f"{_safe(name, taken)}.{suffix}"
+        with atomic(card) as temporary:
+            figure = swing_card(fits, aircraft=name, reference=reference)
+            figure.savefig(temporary, dpi=120, format=suffix)
         one = _select(fits, name, reference)
         rows.append((name, card.name, _STATUS_TEXT[int(one["status"])],
                      *(_number(float(one[key]), 2) for key in ("offset", "amplitude", "phase"))))
         cards.append(card)
-    with (place / "index.csv").open("w", newline="", encoding="utf-8") as stream:
+    with (
+        atomic(place / "index.csv") as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as stream,
+    ):
         writer = csv.writer(stream)
         writer.writerow(("aircraft", "card", "status", "offset_deg", "amplitude_deg", "phase_deg"))
         writer.writerows(rows)
     return cards
 
 
-def _safe(name: str) -> str:
-    return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)
+def _safe(name: str, taken: set[str]) -> str:
+    """File name of an aircraft; no two alike, also where case does not tell files apart."""
+    plain = "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)
+    plain = plain.lstrip(".")[:100] or "_"
+    free, number = plain, 1
+    while free.lower() in taken:
+        number += 1
+        free = f"{plain}_{number}"
+    taken.add(free.lower())
+    return free
 
 
 def _need_tables(fits: xr.Dataset) -> None:
