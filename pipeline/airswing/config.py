@@ -97,18 +97,18 @@ class Reference(_Section):
 class Collocation(_Section):
     """How model winds are brought to the reports."""
 
-    max_time_gap: Seconds = 3 * 3600.0
+    max_time_gap: Seconds = Field(3 * 3600.0, gt=0)
     sparse: bool = True
 
 
 class Screening(_Section):
     """Which reports the fit may use."""
 
-    phases: list[Phase] = ["cruise"]
+    phases: list[Phase] = Field(["cruise"], min_length=1)
     roll: Literal["reject_bad", "require_good", "ignore"] = "reject_bad"
     temperature_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail"
-    max_turn: Radians = math.radians(10.0)
-    min_ground_speed: MetresPerSecond = 80 * 1852 / 3600
+    max_turn: Radians = Field(math.radians(10.0), gt=0)
+    min_ground_speed: MetresPerSecond = Field(80 * 1852 / 3600, ge=0)
 
 
 class Fit(_Section):
@@ -124,7 +124,7 @@ class Fit(_Section):
 class Table(_Section):
     """The 8-point table the unit holds."""
 
-    resolution: Radians = math.radians(0.1)
+    resolution: Radians = Field(math.radians(0.1), gt=0)
     sign: Literal["subtract_error", "add_error"] = "subtract_error"
 
 
@@ -157,15 +157,16 @@ class Gap(_Section):
     """What the gap diagnosis looks at."""
 
     reference: str | None = None
-    phases: list[Phase] = ["ascent", "cruise", "descent"]
+    phases: list[Phase] = Field(["ascent", "cruise", "descent"], min_length=1)
 
 
 class Compute(_Section):
     """Where the work runs."""
 
-    workers: int | Literal["auto"] = "auto"
-    threads: int | Literal["auto"] = "auto"
+    workers: Annotated[int, Field(ge=1)] | Literal["auto"] = "auto"
+    threads: Annotated[int, Field(ge=1)] | Literal["auto"] = "auto"
     scheduler: str | None = None
+    keep_samples: bool = False
 
 
 class Config(_Section):
@@ -257,7 +258,7 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
 def _explain(err: ValidationError, path: Path) -> ConfigError:
     """Tell the first fault in one message, with the nearest known key for an unknown one."""
     fault = err.errors()[0]
-    place = ".".join(str(part) for part in fault["loc"])
+    place = ".".join(str(part) for part in fault["loc"] if not _alternative(part))
     others = f"; and {err.error_count() - 1} more" if err.error_count() > 1 else ""
     if fault["type"] == "extra_forbidden":
         near = _nearest(str(fault["loc"][-1]), _keys_at(fault["loc"][:-1]))
@@ -267,6 +268,11 @@ def _explain(err: ValidationError, path: Path) -> ConfigError:
     what = str(fault["msg"]).removeprefix("Value error, ")
     found = None if isinstance(fault["input"], (dict, BaseModel)) else repr(fault["input"])
     return ConfigError(what + others, file=path, field=place or None, found=found)
+
+
+def _alternative(part: int | str) -> bool:
+    """Tell pydantic's name of one alternative of a type (``int | "auto"``) from a key."""
+    return part == "constrained-int" or str(part).startswith("literal[")
 
 
 def _keys_at(location: tuple[int | str, ...]) -> list[str]:
