@@ -60,8 +60,8 @@ class Rules:
         Length of the search.
     """
 
-    evidence: float = 6.0
-    fleet_evidence: float = 6.0
+    evidence: float = 4.0
+    fleet_evidence: float = 3.0
     size: float = 0.08
     unknown_margin: float = 3.0
     most_terms: int = 12
@@ -332,6 +332,39 @@ def _prune(
             continue
         best = enter(score[0], rules)
         period = best.period if term.period is not None else None
-        terms = [*terms[:k], replace(best, period=period), *terms[k + 1 :]]
+        term = _prune_tails(base, own[0], replace(best, period=period), others, rules)
+        if not term.tails:
+            terms = others
+            continue
+        terms = [*terms[:k], term, *terms[k + 1 :]]
         k += 1
     return terms
+
+
+def _prune_tails(
+    base: Base, candidate: Candidate, term: Term, others: list[Term], rules: Rules
+) -> Term:
+    """Drop aircraft of a term whose own evidence does not stand given the other aircraft's.
+
+    The prior odds are the share of the fleet in the term. A leak of one aircraft's effect into
+    another's ends here.
+    """
+    aircraft = len(base.stats.tails)
+    if term.candidate.scope == "fleet" or len(term.tails) < 2:
+        return term
+    kept = list(term.tails)
+    for a in sorted(term.tails, key=lambda t: term.score.aircraft_evidence[t]):
+        rest = tuple(t for t in kept if t != a)
+        if not rest:
+            break
+        given = given_terms(base, [*others, replace(term, tails=rest)])
+        allowed = np.arange(aircraft) == a
+        if candidate.kind == "step":
+            score = evaluate_step(base, given, candidate, allowed=allowed)
+        else:
+            score = evaluate(base.stats, given, candidate, allowed=allowed)
+        share = float(np.clip(len(kept) / aircraft, 0.07, 0.93))
+        odds = score.aircraft_evidence[a] + np.log(share / (1 - share))
+        if odds < 0 or score.size[a] < rules.size:
+            kept = list(rest)
+    return replace(term, tails=tuple(sorted(kept)))

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from airswing.gap.attribute import Term, fit_terms, term_weights
 from airswing.gap.dictionary import DictionaryPlan, dictionary_columns, unit_vectors
 from airswing.gap.measure import Base, Conditional, Fit, eliminate_days
-from airswing.gap.statistics import Statistics
+from airswing.gap.statistics import Statistics, effect_columns
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -165,7 +165,7 @@ def term_fields(
 ) -> Floats:
     """Columns of a term on reports, (n, 2, k), without regard to aircraft and period."""
     if term.candidate.known:
-        columns = np.nan_to_num(np.asarray(effects[term.candidate.name].columns(frame)))
+        columns = effect_columns(frame, effects[term.candidate.name])
         return np.moveaxis(columns, 0, -1)[:, :, list(term.candidate.subset)]
     names = [g.name for g in plan.groups]
     own = replace(plan, groups=(plan.groups[names.index(term.candidate.name)],))

@@ -26,8 +26,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-#: Prior standard deviation of the slope of residuals on the wind that is no one's fault.
-SLOPE_SD = 0.015
+#: Prior standard deviations of the slope of residuals on the wind, and on the wind turned by 90
+#: degrees, that are no one's fault.
+SLOPE_SD = (0.010, 0.004)
 
 
 @dataclass(frozen=True)
@@ -196,8 +197,10 @@ def climatology(base: Base, *, precision: float = 0.25) -> list[Included]:
     stats = base.stats
     ones = np.ones(stats.day_count.shape)
     out = [Included(int(j), ones, precision) for j in stats.layout.columns("climatology")]
-    sd = SLOPE_SD
-    return out + [Included(int(j), ones, 1 / sd**2) for j in stats.layout.columns("slope")]
+    slope = stats.layout.columns("slope")
+    return out + [
+        Included(int(j), ones, 1 / sd**2) for j, sd in zip(slope, SLOPE_SD, strict=True)
+    ]
 
 
 def condition(base: Base, included: list[Included]) -> Conditional:

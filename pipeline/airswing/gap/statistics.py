@@ -38,6 +38,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 DAY = 86400.0
+#: Shifts of ln p over which a level's edge is softened.
+LEVEL_EDGE = np.linspace(-0.1, 0.06, 5)
 
 
 @dataclass(frozen=True)
@@ -199,11 +201,33 @@ def build_columns(
     out[:, :, layout.blocks["climatology"]] = climatology_columns(frame, plan)
     out[:, :, layout.blocks["slope"]] = slope_columns(frame)
     for name in layout.effects:
-        columns = np.nan_to_num(np.asarray(effects[name].columns(frame)))
-        out[:, :, layout.blocks[name]] = np.moveaxis(columns, 0, -1)
+        out[:, :, layout.blocks[name]] = np.moveaxis(effect_columns(frame, effects[name]), 0, -1)
     if layout.size > layout.core:
         out[:, :, layout.core :] = dictionary_columns(frame, plan)
     return out
+
+
+def effect_columns(frame: Any, effect: Any) -> Floats:
+    """Columns of an effect, with its edges in pressure softened where it has levels.
+
+    A bias that begins at a level begins between two levels of the model, and no sooner: a sharp
+    edge would carry most of the whitened energy of a flight that crosses it.
+
+    Parameters
+    ----------
+    frame : Frame
+    effect : Effect
+
+    Returns
+    -------
+    (k, n, 2) float
+    """
+    levelled = any(name.startswith(("above", "below")) for name in effect.column_names)
+    if not levelled:
+        return np.nan_to_num(np.asarray(effect.columns(frame)))
+    shifts = np.exp(LEVEL_EDGE)
+    parts = [effect.columns(replace(frame, pressure=frame.pressure * s)) for s in shifts]
+    return np.nan_to_num(np.mean(parts, axis=0))
 
 
 def day_of_report(frame: Any) -> tuple[Integers, float]:

@@ -142,8 +142,8 @@ def summary(values: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def probability(score: Score) -> float:
-    """Probability that the term is real: prior odds of one in fifty against its tempered evidence."""
-    return float(1 / (1 + np.exp(np.clip(np.log(50.0) - score.tempered, -50, 50))))
+    """Probability that the term is real: prior odds of one in ten against its tempered evidence."""
+    return float(1 / (1 + np.exp(np.clip(np.log(10.0) - score.tempered, -50, 50))))
 
 
 def period_of(term: Term, stats: Statistics) -> list[str | None] | None:
