@@ -1,7 +1,8 @@
 """Where the work runs: threads of this process, local worker processes, or a dask scheduler.
 
 Assumes every stage builds dask graphs and leaves the choice of scheduler to this module, so that
-the same code runs in all three places with the same results.
+the same code runs in all three places with the same results. Workers of a cluster must see the
+files under the same paths and have the same airswing.
 """
 
 from __future__ import annotations
@@ -9,12 +10,17 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
+from typing import Any
 
 import dask
 
 from airswing.config import Compute
 from airswing.errors import InputError
+from airswing.fingerprint import code_digest
 from airswing.progress import Progress
+
+WORKERS_CODE = "airswing.reference.collocate"
+"""What workers run; its source must be the same everywhere."""
 
 
 @contextlib.contextmanager
@@ -27,26 +33,29 @@ def scheduler(compute: Compute, progress: Progress) -> Iterator[None]:
         ``scheduler`` an address, or None; ``workers`` a number of processes, or "auto" for
         threads of this process; ``threads`` for each worker, or "auto".
     progress : Progress
-        Told where the dashboard is, when there is one.
+        Told where the dashboard is, when there is one, and how many threads work.
 
     Raises
     ------
     InputError
-        If the scheduler cannot be reached.
+        If the scheduler cannot be reached or is lost, if workers have another airswing, or if a
+        piece of work killed several workers.
     """
     cores = os.cpu_count() or 1
     if compute.scheduler is None and compute.workers in ("auto", 1):
-        threads = cores if compute.threads == "auto" else compute.threads
-        with dask.config.set(scheduler="threads", num_workers=threads):
+        progress.threads = cores if compute.threads == "auto" else compute.threads
+        with dask.config.set(scheduler="threads", num_workers=progress.threads):
             yield
         return
-    with _client(compute, cores) as link:
-        progress.say(f"dask dashboard: {link}")
+    with _client(compute, cores) as client, _losses(compute):
+        _require_same_code(client)
+        progress.threads = sum(client.nthreads().values()) or 1
+        progress.say(f"dask dashboard: {client.dashboard_link}")
         yield
 
 
 @contextlib.contextmanager
-def _client(compute: Compute, cores: int) -> Iterator[str]:
+def _client(compute: Compute, cores: int) -> Iterator[Any]:
     from distributed import Client, LocalCluster
 
     with contextlib.ExitStack() as stack:
@@ -67,4 +76,52 @@ def _client(compute: Compute, cores: int) -> Iterator[str]:
                 found=compute.scheduler,
                 remedy="Start it with `dask scheduler`, or leave --scheduler away",
             ) from err
-        yield str(client.dashboard_link)
+        yield client
+
+
+@contextlib.contextmanager
+def _losses(compute: Compute) -> Iterator[None]:
+    """Tell the loss of workers or of the scheduler in one message."""
+    from concurrent.futures import CancelledError
+
+    from distributed import KilledWorker
+    from distributed.comm.core import CommClosedError
+
+    try:
+        yield
+    except KilledWorker as err:
+        raise InputError(
+            "the same piece of work ended several workers, most likely out of memory",
+            field="compute",
+            found=str(err.task),
+            remedy="Give each worker more memory or fewer threads, then go on with --resume",
+        ) from err
+    except (CommClosedError, CancelledError) as err:
+        raise InputError(
+            "the dask scheduler was lost",
+            field="scheduler",
+            found=compute.scheduler or "the local cluster",
+            remedy="Start it again, then go on with --resume",
+        ) from err
+
+
+def _require_same_code(client: Any) -> None:
+    """Refuse workers whose airswing would give other values; workers to come are not asked."""
+    own = code_digest(WORKERS_CODE)
+    try:
+        theirs = client.run(code_digest, WORKERS_CODE)
+    except (ImportError, AttributeError) as err:
+        raise InputError(
+            "the workers have no airswing of this version",
+            field="scheduler",
+            found=err,
+            remedy="Install the same airswing where the workers run",
+        ) from err
+    other = [worker for worker, digest in theirs.items() if digest != own]
+    if other:
+        raise InputError(
+            "workers run another version of airswing",
+            field="scheduler",
+            found=", ".join(sorted(other)[:3]),
+            remedy="Install the same airswing where the workers run",
+        )

@@ -14,11 +14,49 @@ if TYPE_CHECKING:
 
 SECONDS_PER_SPARSE_MESSAGE = 0.2e-3
 SECONDS_PER_DECODED_BYTE = 1.0e-8
-SECONDS_PER_REPORT = 20.0e-6
+SECONDS_PER_REPORT = {
+    "reports": 6.0e-6,
+    "collocate": 3.0e-6,
+    "headings": 3.0e-6,
+    "screen": 0.2e-6,
+    "fit": 5.0e-6,
+    "correct": 1.0e-6,
+    "profiles": 3.0e-6,
+    "stability": 5.0e-6,
+    "ranking": 1.0e-6,
+    "virtual field test": 20.0e-6,
+    "page": 2.0e-6,
+}
+SECONDS_PER_PAGE = 6.0
 BYTES_PER_REPORT = 400
 """Peak memory of the headings stage for each report and two references."""
 BASE_BYTES = 400_000_000
 """The interpreter with the libraries loaded."""
+
+
+def stage_seconds(reports: int, plans: Mapping[str, Plan], *, threads: int = 1) -> dict[str, float]:
+    """Estimate the time of every stage that grows with the archive.
+
+    Parameters
+    ----------
+    reports : int
+    plans : mapping of str to Plan
+    threads : int, default 1
+        Threads that decode at a time.
+
+    Returns
+    -------
+    dict of str to float
+        Seconds by stage.
+    """
+    found = {stage: reports * seconds for stage, seconds in SECONDS_PER_REPORT.items()}
+    found["page"] += SECONDS_PER_PAGE
+    for one in plans.values():
+        decoded = 1.0 - one.sparse_messages / max(one.messages, 1)
+        reading = one.sparse_messages * SECONDS_PER_SPARSE_MESSAGE
+        reading += decoded * one.bytes * SECONDS_PER_DECODED_BYTE
+        found["collocate"] += reading / threads
+    return found
 
 
 def estimate(reports: int, plans: Mapping[str, Plan]) -> dict[str, float]:
@@ -34,11 +72,7 @@ def estimate(reports: int, plans: Mapping[str, Plan]) -> dict[str, float]:
     dict
         ``seconds`` and ``memory_bytes``.
     """
-    seconds = reports * SECONDS_PER_REPORT
-    for one in plans.values():
-        decoded = 1.0 - one.sparse_messages / max(one.messages, 1)
-        seconds += one.sparse_messages * SECONDS_PER_SPARSE_MESSAGE
-        seconds += decoded * one.bytes * SECONDS_PER_DECODED_BYTE
+    seconds = sum(stage_seconds(reports, plans).values())
     memory = BASE_BYTES + reports * BYTES_PER_REPORT * max(1.0, len(plans) / 2.0)
     return {"seconds": round(seconds, 1), "memory_bytes": round(memory)}
 

@@ -203,6 +203,28 @@ def write_product(
     return path
 
 
+def as_stored(ds: xr.Dataset) -> xr.Dataset:
+    """Give every variable the precision it is written with.
+
+    What follows from a Dataset in memory is then the same as what follows from its product.
+
+    Parameters
+    ----------
+    ds : Dataset
+        Every variable must be in the vocabulary.
+
+    Returns
+    -------
+    Dataset
+    """
+    ds = ds.copy()
+    for name, variable in ds.data_vars.items():
+        dtype = lookup(str(name), variable.dims).dtype
+        if dtype.startswith("f") and variable.dtype != dtype:
+            ds[name] = variable.astype(dtype)
+    return ds
+
+
 def provenance(
     title: str,
     *,

@@ -19,9 +19,10 @@ import xarray as xr
 
 from airswing.config import Config, as_json
 from airswing.errors import ConfigError, InputError
-from airswing.fingerprint import file_identities, fingerprint
-from airswing.products import read_product, require_writable, write_json, write_product
+from airswing.fingerprint import code_digest, file_identities, fingerprint
+from airswing.products import as_stored, read_product, require_writable, write_json, write_product
 from airswing.progress import Progress
+from airswing.workspace import workspace
 
 if TYPE_CHECKING:
     from airswing.reference.catalogue import Catalogue
@@ -29,6 +30,19 @@ if TYPE_CHECKING:
 
 HEADINGS, FITS, CORRECTED = "headings.nc", "fits.nc", "corrected.nc"
 PROFILES, FIELD_TEST, SENSITIVITY = "error_profiles.nc", "field_test.json", "sensitivity.json"
+
+COLLOCATING = (
+    "airswing.reports.read",
+    "airswing.reference.catalogue",
+    "airswing.reference.collocate",
+    "airswing.compass.headings",
+)
+FITTING = (
+    "airswing.compass.deviation",
+    "airswing.compass.table",
+    "airswing.evaluation.stability",
+)
+"""Modules whose source, with all they use, a product depends on."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +68,13 @@ class Job:
 
     @property
     def store(self) -> Path:
-        """Folder of finished model times, there only while a run is under way."""
+        """Folder of finished model times, there while a run is under way, or kept on request."""
         return self.output / ".collocated"
+
+    def clear_store(self) -> None:
+        """Remove the finished model times, unless the configuration keeps them."""
+        if not self.config.compute.keep_samples:
+            shutil.rmtree(self.store, ignore_errors=True)
 
 
 def run(job: Job) -> dict[str, Any]:
@@ -68,17 +87,20 @@ def run(job: Job) -> dict[str, Any]:
     Returns
     -------
     dict
-        The closing summary (see :func:`airswing.summary.summarise`).
+        The closing summary (see :func:`airswing.summary.summarise`), and as ``accounts`` what
+        each stage cost (see :meth:`airswing.progress.Progress.accounts`).
     """
     from airswing.summary import summarise
 
-    headings = make_headings(job)
-    fits = make_fits(job, headings)
-    corrected = make_corrected(job, headings, fits)
-    summary = summarise(job.config, headings, fits, corrected)
-    evaluation = make_evaluation(job, headings, fits, corrected)
-    make_page(job, headings, fits, corrected, summary, evaluation)
-    return summary
+    with workspace(job.output):
+        headings = make_headings(job)
+        fits = make_fits(job, headings)
+        corrected = make_corrected(job, headings, fits)
+        summary = summarise(job.config, headings, fits, corrected)
+        evaluation = make_evaluation(job, headings, fits, corrected)
+        make_page(job, headings, fits, corrected, summary, evaluation)
+    job.progress.say(job.progress.accounts_text())
+    return summary | {"accounts": job.progress.accounts()}
 
 
 def plan_run(job: Job) -> dict[str, Any]:
@@ -129,6 +151,8 @@ def read(job: Job) -> xr.Dataset:
             asked.files, format=asked.format, columns=asked.columns, on_bad_file=asked.on_bad_file
         )
         stage.note = f"{reports.sizes['report']:,} reports of {reports.sizes['aircraft']} aircraft"
+        stage.reports = reports.sizes["report"]
+        stage.octets = sum(size for _, size, _ in file_identities(asked.files))
     return reports
 
 
@@ -179,12 +203,16 @@ def plans_of(
     -------
     dict of str to Plan
     """
+    from airswing.cost import stage_seconds
     from airswing.reference.planning import plan
 
     with job.progress.stage("plan") as stage:
         plans = plan(reports, models, **options)
         messages = sum(one.messages for one in plans.values())
         stage.note = f"{messages:,} messages to read"
+    job.progress.expected = stage_seconds(
+        reports.sizes["report"], plans, threads=job.progress.threads
+    )
     return plans
 
 
@@ -205,13 +233,13 @@ def collocated_headings(job: Job, *, names: list[str], derivatives: bool = False
         In memory; ``reading_audit`` and ``reference_audit`` in the attributes.
     """
     from airswing.compass.headings import derive_headings
-    from airswing.reference.collocate import collocate
+    from airswing.reference.collocate import ACCOUNT, collocate
     from airswing.reference.planning import require_overlap
 
     reports = read(job)
     models = catalogues(job, names)
     asked = job.config.collocation
-    options = {
+    options: dict[str, Any] = {
         "max_time_gap": asked.max_time_gap,
         "sparse": asked.sparse,
         "derivatives": derivatives,
@@ -219,12 +247,17 @@ def collocated_headings(job: Job, *, names: list[str], derivatives: bool = False
     plans = plans_of(job, reports, models, options)
     require_overlap(plans)
     with job.progress.stage("collocate") as stage:
-        winds = collocate(reports, models, store=job.store, **options).compute()
+        winds = collocate(reports, models, store=job.store, account=True, **options).compute()
         matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
         stage.note = f"reports within the model: {matched}"
+        stage.reports = max(one.matched for one in plans.values())
+        stage.messages = int(winds["decoded_messages"].sum())
+        stage.octets = int(winds["decoded_bytes"].sum())
+        stage.decoding = float(winds["decoding_seconds"].sum())
     unread = winds["unread_messages"].to_series().to_dict()
-    with job.progress.stage("headings"):
-        headings = derive_headings(reports, winds.drop_vars("unread_messages")).compute()
+    with job.progress.stage("headings") as stage:
+        headings = derive_headings(reports, winds.drop_vars(list(ACCOUNT))).compute()
+        stage.reports = headings.sizes["report"]
     headings.attrs["reference_audit"] = {
         name: plans[name].as_dict()
         | {"notes": model.notes, "skipped": model.skipped, "unread_messages": unread[name]}
@@ -253,15 +286,25 @@ def make_headings(job: Job) -> xr.Dataset:
 
     config = job.config
     names = list(config.references)
+    unscreened = fingerprint(
+        config.model_dump(include={"reports", "references", "collocation"}),
+        file_identities(config.reports.files),
+        [file_identities(model.files) for model in config.references.values()],
+        code_digest(*COLLOCATING),
+    )
 
     def make() -> xr.Dataset:
-        if not job.resume:
-            shutil.rmtree(job.store, ignore_errors=True)
-        headings = collocated_headings(job, names=names)
+        headings = _unscreened(job, unscreened)
+        if headings is None:
+            if not job.resume:
+                job.clear_store()
+            headings = as_stored(collocated_headings(job, names=names))
+        headings.attrs["unscreened_fingerprint"] = unscreened
         with job.progress.stage("screen") as stage:
             headings = screen(headings, **config.screening.model_dump())
             kept = int((headings["screening"] == 0).sum())
             stage.note = f"{kept:,} of {headings.sizes['report']:,} reports kept"
+            stage.reports = kept
         require_kept(headings)
         return headings
 
@@ -270,13 +313,9 @@ def make_headings(job: Job) -> xr.Dataset:
         HEADINGS,
         make,
         title="Heading errors of aircraft reports against model winds",
-        depends=(
-            config.model_dump(include={"reports", "references", "collocation", "screening"}),
-            file_identities(config.reports.files),
-            [file_identities(model.files) for model in config.references.values()],
-        ),
+        depends=(unscreened, config.screening, code_digest("airswing.compass.screening")),
     )
-    shutil.rmtree(job.store, ignore_errors=True)
+    job.clear_store()
     return headings
 
 
@@ -318,7 +357,11 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
         FITS,
         make,
         title="Compass deviation per aircraft and 8-point correction tables",
-        depends=(config.model_dump(include={"fit", "table", "pool"}), ready.attrs["uuid"]),
+        depends=(
+            config.model_dump(include={"fit", "table", "pool"}),
+            ready.attrs["uuid"],
+            code_digest(*FITTING),
+        ),
         sources=(ready,),
     )
     write_tables_csv(fits, job.output / "tables.csv")
@@ -354,7 +397,12 @@ def make_corrected(
         CORRECTED,
         make,
         title="Aircraft reports with winds corrected for compass deviation",
-        depends=(ready.attrs["uuid"], fitted.attrs["uuid"]),
+        depends=(
+            main_reference(job.config),
+            ready.attrs["uuid"],
+            fitted.attrs["uuid"],
+            code_digest("airswing.compass.correction"),
+        ),
         sources=(ready, fitted),
     )
 
@@ -575,6 +623,18 @@ def require_kept(headings: xr.Dataset) -> None:
         found=f"of {headings.sizes['report']:,} reports, left out by {found}",
         remedy="Loosen the rule that removed most, or check the reports",
     )
+
+
+def _unscreened(job: Job, mark: str) -> xr.Dataset | None:
+    """Reports with model winds of an earlier run that still hold, to be screened anew."""
+    path = job.output / HEADINGS
+    if not (job.resume and path.exists()):
+        return None
+    found = read_product(path)
+    if found.attrs.get("unscreened_fingerprint") != mark:
+        return None
+    job.progress.say(f"{HEADINGS}: model winds kept, screened anew")
+    return found.drop_vars("screening")
 
 
 def _ready(job: Job, given: xr.Dataset | None, name: str) -> xr.Dataset:
