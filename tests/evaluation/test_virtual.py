@@ -15,6 +15,7 @@ from tests.evaluation.archives import fleet, flown
 
 SETTING = Setting(aircraft=5, days=50, outliers=0.005)
 AGAINST = {"pools": {"ruc": ["ruc"]}, "reference": "ruc"}
+QUICK = AGAINST | {"joint": False}
 UNTIL = date(2008, 8, 1)
 
 
@@ -27,7 +28,7 @@ def test_predicted_and_realised_gains_agree_over_many_fleets():
     scores = []
     for seed in range(12):
         ds = fleet(seed, SETTING, amplitude=5.0)[0]
-        found = virtual_field_test(ds, learned_until=UNTIL, draws=300, **AGAINST)
+        found = virtual_field_test(ds, learned_until=UNTIL, draws=300, **QUICK)
         for entry in found["by_aircraft"]:
             low, high = entry["difference_ci_kt"]
             scores.append(entry["difference_kt"] / ((high - low) / 3.92))
@@ -51,7 +52,7 @@ def test_the_gain_is_what_the_corrected_winds_themselves_show(headings):
 
 def test_controls_keep_their_winds_and_any_split_will_do(headings):
     found = virtual_field_test(
-        headings, learned_until=UNTIL, corrected=["N001", "N003"], draws=50, **AGAINST
+        headings, learned_until=UNTIL, corrected=["N001", "N003"], draws=50, **QUICK
     )
     controls = found["groups"]["controls"]
     assert controls["during_kt"] == controls["during_uncorrected_kt"]
@@ -67,8 +68,7 @@ def test_nothing_after_the_date_reaches_the_fit(headings):
         ruined[name][:, late] = 40.0
     ruined["eastward_wind"][late] += 30.0
     one, two = (
-        virtual_field_test(ds, learned_until=UNTIL, draws=20, **AGAINST)
-        for ds in (headings, ruined)
+        virtual_field_test(ds, learned_until=UNTIL, draws=20, **QUICK) for ds in (headings, ruined)
     )
     assert one["predicted_gain_kt"] == two["predicted_gain_kt"]
     assert one["realised_gain_kt"] != two["realised_gain_kt"]
@@ -76,7 +76,7 @@ def test_nothing_after_the_date_reaches_the_fit(headings):
 
 def test_an_unbent_compass_gains_nothing_when_held_out():
     ds = flown(np.zeros((4, 5)), Setting(aircraft=4, days=30), 5)
-    found = cross_validate(ds, folds=4, draws=100, **AGAINST)
+    found = cross_validate(ds, folds=4, draws=100, **QUICK)
     # The curve bent to noise looks like a gain on its own reports and costs on others.
     assert found["in_sample_gain_kt"] > found["realised_gain_kt"]
     assert found["realised_gain_kt"] < 0.02
@@ -84,7 +84,7 @@ def test_an_unbent_compass_gains_nothing_when_held_out():
 
 
 def test_held_out_flights_agree_with_the_prediction(headings):
-    found = cross_validate(headings, folds=4, draws=200, **AGAINST)
+    found = cross_validate(headings, folds=4, draws=200, **QUICK)
     assert found["agree"]
     assert found["realised_gain_kt"] > 1.0
     assert found["in_sample_gain_kt"] >= found["realised_gain_kt"] - 0.02
@@ -114,7 +114,7 @@ def test_only_marks_the_others_and_leaves_the_original_alone(headings):
 
 
 def test_the_prediction_for_a_field_test_uses_the_corrected_aircraft_only(headings):
-    found = predicted_reduction(headings, start=UNTIL, corrected=["N002"], **AGAINST)
+    found = predicted_reduction(headings, start=UNTIL, corrected=["N002"], **QUICK)
     own = next(entry for entry in found["ranking"] if entry["aircraft"] == "N002")
     assert found["predicted_reduction_kt"] == pytest.approx(own["expected_gain_kt"])
     assert found["predicted_aircraft"] == 1
@@ -132,7 +132,7 @@ def test_the_prediction_for_a_field_test_uses_the_corrected_aircraft_only(headin
     ],
 )
 def test_bad_input_is_named(headings, options, words):
-    asked = {"learned_until": UNTIL, "draws": 10} | AGAINST | options
+    asked = {"learned_until": UNTIL, "draws": 10} | QUICK | options
     with pytest.raises(InputError) as caught:
         virtual_field_test(headings, **asked)
     assert all(word in str(caught.value) for word in words), str(caught.value)

@@ -1,0 +1,88 @@
+"""The evaluation's stages on products, and every configuration that is shipped."""
+
+from __future__ import annotations
+
+import csv
+import json
+from datetime import date
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from airswing import evaluation_workflow as stages
+from airswing.compass.deviation import fit_deviation
+from airswing.config import Config, load_config
+from airswing.progress import Progress
+from tests.compass.flown import Setting
+from tests.evaluation.archives import fleet
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def headings():
+    return fleet(8, Setting(aircraft=3, days=40), amplitude=5.0)[0]
+
+
+@pytest.fixture
+def job(tmp_path):
+    config = Config.model_validate(
+        {
+            "reports": {"files": "none"},
+            "references": {"ruc": {"files": "none"}},
+            "output": str(tmp_path),
+        }
+    )
+    return SimpleNamespace(config=config, progress=Progress(quiet=True), output=tmp_path)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.name)
+def test_every_shipped_configuration_is_one(path):
+    config = load_config(path)
+    assert str(config.output).startswith("results/")
+    assert path.read_text().startswith("#")
+
+
+@pytest.mark.parametrize("name", ["ruc_rr", "rtfdaa", "pooled", "field_test_2009"])
+def test_the_cases_the_seed_names_are_there(name):
+    config = load_config(ROOT / "configs" / f"{name}.yaml")
+    assert all(one.lead == ">= 1 h" for one in config.references.values())
+    assert all("nam" not in members for members in config.pool.values())
+    if name == "field_test_2009":
+        assert config.field_test.start == date(2009, 10, 20)
+        assert config.field_test.roll == "require_good"
+
+
+def test_stability_is_a_product_with_windows_and_changes(job, headings):
+    found = stages.make_stability(job, headings)
+    written = json.loads((job.output / stages.STABILITY).read_text())
+    assert written["window"] == "month"
+    assert [entry["aircraft"] for entry in written["changes"]] == ["N000", "N001", "N002"]
+    assert {entry["window"] for entry in written["windows"]} == {"2008-07-01", "2008-08-01"}
+    assert found["reference"] == "ruc"
+
+
+def test_the_ranking_is_a_table_a_spreadsheet_reads(job, headings):
+    ranking = stages.make_ranking(job, headings, fit_deviation(headings))
+    rows = list(csv.DictReader((job.output / stages.RANKING).open()))
+    assert [row["aircraft"] for row in rows] == [entry["aircraft"] for entry in ranking]
+    assert float(rows[0]["expected_gain_kt"]) == pytest.approx(
+        ranking[0]["expected_gain_kt"], abs=6e-4
+    )
+    assert float(rows[0]["expected_gain_low_kt"]) < float(rows[0]["expected_gain_high_kt"])
+
+
+def test_the_virtual_field_test_is_a_product_and_says_why_where_it_cannot_be(job, headings):
+    found = stages.make_virtual(job, headings)
+    assert found["later"]["learned_until"] == str(stages.later_date(headings))
+    assert found["held_out"]["folds"] == stages.FOLDS
+    assert abs(found["later"]["difference_kt"]) < 1.5
+    assert json.loads((job.output / stages.VIRTUAL).read_text())["held_out"]["agree"]
+    none = headings.assign(screening=("report", np.ones(headings.sizes["report"], np.int32)))
+    assert "no screened report" in stages.make_virtual(job, none)["later"]["why"]
+
+
+def test_two_thirds_of_the_days_are_learned_from(headings):
+    assert stages.later_date(headings) == date(2008, 7, 27)
