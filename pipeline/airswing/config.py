@@ -117,6 +117,7 @@ class Fit(_Section):
     harmonics: Literal["auto", 1, 2] = "auto"
     abscissa: Literal["magnetic", "true"] = "magnetic"
     joint: bool = True
+    shared_error: bool = True
     min_reports: int = Field(200, ge=10)
     min_compass_points: int = Field(6, ge=3, le=8)
 

@@ -93,12 +93,18 @@ def fly(deviation, setting: Setting, seed: int) -> tuple[xr.Dataset, dict]:
             + (hour * 60 + minute).astype("timedelta64[m]"))
     time = np.broadcast_to(time, n).reshape(reports)
     flight = np.repeat(np.arange(np.prod(n[:3])), s.reports_a_flight)
+    start = np.array([-87.0, 43.0]) + rng.uniform(-3, 3, (*n[:3], 1, 2))
+    flown = np.cumsum(ground * 180.0, axis=-2) / 111_200.0
+    place = (start + flown * np.array([1 / np.cos(np.radians(43.0)), 1.0])).reshape(reports, 2)
     one, two = ("report",), ("reference", "report")
     shape = (s.references, reports)
     ds = xr.Dataset(
         {
             "row_size": ("aircraft", np.full(s.aircraft, reports // s.aircraft)),
             "time": (one, time),
+            "longitude": (one, place[:, 0]),
+            "latitude": (one, place[:, 1]),
+            "pressure": (one, np.full(reports, 55000.0, np.float32)),
             "flight": (one, flight.astype(np.int32)),
             "eastward_wind": (one, reported.reshape(reports, 2)[:, 0]),
             "northward_wind": (one, reported.reshape(reports, 2)[:, 1]),

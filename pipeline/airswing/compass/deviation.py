@@ -24,6 +24,7 @@ from __future__ import annotations
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -41,6 +42,7 @@ from airswing.compass.derived import (
     sinusoid,
     t_inflation,
 )
+from airswing.compass.joint import fit_with_field
 from airswing.compass.kernel import COMPASS, plain_sinusoid
 from airswing.compass.pooling import day_ratio, pool, widened
 from airswing.compass.robustfit import AircraftFit, fit_aircraft
@@ -60,7 +62,8 @@ CHUNKS = 8
 """Tasks the aircraft are shared between. They run one after the other: the kernel's blocks are
 so short that threads spend more on the interpreter's lock than they gain."""
 _NEEDED = ("heading", "magnetic_heading", "airspeed", "heading_error", "airspeed_error",
-           "heading_error_standard_error", "screening", "flight", "time", "row_size")
+           "heading_error_standard_error", "screening", "flight", "time", "row_size", "latitude",
+           "longitude", "pressure")
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,7 @@ def fit_deviation(
     harmonics: Literal["auto", 1, 2] = "auto",
     abscissa: Literal["magnetic", "true"] = "magnetic",
     joint: bool = True,
+    shared_error: bool = True,
     min_reports: int = 200,
     min_compass_points: int = 6,
 ) -> xr.Dataset:
@@ -108,6 +112,9 @@ def fit_deviation(
     joint : bool
         Fit airspeed errors jointly, with airspeed scale and reference bias; else the heading
         error alone.
+    shared_error : bool
+        With ``joint``, also fit the reference's error that the fleet shares, as a field (see
+        :mod:`airswing.compass.joint`).
     min_reports, min_compass_points : int
         Fewer give status ``too_few_reports``, ``poor_heading_coverage``.
 
@@ -124,7 +131,12 @@ def fit_deviation(
     groups = _groups(headings, pools or {})
     options = _Options(harmonics, joint, min_reports, min_compass_points)
     columns = Columns(headings, abscissa)
-    parts = [_fit_reference(columns, members, options) for members in groups.values()]
+    parts = []
+    for members in groups.values():
+        columns.use(members)
+        once = partial(_fit_reference, columns, members, options)
+        shared = joint and shared_error
+        parts.append(fit_with_field(headings, columns, members, once) if shared else once())
     fits = xr.concat(parts, dim="reference", join="override", combine_attrs="override")
     fits = fits.assign_coords(
         reference=("reference", np.array(list(groups), dtype=object)),
@@ -208,7 +220,6 @@ class _Fitter:
 
 
 def _fit_reference(columns: Columns, members: list[int], options: _Options) -> xr.Dataset:
-    columns.use(members)
     size = columns.start.size
     index = xr.DataArray(np.arange(size), dims="aircraft")
     index = index.chunk({"aircraft": max(1, -(-size // CHUNKS))})

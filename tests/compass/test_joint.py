@@ -1,0 +1,47 @@
+"""Deviations beside the reference's shared error: better where the fleet shares the air."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from airswing.compass.deviation import fit_deviation
+from tests.compass.flown import Setting, fleet_deviations, fly
+
+
+def errors(seed: int, **options) -> tuple[np.ndarray, np.ndarray]:
+    """Errors and standard errors of A, B, C where days of model error dominate."""
+    setting = Setting(aircraft=8, days=25, day_error=2.5, flight_error=0.5, noise=1.0)
+    deviation = fleet_deviations(8, np.random.default_rng(seed), two_cycles=0.0)
+    ds, _ = fly(deviation, setting, seed)
+    fits = fit_deviation(ds, harmonics=1, **options).isel(reference=0)
+    spread = np.sqrt(np.diagonal(fits["deviation_covariance"].to_numpy(), axis1=1, axis2=2))
+    return (fits["deviation"].to_numpy() - deviation)[:, :3], spread[:, :3]
+
+
+def test_the_shared_error_is_taken_off_and_intervals_stay_honest():
+    with_field = [errors(seed) for seed in range(6)]
+    without = [errors(seed, shared_error=False) for seed in range(6)]
+    rms = [np.sqrt(np.mean([e**2 for e, _ in runs])) for runs in (with_field, without)]
+    assert rms[0] < 0.85 * rms[1]
+    score = np.concatenate([(e / s).ravel() for e, s in with_field])
+    assert (np.abs(score) < 1.96).mean() >= 0.88
+    assert np.abs(score).max() < 4.5
+
+
+def test_the_headings_are_left_as_they_were_and_the_fit_repeats():
+    setting = Setting(aircraft=3, days=15, references=2)
+    ds, _ = fly(fleet_deviations(3, np.random.default_rng(3)), setting, 3)
+    before = ds["heading_error"].to_numpy().copy()
+    pools = {"both": ["ruc", "rtfdaa"]}
+    first, again = fit_deviation(ds, pools=pools), fit_deviation(ds, pools=pools)
+    np.testing.assert_array_equal(ds["heading_error"].to_numpy(), before)
+    np.testing.assert_array_equal(first["deviation"].to_numpy(), again["deviation"].to_numpy())
+
+
+def test_few_reports_are_fitted_without_a_field():
+    setting = Setting(aircraft=1, days=12, flights_a_day=2)
+    ds, _ = fly(fleet_deviations(1, np.random.default_rng(4)), setting, 4)
+    plain = fit_deviation(ds, shared_error=False)
+    np.testing.assert_array_equal(
+        fit_deviation(ds)["deviation"].to_numpy(), plain["deviation"].to_numpy()
+    )
