@@ -11,6 +11,7 @@ import functools
 import glob
 import hashlib
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,11 @@ def file_identities(patterns: Sequence[str]) -> list[tuple[str, int, int]]:
     list of (str, int, int)
         Sorted by name.
     """
-    names = sorted({name for pattern in patterns for name in glob.glob(pattern, recursive=True)})
+    paths = [os.path.expanduser(pattern) for pattern in patterns]
+    matches = [
+        [path] if os.path.isfile(path) else glob.glob(path, recursive=True) for path in paths
+    ]
+    names = sorted({name for found in matches for name in found if os.path.isfile(name)})
     found = [(name, Path(name).stat()) for name in names]
     return [(name, entry.st_size, entry.st_mtime_ns) for name, entry in found]
 
