@@ -17,6 +17,7 @@ Assumptions and validity
 
 from __future__ import annotations
 
+import itertools
 import os
 import time
 from collections.abc import Sequence
@@ -344,8 +345,8 @@ def _along_grid(
     report = np.concatenate([upper, lower])
     order = np.argsort(level, kind="stable")
     level, side, report = level[order], side[order], report[order]
-    starts = np.flatnonzero(np.diff(level, prepend=-1))
-    for start, stop in zip(starts, [*starts[1:], level.size], strict=True):
+    edges = np.flatnonzero(np.diff(level, prepend=-1, append=-1))  # none where no report is inside
+    for start, stop in itertools.pairwise(edges):
         here, group, above = int(level[start]), report[start:stop], side[start:stop]
         points = cell.points[:, group]
         for row, field in enumerate((model.u[here], model.v[here])):
