@@ -93,7 +93,8 @@ def windows(days: int, *, shortest: int = SHORTEST, most: int = 60) -> NDArray[n
         edges = np.r_[edges, days]
     pairs = [(a, b) for a in edges for b in edges if b - a >= shortest]
     pairs = [(a, b) for a, b in pairs if (a > 0 or b < days) and (a < shortest) <= (a == 0)]
-    return np.array([(a, b) for a, b in pairs if days - b >= shortest or b == days], np.int64)
+    kept = [(a, b) for a, b in pairs if days - b >= shortest or b == days]
+    return np.array(kept, np.int64).reshape(-1, 2)  # a short archive has none
 
 
 def evaluate_step(
