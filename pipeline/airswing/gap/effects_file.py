@@ -15,6 +15,7 @@ the nearest known one.
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -56,6 +57,10 @@ def read_effects(path: Path | str) -> list[ActiveEffect]:
         raise InputError("cannot read the effects", file=path, found=err) from err
     except yaml.YAMLError as err:
         raise InputError("is not YAML", file=path, found=" ".join(str(err).split())) from err
+    if content is None:
+        raise InputError(
+            "holds nothing", file=path, remedy="Write `effects: []` for the perfect instrument"
+        )
     return parse_effects(content, file=path)
 
 
@@ -218,6 +223,8 @@ def _number(parameter: Parameter, value: Any, file: object | None) -> Any:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise InputError("needs a number", file=file, field=parameter.name, found=value)
     if not isinstance(value, str):
+        if not math.isfinite(value):
+            raise InputError("needs a number", file=file, field=parameter.name, found=value)
         return float(value)
     unit = "dimensionless" if parameter.units == "1" else parameter.units
     try:
