@@ -6,6 +6,7 @@ that ``--help`` is quick. Results go to standard output, progress and messages t
 
 from __future__ import annotations
 
+import errno
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +21,11 @@ app = typer.Typer(
 )
 
 _INTERRUPTED = 130
+_NOT_OURS = (
+    errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM,
+    errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.EIO,
+)  # fmt: skip
+"""Faults of the disk or the folders that no code of ours can mend: bad input, not a defect."""
 _USAGE_ERROR: Any = typer.BadParameter.__base__
 """Base of every error in how a command was called (typer does not export it by name)."""
 
@@ -241,4 +247,9 @@ def main() -> None:
         raise SystemExit(_INTERRUPTED) from None
     except AirswingError as err:
         print(f"airswing: {err}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except OSError as err:
+        if err.errno not in _NOT_OURS:
+            raise
+        print(f"airswing: {err.filename or 'a file'}: {err.strerror}", file=sys.stderr)
         raise SystemExit(2) from None

@@ -53,7 +53,11 @@ def _product(path: Path) -> dict[str, Any] | None:
     """Summary of a product of ours, or None for another NetCDF file."""
     import xarray as xr
 
-    with xr.open_dataset(path, engine="netcdf4", decode_timedelta=False) as ds:
+    try:
+        opened = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False)
+    except (OSError, ValueError) as err:
+        raise InputError("not a whole NetCDF file", file=path, found=err) from err
+    with opened as ds:
         if "airswing_version" not in ds.attrs:
             return None
         return {

@@ -282,14 +282,20 @@ def read_product(path: Path, *, chunks: Any = None) -> xr.Dataset:
             "no such product", file=path, remedy="Run the stage that makes it, or `airswing run`"
         )
     try:
+        ds = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False, chunks=chunks)
         if chunks is None:
-            with xr.open_dataset(path, engine="netcdf4", decode_timedelta=False) as ds:
-                return ds.load()
-        return xr.open_dataset(path, engine="netcdf4", decode_timedelta=False, chunks=chunks)
-    except (OSError, ValueError) as err:
+            with ds:
+                ds.load()
+    except (OSError, RuntimeError, ValueError) as err:
         raise InputError(
             "not a product airswing can read", file=path, found=err, remedy="Make it again"
         ) from err
+    if "uuid" not in ds.attrs:
+        raise InputError(
+            "not a product of airswing", file=path, found=ds.attrs.get("title"),
+            remedy="Move it away and run the stage that makes it",
+        )  # fmt: skip
+    return ds
 
 
 def _attribute(value: Any) -> Any:
