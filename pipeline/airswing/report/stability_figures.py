@@ -92,10 +92,17 @@ def _windows(
 
 
 def _dates(axes: Axes, changes: Sequence[Mapping[str, Any]]) -> None:
+    axes.xaxis_date()
     for change in changes:
         low, high = (np.datetime64(day, "D") for day in change["date_ci"])
-        axes.axvspan(low, high + np.timedelta64(1, "D"), color=VERMILION, alpha=0.18, linewidth=0)
-        axes.axvline(np.datetime64(change["date"], "D"), color=VERMILION, linewidth=1.4)
+        end = high + np.timedelta64(1, "D")
+        axes.axvspan(_place(low), _place(end), color=VERMILION, alpha=0.18, linewidth=0)
+        axes.axvline(_place(np.datetime64(change["date"], "D")), color=VERMILION, linewidth=1.4)
+
+
+def _place(day: np.datetime64) -> float:
+    """Place of a day on an axis of dates: days since 1970."""
+    return float(day.astype("datetime64[D]").astype(np.int64))
 
 
 @styled
