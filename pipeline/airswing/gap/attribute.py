@@ -41,6 +41,10 @@ Floats = NDArray[np.float64]
 BASICS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
 
 
+#: Tempered evidence beyond the basics that a dictionary group needs, nats.
+LEAST_NOVELTY = 3.0
+
+
 @dataclass(frozen=True)
 class Rules:
     """Thresholds of the search.
@@ -194,13 +198,30 @@ def rank(
             out.append(evaluate_step(base, given, candidate, allowed=allowed))
         else:
             source = given if candidate.known else novel
-            out.append(evaluate(base.stats, source, candidate, allowed=allowed))
+            score = evaluate(base.stats, source, candidate, allowed=allowed)
+            if not candidate.known:
+                score = _with_whole(base, given, score, allowed)
+            out.append(score)
     return sorted(out, key=lambda s: -s.raw)
+
+
+def _with_whole(
+    base: Base, given: Conditional, beyond_basics: Score, allowed: NDArray[np.bool_]
+) -> Score:
+    """Score of a dictionary group: all it explains where it has something new to say."""
+    new = beyond_basics.tempered
+    if new < LEAST_NOVELTY or beyond_basics.candidate.component == "wind":
+        return replace(beyond_basics, novelty=new)
+    whole = evaluate(base.stats, given, beyond_basics.candidate, allowed=allowed)
+    best = whole if whole.tempered > new else beyond_basics
+    return replace(best, novelty=new)
 
 
 def passes(score: Score, rules: Rules) -> bool:
     """Whether a candidate may enter: tempered evidence and practical size."""
     bound = rules.fleet_evidence if score.candidate.scope == "fleet" else rules.evidence
+    if not score.candidate.known and score.novelty < LEAST_NOVELTY:
+        return False
     return score.tempered > bound and bool(struck(score, rules).size)
 
 
@@ -269,6 +290,7 @@ def search(base: Base, pool: Sequence[Candidate], *, rules: Rules | None = None)
             break
         terms = _merge(terms, enter(best, rules))
         terms = _swap(base, pool, terms, rules)
+    terms = _reassign(base, pool, terms)
     terms = _prune(base, pool, terms, rules)
     rivals = []
     for k in range(len(terms)):
@@ -339,6 +361,46 @@ def _prune(
         terms = [*terms[:k], term, *terms[k + 1 :]]
         k += 1
     return terms
+
+
+def _reassign(base: Base, pool: Sequence[Candidate], terms: list[Term]) -> list[Term]:
+    """Give an aircraft of a term to another effect where that explains it clearly better.
+
+    Aircraft enter a term together; one whose step looks like the others' drift is taken along.
+    """
+    aircraft = len(base.stats.tails)
+    own_pool = [c for c in pool if c.known and c.scope == "aircraft"]
+    for k in range(len(terms)):
+        term = terms[k]
+        if term.candidate.scope == "fleet" or not term.candidate.known or len(term.tails) < 2:
+            continue
+        for a in term.tails:
+            rest = replace(terms[k], tails=tuple(t for t in terms[k].tails if t != a))
+            if not rest.tails:
+                break
+            others = [*terms[:k], rest, *terms[k + 1 :]]
+            given = given_terms(base, others)
+            best, old = _best_for(base, given, own_pool, a, terms[k], aircraft)
+            margin = 3.0 * best.factor
+            if best.aircraft_evidence[a] > old + margin and best.candidate.key != term.candidate.key:
+                terms = _merge(others, Term(best.candidate, (a,), best.period, best))
+    return terms
+
+
+def _best_for(
+    base: Base, given: Conditional, pool: Sequence[Candidate], one: int, term: Term, aircraft: int
+) -> tuple[Score, float]:
+    """Best candidate for one aircraft, and the evidence of the term it is in."""
+    allowed = np.arange(aircraft) == one
+    scores = [
+        evaluate_step(base, given, c, allowed=allowed)
+        if c.kind == "step"
+        else evaluate(base.stats, given, c, allowed=allowed)
+        for c in pool
+    ]
+    best = max(scores, key=lambda s: s.aircraft_evidence[one])
+    own = [s.aircraft_evidence[one] for s in scores if s.candidate.key == term.candidate.key]
+    return best, float(own[0]) if own else 0.0
 
 
 def _prune_tails(

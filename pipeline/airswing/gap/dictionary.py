@@ -31,16 +31,17 @@ Floats = NDArray[np.float64]
 #: Variables whose groups exist, with the number of hats and whether products with the sine and
 #: cosine of the heading are made.
 VARIABLES: dict[str, tuple[int, bool]] = {
-    "altitude": (4, True),
-    "temperature": (4, True),
-    "airspeed": (4, True),
+    "altitude": (3, True),
+    "temperature": (3, True),
+    "airspeed": (3, True),
     "bank": (3, True),
     "acceleration": (3, True),
     "hour": (4, True),
-    "date": (4, True),
+    "date": (3, True),
     "latitude": (3, True),
     "longitude": (3, True),
-    "wind_speed": (4, False),
+    "wind_speed": (3, False),
+    "drift": (3, False),
 }
 
 
@@ -115,6 +116,10 @@ def variable(frame: Any, name: str) -> Floats:
         "latitude": lambda: frame.latitude,
         "longitude": lambda: frame.longitude,
         "wind_speed": lambda: np.hypot(frame.u_ref, frame.v_ref),
+        "drift": lambda: np.degrees(
+            (frame.u_ref * np.cos(frame.heading) - frame.v_ref * np.sin(frame.heading))
+            / np.maximum(frame.airspeed, 30.0)
+        ),
         "phase": lambda: frame.phase.astype(float),
         "icing": lambda: np.where(frame.icing > 0, 1.0, 0.0),
         "magnetic_heading": lambda: np.mod(np.degrees(frame.magnetic_heading), 360.0),
@@ -197,10 +202,11 @@ def _centre(values: Floats) -> tuple[float, float]:
 def _groups(knots: dict[str, Floats], flags: set[str]) -> tuple[Group, ...]:
     out = []
     for component in ("cross", "along"):
-        harmonics = tuple(f"{f}{k}" for k in range(3, 7) for f in ("sin", "cos"))
-        if component == "along":
-            harmonics = ("sin1", "cos1", "sin2", "cos2", *harmonics)
-        out.append(Group(f"{component}:magnetic_heading", component, "magnetic_heading", harmonics))
+        waves = ((3,), (4,), (5, 6)) if component == "cross" else ((1,), (2,), (3, 4))
+        for numbers in waves:
+            labels = tuple(f"{f}{k}" for k in numbers for f in ("sin", "cos"))
+            name = f"{component}:magnetic_heading {'+'.join(map(str, numbers))} cycles"
+            out.append(Group(name, component, "magnetic_heading", labels))
         for name, points in knots.items():
             labels = tuple(f"{x:.4g}" for x in points)
             out.append(Group(f"{component}:{name}", component, name, labels))

@@ -75,6 +75,11 @@ class Candidate:
         """What identifies the candidate."""
         return self.name, self.scope, self.subset
 
+    @property
+    def component(self) -> str:
+        """Component of a dictionary group: cross, along or wind; empty for an effect."""
+        return "" if self.known else self.name.partition(":")[0]
+
 
 @dataclass(frozen=True)
 class Score:
@@ -101,6 +106,8 @@ class Score:
         Day indices (first, one past the last) between which it acts; None: always.
     dates : (A, w) or None
         Log evidence of every window tried, per aircraft.
+    novelty : float
+        Of a dictionary group: tempered evidence beyond what steady sensor errors explain.
     """
 
     candidate: Candidate
@@ -114,6 +121,7 @@ class Score:
     acting: Floats
     period: tuple[int, int] | None = None
     dates: Floats | None = None
+    novelty: float = np.inf
 
 
 def candidates(

@@ -230,12 +230,14 @@ def effect_columns(frame: Any, effect: Any) -> Floats:
     return np.nan_to_num(np.mean(parts, axis=0))
 
 
-def day_of_report(frame: Any) -> tuple[Integers, float]:
+def day_of_report(frame: Any, *, shift: float | None = None) -> tuple[Integers, float]:
     """Day of each report's flight, and the hour at which days start.
 
     Parameters
     ----------
     frame : Frame
+    shift : float, optional
+        Hour UTC at which days start; the quietest when not given.
 
     Returns
     -------
@@ -247,8 +249,9 @@ def day_of_report(frame: Any) -> tuple[Integers, float]:
     numbers, inverse = np.unique(frame.flight, return_inverse=True)
     start = np.full(numbers.size, np.inf)
     np.minimum.at(start, inverse, frame.time)
-    hours = np.bincount((np.mod(start, DAY) // 3600).astype(int), minlength=24)
-    shift = float(np.argmin(hours + np.roll(hours, 1) + np.roll(hours, -1)))
+    if shift is None:
+        hours = np.bincount((np.mod(start, DAY) // 3600).astype(int), minlength=24)
+        shift = float(np.argmin(hours + np.roll(hours, 1) + np.roll(hours, -1)))
     day = np.floor((start - shift * 3600) / DAY).astype(np.int64)
     return day[inverse], shift
 
@@ -292,6 +295,7 @@ def accumulate(
     effects: Mapping[str, Any],
     plan: DictionaryPlan,
     clip: float = 5.0,
+    day_shift: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Statistics:
     """Whiten and sum over all reports of an archive.
@@ -309,6 +313,8 @@ def accumulate(
     plan : DictionaryPlan
     clip : float
         Winsorising bound on the whitened residual about the smooth fit.
+    day_shift : float, optional
+        Hour UTC at which days start; archives to be merged need the same.
     progress : callable, optional
         Called with the fraction done.
 
@@ -316,7 +322,7 @@ def accumulate(
     -------
     Statistics
     """
-    day, shift = day_of_report(frame)
+    day, shift = day_of_report(frame, shift=day_shift)
     days = np.unique(day)
     out = _empty(layout, tuple(frame.tails), days, shift)
     values = clipped_residual(frame, residual, noise=noise, clip=clip)
@@ -406,10 +412,12 @@ def merge_statistics(first: Statistics, second: Statistics) -> Statistics:
     Raises
     ------
     ValueError
-        Layouts or tails differ.
+        Layouts, tails or hours at which days start differ.
     """
-    if first.layout != second.layout or first.tails != second.tails:
-        raise ValueError("statistics of different columns or aircraft cannot be merged")
+    if (first.layout, first.tails, first.day_shift) != (
+        second.layout, second.tails, second.day_shift,
+    ):  # fmt: skip
+        raise ValueError("statistics of different columns, aircraft or days cannot be merged")
     days = np.union1d(first.days, second.days)
     out = _empty(first.layout, first.tails, days, first.day_shift)
     for part in (first, second):

@@ -58,7 +58,9 @@ def assemble(
     for k, term in enumerate(found.terms):
         if not term.candidate.known:
             group = next(g for g in plan.groups if g.name == term.candidate.name)
-            unknown.append(unknown_place(term, found.given, offsets[k], base.stats, group.labels))
+            place = unknown_place(term, found.given, offsets[k], base.stats, group.labels,
+                                  found.rivals[k])  # fmt: skip
+            unknown.append(place)
             continue
         entry = describe_term(term, offsets[k], found, base, effects=effects, frame=frame,
                               reliability=factors)  # fmt: skip

@@ -194,7 +194,8 @@ def ambiguity(term: Term, ranked: Sequence[Score]) -> list[dict[str, Any]]:
 
 
 def unknown_place(
-    term: Term, given: Conditional, start: int, stats: Statistics, labels: Sequence[str]
+    term: Term, given: Conditional, start: int, stats: Statistics, labels: Sequence[str],
+    ranked: Sequence[Score] = (),
 ) -> dict[str, Any]:
     """Where an unknown effect sits: component, variables, aircraft and fitted curve.
 
@@ -208,6 +209,8 @@ def unknown_place(
     stats : Statistics
     labels : sequence of str
         One per column.
+    ranked : sequence of Score
+        All candidates with this term taken out: groups within three cluster factors are named too.
 
     Returns
     -------
@@ -217,7 +220,13 @@ def unknown_place(
     rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
     curve = given.coefficients[start : start + rows * k].reshape(rows, k).mean(axis=0)
     component, _, variable = term.candidate.name.partition(":")
+    variable = variable.split(" ")[0]
+    groups = [s for s in ranked if not s.candidate.known and s.novelty > 0]
+    best = max((s.tempered for s in groups), default=0.0)
+    near = [s.candidate.name for s in sorted(groups, key=lambda s: -s.tempered)
+            if s.tempered > best - 3.0 * term.score.factor]  # fmt: skip
     return {
+        "equally_good": [n for n in dict.fromkeys(near) if n != term.candidate.name],
         "component": component, "variable": variable.removesuffix("*heading"),
         "variables": [variable.removesuffix("*heading")]
         + (["magnetic_heading"] if variable.endswith("*heading") else []),
