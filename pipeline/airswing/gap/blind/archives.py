@@ -20,9 +20,8 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,10 @@ from numpy.typing import NDArray
 
 from airswing.gap.blind.cases import START, Case, World
 from airswing.gap.blind.draws import LADDER, Drawn, scaled
-from airswing.sample.archive import simulate_arrays, write_archive, write_reports
+from airswing.sample import archive
+from airswing.sample.archive import Scenario, simulate_arrays, write_reports
+from airswing.sample.fields import GriddedReference, sample_reference
+from airswing.sample.gribwriter import write_reference
 from airswing.sample.observe import Coding
 
 __all__ = ["Archivist", "disagreement_kt", "strength_of"]
@@ -41,15 +43,29 @@ __all__ = ["Archivist", "disagreement_kt", "strength_of"]
 Array = NDArray[np.float64]
 Effects = Sequence[Mapping[str, Any]]
 KNOT = 1852.0 / 3600.0
-REFERENCES = ("ruc", "rtfdaa")
+EDITIONS = {"ruc": (1, "grb"), "rtfdaa": (2, "grb2")}
+"""Edition and suffix of the references' GRIB files."""
+REFERENCES = tuple(EDITIONS)
 CALIBRATION_DAYS = 5
 _EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
+_COARSE_FIELDS: dict[str, Any] = {
+    "columns": 32, "rows": 25, "spacing_km": 57.0, "interval_hours": 2,
+}  # fmt: skip
+_NO_FIELDS: dict[str, Any] = {
+    "columns": 3, "rows": 3, "spacing_km": 600.0, "levels": (1000, 350), "interval_hours": 6,
+}  # fmt: skip
+"""Options that make the references next to nothing, where only the reports are wanted."""
+_THIN_FIELDS: dict[str, Any] = {
+    "columns": 16, "rows": 12, "spacing_km": 120.0, "interval_hours": 3,
+    "levels": (1000, 900, 800, 700, 600, 500, 400, 350),
+}  # fmt: skip
+"""Options that make the references good enough to measure a strength against."""
 
 
 def generator_options(world: World) -> dict[str, Any]:
     """Return what `simulate_arrays` and `write_archive` are told about a world."""
     kind = "hard" if world.kind == "hard" else "default"
-    return {
+    return (_COARSE_FIELDS if world.coarse else {}) | {
         "days": world.days,
         "aircraft": world.aircraft,
         "seed": world.seed,
@@ -107,7 +123,7 @@ def strength_of(drawn: Drawn, world: World) -> float:
     float
     """
     short = replace(world, days=min(world.days, CALIBRATION_DAYS))
-    options = generator_options(short) | {"coding": _EXACT, "derivatives": False}
+    options = _calibration_options(short)
     bare = _calibration(short)
     changed = simulate_arrays(effects=[_always(drawn, e) for e in drawn.effects], **options)
     change = innovation(changed) - innovation(bare)
@@ -121,8 +137,11 @@ def strength_of(drawn: Drawn, world: World) -> float:
 @functools.lru_cache(maxsize=1)
 def _calibration(short: World) -> pd.DataFrame:
     """Return the short archive without effect that strengths are measured against."""
-    options = generator_options(short) | {"coding": _EXACT, "derivatives": False}
-    return simulate_arrays(effects=[], **options)
+    return simulate_arrays(effects=[], **_calibration_options(short))
+
+
+def _calibration_options(short: World) -> dict[str, Any]:
+    return generator_options(short) | _THIN_FIELDS | {"coding": _EXACT, "derivatives": False}
 
 
 def _always(drawn: Drawn, effect: Mapping[str, Any]) -> dict[str, Any]:
@@ -131,6 +150,50 @@ def _always(drawn: Drawn, effect: Mapping[str, Any]) -> dict[str, Any]:
     if effect["name"] == "tail_swap":
         return {"name": "compass_offset", "tails": out["tails"], "parameters": {}}
     return out
+
+
+@functools.lru_cache(maxsize=2)
+def _fields(world: World, of_reference: str) -> dict[str, GriddedReference]:
+    """Return the gridded references of a world under some effects on them (JSON)."""
+    scenario = Scenario(effects=json.loads(of_reference), **generator_options(world))
+    return archive._simulate(scenario).references
+
+
+def _on_references(effects: Effects) -> str:
+    return json.dumps([dict(e) for e in effects if e["name"].startswith("reference_")])
+
+
+def simulated(world: World, effects: Effects, *, coding: Coding | None = None) -> pd.DataFrame:
+    """Return the reports of a world with the winds of its references.
+
+    The same as `airswing.sample.archive.simulate_arrays`, but the fields are built once for all
+    cases of a world.
+
+    Parameters
+    ----------
+    world : World
+        Seed, size, kind.
+    effects : sequence of mapping
+        See `airswing.sample.faults`.
+    coding : Coding, optional
+        The generator's by default.
+
+    Returns
+    -------
+    pandas.DataFrame
+    """
+    options = generator_options(world) | _NO_FIELDS | {"derivatives": False}
+    frame = simulate_arrays(effects=effects, coding=coding or Coding(), **options)
+    for name, stored in _fields(world, _on_references(effects)).items():
+        wind = sample_reference(
+            stored,
+            frame["latitude"].to_numpy(),
+            frame["longitude"].to_numpy(),
+            frame["pressure"].to_numpy() / 100.0,
+            frame["hours"].to_numpy(),
+        )
+        frame[f"u_{name}"], frame[f"v_{name}"] = wind["u"], wind["v"]
+    return frame
 
 
 @dataclass
@@ -148,7 +211,6 @@ class Archivist:
     root: Path
     real: Path | None = None
     _bare: tuple[World, pd.DataFrame] | None = field(default=None, init=False)
-    _winds: dict[str, Path] = field(default_factory=dict, init=False)
 
     def write(self, case: Case) -> dict[str, Any]:
         """Write one case's archive and return its label.
@@ -213,13 +275,12 @@ class Archivist:
         return {"before": disagreement_kt(made), "after": disagreement_kt(bare)}
 
     def _simulated(self, world: World, effects: Effects) -> pd.DataFrame:
-        options = generator_options(world) | {"derivatives": False}
         if world.kind != "sensor":
-            return simulate_arrays(effects=effects, **options)
+            return simulated(world, effects)
         from airswing.gap.blind.injection import real_sensor, with_real_sensor
 
         silent = Coding(heading_noise=0.0, airspeed_noise=0.0)
-        frame = simulate_arrays(effects=effects, coding=silent, **options)
+        frame = simulated(world, effects, coding=silent)
         return with_real_sensor(frame, real_sensor(self._real() / "heading"), seed=world.seed)
 
     def _without(self, world: World) -> pd.DataFrame:
@@ -229,17 +290,23 @@ class Archivist:
 
     def _winds_of(self, world: World, effects: Effects) -> Path:
         """Return the folder with the fields of a world under the effects on its references."""
-        of_reference = [dict(e) for e in effects if e["name"].startswith("reference_")]
-        key = json.dumps([world.seed, world.kind, world.days, world.aircraft, of_reference])
-        if key not in self._winds:
-            index = hashlib.sha256(key.encode()).hexdigest()[:10]
-            folder = self.root / "winds" / index
-            if (folder / "config.yaml").exists():
-                return folder
-            write_archive(
-                folder, effects=of_reference, times_per_file=6, **generator_options(world)
+        of_reference = _on_references(effects)
+        key = json.dumps([*astuple(world), of_reference])
+        folder = self.root / "winds" / hashlib.sha256(key.encode()).hexdigest()[:10]
+        if (folder / "config.yaml").exists():
+            return folder
+        where, references = str(folder.resolve()), {}
+        for name, stored in _fields(world, of_reference).items():
+            edition, suffix = EDITIONS[name]
+            write_reference(
+                folder / name, stored, start=START, edition=edition, lead_hours=1, times_per_file=6
             )
-            shutil.rmtree(folder / "reports")
-            shutil.rmtree(folder / "truth")
-            self._winds[key] = folder
-        return self._winds[key]
+            references[name] = {"files": f"{where}/{name}/*.{suffix}"}
+        config = {
+            "reports": {"files": ""},
+            "references": references,
+            "pool": {"+".join(references): list(references)},
+            "output": "",
+        }
+        (folder / "config.yaml").write_text(yaml.safe_dump(config, sort_keys=False), "utf-8")
+        return folder

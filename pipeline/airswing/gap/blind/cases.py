@@ -36,7 +36,7 @@ __all__ = ["RUNGS", "Case", "Size", "World", "plan_cases"]
 
 RUNGS: dict[int, float] = {1: 0.4, 2: 0.15, 3: 0.15, 4: 0.2, 5: 0.1}
 """Share of the cases on each rung."""
-CASES_PER_WORLD = 6
+CASES_PER_WORLD = 8
 START = datetime(2009, 3, 1)
 SENSOR_NAMES = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
 """Effects injected into real data: seen in a day, independent of what a G1000 does not record."""
@@ -52,16 +52,19 @@ class Size:
         Length and fleet.
     sizes : tuple of float
         Strengths drawn, m/s.
+    coarse : bool
+        See `World`.
     """
 
     days: int = 45
     aircraft: int = 14
     sizes: tuple[float, ...] = SIZES
+    coarse: bool = False
 
     @classmethod
     def fast(cls) -> Size:
         """A short check: three weeks, eight aircraft, effects that are there to be seen."""
-        return cls(days=21, aircraft=8, sizes=(0.8, 1.6))
+        return cls(days=21, aircraft=8, sizes=(0.8, 1.6), coarse=True)
 
     @property
     def tails(self) -> list[str]:
@@ -82,12 +85,15 @@ class World:
         forecast's).
     days, aircraft : int
         Length and fleet.
+    coarse : bool
+        Fields of 57 km every 2 hours instead of 41 km every hour.
     """
 
     seed: int
     kind: str
     days: int
     aircraft: int
+    coarse: bool = False
 
 
 @dataclass(frozen=True)
@@ -237,7 +243,8 @@ def _world(rung: int, index: int, seed: int, size: Size) -> World:
     if rung == 5:
         kind = "model" if index % 2 else "sensor"
     number = 10_000 * seed + 1000 * rung + index // CASES_PER_WORLD
-    return World(number, kind, 1 if kind == "model" else size.days, size.aircraft)
+    days = 1 if kind == "model" else size.days
+    return World(number, kind, days, size.aircraft, size.coarse)
 
 
 def _draw(name: str, strength: float, rng: np.random.Generator, world: World, size: Size) -> Drawn:
