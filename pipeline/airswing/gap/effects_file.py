@@ -57,10 +57,6 @@ def read_effects(path: Path | str) -> list[ActiveEffect]:
         raise InputError("cannot read the effects", file=path, found=err) from err
     except yaml.YAMLError as err:
         raise InputError("is not YAML", file=path, found=" ".join(str(err).split())) from err
-    if content is None:
-        raise InputError(
-            "holds nothing", file=path, remedy="Write `effects: []` for the perfect instrument"
-        )
     return parse_effects(content, file=path)
 
 
