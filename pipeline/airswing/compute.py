@@ -21,6 +21,7 @@ from airswing.progress import Progress
 
 WORKERS_CODE = "airswing.reference.collocate"
 """What workers run; its source must be the same everywhere."""
+CONNECT_TIMEOUT = "15s"
 
 
 @contextlib.contextmanager
@@ -68,7 +69,7 @@ def _client(compute: Compute, cores: int) -> Iterator[Any]:
         else:
             address = compute.scheduler
         try:
-            client = stack.enter_context(Client(address, timeout="15s"))
+            client = stack.enter_context(Client(address, timeout=CONNECT_TIMEOUT))
         except (OSError, TimeoutError, ValueError) as err:
             raise InputError(
                 "cannot reach the dask scheduler",

@@ -1,0 +1,176 @@
+"""A month's run killed at random moments and continued: the products equal the undisturbed run's.
+
+A sample archive is written to a temporary folder and run once undisturbed. Then runs of the same
+configuration are started anew, killed (SIGKILL) at moments drawn evenly over the undisturbed
+run's time, and continued with ``--resume``, until the asked number of kills is reached; every
+run that comes to its end is compared: each variable of each product bit for bit, their
+attributes apart from identifiers and history, and every other file octet for octet. With
+``--workers`` the work runs in processes, and the victim is drawn among them and the main process.
+
+    python -m benchmarks.fault_drill --kills 20
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+import yaml
+
+COMMAND = [sys.executable, "-m", "airswing", "run"]
+PER_RUN = 4
+"""Kills after which a run is let come to its end."""
+IDENTIFIERS = {"uuid", "source_uuids", "history", "fingerprint", "unscreened_fingerprint"}
+SKIPPED = {".html", ".svg", ".png", ".pdf"}
+"""The page is drawn from the products compared here, and carries their identifiers."""
+
+
+def start(config: Path, *words: str) -> subprocess.Popen[bytes]:
+    """Start the main job in a process of its own."""
+    command = [*COMMAND, str(config), "--quiet", *words]
+    return subprocess.Popen(
+        command, cwd=config.parent, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        env=os.environ | {"AIRSWING_CACHE": str(config.parent / "cache")},
+    )  # fmt: skip
+
+
+def finish(config: Path, *words: str) -> float:
+    """Run to the end; the time it took, s."""
+    began = time.perf_counter()
+    process = start(config, *words)
+    _, message = process.communicate()
+    if process.returncode:
+        raise SystemExit(f"the run failed: {message.decode()[-2000:]}")
+    return time.perf_counter() - began
+
+
+def family(parent: int) -> list[int]:
+    """A process and the worker processes below it (Linux)."""
+    found = [parent]
+    for number in found:
+        for task in Path(f"/proc/{number}/task").glob("*/children"):
+            found += [int(child) for child in task.read_text().split()]
+    return found
+
+
+def kill_at(config: Path, moment: float, pick: random.Random, *words: str) -> str:
+    """Start a run and kill it, or one of its workers, at a moment; say what happened."""
+    process = start(config, *words)
+    try:
+        process.communicate(timeout=moment)
+    except subprocess.TimeoutExpired:
+        victim = pick.choice(family(process.pid))
+        os.kill(victim, signal.SIGKILL)
+        if victim == process.pid:
+            process.communicate()
+            return "killed"
+        _, message = process.communicate()
+        if process.returncode not in (0, 2):
+            raise SystemExit(f"a lost worker is no clear end: {message.decode()[-2000:]}") from None
+        return "worker killed"
+    return "ended before"
+
+
+def files_of(folder: Path) -> set[str]:
+    """Names of everything a run left, hidden files included."""
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+def differences(one: Path, other: Path) -> list[str]:
+    """What differs between the products of two runs."""
+    found = [f"only in one: {name}" for name in sorted(files_of(one) ^ files_of(other))]
+    for name in sorted(files_of(one) & files_of(other)):
+        first, second = one / name, other / name
+        if first.suffix == ".nc":
+            found += [f"{name}: {what}" for what in product_differences(first, second)]
+        elif first.suffix not in SKIPPED and first.read_bytes() != second.read_bytes():
+            found.append(name)
+    return found
+
+
+def product_differences(one: Path, other: Path) -> list[str]:
+    """Variables and attributes that differ between two products."""
+    options = {"engine": "netcdf4", "decode_cf": False}
+    with xr.open_dataset(one, **options) as a, xr.open_dataset(other, **options) as b:
+        if set(a.variables) != set(b.variables):
+            return ["other variables"]
+        found = [
+            str(name)
+            for name in a.variables
+            if a[name].dtype != b[name].dtype
+            or not np.array_equal(a[name].to_numpy(), b[name].to_numpy(),
+                                  equal_nan=a[name].dtype.kind == "f")
+            or not xr.Dataset(attrs=a[name].attrs).identical(xr.Dataset(attrs=b[name].attrs))
+        ]  # fmt: skip
+        keys = (set(a.attrs) | set(b.attrs)) - IDENTIFIERS
+        return found + [f"attribute {key}" for key in keys if a.attrs.get(key) != b.attrs.get(key)]
+
+
+def drill(config: Path, *, kills: int, seed: int, longest: float | None = None) -> dict[str, float]:
+    """Kill, continue and compare until enough kills are done.
+
+    Returns the undisturbed run's time, the number of kills, of compared runs and of differences.
+    """
+    output, pick = Path(yaml.safe_load(config.read_text())["output"]), random.Random(seed)
+    undisturbed = finish(config)
+    truth = output.with_name("undisturbed")
+    output.rename(truth)
+    done = compared = 0
+    wrong: list[str] = []
+    longest = undisturbed if longest is None else longest
+    while done < kills:
+        shutil.rmtree(output, ignore_errors=True)
+        shutil.rmtree(config.parent / "cache", ignore_errors=True)
+        words: tuple[str, ...] = ()
+        for _ in range(min(PER_RUN, kills - done)):
+            moment = pick.uniform(0.0, longest)
+            what = kill_at(config, moment, pick, *words)
+            done += what != "ended before"
+            print(f"kill {done:3d}: {what} at {moment:6.1f} s of {longest:.1f}", flush=True)
+            words = ("--resume",)
+        seconds = finish(config, "--resume")
+        found = differences(truth, output)
+        wrong += found
+        compared += 1
+        print(f"continued to its end in {seconds:.1f} s: {found or 'equal'}", flush=True)
+    return {"seconds": undisturbed, "kills": done, "runs": compared, "differences": len(wrong)}
+
+
+def main() -> None:
+    """Write the archive, drill, and print the outcome."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--days", type=int, default=30)
+    parser.add_argument("--aircraft", type=int, default=6)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    from airswing.sample.archive import write_archive
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_archive(folder, days=options.days, aircraft=options.aircraft, seed=options.seed)
+        config = folder / "config.yaml"
+        content = yaml.safe_load(config.read_text()) | {"compute": {"workers": options.workers}}
+        config.write_text(yaml.safe_dump(content))
+        found = drill(config, kills=options.kills, seed=options.seed)
+    print(
+        f"fault drill: {found['kills']} kills over {found['runs']} runs of {options.days} days "
+        f"({found['seconds']:.0f} s undisturbed): {found['differences']} differences"
+    )
+    if found["differences"]:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()

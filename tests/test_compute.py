@@ -1,0 +1,134 @@
+"""Three places to run, the same results; and a clear end when a place fails."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import dask
+import numpy as np
+import pytest
+
+from airswing import compute
+from airswing.config import Compute
+from airswing.errors import InputError
+from airswing.progress import Progress, Tasks, count_tasks, follow_tasks
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def address():
+    """A scheduler that runs already, with two workers in this process."""
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": False}
+    with distributed.LocalCluster(**options, dashboard_address=None, protocol="tcp://") as cluster:
+        yield cluster.scheduler_address
+
+
+def some_work() -> np.ndarray:
+    import dask.array as da
+
+    values = da.from_array(np.random.default_rng(1).normal(size=1000), chunks=100)
+    return np.asarray(da.sin(values).cumsum(axis=0).compute())
+
+
+def test_an_address_gives_the_same_bits_as_threads(address):
+    progress = Progress(quiet=True)
+    with compute.scheduler(Compute(), progress):
+        here = some_work()
+    with compute.scheduler(Compute(scheduler=address), progress):
+        there = some_work()
+    np.testing.assert_array_equal(here, there)
+    assert progress.threads == 2
+
+
+def test_the_whole_collocation_gives_the_same_bits_at_an_address(address, tmp_path, root):
+    from airswing import workflow
+    from airswing.config import load_config
+
+    path = tmp_path / "config.yaml"
+    path.write_text(
+        f"reports: {{files: {root}/data_samples/reports/*.csv}}\n"
+        f"references: {{ruc: {{files: {root}/data_samples/ruc/*.grb}}}}\n"
+        f"output: {tmp_path}/results\n"
+    )
+    results = []
+    for place in (Compute(threads=2), Compute(scheduler=address)):
+        job = workflow.Job(load_config(path), Progress(quiet=True))
+        with compute.scheduler(place, job.progress):
+            results.append(workflow.make_headings(job))
+    for name in results[0].variables:
+        one, other = (result[name].to_numpy() for result in results)
+        np.testing.assert_array_equal(one, other, str(name))
+
+
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
+    monkeypatch.setattr(compute, "CONNECT_TIMEOUT", "1s")
+    with (
+        pytest.raises(InputError, match=r"cannot reach.*tcp://127\.0\.0\.1:9.*dask scheduler"),
+        compute.scheduler(Compute(scheduler="tcp://127.0.0.1:9"), Progress(quiet=True)),
+    ):
+        pass
+
+
+def test_a_worker_killed_over_and_over_is_one_message():
+    def die() -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        pytest.raises(InputError, match=r"out of memory.*more memory.*--resume"),
+        compute.scheduler(Compute(workers=2, threads=1), Progress(quiet=True)),
+    ):
+        dask.delayed(die)().compute()
+
+
+def test_workers_with_another_airswing_are_refused(address, monkeypatch):
+    monkeypatch.setattr(compute, "code_digest", lambda *names: "another")
+    monkeypatch.setattr(compute, "WORKERS_CODE", "airswing.ragged")
+
+    class Pretend:
+        def run(self, *words: object) -> dict[str, str]:
+            return {"tcp://worker:1": "own"}
+
+    with pytest.raises(InputError, match=r"another version.*worker:1"):
+        compute._require_same_code(Pretend())
+
+
+def test_tasks_are_counted_at_a_scheduler(address):
+    with distributed.Client(address) as client:
+        held = client.compute([dask.delayed(pow)(2, n, pure=False) for n in range(5)])
+        distributed.wait(held)
+        assert client.run_on_scheduler(count_tasks) == (5, 5)
+
+
+def test_tasks_of_local_threads_are_counted():
+    with follow_tasks() as tasks, dask.config.set(scheduler="threads"):
+        some_work()
+    assert tasks.done == tasks.total > 10
+
+
+def test_the_remaining_time_is_that_of_this_stage_and_the_later_ones():
+    from airswing.progress import StageRecord
+
+    progress = Progress(quiet=True, expected={"read": 10.0, "collocate": 50.0, "fit": 20.0})
+    assert progress.remaining("plan", 1.0, Tasks()) is None
+    assert progress.remaining("collocate", 30.0, Tasks()) == pytest.approx(20.0 + 10.0 + 20.0)
+    progress.records.append(StageRecord("read", 20.0))
+    # Reading took twice what was expected, and so will the fit; the tasks tell the rest.
+    left = progress.remaining("collocate", 30.0, Tasks(done=60, total=100))
+    assert left == pytest.approx(20.0 + 40.0)
+
+
+def test_the_accounts_tell_the_share_of_decoding():
+    from airswing.progress import StageRecord
+
+    progress = Progress(quiet=True, threads=2)
+    progress.records += [
+        StageRecord("reports", 1.0, octets=3_000_000, reports=1234),
+        StageRecord("collocate", 3.0, octets=5_000_000, messages=42, reports=1200, decoding=4.0),
+    ]
+    found = progress.accounts()
+    assert found["decoding_share"] == pytest.approx(0.5)
+    text = progress.accounts_text()
+    assert "42" in text and "1,234" in text and "50.0%" in text

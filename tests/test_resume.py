@@ -1,0 +1,213 @@
+"""A killed run goes on to the same products; a change remakes what depends on it and no more."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from benchmarks import fault_drill
+
+from airswing import workflow
+from airswing.config import load_config
+from airswing.errors import InputError
+from airswing.progress import Progress
+from airswing.workspace import LOCK, workspace
+
+STAGES = """
+import sys
+from pathlib import Path
+from airswing import workflow
+from airswing.compute import scheduler
+from airswing.config import load_config
+from airswing.progress import Progress
+from airswing.workspace import workspace
+job = workflow.Job(load_config(Path(sys.argv[1])), Progress(quiet=True), "--resume" in sys.argv)
+with scheduler(job.config.compute, job.progress), workspace(job.output):
+    headings = workflow.make_headings(job)
+    workflow.make_corrected(job, headings, workflow.make_fits(job, headings))
+"""
+"""The stages that write the main products, without the page."""
+
+
+def config_in(folder: Path, root: Path, **changes) -> Path:
+    """Configuration of the shipped sample against one reference, its files copied."""
+    if not (folder / "reports").exists():
+        shutil.copytree(root / "data_samples/reports", folder / "reports")
+        shutil.copytree(root / "data_samples/ruc", folder / "ruc")
+    content = {
+        "reports": {"files": str(folder / "reports/*.csv")},
+        "references": {"ruc": {"files": str(folder / "ruc/*.grb")}},
+        "fit": {"shared_error": False, "harmonics": 1},
+        "output": str(folder / "results"),
+    } | changes
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def job_of(path: Path, *, resume: bool = False) -> workflow.Job:
+    return workflow.Job(load_config(path), Progress(quiet=True), resume)
+
+
+def decoded(job: workflow.Job) -> int:
+    return sum(record.messages for record in job.progress.records)
+
+
+def kill_when(config: Path, reached, *words: str) -> None:
+    """Kill a run as soon as a condition on its output folder holds."""
+    process = fault_drill.start(config, *words)
+    while not reached(config.parent / "results"):
+        assert process.poll() is None, process.communicate()[1].decode()
+        time.sleep(0.002)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+
+
+def test_a_killed_run_goes_on_to_the_same_products(tmp_path, root, monkeypatch):
+    monkeypatch.setattr(fault_drill, "COMMAND", [sys.executable, "-c", STAGES])
+    config = config_in(tmp_path, root)
+    fault_drill.finish(config)
+    truth, output = tmp_path / "undisturbed", tmp_path / "results"
+    output.rename(truth)
+    kill_when(config, lambda folder: len(list(folder.glob(".collocated/*.npy"))) > 20)
+    (output / ".headings.nc.1-abc.part").write_text("half")
+    (output / ".collocated/tmpx.part").write_text("half")
+    left = {path.name for path in output.glob(".collocated/*.npy")}
+    assert left and not (output / workflow.HEADINGS).exists()
+    kill_when(config, lambda folder: (folder / workflow.HEADINGS).exists(), "--resume")
+    fault_drill.finish(config, "--resume")
+    assert fault_drill.differences(truth, output) == []
+
+
+def test_finished_model_times_are_not_read_again(tmp_path, root):
+    config = config_in(tmp_path, root, compute={"keep_samples": True})
+    first = job_of(config)
+    workflow.make_headings(first)
+    some = sorted(first.store.glob("*.npy"))
+    for path in some[: len(some) // 4]:
+        path.unlink()
+    (first.output / workflow.HEADINGS).unlink()
+    second = job_of(config, resume=True)
+    workflow.make_headings(second)
+    assert 0 < decoded(second) < 0.5 * decoded(first)
+
+
+def test_a_changed_screening_keeps_the_model_winds(tmp_path, root, monkeypatch):
+    first = job_of(config_in(tmp_path, root))
+    workflow.make_headings(first)
+    changed = config_in(tmp_path, root, screening={"max_turn": "3 deg"})
+    job = job_of(changed, resume=True)
+    again = workflow.make_headings(job)
+    assert [record.name for record in job.progress.records] == ["screen"]
+    shutil.rmtree(job.output)
+    scratch = workflow.make_headings(job_of(changed))
+    for name in scratch.variables:
+        np.testing.assert_array_equal(again[name].to_numpy(), scratch[name].to_numpy(), str(name))
+    assert set(again.attrs) == set(scratch.attrs)
+
+
+@pytest.mark.parametrize("change", ["report", "reference", "collocation", "code"])
+def test_a_changed_input_option_or_code_is_collocated_anew(tmp_path, root, monkeypatch, change):
+    config = config_in(tmp_path, root)
+    workflow.make_headings(job_of(config))
+    if change == "report":
+        with next((tmp_path / "reports").glob("*.csv")).open("a") as file:
+            file.write("\n")
+    elif change == "reference":
+        sorted((tmp_path / "ruc").iterdir())[0].unlink()
+    elif change == "collocation":
+        config = config_in(tmp_path, root, collocation={"max_time_gap": "2 h"})
+    else:
+        digest = workflow.code_digest
+        monkeypatch.setattr(workflow, "code_digest", lambda *names: f"new {digest(*names)}")
+    job, called = job_of(config, resume=True), []
+
+    def stop(*words, **options):
+        called.append(options)
+        raise InputError("stopped")
+
+    monkeypatch.setattr(workflow, "collocated_headings", stop)
+    with pytest.raises(InputError, match="stopped"):
+        workflow.make_headings(job)
+    assert called
+
+
+def test_code_of_one_stage_leaves_the_others(tmp_path, root, monkeypatch):
+    """What each product depends on, with the code of the fit as it is and changed."""
+    job, marks = job_of(config_in(tmp_path, root)), []
+    headings = workflow.make_headings(job)
+
+    def note(job, name, make, *, depends, **options):
+        marks.append((name, workflow.fingerprint(name, *depends)))
+        raise InputError("noted")
+
+    monkeypatch.setattr(workflow, "_product", note)
+    digest = workflow.code_digest
+    for addition in ("", "new"):
+
+        def changed(*names: str, addition: str = addition) -> str:
+            return digest(*names) + (addition if names == workflow.FITTING else "")
+
+        monkeypatch.setattr(workflow, "code_digest", changed)
+        for stage in (workflow.make_headings, lambda job: workflow.make_fits(job, headings)):
+            with pytest.raises(InputError, match="noted"):
+                stage(job)
+    assert marks[0] == marks[2]
+    assert marks[1][0] == marks[3][0] == workflow.FITS and marks[1] != marks[3]
+
+
+def test_a_month_is_added_at_the_cost_of_its_own_messages(tmp_path, root):
+    """The fits equal those from scratch, bit for bit."""
+    config = config_in(tmp_path, root, compute={"keep_samples": True})
+    later = tmp_path / "later"
+    later.mkdir()
+    for table in (tmp_path / "reports").glob("*.csv"):
+        header, *rows = table.read_text().splitlines(keepends=True)
+        when = header.rstrip("\n").split(",").index("time")
+        new = [row for row in rows if row.split(",")[when] >= "2009-10-10"]
+        table.write_text(header + "".join(row for row in rows if row not in set(new)))
+        (later / table.name).write_text(header + "".join(new))
+    first = job_of(config)
+    workflow.make_headings(first)
+    for table in later.iterdir():
+        table.rename(tmp_path / "reports" / f"later_{table.name}")
+    added = job_of(config, resume=True)
+    grown = workflow.make_fits(added, workflow.make_headings(added))
+    shutil.rmtree(added.output)
+    scratch = job_of(config)
+    whole = workflow.make_fits(scratch, workflow.make_headings(scratch))
+    assert 0 < decoded(added) < 1.1 * (decoded(scratch) - decoded(first)) + 40
+    for name in whole.variables:
+        np.testing.assert_array_equal(grown[name].to_numpy(), whole[name].to_numpy(), str(name))
+
+
+def test_one_run_at_a_time_holds_a_folder(tmp_path):
+    with workspace(tmp_path / "out"):
+        with pytest.raises(InputError, match="another run"), workspace(tmp_path / "out"):
+            pass
+        assert (tmp_path / "out" / LOCK).exists()
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(InputError, match=r"out.*--output"), workspace(tmp_path / "out"):
+        pass
+
+
+def test_a_full_disk_ends_collocation_in_one_message(tmp_path, root, monkeypatch):
+    from airswing.reference import store
+
+    def full(*words: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(store.os, "replace", full)
+    with pytest.raises(InputError, match=r"finished model time.*No space left"):
+        workflow.collocated_headings(job_of(config_in(tmp_path, root)), names=["ruc"])
+    assert not list(tmp_path.rglob("*.part"))
