@@ -194,6 +194,9 @@ def gap_check(
     real: Annotated[
         Path, typer.Option(help="Folder of real data for the fifth rung.", metavar="DIR")
     ] = Path("../shared/real"),
+    rung: Annotated[
+        list[int] | None, typer.Option(help="Rung to play; all by default.", min=1, max=5)
+    ] = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -201,7 +204,14 @@ def gap_check(
     from airswing.gap.blind.command import check_and_report
 
     summary, text = check_and_report(
-        output, cases=cases, seed=seed, fast=fast, workers=workers, real=real, quiet=quiet
+        output,
+        cases=cases,
+        seed=seed,
+        fast=fast,
+        workers=workers,
+        real=real,
+        rungs=rung,
+        quiet=quiet,
     )
     _print(summary, as_json=json, text=text)
 

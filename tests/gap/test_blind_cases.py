@@ -96,9 +96,8 @@ def test_the_generator_takes_every_draw(name):
 
 
 def test_scaling_multiplies_sizes_and_leaves_phases():
-    drawn = Drawn("hard_iron", (
-        {"name": "hard_iron", "tails": None, "parameters": {"amplitude_deg": 1.0, "phase_deg": 40.0}},
-    ))  # fmt: skip
+    parameters = {"amplitude_deg": 1.0, "phase_deg": 40.0}
+    drawn = Drawn("hard_iron", ({"name": "hard_iron", "tails": None, "parameters": parameters},))
     out = scaled(drawn, 2.5).effects[0]["parameters"]
     assert out == {"amplitude_deg": 2.5, "phase_deg": 40.0}
     assert drawn.effects[0]["parameters"]["amplitude_deg"] == 1.0

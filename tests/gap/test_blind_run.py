@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from tests.gap.toy import make_frame
 
 from airswing.errors import InputError
 from airswing.gap.blind import archives, baselines, gap_check
@@ -20,7 +21,6 @@ from airswing.gap.blind.injection import real_sensor, sensor_record, with_real_s
 from airswing.gap.blind.report import as_markdown, short_text, write_reports
 from airswing.gap.blind.sealing import digest_of
 from airswing.sample.archive import simulate_arrays
-from tests.gap.toy import make_frame
 
 TINY = World(3, "default", 3, 3, coarse=True)
 KNOT = 1852.0 / 3600.0

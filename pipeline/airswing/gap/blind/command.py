@@ -5,6 +5,7 @@ Assumes nothing but a folder to write to.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ def check_and_report(
     fast: bool,
     workers: int,
     real: Path | None,
-    quiet: bool,
+    rungs: Sequence[int] | None = None,
+    quiet: bool = False,
 ) -> tuple[dict[str, Any], str]:
     """Run a blind check and write its table, figure and page.
 
@@ -27,7 +29,7 @@ def check_and_report(
     ----------
     output : Path
         Folder for everything.
-    cases, seed, fast, workers, real
+    cases, seed, fast, workers, real, rungs
         See `airswing.gap.blind.run.gap_check`.
     quiet : bool
         Say nothing on the way; the digest is then only in ``sealed.sha256``.
@@ -50,9 +52,17 @@ def check_and_report(
     progress = Progress(quiet=quiet)
     proof = prove_generator(output / "rung_0", seed=seed)
     check = gap_check(
-        output, cases=cases, seed=seed, fast=fast, workers=workers, real=real, say=progress.say
+        output,
+        cases=cases,
+        seed=seed,
+        fast=fast,
+        workers=workers,
+        real=real,
+        rungs=rungs,
+        say=progress.say,
     )
     command = f"airswing gap-check --cases {cases} --seed {seed}" + (" --fast" if fast else "")
+    command += "".join(f" --rung {rung}" for rung in rungs or ())
     page = write_reports(output, check, command=command, proof=proof)
     summary = {"digest": check.digest, "targets": targets(check.scores), "proof": proof,
                "settings": check.settings}  # fmt: skip
