@@ -1,0 +1,387 @@
+"""Archives whose model wind is the true wind: the whole chain must give the deviations back.
+
+Independent of the package: projections by PROJ strings, convergence by finite differences,
+declination straight from ppigrf, GRIB by eccodes. The wind is linear in grid index, ln p and
+time, so that interpolation adds nothing; what is left is how well fixes tell the ground velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import airswing  # noqa: F401  (pyproj before eccodes)
+
+# isort: split
+import eccodes
+import numpy as np
+import pandas as pd
+import ppigrf
+import pyproj
+
+START = datetime(2009, 2, 27)
+LEVELS = (600, 500, 400, 300)
+STEPS = tuple(range(0, 51, 3))
+DEVIATIONS = {"S1": (1.5, 4.0, -2.0), "S2": (-2.0, -3.0, 3.5), "S3": (0.5, 0.0, 6.0)}
+"""A, B, C in degrees of the three aircraft."""
+KNOT = 1852 / 3600
+GEOD = pyproj.Geod(ellps="WGS84")
+
+
+@dataclass(frozen=True)
+class Place:
+    """A model grid: what eccodes is told, and how PROJ places it."""
+
+    name: str
+    keys: dict[str, Any]
+    size: tuple[int, int]
+    step: tuple[float, float]
+    first: tuple[float, float]  # longitude, latitude of the first point
+    crs: str | None = None
+    edition: int = 2
+    sample: str = "regular_ll_pl_grib1"
+    periodic: bool = False
+    along_grid: bool = True
+    extra: dict[str, Any] = field(default_factory=dict)
+
+    def _plane(self) -> pyproj.Transformer:
+        return pyproj.Transformer.from_crs(
+            pyproj.CRS(self.crs).geodetic_crs, pyproj.CRS(self.crs), always_xy=True
+        )
+
+    def plane(self, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates in the units of ``step``, from the first grid point."""
+        lon, lat = np.asarray(lon, float), np.asarray(lat, float)
+        if self.crs is None:
+            return (lon - self.first[0]) % 360.0, lat - self.first[1]
+        turn = self._plane()
+        x, y = turn.transform(lon, lat)
+        x0, y0 = turn.transform(*self.first)
+        return np.asarray(x) - x0, np.asarray(y) - y0
+
+    def index(self, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
+        x, y = self.plane(lon, lat)
+        return x / self.step[0], y / self.step[1]
+
+    def position(self, i: Any, j: Any) -> tuple[np.ndarray, np.ndarray]:
+        x, y = np.asarray(i) * self.step[0], np.asarray(j) * self.step[1]
+        if self.crs is None:
+            return self.first[0] + x, self.first[1] + y
+        turn = self._plane()
+        x0, y0 = turn.transform(*self.first)
+        return turn.transform(x + x0, y + y0, direction="INVERSE")
+
+    def to_earth(self, u: Any, v: Any, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
+        """True east and north components of a wind held as the message says."""
+        if self.crs is None or not self.along_grid:
+            return u, v
+        small = 1e-5
+        turn = self._plane()
+        x, y = turn.transform(lon, lat)
+        x2, y2 = turn.transform(lon, np.asarray(lat) + small)
+        angle = np.arctan2(x2 - x, y2 - y)  # of north in the plane, clockwise from +y
+        return u * np.cos(angle) - v * np.sin(angle), u * np.sin(angle) + v * np.cos(angle)
+
+    def wind(self, i: Any, j: Any, lnp: Any, hours: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Components as the messages hold them."""
+        x, y = np.asarray(i) / self.size[0] - 0.5, np.asarray(j) / self.size[1] - 0.5
+        if self.periodic:  # linear between grid points, and the last joins the first
+            knots = np.arange(self.size[0] + 1)
+            wave = 0.3 * np.sin(2 * np.pi * knots / self.size[0] * 3)
+            x = np.interp(np.asarray(i) % self.size[0], knots, wave)
+        z, t = np.asarray(lnp) - np.log(45000.0), np.asarray(hours) / 48 - 0.5
+        u = 14 + 16 * x - 9 * y - 8 * z + 6 * t + 5 * x * y
+        v = -6 + 11 * x + 14 * y + 5 * z - 8 * t
+        return u, v
+
+
+def message(place: Place, values: np.ndarray, *, u: bool, level: int, step: int,
+            pascals: bool = False, lead: int = 0) -> int:  # fmt: skip
+    """Handle of one message; the caller releases it."""
+    sample = "GRIB2" if place.edition == 2 else place.sample
+    handle = eccodes.codes_grib_new_from_samples(sample)
+    base = START + timedelta(hours=step - lead)
+    keys: dict[str, Any] = {"centre": 7, **place.keys}
+    if place.edition == 1:
+        keys |= {"table2Version": 2, "indicatorOfParameter": 33 if u else 34}
+    else:
+        keys |= {"discipline": 0, "parameterCategory": 2, "parameterNumber": 2 if u else 3}
+    for key, value in keys.items():
+        eccodes.codes_set(handle, key, value)
+    eccodes.codes_set(handle, "typeOfLevel", "isobaricInPa" if pascals else "isobaricInhPa")
+    eccodes.codes_set(handle, "level", level * 100 if pascals else level)
+    eccodes.codes_set(handle, "dataDate", int(base.strftime("%Y%m%d")))
+    eccodes.codes_set(handle, "dataTime", base.hour * 100)
+    eccodes.codes_set(handle, "endStep", lead)
+    for key, value in place.extra.items():
+        eccodes.codes_set(handle, key, value)
+    eccodes.codes_set(handle, "bitsPerValue", 20)
+    eccodes.codes_set_values(handle, values.ravel())
+    return handle
+
+
+def write_model(place: Place, folder: Path, *, layout: str = "pairs",
+                levels: Sequence[int] = LEVELS, pascals: bool = False,
+                steps: Sequence[int] = STEPS, lead: int = 0) -> None:  # fmt: skip
+    """Write one file a valid time. ``layout``: pairs, blocks, apart (u and v files) or multi."""
+    folder.mkdir(parents=True, exist_ok=True)
+    i, j = np.meshgrid(np.arange(place.size[0]), np.arange(place.size[1]))
+    for step in steps:
+        handles = []
+        for level in levels:
+            both = place.wind(i, j, np.log(level * 100.0), step)
+            handles.append([
+                message(place, part, u=first, level=level, step=step, pascals=pascals, lead=lead)
+                for part, first in zip(both, (True, False), strict=True)
+            ])  # fmt: skip
+        if layout == "multi":
+            with open(folder / f"m{step:03d}.grib2", "wb") as sink:
+                for pair in handles:
+                    multi = eccodes.codes_grib_multi_new()
+                    eccodes.codes_grib_multi_append(pair[0], 0, multi)
+                    eccodes.codes_grib_multi_append(pair[1], 4, multi)
+                    eccodes.codes_grib_multi_write(multi, sink)
+                    eccodes.codes_grib_multi_release(multi)
+        else:
+            coded = [[eccodes.codes_get_message(one) for one in pair] for pair in handles]
+            us, vs = (b"".join(column) for column in zip(*coded, strict=True))
+            if layout == "apart":
+                (folder / f"u{step:03d}.grb").write_bytes(us)
+                (folder / f"v{step:03d}.grb").write_bytes(vs)
+            elif layout == "blocks":
+                (folder / f"b{step:03d}.grb").write_bytes(vs + us)
+            else:
+                (folder / f"p{step:03d}.grb").write_bytes(b"".join(b"".join(p) for p in coded))
+        for pair in handles:
+            for one in pair:
+                eccodes.codes_release(one)
+
+
+def pressure_of(feet: np.ndarray) -> np.ndarray:
+    """ICAO troposphere, Pa."""
+    return 101325.0 * (1 - 0.0065 * feet * 0.3048 / 288.15) ** 5.255876
+
+
+def fly(place: Place, *, deviations: dict[str, tuple[float, float, float]] = DEVIATIONS,
+        flights: int = 26, reports: int = 12, seconds: int = 180,
+        seed: int = 1) -> pd.DataFrame:  # fmt: skip
+    """Reports of aircraft with known deviation that fly straight through the model's own wind."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for tail, (a, b, c) in deviations.items():
+        for flight in range(flights):
+            i, j = (rng.uniform(0.35, 0.65) * (n - 1) for n in place.size)
+            if place.periodic:
+                i = rng.uniform(-2, 2)
+            lon0, lat0 = (float(x) for x in place.position(i, j))
+            azimuth, speed = rng.uniform(0, 360), rng.uniform(110, 150)
+            begin = START + timedelta(
+                seconds=round((flight + rng.uniform(0, 0.5)) * 47 * 3600 / flights)
+            )
+            distance = speed * seconds * np.arange(reports)
+            lon, lat, back = GEOD.fwd(
+                np.full(reports, lon0), np.full(reports, lat0), np.full(reports, azimuth), distance
+            )
+            track = np.radians(np.asarray(back) + 180.0)
+            feet = np.full(reports, rng.uniform(15500, 28500).__round__(-1))
+            hours = (begin - START).total_seconds() / 3600 + seconds * np.arange(reports) / 3600
+            held = place.wind(*place.index(lon, lat), np.log(pressure_of(feet)), hours)
+            u, v = place.to_earth(*held, lon, lat)
+            ground = speed * np.sin(track), speed * np.cos(track)
+            air = ground[0] - u, ground[1] - v
+            airspeed, true_heading = np.hypot(*air), np.arctan2(*air)
+            east, north, _ = ppigrf.igrf(lon, lat, feet * 0.3048e-3, begin)
+            declination = np.arctan2(east[0], north[0])
+            shown = true_heading.copy()
+            for _ in range(60):
+                m = shown - declination
+                shown = true_heading + np.radians(a + b * np.sin(m) + c * np.cos(m))
+            u_said = ground[0] - airspeed * np.sin(shown)
+            v_said = ground[1] - airspeed * np.cos(shown)
+            for k in range(reports):
+                rows.append({
+                    "tail": tail, "time": begin + timedelta(seconds=seconds * k),
+                    "latitude": lat[k], "longitude": lon[k], "pressure_altitude_ft": feet[k],
+                    "wind_direction_deg": np.degrees(np.arctan2(-u_said[k], -v_said[k])) % 360,
+                    "wind_speed_kt": np.hypot(u_said[k], v_said[k]) / KNOT,
+                    "phase": "cruise", "flight": f"{tail}-{flight}",
+                })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def write_reports(table: pd.DataFrame, path: Path, **options: Any) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    ready = table.copy()
+    if "time" in ready and ready["time"].dtype.kind == "M":
+        ready["time"] = ready["time"].dt.strftime("%Y-%m-%dT%H:%M:%SZ")
+    ready.to_csv(path, index=False, **options)
+    return path
+
+
+_LL = {"iScansNegatively": 0, "jScansPositively": 1, "uvRelativeToGrid": 0}
+_SPHERE1, _SPHERE2 = "+R=6367470 +no_defs", "+R=6371229 +no_defs"
+
+
+def _degrees(name: str, first: tuple[float, float], size: tuple[int, int],
+             step: tuple[float, float], **more: Any) -> Place:  # fmt: skip
+    keys = {
+        "gridType": "regular_ll", "Ni": size[0], "Nj": size[1],
+        "latitudeOfFirstGridPointInDegrees": first[1],
+        "longitudeOfFirstGridPointInDegrees": first[0] % 360,
+        "latitudeOfLastGridPointInDegrees": first[1] + step[1] * (size[1] - 1),
+        "longitudeOfLastGridPointInDegrees": (first[0] + step[0] * (size[0] - 1)) % 360,
+        "iDirectionIncrementInDegrees": abs(step[0]), "jDirectionIncrementInDegrees": abs(step[1]),
+        **_LL, "jScansPositively": int(step[1] > 0),
+    }  # fmt: skip
+    return Place(name, keys, size, step, first, along_grid=False, **more)
+
+
+def _lambert(name: str, first: tuple[float, float], lov: float, latins: tuple[float, float],
+             *, size: tuple[int, int] = (33, 29), metres: int = 90000, edition: int = 2,
+             along: bool = True) -> Place:  # fmt: skip
+    sphere = _SPHERE1 if edition == 1 else _SPHERE2
+    south = latins[0] < 0
+    keys = {
+        "gridType": "lambert", "Nx": size[0], "Ny": size[1],
+        "latitudeOfFirstGridPointInDegrees": first[1],
+        "longitudeOfFirstGridPointInDegrees": first[0] % 360,
+        "LoVInDegrees": lov % 360, "Latin1InDegrees": latins[0], "Latin2InDegrees": latins[1],
+        "DxInMetres": metres, "DyInMetres": metres, "projectionCentreFlag": 128 * south,
+        "iScansNegatively": 0, "jScansPositively": 1, "uvRelativeToGrid": int(along),
+    }  # fmt: skip
+    if edition == 2:
+        keys |= {"LaDInDegrees": latins[0], "shapeOfTheEarth": 6}
+    crs = (
+        f"+proj=lcc +lat_1={latins[0]} +lat_2={latins[1]} +lat_0={latins[0]} +lon_0={lov} {sphere}"
+    )
+    return Place(name, keys, size, (metres, metres), first, crs, edition, along_grid=along)
+
+
+def _polar(name: str, first: tuple[float, float], lov: float, *, south: bool = False,
+           edition: int = 2) -> Place:  # fmt: skip
+    size, metres = (31, 27), 100000
+    keys = {
+        "gridType": "polar_stereographic", "Nx": size[0], "Ny": size[1],
+        "latitudeOfFirstGridPointInDegrees": first[1],
+        "longitudeOfFirstGridPointInDegrees": first[0] % 360,
+        "orientationOfTheGridInDegrees": lov % 360, "DxInMetres": metres, "DyInMetres": metres,
+        "projectionCentreFlag": 128 * south, "iScansNegatively": 0, "jScansPositively": 1,
+        "resolutionAndComponentFlags": 8,
+    }  # fmt: skip
+    sign = -1 if south else 1
+    if edition == 2:
+        keys |= {"LaDInDegrees": 60.0 * sign, "shapeOfTheEarth": 6}
+    crs = (f"+proj=stere +lat_0={90 * sign} +lat_ts={60 * sign} +lon_0={lov} "
+           f"{_SPHERE1 if edition == 1 else _SPHERE2}")  # fmt: skip
+    return Place(name, keys, size, (metres, metres), first, crs, edition,
+                 sample="polar_stereographic_pl_grib1")  # fmt: skip
+
+
+def _mercator(name: str, first: tuple[float, float], last: tuple[float, float], true: float,
+              *, size: tuple[int, int] = (29, 25), metres: int = 110000,
+              edition: int = 2) -> Place:  # fmt: skip
+    keys = {
+        "gridType": "mercator", "Ni": size[0], "Nj": size[1],
+        "latitudeOfFirstGridPointInDegrees": first[1],
+        "longitudeOfFirstGridPointInDegrees": first[0] % 360,
+        "latitudeOfLastGridPointInDegrees": last[1],
+        "longitudeOfLastGridPointInDegrees": last[0] % 360,
+        "DiInMetres": metres, "DjInMetres": metres, "LaDInDegrees": true,
+        "iScansNegatively": 0, "jScansPositively": 1, "uvRelativeToGrid": 1,
+    }  # fmt: skip
+    if edition == 2:
+        keys["shapeOfTheEarth"] = 6
+    middle = first[0] + 15.0
+    crs = f"+proj=merc +lat_ts={abs(true)} +lon_0={middle} {_SPHERE1 if edition == 1 else _SPHERE2}"
+    return Place(name, keys, size, (metres, metres), first, crs, edition)
+
+
+def _rotated(name: str, corner: tuple[float, float], pole: tuple[float, float], *,
+             edition: int = 2) -> Place:  # fmt: skip
+    """Corner in rotated degrees; pole is the southern pole's (longitude, latitude)."""
+    size, step = (31, 27), 1.0
+    keys = {
+        "gridType": "rotated_ll", "Ni": size[0], "Nj": size[1],
+        "latitudeOfFirstGridPointInDegrees": corner[1],
+        "longitudeOfFirstGridPointInDegrees": corner[0] % 360,
+        "latitudeOfLastGridPointInDegrees": corner[1] + step * (size[1] - 1),
+        "longitudeOfLastGridPointInDegrees": (corner[0] + step * (size[0] - 1)) % 360,
+        "iDirectionIncrementInDegrees": step, "jDirectionIncrementInDegrees": step,
+        "latitudeOfSouthernPoleInDegrees": pole[1],
+        "longitudeOfSouthernPoleInDegrees": pole[0] % 360, "angleOfRotationInDegrees": 0.0,
+        **_LL, "uvRelativeToGrid": 1,
+    }  # fmt: skip
+    crs = f"+proj=ob_tran +o_proj=eqc +o_lat_p={-pole[1]} +o_lon_p=0 +lon_0={pole[0]} {_SPHERE2}"
+    return _RotatedPlace(name, keys, size, (step, step), corner, crs, edition,
+                         sample="rotated_ll_pl_grib1")  # fmt: skip
+
+
+class _RotatedPlace(Place):
+    """Rotated degrees by the rotation matrix of the pole; PROJ's own naming of it varies."""
+
+    def _turn(self) -> np.ndarray:
+        lat = np.radians(self.keys["latitudeOfSouthernPoleInDegrees"])
+        lon = np.radians(self.keys["longitudeOfSouthernPoleInDegrees"])
+        theta = np.pi / 2 + lat
+        about_z = np.array(
+            [[np.cos(lon), np.sin(lon), 0], [-np.sin(lon), np.cos(lon), 0], [0, 0, 1]]
+        )
+        about_y = np.array(
+            [[np.cos(theta), 0, np.sin(theta)], [0, 1, 0], [-np.sin(theta), 0, np.cos(theta)]]
+        )
+        return about_y @ about_z
+
+    @staticmethod
+    def _vector(lon: Any, lat: Any) -> np.ndarray:
+        lon, lat = np.radians(lon), np.radians(lat)
+        return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+
+    def plane(self, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
+        x, y, z = np.tensordot(self._turn(), self._vector(lon, lat), 1)
+        rlon, rlat = np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z))
+        return (rlon - self.first[0] + 180) % 360 - 180, rlat - self.first[1]
+
+    def position(self, i: Any, j: Any) -> tuple[np.ndarray, np.ndarray]:
+        rotated = self._vector(
+            self.first[0] + np.asarray(i) * self.step[0],
+            self.first[1] + np.asarray(j) * self.step[1],
+        )
+        x, y, z = np.tensordot(self._turn().T, rotated, 1)
+        return np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z))
+
+    def to_earth(self, u: Any, v: Any, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
+        small = 1e-4
+        x, y = self.plane(lon, lat)
+        x2, y2 = self.plane(lon, np.asarray(lat) + small)
+        angle = np.arctan2((x2 - x) * np.cos(np.radians(y + self.first[1])), y2 - y)
+        return u * np.cos(angle) - v * np.sin(angle), u * np.sin(angle) + v * np.cos(angle)
+
+
+PLACES = {
+    place.name: place
+    for place in (
+        _lambert("ruc_grib1", (233.862, 16.281), 265.0, (25.0, 25.0), metres=162546, edition=1,
+                 size=(37, 28)),
+        _lambert("ruc_grib2_earth_relative", (240.0, 22.5), 265.0, (25.0, 25.0), along=False),
+        _lambert("australia_lambert_secant", (130.0, -45.0), 145.0, (-20.0, -45.0)),
+        _lambert("alaska_lambert_across_180", (165.0, 42.0), 190.0, (50.0, 65.0)),
+        _degrees("fiji_0_360", (165.0, -30.0), (31, 25), (1.0, 1.0)),
+        _degrees("fiji_grib1_north_to_south", (165.0, -5.0), (31, 25), (1.0, -1.0), edition=1),
+        _degrees("alaska_minus180", (-200.0, 50.0), (41, 23), (1.0, 1.0)),
+        _degrees("greenwich_global", (0.0, 30.0), (180, 31), (2.0, 1.0), periodic=True),
+        _degrees("greenwich_global_grib1", (0.0, 60.0), (144, 21), (2.5, -1.5), periodic=True,
+                 edition=1),
+        _rotated("europe_rotated", (-15.0, -13.0), (10.0, -40.0)),
+        _rotated("newzealand_rotated", (-15.0, -13.0), (-5.0, 45.0)),
+        _rotated("europe_rotated_grib1", (-15.0, -13.0), (10.0, -40.0), edition=1),
+        _polar("canada_polar", (235.0, 40.0), 255.0),
+        _polar("canada_polar_grib1", (235.0, 40.0), 255.0, edition=1),
+        _polar("southern_polar", (20.0, -60.0), 0.0, south=True),
+        _mercator("hawaii_mercator", (185.0, 8.0), (216.0, 35.0), 20.0),
+        _mercator("fiji_mercator_across_180", (165.0, -32.0), (195.0, -8.0), -20.0),
+        _mercator("mercator_grib1", (185.0, 8.0), (216.0, 35.0), 20.0, edition=1),
+    )
+}  # fmt: skip

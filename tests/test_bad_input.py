@@ -1,0 +1,312 @@
+"""Bad input, by the command itself: one clear message, the status, earlier products intact.
+
+Each case runs ``airswing.cli.main`` in this process on a small archive of its own; any exception
+but the exit is a defect and fails the test.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+import yaml
+
+from airswing import cli
+from tests import perfect
+
+Change = Callable[[pd.DataFrame], pd.DataFrame]
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory) -> Path:
+    """Reports and two sets of model files, and the products of one run over them."""
+    folder = tmp_path_factory.mktemp("archive")
+    place = perfect.PLACES["ruc_grib1"]
+    perfect.write_model(place, folder / "model")
+    perfect.write_model(place, folder / "later", lead=3)
+    perfect.write_reports(perfect.fly(place, flights=18), folder / "r.csv")
+    path = configure(folder, folder)
+    for stage in ("collocate", "fit"):
+        assert call(stage, path) == 0
+    return folder
+
+
+def configure(archive: Path, folder: Path, **changes: Any) -> Path:
+    content: dict[str, Any] = {
+        "reports": {"files": str(archive / "r.csv")},
+        "references": {"model": {"files": str(archive / "model/*")}},
+        "output": str(folder / "out"),
+    }
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump(content | changes))
+    return path
+
+
+def call(*words: object) -> int:
+    """Run the command here; its exit status."""
+    before, sys.argv = sys.argv, ["airswing", *map(str, words)]
+    try:
+        cli.main()
+    except SystemExit as ended:
+        return int(ended.code or 0)
+    finally:
+        sys.argv = before
+    return 0
+
+
+def refused(capsys, *words: object, says: tuple[str, ...]) -> None:
+    """One message, with these words, status 2 and nothing half-written."""
+    capsys.readouterr()
+    assert call(*words) == 2
+    out, err = capsys.readouterr()
+    lines = [line for line in err.splitlines() if line.startswith("airswing: ")]
+    assert len(lines) == 1, err
+    assert err.strip().endswith(lines[0])
+    assert out == ""
+    assert all(word in lines[0] for word in says), lines[0]
+    folder = Path(str(words[1])).parent
+    assert not [*folder.rglob("*.part")]
+
+
+def with_products(archive: Path, folder: Path) -> dict[str, str]:
+    shutil.copytree(archive / "out", folder / "out")
+    return digests(folder / "out")
+
+
+def digests(folder: Path) -> dict[str, str]:
+    files = [path for path in folder.rglob("*.nc") if path.is_file()]
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+TABLES: dict[str, tuple[Change, tuple[str, ...]]] = {
+    "missing column": (
+        lambda t: t.drop(columns="wind_speed_kt"),
+        ("r.csv", "wind_speed_kt", "required column is missing", "reports.columns"),
+    ),
+    "no overlap in time": (
+        lambda t: t.assign(time=t["time"].str.replace("2009", "2013")),
+        ("no overlap in time", "2013-02-27", "2009-03-01", "references.model"),
+    ),
+    "no overlap in space": (
+        lambda t: t.assign(latitude=-t["latitude"]),
+        ("no overlap in space", "model latitude"),
+    ),
+    "all above the model": (
+        lambda t: t.assign(pressure_altitude_ft=45000),
+        ("between the model's levels",),
+    ),
+    "all rolled": (lambda t: t.assign(roll_flag="B"), ("screening", "roll 648", "648 reports")),
+    "no wind": (lambda t: t.assign(wind_speed_kt=np.nan), ("missing_wind 648",)),
+    "one report": (lambda t: t.iloc[:1], ("no_ground_vector 1",)),
+    "american dates": (
+        lambda t: t.assign(time="02/27/2009 12:00:00"),
+        ("unparsable_time", "02/27/2009 12:00:00", "ISO 8601"),
+    ),
+    "decimal commas": (
+        lambda t: t.assign(latitude=t["latitude"].map("{:.4f}".format).str.replace(".", ",")),
+        ("missing_position", "latitude such as", "decimal point"),
+    ),
+    "header alone": (lambda t: t.iloc[:0], ("r.csv", "has a header but no reports")),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_reports_that_cannot_be_used(archive, tmp_path, capsys, name):
+    change, says = TABLES[name]
+    table = pd.read_csv(archive / "r.csv", dtype={"tail": str})
+    perfect.write_reports(change(table), tmp_path / "r.csv")
+    path = configure(archive, tmp_path, reports={"files": str(tmp_path / "r.csv")})
+    before = with_products(archive, tmp_path)
+    refused(capsys, "collocate", path, says=says)
+    assert digests(tmp_path / "out") == before
+
+
+CONFIGURATIONS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
+    "wrong unit": (
+        {"reports": {"files": "r.csv", "columns": {"ff": {"name": "wind_speed_kt", "unit": "kg"}}}},
+        ("reports.columns.ff", "kg", "m/s"),
+    ),
+    "empty glob": ({"reports": {"files": "none/*.csv"}}, ("reports.files", "none/*.csv")),
+    "empty model glob": (
+        {"references": {"model": {"files": "none/*"}}},
+        ("references.model.files", "none/*"),
+    ),
+    "a folder": ({"references": {"model": {"files": "."}}}, ("is a folder", "Name the files")),
+    "NAM in a pool": (
+        {
+            "references": {"ruc": {"files": "a"}, "NAM": {"files": "b"}},
+            "pool": {"both": ["ruc", "NAM"]},
+        },
+        ("pool.both", "'NAM'", "never_pool"),
+    ),
+    "no workers": ({"compute": {"workers": 0}}, ("compute.workers:", "greater than", "0")),
+    "no table resolution": ({"table": {"resolution": "0 deg"}}, ("table.resolution", "0")),
+    "time gap below nothing": (
+        {"collocation": {"max_time_gap": "-3 h"}},
+        ("collocation.max_time_gap", "greater than 0"),
+    ),
+    "output in a file": ({"output": "config.yaml/out"}, ("config.yaml/out", "output")),
+}
+
+
+@pytest.mark.parametrize("name", CONFIGURATIONS)
+def test_configurations_that_cannot_be_used(archive, tmp_path, capsys, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    changes, says = CONFIGURATIONS[name]
+    shutil.copy(archive / "r.csv", tmp_path / "r.csv")
+    refused(capsys, "run", configure(archive, tmp_path, **changes), says=says)
+
+
+def spoiled(archive: Path, folder: Path, spoil: Callable[[Path], Any]) -> Path:
+    shutil.copytree(archive / "model", folder / "model")
+    spoil(folder / "model")
+    return configure(archive, folder, references={"model": {"files": str(folder / "model/*")}})
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (lambda m: (m / "p012.grb").write_bytes(b"\x93x" * 9000), "no whole GRIB message"),
+        (lambda m: (m / "p012.grb").write_bytes(b""), "no whole GRIB message"),
+        (lambda m: (m / "p012.grb").write_bytes((m / "p012.grb").read_bytes()[:7000]), "truncated"),
+        (lambda m: (m / "readme.txt").write_text("hello"), "no whole GRIB message"),
+    ],
+    ids=["garbage", "empty", "truncated", "text"],
+)
+def test_a_bad_model_file_among_good_ones_is_counted_and_named(archive, tmp_path, spoil, reason):
+    path = spoiled(archive, tmp_path, spoil)
+    assert call("collocate", path, "--quiet") == 0
+    with xr.open_dataset(tmp_path / "out/headings.nc") as headings:
+        audit = json.loads(headings.attrs["reference_audit"])["model"]
+    assert len(audit["skipped"]) == 1
+    assert reason in audit["skipped"][0]["reason"]
+    assert Path(audit["skipped"][0]["file"]).name in ("p012.grb", "readme.txt")
+
+
+def test_a_link_that_leads_nowhere_is_passed_by(archive, tmp_path):
+    path = spoiled(archive, tmp_path, lambda m: (m / "x.grb").symlink_to(m / "absent"))
+    assert call("collocate", path, "--quiet") == 0
+
+
+def test_two_files_of_the_same_time_say_which_is_used(archive, tmp_path):
+    path = spoiled(archive, tmp_path, lambda m: shutil.copy(m / "p012.grb", m / "z012.grb"))
+    assert call("collocate", path, "--quiet") == 0
+    with xr.open_dataset(tmp_path / "out/headings.nc") as headings:
+        notes = json.loads(headings.attrs["reference_audit"])["model"]["notes"]
+    assert len(notes) == 1
+    assert "z012.grb is used" in notes[0] and "p012.grb" in notes[0]
+
+
+GROUPS = {
+    "start": "2009-02-28", "before_start": "2009-02-27", "corrected": ["S1"],
+    "controls": ["S2", "S3"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"corrected": ["N999"]}, ("N999", "S1, S2, S3")),
+        ({"controls": ["S1", "S2"]}, ("field_test", "both groups: S1")),
+        ({"start": "2010-06-01"}, ("field_test", "during")),
+        ({"start": "2008-06-01", "before_start": "2008-01-01"}, ("field_test", "before")),
+    ],
+    ids=["unknown aircraft", "overlapping", "empty during", "empty before"],
+)
+def test_field_tests_that_cannot_be_evaluated(archive, tmp_path, capsys, changes, says):
+    with_products(archive, tmp_path)
+    path = configure(archive, tmp_path, field_test=GROUPS | changes)
+    refused(capsys, "evaluate", path, says=says)
+
+
+def test_one_reference_cannot_be_compared(archive, tmp_path, capsys):
+    with_products(archive, tmp_path)
+    refused(capsys, "compare", configure(archive, tmp_path), says=("references", "two"))
+
+
+@pytest.mark.parametrize("content", [b"x" * 300, b"\x89HDF\r\n\x1a\njunk", None])
+def test_a_product_that_is_none(archive, tmp_path, capsys, real, content):
+    with_products(archive, tmp_path)
+    place = tmp_path / "out/headings.nc"
+    if content is None:
+        shutil.copyfile(real("reports/acars_19990209_14z.nc"), place)
+    else:
+        place.write_bytes(content)
+    refused(capsys, "fit", configure(archive, tmp_path), says=("headings.nc", "not a product"))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("- {name: hard_irn, tails: all, parameters: {}}", ("hard_irn", "hard_iron")),
+        (
+            "- {name: hard_iron, tails: all, parameters: {amplitude_rad: 3, phase_deg: 1}}",
+            ("amplitude_rad", "amplitude_deg"),
+        ),
+        (
+            "- {name: hard_iron, tails: all, parameters: {amplitude_deg: 3 mile, phase_deg: 1}}",
+            ("amplitude_deg", "3 mile", "degree"),
+        ),
+        (
+            "- {name: hard_iron, tails: all, parameters: {amplitude_deg: .nan, phase_deg: 1}}",
+            ("amplitude_deg", "nan"),
+        ),
+        ("- {name: heater_current, tails: all, parameters: {offset_deg: 3}}", ("no icing",)),
+        ("- {name: hard_iron, tails: [ZZ], parameters: {amplitude_deg: 3, phase_deg: 1}}", ("ZZ",)),
+    ],
+    ids=["effect", "parameter", "unit", "not a number", "no icing column", "aircraft"],
+)
+def test_effects_that_cannot_be_simulated(archive, tmp_path, capsys, text, says):
+    (tmp_path / "effects.yaml").write_text(text)
+    path = configure(archive, tmp_path)
+    words = ("-o", tmp_path / "s.csv", "--effects", tmp_path / "effects.yaml")
+    refused(capsys, "simulate", path, *words, says=says)
+    assert not (tmp_path / "s.csv").exists()
+
+
+def test_one_flight_is_too_little_for_a_diagnosis(archive, tmp_path, capsys):
+    table = pd.read_csv(archive / "r.csv", dtype={"tail": str})
+    perfect.write_reports(table[table["flight"] == "S1-3"], tmp_path / "r.csv")
+    path = configure(archive, tmp_path, reports={"files": str(tmp_path / "r.csv")})
+    refused(capsys, "gap", path, says=("too few reports", "1 flights"))
+
+
+def test_a_disk_full_midway_leaves_the_earlier_products(archive, tmp_path):
+    before = with_products(archive, tmp_path)
+    path = configure(archive, tmp_path)
+    limit = 60_000  # bytes a file may have: less than headings.nc
+
+    def narrow() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    done = subprocess.run(
+        [sys.executable, "-m", "airswing", "run", str(path)],
+        preexec_fn=narrow, capture_output=True, text=True, timeout=240, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "headings.nc" in done.stderr.splitlines()[-1]
+    assert digests(tmp_path / "out") == before
+    assert not [*tmp_path.rglob("*.part")]
+
+
+@pytest.mark.parametrize("content", [b"\x89HDF\r\n\x1a\njunk", b"GRIB" + b"x" * 500, b""])
+def test_inspect_says_what_it_cannot_read(tmp_path, capsys, content):
+    (tmp_path / "file").write_bytes(content)
+    refused(capsys, "inspect", tmp_path / "file", says=(str(tmp_path / "file"),))
+
+
+def test_a_sample_where_no_folder_can_be(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    refused(capsys, "sample", tmp_path / "file" / "sub", says=(str(tmp_path / "file"),))

@@ -1,0 +1,146 @@
+"""The whole chain gives known deviations back when the model wind is the true wind.
+
+Every grid, hemisphere and layout of files through the public stages, against the independent
+writer of ``tests/perfect.py``. Only the fixes' resolution stands between truth and fit, so the
+tolerances are hundredths of a degree where a sign, a rotation or a date out of place costs tenths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+import yaml
+
+from airswing import workflow
+from airswing.config import load_config
+from airswing.progress import Progress
+from tests import perfect
+
+
+def fitted(folder: Path, table: pd.DataFrame, **reports: Any) -> xr.Dataset:
+    """Fits of the archive in a folder whose model is written."""
+    perfect.write_reports(table, folder / "reports" / "r.csv")
+    content = {
+        "reports": {"files": str(folder / "reports/*.csv"), **reports},
+        "references": {"model": {"files": str(folder / "model/*")}},
+        "output": str(folder / "out"),
+    }
+    (folder / "config.yaml").write_text(yaml.safe_dump(content))
+    job = workflow.Job(load_config(folder / "config.yaml"), Progress(quiet=True))
+    headings = workflow.make_headings(job)
+    assert int((headings["screening"] == 0).sum()) > 0.9 * len(table.drop_duplicates())
+    return workflow.make_fits(job, headings)
+
+
+def assert_found(fits: xr.Dataset, tolerance: float, names: Callable[[str], str] = str) -> None:
+    for tail in fits["aircraft"].to_numpy():
+        found = fits["deviation"].sel(reference="model", aircraft=tail).to_numpy()
+        wanted = [*perfect.DEVIATIONS[names(str(tail))], 0.0, 0.0]
+        np.testing.assert_allclose(found, wanted, atol=tolerance, err_msg=str(tail))
+    assert (fits["status"] == 0).all()
+    assert np.abs(fits["reference_bias"]).max() < 0.2 * tolerance + 0.005
+    assert np.abs(fits["airspeed_scale"]).max() < 1e-3
+
+
+@pytest.mark.parametrize("name", perfect.PLACES)
+def test_deviations_come_back_on_every_grid(tmp_path, name):
+    place = perfect.PLACES[name]
+    perfect.write_model(place, tmp_path / "model")
+    assert_found(fitted(tmp_path, perfect.fly(place, flights=18)), 0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("ruc_grib1", {"layout": "blocks"}),
+        ("fiji_0_360", {"layout": "apart"}),
+        ("canada_polar", {"layout": "multi"}),
+        ("europe_rotated", {"levels": perfect.LEVELS[::-1], "pascals": True}),
+        ("ruc_grib1", {"levels": (400, 600, 300, 500), "lead": 6}),
+    ],
+)
+def test_deviations_come_back_however_the_files_are_laid_out(tmp_path, name, options):
+    place = perfect.PLACES[name]
+    perfect.write_model(place, tmp_path / "model", **options)
+    assert_found(fitted(tmp_path, perfect.fly(place, flights=18)), 0.01)
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory) -> tuple[Path, pd.DataFrame]:
+    """A model across the antimeridian, and what was flown through it."""
+    folder = tmp_path_factory.mktemp("alaska")
+    place = perfect.PLACES["alaska_minus180"]
+    perfect.write_model(place, folder / "model")
+    return folder, perfect.fly(place)
+
+
+def tenth_of_a_minute(table: pd.DataFrame) -> pd.DataFrame:
+    rounded = {name: (table[name] * 600).round() / 600 for name in ("latitude", "longitude")}
+    return table.assign(**rounded)
+
+
+def pressures(table: pd.DataFrame) -> pd.DataFrame:
+    feet = table["pressure_altitude_ft"].to_numpy()
+    return table.drop(columns="pressure_altitude_ft").assign(
+        pressure_hPa=perfect.pressure_of(feet) / 100
+    )
+
+
+def whole_units(table: pd.DataFrame) -> pd.DataFrame:
+    names = ("wind_direction_deg", "wind_speed_kt")
+    return table.assign(**{name: table[name].round() for name in names})
+
+
+@pytest.mark.parametrize(
+    ("change", "tolerance"),
+    [
+        (tenth_of_a_minute, 0.02),
+        (lambda table: table.assign(longitude=table["longitude"] % 360), 0.01),
+        (pressures, 0.01),
+        (whole_units, 0.06),
+        (lambda table: table.drop(columns=["phase", "flight"]), 0.01),
+        (lambda table: pd.concat([table, table.iloc[::3]]).sample(frac=1, random_state=1), 0.01),
+    ],
+    ids=["0.1 arcmin", "0..360", "pressure", "whole degrees and knots", "bare", "shuffled twice"],
+)
+def test_deviations_come_back_from_the_reports_as_they_come(flown, tmp_path, change, tolerance):
+    folder, table = flown
+    (tmp_path / "model").symlink_to(folder / "model")
+    assert_found(fitted(tmp_path, change(table)), tolerance)
+
+
+def test_units_and_names_of_the_user_are_mapped(flown, tmp_path):
+    folder, table = flown
+    (tmp_path / "model").symlink_to(folder / "model")
+    theirs = table.assign(
+        z=table["pressure_altitude_ft"] * 0.3048, ff=table["wind_speed_kt"] * perfect.KNOT
+    ).drop(columns=["pressure_altitude_ft", "wind_speed_kt"])
+    columns = {
+        "z": {"name": "pressure_altitude_ft", "unit": "m"},
+        "ff": {"name": "wind_speed_kt", "unit": "m/s"},
+    }
+    assert_found(fitted(tmp_path, theirs, columns=columns), 0.01)
+
+
+def test_times_cut_to_the_minute_shrink_no_coefficient_by_a_twentieth(tmp_path):
+    place = perfect.PLACES["ruc_grib1"]
+    perfect.write_model(place, tmp_path / "model")
+    table = perfect.fly(place, flights=50, reports=10, seconds=200)
+    cut = tenth_of_a_minute(table.assign(time=table["time"].dt.floor("min")))
+    assert_found(fitted(tmp_path, cut), 0.2)
+
+
+def test_identifiers_that_look_like_numbers_or_blanks_stay_text(flown, tmp_path):
+    folder, table = flown
+    (tmp_path / "model").symlink_to(folder / "model")
+    odd = {"S1": "NA", "S2": "007", "S3": "1e5"}
+    fits = fitted(tmp_path, table.assign(tail=table["tail"].map(odd)))
+    known = {name: tail for tail, name in odd.items()}
+    assert sorted(fits["aircraft"].to_numpy()) == sorted(known)
+    assert_found(fits, 0.01, known.__getitem__)
