@@ -273,3 +273,13 @@ def test_the_classifier_needs_a_difference():
     assert not baselines.classifier(noise)["detected"]
     assert baselines.classifier(turned)["area"] > baselines.classifier(noise)["area"] + 0.1
     assert baselines.classifier(shifted)["names"] == []
+
+
+def test_gross_errors_stay_in_the_twin(tmp_path):
+    pair = (drawn("outliers", None, fraction=0.04), drawn("tas_offset", None, offset_m_s=1.0))
+    archivist = Archivist(tmp_path)
+    alone = archivist.write(Case("case_1", 1, "single", TINY, pair[:1], (0.8,)))
+    both = archivist.write(Case("case_2", 3, "pair", TINY, pair, (0.8, 3.0)))
+    assert alone["closure"]["before"] == alone["closure"]["after"]
+    assert both["closure"]["after"] == pytest.approx(alone["closure"]["after"], rel=1e-9)
+    assert both["closure"]["before"] > both["closure"]["after"] + 0.3
