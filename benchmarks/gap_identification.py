@@ -45,7 +45,12 @@ UNIT_SIZE: dict[str, dict[str, float]] = {
     "heading_by_crosswind": {"fraction": 0.12},
 }  # fmt: skip
 OUTSIDE = tuple(UNIT_SIZE)[16:]
-FLEET = {"declination_error", "reference_speed_bias", "reference_time_offset", "reference_grid_relative"}
+FLEET = {
+    "declination_error",
+    "reference_speed_bias",
+    "reference_time_offset",
+    "reference_grid_relative",
+}
 MOMENTS = {"wind_coding", "position_coding", "outliers", "tail_swap"}
 
 
@@ -70,8 +75,14 @@ def frame_of(table: Any, reference: str = "ruc", seed: int = 0) -> Frame:
     air = ground - np.stack([column("u"), column("v")], -1)
     heading = np.arctan2(air[:, 0], air[:, 1])
     seconds = table["time"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
-    flight = np.unique(table["tail"].astype(str) + "_" + table["flight"].astype(str), return_inverse=True)[1]
-    gradients = {f"{q}{x}": column(f"{q}{x}_{reference}") for q in ("du", "dv") for x in ("dt", "dlnp", "dx", "dy")}
+    flight = np.unique(
+        table["tail"].astype(str) + "_" + table["flight"].astype(str), return_inverse=True
+    )[1]
+    gradients = {
+        f"{q}{x}": column(f"{q}{x}_{reference}")
+        for q in ("du", "dv")
+        for x in ("dt", "dlnp", "dx", "dy")
+    }
     unknown = np.full(len(names), np.nan)
     frame = Frame(
         tails=names, epoch=float(seconds.min()), reference_field=float(np.median(column("horizontal"))),
@@ -93,11 +104,15 @@ def frame_of(table: Any, reference: str = "ruc", seed: int = 0) -> Frame:
     return frame.take(np.flatnonzero(good))
 
 
-def draw_effect(rng: np.random.Generator, name: str, size: float, tails: list[str], days: int) -> dict[str, Any]:
+def draw_effect(
+    rng: np.random.Generator, name: str, size: float, tails: list[str], days: int
+) -> dict[str, Any]:
     """One effect of about this rms (m/s) where it acts, on drawn aircraft, from a drawn date."""
     values: dict[str, Any] = {k: v * size for k, v in UNIT_SIZE.get(name, {}).items()}
     sign = float(rng.choice([-1, 1]))
-    chosen: list[str] | None = sorted(rng.choice(tails, int(rng.choice([1, 1, 2, 3])), replace=False).tolist())
+    chosen: list[str] | None = sorted(
+        rng.choice(tails, int(rng.choice([1, 1, 2, 3])), replace=False).tolist()
+    )
     period = None
     for key in values:
         if key != "amplitude_deg":
@@ -146,7 +161,9 @@ def true_size(frame: Frame, clean: Any) -> float | None:
     return float(np.sqrt((change[there] ** 2).sum(axis=1).mean())) if there.any() else 0.0
 
 
-def run_case(case: dict[str, Any], days: int, aircraft: int, world: str, cleans: dict[int, Any]) -> dict[str, Any]:
+def run_case(
+    case: dict[str, Any], days: int, aircraft: int, world: str, cleans: dict[int, Any]
+) -> dict[str, Any]:
     """Simulate, diagnose and record one case."""
     seed = case["archive_seed"]
     options = {"days": days, "aircraft": aircraft, "seed": seed, "world": world}
@@ -179,24 +196,34 @@ def score(lines: list[dict[str, Any]]) -> str:
     for case in lines:
         key = case["effects"][0]["name"] if case["kind"] in ("single", "outside") else case["kind"]
         rows[(case["kind"], key)].append(case)
-    out.append(f"{'kind':8s}{'effect':26s}{'n':>4s}{'found':>7s}{'first':>7s}{'set':>7s}{'tailsP':>8s}{'tailsR':>8s}{'extra':>7s}{'par%':>7s}{'close':>7s}")
+    out.append(
+        f"{'kind':8s}{'effect':26s}{'n':>4s}{'found':>7s}{'first':>7s}{'set':>7s}{'tailsP':>8s}{'tailsR':>8s}{'extra':>7s}{'par%':>7s}{'close':>7s}"
+    )
     totals: dict[str, list[float]] = defaultdict(list)
     for (kind, key), cases in sorted(rows.items()):
         stats = [score_case(c) for c in cases]
+
         def mean(name: str, stats: list[dict[str, Any]] = stats) -> str:
             values = [s[name] for s in stats if s.get(name) is not None]
             return f"{np.mean(values):.2f}" if values else "-"
+
         def median(name: str, stats: list[dict[str, Any]] = stats) -> str:
             values = [s[name] for s in stats if s.get(name) is not None]
             return f"{np.median(values):.2f}" if values else "-"
-        out.append(f"{kind:8s}{key:26s}{len(cases):4d}{mean('found'):>7s}{mean('first'):>7s}{mean('set'):>7s}"
-                   f"{mean('precision'):>8s}{mean('recall'):>8s}{mean('extra'):>7s}{median('parameter'):>7s}{median('closure'):>7s}")
+
+        out.append(
+            f"{kind:8s}{key:26s}{len(cases):4d}{mean('found'):>7s}{mean('first'):>7s}{mean('set'):>7s}"
+            f"{mean('precision'):>8s}{mean('recall'):>8s}{mean('extra'):>7s}{median('parameter'):>7s}{median('closure'):>7s}"
+        )
         for s in stats:
             for name, value in s.items():
                 if value is not None:
                     totals[f"{kind}:{name}"].append(value)
     out.append("")
-    out += [f"{k}: mean {np.mean(v):.3f} median {np.median(v):.3f} (n={len(v)})" for k, v in sorted(totals.items())]
+    out += [
+        f"{k}: mean {np.mean(v):.3f} median {np.median(v):.3f} (n={len(v)})"
+        for k, v in sorted(totals.items())
+    ]
     return "\n".join(out)
 
 
@@ -225,18 +252,25 @@ def score_case(case: dict[str, Any]) -> dict[str, Any]:
     out["extra"] = float(len(set(names) - {true["name"]}) + len(case["unknown"]) > 0)
     if case["true_after"] is not None:
         out["closure"] = abs(case["closure"]["after"] - case["true_after"])
-        out["covered"] = float(case["closure"]["ci"][0] <= case["true_after"] <= case["closure"]["ci"][1])
+        out["covered"] = float(
+            case["closure"]["ci"][0] <= case["true_after"] <= case["closure"]["ci"][1]
+        )
     if out["first"]:
         mine = found[0]
         if true["tails"]:
             hit = set(mine["tails"]) & set(true["tails"])
-            out["precision"], out["recall"] = len(hit) / len(mine["tails"]), len(hit) / len(true["tails"])
+            out["precision"], out["recall"] = (
+                len(hit) / len(mine["tails"]),
+                len(hit) / len(true["tails"]),
+            )
         key = next(k for k in true["parameters"] if k in mine["parameters"] and mine["parameters"][k] is not None
                    and k not in ("phase_deg", "above_hPa", "epoch_year"))  # fmt: skip
         value = true["parameters"][key]
         out["parameter"] = abs(mine["parameters"][key] - value) / abs(value) * 100
         if true["period"] and mine["period"] and mine["period"][0]:
-            out["days"] = abs((np.datetime64(mine["period"][0]) - np.datetime64(true["period"][0])).astype(int))
+            out["days"] = abs(
+                (np.datetime64(mine["period"][0]) - np.datetime64(true["period"][0])).astype(int)
+            )
     return out
 
 

@@ -19,9 +19,10 @@ from airswing.gap.measure import (
     eliminate_days,
     fit_included,
 )
-from airswing.gap.noise import fit_noise
-from airswing.gap.statistics import accumulate, build_columns, day_of_report, make_layout, merge_statistics
-from airswing.gap.whitening import whiten
+from airswing.gap.noise import NoiseFit, fit_noise
+from airswing.gap.layout import build_columns, make_layout
+from airswing.gap.statistics import accumulate, day_of_report, merge_statistics
+from airswing.gap.whitening import flight_order, take_gains, whiten
 
 EFFECTS = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "tas_scale")}
 
@@ -47,8 +48,12 @@ def made():
 
 def _dense(made):
     frame, noise, plan, layout, _ = made
-    columns = whiten(build_columns(frame, layout, EFFECTS, plan).astype(float), noise.order, noise.gains)
-    return columns.reshape(-1, layout.size), whiten(frame.residual, noise.order, noise.gains).reshape(-1)
+    columns = whiten(
+        build_columns(frame, layout, EFFECTS, plan).astype(float), noise.order, noise.gains
+    )
+    return columns.reshape(-1, layout.size), whiten(
+        frame.residual, noise.order, noise.gains
+    ).reshape(-1)
 
 
 def test_sums_equal_dense_products(made):
@@ -56,7 +61,9 @@ def test_sums_equal_dense_products(made):
     x, r = _dense(made)
     scale = np.sqrt((x**2).sum(0)) + 1e-9
     total = stats.week_gram.sum(axis=(0, 1))
-    np.testing.assert_allclose(total / np.outer(scale, scale), x.T @ x / np.outer(scale, scale), atol=2e-5)
+    np.testing.assert_allclose(
+        total / np.outer(scale, scale), x.T @ x / np.outer(scale, scale), atol=2e-5
+    )
     np.testing.assert_allclose(stats.day_score.sum(axis=(0, 1)) / scale, x.T @ r / scale, atol=2e-3)
     assert stats.day_count.sum() == (made[1].gains.weight > 0).sum()
     assert stats.day_gram.shape[-1] == layout.core
@@ -83,7 +90,11 @@ def test_day_fields_and_conditioning_equal_dense_mixed_model(made):
     first = np.zeros_like(ones)
     first[1, 3:] = 1.0
     hard = layout.columns("hard_iron")
-    included = [*climatology(base), Included(int(hard[0]), first, 1e-3), Included(int(hard[1]), ones, 1e-3)]
+    included = [
+        *climatology(base),
+        Included(int(hard[0]), first, 1e-3),
+        Included(int(hard[1]), ones, 1e-3),
+    ]
     dense = [x[:, j.column] * j.weights[aircraft, day] for j in included]
     m = np.stack(dense, -1)
     g = m.T @ out(m) + np.diag([j.precision for j in included])
@@ -96,7 +107,9 @@ def test_day_fields_and_conditioning_equal_dense_mixed_model(made):
     score = own @ out(r) - (own @ out(m)) @ expected
     j = layout.columns("compass_offset")[0]
     assert given.gram[2, j, j] == pytest.approx(information, rel=1e-3)
-    assert given.score[2, :, j].sum() == pytest.approx(score, rel=5e-3, abs=0.05 * np.sqrt(information))
+    assert given.score[2, :, j].sum() == pytest.approx(
+        score, rel=5e-3, abs=0.05 * np.sqrt(information)
+    )
 
 
 def test_merging_two_periods_equals_one_pass(made):
@@ -106,10 +119,8 @@ def test_merging_two_periods_equals_one_pass(made):
     for keep in (days < np.median(days), days >= np.median(days)):
         index = np.flatnonzero(keep)
         part = frame.take(index)
-        from airswing.gap.noise import NoiseFit
-        from airswing.gap.whitening import flight_order, take_gains
-
-        own = NoiseFit(noise.model, flight_order(part.flight, part.time), take_gains(noise.gains, index),
+        order = flight_order(part.flight, part.time)
+        own = NoiseFit(noise.model, order, take_gains(noise.gains, index),
                        noise.distance_km, noise.autocovariance, noise.autocovariance_model,
                        noise.pair_count, noise.gross[index])  # fmt: skip
         parts.append(

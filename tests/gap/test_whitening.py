@@ -22,10 +22,14 @@ def test_one_flight_equals_cholesky_whitening():
     position = np.cumsum(rng.uniform(5, 60, 12))
     order = flight_order(np.zeros(12, int), np.arange(12.0))
     decay = np.exp(-_steps(position) / 150)
-    gains = kalman_gains(order, decay, np.ones(12), np.ones(12, bool), correlated_sd=2.3, white_sd=0.9)
+    gains = kalman_gains(
+        order, decay, np.ones(12), np.ones(12, bool), correlated_sd=2.3, white_sd=0.9
+    )
     values = rng.normal(size=(12, 3))
     factor = np.linalg.cholesky(_covariance(position, signal=2.3, white=0.9, length=150))
-    np.testing.assert_allclose(whiten(values, order, gains), np.linalg.solve(factor, values), atol=1e-12)
+    np.testing.assert_allclose(
+        whiten(values, order, gains), np.linalg.solve(factor, values), atol=1e-12
+    )
 
 
 def test_masked_report_equals_whitening_without_it():
@@ -52,7 +56,9 @@ def test_flights_do_not_touch_each_other_whatever_their_order():
     assert sorted(order.index) == list(range(11))
     assert list(np.diff(order.starts)) == [3, 2, 2, 2, 1, 1]
     decay = np.full(11, 0.8)
-    gains = kalman_gains(order, decay, np.ones(11), np.ones(11, bool), correlated_sd=2.0, white_sd=1.0)
+    gains = kalman_gains(
+        order, decay, np.ones(11), np.ones(11, bool), correlated_sd=2.0, white_sd=1.0
+    )
     values = rng.normal(size=(11, 2))
     whole = whiten(values, order, gains)
     for number in (7, 3, 9):
@@ -68,7 +74,9 @@ def test_level_factor_divides_out():
     values = np.arange(5.0)[:, None]
     one = kalman_gains(order, decay, np.ones(5), keep, correlated_sd=2.0, white_sd=1.0)
     two = kalman_gains(order, decay, level, keep, correlated_sd=2.0, white_sd=1.0)
-    np.testing.assert_allclose(whiten(values * level[:, None], order, two), whiten(values, order, one))
+    np.testing.assert_allclose(
+        whiten(values * level[:, None], order, two), whiten(values, order, one)
+    )
 
 
 def test_flight_steps_by_hand():

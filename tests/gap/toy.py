@@ -133,7 +133,9 @@ def _frame(
     rng = np.random.default_rng(1)
     zeros = np.zeros(n)
     phase = context["phase"]
-    acceleration = np.where(phase == 1, 0.15, np.where(phase == 3, -0.15, 0)) + rng.normal(0, 0.03, n)
+    acceleration = np.where(phase == 1, 0.15, np.where(phase == 3, -0.15, 0)) + rng.normal(
+        0, 0.03, n
+    )
     smooth = {name: rng.normal(0, s, n) for name, s in (("dudt", 2e-4), ("dvdt", 2e-4),
               ("dudx", 2e-5), ("dvdx", 2e-5), ("dudy", 2e-5), ("dvdy", 2e-5))}  # fmt: skip
     per_aircraft = np.full(aircraft, np.nan)

@@ -45,6 +45,10 @@ BASICS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
 LEAST_NOVELTY = 3.0
 
 
+#: Prior log odds against an effect that changes in time where a steady one does, nats.
+CHANGE_PENALTY = 3.0
+
+
 @dataclass(frozen=True)
 class Rules:
     """Thresholds of the search.
@@ -168,7 +172,10 @@ def all_columns(base: Base, terms: Sequence[Term]) -> list[Included]:
 
 
 def rank(
-    base: Base, given: Conditional, pool: Sequence[Candidate], taken: dict[tuple[str, str], set[int]]
+    base: Base,
+    given: Conditional,
+    pool: Sequence[Candidate],
+    taken: dict[tuple[str, str], set[int]],
 ) -> list[Score]:
     """Evaluate all candidates, best raw evidence first.
 
@@ -232,7 +239,9 @@ def struck(score: Score, rules: Rules) -> NDArray[np.int64]:
     under a fiftieth of the largest wait until it is conditioned on.
     """
     if score.candidate.scope == "fleet":
-        return np.arange(score.posterior.size) if score.size.max() > rules.size else np.zeros(0, int)
+        return (
+            np.arange(score.posterior.size) if score.size.max() > rules.size else np.zeros(0, int)
+        )
     ok = (score.posterior > 0.5) & (score.size > rules.size)
     ok &= score.aircraft_evidence > 0.02 * score.aircraft_evidence.max(initial=0.0)
     return np.flatnonzero(ok)
@@ -251,7 +260,10 @@ def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
     Score or None
     """
     passing = [s for s in ranked if passes(s, rules)]
-    known = [s for s in passing if s.candidate.known]
+    known = sorted(
+        (s for s in passing if s.candidate.known),
+        key=lambda s: -(s.raw - CHANGE_PENALTY * (s.candidate.kind in ("step", "drift"))),
+    )
     unknown = sorted((s for s in passing if not s.candidate.known), key=lambda s: -s.tempered)
     best = known[0] if known else None
     if unknown:
@@ -283,7 +295,12 @@ def search(base: Base, pool: Sequence[Candidate], *, rules: Rules | None = None)
     """
     rules = rules or Rules()
     terms: list[Term] = []
+    seen = set()
     for _ in range(rules.most_terms):
+        state = frozenset((t.candidate.key, t.tails, t.period) for t in terms)
+        if state in seen:
+            break
+        seen.add(state)
         given = given_terms(base, terms)
         best = choose(rank(base, given, pool, _taken(terms)), rules)
         if best is None:
@@ -317,30 +334,27 @@ def _merge(terms: Sequence[Term], new: Term) -> list[Term]:
     return [*terms, new]
 
 
-def _swap(
-    base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rules
-) -> list[Term]:
+def _swap(base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rules) -> list[Term]:
     """Take every earlier term out in turn; where another explains its share better, exchange."""
-    if len(terms) < 2:
-        return terms
-    for k in range(len(terms)):
+    k = 0
+    while len(terms) > 1 and k < len(terms):
         others = terms[:k] + terms[k + 1 :]
         best = choose(rank(base, given_terms(base, others), pool, _taken(others)), rules)
         if best is None:
-            return _swap(base, pool, others, rules)
+            terms = others
+            continue
         new = enter(best, rules)
         if new.candidate.key != terms[k].candidate.key or new.period != terms[k].period:
             merged = _merge(others, new)
-            if len(merged) == len(terms):
-                terms = [*terms[:k], new, *terms[k + 1 :]]
-            else:
-                return merged
+            if len(merged) < len(terms):
+                terms = merged
+                continue
+            terms = [*terms[:k], new, *terms[k + 1 :]]
+        k += 1
     return terms
 
 
-def _prune(
-    base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rules
-) -> list[Term]:
+def _prune(base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rules) -> list[Term]:
     """Drop terms, and aircraft of terms, that do not stand given all the others."""
     k = 0
     while k < len(terms):
@@ -382,7 +396,10 @@ def _reassign(base: Base, pool: Sequence[Candidate], terms: list[Term]) -> list[
             given = given_terms(base, others)
             best, old = _best_for(base, given, own_pool, a, terms[k], aircraft)
             margin = 3.0 * best.factor
-            if best.aircraft_evidence[a] > old + margin and best.candidate.key != term.candidate.key:
+            if (
+                best.aircraft_evidence[a] > old + margin
+                and best.candidate.key != term.candidate.key
+            ):
                 terms = _merge(others, Term(best.candidate, (a,), best.period, best))
     return terms
 

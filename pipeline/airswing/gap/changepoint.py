@@ -16,13 +16,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.clusters import aircraft_factor
 from airswing.gap.evidence import (
     AIRCRAFT_ALLOWANCE,
     RAW_FACTOR,
     SCALE_GRID,
     Candidate,
     Score,
-    aircraft_factor,
     allowance_covariance,
     gaussian_evidence,
     log_mean,
@@ -35,6 +35,8 @@ Floats = NDArray[np.float64]
 
 #: Shortest period tried, days with reports.
 SHORTEST = 3
+#: What a period must explain beyond the same effect lasting: log evidence, and part of its own.
+GAIN, GAIN_SHARE = 5.0, 0.04
 #: Prior probability that a change ends again before the archive does.
 ENDING = 0.2
 
@@ -74,7 +76,9 @@ def _week_share(base: Base) -> Floats:
     """Share of each day in its week's reports, per aircraft, (A, D)."""
     stats = base.stats
     week = stats.week_of_day
-    total = np.stack([stats.day_count[:, week == w].sum(axis=1) for w in range(stats.weeks.size)], 1)
+    total = np.stack(
+        [stats.day_count[:, week == w].sum(axis=1) for w in range(stats.weeks.size)], 1
+    )
     return np.asarray(stats.day_count / np.maximum(total[:, week], 1e-9))
 
 
@@ -98,7 +102,11 @@ def windows(days: int, *, shortest: int = SHORTEST, most: int = 60) -> NDArray[n
 
 
 def evaluate_step(
-    base: Base, given: Conditional, candidate: Candidate, *, allowed: NDArray[np.bool_] | None = None
+    base: Base,
+    given: Conditional,
+    candidate: Candidate,
+    *,
+    allowed: NDArray[np.bool_] | None = None,
 ) -> Score:
     """Evidence that columns act within a period only, per aircraft, all dates averaged.
 
@@ -132,6 +140,8 @@ def evaluate_step(
             continue
         sums = _window_sums(base, given, a, candidate.columns, tried, remains)
         values = _window_evidence(stats, a, candidate, sums, factor)
+        if not _beats_lasting(base, given, a, candidate, remains, factor, values[0], prior):
+            continue
         tempered[:, a] = [log_mean_with(row, prior) for row in values[0]]
         raw[:, a] = [log_mean_with(row, prior) for row in values[1]]
         table[a] = np.logaddexp.reduce(values[0] + prior, axis=0)
@@ -146,6 +156,28 @@ def evaluate_step(
         candidate, total, whole, factor, _together(posterior, table, period, tried), tempered[best],
         estimate, rms(second, acting, estimate), acting, period=(period[0], period[1]), dates=table,
     )  # fmt: skip
+
+
+def _beats_lasting(
+    base: Base,
+    given: Conditional,
+    aircraft: int,
+    candidate: Candidate,
+    remains: Floats,
+    factor: float,
+    evidence: Floats,
+    prior: Floats,
+) -> bool:
+    """Whether a period explains clearly more than the same columns at work all the time.
+
+    A lasting deviation that is not in the model yet would otherwise enter as one that begins in
+    the archive's first days or ends in its last.
+    """
+    always = np.array([[0, base.stats.days.size]])
+    sums = _window_sums(base, given, aircraft, candidate.columns, always, remains)
+    lasting = float(_window_evidence(base.stats, aircraft, candidate, sums, factor)[0].max())
+    best = max(log_mean_with(row, prior) for row in evidence)
+    return best - lasting > max(GAIN, GAIN_SHARE * best)
 
 
 def _together(
@@ -175,8 +207,12 @@ def log_mean_with(values: Floats, log_prior: Floats) -> float:
 
 
 def _window_sums(
-    base: Base, given: Conditional, aircraft: int, columns: NDArray[np.int64],
-    tried: NDArray[np.int64], remains: Floats,
+    base: Base,
+    given: Conditional,
+    aircraft: int,
+    columns: NDArray[np.int64],
+    tried: NDArray[np.int64],
+    remains: Floats,
 ) -> tuple[Floats, Floats]:
     """Information (w, k, k) and score (w, k) of the columns in every window."""
     core = base.stats.layout.core

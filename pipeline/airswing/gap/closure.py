@@ -1,9 +1,9 @@
 """How far the gap shrinks: terms fitted on some weeks, the disagreement measured on the others.
 
-Assumptions: coefficients of the terms found on the whole archive are fitted again without each fold
-(whole weeks, so whole flights), and taken off the fold's reports. Errors of heading and airspeed are
-taken off exactly (the air vector is turned and stretched back), the others to first order. The
-*selection* of terms has seen all weeks; a decoy term forced in the same way shows what that is worth.
+Assumptions: coefficients of the terms found on the whole archive are fitted again without each
+fold (whole weeks, so whole flights), and taken off the fold's reports. Errors of heading and
+airspeed are taken off exactly (the air vector is turned and stretched back), the others to first
+order. The *selection* of terms has seen all weeks.
 
 Validity: three weeks and more; with fewer, folds are blocks of days. Speeds in m/s inside, knots in
 what is returned for people. Intervals: bootstrap over days of the paired reduction.
@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from airswing.gap.attribute import Term, fit_terms, term_weights
 from airswing.gap.dictionary import DictionaryPlan, dictionary_columns, unit_vectors
+from airswing.gap.layout import effect_columns
 from airswing.gap.measure import Base, Conditional, Fit, eliminate_days
-from airswing.gap.statistics import Statistics, effect_columns
+from airswing.gap.statistics import Statistics
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -173,8 +174,14 @@ def term_fields(
 
 
 def term_error(
-    fields: Floats, term: Term, coefficients: Sequence[Floats], *, aircraft: Integers,
-    day: Integers, fold: Integers, shape: tuple[int, int],
+    fields: Floats,
+    term: Term,
+    coefficients: Sequence[Floats],
+    *,
+    aircraft: Integers,
+    day: Integers,
+    fold: Integers,
+    shape: tuple[int, int],
 ) -> Floats:
     """Wind error (n, 2) of a term with coefficients by fold.
 
@@ -238,8 +245,15 @@ def is_sensor(term: Term, effects: Mapping[str, Any]) -> bool:
 
 
 def close(
-    frame: Any, base: Base, terms: Sequence[Term], *, effects: Mapping[str, Any],
-    plan: DictionaryPlan, day: Integers, seed: int = 0, draws: int = 400,
+    frame: Any,
+    base: Base,
+    terms: Sequence[Term],
+    *,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    day: Integers,
+    seed: int = 0,
+    draws: int = 400,
 ) -> Closure:
     """Held-out closure of the terms, in sequence and alone.
 
@@ -284,7 +298,9 @@ def close(
         low, high = _interval((left - now) / KNOT, day, seed, draws)
         steps.append((term.candidate.name, float(now.mean()) / KNOT, low, high))
         left = now
-        alone.append(float(np.hypot(*_without(frame, errors[k : k + 1], sensor[k : k + 1]).T).mean()))
+        alone.append(
+            float(np.hypot(*_without(frame, errors[k : k + 1], sensor[k : k + 1]).T).mean())
+        )
     low, high = _interval((before - left) / KNOT, day, seed, draws)
     first, last = float(before.mean()) / KNOT, float(left.mean()) / KNOT
     return Closure(

@@ -127,7 +127,8 @@ def smooth_deviation(
         Fitted difference, rad.
     """
     design = np.stack(
-        [np.ones_like(angle), np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle)], -1
+        [np.ones_like(angle), np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle)],
+        -1,
     )
     out = np.zeros_like(difference)
     for a in np.unique(aircraft):

@@ -33,13 +33,15 @@ from airswing.gap.context import exogenous
 from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence import candidates
+from airswing.gap.layout import make_layout
 from airswing.gap.locate import residual_maps, slices
 from airswing.gap.measure import Base, eliminate_days
 from airswing.gap.moments import second_moments
 from airswing.gap.noise import NoiseFit, fit_noise
 from airswing.gap.reliability import reliability
-from airswing.gap.statistics import DAY, accumulate, day_of_report, make_layout
+from airswing.gap.statistics import DAY, accumulate, day_of_report
 from airswing.gap.summary import assemble
+from airswing.gap.turning import heading_doubt
 from airswing.gap.swap import exchange, find_swap
 
 Floats = NDArray[np.float64]
@@ -113,7 +115,7 @@ def diagnose(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Diagnose where an archive parts from its simulation, which effect is missing, how far it closes.
+    """Diagnose where an archive parts from its simulation, why, and how far that closes.
 
     Parameters
     ----------
@@ -169,7 +171,9 @@ def diagnose(
     closure = close(frame, base, known, effects=effects, plan=final.plan, day=day, seed=seed)
     whole = closure
     if len(known) < len(found.terms):
-        whole = close(frame, base, found.terms, effects=effects, plan=final.plan, day=day, seed=seed)
+        whole = close(
+            frame, base, found.terms, effects=effects, plan=final.plan, day=day, seed=seed
+        )
     bare = given_terms(base, [])
     tell("where", 0.0)
     where = slices(base, bare, final.plan) if dictionary else []
@@ -200,8 +204,15 @@ def _large(term: Term) -> bool:
 
 
 def _run(
-    frame: Any, columns_frame: Any, residual: Floats, effects: Mapping[str, Any], rules: Rules,
-    dictionary: bool, seed: int, tell: Progress, quiet: Floats | None,
+    frame: Any,
+    columns_frame: Any,
+    residual: Floats,
+    effects: Mapping[str, Any],
+    rules: Rules,
+    dictionary: bool,
+    seed: int,
+    tell: Progress,
+    quiet: Floats | None,
 ) -> Pass:
     """Fit the noise, accumulate and search; the noise on ``quiet`` residuals where given."""
     tell("noise", 0.0)
@@ -209,11 +220,11 @@ def _run(
         residual if quiet is None else quiet, aircraft=frame.aircraft, flight=frame.flight,
         time=frame.time, latitude=frame.latitude, longitude=frame.longitude,
         pressure=frame.pressure, heading=columns_frame.heading, airspeed=columns_frame.airspeed,
-        seed=seed,
+        doubt=heading_doubt(frame, columns_frame), seed=seed,
     )  # fmt: skip
     plan = plan_dictionary(columns_frame)
     if not dictionary:
-        plan = DictionaryPlan(plan.knots, (), plan.centre, plan.flags)
+        plan = DictionaryPlan(plan.knots, (), plan.centre, plan.means, plan.flags)
     layout = make_layout(effects, plan, columns_frame)
     stats = accumulate(
         columns_frame, residual, noise=noise, layout=layout, effects=effects, plan=plan,
@@ -226,8 +237,14 @@ def _run(
 
 
 def _again(
-    frame: Any, columns_frame: Any, first: Pass, effects: Mapping[str, Any], rules: Rules,
-    dictionary: bool, seed: int, tell: Progress,
+    frame: Any,
+    columns_frame: Any,
+    first: Pass,
+    effects: Mapping[str, Any],
+    rules: Rules,
+    dictionary: bool,
+    seed: int,
+    tell: Progress,
 ) -> Pass:
     """Second pass on residuals linearised about the terms of the first."""
     base, terms = first.base, first.found.terms
@@ -249,9 +266,7 @@ def _again(
             else:
                 other += part
     quiet = take_off(frame, sensor, other)
-    return _run(
-        frame, columns_frame, quiet + linear, effects, rules, dictionary, seed, tell, quiet
-    )
+    return _run(frame, columns_frame, quiet + linear, effects, rules, dictionary, seed, tell, quiet)
 
 
 def _stand(base: Base, found: Found) -> tuple[Found, Floats, Floats]:

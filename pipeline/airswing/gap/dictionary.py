@@ -77,11 +77,14 @@ class DictionaryPlan:
     groups : tuple of Group
     centre : dict
         Name -> (mean, scale) of latitude, longitude and ln p, for the day fields.
+    means : dict
+        Variable -> (k,) mean of its hats over the archive.
     """
 
     knots: dict[str, Floats]
     groups: tuple[Group, ...]
     centre: dict[str, tuple[float, float]]
+    means: dict[str, Floats] = field(default_factory=dict)
     flags: frozenset[str] = field(default_factory=frozenset)
 
     @property
@@ -191,7 +194,12 @@ def plan_dictionary(frame: Any) -> DictionaryPlan:
         "log_pressure": _centre(np.log(frame.pressure)),
     }
     groups = _groups(knots, flags)
-    return DictionaryPlan(knots, groups, centre, frozenset(flags))
+    means = {}
+    for name, points in knots.items():
+        values = variable(frame, name)
+        rows = _hour_hats(values, points) if name == "hour" else hats(values, points)
+        means[name] = rows.mean(axis=1)
+    return DictionaryPlan(knots, groups, centre, means, frozenset(flags))
 
 
 def _centre(values: Floats) -> tuple[float, float]:
@@ -208,7 +216,7 @@ def _groups(knots: dict[str, Floats], flags: set[str]) -> tuple[Group, ...]:
             name = f"{component}:magnetic_heading {'+'.join(map(str, numbers))} cycles"
             out.append(Group(name, component, "magnetic_heading", labels))
         for name, points in knots.items():
-            labels = tuple(f"{x:.4g}" for x in points)
+            labels = tuple(f"{x:.4g}" for x in points[1:])
             out.append(Group(f"{component}:{name}", component, name, labels))
             if VARIABLES[name][1]:
                 pair = ("sin1", "cos1")
@@ -275,7 +283,8 @@ def _factors(frame: Any, plan: DictionaryPlan, group: Group) -> Floats:
     else:
         values, points = variable(frame, group.variable), plan.knots[group.variable]
         if not group.name.endswith("*heading"):
-            return _hour_hats(values, points) if group.variable == "hour" else hats(values, points)
+            rows = _hour_hats(values, points) if group.variable == "hour" else hats(values, points)
+            return _centred(rows, plan.means[group.variable])
         middle, half = (points[0] + points[-1]) / 2, (points[-1] - points[0]) / 2
         base = np.clip((values - middle) / half, -1.5, 1.5)[None]
     if not group.name.endswith("*heading"):
@@ -283,6 +292,12 @@ def _factors(frame: Any, plan: DictionaryPlan, group: Group) -> Floats:
     cycles = (1, 2) if group.variable in ("phase", "icing") else (1,)
     waves = [f(k * angle) for k in cycles for f in (np.sin, np.cos)]
     return np.stack([row * wave for row in base for wave in waves])
+
+
+def _centred(rows: Floats, means: Floats) -> Floats:
+    """Hats but the first, each less its mean over the archive: the constant is not among them."""
+    known = rows.sum(axis=0) > 0
+    return np.asarray((rows[1:] - means[1:, None]) * known)
 
 
 def _hour_hats(values: Floats, points: Floats) -> Floats:

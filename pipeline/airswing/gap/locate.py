@@ -1,9 +1,9 @@
 """Where the real reports part from the simulated ones, without any physics.
 
-Assumptions: the share of a slice (an aircraft, or a dictionary group) in the gap is its cross-fitted
-energy: coefficients fitted on one half of the weeks predict the other half, theta_A' G theta_B; on a
-null its expectation is zero. Significance is a chi-squared test of the group's score with the cluster
-factor, false discoveries are controlled over all slices (Benjamini & Hochberg 1995). The maps are
+Assumptions: the share of a slice (an aircraft, or a dictionary group) in the gap is its
+cross-fitted energy: coefficients fitted on one half of the weeks predict the other half,
+theta_A' G theta_B; on a null its expectation is zero. Significance is a chi-squared test of the
+group's score with the cluster factor, false discoveries are controlled over all slices (Benjamini & Hochberg 1995). The maps are
 plain means of the residual in bins, with standard errors clustered by flight.
 
 Validity: two weeks and more for the halves. Angles in degrees, speeds in m/s.
@@ -22,8 +22,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from airswing.gap.clusters import aircraft_factor, fleet_factor
 from airswing.gap.dictionary import DictionaryPlan, unit_vectors
-from airswing.gap.evidence import Candidate, aircraft_factor, fleet_factor
+from airswing.gap.evidence import Candidate
 from airswing.gap.measure import Base, Conditional, beyond
 
 Floats = NDArray[np.float64]
@@ -217,7 +218,10 @@ def group_curve(given: Conditional, candidate: Candidate, tails: Sequence[int]) 
         gram, score = given.fleet_gram[pick], given.fleet_score[:, columns].sum(axis=0)
         return score_test(gram, score, 1.0)[1][None]
     return np.stack(
-        [score_test(given.gram[a][pick], given.score[a][:, columns].sum(axis=0), 1.0)[1] for a in tails]
+        [
+            score_test(given.gram[a][pick], given.score[a][:, columns].sum(axis=0), 1.0)[1]
+            for a in tails
+        ]
     )
 
 
@@ -284,7 +288,9 @@ def residual_maps(frame: Any) -> xr.Dataset:
     box = box + np.searchsorted(lon, frame.longitude, "right") - 1
     out: dict[str, tuple[tuple[str, ...], Floats]] = {}
 
-    def put(name: str, dims: tuple[str, ...], shape: tuple[int, ...], value: Floats, key: Integers) -> None:
+    def put(
+        name: str, dims: tuple[str, ...], shape: tuple[int, ...], value: Floats, key: Integers
+    ) -> None:
         mean, error = binned(value, key, frame.flight, int(np.prod(shape)))
         out[name] = (dims, mean.reshape(shape))
         out[f"{name}_standard_error"] = (dims, error.reshape(shape))
@@ -295,7 +301,13 @@ def residual_maps(frame: Any) -> xr.Dataset:
     put("region_map_u", ("latitude", "longitude"), (8, 10), frame.residual[:, 0], box)
     put("region_map_v", ("latitude", "longitude"), (8, 10), frame.residual[:, 1], box)
     put("time_line", ("aircraft", "week"), (count, weeks), degrees, frame.aircraft * weeks + week)
-    put("time_line_along", ("aircraft", "week"), (count, weeks), parallel, frame.aircraft * weeks + week)
+    put(
+        "time_line_along",
+        ("aircraft", "week"),
+        (count, weeks),
+        parallel,
+        frame.aircraft * weeks + week,
+    )
     coords = {
         "aircraft": np.array(list(frame.tails), dtype=object), "octant": np.arange(8) * 45.0,
         "phase": np.array(["unknown", "ascent", "cruise", "descent"], dtype=object),

@@ -198,9 +198,7 @@ def climatology(base: Base, *, precision: float = 0.25) -> list[Included]:
     ones = np.ones(stats.day_count.shape)
     out = [Included(int(j), ones, precision) for j in stats.layout.columns("climatology")]
     slope = stats.layout.columns("slope")
-    return out + [
-        Included(int(j), ones, 1 / sd**2) for j, sd in zip(slope, SLOPE_SD, strict=True)
-    ]
+    return out + [Included(int(j), ones, 1 / sd**2) for j, sd in zip(slope, SLOPE_SD, strict=True)]
 
 
 def condition(base: Base, included: list[Included]) -> Conditional:
@@ -263,10 +261,27 @@ def fit_included(base: Base, included: list[Included]) -> Fit:
     """
     columns, weights = _stacked(included)
     gram, by_day = included_sums(base, columns, weights)
-    precision = np.diag([x.precision for x in included]) + 1e-9 * np.eye(len(included))
-    half = np.linalg.inv(np.linalg.cholesky(gram + precision))
+    half = inverse_root(gram + np.diag([x.precision for x in included]))
     covariance = half.T @ half
     return Fit(covariance @ by_day.sum(axis=0), covariance, half, gram, by_day)
+
+
+def inverse_root(matrix: Floats, *, floor: float = 1e-6) -> Floats:
+    """Root H of the inverse of a positive matrix, H'H = matrix^-1, collinear directions damped.
+
+    Parameters
+    ----------
+    matrix : (m, m) float
+    floor : float
+        Smallest eigenvalue of the matrix scaled to a unit diagonal.
+
+    Returns
+    -------
+    (m, m) float
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-30))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    return np.asarray((vectors / np.sqrt(np.maximum(values, floor))).T / scale)
 
 
 def _stacked(included: list[Included]) -> tuple[Integers, Floats]:
@@ -341,10 +356,10 @@ def included_cross(base: Base, columns: Integers, weights: Floats) -> Floats:
     """
     stats = base.stats
     out = np.empty((len(stats.tails), columns.size, stats.layout.size))
-    for k, column in enumerate(columns):
-        key = int(column), weights[k].tobytes()
+    for k, column in enumerate(columns.tolist()):
+        key = column, weights[k].tobytes()
         if key not in base.rows:
-            base.rows[key] = _cross_row(base, int(column), weights[k])
+            base.rows[key] = _cross_row(base, column, weights[k])
         out[:, k] = base.rows[key]
     return out
 
@@ -361,7 +376,9 @@ def _cross_row(base: Base, column: int, weights: Floats) -> Floats:
         rows = stats.day_gram[active, :, column, :].astype(float)
         out[active, :core] += np.einsum("ad,adc->ac", weights[active], rows)
     rows = stats.week_gram[active, :, column, first:].astype(float)
-    out[active, first:] += np.einsum("aw,awp->ap", week_means(stats, weights[None])[0][active], rows)
+    out[active, first:] += np.einsum(
+        "aw,awp->ap", week_means(stats, weights[None])[0][active], rows
+    )
     return np.asarray(out)
 
 

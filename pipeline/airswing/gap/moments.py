@@ -2,8 +2,8 @@
 
 Assumptions: winds are sent in whole degrees and whole knots or finer, positions in tenths of a
 minute of arc or finer, times in seconds; coarser is an effect (of an aircraft) unless the whole
-fleet is alike and the step is one that formats use. A value lies on a coarse lattice by chance in one of (step / base) cases; the
-share above chance is the share coded coarsely. Gross errors are single reports that stand out from
+fleet is alike and the step is one that formats use. A value lies on a coarse lattice by chance in
+one of (step / base) cases; the share above chance is the share coded coarsely. Gross errors are single reports that stand out from
 both neighbours; a rate under one percent that all aircraft share is ordinary.
 
 Validity: at least 100 reports an aircraft. Steps in knots, degrees and minutes of arc.
@@ -159,9 +159,7 @@ def whole_minutes(frame: Any) -> MomentVerdict | None:
     return _verdict("time_lag", {t: {"offset_s": -30.0} for t in cut}, None)
 
 
-def outliers(
-    frame: Any, noise: NoiseFit, *, coarse: tuple[str, ...] = ()
-) -> MomentVerdict | None:
+def outliers(frame: Any, noise: NoiseFit, *, coarse: tuple[str, ...] = ()) -> MomentVerdict | None:
     """Find aircraft with more gross errors than ordinary.
 
     Parameters
@@ -177,7 +175,9 @@ def outliers(
     MomentVerdict or None
     """
     count = np.bincount(frame.aircraft, minlength=len(frame.tails)).astype(float)
-    rate = np.bincount(frame.aircraft, noise.gross, minlength=len(frame.tails)) / np.maximum(count, 1)
+    rate = np.bincount(frame.aircraft, noise.gross, minlength=len(frame.tails)) / np.maximum(
+        count, 1
+    )
     used = (count >= 100) & ~np.isin(np.array(frame.tails), list(coarse))
     common = float(np.median(rate[used])) if used.any() else 0.0
     error = np.sqrt(np.maximum(max(common, 1e-3) / np.maximum(count, 1), 1e-12))

@@ -95,7 +95,9 @@ class NoiseFit:
     gross: NDArray[np.bool_]
 
 
-def gross_errors(residual: Floats, order: FlightOrder, *, threshold: float = 5.0) -> NDArray[np.bool_]:
+def gross_errors(
+    residual: Floats, order: FlightOrder, *, threshold: float = 5.0
+) -> NDArray[np.bool_]:
     """Mark single reports that stand out from both neighbours of their flight.
 
     A report is gross when it differs by more than ``threshold`` robust standard deviations from the
@@ -181,7 +183,9 @@ def _robust_sd(values: Floats) -> float:
     return float(1.4826 * np.median(np.abs(values - np.median(values)))) if values.size else 0.0
 
 
-def level_factors(residual: Floats, log_pressure: Floats, *, nodes: int = 5) -> tuple[Floats, Floats]:
+def level_factors(
+    residual: Floats, log_pressure: Floats, *, nodes: int = 5
+) -> tuple[Floats, Floats]:
     """Robust standard deviation by level, relative to that of all.
 
     Parameters
@@ -229,7 +233,9 @@ def autocovariance(
         first entry is distance zero.
     """
     along = np.zeros(residual.shape[0])
-    blocks = [order.index[order.starts[j] : order.starts[j + 1]] for j in range(order.starts.size - 1)]
+    blocks = [
+        order.index[order.starts[j] : order.starts[j + 1]] for j in range(order.starts.size - 1)
+    ]
     for j in range(1, len(blocks)):
         along[blocks[j]] = along[blocks[j - 1][: blocks[j].size]] + distance[blocks[j]]
     bins = DISTANCE_EDGES.size - 1
@@ -250,7 +256,11 @@ def autocovariance(
 
 
 def _likelihood(
-    values: Floats, order: FlightOrder, distance: Floats, step: Floats, keep: NDArray[np.bool_],
+    values: Floats,
+    order: FlightOrder,
+    distance: Floats,
+    step: Floats,
+    keep: NDArray[np.bool_],
     parameters: Floats,
 ) -> float:
     """Minus log likelihood of standardised residuals, squared innovations winsorised at 4 sd."""
@@ -277,6 +287,7 @@ def fit_noise(
     pressure: Floats,
     heading: Floats,
     airspeed: Floats,
+    doubt: Floats | None = None,
     most_reports: int = 24_000,
     seed: int = 0,
 ) -> NoiseFit:
@@ -297,6 +308,8 @@ def fit_noise(
         rad, true.
     airspeed : (n,) float
         m s-1.
+    doubt : (n,) float, optional
+        Further white error of each report (see :mod:`airswing.gap.turning`), m s-1.
     most_reports : int
         Whole flights are drawn until this many reports enter the likelihood.
     seed : int
@@ -318,7 +331,7 @@ def fit_noise(
     model = replace(model, level_nodes=nodes, level_factors=factors)
     gains = kalman_gains(
         order, model.decay(distance, step), model.factor(log_pressure), ~gross,
-        correlated_sd=model.correlated_sd, white_sd=model.white_sd,
+        correlated_sd=model.correlated_sd, white_sd=model.white_sd, doubt=doubt,
     )  # fmt: skip
     centre, covariance, count = autocovariance(
         np.where(gross[chosen, None], 0.0, values[chosen]), distance[chosen],
@@ -340,8 +353,13 @@ def _draw_flights(flight: NDArray[np.integer], most: int, seed: int) -> NDArray[
 
 
 def _maximise(
-    values: Floats, chosen: NDArray[np.int64], flight: NDArray[np.integer], time: Floats,
-    distance: Floats, step: Floats, keep: NDArray[np.bool_],
+    values: Floats,
+    chosen: NDArray[np.int64],
+    flight: NDArray[np.integer],
+    time: Floats,
+    distance: Floats,
+    step: Floats,
+    keep: NDArray[np.bool_],
 ) -> NoiseModel:
     """Maximum likelihood of the four parameters on the chosen flights."""
     order = flight_order(flight[chosen], time[chosen])

@@ -1,8 +1,8 @@
 """Puts the pieces of a diagnosis into gap.json and the details a page shows.
 
-Assumptions: shares of the gap are in mean vector disagreement on held-out reports where a term moves
-it, and in held-out whitened energy beside it (an unrotated wind or a lag hardly moves the mean). The
-noise floor is the disagreement with everything found, known and unknown, taken off.
+Assumptions: shares of the gap are in mean vector disagreement on held-out reports where a term
+moves it, and in held-out whitened energy beside it (an unrotated wind or a lag hardly moves the
+mean). The noise floor is the disagreement with everything found, known and unknown, taken off.
 
 Validity: as the modules that made the pieces. Speeds in kt in the ``gap`` and ``closure`` entries.
 """
@@ -29,10 +29,22 @@ Floats = NDArray[np.float64]
 
 
 def assemble(
-    frame: Any, *, base: Base, noise: NoiseFit, found: Found, closure: Closure, whole: Closure,
-    where: Sequence[Slice], effects: Mapping[str, Any], untestable: Mapping[str, str],
-    plan: DictionaryPlan, energy: tuple[Floats, Floats], factors: Mapping[str, float], seed: int,
-    swap: Swap | None, moments: Sequence[MomentVerdict],
+    frame: Any,
+    *,
+    base: Base,
+    noise: NoiseFit,
+    found: Found,
+    closure: Closure,
+    whole: Closure,
+    where: Sequence[Slice],
+    effects: Mapping[str, Any],
+    untestable: Mapping[str, str],
+    plan: DictionaryPlan,
+    energy: tuple[Floats, Floats],
+    factors: Mapping[str, float],
+    seed: int,
+    swap: Swap | None,
+    moments: Sequence[MomentVerdict],
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Make the content of gap.json and the details.
 
@@ -132,8 +144,15 @@ def swap_entry(swap: Swap, base: Base) -> dict[str, Any]:
 
 
 def _plain_entry(
-    name: str, tails: Sequence[str], parameters: Mapping[str, Any], errors: Mapping[str, float],
-    period: list[str | None] | None, *, evidence: float, energy: float, scope: str,
+    name: str,
+    tails: Sequence[str],
+    parameters: Mapping[str, Any],
+    errors: Mapping[str, float],
+    period: list[str | None] | None,
+    *,
+    evidence: float,
+    energy: float,
+    scope: str,
 ) -> dict[str, Any]:
     return {
         "name": name, "probability": float(1 / (1 + 50 * np.exp(-min(evidence, 50.0)))),

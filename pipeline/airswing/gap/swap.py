@@ -58,7 +58,12 @@ class Swap:
 
 
 def find_swap(
-    base: Base, given: Conditional, effects: Mapping[str, Any], *, threshold: float = 6.0, shortest: int = 3
+    base: Base,
+    given: Conditional,
+    effects: Mapping[str, Any],
+    *,
+    threshold: float = 6.0,
+    shortest: int = 3,
 ) -> Swap | None:
     """Look for one pair that exchanged identifiers.
 
@@ -117,7 +122,9 @@ def _evidence(information: Floats, score: Floats, prior: Floats) -> Floats:
     return gaussian_evidence(information, score, factor=FACTOR, allowance=nothing, prior=prior)[0]
 
 
-def _own_evidence(before: tuple[Floats, Floats], after: tuple[Floats, Floats], prior: Floats) -> float:
+def _own_evidence(
+    before: tuple[Floats, Floats], after: tuple[Floats, Floats], prior: Floats
+) -> float:
     """Evidence of an aircraft by itself: steady, or changed once."""
     steady = float(_evidence(before[0][:1] + after[0][:1], before[1][:1] + after[1][:1], prior)[0])
     changed = _evidence(*before, prior) + _evidence(*after, prior)

@@ -1,7 +1,7 @@
 """From the found terms to what a person and a program read: names, parameters, errors, rivals.
 
-Assumptions: parameters are those of the catalogue (`to_parameters`), from coefficients fitted on the
-whole archive given all other terms, with covariance times the cluster factor plus the allowance for
+Assumptions: parameters are those of the catalogue (`to_parameters`), from coefficients fitted on
+the whole archive given all other terms, with covariance times the cluster factor plus the allowance for
 persistent model error. Effects of the path's wind change are divided by the reliability of the
 reference's gradients, which their noise makes too small.
 
@@ -35,7 +35,9 @@ Floats = NDArray[np.float64]
 SEPARATING = {
     frozenset({"tas_scale", "tas_offset"}): "reports over a wider range of airspeeds",
     frozenset({"hard_iron", "soft_iron"}): "headings in more compass points",
-    frozenset({"compass_offset", "declination_error"}): "flights over a larger region, where the declination varies",
+    frozenset(
+        {"compass_offset", "declination_error"}
+    ): "flights over a larger region, where the declination varies",
     frozenset({"compass_drift", "compass_step"}): "a longer record before and after the change",
     frozenset({"compass_offset", "compass_step"}): "a longer record before and after the change",
     frozenset({"hard_iron", "compass_step"}): "a longer record before and after the change",
@@ -66,14 +68,21 @@ def term_covariance(
 def term_offsets(given: Conditional, terms: Sequence[Term]) -> list[int]:
     """Position of each term's first coefficient among the included columns."""
     sizes = [
-        t.candidate.columns.size * (1 if t.candidate.scope == "fleet" else len(t.tails)) for t in terms
+        t.candidate.columns.size * (1 if t.candidate.scope == "fleet" else len(t.tails))
+        for t in terms
     ]
     first = len(given.coefficients) - sum(sizes)
     return [first + sum(sizes[:k]) for k in range(len(terms))]
 
 
 def describe_term(
-    term: Term, start: int, found: Found, base: Base, *, effects: Mapping[str, Any], frame: Any,
+    term: Term,
+    start: int,
+    found: Found,
+    base: Base,
+    *,
+    effects: Mapping[str, Any],
+    frame: Any,
     reliability: Mapping[str, float],
 ) -> dict[str, Any]:
     """One entry of ``effects`` in gap.json, without shares.
@@ -105,21 +114,22 @@ def describe_term(
         value, spread = np.zeros(whole), np.zeros((whole, whole))
         own = slice(start + row * k, start + (row + 1) * k)
         value[subset] = given.coefficients[own] / factor
-        spread[np.ix_(subset, subset)] = (
-            term_covariance(stats, given, term, start, row) / factor**2
-        )
+        spread[np.ix_(subset, subset)] = term_covariance(stats, given, term, start, row) / factor**2
         each.append(effect.to_parameters(value, spread, frame))
     tails = [stats.tails[a] for a in term.tails]
     out: dict[str, Any] = {
         "name": term.candidate.name, "probability": probability(term.score), "tails": tails,
-        "parameters": summary([p for p, _ in each]), "standard_errors": summary([e for _, e in each]),
+        "parameters": summary([p for p, _ in each]),
+        "standard_errors": summary([e for _, e in each]),
         "period": period_of(term, stats), "scope": term.candidate.scope,
-        "evidence_nats": round(term.score.tempered, 2), "cluster_factor": round(term.score.factor, 2),
+        "evidence_nats": round(term.score.tempered, 2),
+        "cluster_factor": round(term.score.factor, 2),
         "size_m_s": float(np.median(term.score.size[list(term.tails)])),
     }  # fmt: skip
     if rows > 1:
         out["per_tail"] = {
-            t: {"parameters": p, "standard_errors": e} for t, (p, e) in zip(tails, each, strict=True)
+            t: {"parameters": p, "standard_errors": e}
+            for t, (p, e) in zip(tails, each, strict=True)
         }
     return out
 
@@ -194,7 +204,11 @@ def ambiguity(term: Term, ranked: Sequence[Score]) -> list[dict[str, Any]]:
 
 
 def unknown_place(
-    term: Term, given: Conditional, start: int, stats: Statistics, labels: Sequence[str],
+    term: Term,
+    given: Conditional,
+    start: int,
+    stats: Statistics,
+    labels: Sequence[str],
     ranked: Sequence[Score] = (),
 ) -> dict[str, Any]:
     """Where an unknown effect sits: component, variables, aircraft and fitted curve.

@@ -3,7 +3,7 @@
 Assumptions: within one flight the error of a wind component is a first-order autoregressive
 (Ornstein-Uhlenbeck) process in the distance flown and in ln p, plus independent errors; both are
 multiplied by a factor that depends on the level only. Flights are independent of each other here
-(what they share is handled by the day fields of :mod:`airswing.gap.statistics`). For such errors the
+(what they share is handled by the day fields of :mod:`airswing.gap.measure`). For such errors the
 Kalman recursion of one state gives the exact Cholesky whitening in linear time: the innovation
 divided by its standard deviation is white. The gains depend on the geometry alone, so the same
 recursion whitens residuals and design columns.
@@ -85,8 +85,10 @@ def flight_order(flight: NDArray[np.integer], time: Floats) -> FlightOrder:
     n = flight.size
     by_flight = np.lexsort((time, flight))
     sorted_flight = flight[by_flight]
-    first = np.flatnonzero(np.r_[True, sorted_flight[1:] != sorted_flight[:-1]]) if n else (
-        np.zeros(0, np.int64)
+    first = (
+        np.flatnonzero(np.r_[True, sorted_flight[1:] != sorted_flight[:-1]])
+        if n
+        else (np.zeros(0, np.int64))
     )
     length = np.diff(np.r_[first, n])
     position = np.arange(n) - np.repeat(first, length)
@@ -150,6 +152,7 @@ def kalman_gains(
     *,
     correlated_sd: float,
     white_sd: float,
+    doubt: Floats | None = None,
 ) -> Gains:
     """Gains of the whitening recursion.
 
@@ -166,6 +169,8 @@ def kalman_gains(
         False: the report is treated as missing.
     correlated_sd, white_sd : float
         Standard deviations of the two parts at level factor 1, m s-1.
+    doubt : (n,) float, optional
+        Further white error of each report, m s-1.
 
     Returns
     -------
@@ -174,7 +179,9 @@ def kalman_gains(
     n = decay.size
     gain, weight = np.zeros(n), np.zeros(n)
     used = np.where(np.isfinite(decay), decay, 0.0).astype(float)
-    signal, white = correlated_sd**2, white_sd**2
+    signal, white = correlated_sd**2, np.full(n, white_sd**2)
+    if doubt is not None:
+        white += (doubt / level_factor) ** 2
     variance = np.zeros(0)
     for j in range(order.starts.size - 1):
         now = order.index[order.starts[j] : order.starts[j + 1]]
@@ -184,7 +191,7 @@ def kalman_gains(
         else:
             phi2 = used[now] ** 2
             variance = phi2 * variance[: now.size] + signal * (1 - phi2)
-        total = variance + white
+        total = variance + white[now]
         kept = keep[now]
         gain[now] = np.where(kept, variance / total, 0.0)
         weight[now] = np.where(kept, 1 / np.sqrt(total), 0.0)
@@ -218,7 +225,9 @@ def whiten(values: NDArray[np.floating], order: FlightOrder, gains: Gains) -> ND
     state: NDArray[np.floating] = np.zeros((0, *values.shape[1:]), kind)
     for j in range(order.starts.size - 1):
         now = order.index[order.starts[j] : order.starts[j + 1]]
-        state = decay[now] * state[: now.size] if j else np.zeros((now.size, *values.shape[1:]), kind)
+        state = (
+            decay[now] * state[: now.size] if j else np.zeros((now.size, *values.shape[1:]), kind)
+        )
         innovation = scaled[now] - state
         out[now] = innovation
         state = state + gain[now] * innovation

@@ -1,0 +1,122 @@
+"""Evidence against textbook densities, mixtures by hand, clusters by simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from airswing.gap.changepoint import windows
+from airswing.gap.clusters import cluster_factor
+from airswing.gap.evidence import (
+    allowance_covariance,
+    gaussian_evidence,
+    log_mean,
+    mixture,
+)
+from airswing.gap.locate import cross_fitted, false_discovery, score_test
+
+
+def test_gaussian_evidence_is_the_ratio_of_two_densities():
+    information = np.array([[50.0, 8.0], [8.0, 30.0]])
+    estimate = np.array([0.4, -0.3])
+    prior, allowance = np.array([0.5, 1.0]), np.array([[0.01, 0.002], [0.002, 0.02]])
+    value, shrunk = gaussian_evidence(
+        information, information @ estimate, factor=1.7, allowance=allowance, prior=prior
+    )
+    spread = 1.7 * np.linalg.inv(information) + allowance
+    expected = multivariate_normal(cov=spread + np.diag(prior**2)).logpdf(estimate)
+    expected -= multivariate_normal(cov=spread).logpdf(estimate)
+    assert value == pytest.approx(expected, abs=1e-3)
+    gain = np.diag(prior**2) @ np.linalg.inv(spread + np.diag(prior**2))
+    np.testing.assert_allclose(shrunk, gain @ estimate, atol=1e-4)
+
+
+def test_collinear_columns_carry_the_evidence_of_one():
+    one = gaussian_evidence(np.array([[40.0]]), np.array([20.0]), factor=1.0,
+                            allowance=np.zeros((1, 1)), prior=np.array([1.0]))[0]  # fmt: skip
+    two = gaussian_evidence(np.full((2, 2), 40.0), np.full(2, 20.0), factor=1.0,
+                            allowance=np.zeros((2, 2)), prior=np.full(2, np.sqrt(0.5)))[0]  # fmt: skip
+    assert two == pytest.approx(one, abs=0.05)
+
+
+@given(st.floats(0, 3), st.floats(1, 5))
+def test_more_clustering_never_adds_evidence_where_there_is_some(size, factor):
+    information, score = np.array([[100.0]]), np.array([100.0 * size])
+    options = {"allowance": np.zeros((1, 1)), "prior": np.array([1.0])}
+    plain = gaussian_evidence(information, score, factor=1.0, **options)[0]
+    tempered = gaussian_evidence(information, score, factor=factor, **options)[0]
+    assert tempered <= max(plain, 0.0) + 1e-9
+
+
+def test_mixture_names_the_aircraft_struck_and_stays_quiet_on_nothing():
+    evidence = np.full((2, 14), -2.0)
+    quiet, posterior, _ = mixture(evidence)
+    assert quiet < 0
+    assert posterior.max() < 0.1
+    evidence[0, 3] = 25.0
+    total, posterior, best = mixture(evidence)
+    assert total > 15
+    assert best == 0
+    assert posterior[3] > 0.99
+    assert np.delete(posterior, 3).max() < 0.1
+    whole, posterior, _ = mixture(np.full((2, 14), 1.0))
+    assert whole > 8
+    assert posterior.min() > 0.5
+
+
+def test_cluster_factor_is_one_for_independent_and_grows_with_block_errors():
+    rng = np.random.default_rng(0)
+    grams = np.tile(np.eye(2) * 10, (600, 1, 1))
+    scores = rng.normal(0, np.sqrt(10), (600, 2))
+    np.testing.assert_allclose(cluster_factor(grams, scores, grams.sum(0)), 1.0, atol=0.35)
+    blocks = np.repeat(rng.normal(0, np.sqrt(10), (86, 2)), 7, axis=0)[:600]
+    factors = cluster_factor(grams, blocks, grams.sum(0))
+    assert factors[2] == pytest.approx(7, rel=0.4)
+    assert factors[0] == pytest.approx(1, rel=0.3)
+
+
+def test_a_steady_effect_is_no_clustering():
+    rng = np.random.default_rng(1)
+    grams = np.tile(np.eye(1) * 10, (60, 1, 1))
+    scores = rng.normal(0, np.sqrt(10), (60, 1)) + 50.0
+    assert np.nanmax(cluster_factor(grams, scores, grams.sum(0))) < 2.0
+
+
+def test_allowance_is_the_stated_size():
+    second = np.array([[200.0, 10.0], [10.0, 300.0]])
+    covariance = allowance_covariance(second, 100.0, 0.1, np.ones(2))
+    assert np.trace(covariance @ second) / 100 == pytest.approx(0.01, rel=0.03)
+
+
+def test_log_mean():
+    assert log_mean(np.log([1.0, 2.0, 3.0])) == pytest.approx(np.log(2.0))
+
+
+def test_windows_lie_inside_and_are_long_enough():
+    pairs = windows(20)
+    assert (pairs[:, 1] - pairs[:, 0] >= 3).all()
+    assert not ((pairs[:, 0] == 0) & (pairs[:, 1] == 20)).any()
+    assert {tuple(p) for p in pairs} >= {(0, 10), (10, 20), (5, 12)}
+    assert len(windows(400)) < 2500
+
+
+def test_false_discovery_by_hand():
+    np.testing.assert_allclose(false_discovery([0.01, 0.5, 0.02, 0.9]), [0.04, 2 / 3, 0.04, 0.9])
+
+
+def test_score_test_is_uniform_on_nothing_and_cross_fitted_energy_centred():
+    rng = np.random.default_rng(2)
+    gram = np.array([[200.0, 40.0], [40.0, 100.0]])
+    half = np.arange(20) % 2 == 0
+    p_values, energies = [], []
+    for _ in range(400):
+        scores = rng.multivariate_normal(np.zeros(2), gram / 20, 20)
+        p_values.append(score_test(gram, scores.sum(0), 1.0)[0])
+        energies.append(cross_fitted(gram, scores, half))
+    assert np.mean(p_values) == pytest.approx(0.5, abs=0.05)
+    assert abs(np.mean(energies)) < 4 * np.std(energies) / 20
+    strong = gram @ np.array([0.5, -0.4]) / 20 + scores
+    assert cross_fitted(gram, strong, half) > 20
