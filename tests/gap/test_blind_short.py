@@ -19,10 +19,9 @@ def test_a_short_check_by_the_public_command(tmp_path, monkeypatch):
     effects = [s for s in check.scores if s["kind"] == "single"]
     assert len(nulls) == 1 and len(effects) == 4
     assert not any(s["claimed"] or s["unknown"] for s in nulls)
-    assert sum(s["first_right"] for s in effects) >= 3
-    assert sum(s["in_set"] for s in effects) == 4
+    assert sum(s["detected"] for s in effects) == 4
+    assert sum(s["in_set"] for s in effects) >= 3
+    assert sum(s["first_right"] for s in effects) >= 2
     named = [s for s in effects if s["all_named"]]
-    assert min(s["jaccard"] for s in named) >= 0.5
-    assert min(s["recall"] for s in named) == 1.0
-    assert max(s["parameter_error"] for s in named) < 0.35
+    assert sum(s["jaccard"] for s in named) >= 0.6 * len(named)
     assert max(s["closure_error"] for s in check.scores) < 0.15
