@@ -38,7 +38,8 @@ def test_collinear_columns_carry_the_evidence_of_one():
     one = gaussian_evidence(np.array([[40.0]]), np.array([20.0]), factor=1.0,
                             allowance=np.zeros((1, 1)), prior=np.array([1.0]))[0]  # fmt: skip
     two = gaussian_evidence(np.full((2, 2), 40.0), np.full(2, 20.0), factor=1.0,
-                            allowance=np.zeros((2, 2)), prior=np.full(2, np.sqrt(0.5)))[0]  # fmt: skip
+                            allowance=np.zeros((2, 2)),
+                            prior=np.full(2, np.sqrt(0.5)))[0]  # fmt: skip
     assert two == pytest.approx(one, abs=0.05)
 
 

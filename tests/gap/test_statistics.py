@@ -11,6 +11,7 @@ from tests.gap.toy import make_frame
 from airswing.gap.context import exogenous
 from airswing.gap.dictionary import hats, plan_dictionary
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.layout import build_columns, make_layout
 from airswing.gap.measure import (
     Included,
     beyond,
@@ -20,7 +21,6 @@ from airswing.gap.measure import (
     fit_included,
 )
 from airswing.gap.noise import NoiseFit, fit_noise
-from airswing.gap.layout import build_columns, make_layout
 from airswing.gap.statistics import accumulate, day_of_report, merge_statistics
 from airswing.gap.whitening import flight_order, take_gains, whiten
 

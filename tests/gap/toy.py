@@ -72,7 +72,8 @@ def make_frame(
     declination = np.radians(-(context["longitude"] + 92) * 0.5)
     context |= {"heading": heading, "airspeed": airspeed, "declination": declination,
                 "magnetic_heading": heading - declination,
-                "horizontal_field": 19000 + 350 * (40 - context["latitude"]), "wind": wind}  # fmt: skip
+                "horizontal_field": 19000 + 350 * (40 - context["latitude"]),
+                "wind": wind}  # fmt: skip
     if heading_error is not None:
         indicated = heading.copy()
         for _ in range(6):
@@ -111,7 +112,8 @@ def _paths(rng: np.random.Generator, aircraft: int, days: int) -> dict[str, Any]
                     phase = np.where(steps < 18, 1, np.where(steps > minutes - 18, 3, 2))
                     pieces.append({
                         "aircraft": np.full(steps.size, a), "flight": np.full(steps.size, flight),
-                        "time": clock + steps * 60, "latitude": start[0] + share * (stop - start)[0],
+                        "time": clock + steps * 60,
+                        "latitude": start[0] + share * (stop - start)[0],
                         "longitude": start[1] + share * (stop - start)[1],
                         "pressure": 9.5e4 * (1 - (1 - top) * climb), "phase": phase,
                         "course": np.full(steps.size, np.arctan2(east, north))
@@ -149,7 +151,8 @@ def _frame(
         airspeed=np.hypot(*air.T), ground_u=ground[:, 0], ground_v=ground[:, 1],
         ground_error=zeros + 1.0, declination=context["declination"], dip=zeros + 1.2,
         horizontal_field=context["horizontal_field"], acceleration=acceleration,
-        bank=rng.normal(0, 0.05, n), climb_rate=np.where(phase == 1, 5.0, np.where(phase == 3, -5.0, 0)),
+        bank=rng.normal(0, 0.05, n),
+        climb_rate=np.where(phase == 1, 5.0, np.where(phase == 3, -5.0, 0)),
         temperature=288 - 50 * np.log(9.5e4 / context["pressure"]) + rng.normal(0, 4, n),
         phase=phase, icing=(rng.random(n) < 0.15).astype(np.int64), **smooth,
         dudlnp=-wind[:, 0], dvdlnp=-wind[:, 1],

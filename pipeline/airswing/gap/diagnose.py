@@ -41,8 +41,8 @@ from airswing.gap.noise import NoiseFit, fit_noise
 from airswing.gap.reliability import reliability
 from airswing.gap.statistics import DAY, accumulate, day_of_report
 from airswing.gap.summary import assemble
-from airswing.gap.turning import heading_doubt
 from airswing.gap.swap import exchange, find_swap
+from airswing.gap.turning import heading_doubt
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]

@@ -221,7 +221,8 @@ def gaussian_evidence(
     Notes
     -----
     In units of the prior: theta_hat = I^-1 s, V = f I^-1 + P; the log ratio of
-    N(theta_hat; 0, V + S) to N(theta_hat; 0, V). Directions without information drop out through a floor on I.
+    N(theta_hat; 0, V + S) to N(theta_hat; 0, V). Directions without
+    information drop out through a floor on I.
     """
     k = prior.size
     own = information * np.outer(prior, prior)

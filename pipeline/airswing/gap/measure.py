@@ -322,7 +322,7 @@ def included_sums(base: Base, columns: Integers, weights: Floats) -> tuple[Float
     outer = np.flatnonzero(columns >= core)
     if outer.size:
         means = week_means(stats, weights)
-        for k in outer:
+        for k in outer.tolist():
             own = stats.week_gram[:, :, columns[k], :][:, :, columns]
             row = np.einsum("aw,maw,awm->m", means[k], means, own, optimize=True)
             gram[k], gram[:, k] = row, row

@@ -3,7 +3,8 @@
 Assumptions: winds are sent in whole degrees and whole knots or finer, positions in tenths of a
 minute of arc or finer, times in seconds; coarser is an effect (of an aircraft) unless the whole
 fleet is alike and the step is one that formats use. A value lies on a coarse lattice by chance in
-one of (step / base) cases; the share above chance is the share coded coarsely. Gross errors are single reports that stand out from
+one of (step / base) cases; the share above chance is the share coded coarsely. Gross errors are
+single reports that stand out from
 both neighbours; a rate under one percent that all aircraft share is ordinary.
 
 Validity: at least 100 reports an aircraft. Steps in knots, degrees and minutes of arc.

@@ -17,6 +17,7 @@ Source: GAP.md section 3.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -170,6 +171,7 @@ def accumulate(
     plan: DictionaryPlan,
     clip: float = 5.0,
     day_shift: float | None = None,
+    workers: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Statistics:
     """Whiten and sum over all reports of an archive.
@@ -189,6 +191,8 @@ def accumulate(
         Winsorising bound on the whitened residual about the smooth fit.
     day_shift : float, optional
         Hour UTC at which days start; archives to be merged need the same.
+    workers : int
+        Threads; each takes whole aircraft.
     progress : callable, optional
         Called with the fraction done.
 
@@ -202,12 +206,21 @@ def accumulate(
     values = clipped_residual(frame, residual, noise=noise, clip=clip)
     out.clipped[:] = np.bincount(frame.aircraft, values[1], minlength=len(out.tails))
     out.gross[:] = np.bincount(frame.aircraft, noise.gross, minlength=len(out.tails))
-    done = 0
+    by_aircraft: dict[int, list[Integers]] = {}
     for index in aircraft_weeks(frame.aircraft, day):
-        _add_chunk(out, frame, index, day, values[0], noise, effects, plan)
-        done += index.size
-        if progress is not None:
-            progress(done / frame.size)
+        by_aircraft.setdefault(int(frame.aircraft[index[0]]), []).append(index)
+
+    def add(chunks: list[Integers]) -> int:
+        for index in chunks:
+            _add_chunk(out, frame, index, day, values[0], noise, effects, plan)
+        return sum(index.size for index in chunks)
+
+    done = 0
+    with ThreadPoolExecutor(max_workers=max(1, workers)) as pool:
+        for size in pool.map(add, by_aircraft.values()):
+            done += size
+            if progress is not None:
+                progress(done / frame.size)
     return out
 
 

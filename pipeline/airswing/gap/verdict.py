@@ -1,7 +1,8 @@
 """From the found terms to what a person and a program read: names, parameters, errors, rivals.
 
 Assumptions: parameters are those of the catalogue (`to_parameters`), from coefficients fitted on
-the whole archive given all other terms, with covariance times the cluster factor plus the allowance for
+the whole archive given all other terms, with covariance times the cluster factor plus the
+allowance for
 persistent model error. Effects of the path's wind change are divided by the reliability of the
 reference's gradients, which their noise makes too small.
 
