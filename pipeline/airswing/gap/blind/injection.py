@@ -92,7 +92,23 @@ def sensor_record(table: pd.DataFrame) -> SensorRecord:
     right = np.stack([np.cos(heading), -np.sin(heading)])
     wind = ground * np.stack([np.sin(track), np.cos(track)]) - airspeed * ahead
     left = _left_over(seconds, values["AltMSL"][good], heading, airspeed, wind, ahead, right)
-    return SensorRecord(heading, -(left * right).sum(0) / airspeed, -(left * ahead).sum(0))
+    turned, longer = -(left * right).sum(0) / airspeed, -(left * ahead).sum(0)
+    return SensorRecord(heading, _irregular(heading, turned), _irregular(heading, longer))
+
+
+def _irregular(heading: Array, error: Array) -> Array:
+    """Take off constant, one and two cycles, every heading counting alike: they are the truth's.
+
+    The joint fit shares them with the wind where a heading was flown for long; reports draw their
+    moments by heading, so what is left must be free of them heading by heading.
+    """
+    bins = (np.mod(heading, 2 * np.pi) / (2 * np.pi) * HEADING_BINS).astype(int) % HEADING_BINS
+    weight = 1.0 / np.sqrt(np.bincount(bins, minlength=HEADING_BINS)[bins])
+    cycles = [np.ones_like(heading)]
+    cycles += [wave(k * heading) for k in (1, 2) for wave in (np.sin, np.cos)]
+    design = np.stack(cycles, axis=1)
+    solution = np.linalg.lstsq(design * weight[:, None], error * weight, rcond=None)[0]
+    return np.asarray(error - design @ solution)
 
 
 def _left_over(
