@@ -37,12 +37,20 @@ def one_fleet(
     fits = fit_deviation(ds, **options).isel(reference=-1)
     amplitude = np.hypot(deviation[:, 1], deviation[:, 2])
     phase = np.degrees(np.arctan2(deviation[:, 2], deviation[:, 1]))
-    error = np.column_stack([
-        fits["deviation"].to_numpy() - deviation, fits["offset"].to_numpy() - deviation[:, 0],
-        fits["amplitude"].to_numpy() - amplitude, wrap(fits["phase"].to_numpy() - phase)])
-    spread = np.column_stack([
-        np.sqrt(np.diagonal(fits["deviation_covariance"].to_numpy(), axis1=1, axis2=2)),
-        *[fits[f"{name}_standard_error"].to_numpy() for name in NAMES[5:]]])
+    error = np.column_stack(
+        [
+            fits["deviation"].to_numpy() - deviation,
+            fits["offset"].to_numpy() - deviation[:, 0],
+            fits["amplitude"].to_numpy() - amplitude,
+            wrap(fits["phase"].to_numpy() - phase),
+        ]
+    )
+    spread = np.column_stack(
+        [
+            np.sqrt(np.diagonal(fits["deviation_covariance"].to_numpy(), axis1=1, axis2=2)),
+            *[fits[f"{name}_standard_error"].to_numpy() for name in NAMES[5:]],
+        ]
+    )
     return error, spread, amplitude
 
 
@@ -58,12 +66,19 @@ def main() -> int:
     parser.add_argument("--outliers", type=float, default=0.01)
     parser.add_argument("--hub-and-spoke", action="store_true")
     given = parser.parse_args()
-    setting = Setting(aircraft=given.aircraft, days=given.days, flights_a_day=given.flights,
-                      references=given.references, day_error=given.day_error,
-                      outliers=given.outliers, hub_and_spoke=given.hub_and_spoke)
+    setting = Setting(
+        aircraft=given.aircraft,
+        days=given.days,
+        flights_a_day=given.flights,
+        references=given.references,
+        day_error=given.day_error,
+        outliers=given.outliers,
+        hub_and_spoke=given.hub_and_spoke,
+    )
     pools = {"pool": ["ruc", "rtfdaa"]} if given.references > 1 else {}
-    found = [one_fleet(setting, seed, given.two_cycles, pools=pools)
-             for seed in range(given.fleets)]
+    found = [
+        one_fleet(setting, seed, given.two_cycles, pools=pools) for seed in range(given.fleets)
+    ]
     error, spread, _ = (np.concatenate(part) for part in zip(*found, strict=True))
     fitted = np.isfinite(error[:, 0])
     print(f"{given.fleets} fleets, {fitted.sum()} of {fitted.size} aircraft fitted")
@@ -72,8 +87,10 @@ def main() -> int:
         e, s = error[fitted, k], spread[fitted, k]
         inside = np.mean(np.abs(e) <= 1.96 * s)
         good &= 0.93 <= inside <= 0.97 and (name not in "BC" or abs(e.mean()) < 0.02)
-        print(f"{name:10s} covered {100 * inside:5.1f} %   mean {e.mean():+.4f}   "
-              f"rms {np.sqrt(np.mean(e**2)):.4f}   mean standard error {s.mean():.4f}")
+        print(
+            f"{name:10s} covered {100 * inside:5.1f} %   mean {e.mean():+.4f}   "
+            f"rms {np.sqrt(np.mean(e**2)):.4f}   mean standard error {s.mean():.4f}"
+        )
     return 0 if good else 1
 
 

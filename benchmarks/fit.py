@@ -33,9 +33,12 @@ def loop(headings) -> np.ndarray:
     stop = np.cumsum(headings["row_size"].to_numpy())
     m = headings["magnetic_heading"].to_numpy()
     error = headings["heading_error"].to_numpy()[0]
-    return np.array([
-        curve_fit(sinusoid, m[end - size:end], error[end - size:end], p0=[0.0, 1.0, 0.0])[0]
-        for end, size in zip(stop, headings["row_size"].to_numpy(), strict=True)])
+    return np.array(
+        [
+            curve_fit(sinusoid, m[end - size : end], error[end - size : end], p0=[0.0, 1.0, 0.0])[0]
+            for end, size in zip(stop, headings["row_size"].to_numpy(), strict=True)
+        ]
+    )
 
 
 def shortest(calls: dict, repeats: int) -> tuple[dict, dict]:
@@ -56,28 +59,39 @@ def main() -> int:
     parser.add_argument("--repeats", type=int, default=5)
     given = parser.parse_args()
     deviation = fleet_deviations(given.aircraft, np.random.default_rng(0))
-    headings, _ = fly(deviation, Setting(aircraft=given.aircraft, days=given.days,
-                                         reports_a_flight=34), 0)
+    headings, _ = fly(
+        deviation, Setting(aircraft=given.aircraft, days=given.days, reports_a_flight=34), 0
+    )
     print(f"{headings.sizes['report'] / 1e6:.2f} million reports, {given.aircraft} aircraft")
-    times, results = shortest({"loop": lambda: loop(headings),
-                               "plain": lambda: fit_sinusoid(headings),
-                               "full": lambda: fit_deviation(headings, shared_error=False)},
-                              given.repeats)
+    times, results = shortest(
+        {
+            "loop": lambda: loop(headings),
+            "plain": lambda: fit_sinusoid(headings),
+            "full": lambda: fit_deviation(headings, shared_error=False),
+        },
+        given.repeats,
+    )
     begin = time.perf_counter()
     fit_deviation(headings)
     shared = time.perf_counter() - begin
     slow, plain, full = times.values()
     expected, found, fits = results.values()
     vector = expected[:, 1] * np.exp(1j * np.radians(expected[:, 2]))
-    apart = np.abs(found["amplitude"].to_numpy()[0]
-                   * np.exp(1j * np.radians(found["phase"].to_numpy()[0])) - vector)
+    apart = np.abs(
+        found["amplitude"].to_numpy()[0] * np.exp(1j * np.radians(found["phase"].to_numpy()[0]))
+        - vector
+    )
     apart = max(apart.max(), np.abs(found["offset"].to_numpy()[0] - expected[:, 0]).max())
     worst = np.abs(fits["deviation"].to_numpy()[0] - deviation).max()
     print(f"curve_fit loop   {slow:7.3f} s")
-    print(f"plain sinusoid   {plain:7.3f} s   ratio {slow / plain:6.1f} (bar 20)   "
-          f"largest difference {apart:.1e} degree")
-    print(f"full fit         {full:7.3f} s   ratio {slow / full:6.1f} (bar 5)   "
-          f"largest error of a coefficient {worst:.3f} degree")
+    print(
+        f"plain sinusoid   {plain:7.3f} s   ratio {slow / plain:6.1f} (bar 20)   "
+        f"largest difference {apart:.1e} degree"
+    )
+    print(
+        f"full fit         {full:7.3f} s   ratio {slow / full:6.1f} (bar 5)   "
+        f"largest error of a coefficient {worst:.3f} degree"
+    )
     print(f"and the reference's shared error {shared:7.3f} s   ratio {slow / shared:6.1f} (no bar)")
     return 0 if slow >= 20 * plain and slow >= 5 * full and apart < 1e-3 else 1
 

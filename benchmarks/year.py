@@ -2,13 +2,13 @@
 
     python -m benchmarks.year [--share 1.0] [--workers 1] [--growth] [--main]
 
-Makes a year that is scaled down in grid alone: 8,760 hourly GRIB1 files (24 x 18 points, six levels,
-u and v), 10 million reports of 60 aircraft in twelve Parquet files. ``--share 0.05`` takes that
-share of the hours and of the reports. ``--main`` leaves out the evaluation and the page. The job then runs in a
-process of its own, every stage with its wall time, processor time and peak memory. ``--growth``
-repeats it with a tenth of the reports and with a tenth of the hours and gives the fitted exponents.
-The full grid is extrapolated from a RUC-size day (451 x 337 points, 37 levels) measured in the same
-run: its cost an hour in place of the small grid's, the rest as measured.
+Makes a year that is scaled down in grid alone: 8,760 hourly GRIB1 files (24 x 18 points, six
+levels, u and v), 10 million reports of 60 aircraft in twelve Parquet files. ``--share 0.05`` takes
+that share of the hours and of the reports; ``--main`` leaves out the evaluation and the page. The
+job runs in a process of its own, every stage with its wall time, processor time and peak memory.
+``--growth`` repeats it with a tenth of the reports and with a tenth of the hours and gives the
+fitted exponents. The full grid is extrapolated from a RUC-size day (451 x 337 points, 37 levels)
+measured in the same run: its cost an hour in place of the small grid's, the rest as measured.
 """
 
 from __future__ import annotations
@@ -273,15 +273,17 @@ def main() -> None:
             for what in ("reports", "hours"):
                 shown(runs[what], f"a tenth of the {what}")
                 grown = exponents(runs["whole"], runs[what], 10.0)
-                print("exponent of processor time: "
-                      + ", ".join(f"{stage} {value:.2f}" for stage, value in grown.items()))  # fmt: skip
+                told = ", ".join(f"{stage} {value:.2f}" for stage, value in grown.items())
+                print(f"exponent of processor time: {told}")
         ruc = ruc_hour(folder)
     stages = {stage["name"]: stage for stage in runs["whole"]["accounts"]["stages"]}
     small = sum(stages[stage]["processor"] for stage in ("catalogue", "collocate"))
     rest = sum(stage["processor"] for stage in stages.values()) - small
     full = ruc["sparse"] * HOURS
-    print(f"\nRUC-size hour: {ruc['sparse'] * 1e3:.1f} ms of processor time from a cold scan, "
-          f"{ruc['sparse'] / ruc['plain']:.2f} of plain decoding ({ruc['plain'] * 1e3:.1f} ms)")  # fmt: skip
+    print(
+        f"\nRUC-size hour: {ruc['sparse'] * 1e3:.1f} ms of processor time from a cold scan, "
+        f"{ruc['sparse'] / ruc['plain']:.2f} of plain decoding ({ruc['plain'] * 1e3:.1f} ms)"
+    )
     print(f"a year on the full grid, one reference: {full:.0f} s for the model and "
           f"{rest / given.share:.0f} s for the rest, processor time of one thread")  # fmt: skip
     if given.json:

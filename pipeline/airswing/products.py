@@ -21,7 +21,7 @@ import xarray as xr
 
 import airswing
 from airswing.errors import InputError
-from airswing.vocabulary import describe, lookup
+from airswing.vocabulary import STORED_STEP, describe, lookup
 
 INSTITUTION = "airswing"
 REFERENCES = (
@@ -33,6 +33,8 @@ _TIME_ATTRIBUTES = {
     "calendar": "standard",
     "_FillValue": np.iinfo(np.int64).min,
 }
+REPORTS_A_CHUNK = 65_536
+"""Few enough that one aircraft of ten million reports is read in well under a second."""
 
 
 @contextlib.contextmanager
@@ -204,7 +206,7 @@ def write_product(
 
 
 def as_stored(ds: xr.Dataset) -> xr.Dataset:
-    """Give every variable the precision it is written with.
+    """Give every variable the precision it is written with: its type, and `STORED_STEP`.
 
     What follows from a Dataset in memory is then the same as what follows from its product.
 
@@ -220,7 +222,11 @@ def as_stored(ds: xr.Dataset) -> xr.Dataset:
     ds = ds.copy()
     for name, variable in ds.data_vars.items():
         dtype = lookup(str(name), variable.dims).dtype
-        if dtype.startswith("f") and variable.dtype != dtype:
+        step = STORED_STEP.get(str(name), 0.0)
+        if step:
+            ds[name] = ((variable / step).round() * step).astype(dtype)
+            ds[name].attrs = {**variable.attrs, "stored_step": step}
+        elif dtype.startswith("f") and variable.dtype != dtype:
             ds[name] = variable.astype(dtype)
     return ds
 
@@ -326,6 +332,11 @@ def _encoding(variable: xr.DataArray) -> dict[str, Any]:
     encoding: dict[str, Any] = {"dtype": "i8" if time else entry.dtype}
     if variable.ndim and variable.size > 1:
         encoding |= {"zlib": True, "complevel": 1, "shuffle": True}
+        if "report" in variable.dims:
+            encoding["chunksizes"] = tuple(
+                min(size, REPORTS_A_CHUNK) if name == "report" else 1
+                for name, size in variable.sizes.items()
+            )
     if entry.dtype.startswith("f"):
         encoding["_FillValue"] = np.array(np.nan, dtype=entry.dtype)[()]
     return encoding

@@ -1,0 +1,63 @@
+"""Run every benchmark of this folder, one after the other, and print what each prints.
+
+    python -m benchmarks [--long] [NAME ...]
+
+Without names all of them, at sizes that end in minutes; ``--long`` at the sizes the bars are stated
+for. A benchmark whose bar is missed is named at the end, and the exit status is 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+
+SHORT = {
+    "collocation": ["--hours", "24", "--repeats", "3"],
+    "fit": ["--days", "120", "--repeats", "3"],
+    "storage": ["--reports", "1000000"],
+    "fault_drill": ["--kills", "6", "--days", "8", "--aircraft", "3"],
+    "year": ["--share", "0.05"],
+    "coverage": ["--fleets", "40"],
+    "evaluation_coverage": ["--seeds", "20"],
+    "gap_identification": ["--cases", "8"],
+}
+LONG: dict[str, list[str]] = {
+    "collocation": [],
+    "fit": [],
+    "storage": [],
+    "fault_drill": ["--kills", "20"],
+    "year": ["--growth"],
+    "coverage": ["--fleets", "200"],
+    "evaluation_coverage": [],
+    "gap_identification": [],
+}
+
+
+def main() -> int:
+    """Run the asked benchmarks; 1 where one of them failed."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(SHORT)}")
+    parser.add_argument("--long", action="store_true", help="at the sizes the bars are stated for")
+    given = parser.parse_args()
+    sizes = LONG if given.long else SHORT
+    unknown = [name for name in given.names if name not in sizes]
+    if unknown:
+        parser.error(f"no benchmark {unknown[0]!r}; known: {', '.join(sizes)}")
+    missed = []
+    for name in given.names or sizes:
+        command = [sys.executable, "-m", f"benchmarks.{name}", *sizes[name]]
+        print(f"\n== {' '.join(['python', *command[1:]])}", flush=True)
+        began = time.perf_counter()
+        done = subprocess.run(command, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=False)
+        print(f"-- {name}: {time.perf_counter() - began:.0f} s", flush=True)
+        if done.returncode:
+            missed.append(name)
+    print(f"\nmissed or failed: {', '.join(missed)}" if missed else "\nevery bar held")
+    return bool(missed)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

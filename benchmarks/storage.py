@@ -1,0 +1,102 @@
+"""Bytes a report of headings.nc, and the time to read one aircraft's records from it.
+
+    python -m benchmarks.storage [--reports 10000000]
+
+Winds, headings and errors of a synthetic fleet (``benchmarks.year``) are derived and written as the
+main job writes them, the reports repeated until there are enough. Bars: under 60 bytes a report a
+reference; one aircraft's records in under a second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from benchmarks.year import AIRCRAFT, run
+
+import airswing  # noqa: F401  (imports pyproj before eccodes can be)
+from airswing.products import as_stored, write_product
+
+SHOWN = 12
+"""Largest variables to print."""
+
+
+def repeated(headings: xr.Dataset, reports: int) -> xr.Dataset:
+    """Every report again and again, aircraft by aircraft; winds and errors differ a little."""
+    times = -(-reports // headings.sizes["report"])
+    size = headings["row_size"].to_numpy()
+    stop = np.cumsum(size)
+    order = np.concatenate([
+        np.tile(np.arange(end - count, end), times)
+        for end, count in zip(stop, size, strict=True)
+    ])  # fmt: skip
+    grown = headings.isel(report=order)
+    grown["row_size"] = headings["row_size"] * times
+    rng = np.random.default_rng(2)
+    for name, variable in grown.data_vars.items():
+        if variable.dtype.kind == "f" and "report" in variable.dims:
+            spread = float(np.nan_to_num(variable.std()))
+            noise = rng.normal(size=variable.shape) * 1e-2 * spread
+            exact = np.array_equal(variable, np.round(variable, 4), equal_nan=True)
+            grown[name] = variable if exact else (variable + noise).astype(variable.dtype)
+    return as_stored(grown)
+
+
+def variable_bytes(path: Path) -> dict[str, float]:
+    """Bytes of each variable when it is written alone."""
+    found = {}
+    with xr.open_dataset(path, engine="netcdf4", decode_cf=False) as ds:
+        for name, variable in ds.variables.items():
+            if "report" in variable.dims:
+                alone = path.with_name("alone.nc")
+                kept = ("zlib", "complevel", "shuffle", "chunksizes")
+                encoding = {key: variable.encoding[key] for key in kept}
+                ds[[name]].drop_attrs().to_netcdf(
+                    alone, engine="netcdf4", encoding={name: encoding}
+                )
+                found[str(name)] = alone.stat().st_size / ds.sizes["report"]
+    return found
+
+
+def one_aircraft(path: Path, number: int) -> float:
+    """Seconds to open the product and read every variable of one aircraft."""
+    began = time.perf_counter()
+    with xr.open_dataset(path, engine="netcdf4", decode_timedelta=False) as ds:
+        stop = np.cumsum(ds["row_size"].to_numpy())
+        start = stop - ds["row_size"].to_numpy()
+        ds.isel(report=slice(int(start[number]), int(stop[number]))).load()
+    return time.perf_counter() - began
+
+
+def main() -> None:
+    """Write, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--reports", type=int, default=10_000_000)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        made = min(given.reports, 500_000)
+        run(folder / "run", reports=made, hours=438, aircraft=AIRCRAFT, workers=1, main=True)
+        with xr.open_dataset(folder / "run/results/headings.nc", engine="netcdf4",
+                             decode_timedelta=False) as ds:  # fmt: skip
+            headings = ds.load()
+        path = folder / "headings.nc"
+        grown = repeated(headings, given.reports)
+        write_product(grown, path, title="Storage benchmark")
+        count, size = grown.sizes["report"], path.stat().st_size
+        del grown
+        print(f"{count:,} reports, one reference: {size / 1e6:,.0f} MB, "
+              f"{size / count:.1f} bytes a report a reference (bar: 60)")  # fmt: skip
+        seconds = [one_aircraft(path, number) for number in (0, AIRCRAFT // 2, AIRCRAFT - 1)]
+        print(f"one aircraft of {AIRCRAFT}: {max(seconds):.2f} s to read (bar: 1)")
+        found = variable_bytes(path)
+        for variable, share in sorted(found.items(), key=lambda item: -item[1])[:SHOWN]:
+            print(f"  {variable:<32}{share:6.2f} bytes a report")
+
+
+if __name__ == "__main__":
+    main()
