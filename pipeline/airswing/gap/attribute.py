@@ -415,7 +415,12 @@ def _best_for(
         else evaluate(base.stats, given, c, allowed=allowed)
         for c in pool
     ]
-    best = max(scores, key=lambda s: s.aircraft_evidence[one])
+    best = max(
+        scores,
+        key=lambda s: (
+            s.aircraft_evidence[one] - CHANGE_PENALTY * (s.candidate.kind in ("step", "drift"))
+        ),
+    )
     own = [s.aircraft_evidence[one] for s in scores if s.candidate.key == term.candidate.key]
     return best, float(own[0]) if own else 0.0
 

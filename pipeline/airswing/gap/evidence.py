@@ -35,9 +35,9 @@ Integers = NDArray[np.int64]
 SCALE_GRID = np.array([0.08, 0.2, 0.5, 1.2, 3.0])
 #: Shares of aircraft struck over which the mixture is averaged.
 SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
-#: Persistent model error allowed for, m/s rms where the candidate acts.
-AIRCRAFT_ALLOWANCE = 0.08
-FLEET_ALLOWANCE = 0.10
+#: Persistent model error allowed for, m/s rms where the candidate acts, in each direction.
+AIRCRAFT_ALLOWANCE = 0.06
+FLEET_ALLOWANCE = 0.09
 #: Common cluster factor of raw evidence.
 RAW_FACTOR = 1.5
 
@@ -149,6 +149,8 @@ def candidates(
         scales = np.asarray(effect.column_scales, float)
         scope = "aircraft" if effect.scope in ("aircraft", "pair") else "fleet"
         subsets = effect.alternatives or (tuple(range(block.size)),)
+        if effect.kind == "step" and block.size == 3:
+            subsets = ((0,), (1, 2), (0, 1, 2))
         for subset in subsets:
             pick = np.array(subset, np.int64)
             out.append(
@@ -169,7 +171,7 @@ def candidates(
 def allowance_covariance(
     second: Floats, acting: Floats | float, size: float, scales: Floats
 ) -> Floats:
-    """Covariance of coefficients whose effect is ``size`` m/s rms where it acts.
+    """Covariance of coefficients whose effect is ``size`` m/s rms in each direction where it acts.
 
     Parameters
     ----------
@@ -191,7 +193,7 @@ def allowance_covariance(
     scaled = second / count * np.outer(scales, scales)
     floor = 0.02 * np.trace(scaled, axis1=-2, axis2=-1) / k + 1e-12
     inverse = np.linalg.inv(scaled + floor[..., None, None] * np.eye(k)) * np.outer(scales, scales)
-    return np.asarray(size**2 / k * inverse)
+    return np.asarray(size**2 * inverse)
 
 
 def gaussian_evidence(
