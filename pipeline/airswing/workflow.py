@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import xarray as xr
 
 from airswing.config import Config, as_json
@@ -282,7 +283,7 @@ def make_headings(job: Job) -> xr.Dataset:
     InputError
         If no report is left after screening.
     """
-    from airswing.compass.screening import screen
+    from airswing.compass.screening import mark_corrected_units, screen
 
     config = job.config
     names = list(config.references)
@@ -302,6 +303,14 @@ def make_headings(job: Job) -> xr.Dataset:
         headings.attrs["unscreened_fingerprint"] = unscreened
         with job.progress.stage("screen") as stage:
             headings = screen(headings, **config.screening.model_dump())
+            if config.field_test is not None:
+                test = config.field_test
+                headings = mark_corrected_units(
+                    headings,
+                    aircraft=test.corrected,
+                    start=np.datetime64(test.start),
+                    end=None if test.end is None else np.datetime64(test.end),
+                )
             kept = int((headings["screening"] == 0).sum())
             stage.note = f"{kept:,} of {headings.sizes['report']:,} reports kept"
             stage.reports = kept
@@ -313,7 +322,11 @@ def make_headings(job: Job) -> xr.Dataset:
         HEADINGS,
         make,
         title="Heading errors of aircraft reports against model winds",
-        depends=(unscreened, config.screening, code_digest("airswing.compass.screening")),
+        depends=(
+            unscreened,
+            config.model_dump(include={"screening", "field_test"}),
+            code_digest("airswing.compass.screening"),
+        ),
     )
     job.clear_store()
     return headings
@@ -668,4 +681,5 @@ def _product(
         sources=[*job.config.reports.files, *job.config.references],
         source_uuids=[source.attrs["uuid"] for source in sources],
     )
+    del made  # a year's product is not held twice
     return read_product(path)

@@ -63,9 +63,10 @@ def bits(ds: xr.Dataset, **options: Any) -> list[int]:
 
 
 def test_every_rule_has_its_bit_and_only_its_bit() -> None:
-    assert list(WORST) == list(SCREENING)
+    # The field test's bit is set by mark_corrected_units, not by a rule of screen.
+    assert [*WORST, "field_test"] == list(SCREENING)
     found = bits(made({}, *WORST.values()))
-    assert found == [0, *SCREENING.values()]
+    assert [*found, SCREENING["field_test"]] == [0, *SCREENING.values()]
 
 
 def test_bits_add_up() -> None:
@@ -229,3 +230,23 @@ def test_unknown_words_are_refused() -> None:
         screen(ds, roll="require_pass")  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match=r"screening.temperature_qc.*strict"):
         screen(ds, temperature_qc="strict")  # type: ignore[arg-type]
+
+
+def test_reports_of_corrected_units_are_marked_from_the_test_on_and_not_fitted_or_corrected():
+    from airswing.compass.screening import mark_corrected_units
+
+    time = np.array(["2009-10-19", "2009-10-20", "2009-10-21"] * 2, "M8[ns]")
+    ds = xr.Dataset(
+        {
+            "row_size": ("aircraft", [3, 3]),
+            "time": ("report", time),
+            "screening": ("report", np.array([0, 1, 0, 0, 0, 0], np.int32)),
+        },
+        coords={"aircraft": ["N1", "N2"]},
+    )
+    start, end = np.datetime64("2009-10-20"), np.datetime64("2009-10-21")
+    bit = 1024
+    marked = mark_corrected_units(ds, aircraft=["N1"], start=start)
+    assert marked["screening"].to_numpy().tolist() == [0, 1 | bit, bit, 0, 0, 0]
+    marked = mark_corrected_units(ds, aircraft=["N1"], start=start, end=end)
+    assert marked["screening"].to_numpy().tolist() == [0, 1 | bit, 0, 0, 0, 0]

@@ -31,7 +31,7 @@ from airswing.compass.clusters import Array
 from airswing.compass.table import deviation_curve, error_from_table, unit_interpolation
 from airswing.errors import InputError
 from airswing.ragged import aircraft_of_report
-from airswing.vocabulary import CORRECTION, STATUS, describe
+from airswing.vocabulary import CORRECTION, SCREENING, STATUS, describe
 
 KEPT = ("time", "latitude", "longitude", "pressure", "pressure_altitude", "eastward_wind",
         "northward_wind", "reference_eastward_wind", "reference_northward_wind", "lead_time",
@@ -135,9 +135,12 @@ def correct(
                else "heading"]
     has_heading = np.isfinite(m) & np.isfinite(column["airspeed"]) & np.isfinite(column["heading"])
     has_wind = np.isfinite(column["eastward_wind"]) & np.isfinite(column["northward_wind"])
+    mended = np.zeros(m.size, dtype=bool)
+    if "screening" in headings:
+        mended = (headings["screening"].to_numpy() & SCREENING["field_test"]) > 0
     flag = np.select(
-        [~has_wind, ~ok, ~has_heading],
-        [CORRECTION["missing_wind"], CORRECTION["no_fit"], CORRECTION["no_heading"]],
+        [~has_wind, mended, ~ok, ~has_heading],
+        [CORRECTION[why] for why in ("missing_wind", "already_corrected", "no_fit", "no_heading")],
         CORRECTION["corrected"]).astype(np.int8)
     done = flag == CORRECTION["corrected"]
     found = _corrected(column, m, fit, row, done, method, apply_airspeed_scale)

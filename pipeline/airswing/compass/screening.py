@@ -130,6 +130,41 @@ def kept(headings: xr.Dataset, reference: str | None = None) -> xr.DataArray:
     return passed.rename("kept").drop_attrs()
 
 
+def mark_corrected_units(
+    headings: xr.Dataset,
+    *,
+    aircraft: Collection[str],
+    start: np.datetime64,
+    end: np.datetime64 | None = None,
+) -> xr.Dataset:
+    """Mark reports of units that applied their own correction: another compass, not to be fitted.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened.
+    aircraft : collection of str
+        Aircraft whose unit was corrected.
+    start, end : datetime64
+        When; no end is the end of the archive.
+
+    Returns
+    -------
+    Dataset
+        The same with the bit ``field_test`` of ``screening`` set on those reports.
+    """
+    tail = headings["aircraft"].to_numpy().astype(str)[aircraft_of_report(headings)]
+    time = headings["time"].to_numpy()
+    marked = np.isin(tail, list(aircraft)) & (time >= start)
+    if end is not None:
+        marked &= time < end
+    bit = marked.astype(np.int32) * np.int32(SCREENING["field_test"])
+    attrs = headings["screening"].attrs
+    headings = headings.assign(screening=headings["screening"] | xr.DataArray(bit, dims="report"))
+    headings["screening"].attrs = attrs
+    return headings
+
+
 def audit(headings: xr.Dataset) -> xr.Dataset:
     """Count what each screening rule removed.
 
