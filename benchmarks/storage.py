@@ -42,7 +42,10 @@ def repeated(headings: xr.Dataset, reports: int) -> xr.Dataset:
             spread = float(np.nan_to_num(variable.std()))
             noise = rng.normal(size=variable.shape) * 1e-2 * spread
             exact = np.array_equal(variable, np.round(variable, 4), equal_nan=True)
-            grown[name] = variable if exact else (variable + noise).astype(variable.dtype)
+            if name in ("latitude", "longitude"):
+                grown[name] = (variable + noise).round(4)
+            elif not exact:
+                grown[name] = (variable + noise).astype(variable.dtype)
     return as_stored(grown)
 
 
