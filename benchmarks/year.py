@@ -248,6 +248,26 @@ def exponents(whole: dict[str, Any], less: dict[str, Any], ratio: float) -> dict
     }
 
 
+def draw(found: dict[str, Any], path: Path) -> None:
+    """Processor time and peak memory of every stage, side by side."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    stages = found["accounts"]["stages"]
+    names = [stage["name"] for stage in stages]
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 0.32 * len(names) + 1.2), sharey=True)
+    left.barh(names, [stage["processor"] for stage in stages], color="#33638d")
+    left.set_xlabel("processor time (s)")
+    right.barh(names, [stage["peak"] / 1e9 for stage in stages], color="#33638d")
+    right.set_xlabel("peak memory of the process (GB)")
+    left.invert_yaxis()
+    figure.suptitle(f"{found['reports']['usable']:,} reports, by stage")
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
 def main() -> None:
     """Run the year and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -256,6 +276,7 @@ def main() -> None:
     parser.add_argument("--growth", action="store_true", help="also a tenth of each")
     parser.add_argument("--main", action="store_true", help="no evaluation, no page")
     parser.add_argument("--json", type=Path, help="write the numbers here")
+    parser.add_argument("--figure", type=Path, help="draw time and memory by stage here (PNG)")
     parser.add_argument("--measured", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.measured:
@@ -286,6 +307,8 @@ def main() -> None:
     )
     print(f"a year on the full grid, one reference: {full:.0f} s for the model and "
           f"{rest / given.share:.0f} s for the rest, processor time of one thread")  # fmt: skip
+    if given.figure:
+        draw(runs["whole"], given.figure)
     if given.json:
         given.json.write_text(json.dumps({"runs": runs, "ruc_hour": ruc}, indent=1))
 
