@@ -60,7 +60,8 @@ class Rules:
     fleet_evidence : float
         The same for fleet-wide terms.
     size : float
-        Smallest rms where it acts, m s-1.
+        Smallest rms where it acts, m s-1. Real fleets have a little of every effect everywhere;
+        what is smaller than this is left to them.
     unknown_margin : float
         Tempered evidence, in cluster factors, by which a dictionary group must beat the best known
         effect.
@@ -68,9 +69,9 @@ class Rules:
         Length of the search.
     """
 
-    evidence: float = 4.0
+    evidence: float = 3.0
     fleet_evidence: float = 3.0
-    size: float = 0.08
+    size: float = 0.2
     unknown_margin: float = 3.0
     most_terms: int = 12
 

@@ -3,8 +3,8 @@
 Assumptions: the share of a slice (an aircraft, or a dictionary group) in the gap is its
 cross-fitted energy: coefficients fitted on one half of the weeks predict the other half,
 theta_A' G theta_B; on a null its expectation is zero. Significance is a chi-squared test of the
-group's score with the cluster factor, false discoveries are controlled over all slices (Benjamini & Hochberg
-1995). The maps are
+group's score with the cluster factor, false discoveries are controlled over all slices
+(Benjamini & Hochberg 1995). The maps are
 plain means of the residual in bins, with standard errors clustered by flight.
 
 Validity: two weeks and more for the halves. Angles in degrees, speeds in m/s.
