@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 SHORT = {
     "collocation": ["--hours", "24", "--repeats", "3"],
@@ -24,31 +25,29 @@ SHORT = {
     "evaluation_coverage": ["--seeds", "20"],
     "gap_identification": ["--cases", "8"],
 }
-LONG: dict[str, list[str]] = {
-    "collocation": [],
-    "fit": [],
-    "storage": [],
-    "fault_drill": ["--kills", "20"],
-    "year": ["--growth"],
-    "coverage": ["--fleets", "200"],
-    "evaluation_coverage": [],
-    "gap_identification": [],
-}
+LONG = {"year": ["--growth"]}
+"""Arguments by benchmark; none are given where it has no entry."""
+
+
+def names() -> list[str]:
+    """Every benchmark of this folder, those with a size of their own first."""
+    found = {path.stem for path in Path(__file__).parent.glob("[a-z]*.py")}
+    return [*SHORT, *sorted(found - set(SHORT))]
 
 
 def main() -> int:
     """Run the asked benchmarks; 1 where one of them failed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(SHORT)}")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names())}")
     parser.add_argument("--long", action="store_true", help="at the sizes the bars are stated for")
     given = parser.parse_args()
     sizes = LONG if given.long else SHORT
-    unknown = [name for name in given.names if name not in sizes]
+    unknown = [name for name in given.names if name not in names()]
     if unknown:
-        parser.error(f"no benchmark {unknown[0]!r}; known: {', '.join(sizes)}")
+        parser.error(f"no benchmark {unknown[0]!r}; known: {', '.join(names())}")
     missed = []
-    for name in given.names or sizes:
-        command = [sys.executable, "-m", f"benchmarks.{name}", *sizes[name]]
+    for name in given.names or names():
+        command = [sys.executable, "-m", f"benchmarks.{name}", *sizes.get(name, [])]
         print(f"\n== {' '.join(['python', *command[1:]])}", flush=True)
         began = time.perf_counter()
         done = subprocess.run(command, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=False)

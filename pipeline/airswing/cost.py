@@ -16,21 +16,21 @@ SECONDS_PER_SPARSE_MESSAGE = 0.2e-3
 SECONDS_PER_DECODED_BYTE = 1.0e-8
 SECONDS_PER_REPORT = {
     "reports": 6.0e-6,
-    "collocate": 3.0e-6,
+    "collocate": 1.2e-6,
     "headings": 3.0e-6,
-    "screen": 0.2e-6,
-    "fit": 5.0e-6,
-    "correct": 1.0e-6,
-    "profiles": 3.0e-6,
-    "stability": 5.0e-6,
-    "ranking": 1.0e-6,
-    "virtual field test": 20.0e-6,
-    "page": 2.0e-6,
+    "screen": 0.1e-6,
+    "fit": 1.0e-6,
+    "correct": 0.9e-6,
+    "profiles": 4.0e-6,
+    "stability": 8.0e-6,
+    "ranking": 2.5e-6,
+    "virtual field test": 35.0e-6,
+    "page": 7.0e-6,
 }
-SECONDS_PER_PAGE = 6.0
-BYTES_PER_REPORT = 400
-"""Peak memory of the headings stage for each report and two references."""
-BASE_BYTES = 400_000_000
+SECONDS_ANYWAY = {"fit": 3.0, "virtual field test": 10.0, "page": 7.0}
+BYTES_PER_REPORT = 600
+"""Peak memory of the stages that hold every report, for each report and up to two references."""
+BASE_BYTES = 550_000_000
 """The interpreter with the libraries loaded."""
 
 
@@ -50,7 +50,8 @@ def stage_seconds(reports: int, plans: Mapping[str, Plan], *, threads: int = 1) 
         Seconds by stage.
     """
     found = {stage: reports * seconds for stage, seconds in SECONDS_PER_REPORT.items()}
-    found["page"] += SECONDS_PER_PAGE
+    for stage, seconds in SECONDS_ANYWAY.items():
+        found[stage] += seconds
     for one in plans.values():
         decoded = 1.0 - one.sparse_messages / max(one.messages, 1)
         reading = one.sparse_messages * SECONDS_PER_SPARSE_MESSAGE
