@@ -3,7 +3,7 @@
     python benchmarks/gap_identification.py --cases 60 --seed 1 --output results.jsonl
 
 The archives come from `airswing.sample` (which shares no code with the effects' design columns); no
-file is written and read back, so this measures the statistics alone. Every case is one line of JSON:
+file is written and read back, so this measures the statistics alone. Every case is a line of JSON:
 what was put in, its rms where it acts (from the paired archive without it), what was found. The
 summary prints first names right, ambiguity sets, aircraft, parameters, dates, closure and false
 claims, and with ``--score FILE`` only that.
@@ -39,7 +39,8 @@ UNIT_SIZE: dict[str, dict[str, float]] = {
     "tas_offset": {"offset_m_s": 1.0}, "reference_speed_bias": {"bias_percent": 5.0},
     "reference_time_offset": {"offset_h": 0.6}, "reference_grid_relative": {"fraction": 0.8},
     "altitude_offset": {"offset_ft": 1000.0}, "time_lag": {"offset_s": 70.0},
-    "heading_by_temperature": {"amplitude_deg": 0.51}, "heading_by_longitude": {"amplitude_deg": 1.0},
+    "heading_by_temperature": {"amplitude_deg": 0.51},
+    "heading_by_longitude": {"amplitude_deg": 1.0},
     "heading_by_hour": {"amplitude_deg": 0.72}, "three_cycle": {"amplitude_deg": 0.72},
     "pitot_icing": {"scale_percent": 0.9}, "tas_by_altitude": {"scale_percent": 1.1},
     "heading_by_crosswind": {"fraction": 0.12},
@@ -85,8 +86,9 @@ def frame_of(table: Any, reference: str = "ruc", seed: int = 0) -> Frame:
     }
     unknown = np.full(len(names), np.nan)
     frame = Frame(
-        tails=names, epoch=float(seconds.min()), reference_field=float(np.median(column("horizontal"))),
-        report=np.arange(n), aircraft=np.searchsorted(names, table["tail"].to_numpy(str)), flight=flight,
+        tails=names, epoch=float(seconds.min()),
+        reference_field=float(np.median(column("horizontal"))), report=np.arange(n),
+        aircraft=np.searchsorted(names, table["tail"].to_numpy(str)), flight=flight,
         time=seconds, latitude=column("latitude"), longitude=column("longitude"),
         pressure=column("pressure"), u_rep=column("u"), v_rep=column("v"),
         u_ref=column(f"u_{reference}"), v_ref=column(f"v_{reference}"), heading=heading,
@@ -175,15 +177,21 @@ def run_case(
     if clean is None and case["effects"]:
         clean = frame_of(simulate_arrays(**options))
         cleans[seed] = clean
-    keep = ("name", "tails", "parameters", "standard_errors", "period", "ambiguous_with", "evidence_nats",
-            "held_out_energy", "held_out_energy_standard_error", "size_m_s", "probability")  # fmt: skip
+    keep = (
+        "name", "tails", "parameters", "standard_errors", "period", "ambiguous_with",
+        "evidence_nats", "held_out_energy", "held_out_energy_standard_error", "size_m_s",
+        "probability",
+    )  # fmt: skip
     left = [e for e in made.details["evidence"] if e["instead_of"] is None]
     left.sort(key=lambda e: -e["tempered_nats"])
     return case | {
         "seconds": time.time() - started, "rms": true_size(frame, clean),
         "true_after": None if clean is None else float(np.hypot(*clean.residual.T).mean() / KNOT),
         "found": [{k: e[k] for k in keep if k in e} for e in report["effects"]],
-        "unknown": [{k: w[k] for k in ("group", "tails", "evidence_nats", "size_m_s")} for w in report["unknown"]["where"]],
+        "unknown": [
+            {k: w[k] for k in ("group", "tails", "evidence_nats", "size_m_s")}
+            for w in report["unknown"]["where"]
+        ],
         "closure": report["closure"],
         "left": [[e["name"], e["scope"], round(e["tempered_nats"], 2)] for e in left[:4]],
     }  # fmt: skip
@@ -263,8 +271,9 @@ def score_case(case: dict[str, Any]) -> dict[str, Any]:
                 len(hit) / len(mine["tails"]),
                 len(hit) / len(true["tails"]),
             )
-        key = next(k for k in true["parameters"] if k in mine["parameters"] and mine["parameters"][k] is not None
-                   and k not in ("phase_deg", "above_hPa", "epoch_year"))  # fmt: skip
+        left_out = ("phase_deg", "above_hPa", "epoch_year")
+        told = {k for k, v in mine["parameters"].items() if v is not None and k not in left_out}
+        key = next(k for k in true["parameters"] if k in told)
         value = true["parameters"][key]
         out["parameter"] = abs(mine["parameters"][key] - value) / abs(value) * 100
         if true["period"] and mine["period"] and mine["period"][0]:

@@ -18,7 +18,11 @@ def test_the_turn_at_a_report_is_the_larger_of_its_two_sides():
 
 def test_rows_in_any_order_give_the_same():
     rng = np.random.default_rng(0)
-    track, flight, time = rng.uniform(0, 6, 40), np.repeat([3, 1], 20), rng.permutation(40).astype(float)
+    track, flight, time = (
+        rng.uniform(0, 6, 40),
+        np.repeat([3, 1], 20),
+        rng.permutation(40).astype(float),
+    )
     order = rng.permutation(40)
     found = turn_at_reports(track, flight, time)
     again = turn_at_reports(track[order], flight[order], time[order])

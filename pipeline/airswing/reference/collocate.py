@@ -245,7 +245,7 @@ def _lazy(
 ) -> da.Array:
     """A lazy array over the samples and joins that all variables share."""
     layers = HighLevelGraph({base: graph, name: keys}, {base: set(), name: {base}})
-    return da.Array(layers, name, chunks=chunks, dtype=dtype)  # type: ignore[no-untyped-call]
+    return da.Array(layers, name, chunks=chunks, dtype=dtype)
 
 
 def _row(joined: tuple[Floats, Floats], number: int) -> Floats:
