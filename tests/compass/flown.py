@@ -65,8 +65,12 @@ def fly(deviation, setting: Setting, seed: int) -> tuple[xr.Dataset, dict]:
         shown = flat + curve(deviation, shown)
     shown = shown.reshape(n)
     indicated = shown + declination
-    wind = (np.array([12.0, 3.0]) + rng.normal(0, 8, (1, s.days, 1, 1, 2))
-            + rng.normal(0, 5, (*n[:3], 1, 2)) + rng.normal(0, 1, (*n, 2)))
+    wind = (
+        np.array([12.0, 3.0])
+        + rng.normal(0, 8, (1, s.days, 1, 1, 2))
+        + rng.normal(0, 5, (*n[:3], 1, 2))
+        + rng.normal(0, 1, (*n, 2))
+    )
     tas = s.airspeed + rng.normal(0, 4, n)
     ground = tas[..., np.newaxis] * _unit(true) + wind
     unit_air = (tas * (1 + scale[:, None, None, None]))[..., np.newaxis] * _unit(indicated)
@@ -76,10 +80,13 @@ def fly(deviation, setting: Setting, seed: int) -> tuple[xr.Dataset, dict]:
     reports = int(np.prod(n))
     model = np.empty((s.references, *n, 2))
     for k in range(s.references):
-        model[k] = (wind + bias[k][:, None, None, None]
-                    + s.day_error * rng.normal(size=(1, s.days, 1, 1, 2))
-                    + s.flight_error * rng.normal(size=(*n[:3], 1, 2))
-                    + s.noise * rng.normal(size=(*n, 2)))
+        model[k] = (
+            wind
+            + bias[k][:, None, None, None]
+            + s.day_error * rng.normal(size=(1, s.days, 1, 1, 2))
+            + s.flight_error * rng.normal(size=(*n[:3], 1, 2))
+            + s.noise * rng.normal(size=(*n, 2))
+        )
     seen = ground + s.ground_error * rng.normal(size=(*n, 2))
     air = (seen - reported).reshape(reports, 2)
     implied = seen.reshape(reports, 2) - model.reshape(s.references, reports, 2)
@@ -89,8 +96,11 @@ def fly(deviation, setting: Setting, seed: int) -> tuple[xr.Dataset, dict]:
     day = np.broadcast_to(np.arange(s.days)[:, None, None], n[1:])
     hour = np.broadcast_to(np.linspace(1, 22, s.flights_a_day)[:, None], n[2:])
     minute = np.arange(s.reports_a_flight) * 3
-    time = (np.datetime64("2008-07-01", "ns") + day.astype("timedelta64[D]")
-            + (hour * 60 + minute).astype("timedelta64[m]"))
+    time = (
+        np.datetime64("2008-07-01", "ns")
+        + day.astype("timedelta64[D]")
+        + (hour * 60 + minute).astype("timedelta64[m]")
+    )
     time = np.broadcast_to(time, n).reshape(reports)
     flight = np.repeat(np.arange(np.prod(n[:3])), s.reports_a_flight)
     start = np.array([-87.0, 43.0]) + rng.uniform(-3, 3, (*n[:3], 1, 2))
@@ -116,18 +126,23 @@ def fly(deviation, setting: Setting, seed: int) -> tuple[xr.Dataset, dict]:
             "declination": (one, declination.reshape(reports)),
             "heading_error": (two, wrap(heading - other)),
             "heading_error_standard_error": (
-                two, np.broadcast_to(np.degrees(s.ground_error / airspeed), shape)),
+                two,
+                np.broadcast_to(np.degrees(s.ground_error / airspeed), shape),
+            ),
             "airspeed_error": (two, airspeed - np.hypot(implied[..., 0], implied[..., 1])),
             "screening": (one, np.zeros(reports, np.int32)),
         },
         coords={
             "aircraft": ("aircraft", np.array([f"N{k:03d}" for k in range(s.aircraft)], object)),
-            "reference": ("reference",
-                          np.array(["ruc", "rtfdaa", "nam"][: s.references], object)),
+            "reference": ("reference", np.array(["ruc", "rtfdaa", "nam"][: s.references], object)),
         },
     )
-    truth = {"deviation": deviation, "bias": bias, "scale": scale,
-             "true_wind": np.broadcast_to(wind, (*n, 2)).reshape(reports, 2)}
+    truth = {
+        "deviation": deviation,
+        "bias": bias,
+        "scale": scale,
+        "true_wind": np.broadcast_to(wind, (*n, 2)).reshape(reports, 2),
+    }
     return ds, truth
 
 

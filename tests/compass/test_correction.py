@@ -14,8 +14,11 @@ from tests.compass.flown import Setting, fleet_deviations, fly
 
 @pytest.fixture(scope="module")
 def fleet():
-    headings, truth = fly(fleet_deviations(3, np.random.default_rng(3)),
-                          Setting(aircraft=3, days=30, scale_spread=0.0), 21)
+    headings, truth = fly(
+        fleet_deviations(3, np.random.default_rng(3)),
+        Setting(aircraft=3, days=30, scale_spread=0.0),
+        21,
+    )
     return headings, truth, add_tables(fit_deviation(headings), headings)
 
 
@@ -39,17 +42,22 @@ def test_correction_undoes_a_deviation(error, true, speed, wind):
 def test_standard_error_of_the_curve():
     covariance = np.diag([0.01, 0.04, 0.09, 0.16, 0.25])
     assert curve_standard_error(covariance, [0, 90]) == pytest.approx(
-        [np.sqrt(0.01 + 0.09 + 0.25), np.sqrt(0.01 + 0.04 + 0.25)])
+        [np.sqrt(0.01 + 0.09 + 0.25), np.sqrt(0.01 + 0.04 + 0.25)]
+    )
 
 
 @pytest.mark.parametrize("method", ["table", "curve"])
 def test_corrected_wind_is_near_the_truth_and_its_error_honest(fleet, method):
     headings, truth, fits = fleet
     done = correct(headings, fits, method=method)
-    off = np.column_stack([done["corrected_eastward_wind"], done["corrected_northward_wind"]]
-                          ) - truth["true_wind"]
-    before = np.column_stack([headings["eastward_wind"], headings["northward_wind"]]
-                             ) - truth["true_wind"]
+    off = (
+        np.column_stack([done["corrected_eastward_wind"], done["corrected_northward_wind"]])
+        - truth["true_wind"]
+    )
+    before = (
+        np.column_stack([headings["eastward_wind"], headings["northward_wind"]])
+        - truth["true_wind"]
+    )
     left = np.hypot(*off.T)
     assert np.sqrt(np.mean(left**2)) < 0.15 * np.sqrt(np.mean(np.hypot(*before.T) ** 2))
     stated = done["corrected_wind_standard_error"].to_numpy()
@@ -72,7 +80,7 @@ def test_every_report_of_a_fitted_aircraft_and_no_other(fleet):
     assert flag[5] == CORRECTION["no_heading"]
     assert flag[6] == CORRECTION["missing_wind"]
     assert np.all(np.delete(flag[:size], [5, 6]) == CORRECTION["corrected"])
-    assert np.all(flag[size:2 * size] == CORRECTION["no_fit"])
+    assert np.all(flag[size : 2 * size] == CORRECTION["no_fit"])
     same = slice(size, 2 * size)
     assert np.array_equal(done["corrected_eastward_wind"][same], headings["eastward_wind"][same])
     assert np.isnan(done["corrected_wind_standard_error"][same]).all()
@@ -80,8 +88,9 @@ def test_every_report_of_a_fitted_aircraft_and_no_other(fleet):
 
 
 def test_airspeed_scale_is_removed_on_request():
-    headings, truth = fly([[0.5, 2, 1, 0, 0]] * 2,
-                          Setting(aircraft=2, days=60, scale_spread=0.03), 22)
+    headings, truth = fly(
+        [[0.5, 2, 1, 0, 0]] * 2, Setting(aircraft=2, days=60, scale_spread=0.03), 22
+    )
     fits = fit_deviation(headings)
 
     def rms(**options):
@@ -101,7 +110,10 @@ def test_table_and_reference_must_be_there(fleet):
 
 def test_both_signs_correct_alike(fleet):
     headings, _, fits = fleet
-    other = add_tables(fits.drop_vars(["table_correction", "table_residual_rms", "table_heading"]),
-                       headings, sign="add_error")
+    other = add_tables(
+        fits.drop_vars(["table_correction", "table_residual_rms", "table_heading"]),
+        headings,
+        sign="add_error",
+    )
     one, two = correct(headings, fits), correct(headings, other)
     assert np.array_equal(one["corrected_eastward_wind"], two["corrected_eastward_wind"])

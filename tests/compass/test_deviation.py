@@ -19,8 +19,15 @@ from airswing.errors import InputError
 from airswing.vocabulary import STATUS
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
-QUIET = Setting(aircraft=1, days=20, day_error=0.0, flight_error=0.0, noise=1e-3, ground_error=0.0,
-                bias_spread=0.0)
+QUIET = Setting(
+    aircraft=1,
+    days=20,
+    day_error=0.0,
+    flight_error=0.0,
+    noise=1e-3,
+    ground_error=0.0,
+    bias_spread=0.0,
+)
 SMALL = Setting(aircraft=4, days=30)
 
 
@@ -50,7 +57,7 @@ def test_intervals_hold_the_truth(fleet):
     z = (fits["deviation"].to_numpy()[0] - truth["deviation"]) / errors_of(fits)[0]
     assert np.abs(z).max() < 4
     assert 0.4 < np.sqrt(np.mean(z**2)) < 1.6
-    scale = (fits["airspeed_scale"].to_numpy()[0] - truth["scale"])
+    scale = fits["airspeed_scale"].to_numpy()[0] - truth["scale"]
     assert np.all(np.abs(scale) < 4 * fits["airspeed_scale_standard_error"].to_numpy()[0])
 
 
@@ -95,18 +102,27 @@ def test_nga_swing_gives_its_published_a():
     error = -np.tile(card, 60)  # psi_err = compass - magnetic
     n = heading.size
     speed = np.full(n, 110.0)
-    ds = xr.Dataset({
-        "row_size": ("aircraft", [n]), "flight": ("report", flight),
-        "time": ("report", np.datetime64("2009-01-01", "ns")
-                 + (flight * 24 * 3600).astype("timedelta64[s]")),
-        "latitude": ("report", np.full(n, 50.0)), "longitude": ("report", np.full(n, -30.0)),
-        "pressure": ("report", np.full(n, 1e5)),
-        "heading": ("report", heading), "magnetic_heading": ("report", heading),
-        "airspeed": ("report", speed), "screening": ("report", np.zeros(n, int)),
-        "heading_error": (("reference", "report"), [error + rng.normal(0, 0.01, n)]),
-        "airspeed_error": (("reference", "report"), [rng.normal(0, 0.01, n)]),
-        "heading_error_standard_error": (("reference", "report"), np.full((1, n), 0.1))},
-        coords={"aircraft": ["ship"], "reference": ["swing"]})
+    ds = xr.Dataset(
+        {
+            "row_size": ("aircraft", [n]),
+            "flight": ("report", flight),
+            "time": (
+                "report",
+                np.datetime64("2009-01-01", "ns") + (flight * 24 * 3600).astype("timedelta64[s]"),
+            ),
+            "latitude": ("report", np.full(n, 50.0)),
+            "longitude": ("report", np.full(n, -30.0)),
+            "pressure": ("report", np.full(n, 1e5)),
+            "heading": ("report", heading),
+            "magnetic_heading": ("report", heading),
+            "airspeed": ("report", speed),
+            "screening": ("report", np.zeros(n, int)),
+            "heading_error": (("reference", "report"), [error + rng.normal(0, 0.01, n)]),
+            "airspeed_error": (("reference", "report"), [rng.normal(0, 0.01, n)]),
+            "heading_error_standard_error": (("reference", "report"), np.full((1, n), 0.1)),
+        },
+        coords={"aircraft": ["ship"], "reference": ["swing"]},
+    )
     fits = fit_deviation(ds, joint=False)
     expected_b = -np.mean(card * np.sin(np.radians(points))) * 2
     got = fits["deviation"].to_numpy()[0, 0]
@@ -134,7 +150,8 @@ def test_pool_fits_members_together_and_covers(fleet):
     assert np.all(error[2] < np.maximum(error[0], error[1]))
     assert np.abs(fits["deviation"].to_numpy()[2] - deviation).max() < 0.5
     assert fits["reference_bias"].to_numpy()[2] == pytest.approx(
-        truth["bias"].mean(axis=(0, 1)), abs=0.6)
+        truth["bias"].mean(axis=(0, 1)), abs=0.6
+    )
     with pytest.raises(InputError, match="nam"):
         fit_deviation(headings, pools={"bad": ["ruc", "nam"]})
 
@@ -144,10 +161,12 @@ def test_offset_amplitude_phase_are_the_coefficients(fleet):
     m = np.arange(0, 360, 10.0)
     a, b, c = np.moveaxis(fits["deviation"].to_numpy()[0, :, :3], -1, 0)[..., None]
     x = np.radians(m)
-    offset, amplitude, phase = (fits[name].to_numpy()[0][:, None] for name in
-                                ("offset", "amplitude", "phase"))
-    assert np.allclose(a + b * np.sin(x) + c * np.cos(x),
-                       offset + amplitude * np.sin(x + np.radians(phase)))
+    offset, amplitude, phase = (
+        fits[name].to_numpy()[0][:, None] for name in ("offset", "amplitude", "phase")
+    )
+    assert np.allclose(
+        a + b * np.sin(x) + c * np.cos(x), offset + amplitude * np.sin(x + np.radians(phase))
+    )
 
 
 def test_sinusoid_errors_by_hand_and_near_zero():
@@ -160,7 +179,8 @@ def test_sinusoid_errors_by_hand_and_near_zero():
 
 def test_small_helpers_by_hand():
     assert t_inflation(np.array([10.0, np.inf])) == pytest.approx(
-        [t.ppf(0.975, 10) / 1.959964, 1.0], rel=1e-5)
+        [t.ppf(0.975, 10) / 1.959964, 1.0], rel=1e-5
+    )
     assert condition_number(np.diag([2.0, 1, 1, 1, 1]), 2) == pytest.approx(1)
     assert condition_number(np.zeros((5, 5)), 2) == np.inf
     ratio = day_ratio([np.ones(8)], [np.array([0.5, 3, 1, 1, 1, 1, 4, 2])], [9])
@@ -176,7 +196,8 @@ def test_between_scatter_finds_the_fleets_own():
     rng = np.random.default_rng(1)
     known = np.tile(0.04 * np.eye(2), (60, 1, 1))
     assert between_scatter(rng.normal(0, np.hypot(0.5, 0.2), (60, 2)), known) == pytest.approx(
-        0.5, abs=0.12)
+        0.5, abs=0.12
+    )
     assert between_scatter(rng.normal(0, 0.2, (60, 2)), known) < 0.15
     assert between_scatter(np.zeros((1, 2)), known[:1]) == np.inf
 
@@ -218,13 +239,19 @@ def test_status_says_why():
     headings["screening"] = ("report", screening.reshape(-1))
     fits = fit_deviation(headings)
     assert fits["status"].to_numpy()[0].tolist() == [
-        STATUS["too_few_reports"], STATUS["poor_heading_coverage"], STATUS["too_few_reports"],
-        STATUS["ok"]]
+        STATUS["too_few_reports"],
+        STATUS["poor_heading_coverage"],
+        STATUS["too_few_reports"],
+        STATUS["ok"],
+    ]
     refused = fits["deviation"].to_numpy()[0, :3]
     assert np.isnan(refused).all()
     assert np.isfinite(fits["deviation"].to_numpy()[0, 3]).all()
     assert fits["report_count"].to_numpy()[0].tolist()[:3] == [
-        150, int((screening[1] == 0).sum()), 0]
+        150,
+        int((screening[1] == 0).sum()),
+        0,
+    ]
     assert fits["compass_points"].to_numpy()[0, 3] == 8
 
 
@@ -233,8 +260,14 @@ def test_a_changed_compass_is_unstable():
     after, _ = fly([[0, -1.0, 2, 0, 0]], Setting(aircraft=1, days=20), 9)
     after["time"] = after["time"] + np.timedelta64(20, "D")
     after["flight"] = after["flight"] + 1000
-    both = xr.concat([before.drop_vars("row_size"), after.drop_vars("row_size")], dim="report",
-                     data_vars="minimal", coords="minimal", compat="override", join="override")
+    both = xr.concat(
+        [before.drop_vars("row_size"), after.drop_vars("row_size")],
+        dim="report",
+        data_vars="minimal",
+        coords="minimal",
+        compat="override",
+        join="override",
+    )
     both["row_size"] = ("aircraft", [both.sizes["report"]])
     fits = fit_deviation(both)
     assert fits["status"].item() == STATUS["unstable_fit"]
@@ -242,8 +275,9 @@ def test_a_changed_compass_is_unstable():
 
 
 def test_rows_in_any_order_give_the_same_fit():
-    headings, _ = fly(fleet_deviations(1, np.random.default_rng(4)), Setting(aircraft=1, days=15),
-                      13)
+    headings, _ = fly(
+        fleet_deviations(1, np.random.default_rng(4)), Setting(aircraft=1, days=15), 13
+    )
     order = np.random.default_rng(0).permutation(headings.sizes["report"])
     one, two = fit_deviation(headings), fit_deviation(headings.isel(report=order))
     # another thin sample starts the passes: a few hundredths of a standard error
@@ -252,8 +286,9 @@ def test_rows_in_any_order_give_the_same_fit():
 
 
 def test_months_add_up():
-    headings, _ = fly(fleet_deviations(1, np.random.default_rng(4)), Setting(aircraft=1, days=40),
-                      14)
+    headings, _ = fly(
+        fleet_deviations(1, np.random.default_rng(4)), Setting(aircraft=1, days=40), 14
+    )
     columns = Columns(headings, "magnetic")
     columns.use([0])
     sets, day, _ = columns.observations(0, [0])
@@ -261,11 +296,24 @@ def test_months_add_up():
     parts = []
     for chosen in (day < np.median(day), day >= np.median(day)):
         keep = chosen[sets[0].flight]
-        part = type(sets[0])(*(getattr(sets[0], name)[keep]
-                               for name in type(sets[0]).__dataclass_fields__))
+        part = type(sets[0])(
+            *(getattr(sets[0], name)[keep] for name in type(sets[0]).__dataclass_fields__)
+        )
         number = np.unique(part.flight, return_inverse=True)[1]
-        parts.append(fit_aircraft([type(part)(*(getattr(part, name) for name in list(
-            type(part).__dataclass_fields__)[:-1]), number)], day[chosen]))
+        parts.append(
+            fit_aircraft(
+                [
+                    type(part)(
+                        *(
+                            getattr(part, name)
+                            for name in list(type(part).__dataclass_fields__)[:-1]
+                        ),
+                        number,
+                    )
+                ],
+                day[chosen],
+            )
+        )
     both = merged(parts)
     spread = np.sqrt(np.diag(whole.covariance))
     assert np.all(np.abs(both.theta - whole.theta) < 0.15 * spread)

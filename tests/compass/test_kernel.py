@@ -51,8 +51,9 @@ def test_residual_vanishes_at_the_truth_for_ten_degrees_of_deviation():
 
 def test_one_report_by_hand():
     # heading north, the model's air vector 100 m/s toward 350: heading error +10 degrees
-    one = Reports(*(np.array([value]) for value in (0.0, 0.0, 100.0, 10.0, 0.0, 0.0)),
-                  np.array([0]))
+    one = Reports(
+        *(np.array([value]) for value in (0.0, 0.0, 100.0, 10.0, 0.0, 0.0)), np.array([0])
+    )
     along, cross, *_ = residuals(one.take(slice(None)), np.zeros(LOCAL), True)
     assert along[0] == pytest.approx(100 * np.cos(np.radians(10)) - 100, abs=1e-4)
     assert cross[0] == pytest.approx(-100 * np.sin(np.radians(10)), abs=1e-4)
@@ -74,8 +75,9 @@ def test_normal_equations_against_a_numerical_derivative():
 
     sums = accumulate(reports, theta, scatter, 20, joint=True)
     step = np.diag([2e-3] * 5 + [1e-3, 0.1, 0.1])
-    jacobian = np.column_stack([(stacked(theta + h) - stacked(theta - h)) / (2 * h.max())
-                                for h in step])
+    jacobian = np.column_stack(
+        [(stacked(theta + h) - stacked(theta - h)) / (2 * h.max()) for h in step]
+    )
     expected = jacobian.T @ jacobian / 1e8
     size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     # the derivative of the frame times the small residual is left out by Gauss and Newton
@@ -90,8 +92,15 @@ def test_gross_error_weighs_nothing():
     reports = vector_reports(THETA, np.random.default_rng(2), n=50, noise=1.0)
     error = reports.heading_error.copy()
     error[7] += 120.0
-    bad = Reports(reports.heading, reports.abscissa, reports.airspeed, error,
-                  reports.airspeed_error, reports.standard_error, reports.flight)
+    bad = Reports(
+        reports.heading,
+        reports.abscissa,
+        reports.airspeed,
+        error,
+        reports.airspeed_error,
+        reports.standard_error,
+        reports.flight,
+    )
     keep = np.arange(50) != 7
     without = Reports(*(getattr(reports, name)[keep] for name in Reports.__dataclass_fields__))
     scatter = Scatter(1.0, 1.0, 0.0)
@@ -103,8 +112,9 @@ def test_gross_error_weighs_nothing():
 
 def test_sums_of_flights_add_up_across_blocks():
     reports = vector_reports(THETA, np.random.default_rng(3), n=40_000, noise=1.0, flights=900)
-    sums = accumulate(reports, radians(THETA), Scatter(1.0, 1.0, 0.0), 900, joint=True,
-                      by_flight=True)
+    sums = accumulate(
+        reports, radians(THETA), Scatter(1.0, 1.0, 0.0), 900, joint=True, by_flight=True
+    )
     assert np.allclose(sums.flight_normal.sum(axis=0), sums.normal, rtol=1e-3, atol=1.0)
     assert np.allclose(sums.flight_score.sum(axis=0), sums.score, rtol=1e-3, atol=1.0)
     part = reports.flight == 450
@@ -120,9 +130,15 @@ def test_scatter_tells_known_from_unknown_variance():
     reports = vector_reports((0,) * 8, rng, n=n)
     noise = rng.normal(size=n) * np.sqrt(4.0 + known**2)
     error = np.degrees(noise / reports.airspeed)
-    made = Reports(reports.heading, reports.abscissa, reports.airspeed, error,
-                   2.0 * rng.normal(size=n), np.degrees(known / reports.airspeed),
-                   reports.flight)
+    made = Reports(
+        reports.heading,
+        reports.abscissa,
+        reports.airspeed,
+        error,
+        2.0 * rng.normal(size=n),
+        np.degrees(known / reports.airspeed),
+        reports.flight,
+    )
     scatter = robust_scatter(made.take(slice(None)), np.zeros(8), joint=True)
     assert scatter.part == pytest.approx(1.0, abs=0.1)
     assert scatter.cross == pytest.approx(4.0, rel=0.15)
@@ -134,7 +150,8 @@ def test_plain_sinusoid_is_curve_fit():
     m = rng.uniform(0, 360, 3000)
     error = 1.2 + 4 * np.sin(np.radians(m + 35)) + rng.normal(0, 2, m.size)
     expected, _ = curve_fit(
-        lambda x, o, a, p: o + a * np.sin(np.radians(x + p)), m, error, p0=[0, 1, 0])
+        lambda x, o, a, p: o + a * np.sin(np.radians(x + p)), m, error, p0=[0, 1, 0]
+    )
     curve, linear = plain_sinusoid(error, m)
     assert np.allclose(curve, expected, atol=1e-4)
     assert np.hypot(*linear[1:]) == pytest.approx(curve[1])
@@ -143,8 +160,7 @@ def test_plain_sinusoid_is_curve_fit():
 @given(st.permutations(range(60)))
 def test_order_of_rows_does_not_matter(order):
     reports = vector_reports(THETA, np.random.default_rng(6), n=60, noise=1.0, flights=9)
-    mixed = Reports(*(getattr(reports, name)[list(order)]
-                      for name in Reports.__dataclass_fields__))
+    mixed = Reports(*(getattr(reports, name)[list(order)] for name in Reports.__dataclass_fields__))
     scatter = Scatter(2.0, 2.0, 0.0)
     one = accumulate(reports, radians(THETA), scatter, 9, joint=True)
     two = accumulate(mixed.sorted(), radians(THETA), scatter, 9, joint=True)
@@ -171,8 +187,9 @@ def test_unit_weights_give_least_squares():
         along, cross, *_ = residuals(obs, at, True)
         return np.concatenate([along, cross]).astype(float)
 
-    best = least_squares(stacked, radians(THETA), x_scale=[0.01] * 6 + [1, 1], diff_step=1e-3,
-                         xtol=1e-12).x
+    best = least_squares(
+        stacked, radians(THETA), x_scale=[0.01] * 6 + [1, 1], diff_step=1e-3, xtol=1e-12
+    ).x
     theta = np.zeros(8)
     for _ in range(8):
         sums = accumulate(reports, theta, Scatter(1e8, 1e8, 0.0), 20, joint=True)

@@ -22,7 +22,7 @@ from tests.compass.flown import Setting, fly
 @pytest.fixture(scope="module")
 def fits():
     headings, _ = fly([[1, 3, -2, 0, 0], [0, 2, 0, 0, 0]], Setting(aircraft=2, days=15), 31)
-    headings["screening"][int(headings["row_size"][0]):] = 1
+    headings["screening"][int(headings["row_size"][0]) :] = 1
     return add_tables(fit_deviation(headings), headings)
 
 
@@ -47,7 +47,8 @@ def test_csv_holds_every_node_and_the_refused(fits, tmp_path):
     assert len(rows) == 16
     assert [float(row["heading_deg"]) for row in rows[:8]] == NODES.tolist()
     assert [float(row["table_correction_deg"]) for row in rows[:8]] == pytest.approx(
-        fits["table_correction"][0, 0].to_numpy())
+        fits["table_correction"][0, 0].to_numpy()
+    )
     assert {row["status"] for row in rows[8:]} == {"too_few_reports"}
     assert {row["table_correction_deg"] for row in rows[8:]} == {""}
     assert {row["sign"] for row in rows} == {"subtract_error"}
@@ -63,14 +64,16 @@ def test_cards_are_one_page_each_and_indexed(fits, tmp_path):
     index = list(csv.DictReader((tmp_path / "cards" / "index.csv").open()))
     assert [row["status"] for row in index] == ["ok", "too_few_reports"]
     assert float(index[0]["amplitude_deg"]) == pytest.approx(
-        fits["amplitude"][0, 0].item(), abs=0.01)
+        fits["amplitude"][0, 0].item(), abs=0.01
+    )
     assert index[1]["amplitude_deg"] == ""
 
 
 def test_a_refused_card_says_why(fits):
     figure = swing_card(fits, aircraft="N001")
-    words = [text.get_text() for panel in figure.subfigs for axes in panel.axes
-             for text in axes.texts]
+    words = [
+        text.get_text() for panel in figure.subfigs for axes in panel.axes for text in axes.texts
+    ]
     assert words == ["NO CARD", "fit refused: too few reports"]
 
 

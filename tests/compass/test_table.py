@@ -21,16 +21,22 @@ from airswing.errors import InputError
 
 def fits_of(coefficients, **attrs):
     rows = np.atleast_2d(np.asarray(coefficients, float))
-    return xr.Dataset({"deviation": (("reference", "aircraft", "coefficient"), rows[None])},
-                      coords={"reference": ["ruc"],
-                              "aircraft": [f"N{k}" for k in range(len(rows))]}, attrs=attrs)
+    return xr.Dataset(
+        {"deviation": (("reference", "aircraft", "coefficient"), rows[None])},
+        coords={"reference": ["ruc"], "aircraft": [f"N{k}" for k in range(len(rows))]},
+        attrs=attrs,
+    )
 
 
 def headings_of(*parts):
     m = np.concatenate(parts)
-    return xr.Dataset({"row_size": ("aircraft", [len(part) for part in parts]),
-                       "magnetic_heading": ("report", m),
-                       "screening": ("report", np.zeros(m.size, int))})
+    return xr.Dataset(
+        {
+            "row_size": ("aircraft", [len(part) for part in parts]),
+            "magnetic_heading": ("report", m),
+            "screening": ("report", np.zeros(m.size, int)),
+        }
+    )
 
 
 def test_curve_at_the_compass_points():
@@ -43,7 +49,8 @@ def test_curve_at_the_compass_points():
 def test_interpolation_by_hand():
     table = np.array([0.0, 4.5, 0, 0, 0, 0, 0, 9.0])
     assert unit_interpolation(table, [0, 10, 45, 315, 337.5, 359, 360, 370, -45]) == pytest.approx(
-        [0, 1, 4.5, 9, 4.5, 0.2, 0, 1, 9])
+        [0, 1, 4.5, 9, 4.5, 0.2, 0, 1, 9]
+    )
     assert np.isnan(unit_interpolation(table, [np.nan]))[0]
 
 
@@ -104,7 +111,8 @@ def test_round_trip_of_the_sign(sign):
     corrected = indicated + held if sign == "subtract_error" else indicated - held
     assert np.abs(corrected - true).max() < 0.35
     assert np.sqrt(np.mean((corrected - true) ** 2)) == pytest.approx(
-        fits["table_residual_rms"].item(), abs=5e-3)
+        fits["table_residual_rms"].item(), abs=5e-3
+    )
     # a navigator's deviation (magnetic - compass) is what subtract_error adds
     east = fits["table_correction"][0, 0, 2].item()
     assert np.sign(east) == (-1 if sign == "subtract_error" else 1)

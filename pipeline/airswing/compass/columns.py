@@ -22,20 +22,24 @@ class Columns:
     def __init__(self, headings: xr.Dataset, abscissa: str) -> None:
         self.start, self.stop = row_bounds(headings["row_size"].to_numpy())
         self.heading = headings["heading"].to_numpy()
-        self.abscissa = (headings["magnetic_heading"].to_numpy() if abscissa == "magnetic"
-                         else self.heading)
+        self.abscissa = (
+            headings["magnetic_heading"].to_numpy() if abscissa == "magnetic" else self.heading
+        )
         self.airspeed = headings["airspeed"].to_numpy()
         self.screening = headings["screening"].to_numpy()
         self.flight = headings["flight"].to_numpy()
         self.time = headings["time"].to_numpy()
-        self.errors = [headings[name].transpose("reference", "report") for name in
-                       ("heading_error", "airspeed_error", "heading_error_standard_error")]
+        self.errors = [
+            headings[name].transpose("reference", "report")
+            for name in ("heading_error", "airspeed_error", "heading_error_standard_error")
+        ]
         self.read: dict[int, list[NDArray[Any]]] = {}
 
     def use(self, members: list[int]) -> None:
         """Read the errors against these references; forget the others."""
-        self.read = {k: self.read.get(k) or [part[k].to_numpy() for part in self.errors]
-                     for k in members}
+        self.read = {
+            k: self.read.get(k) or [part[k].to_numpy() for part in self.errors] for k in members
+        }
 
     def observations(
         self, aircraft: int, members: list[int]
@@ -46,18 +50,22 @@ class Columns:
         own = [[part[row] for part in self.read[k]] for k in members]
         if self._all_good(row, [*common, *(part for errors in own for part in errors[:2])]):
             first, number = _numbered(self.flight[row])
-            return ([_reports(common, errors, number) for errors in own],
-                    _days(self.time[row][first]), common[1])
+            return (
+                [_reports(common, errors, number) for errors in own],
+                _days(self.time[row][first]),
+                common[1],
+            )
         good = (self.screening[row] == 0) & np.isfinite(common[0] + common[1] + common[2])
         masks = [good & np.isfinite(errors[0] + errors[1]) for errors in own]
         some = np.logical_or.reduce(masks)
         first, number = _numbered(self.flight[row][some])
         code = np.zeros(some.size, dtype=np.int64)
         code[some] = number
-        sets = [_reports([part[mask] for part in common], [part[mask] for part in errors],
-                         code[mask]) for mask, errors in zip(masks, own, strict=True)]
+        sets = [
+            _reports([part[mask] for part in common], [part[mask] for part in errors], code[mask])
+            for mask, errors in zip(masks, own, strict=True)
+        ]
         return sets, _days(self.time[row][some][first]), common[1][some]
-
 
     def _all_good(self, row: slice, parts: list[NDArray[Any]]) -> bool:
         """Whether every report counts: a sum is finite only where every term is."""

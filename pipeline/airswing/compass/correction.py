@@ -33,15 +33,36 @@ from airswing.errors import InputError
 from airswing.ragged import aircraft_of_report
 from airswing.vocabulary import CORRECTION, SCREENING, STATUS, describe
 
-KEPT = ("time", "latitude", "longitude", "pressure", "pressure_altitude", "eastward_wind",
-        "northward_wind", "reference_eastward_wind", "reference_northward_wind", "lead_time",
-        "heading", "magnetic_heading", "airspeed", "phase", "flight", "screening", "row_size",
-        "roll_flag", "temperature_qc")
+KEPT = (
+    "time",
+    "latitude",
+    "longitude",
+    "pressure",
+    "pressure_altitude",
+    "eastward_wind",
+    "northward_wind",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+    "lead_time",
+    "heading",
+    "magnetic_heading",
+    "airspeed",
+    "phase",
+    "flight",
+    "screening",
+    "row_size",
+    "roll_flag",
+    "temperature_qc",
+)
 """Variables of the reports that the corrected product carries on, where they are there."""
 
 
 def corrected_wind(
-    u: ArrayLike, v: ArrayLike, airspeed: ArrayLike, heading: ArrayLike, error: ArrayLike,
+    u: ArrayLike,
+    v: ArrayLike,
+    airspeed: ArrayLike,
+    heading: ArrayLike,
+    error: ArrayLike,
     scale: ArrayLike = 0.0,
 ) -> tuple[Array, Array]:
     """Wind that the unit would have computed along the corrected heading.
@@ -62,11 +83,14 @@ def corrected_wind(
     u, v : arrays, shape (n,)
         m/s.
     """
-    east, north, speed, psi, turn = (np.asarray(part, dtype=np.float64)
-                                     for part in (u, v, airspeed, heading, error))
+    east, north, speed, psi, turn = (
+        np.asarray(part, dtype=np.float64) for part in (u, v, airspeed, heading, error)
+    )
     better = speed / (1.0 + np.asarray(scale, dtype=np.float64))
-    return (np.asarray(east + speed * np.sin(psi) - better * np.sin(psi - turn)),
-            np.asarray(north + speed * np.cos(psi) - better * np.cos(psi - turn)))
+    return (
+        np.asarray(east + speed * np.sin(psi) - better * np.sin(psi - turn)),
+        np.asarray(north + speed * np.cos(psi) - better * np.cos(psi - turn)),
+    )
 
 
 def curve_standard_error(covariance: ArrayLike, heading: ArrayLike) -> Array:
@@ -85,8 +109,10 @@ def curve_standard_error(covariance: ArrayLike, heading: ArrayLike) -> Array:
         Degrees.
     """
     angle = np.radians(np.asarray(heading, dtype=np.float64))
-    rows = np.stack([np.ones_like(angle), np.sin(angle), np.cos(angle), np.sin(2 * angle),
-                     np.cos(2 * angle)], axis=-1)
+    rows = np.stack(
+        [np.ones_like(angle), np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle)],
+        axis=-1,
+    )
     square = np.einsum("...i,...ij,...j->...", rows, np.asarray(covariance), rows)
     return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
@@ -129,10 +155,13 @@ def correct(
     row = _aircraft_rows(headings, fit)
     known = row >= 0
     ok = known & (fit["status"].to_numpy()[row] == STATUS["ok"])
-    column = {name: headings[name].to_numpy().astype(np.float64) for name in
-              ("eastward_wind", "northward_wind", "airspeed", "heading", "magnetic_heading")}
-    m = column["magnetic_heading" if fits.attrs.get("abscissa", "magnetic") == "magnetic"
-               else "heading"]
+    column = {
+        name: headings[name].to_numpy().astype(np.float64)
+        for name in ("eastward_wind", "northward_wind", "airspeed", "heading", "magnetic_heading")
+    }
+    m = column[
+        "magnetic_heading" if fits.attrs.get("abscissa", "magnetic") == "magnetic" else "heading"
+    ]
     has_heading = np.isfinite(m) & np.isfinite(column["airspeed"]) & np.isfinite(column["heading"])
     has_wind = np.isfinite(column["eastward_wind"]) & np.isfinite(column["northward_wind"])
     mended = np.zeros(m.size, dtype=bool)
@@ -141,7 +170,8 @@ def correct(
     flag = np.select(
         [~has_wind, mended, ~ok, ~has_heading],
         [CORRECTION[why] for why in ("missing_wind", "already_corrected", "no_fit", "no_heading")],
-        CORRECTION["corrected"]).astype(np.int8)
+        CORRECTION["corrected"],
+    ).astype(np.int8)
     done = flag == CORRECTION["corrected"]
     found = _corrected(column, m, fit, row, done, method, apply_airspeed_scale)
     kept = headings[[name for name in KEPT if name in headings]]
@@ -156,25 +186,38 @@ def _chosen(fits: xr.Dataset, reference: str | None, method: str) -> xr.Dataset:
     single = int(fits.attrs.get("reference_count", len(names)))
     wanted = names[single if single < len(names) else 0] if reference is None else reference
     if wanted not in names:
-        raise InputError("no fit against this reference", field="reference", found=wanted,
-                         remedy=f"Fitted: {', '.join(names)}")
+        raise InputError(
+            "no fit against this reference",
+            field="reference",
+            found=wanted,
+            remedy=f"Fitted: {', '.join(names)}",
+        )
     if method == "table" and "table_correction" not in fits:
-        raise InputError("the fits hold no tables", field="table_correction",
-                         remedy="Call add_tables first, or use method='curve'")
+        raise InputError(
+            "the fits hold no tables",
+            field="table_correction",
+            remedy="Call add_tables first, or use method='curve'",
+        )
     fit = fits.isel(reference=names.index(wanted))
     return fit.assign(table_error=error_from_table(fit)) if "table_correction" in fit else fit
 
 
 def _aircraft_rows(headings: xr.Dataset, fit: xr.Dataset) -> NDArray[np.int64]:
     place = {str(name): k for k, name in enumerate(fit["aircraft"].to_numpy())}
-    rows = np.array([place.get(str(name), -1) for name in headings["aircraft"].to_numpy()],
-                    dtype=np.int64)
+    rows = np.array(
+        [place.get(str(name), -1) for name in headings["aircraft"].to_numpy()], dtype=np.int64
+    )
     return np.asarray(rows[aircraft_of_report(headings)])
 
 
 def _corrected(
-    column: dict[str, Any], m: Array, fit: xr.Dataset, row: NDArray[np.int64],
-    done: NDArray[np.bool_], method: str, apply_scale: bool,
+    column: dict[str, Any],
+    m: Array,
+    fit: xr.Dataset,
+    row: NDArray[np.int64],
+    done: NDArray[np.bool_],
+    method: str,
+    apply_scale: bool,
 ) -> dict[str, Array]:
     at, own = m[done], row[done]
     speed, heading = column["airspeed"][done], column["heading"][done]
@@ -185,17 +228,29 @@ def _corrected(
     else:
         error = deviation_curve(fit["deviation"].to_numpy()[own], at[:, np.newaxis])[:, 0]
     scale = fit["airspeed_scale"].to_numpy()[own] if apply_scale else np.zeros(own.size)
-    scale_error = (fit["airspeed_scale_standard_error"].to_numpy()[own] if apply_scale
-                   else np.zeros(own.size))
-    u, v = corrected_wind(column["eastward_wind"][done], column["northward_wind"][done], speed,
-                          np.radians(heading), np.radians(error), scale)
-    values = {"corrected_eastward_wind": u, "corrected_northward_wind": v,
-              "corrected_heading": np.mod(heading - error, 360.0),
-              "corrected_wind_standard_error": speed * np.hypot(np.radians(known), scale_error)}
-    plain = {"corrected_eastward_wind": column["eastward_wind"],
-             "corrected_northward_wind": column["northward_wind"],
-             "corrected_heading": column["heading"],
-             "corrected_wind_standard_error": np.full(done.size, np.nan)}
+    scale_error = (
+        fit["airspeed_scale_standard_error"].to_numpy()[own] if apply_scale else np.zeros(own.size)
+    )
+    u, v = corrected_wind(
+        column["eastward_wind"][done],
+        column["northward_wind"][done],
+        speed,
+        np.radians(heading),
+        np.radians(error),
+        scale,
+    )
+    values = {
+        "corrected_eastward_wind": u,
+        "corrected_northward_wind": v,
+        "corrected_heading": np.mod(heading - error, 360.0),
+        "corrected_wind_standard_error": speed * np.hypot(np.radians(known), scale_error),
+    }
+    plain = {
+        "corrected_eastward_wind": column["eastward_wind"],
+        "corrected_northward_wind": column["northward_wind"],
+        "corrected_heading": column["heading"],
+        "corrected_wind_standard_error": np.full(done.size, np.nan),
+    }
     for name, part in values.items():
         plain[name] = plain[name].copy()
         plain[name][done] = part

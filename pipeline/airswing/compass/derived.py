@@ -52,13 +52,18 @@ def sinusoid(coefficients: Array, covariance: Array) -> tuple[Array, Array]:
     a, b, c = coefficients[:3]
     amplitude = float(np.hypot(b, c))
     square = covariance[1:3, 1:3]
-    along = (np.array([b, c]) / amplitude if amplitude > 0 else np.linalg.eigh(square)[1][:, -1])
+    along = np.array([b, c]) / amplitude if amplitude > 0 else np.linalg.eigh(square)[1][:, -1]
     across = np.array([-along[1], along[0]])
     wide = NORMAL_95 * float(np.sqrt(max(float(across @ square @ across), 0.0)))
     sine = min(wide / amplitude, 1.0) if amplitude > 0 else 1.0
     value = np.array([a, amplitude, np.degrees(np.arctan2(c, b))])
-    error = np.array([np.sqrt(covariance[0, 0]), np.sqrt(max(float(along @ square @ along), 0.0)),
-                      np.degrees(np.arcsin(sine)) / NORMAL_95 if sine < 1 else 180 / NORMAL_95])
+    error = np.array(
+        [
+            np.sqrt(covariance[0, 0]),
+            np.sqrt(max(float(along @ square @ along), 0.0)),
+            np.degrees(np.arcsin(sine)) / NORMAL_95 if sine < 1 else 180 / NORMAL_95,
+        ]
+    )
     return value, error
 
 
@@ -112,8 +117,9 @@ def one_cycle_map(normal: Array, free: NDArray[np.int64]) -> Array:
     kept = free[(free != 3) & (free != 4)]
     found = np.eye(normal.shape[0])
     found[3:5, 3:5] = 0.0
-    found[np.ix_(kept, [3, 4])] = np.linalg.solve(normal[np.ix_(kept, kept)],
-                                                  normal[np.ix_(kept, [3, 4])])
+    found[np.ix_(kept, [3, 4])] = np.linalg.solve(
+        normal[np.ix_(kept, kept)], normal[np.ix_(kept, [3, 4])]
+    )
     return found
 
 

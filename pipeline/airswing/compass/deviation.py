@@ -61,9 +61,21 @@ much more than chance."""
 CHUNKS = 8
 """Tasks the aircraft are shared between. They run one after the other: the kernel's blocks are
 so short that threads spend more on the interpreter's lock than they gain."""
-_NEEDED = ("heading", "magnetic_heading", "airspeed", "heading_error", "airspeed_error",
-           "heading_error_standard_error", "screening", "flight", "time", "row_size", "latitude",
-           "longitude", "pressure")
+_NEEDED = (
+    "heading",
+    "magnetic_heading",
+    "airspeed",
+    "heading_error",
+    "airspeed_error",
+    "heading_error_standard_error",
+    "screening",
+    "flight",
+    "time",
+    "row_size",
+    "latitude",
+    "longitude",
+    "pressure",
+)
 
 
 @dataclass(frozen=True)
@@ -145,8 +157,12 @@ def fit_deviation(
         coefficient_2=("coefficient_2", np.array(COEFFICIENTS, dtype=object)),
         component=("component", np.array(["eastward", "northward"], dtype=object)),
     )
-    fits.attrs.update(abscissa=abscissa, joint=int(joint), harmonics_asked=str(harmonics),
-                      reference_count=headings.sizes["reference"])
+    fits.attrs.update(
+        abscissa=abscissa,
+        joint=int(joint),
+        harmonics_asked=str(harmonics),
+        reference_count=headings.sizes["reference"],
+    )
     return describe(fits)
 
 
@@ -182,9 +198,12 @@ def fit_sinusoid(
             if one.size >= 3:
                 curves[k, row] = plain_sinusoid(one, other)[0]
     names = ("offset", "amplitude", "phase")
-    return describe(xr.Dataset(
-        {name: (("reference", "aircraft"), curves[..., j]) for j, name in enumerate(names)},
-        coords={name: headings[name] for name in ("reference", "aircraft")}))
+    return describe(
+        xr.Dataset(
+            {name: (("reference", "aircraft"), curves[..., j]) for j, name in enumerate(names)},
+            coords={name: headings[name] for name in ("reference", "aircraft")},
+        )
+    )
 
 
 def _groups(headings: xr.Dataset, pools: Mapping[str, Sequence[str]]) -> dict[str, list[int]]:
@@ -196,9 +215,12 @@ def _groups(headings: xr.Dataset, pools: Mapping[str, Sequence[str]]) -> dict[st
     for pool_name, members in pools.items():
         unknown = [name for name in members if name not in names]
         if unknown or not members:
-            raise InputError("the pool names a reference that is not there", field=pool_name,
-                             found=", ".join(unknown) or "no member",
-                             remedy=f"References: {', '.join(names)}")
+            raise InputError(
+                "the pool names a reference that is not there",
+                field=pool_name,
+                found=", ".join(unknown) or "no member",
+                remedy=f"References: {', '.join(names)}",
+            )
         groups[pool_name] = [names.index(name) for name in members]
     return groups
 
@@ -223,14 +245,13 @@ def _fit_reference(columns: Columns, members: list[int], options: _Options) -> x
     size = columns.start.size
     index = xr.DataArray(np.arange(size), dims="aircraft")
     index = index.chunk({"aircraft": max(1, -(-size // CHUNKS))})
-    found = xr.apply_ufunc(_Fitter(columns, members, options), index, dask="parallelized",
-                           output_dtypes=[object]).compute(scheduler="synchronous")
+    found = xr.apply_ufunc(
+        _Fitter(columns, members, options), index, dask="parallelized", output_dtypes=[object]
+    ).compute(scheduler="synchronous")
     return _published(list(found.to_numpy()), len(members), options)
 
 
-def _fit_one(
-    columns: Columns, aircraft: int, members: list[int], options: _Options
-) -> _Aircraft:
+def _fit_one(columns: Columns, aircraft: int, members: list[int], options: _Options) -> _Aircraft:
     sets, flight_day, abscissa = columns.observations(aircraft, members)
     # whole turns are added so that cutting the fraction off is rounding to the nearest point
     counts = np.bincount((abscissa * (1 / 45.0) + 16.5).astype(np.int64) & 7, minlength=8)
@@ -243,8 +264,11 @@ def _fit_one(
     cycles = 1 if options.harmonics == 1 else 2
     if points >= 3 and flight_day.size >= 2 and abscissa.size >= 20:
         found.fit = fit_aircraft(sets, flight_day, joint=options.joint, harmonics=cycles)
-        if (found.fit is not None and options.harmonics == "auto"
-                and condition_number(found.fit.normal, 2) > MAX_CONDITION):
+        if (
+            found.fit is not None
+            and options.harmonics == "auto"
+            and condition_number(found.fit.normal, 2) > MAX_CONDITION
+        ):
             found.fit = fit_aircraft(sets, flight_day, joint=options.joint, harmonics=1)
     if found.status == STATUS["ok"] and found.fit is None:
         found.status = STATUS["too_few_reports"]
@@ -271,9 +295,7 @@ def condition_number(normal: Array, harmonics: int) -> float:
     return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")
 
 
-def _published(
-    aircraft: list[_Aircraft], members: int, options: _Options
-) -> xr.Dataset:
+def _published(aircraft: list[_Aircraft], members: int, options: _Options) -> xr.Dataset:
     table = _empty(len(aircraft))
     for k, one in enumerate(aircraft):
         table["report_count"][k], table["flight_count"][k] = one.reports, one.flights
@@ -299,12 +321,17 @@ def _cycles(fit: AircraftFit) -> int:
 
 
 def _publish_fits(
-    table: dict[str, NDArray[Any]], chosen: NDArray[np.int64], fits: list[AircraftFit],
-    members: int, options: _Options,
+    table: dict[str, NDArray[Any]],
+    chosen: NDArray[np.int64],
+    fits: list[AircraftFit],
+    members: int,
+    options: _Options,
 ) -> None:
-    ratio = day_ratio([np.diagonal(fit.covariance) for fit in fits],
-                      [np.diagonal(fit.day.T @ fit.day) for fit in fits],
-                      [max(fit.day_number.size - 1, 1) for fit in fits])
+    ratio = day_ratio(
+        [np.diagonal(fit.covariance) for fit in fits],
+        [np.diagonal(fit.day.T @ fit.day) for fit in fits],
+        [max(fit.day_number.size - 1, 1) for fit in fits],
+    )
     cycles, kept, added = [], [], []
     for k, fit in zip(chosen, fits, strict=True):
         number, one, extra = _with_cycles(fit, widened(fit.covariance, ratio), options)
@@ -322,7 +349,8 @@ def _publish_fits(
         average = np.tile(np.eye(2), members) / members
         table["reference_bias"] = bias.mean(axis=0)
         table["reference_bias_standard_error"] = np.sqrt(
-            np.diagonal(average @ fleet.bias_covariance @ average.T))
+            np.diagonal(average @ fleet.bias_covariance @ average.T)
+        )
 
 
 def _with_cycles(
@@ -335,8 +363,9 @@ def _with_cycles(
     if choose_cycles(statistic, fit.day_number.size) == 2:
         return 2, fit, nothing
     to_one = one_cycle_map(fit.normal, fit.free)
-    one = replace(fit, theta=to_one @ fit.theta, flight=fit.flight @ to_one.T,
-                  day=fit.day @ to_one.T)
+    one = replace(
+        fit, theta=to_one @ fit.theta, flight=fit.flight @ to_one.T, day=fit.day @ to_one.T
+    )
     return 1, one, choice_covariance(fit.theta - one.theta, covariance, statistic)
 
 
@@ -348,8 +377,13 @@ def _judge(table: dict[str, NDArray[Any]], k: int, fit: AircraftFit, covariance:
 
 
 def _fill(
-    table: dict[str, NDArray[Any]], k: int, fit: AircraftFit, theta: Array, covariance: Array,
-    cycles: int, joint: bool,
+    table: dict[str, NDArray[Any]],
+    k: int,
+    fit: AircraftFit,
+    theta: Array,
+    covariance: Array,
+    cycles: int,
+    joint: bool,
 ) -> None:
     deviation = np.degrees(theta[:COMPASS])
     square = covariance[:COMPASS, :COMPASS] * np.degrees(1.0) ** 2
@@ -369,10 +403,19 @@ def _fill(
         table["airspeed_scale_standard_error"][k] = np.sqrt(covariance[COMPASS, COMPASS])
 
 
-_PER_AIRCRAFT = ("offset", "amplitude", "phase", "offset_standard_error",
-                 "amplitude_standard_error", "phase_standard_error", "airspeed_scale",
-                 "airspeed_scale_standard_error", "condition_number", "residual_rms_before",
-                 "residual_rms_after")
+_PER_AIRCRAFT = (
+    "offset",
+    "amplitude",
+    "phase",
+    "offset_standard_error",
+    "amplitude_standard_error",
+    "phase_standard_error",
+    "airspeed_scale",
+    "airspeed_scale_standard_error",
+    "condition_number",
+    "residual_rms_before",
+    "residual_rms_after",
+)
 _COUNTS = ("report_count", "flight_count", "compass_points", "status", "harmonics")
 
 
@@ -388,11 +431,16 @@ def _empty(aircraft: int) -> dict[str, NDArray[Any]]:
 
 def _dataset(table: dict[str, NDArray[Any]]) -> xr.Dataset:
     dims = {name: ("aircraft",) for name in (*_PER_AIRCRAFT, *_COUNTS)}
-    extra = {"deviation": ("aircraft", "coefficient"),
-             "deviation_covariance": ("aircraft", "coefficient", "coefficient_2"),
-             "reference_bias": ("component",), "reference_bias_standard_error": ("component",)}
+    extra = {
+        "deviation": ("aircraft", "coefficient"),
+        "deviation_covariance": ("aircraft", "coefficient", "coefficient_2"),
+        "reference_bias": ("component",),
+        "reference_bias_standard_error": ("component",),
+    }
     small = {"compass_points", "status", "harmonics"}
-    return xr.Dataset({
-        name: (({**dims, **extra})[name], values.astype(np.int8) if name in small else values)
-        for name, values in table.items()
-    })
+    return xr.Dataset(
+        {
+            name: (({**dims, **extra})[name], values.astype(np.int8) if name in small else values)
+            for name, values in table.items()
+        }
+    )

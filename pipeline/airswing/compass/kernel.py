@@ -133,16 +133,26 @@ class Reports:
 
     def take(self, keep: slice) -> Observations:
         """Make part of the reports ready; they must be sorted by flight."""
-        m, psi, error = (_radians32(part[keep]) for part in
-                         (self.abscissa, self.heading, self.heading_error))
+        m, psi, error = (
+            _radians32(part[keep]) for part in (self.abscissa, self.heading, self.heading_error)
+        )
         v = self.airspeed[keep].astype(np.float32)
         implied = v - self.airspeed_error[keep].astype(np.float32)
         known = _radians32(self.standard_error[keep]) * v
         if not np.isfinite(known.sum()):
             known = np.nan_to_num(known, posinf=0.0)
-        return Observations(np.sin(m), np.cos(m), np.sin(psi), np.cos(psi), error,
-                            implied * np.cos(error), -implied * np.sin(error), v, known * known,
-                            self.flight[keep])
+        return Observations(
+            np.sin(m),
+            np.cos(m),
+            np.sin(psi),
+            np.cos(psi),
+            error,
+            implied * np.cos(error),
+            -implied * np.sin(error),
+            v,
+            known * known,
+            self.flight[keep],
+        )
 
 
 @dataclass(frozen=True)
@@ -217,8 +227,12 @@ def accumulate(
     -------
     PassSums
     """
-    sums = PassSums(np.zeros((LOCAL, LOCAL)), np.zeros(LOCAL), np.zeros((flights, LOCAL)),
-                    np.zeros((flights, LOCAL, LOCAL)) if by_flight else None)
+    sums = PassSums(
+        np.zeros((LOCAL, LOCAL)),
+        np.zeros(LOCAL),
+        np.zeros((flights, LOCAL)),
+        np.zeros((flights, LOCAL, LOCAL)) if by_flight else None,
+    )
     for begin in range(0, obs.size, BLOCK):
         _block(obs.take(slice(begin, begin + BLOCK)), theta, scatter, joint, sums)
     return sums
@@ -259,17 +273,22 @@ def residuals(
     return r_along, r_cross, sin_t, cos_t, delta
 
 
-def _block(
-    obs: Observations, theta: Array, scatter: Scatter, joint: bool, sums: PassSums
-) -> None:
+def _block(obs: Observations, theta: Array, scatter: Scatter, joint: bool, sums: PassSums) -> None:
     r_along, r_cross, sin_t, cos_t, delta = residuals(obs, theta, joint)
     w_along, w_cross, tukey = _weights(obs, scatter, r_along, r_cross, joint, sums)
     scaled = obs.airspeed * np.float32(1 - theta[COMPASS])
     # eight rows, the residual last: its products are the score, and eight suit the processor
     count = obs.size
     rows, weighted, score, other, other_weighted = (
-        part[:, :count] for part in (_SCRATCH.rows, _SCRATCH.weighted, _SCRATCH.score,
-                                     _SCRATCH.other, _SCRATCH.other_weighted))
+        part[:, :count]
+        for part in (
+            _SCRATCH.rows,
+            _SCRATCH.weighted,
+            _SCRATCH.score,
+            _SCRATCH.other,
+            _SCRATCH.other_weighted,
+        )
+    )
     rows[0] = scaled
     np.multiply(scaled, obs.sin_m, out=rows[1])
     np.multiply(scaled, obs.cos_m, out=rows[2])
@@ -287,10 +306,10 @@ def _block(
     r_cross *= -1
     r_along *= -1
     np.multiply(weighted[:COMPASS], r_cross, out=score[:COMPASS])
-    np.multiply(weighted[COMPASS:-1], r_cross, out=score[COMPASS + 1:])
+    np.multiply(weighted[COMPASS:-1], r_cross, out=score[COMPASS + 1 :])
     other_weighted *= r_along
     score[COMPASS] = other_weighted[0]
-    score[COMPASS + 1:] += other_weighted[1:-1]
+    score[COMPASS + 1 :] += other_weighted[1:-1]
     starts = np.flatnonzero(obs.flight[1:] != obs.flight[:-1]) + 1
     starts = np.concatenate([[0], starts])
     sums.flight_score[obs.flight[starts]] += np.add.reduceat(score, starts, axis=1).T
@@ -303,13 +322,20 @@ def _block(
 
 
 def _weights(
-    obs: Observations, scatter: Scatter, r_along: Single, r_cross: Single, joint: bool,
+    obs: Observations,
+    scatter: Scatter,
+    r_along: Single,
+    r_cross: Single,
+    joint: bool,
     sums: PassSums,
 ) -> tuple[Single, Single, Single]:
     known = np.float32(scatter.part) * obs.variance
     w_cross: Single = np.reciprocal(known + np.float32(scatter.cross), dtype=np.float32)
-    w_along: Single = (np.reciprocal(known + np.float32(scatter.along), dtype=np.float32)
-                       if joint else np.zeros_like(w_cross))
+    w_along: Single = (
+        np.reciprocal(known + np.float32(scatter.along), dtype=np.float32)
+        if joint
+        else np.zeros_like(w_cross)
+    )
     q = r_cross * r_cross * w_cross + r_along * r_along * w_along
     u = np.maximum(1 - q * np.float32(1 / (CUT_2D if joint else CUT_1D) ** 2), 0)
     tukey = u * u
@@ -340,9 +366,7 @@ def _add_by_flight(
         normals[number][np.ix_(place, place)] += (part * w[begin:end]) @ part.T
 
 
-def robust_scatter(
-    obs: Observations, theta: Array, *, joint: bool, parted: bool = True
-) -> Scatter:
+def robust_scatter(obs: Observations, theta: Array, *, joint: bool, parted: bool = True) -> Scatter:
     """Find the residual's variance a component from medians, so that gross errors do not count.
 
     Parameters
@@ -365,16 +389,18 @@ def robust_scatter(
     if parted and obs.variance.size > 1:
         middle = _median(obs.variance)
         low = obs.variance < middle
-        spread = (float(obs.variance[~low].mean() - obs.variance[low].mean()) if low.any()
-                  else 0.0)
+        spread = float(obs.variance[~low].mean() - obs.variance[low].mean()) if low.any() else 0.0
         if spread > 1e-9:
             gain = (_median(cross[~low]) - _median(cross[low])) / MEDIAN_CHI2
             part = min(max(gain / spread, 0.0), 1.0)
             known = part * float(obs.variance[low].mean())
             along, cross = along[low], cross[low]
     along_total, cross_total = (_median(one) / MEDIAN_CHI2 for one in (along, cross))
-    return Scatter(max(along_total - known, 0.1 * along_total, 1e-6),
-                   max(cross_total - known, 0.1 * cross_total, 1e-6), part)
+    return Scatter(
+        max(along_total - known, 0.1 * along_total, 1e-6),
+        max(cross_total - known, 0.1 * cross_total, 1e-6),
+        part,
+    )
 
 
 def _median(values: Single) -> float:
@@ -382,9 +408,7 @@ def _median(values: Single) -> float:
     return float(np.partition(values, middle)[middle])
 
 
-def plain_sinusoid(
-    heading_error: Values, abscissa: Values
-) -> tuple[Array, Array]:
+def plain_sinusoid(heading_error: Values, abscissa: Values) -> tuple[Array, Array]:
     """Fit the seed's sinusoid by ordinary least squares in one pass, each report alike.
 
     Parameters
@@ -402,14 +426,15 @@ def plain_sinusoid(
     """
     normal = np.zeros((4, 4))
     for begin in range(0, heading_error.size, BLOCK):
-        m = _radians32(abscissa[begin:begin + BLOCK])
+        m = _radians32(abscissa[begin : begin + BLOCK])
         rows = np.empty((4, m.size), dtype=np.float32)
         rows[0] = 1
         np.sin(m, out=rows[1])
         np.cos(m, out=rows[2])
-        rows[3] = heading_error[begin:begin + BLOCK]
+        rows[3] = heading_error[begin : begin + BLOCK]
         normal += rows @ rows.T
     linear = np.linalg.solve(normal[:3, :3], normal[:3, 3])
-    curve = np.array([linear[0], np.hypot(linear[1], linear[2]),
-                      np.degrees(np.arctan2(linear[2], linear[1]))])
+    curve = np.array(
+        [linear[0], np.hypot(linear[1], linear[2]), np.degrees(np.arctan2(linear[2], linear[1]))]
+    )
     return curve, np.asarray(linear, dtype=np.float64)

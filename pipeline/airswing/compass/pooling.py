@@ -113,8 +113,9 @@ def between_scatter(estimate: Array, covariance: Array) -> float:
     mean = np.linalg.solve(information, weighted[..., np.newaxis])
     apart = estimate - mean[..., 0][:, np.newaxis]
     square = np.einsum("tai,taij,taj->t", apart, inverse, apart)
-    log = -0.5 * (square + np.linalg.slogdet(total)[1].sum(axis=1)
-                  + np.linalg.slogdet(information)[1])
+    log = -0.5 * (
+        square + np.linalg.slogdet(total)[1].sum(axis=1) + np.linalg.slogdet(information)[1]
+    )
     weight = np.exp(log - log.max())
     return float(np.sqrt(np.sum(weight * TAU_GRID**2) / weight.sum()))
 
@@ -135,8 +136,11 @@ def pool(fits: list[AircraftFit], *, joint: bool) -> Fleet:
     """
     freedom = [max(fit.day_number.size - 1, 1) for fit in fits]
     raw = [fit.covariance for fit in fits]
-    ratio = day_ratio([np.diagonal(one) for one in raw],
-                      [np.diagonal(fit.day.T @ fit.day) for fit in fits], freedom)
+    ratio = day_ratio(
+        [np.diagonal(one) for one in raw],
+        [np.diagonal(fit.day.T @ fit.day) for fit in fits],
+        freedom,
+    )
     wide = [widened(one, ratio) for one in raw]
     thetas = [fit.theta for fit in fits]
     size = thetas[0].size
@@ -146,16 +150,18 @@ def pool(fits: list[AircraftFit], *, joint: bool) -> Fleet:
     b = slice(FIRST_BIAS, size)
     estimate = np.array([theta[b] for theta in thetas])
     spread = np.array([one[b, b] for one in wide])
-    tau = np.array([between_scatter(estimate[:, k:k + 2], spread[:, k:k + 2, k:k + 2])
-                    for k in range(0, size - FIRST_BIAS, 2)])
+    tau = np.array(
+        [
+            between_scatter(estimate[:, k : k + 2], spread[:, k : k + 2, k : k + 2])
+            for k in range(0, size - FIRST_BIAS, 2)
+        ]
+    )
     if len(fits) < 2:
         return Fleet(np.array(thetas), np.array(wide), estimate[0], spread[0], tau)
     return _second_pass(fits, wide, np.repeat(tau, 2) ** 2, tau)
 
 
-def _second_pass(
-    fits: list[AircraftFit], wide: list[Array], prior: Array, tau: Array
-) -> Fleet:
+def _second_pass(fits: list[AircraftFit], wide: list[Array], prior: Array, tau: Array) -> Fleet:
     thetas = [fit.theta for fit in fits]
     b = slice(FIRST_BIAS, thetas[0].size)
     between = np.diag(prior)
@@ -184,10 +190,12 @@ def _second_pass(
         off = share - np.eye(prior.size) * (np.arange(len(fits)) == k)[:, np.newaxis, np.newaxis]
         random.append(gain[k] @ np.einsum("aij,j,akj->ik", off, prior, off) @ gain[k].T)
     freedom = [max(fit.day_number.size - 1, 1) for fit in fits]
-    ratio = day_ratio([np.diagonal(one) for one in by_flight],
-                      [np.diagonal(one) for one in by_day], freedom)
-    covariance = np.array([widened(one, ratio) + two
-                           for one, two in zip(by_flight, random, strict=True)])
+    ratio = day_ratio(
+        [np.diagonal(one) for one in by_flight], [np.diagonal(one) for one in by_day], freedom
+    )
+    covariance = np.array(
+        [widened(one, ratio) + two for one, two in zip(by_flight, random, strict=True)]
+    )
     mean_covariance = np.linalg.inv(inverse.sum(axis=0))
     day_part = common_day.T @ common_day + np.einsum("aij,j,akj->ik", share, prior, share)
     wider = np.maximum(np.diagonal(day_part) / np.diagonal(mean_covariance), 1.0)

@@ -131,13 +131,18 @@ def fit_aircraft(
     theta, scatters = _start(middle, theta, free, joint, True)
     by_flight = min(flights, days[0].size) < MANY
     for _ in range(PASSES):
-        parts = [accumulate(obs, _local(theta, k), scatters[k], flights, joint=joint,
-                            by_flight=by_flight) for k, obs in enumerate(members)]
+        parts = [
+            accumulate(
+                obs, _local(theta, k), scatters[k], flights, joint=joint, by_flight=by_flight
+            )
+            for k, obs in enumerate(members)
+        ]
         normal, score, kappa = _joined(parts, size)
         step = _solve(normal[np.ix_(free, free)], score[free]) / kappa
         theta[free] += step
-        converged = bool(np.all(np.abs(step) <= FINAL_STEP * _spread(normal, parts, free, kappa)
-                                + ENOUGH))
+        converged = bool(
+            np.all(np.abs(step) <= FINAL_STEP * _spread(normal, parts, free, kappa) + ENOUGH)
+        )
         if converged:
             break
     return _finish(theta, free, normal, kappa, parts, days, converged, by_flight)
@@ -166,7 +171,7 @@ def _spread(normal: Array, parts: list[PassSums], free: Index, kappa: float) -> 
 
 
 def _local(theta: Array, member: int) -> Array:
-    return np.concatenate([theta[:COMPASS + 1], theta[_bias(member)]])
+    return np.concatenate([theta[: COMPASS + 1], theta[_bias(member)]])
 
 
 def _bias(member: int) -> Index:
@@ -185,10 +190,14 @@ def _start(
     square = np.ix_(free, free)
     for _ in range(START_STEPS):
         if not hold or not scatters:
-            scatters = [robust_scatter(obs, _local(theta, k), joint=joint, parted=hold)
-                        for k, obs in enumerate(few)]
-        parts = [accumulate(obs, _local(theta, k), scatters[k], 1, joint=joint)
-                 for k, obs in enumerate(few)]
+            scatters = [
+                robust_scatter(obs, _local(theta, k), joint=joint, parted=hold)
+                for k, obs in enumerate(few)
+            ]
+        parts = [
+            accumulate(obs, _local(theta, k), scatters[k], 1, joint=joint)
+            for k, obs in enumerate(few)
+        ]
         normal, score, kappa = _joined(parts, theta.size)
         step = _solve(normal[square], score[free]) / max(kappa, 0.6)
         theta[free] += step
@@ -240,16 +249,26 @@ def _finish(
     day_normals = None if normals is None else group_sums(normals, day, day_number.size)
     influence = [np.zeros((count, size)) for count in (flights, day_number.size)]
     influence[0][:, free] = influences(score, square, normals, kappa)
-    influence[1][:, free] = influences(group_sums(score, day, day_number.size), square,
-                                       day_normals, kappa)
+    influence[1][:, free] = influences(
+        group_sums(score, day, day_number.size), square, day_normals, kappa
+    )
     freedom = np.full(size, np.inf)
     freedom[free] = degrees_of_freedom(square, normals, flights)
     weight = sum(part.weight for part in parts) or 1.0
-    return AircraftFit(theta, free, normal, kappa, influence[0], influence[1], day_number,
-                       freedom, converged,
-                       float(np.sqrt(sum(part.before2 for part in parts) / weight)),
-                       float(np.sqrt(sum(part.after2 for part in parts) / weight)),
-                       np.argsort(day, kind="stable"))
+    return AircraftFit(
+        theta,
+        free,
+        normal,
+        kappa,
+        influence[0],
+        influence[1],
+        day_number,
+        freedom,
+        converged,
+        float(np.sqrt(sum(part.before2 for part in parts) / weight)),
+        float(np.sqrt(sum(part.after2 for part in parts) / weight)),
+        np.argsort(day, kind="stable"),
+    )
 
 
 def merged(parts: list[AircraftFit]) -> AircraftFit:
@@ -294,12 +313,18 @@ def merged(parts: list[AircraftFit]) -> AircraftFit:
     weight = np.array([part.normal[0, 0] for part in parts])
     weight = weight / weight.sum()
     return replace(
-        parts[0], theta=theta, normal=normal,
+        parts[0],
+        theta=theta,
+        normal=normal,
         kappa=float(np.trace(total) / np.trace(normal[square])),
-        flight=np.concatenate(rows), day=day, day_number=days,
+        flight=np.concatenate(rows),
+        day=day,
+        day_number=days,
         freedom=np.sum([part.freedom for part in parts], axis=0),
         converged=all(part.converged for part in parts),
         rms_before=float(np.sqrt(weight @ [part.rms_before**2 for part in parts])),
         rms_after=float(np.sqrt(weight @ [part.rms_after**2 for part in parts])),
-        flight_order=np.concatenate([part.flight_order + shift
-                                     for part, shift in zip(parts, first, strict=True)]))
+        flight_order=np.concatenate(
+            [part.flight_order + shift for part, shift in zip(parts, first, strict=True)]
+        ),
+    )

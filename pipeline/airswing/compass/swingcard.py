@@ -33,8 +33,15 @@ from airswing.vocabulary import STATUS
 
 CARDINALS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 CARD_HEADINGS = np.arange(0.0, 360.0, 30.0)
-COLUMNS = ("aircraft", "reference", "status", "heading_deg", "table_correction_deg",
-           "standard_error_deg", "sign")
+COLUMNS = (
+    "aircraft",
+    "reference",
+    "status",
+    "heading_deg",
+    "table_correction_deg",
+    "standard_error_deg",
+    "sign",
+)
 _STATUS_TEXT = {code: name for name, code in STATUS.items()}
 
 
@@ -93,12 +100,17 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
 
 
 def _table_rows(one: xr.Dataset, sign: str) -> list[tuple[str, ...]]:
-    names = (str(one["aircraft"].item()), str(one["reference"].item()),
-             _STATUS_TEXT[int(one["status"])])
+    names = (
+        str(one["aircraft"].item()),
+        str(one["reference"].item()),
+        _STATUS_TEXT[int(one["status"])],
+    )
     correction = one["table_correction"].to_numpy()
     error = _node_errors(one)
-    return [(*names, f"{node:g}", _number(correction[k], 3), _number(error[k], 3), sign)
-            for k, node in enumerate(NODES)]
+    return [
+        (*names, f"{node:g}", _number(correction[k], 3), _number(error[k], 3), sign)
+        for k, node in enumerate(NODES)
+    ]
 
 
 def _node_errors(one: xr.Dataset) -> Array:
@@ -176,8 +188,14 @@ def write_swing_cards(
             figure = swing_card(fits, aircraft=name, reference=reference)
             figure.savefig(temporary, dpi=120, format=suffix)
         one = _select(fits, name, reference)
-        rows.append((name, card.name, _STATUS_TEXT[int(one["status"])],
-                     *(_number(float(one[key]), 2) for key in ("offset", "amplitude", "phase"))))
+        rows.append(
+            (
+                name,
+                card.name,
+                _STATUS_TEXT[int(one["status"])],
+                *(_number(float(one[key]), 2) for key in ("offset", "amplitude", "phase")),
+            )
+        )
         cards.append(card)
     with (
         atomic(place / "index.csv") as temporary,
@@ -203,8 +221,9 @@ def _safe(name: str, taken: set[str]) -> str:
 
 def _need_tables(fits: xr.Dataset) -> None:
     if "table_correction" not in fits:
-        raise InputError("the fits hold no tables", field="table_correction",
-                         remedy="Call add_tables first")
+        raise InputError(
+            "the fits hold no tables", field="table_correction", remedy="Call add_tables first"
+        )
 
 
 def _select(fits: xr.Dataset, aircraft: str, reference: str | None) -> xr.Dataset:
@@ -235,8 +254,10 @@ def card_rows(table_error: ArrayLike) -> list[tuple[str, str]]:
     """
     names = {0: "N", 90: "E", 180: "S", 270: "W"}
     aims = steer(table_error, CARD_HEADINGS)
-    return [(names.get(int(aim), f"{aim:03.0f}"), f"{np.rint(held) % 360:03.0f}")
-            for aim, held in zip(CARD_HEADINGS, aims, strict=True)]
+    return [
+        (names.get(int(aim), f"{aim:03.0f}"), f"{np.rint(held) % 360:03.0f}")
+        for aim, held in zip(CARD_HEADINGS, aims, strict=True)
+    ]
 
 
 def _draw_card(panel: Any, one: xr.Dataset) -> None:
@@ -254,18 +275,19 @@ def _draw_card(panel: Any, one: xr.Dataset) -> None:
     panel.supxlabel(
         f"against {one['reference'].item()}; {int(one['report_count'])} reports, "
         f"{int(one['flight_count'])} flights, {int(one['compass_points'])} of 8 compass points",
-        fontsize=7)
+        fontsize=7,
+    )
 
 
 def _node_cells(one: xr.Dataset) -> list[list[str]]:
     correction, error = one["table_correction"].to_numpy(), _node_errors(one)
-    return [[CARDINALS[k], f"{node:03.0f}", f"{correction[k]:+.1f}", f"{1.96 * error[k]:.1f}"]
-            for k, node in enumerate(NODES)]
+    return [
+        [CARDINALS[k], f"{node:03.0f}", f"{correction[k]:+.1f}", f"{1.96 * error[k]:.1f}"]
+        for k, node in enumerate(NODES)
+    ]
 
 
-def _grid(
-    axes: Any, cells: list[list[str]], head: Sequence[str], box: tuple[float, ...]
-) -> None:
+def _grid(axes: Any, cells: list[list[str]], head: Sequence[str], box: tuple[float, ...]) -> None:
     table = axes.table(cellText=cells, colLabels=list(head), bbox=box, cellLoc="center")
     table.auto_set_font_size(False)
     table.set_fontsize(9)
@@ -281,8 +303,12 @@ def _draw_curve(panel: Any, one: xr.Dataset) -> None:
     for axes, first, names in ((upper, 270.0, "W N E"), (lower, 90.0, "E S W")):
         at = np.arange(first, first + 181.0)
         place = np.mod(at, 360.0)
-        axes.fill_between(at, np.interp(place, FINE, curve - wide, period=360),
-                          np.interp(place, FINE, curve + wide, period=360), alpha=0.3)
+        axes.fill_between(
+            at,
+            np.interp(place, FINE, curve - wide, period=360),
+            np.interp(place, FINE, curve + wide, period=360),
+            alpha=0.3,
+        )
         axes.plot(at, np.interp(place, FINE, curve, period=360), label="fit, 95 %")
         axes.plot(at, unit_interpolation(nodes, at), lw=1, label="table")
         marks = np.arange(first, first + 181.0, 45.0)

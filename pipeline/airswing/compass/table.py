@@ -61,8 +61,9 @@ def deviation_curve(coefficients: ArrayLike, heading: ArrayLike) -> Array:
     """
     angle = np.radians(np.asarray(heading, dtype=np.float64))
     a, b, c, d, e = np.moveaxis(np.asarray(coefficients, dtype=np.float64), -1, 0)[..., np.newaxis]
-    return np.asarray(a + b * np.sin(angle) + c * np.cos(angle) + d * np.sin(2 * angle)
-                      + e * np.cos(2 * angle))
+    return np.asarray(
+        a + b * np.sin(angle) + c * np.cos(angle) + d * np.sin(2 * angle) + e * np.cos(2 * angle)
+    )
 
 
 def unit_interpolation(table: ArrayLike, heading: ArrayLike) -> Array:
@@ -93,9 +94,7 @@ def unit_interpolation(table: ArrayLike, heading: ArrayLike) -> Array:
     return np.asarray(values[row, lower] * (1 - share) + values[row, upper] * share)
 
 
-def project_curve(
-    error: ArrayLike, histogram: ArrayLike | None = None
-) -> tuple[Array, Array]:
+def project_curve(error: ArrayLike, histogram: ArrayLike | None = None) -> tuple[Array, Array]:
     """Least-squares projection of a curve on the periodic piecewise-linear basis.
 
     Parameters
@@ -203,8 +202,12 @@ def add_tables(
         If the sign is unknown.
     """
     if sign not in SIGNS:
-        raise InputError("unknown sign of the table", field="table.sign", found=sign,
-                         remedy=f"One of: {', '.join(SIGNS)}")
+        raise InputError(
+            "unknown sign of the table",
+            field="table.sign",
+            found=sign,
+            remedy=f"One of: {', '.join(SIGNS)}",
+        )
     histogram = heading_histogram(headings, abscissa=fits.attrs.get("abscissa", "magnetic"))
     deviation = fits["deviation"].transpose("reference", "aircraft", "coefficient").to_numpy()
     tables = np.full((*deviation.shape[:2], NODES.size), np.nan)
@@ -214,12 +217,15 @@ def add_tables(
         nodes, weight = project_curve(error, histogram[place[1]])
         tables[place] = round_to(nodes, resolution)
         residual[place] = np.sqrt(
-            np.sum(weight * (unit_interpolation(tables[place], FINE) - error) ** 2))
+            np.sum(weight * (unit_interpolation(tables[place], FINE) - error) ** 2)
+        )
     correction = SIGNS[sign] * tables + 0.0
     by_aircraft = ("reference", "aircraft")
-    found = fits.assign(table_correction=((*by_aircraft, "node"), correction),
-                        table_residual_rms=(by_aircraft, residual),
-                        table_heading=("node", NODES))
+    found = fits.assign(
+        table_correction=((*by_aircraft, "node"), correction),
+        table_residual_rms=(by_aircraft, residual),
+        table_heading=("node", NODES),
+    )
     found.attrs.update(table_sign=sign, table_resolution=float(resolution))
     return describe(found)
 
