@@ -83,6 +83,27 @@ def test_a_worker_killed_over_and_over_is_one_message():
         dask.delayed(die)().compute()
 
 
+@pytest.mark.parametrize("kind", ["CommClosedError", "CancelledError"])
+def test_a_scheduler_lost_on_the_way_is_one_message(kind):
+    from concurrent.futures import CancelledError
+
+    from distributed.comm.core import CommClosedError
+
+    lost = {"CommClosedError": CommClosedError, "CancelledError": CancelledError}[kind]
+    place = Compute(scheduler="tcp://host:8786")
+    with (
+        pytest.raises(InputError, match=r"tcp://host:8786.*--resume"),
+        compute._losses(place),
+    ):
+        raise lost("gone")
+
+
+def test_the_dashboard_is_named(address, capsys):
+    with compute.scheduler(Compute(scheduler=address), Progress()):
+        pass
+    assert "dask dashboard: http" in capsys.readouterr().err
+
+
 def test_workers_with_another_airswing_are_refused(address, monkeypatch):
     monkeypatch.setattr(compute, "code_digest", lambda *names: "another")
     monkeypatch.setattr(compute, "WORKERS_CODE", "airswing.ragged")

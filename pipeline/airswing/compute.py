@@ -8,6 +8,7 @@ files under the same paths and have the same airswing.
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 from collections.abc import Iterator
 from typing import Any
@@ -59,6 +60,8 @@ def scheduler(compute: Compute, progress: Progress) -> Iterator[None]:
 def _client(compute: Compute, cores: int) -> Iterator[Any]:
     from distributed import Client, LocalCluster
 
+    # A lost scheduler is told in one message by this module, not by the client's tracebacks.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
         if compute.scheduler is None:
             workers = int(compute.workers)
