@@ -45,3 +45,14 @@ def test_few_reports_are_fitted_without_a_field():
     np.testing.assert_array_equal(
         fit_deviation(ds)["deviation"].to_numpy(), plain["deviation"].to_numpy()
     )
+
+
+def test_a_pool_can_be_fitted_without_its_members_alone():
+    setting = Setting(aircraft=2, days=15, references=2)
+    ds, _ = fly(fleet_deviations(2, np.random.default_rng(5)), setting, 5)
+    pools = {"both": ["ruc", "rtfdaa"]}
+    every, one = fit_deviation(ds, pools=pools), fit_deviation(ds, pools=pools, alone=False)
+    assert list(one["reference"].to_numpy()) == ["both"]
+    np.testing.assert_array_equal(
+        one["deviation"].to_numpy(), every["deviation"].sel(reference=["both"]).to_numpy()
+    )

@@ -107,6 +107,7 @@ def fit_deviation(
     shared_error: bool = True,
     min_reports: int = 200,
     min_compass_points: int = 6,
+    alone: bool = True,
 ) -> xr.Dataset:
     """Fit the deviation of every aircraft against every reference and every pool.
 
@@ -129,6 +130,8 @@ def fit_deviation(
         :mod:`airswing.compass.joint`).
     min_reports, min_compass_points : int
         Fewer give status ``too_few_reports``, ``poor_heading_coverage``.
+    alone : bool
+        Also fit each reference alone, beside the pools; without pools always.
 
     Returns
     -------
@@ -140,7 +143,7 @@ def fit_deviation(
     InputError
         If a variable is missing or a pool names an unknown reference.
     """
-    groups = _groups(headings, pools or {})
+    groups = _groups(headings, pools or {}, alone=alone or not pools)
     options = _Options(harmonics, joint, min_reports, min_compass_points)
     columns = Columns(headings, abscissa)
     parts = []
@@ -206,12 +209,14 @@ def fit_sinusoid(
     )
 
 
-def _groups(headings: xr.Dataset, pools: Mapping[str, Sequence[str]]) -> dict[str, list[int]]:
+def _groups(
+    headings: xr.Dataset, pools: Mapping[str, Sequence[str]], *, alone: bool
+) -> dict[str, list[int]]:
     for name in _NEEDED:
         if name not in headings:
             raise InputError("the headings lack a variable the fit needs", field=name)
     names = [str(name) for name in headings["reference"].to_numpy()]
-    groups = {name: [k] for k, name in enumerate(names)}
+    groups = {name: [k] for k, name in enumerate(names)} if alone else {}
     for pool_name, members in pools.items():
         unknown = [name for name in members if name not in names]
         if unknown or not members:

@@ -243,8 +243,7 @@ def _fitted(
     """Fit and tables against one reference or pool."""
     members = list(pools[reference])
     part = headings.sel(reference=members)
-    pool = {reference: members} if len(members) > 1 else {}
-    fits = fit_deviation(part, pools=pool, **options)
+    fits = fit_deviation(part, pools={reference: members}, alone=False, **options)
     attributes = fits.attrs
     fits = fits.sel(reference=[reference])
     fits.attrs = {**attributes, "reference_count": 1}
