@@ -277,7 +277,7 @@ def close(
     before = np.hypot(*frame.residual.T)
     if not terms:
         mean = float(before.mean()) / KNOT
-        ci = _interval(before / KNOT, day, seed, draws)
+        ci = day_interval(before / KNOT, day, seed, draws)
         return Closure(mean, mean, (0.0, 0.0), ci, (), (), frame.residual)
     shape = base.stats.day_count.shape
     fold = folds_of_days(base.stats)
@@ -295,13 +295,13 @@ def close(
     for k, term in enumerate(terms):
         residual = _without(frame, errors[: k + 1], sensor[: k + 1])
         now = np.hypot(*residual.T)
-        low, high = _interval((left - now) / KNOT, day, seed, draws)
+        low, high = day_interval((left - now) / KNOT, day, seed, draws)
         steps.append((term.candidate.name, float(now.mean()) / KNOT, low, high))
         left = now
         alone.append(
             float(np.hypot(*_without(frame, errors[k : k + 1], sensor[k : k + 1]).T).mean())
         )
-    low, high = _interval((before - left) / KNOT, day, seed, draws)
+    low, high = day_interval((before - left) / KNOT, day, seed, draws)
     first, last = float(before.mean()) / KNOT, float(left.mean()) / KNOT
     return Closure(
         first, last, (low, high), (first - high, first - low), tuple(steps),
@@ -316,8 +316,8 @@ def _without(frame: Any, errors: Sequence[Floats], sensor: Sequence[bool]) -> Fl
     return take_off(frame, np.asarray(own), np.asarray(other))
 
 
-def _interval(values: Floats, day: Integers, seed: int, draws: int) -> tuple[float, float]:
-    """95 % bootstrap interval over days of a mean over reports."""
+def day_interval(values: Floats, day: Integers, seed: int, draws: int = 400) -> tuple[float, float]:
+    """Bootstrap 95 % interval over days of a mean over reports."""
     count, total = np.bincount(day), np.bincount(day, values)
     used = np.flatnonzero(count)
     rng = np.random.default_rng(seed)

@@ -1,0 +1,258 @@
+"""The assumptions a diagnosis rests on, each with a check made on the archive at hand.
+
+Assumptions: none of its own. Every check is made after the search, on what it left, and changes no
+verdict; a check that fails says which intervals and which claims deserve doubt.
+
+Validity: limits (:data:`LIMITS`) are of practical size, not significance: with 100,000 reports
+every model is wrong significantly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.alias import alias_table
+from airswing.gap.attribute import Found
+from airswing.gap.calibration import BINS, Calibration, calibrate
+from airswing.gap.closure import Closure, folds_of_days
+from airswing.gap.decoy import Decoy, force_decoy
+from airswing.gap.dictionary import DictionaryPlan
+from airswing.gap.measure import Base
+from airswing.gap.noise import NoiseFit
+
+Integers = NDArray[np.int64]
+
+#: What is still taken for right: misfit of the autocovariance as a share of the variance,
+#: departure of the whitened spread from 1 and of a PIT bin from its share, correlation of
+#: neighbours, area under the classifier's curve, share of reports clipped, cluster factors of
+#: one aircraft and of the fleet.
+LIMITS = {
+    "autocovariance": 0.1, "spread": 0.1, "pit": 0.25, "lag_one": 0.1, "auc": 0.6,
+    "clipped": 0.02, "aircraft_factor": 2.0, "fleet_factor": 8.0,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Checks:
+    """What the checks found.
+
+    Attributes
+    ----------
+    after, before : Calibration
+        With the effects found in the simulation, and without.
+    decoy : Decoy
+    aliases : list of dict
+        Pairs of effects with more than 0.8 of their energy in common.
+    shares : dict
+        Effect found -> other effect -> share of energy in common.
+    assumptions : list of dict
+        ``assumption``, ``check``, ``result`` (words), ``ok``.
+    """
+
+    after: Calibration
+    before: Calibration
+    decoy: Decoy
+    aliases: list[dict[str, Any]]
+    shares: dict[str, dict[str, float]]
+    assumptions: list[dict[str, Any]]
+
+    def details(self) -> dict[str, Any]:
+        """What ``gap.json`` holds of them."""
+        return {
+            "calibration": {"after": self.after.entry(), "before": self.before.entry()},
+            "decoy": self.decoy.entry(), "aliases": self.aliases,
+            "assumptions": self.assumptions,
+        }  # fmt: skip
+
+    def histograms(self) -> dict[str, tuple[str, Any]]:
+        """Return what ``gap.nc`` holds of them."""
+        return {
+            "pit_bin": ("pit_bin", np.arange(BINS) / BINS),
+            "pit_count": ("pit_bin", self.after.pit_count.astype(np.int32)),
+            "pit_count_before": ("pit_bin", self.before.pit_count.astype(np.int32)),
+        }
+
+
+def run_checks(
+    frame: Any,
+    *,
+    base: Base,
+    noise: NoiseFit,
+    plan: DictionaryPlan,
+    found: Found,
+    closure: Closure,
+    effects: Mapping[str, Any],
+    day: Integers,
+    seed: int = 0,
+) -> Checks:
+    """Check what a diagnosis rests on.
+
+    Parameters
+    ----------
+    frame : Frame
+    base, noise, plan, found, closure, effects :
+        Pieces of the diagnosis.
+    day : (n,) int
+        Index of each report's day in the statistics.
+    seed : int
+
+    Returns
+    -------
+    Checks
+    """
+    fold = folds_of_days(base.stats)[day]
+    after, before = (
+        calibrate(frame, residual, noise=noise, plan=plan, day_variance=base.day_variance,
+                  day=day, seed=seed)
+        for residual in (closure.residual, frame.residual)
+    )  # fmt: skip
+    decoy = force_decoy(frame, closure.residual, noise=noise, day=day, fold=fold, seed=seed)
+    aliases, shares = alias_table(base, found.terms, effects)
+    rows = assumptions(base=base, noise=noise, found=found, after=after, decoy=decoy)
+    return Checks(after, before, decoy, aliases, shares, rows)
+
+
+def assumptions(
+    *, base: Base, noise: NoiseFit, found: Found, after: Calibration, decoy: Decoy
+) -> list[dict[str, Any]]:
+    """Every assumption with its check, the result in words, and whether it holds.
+
+    Parameters
+    ----------
+    base, noise, found, after, decoy :
+        Pieces of the diagnosis and its checks.
+
+    Returns
+    -------
+    list of dict
+    """
+    return [
+        _noise_row(noise),
+        _calibration_row(after),
+        _neighbours_row(after),
+        _classifier_row(after),
+        _clipped_row(base),
+        *_cluster_rows(found),
+        _decoy_row(decoy),
+    ]
+
+
+def _row(assumption: str, check: str, result: str, ok: bool) -> dict[str, Any]:
+    return {"assumption": assumption, "check": check, "result": result, "ok": bool(ok)}
+
+
+def _noise_row(noise: NoiseFit) -> dict[str, Any]:
+    there = np.isfinite(noise.autocovariance) & (noise.pair_count > 100)
+    misfit = np.abs(noise.autocovariance - noise.autocovariance_model)[there]
+    if not misfit.size or noise.autocovariance_model[0] <= 0:
+        text, worst = "too few pairs of reports to tell", float("nan")
+    else:
+        worst = float(misfit.max() / noise.autocovariance_model[0])
+        at = float(noise.distance_km[there][int(misfit.argmax())])
+        text = f"largest misfit {100 * worst:.0f} % of the variance, at {at:.0f} km"
+    return _row(
+        "errors along a flight fall off with distance as the noise model says",
+        "autocovariance against distance", text, worst < LIMITS["autocovariance"],
+    )  # fmt: skip
+
+
+def _calibration_row(after: Calibration) -> dict[str, Any]:
+    number = after.pit_count.sum()
+    share = after.pit_count * after.pit_count.size / max(int(number), 1)
+    worst = float(np.abs(share - 1).max())
+    excess = after.crps_m_s / after.crps_expected_m_s - 1 if after.crps_expected_m_s else 0.0
+    return _row(
+        "the error predicted for a report has the right size and shape",
+        "PIT and CRPS of held-out reports",
+        f"spread {after.spread:.2f} of the predicted, farthest PIT bin {100 * worst:.0f} % off, "
+        f"CRPS {after.crps_m_s:.2f} m/s ({100 * excess:+.0f} % of that expected)",
+        abs(after.spread - 1) < LIMITS["spread"] and worst < LIMITS["pit"],
+    )
+
+
+def _neighbours_row(after: Calibration) -> dict[str, Any]:
+    return _row(
+        "nothing is left between neighbours on a flight",
+        "correlation of whitened held-out residuals at lag 1",
+        f"{after.lag_one:.3f} ± {after.lag_one_standard_error:.3f}",
+        abs(after.lag_one) < LIMITS["lag_one"],
+    )
+
+
+def _classifier_row(after: Calibration) -> dict[str, Any]:
+    known = np.isfinite(after.auc)
+    text = (
+        f"area under the curve {after.auc:.2f} ± {after.auc_standard_error:.2f} (0.5: cannot)"
+        if known
+        else "too few flights to tell"
+    )
+    return _row(
+        "real flights cannot be told from flights of the improved simulation",
+        "linear classifier, judged on flights it has not seen",
+        text, bool(known and after.auc < LIMITS["auc"]),
+    )  # fmt: skip
+
+
+def _clipped_row(base: Base) -> dict[str, Any]:
+    stats = base.stats
+    number = max(float(stats.day_count.sum()), 1.0)
+    clipped, gross = float(stats.clipped.sum()) / number, float(stats.gross.sum()) / number
+    return _row(
+        "gross errors are few, and do not steer the fit",
+        "reports set aside or clipped at 5 standard deviations",
+        f"{100 * gross:.2f} % set aside, {100 * clipped:.2f} % clipped",
+        clipped + gross < LIMITS["clipped"],
+    )
+
+
+def _cluster_rows(found: Found) -> list[dict[str, Any]]:
+    scores = [score for ranked in (*found.rivals, found.left) for score in ranked]
+    rows = []
+    for scope, who in (("aircraft", "of one aircraft"), ("fleet", "of the fleet")):
+        factors = [s.factor for s in scores if s.candidate.scope == scope and s.candidate.known]
+        if factors:
+            middle, most = float(np.median(factors)), float(np.max(factors))
+            rows.append(
+                _row(
+                    f"days are independent enough for effects {who}",
+                    "scatter of daily scores over that of independent reports",
+                    f"factor {middle:.1f}, at most {most:.1f}; scores are divided by it",
+                    middle < LIMITS[f"{scope}_factor"],
+                )
+            )
+    return rows
+
+
+def _decoy_row(decoy: Decoy) -> dict[str, Any]:
+    low, high = decoy.held_out_ci
+    return _row(
+        "what an effect closes on held-out flights is no luck",
+        "a decoy, the deviation of other flights, forced in",
+        f"closes {decoy.held_out:+.3f} kt [{low:+.3f}, {high:+.3f}] on held-out flights "
+        f"({decoy.fitted:+.3f} where it was fitted)",
+        decoy.closes_nothing,
+    )
+
+
+def with_aliases(
+    entries: Sequence[dict[str, Any]], shares: Mapping[str, Mapping[str, float]]
+) -> None:
+    """Write the share of energy in common to each entry's rivals (``alias_share``), in place.
+
+    Parameters
+    ----------
+    entries : sequence of dict
+        ``effects`` of ``gap.json``.
+    shares : mapping
+        Effect -> other effect -> share.
+    """
+    for entry in entries:
+        own = shares.get(entry["name"], {})
+        for rival in entry["ambiguity"]:
+            if rival["name"] in own:
+                rival["alias_share"] = own[rival["name"]]
