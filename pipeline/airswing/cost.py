@@ -28,7 +28,7 @@ SECONDS_PER_REPORT = {
     "page": 7.0e-6,
 }
 SECONDS_ANYWAY = {"fit": 3.0, "virtual field test": 10.0, "page": 7.0}
-BYTES_PER_REPORT = 600
+BYTES_PER_REPORT = 800
 """Peak memory of the stages that hold every report, for each report and up to two references."""
 BASE_BYTES = 550_000_000
 """The interpreter with the libraries loaded."""
