@@ -21,32 +21,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.changepoint import evaluate_step
 from airswing.gap.evidence import Candidate, Score, evaluate
 from airswing.gap.measure import (
     Base,
     Conditional,
     Fit,
     Included,
-    beyond,
     climatology,
     condition,
     fit_included,
 )
+from airswing.gap.ranking import CHANGE_PENALTY, LEAST_NOVELTY, best_for, evaluate_known, rank
 
 Floats = NDArray[np.float64]
-
-
-#: Effects beyond which a dictionary group must have something to say.
-BASICS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
-
-
-#: Tempered evidence beyond the basics that a dictionary group needs, nats.
-LEAST_NOVELTY = 3.0
-
-
-#: Prior log odds against an effect that changes in time where a steady one does, nats.
-CHANGE_PENALTY = 3.0
 
 
 @dataclass(frozen=True)
@@ -170,59 +157,6 @@ def all_columns(base: Base, terms: Sequence[Term]) -> list[Included]:
     for term in terms:
         columns += term_columns(term, shape)
     return columns
-
-
-def rank(
-    base: Base,
-    given: Conditional,
-    pool: Sequence[Candidate],
-    taken: dict[tuple[str, str], set[int]],
-) -> list[Score]:
-    """Evaluate all candidates, best raw evidence first.
-
-    Parameters
-    ----------
-    base : Base
-    given : Conditional
-    pool : sequence of Candidate
-    taken : dict
-        (name, scope) -> aircraft already in a term of that name.
-
-    Returns
-    -------
-    list of Score
-    """
-    out = []
-    aircraft = len(base.stats.tails)
-    layout = base.stats.layout
-    names = [name for name in BASICS if name in layout.blocks]
-    novel = beyond(given, np.concatenate([layout.columns(n) for n in names])) if names else given
-    for candidate in pool:
-        own = taken.get((candidate.name, candidate.scope), set())
-        if len(own) == aircraft:
-            continue
-        allowed = np.array([a not in own for a in range(aircraft)])
-        if candidate.kind == "step":
-            out.append(evaluate_step(base, given, candidate, allowed=allowed))
-        else:
-            source = given if candidate.known else novel
-            score = evaluate(base.stats, source, candidate, allowed=allowed)
-            if not candidate.known:
-                score = _with_whole(base, given, score, allowed)
-            out.append(score)
-    return sorted(out, key=lambda s: -s.raw)
-
-
-def _with_whole(
-    base: Base, given: Conditional, beyond_basics: Score, allowed: NDArray[np.bool_]
-) -> Score:
-    """Score of a dictionary group: all it explains where it has something new to say."""
-    new = beyond_basics.tempered
-    if new < LEAST_NOVELTY or beyond_basics.candidate.component == "wind":
-        return replace(beyond_basics, novelty=new)
-    whole = evaluate(base.stats, given, beyond_basics.candidate, allowed=allowed)
-    best = whole if whole.tempered > new else beyond_basics
-    return replace(best, novelty=new)
 
 
 def passes(score: Score, rules: Rules) -> bool:
@@ -383,7 +317,6 @@ def _reassign(base: Base, pool: Sequence[Candidate], terms: list[Term]) -> list[
 
     Aircraft enter a term together; one whose step looks like the others' drift is taken along.
     """
-    aircraft = len(base.stats.tails)
     own_pool = [c for c in pool if c.known and c.scope == "aircraft"]
     for k in range(len(terms)):
         term = terms[k]
@@ -395,7 +328,7 @@ def _reassign(base: Base, pool: Sequence[Candidate], terms: list[Term]) -> list[
                 break
             others = [*terms[:k], rest, *terms[k + 1 :]]
             given = given_terms(base, others)
-            best, old = _best_for(base, given, own_pool, a, terms[k], aircraft)
+            best, old = best_for(base, given, own_pool, a, term.candidate)
             margin = 3.0 * best.factor
             if (
                 best.aircraft_evidence[a] > old + margin
@@ -403,27 +336,6 @@ def _reassign(base: Base, pool: Sequence[Candidate], terms: list[Term]) -> list[
             ):
                 terms = _merge(others, Term(best.candidate, (a,), best.period, best))
     return terms
-
-
-def _best_for(
-    base: Base, given: Conditional, pool: Sequence[Candidate], one: int, term: Term, aircraft: int
-) -> tuple[Score, float]:
-    """Best candidate for one aircraft, and the evidence of the term it is in."""
-    allowed = np.arange(aircraft) == one
-    scores = [
-        evaluate_step(base, given, c, allowed=allowed)
-        if c.kind == "step"
-        else evaluate(base.stats, given, c, allowed=allowed)
-        for c in pool
-    ]
-    best = max(
-        scores,
-        key=lambda s: (
-            s.aircraft_evidence[one] - CHANGE_PENALTY * (s.candidate.kind in ("step", "drift"))
-        ),
-    )
-    own = [s.aircraft_evidence[one] for s in scores if s.candidate.key == term.candidate.key]
-    return best, float(own[0]) if own else 0.0
 
 
 def _prune_tails(
@@ -444,10 +356,11 @@ def _prune_tails(
             break
         given = given_terms(base, [*others, replace(term, tails=rest)])
         allowed = np.arange(aircraft) == a
-        if candidate.kind == "step":
-            score = evaluate_step(base, given, candidate, allowed=allowed)
-        else:
-            score = evaluate(base.stats, given, candidate, allowed=allowed)
+        score = (
+            evaluate_known(base, given, candidate, allowed)
+            if candidate.known
+            else evaluate(base.stats, given, candidate, allowed=allowed)
+        )
         share = float(np.clip(len(kept) / aircraft, 0.07, 0.93))
         odds = score.aircraft_evidence[a] + np.log(share / (1 - share))
         if odds < 0 or score.size[a] < rules.size:

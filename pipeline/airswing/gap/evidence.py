@@ -16,7 +16,7 @@ Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (20
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,6 +62,8 @@ class Candidate:
         Which of the effect's coefficients these columns are.
     kind : str
         The effect's kind.
+    lasting : tuple of int
+        Of an effect that changes steadily in time: which of its columns do not.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Candidate:
     known: bool
     subset: tuple[int, ...] = ()
     kind: str = "mean"
+    lasting: tuple[int, ...] = ()
 
     @property
     def key(self) -> tuple[str, str, tuple[int, ...]]:
@@ -154,8 +157,11 @@ def candidates(
         for subset in subsets:
             pick = np.array(subset, np.int64)
             out.append(
-                Candidate(name, block[pick], scope, scales[pick], True, tuple(subset), effect.kind)
-            )
+                Candidate(
+                    name, block[pick], scope, scales[pick], True, tuple(subset), effect.kind,
+                    _lasting_columns(effect, subset),
+                )
+            )  # fmt: skip
     if not dictionary:
         return out
     for name in layout.groups:
@@ -166,6 +172,13 @@ def candidates(
                 continue
             out.append(Candidate(name, block, scope, scales, False, tuple(range(block.size))))
     return out
+
+
+def _lasting_columns(effect: Any, subset: Sequence[int]) -> tuple[int, ...]:
+    """Columns of a drift that do not change in time: all but the rates."""
+    if effect.kind != "drift":
+        return ()
+    return tuple(i for i, k in enumerate(subset) if effect.column_names[k] != "rate")
 
 
 def allowance_covariance(

@@ -1,0 +1,147 @@
+"""All candidates evaluated against one state of the search, best first.
+
+Assumptions: an effect that changes in time has a lasting version of itself among its columns; it is
+evaluated only for aircraft whose change explains clearly more than that (a lasting offset would
+otherwise enter as a drift of no rate, or as a step in the archive's first days). Dictionary groups
+must have something to say beyond the steady sensor errors.
+
+Validity: as the evidence it ranks, :mod:`airswing.gap.evidence`.
+
+Source: GAP.md section 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.changepoint import GAIN_SHARE, evaluate_step
+from airswing.gap.evidence import Candidate, Score, evaluate
+from airswing.gap.measure import Base, Conditional, beyond
+
+Mask = NDArray[np.bool_]
+
+#: Effects beyond which a dictionary group must have something to say.
+BASICS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
+#: Tempered evidence beyond the basics that a dictionary group needs, nats.
+LEAST_NOVELTY = 3.0
+#: Prior log odds against an effect that changes in time where a steady one does, nats.
+CHANGE_PENALTY = 3.0
+#: What a drift must explain beyond the same effect lasting, nats.
+DRIFT_GAIN = 2.5
+
+
+def rank(
+    base: Base,
+    given: Conditional,
+    pool: Sequence[Candidate],
+    taken: dict[tuple[str, str], set[int]],
+) -> list[Score]:
+    """Evaluate all candidates, best raw evidence first.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+    pool : sequence of Candidate
+    taken : dict
+        (name, scope) -> aircraft already in a term of that name.
+
+    Returns
+    -------
+    list of Score
+    """
+    out = []
+    aircraft = len(base.stats.tails)
+    layout = base.stats.layout
+    names = [name for name in BASICS if name in layout.blocks]
+    novel = beyond(given, np.concatenate([layout.columns(n) for n in names])) if names else given
+    for candidate in pool:
+        own = taken.get((candidate.name, candidate.scope), set())
+        if len(own) == aircraft:
+            continue
+        allowed = np.array([a not in own for a in range(aircraft)])
+        if candidate.known:
+            out.append(evaluate_known(base, given, candidate, allowed))
+        else:
+            score = evaluate(base.stats, novel, candidate, allowed=allowed)
+            out.append(_with_whole(base, given, score, allowed))
+    return sorted(out, key=lambda s: -s.raw)
+
+
+def _with_whole(base: Base, given: Conditional, beyond_basics: Score, allowed: Mask) -> Score:
+    """Score of a dictionary group: all it explains where it has something new to say."""
+    new = beyond_basics.tempered
+    if new < LEAST_NOVELTY or beyond_basics.candidate.component == "wind":
+        return replace(beyond_basics, novelty=new)
+    whole = evaluate(base.stats, given, beyond_basics.candidate, allowed=allowed)
+    best = whole if whole.tempered > new else beyond_basics
+    return replace(best, novelty=new)
+
+
+def evaluate_known(base: Base, given: Conditional, candidate: Candidate, allowed: Mask) -> Score:
+    """Evidence of an effect of the catalogue, in time if it changes in time.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+    candidate : Candidate
+    allowed : (A,) bool
+        Aircraft it may still strike.
+
+    Returns
+    -------
+    Score
+    """
+    if candidate.kind == "step":
+        return evaluate_step(base, given, candidate, allowed=allowed)
+    score = evaluate(base.stats, given, candidate, allowed=allowed)
+    if not candidate.lasting:
+        return score
+    steady = evaluate(base.stats, given, _lasting(candidate), allowed=allowed).aircraft_evidence
+    own = score.aircraft_evidence
+    changes = own - steady > np.maximum(DRIFT_GAIN, GAIN_SHARE * own)
+    return evaluate(base.stats, given, candidate, allowed=allowed & changes)
+
+
+def _lasting(candidate: Candidate) -> Candidate:
+    """Version of a candidate without its change in time."""
+    pick = np.array(candidate.lasting, np.int64)
+    return replace(candidate, columns=candidate.columns[pick], scales=candidate.scales[pick])
+
+
+def best_for(
+    base: Base, given: Conditional, pool: Sequence[Candidate], one: int, current: Candidate
+) -> tuple[Score, float]:
+    """Find the best candidate for one aircraft, and the evidence of the one it is in.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+    pool : sequence of Candidate
+        Known ones of aircraft scope.
+    one : int
+        The aircraft.
+    current : Candidate
+
+    Returns
+    -------
+    best : Score
+    evidence : float
+        Of the current candidate, nats.
+    """
+    allowed = np.arange(len(base.stats.tails)) == one
+    scores = [evaluate_known(base, given, c, allowed) for c in pool]
+    best = max(
+        scores,
+        key=lambda s: (
+            s.aircraft_evidence[one] - CHANGE_PENALTY * (s.candidate.kind in ("step", "drift"))
+        ),
+    )
+    own = [s.aircraft_evidence[one] for s in scores if s.candidate.key == current.key]
+    return best, float(own[0]) if own else 0.0
