@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import dask
 import numpy as np
 import pytest
 import yaml
@@ -17,6 +18,8 @@ from airswing import workflow
 from airswing.config import load_config
 from airswing.errors import InputError
 from airswing.progress import Progress
+from airswing.workflow import fits as fits_stage
+from airswing.workflow import headings as stages
 from airswing.workspace import LOCK, workspace
 
 STAGES = """
@@ -124,15 +127,15 @@ def test_a_changed_input_option_or_code_is_collocated_anew(tmp_path, root, monke
     elif change == "collocation":
         config = config_in(tmp_path, root, collocation={"max_time_gap": "2 h"})
     else:
-        digest = workflow.code_digest
-        monkeypatch.setattr(workflow, "code_digest", lambda *names: f"new {digest(*names)}")
+        digest = stages.code_digest
+        monkeypatch.setattr(stages, "code_digest", lambda *names: f"new {digest(*names)}")
     job, called = job_of(config, resume=True), []
 
     def stop(*words, **options):
         called.append(options)
         raise InputError("stopped")
 
-    monkeypatch.setattr(workflow, "collocated_headings", stop)
+    monkeypatch.setattr(stages, "collocated_headings", stop)
     with pytest.raises(InputError, match="stopped"):
         workflow.make_headings(job)
     assert called
@@ -144,17 +147,19 @@ def test_code_of_one_stage_leaves_the_others(tmp_path, root, monkeypatch):
     headings = workflow.make_headings(job)
 
     def note(job, name, make, *, depends, **options):
-        marks.append((name, workflow.fingerprint(name, *depends)))
+        marks.append((name, stages.fingerprint(name, *depends)))
         raise InputError("noted")
 
-    monkeypatch.setattr(workflow, "_product", note)
-    digest = workflow.code_digest
+    for module in (stages, fits_stage):
+        monkeypatch.setattr(module, "product", note)
+    digest = stages.code_digest
     for addition in ("", "new"):
 
         def changed(*names: str, addition: str = addition) -> str:
             return digest(*names) + (addition if names == workflow.FITTING else "")
 
-        monkeypatch.setattr(workflow, "code_digest", changed)
+        for module in (stages, fits_stage):
+            monkeypatch.setattr(module, "code_digest", changed)
         for stage in (workflow.make_headings, lambda job: workflow.make_fits(job, headings)):
             with pytest.raises(InputError, match="noted"):
                 stage(job)
@@ -208,6 +213,10 @@ def test_a_full_disk_ends_collocation_in_one_message(tmp_path, root, monkeypatch
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(store.os, "replace", full)
-    with pytest.raises(InputError, match=r"finished model time.*No space left"):
+    # One task at a time: with threads another may be about to clear its own temporary file.
+    with (
+        dask.config.set(scheduler="synchronous"),
+        pytest.raises(InputError, match=r"finished model time.*No space left"),
+    ):
         workflow.collocated_headings(job_of(config_in(tmp_path, root)), names=["ruc"])
     assert not list(tmp_path.rglob("*.part"))

@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from airswing import evaluation_workflow as stages
 from airswing.compass.deviation import fit_deviation
 from airswing.config import Config, load_config
 from airswing.progress import Progress
+from airswing.workflow import prospects as stages
 from tests.compass.flown import Setting
 from tests.evaluation.archives import fleet
 

@@ -9,16 +9,14 @@ from __future__ import annotations
 import csv
 import io
 from datetime import date
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from airswing.errors import InputError
 from airswing.products import write_json, write_text
-
-if TYPE_CHECKING:
-    from airswing.workflow import Job
+from airswing.workflow.job import Job, main_reference
 
 STABILITY, RANKING, VIRTUAL = "stability.json", "ranking.csv", "virtual_field_test.json"
 FOLDS = 5
@@ -41,7 +39,6 @@ def make_stability(job: Job, headings: xr.Dataset) -> dict[str, Any]:
         ``windows`` of :func:`~airswing.evaluation.stability.fit_by_window`.
     """
     from airswing.evaluation.stability import find_changes, fit_by_window
-    from airswing.workflow import main_reference
 
     config, reference = job.config, main_reference(job.config)
     pools = config.pools()
@@ -78,7 +75,6 @@ def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[dict[
         Of :func:`airswing.evaluation.ranking.rank_aircraft`.
     """
     from airswing.evaluation.ranking import rank_aircraft
-    from airswing.workflow import main_reference
 
     with job.progress.stage("ranking") as stage:
         ranking = rank_aircraft(
@@ -146,7 +142,6 @@ def make_virtual(job: Job, headings: xr.Dataset) -> dict[str, Any]:
         ``why``.
     """
     from airswing.evaluation.virtual import cross_validate, virtual_field_test
-    from airswing.workflow import main_reference
 
     config = job.config
     options: dict[str, Any] = {

@@ -1,0 +1,63 @@
+"""The stages in order, each a function of the job and what the stage before made.
+
+``main`` tells the whole job; ``headings``, ``fits``, ``evaluation`` and ``prospects`` hold its
+stages; ``job`` what they share.
+"""
+
+from airswing.workflow.evaluation import (
+    make_evaluation,
+    make_field_test,
+    make_profiles,
+    make_sensitivity,
+)
+from airswing.workflow.fits import make_corrected, make_fits
+from airswing.workflow.headings import (
+    collocated_headings,
+    make_headings,
+    plan_run,
+    read,
+    require_kept,
+)
+from airswing.workflow.job import (
+    COLLOCATING,
+    CORRECTED,
+    FIELD_TEST,
+    FITS,
+    FITTING,
+    HEADINGS,
+    PROFILES,
+    SENSITIVITY,
+    Job,
+    main_reference,
+)
+from airswing.workflow.main import make_page, run
+from airswing.workflow.prospects import make_ranking, make_stability, make_virtual
+
+__all__ = [
+    "COLLOCATING",
+    "CORRECTED",
+    "FIELD_TEST",
+    "FITS",
+    "FITTING",
+    "HEADINGS",
+    "PROFILES",
+    "SENSITIVITY",
+    "Job",
+    "collocated_headings",
+    "main_reference",
+    "make_corrected",
+    "make_evaluation",
+    "make_field_test",
+    "make_fits",
+    "make_headings",
+    "make_page",
+    "make_profiles",
+    "make_ranking",
+    "make_sensitivity",
+    "make_stability",
+    "make_virtual",
+    "plan_run",
+    "read",
+    "require_kept",
+    "run",
+]

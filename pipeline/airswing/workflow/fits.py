@@ -1,0 +1,110 @@
+"""From headings to corrected winds: fit, table, correct.
+
+Takes ``headings.nc`` and writes ``fits.nc``, the tables and swing cards, and ``corrected.nc``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import xarray as xr
+
+from airswing.fingerprint import code_digest
+from airswing.workflow.job import (
+    CORRECTED,
+    FITS,
+    FITTING,
+    HEADINGS,
+    Job,
+    main_reference,
+    product,
+    ready,
+)
+
+
+def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
+    """Deviation fits and 8-point tables: ``fits.nc``, ``tables.csv`` and the swing cards.
+
+    Parameters
+    ----------
+    job : Job
+    headings : Dataset, optional
+        Read from the output folder when not given.
+
+    Returns
+    -------
+    Dataset
+    """
+    from airswing.compass.deviation import fit_deviation
+    from airswing.compass.swingcard import write_swing_cards, write_tables_csv
+    from airswing.compass.table import add_tables
+    from airswing.evaluation.stability import add_changes, find_changes
+
+    config, screened = job.config, ready(job, headings, HEADINGS)
+
+    def make() -> xr.Dataset:
+        with job.progress.stage("fit") as stage:
+            fits = fit_deviation(screened, pools=config.pools(), **config.fit.model_dump())
+            resolution = math.degrees(config.table.resolution)
+            fits = add_tables(fits, screened, resolution=resolution, sign=config.table.sign)
+            members = config.pools()[main_reference(config)]
+            fits = add_changes(
+                fits, find_changes(screened, members=members, abscissa=config.fit.abscissa)
+            )
+            good = int((fits["status"] == 0).sum())
+            stage.note = f"{good} of {fits['status'].size} fits to be trusted"
+        return fits
+
+    fits = product(
+        job,
+        FITS,
+        make,
+        title="Compass deviation per aircraft and 8-point correction tables",
+        depends=(
+            config.model_dump(include={"fit", "table", "pool"}),
+            screened.attrs["uuid"],
+            code_digest(*FITTING),
+        ),
+        sources=(screened,),
+    )
+    write_tables_csv(fits, job.output / "tables.csv")
+    write_swing_cards(fits, job.output / "swing_cards", reference=main_reference(config))
+    return fits
+
+
+def make_corrected(
+    job: Job, headings: xr.Dataset | None = None, fits: xr.Dataset | None = None
+) -> xr.Dataset:
+    """The archive with corrected winds: ``corrected.nc``.
+
+    Parameters
+    ----------
+    job : Job
+    headings, fits : Dataset, optional
+        Read from the output folder when not given.
+
+    Returns
+    -------
+    Dataset
+    """
+    from airswing.compass.correction import correct
+
+    screened, fitted = ready(job, headings, HEADINGS), ready(job, fits, FITS)
+
+    def make() -> xr.Dataset:
+        with job.progress.stage("correct"):
+            return correct(screened, fitted, reference=main_reference(job.config))
+
+    return product(
+        job,
+        CORRECTED,
+        make,
+        title="Aircraft reports with winds corrected for compass deviation",
+        depends=(
+            main_reference(job.config),
+            screened.attrs["uuid"],
+            fitted.attrs["uuid"],
+            code_digest("airswing.compass.correction"),
+        ),
+        sources=(screened, fitted),
+    )

@@ -1,0 +1,83 @@
+"""The main job as a person would tell it: every stage in order, every product, the page.
+
+reports -> collocate -> headings -> screen -> fit -> table -> correct -> evaluate -> page.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from airswing.workflow.evaluation import make_evaluation
+from airswing.workflow.fits import make_corrected, make_fits
+from airswing.workflow.headings import make_headings
+from airswing.workflow.job import Job
+from airswing.workspace import workspace
+
+
+def run(job: Job) -> dict[str, Any]:
+    """Do the main job: every stage, every product, the page.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    dict
+        The closing summary (see :func:`airswing.summary.summarise`), and as ``accounts`` what
+        each stage cost (see :meth:`airswing.progress.Progress.accounts`).
+    """
+    from airswing.summary import summarise
+
+    with workspace(job.output):
+        headings = make_headings(job)
+        fits = make_fits(job, headings)
+        corrected = make_corrected(job, headings, fits)
+        summary = summarise(job.config, headings, fits, corrected)
+        evaluation = make_evaluation(job, headings, fits, corrected)
+        make_page(job, headings, fits, corrected, summary, evaluation)
+    job.progress.say(job.progress.accounts_text())
+    return summary | {"accounts": job.progress.accounts()}
+
+
+def make_page(
+    job: Job,
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    corrected: xr.Dataset,
+    summary: dict[str, Any],
+    evaluation: dict[str, Any],
+) -> Path:
+    """The page a person opens first: ``report/index.html``.
+
+    Parameters
+    ----------
+    job : Job
+    headings, fits, corrected : Dataset
+    summary : dict
+        Of :func:`airswing.summary.summarise`.
+    evaluation : dict
+        Of :func:`make_evaluation`.
+
+    Returns
+    -------
+    Path
+    """
+    from airswing.compass.screening import audit
+    from airswing.report.page import write_page
+
+    with job.progress.stage("page") as stage:
+        page = write_page(
+            job.output / "report",
+            headings=headings,
+            fits=fits,
+            corrected=corrected,
+            audit=audit(headings),
+            summary=summary,
+            **evaluation,
+        )
+        stage.note = str(page)
+    return page
