@@ -19,6 +19,7 @@ from airswing.products import plain, write_json, write_product
 from airswing.workflow import Job, collocated_headings
 
 if TYPE_CHECKING:
+    from airswing.gap.claims import Adjustment
     from airswing.gap.effects import ActiveEffect
 
 GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
@@ -143,6 +144,7 @@ def diagnosis(job: Job, *, without: Sequence[str] = ()) -> dict[str, Any]:
         names = [effect["name"] for effect in found.report["effects"]]
         stage.note = ", ".join(names) or "no effect missing"
     content = found.report | {"reference": config.gap_reference(), **found.details}
+    content["claims"] = _claims(job, headings, found.adjustment)
     write_json(job.output / GAP_JSON, content)
     write_effects(active_effects(found.report), job.output / GAP_EFFECTS)
     write_product(
@@ -155,6 +157,29 @@ def diagnosis(job: Job, *, without: Sequence[str] = ()) -> dict[str, Any]:
     with job.progress.stage("page") as stage:
         stage.note = str(write_gap_page(job.output / "gap", gap=content, maps=found.dataset))
     return content
+
+
+def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> dict[str, Any]:
+    """Review the deviations and the field test with the effects beside the deviation off."""
+    from airswing.gap.claims import review_claims
+
+    config = job.config
+    test = config.field_test
+    with job.progress.stage("claims") as stage:
+        reviewed = review_claims(
+            headings,
+            adjustment,
+            pools=config.pools(),
+            reference=config.gap_reference(),
+            fit=config.fit.model_dump(),
+            field_test=None if test is None else test.model_dump(),
+        )
+        stage.note = (
+            f"{reviewed['stay']} of {reviewed['of']} fits stay within their interval"
+            if adjustment.names
+            else "nothing beside the deviation to take off"
+        )
+    return reviewed
 
 
 def _catalogue(without: Sequence[str]) -> dict[str, Any]:

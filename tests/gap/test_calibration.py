@@ -18,14 +18,13 @@ from airswing.gap.calibration import (
     pit_histogram,
     two_sample,
 )
-from airswing.gap.dictionary import plan_dictionary
 from airswing.gap.noise import NoiseFit, NoiseModel
 from airswing.gap.whitening import flight_order, flight_steps, kalman_gains
 
 
 @pytest.fixture(scope="module")
 def flown():
-    """Frame, plan, and a noise model that is told, not fitted."""
+    """Frame, and a noise model that is told, not fitted."""
     frame = make_frame(seed=2, aircraft=5, days=12)
     order = flight_order(frame.flight, frame.time)
     steps = flight_steps(frame.latitude, frame.longitude, np.log(frame.pressure), order)
@@ -34,7 +33,7 @@ def flown():
                          np.ones(frame.size, bool), correlated_sd=2.0, white_sd=1.0)  # fmt: skip
     none = np.zeros(1)
     noise = NoiseFit(model, order, gains, none, none, none, none, np.zeros(frame.size, bool))
-    return frame, plan_dictionary(frame), noise
+    return frame, noise
 
 
 def _drawn(frame, noise, rng):
@@ -53,13 +52,12 @@ def _drawn(frame, noise, rng):
 
 
 def _check(flown, residual):
-    frame, plan, noise = flown
-    return calibrate(frame, residual, noise=noise, plan=plan, day_variance=np.full(8, 1e-12),
-                     day=frame.day, seed=1)  # fmt: skip
+    frame, noise = flown
+    return calibrate(frame, residual, noise=noise, day=frame.day, seed=1)
 
 
 def test_right_noise_is_calibrated(flown):
-    frame, _, noise = flown
+    frame, noise = flown
     made = _check(flown, _drawn(frame, noise, np.random.default_rng(0)))
     assert made.spread == pytest.approx(1, abs=0.02)
     assert made.crps_m_s == pytest.approx(made.crps_expected_m_s, rel=0.03)
@@ -71,7 +69,7 @@ def test_right_noise_is_calibrated(flown):
 
 
 def test_noise_taken_too_small_shows_in_spread_and_score(flown):
-    frame, _, noise = flown
+    frame, noise = flown
     made = _check(flown, 1.5 * _drawn(frame, noise, np.random.default_rng(0)))
     assert made.spread == pytest.approx(1.5, abs=0.04)
     assert made.crps_m_s > 1.3 * made.crps_expected_m_s
@@ -80,7 +78,7 @@ def test_noise_taken_too_small_shows_in_spread_and_score(flown):
 
 
 def test_an_error_by_heading_is_told_by_the_classifier_alone(flown):
-    frame, _, noise = flown
+    frame, noise = flown
     right = np.stack([np.cos(frame.heading), -np.sin(frame.heading)], -1)
     error = 3.0 * np.sin(frame.magnetic_heading)[:, None] * right
     made = _check(flown, _drawn(frame, noise, np.random.default_rng(0)) + error)
@@ -88,11 +86,11 @@ def test_an_error_by_heading_is_told_by_the_classifier_alone(flown):
 
 
 def test_gross_errors_are_left_out(flown):
-    frame, plan, noise = flown
+    frame, noise = flown
     masked = np.zeros(frame.size, bool)
     masked[::50] = True
     gains = replace(noise.gains, weight=np.where(masked, 0.0, noise.gains.weight))
-    made = _check((frame, plan, replace(noise, gains=gains)), np.zeros((frame.size, 2)))
+    made = _check((frame, replace(noise, gains=gains)), np.zeros((frame.size, 2)))
     assert made.pit_count.sum() == 2 * (~masked).sum()
     assert made.spread == 0.0
 

@@ -176,3 +176,15 @@ def test_path_derivative_by_hand():
     out = path_derivative(values, np.array([0.0, 1.0, 2.0, 3.0]), np.array([1, 1, 1, 2]))
     np.testing.assert_allclose(out[1], [2.0, 0.0])
     assert np.isnan(out[[0, 2, 3]]).all()
+
+
+def test_checks_come_with_the_diagnosis(struck):
+    frame, made = struck
+    rows = made.details["assumptions"]
+    assert all(set(row) == {"assumption", "check", "result", "ok"} for row in rows)
+    assert made.details["decoy"]["closes_nothing"]
+    after, before = (made.details["calibration"][k] for k in ("after", "before"))
+    assert after["crps_m_s"] < before["crps_m_s"]
+    assert int(made.dataset["pit_count"].sum()) <= 2 * frame.size
+    assert made.adjustment.names == ()
+    assert not made.adjustment.reported.any()

@@ -49,7 +49,8 @@ def alias_shares(base: Base, term: Term, effects: Mapping[str, Any]) -> dict[str
         Name -> share in 0 to 1, largest first.
     """
     layout = base.stats.layout
-    names = [name for name in layout.effects if name != term.candidate.name]
+    own = term.candidate.name
+    names = [n for n in layout.effects if n != own and not _holds(effects[n], own)]
     whole = term_weights(term, base.stats.day_count.shape)
     fleet = term.candidate.scope == "fleet"
     groups = [list(term.tails)] if fleet else [[a] for a in term.tails[:MOST_AIRCRAFT]]
@@ -65,6 +66,11 @@ def alias_shares(base: Base, term: Term, effects: Mapping[str, Any]) -> dict[str
     shares = np.clip(top / bottom, 0.0, 1.0)
     pairs = zip(names, shares.tolist(), strict=True)
     return dict(sorted(pairs, key=lambda pair: -pair[1]))
+
+
+def _holds(effect: Any, name: str) -> bool:
+    """Whether an effect contains another as a special case: no alias, but a wider claim."""
+    return bool(effect.name == "compass_drift" and name == "compass_offset")
 
 
 def _energies(
@@ -105,6 +111,8 @@ def _rival_weights(effect: Any, term: Term, weights: Floats, aircraft: Sequence[
         return half
     if effect.kind == "step":
         return weights
+    if effect.scope in ("fleet", "reference"):
+        return np.ones_like(weights)
     out = np.zeros_like(weights)
     out[aircraft] = 1.0
     return out

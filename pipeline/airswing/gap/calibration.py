@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, rankdata
 
-from airswing.gap.dictionary import DictionaryPlan, day_field_columns, unit_vectors
+from airswing.gap.dictionary import unit_vectors
 from airswing.gap.noise import NoiseFit
 from airswing.gap.whitening import whiten
 
@@ -62,9 +62,13 @@ class Calibration:
     auc: float
     auc_standard_error: float
 
-    def entry(self) -> dict[str, float]:
-        """Everything but the histogram, as numbers for ``gap.json``."""
-        return {name: float(value) for name, value in vars(self).items() if name != "pit_count"}
+    def entry(self) -> dict[str, float | None]:
+        """Everything but the histogram as ``gap.json`` holds it; None where it is not known."""
+        return {
+            name: float(value) if np.isfinite(value) else None
+            for name, value in vars(self).items()
+            if name != "pit_count"
+        }
 
 
 def calibrate(
@@ -72,8 +76,6 @@ def calibrate(
     residual: Floats,
     *,
     noise: NoiseFit,
-    plan: DictionaryPlan,
-    day_variance: Floats,
     day: Integers,
     seed: int = 0,
 ) -> Calibration:
@@ -85,10 +87,6 @@ def calibrate(
     residual : (n, 2) float
         Held-out residuals, m s-1.
     noise : NoiseFit
-    plan : DictionaryPlan
-        Of the day fields.
-    day_variance : (q,) float
-        Variances of the day fields' coefficients, m2 s-2.
     day : (n,) int
         Day of each report's flight.
     seed : int
@@ -100,10 +98,8 @@ def calibrate(
     """
     rng = np.random.default_rng(seed)
     real = np.asarray(whiten(residual, noise.order, noise.gains))
-    fields = _day_errors(frame, plan, day_variance, day, rng)
-    simulated = np.asarray(whiten(fields, noise.order, noise.gains))
     kept = noise.gains.weight > 0
-    simulated[kept] += rng.normal(size=(int(kept.sum()), 2))
+    simulated: Floats = rng.normal(size=(real.shape[0], 2))
     values = real[kept]
     error = 1.0 / (noise.gains.weight[kept] * noise.gains.scale[kept])
     lag, lag_error = lag_one(real, kept, frame.flight, frame.time, day)
@@ -115,16 +111,6 @@ def calibrate(
         float(error.mean() / np.sqrt(np.pi)), float(np.sqrt(np.mean(values**2))),
         lag, lag_error, auc, auc_error,
     )  # fmt: skip
-
-
-def _day_errors(
-    frame: Any, plan: DictionaryPlan, variance: Floats, day: Integers, rng: np.random.Generator
-) -> Floats:
-    """Draw what the aircraft of each day share, (n, 2) m s-1."""
-    days, index = np.unique(day, return_inverse=True)
-    drawn = rng.normal(size=(days.size, variance.size)) * np.sqrt(variance)
-    columns = day_field_columns(frame, plan)
-    return np.asarray(np.einsum("ncq,nq->nc", columns, drawn[index]))
 
 
 def pit_histogram(values: Floats, *, bins: int = BINS) -> Integers:

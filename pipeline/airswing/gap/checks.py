@@ -17,14 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.alias import alias_table
-from airswing.gap.attribute import Found
+from airswing.gap.attribute import Found, Term, fit_terms
 from airswing.gap.calibration import BINS, Calibration, calibrate
-from airswing.gap.closure import Closure, folds_of_days
+from airswing.gap.closure import Closure, folds_of_days, restrict_term, select_days
 from airswing.gap.decoy import Decoy, force_decoy
-from airswing.gap.dictionary import DictionaryPlan
-from airswing.gap.measure import Base
+from airswing.gap.dictionary import DictionaryPlan, climatology_columns, slope_columns
+from airswing.gap.measure import Base, climatology, eliminate_days
 from airswing.gap.noise import NoiseFit
 
+Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: What is still taken for right: misfit of the autocovariance as a share of the variance,
@@ -80,6 +81,7 @@ class Checks:
 
 def run_checks(
     frame: Any,
+    columns_frame: Any,
     *,
     base: Base,
     noise: NoiseFit,
@@ -94,7 +96,8 @@ def run_checks(
 
     Parameters
     ----------
-    frame : Frame
+    frame, columns_frame : Frame
+        Reports, and what their design columns are made of (:mod:`airswing.gap.context`).
     base, noise, plan, found, closure, effects :
         Pieces of the diagnosis.
     day : (n,) int
@@ -106,15 +109,47 @@ def run_checks(
     Checks
     """
     fold = folds_of_days(base.stats)[day]
+    steady = held_out_climatology(columns_frame, base, found.terms, plan=plan, day=day)
     after, before = (
-        calibrate(frame, residual, noise=noise, plan=plan, day_variance=base.day_variance,
-                  day=day, seed=seed)
+        calibrate(frame, residual - steady, noise=noise, day=day, seed=seed)
         for residual in (closure.residual, frame.residual)
-    )  # fmt: skip
+    )
     decoy = force_decoy(frame, closure.residual, noise=noise, day=day, fold=fold, seed=seed)
     aliases, shares = alias_table(base, found.terms, effects)
     rows = assumptions(base=base, noise=noise, found=found, after=after, decoy=decoy)
     return Checks(after, before, decoy, aliases, shares, rows)
+
+
+def held_out_climatology(
+    columns_frame: Any, base: Base, terms: Sequence[Term], *, plan: DictionaryPlan, day: Integers
+) -> Floats:
+    """Error of the reference that no effect is blamed for, fitted to other weeks.
+
+    Parameters
+    ----------
+    columns_frame : Frame
+    base : Base
+    terms : sequence of Term
+        Fitted beside it.
+    plan : DictionaryPlan
+    day : (n,) int
+
+    Returns
+    -------
+    (n, 2) float
+        m s-1.
+    """
+    fold = folds_of_days(base.stats)
+    number = len(climatology(base))
+    theta = np.zeros((int(fold.max()) + 1, number))
+    for f in range(theta.shape[0]):
+        keep = fold != f
+        part = eliminate_days(select_days(base.stats, keep), base.day_variance)
+        theta[f] = fit_terms(part, [restrict_term(t, keep) for t in terms]).coefficients[:number]
+    columns = np.concatenate(
+        [climatology_columns(columns_frame, plan), slope_columns(columns_frame)], axis=-1
+    )
+    return np.asarray(np.einsum("ncq,nq->nc", columns, theta[fold[day]]))
 
 
 def assumptions(
@@ -216,12 +251,13 @@ def _cluster_rows(found: Found) -> list[dict[str, Any]]:
     for scope, who in (("aircraft", "of one aircraft"), ("fleet", "of the fleet")):
         factors = [s.factor for s in scores if s.candidate.scope == scope and s.candidate.known]
         if factors:
-            middle, most = float(np.median(factors)), float(np.max(factors))
+            middle, most = (float(np.quantile(factors, q)) for q in (0.5, 0.9))
             rows.append(
                 _row(
                     f"days are independent enough for effects {who}",
                     "scatter of daily scores over that of independent reports",
-                    f"factor {middle:.1f}, at most {most:.1f}; scores are divided by it",
+                    f"factor {middle:.1f}, for one effect in ten over {most:.1f}; scores are "
+                    "divided by it",
                     middle < LIMITS[f"{scope}_factor"],
                 )
             )

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.attribute import Found, Rules, Term, given_terms, search
+from airswing.gap.checks import run_checks, with_aliases
+from airswing.gap.claims import Adjustment, make_adjustment
 from airswing.gap.closure import (
     Closure,
     close,
@@ -42,6 +44,7 @@ from airswing.gap.reliability import reliability
 from airswing.gap.statistics import DAY, accumulate, day_of_report
 from airswing.gap.summary import assemble
 from airswing.gap.swap import exchange, find_swap
+from airswing.gap.testability import absorbed
 from airswing.gap.turning import heading_doubt
 
 Floats = NDArray[np.float64]
@@ -59,12 +62,16 @@ class Diagnosis:
     dataset : xarray.Dataset
         The content of gap.nc.
     details : dict
-        Everything else a page shows: waterfall, evidence, noise, ambiguity, untestable effects.
+        Everything else a page shows: waterfall, evidence, noise, ambiguity, untestable effects,
+        calibration, decoy, aliases, assumptions.
+    adjustment : Adjustment
+        What takes the effects beside the deviation off the winds.
     """
 
     report: dict[str, Any]
     dataset: xr.Dataset
     details: dict[str, Any]
+    adjustment: Adjustment
 
 
 @dataclass(frozen=True)
@@ -175,6 +182,9 @@ def diagnose(
             frame, base, found.terms, effects=effects, plan=final.plan, day=day, seed=seed
         )
     bare = given_terms(base, [])
+    hidden = absorbed(base, bare, candidates(base.stats.layout, effects, dictionary=False), effects)
+    named = {term.candidate.name for term in found.terms}
+    untestable |= {name: reason for name, reason in hidden.items() if name not in named}
     tell("where", 0.0)
     where = slices(base, bare, final.plan) if dictionary else []
     factors = reliability(frame, columns_frame, final.noise, effects)
@@ -185,8 +195,19 @@ def diagnose(
         energy=(energy, energy_error), factors=factors, seed=seed, swap=swap,
         moments=[m for m in second_moments(frame, final.noise) if m.name in known_names],
     )  # fmt: skip
+    tell("checks", 0.0)
+    checks = run_checks(
+        frame, final.columns_frame, base=base, noise=final.noise, plan=final.plan, found=found,
+        closure=closure, effects=effects, day=day, seed=seed,
+    )  # fmt: skip
+    with_aliases(report["effects"], checks.shares)
     dataset = _dataset(frame, final, found, closure, maps)
-    return Diagnosis(report, dataset, details)
+    adjustment = make_adjustment(
+        frame, found.terms, term_coefficients(found.given, found.terms), effects=effects,
+        plan=final.plan, day=day, shape=base.stats.day_count.shape,
+    )  # fmt: skip
+    dataset = dataset.assign(checks.histograms())
+    return Diagnosis(report, dataset, details | checks.details(), adjustment)
 
 
 def _check(frame: Any) -> None:
