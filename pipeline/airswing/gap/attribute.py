@@ -36,6 +36,10 @@ from airswing.gap.ranking import CHANGE_PENALTY, LEAST_NOVELTY, best_for, evalua
 Floats = NDArray[np.float64]
 
 
+#: Evidence, as a share of the largest aircraft's, under which another's may be its leak.
+LEAK = 0.15
+
+
 @dataclass(frozen=True)
 class Rules:
     """Thresholds of the search.
@@ -171,19 +175,22 @@ def struck(score: Score, rules: Rules) -> NDArray[np.int64]:
     """Aircraft a candidate strikes: posterior above one half, size, and no mere leak.
 
     An effect of one aircraft leaks through the day fields into the others: those whose evidence is
-    under a fiftieth of the largest wait until it is conditioned on.
+    under a share :data:`LEAK` of the largest wait until it is conditioned on.
     """
     if score.candidate.scope == "fleet":
         return (
             np.arange(score.posterior.size) if score.size.max() > rules.size else np.zeros(0, int)
         )
     ok = (score.posterior > 0.5) & (score.size > rules.size)
-    ok &= score.aircraft_evidence > 0.02 * score.aircraft_evidence.max(initial=0.0)
+    ok &= score.aircraft_evidence > LEAK * score.aircraft_evidence.max(initial=0.0)
     return np.flatnonzero(ok)
 
 
 def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
     """Best candidate that passes; a dictionary group only if it beats the known ones clearly.
+
+    The known ones it must beat need not pass: what an effect too small to be stated explains as
+    well is not unknown.
 
     Parameters
     ----------
@@ -203,8 +210,9 @@ def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
     best = known[0] if known else None
     if unknown:
         margin = rules.unknown_margin * unknown[0].factor
-        strongest = max((s.tempered for s in known), default=0.0)
-        raw = known[0].raw if known else 0.0
+        effects = [s for s in ranked if s.candidate.known]
+        strongest = max((s.tempered for s in effects), default=0.0)
+        raw = max((s.raw for s in effects), default=0.0)
         if unknown[0].tempered > strongest + margin and unknown[0].raw > raw + margin:
             return max(unknown[:4], key=lambda s: s.raw)
     return best
@@ -244,6 +252,7 @@ def search(base: Base, pool: Sequence[Candidate], *, rules: Rules | None = None)
         terms = _swap(base, pool, terms, rules)
     terms = _reassign(base, pool, terms)
     terms = _prune(base, pool, terms, rules)
+    terms = [_completed(base, terms, k, rules) for k in range(len(terms))]
     rivals = []
     for k in range(len(terms)):
         others = terms[:k] + terms[k + 1 :]
@@ -336,6 +345,24 @@ def _reassign(base: Base, pool: Sequence[Candidate], terms: list[Term]) -> list[
             ):
                 terms = _merge(others, Term(best.candidate, (a,), best.period, best))
     return terms
+
+
+def _completed(base: Base, terms: Sequence[Term], k: int, rules: Rules) -> Term:
+    """Add aircraft to a term that strikes half the fleet, where its share makes them likely.
+
+    Terms enter on the evidence of the aircraft that show them most; of an effect most have, the
+    others have a little in favour before the data are asked.
+    """
+    term, aircraft = terms[k], len(base.stats.tails)
+    share = len(term.tails) / aircraft
+    if not term.candidate.known or term.period is not None or not 0.5 <= share < 1:
+        return term
+    taken = {a for t in terms if t.key == term.key for a in t.tails}
+    allowed = np.array([a not in taken for a in range(aircraft)])
+    score = evaluate_known(base, given_terms(base, terms), term.candidate, allowed)
+    odds = score.aircraft_evidence + np.log(min(share, 0.93) / (1 - min(share, 0.93)))
+    likely = allowed & (score.aircraft_evidence > 0) & (odds > 1) & (score.size > rules.size)
+    return replace(term, tails=tuple(sorted({*term.tails, *np.flatnonzero(likely).tolist()})))
 
 
 def _prune_tails(

@@ -1,0 +1,94 @@
+"""Effects that an archive cannot show, because what is always fitted beside them takes them up.
+
+Assumptions: every day has fields of its own, and the reference its climatology and its slope on the
+wind; they are fitted beside everything else. A fleet-wide effect that is nearly a combination of
+them (a bias of the whole model wind, winds turned by a grid's angle) leaves so little that silence
+about it means nothing: it is then said to be untestable.
+
+Validity: whitened columns; shares of energy between 0 and 1.
+
+Source: Frisch-Waugh-Lovell: the information that remains is the energy of the column beyond the
+nuisance columns. GAP.md sections 5 and 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.evidence import Candidate
+from airswing.gap.measure import Base, Conditional
+
+#: Share of an effect's energy that must remain for silence about it to mean something.
+LEAST_SHARE = 0.2
+
+
+def surviving_share(base: Base, bare: Conditional, candidate: Candidate) -> float:
+    """Share of a fleet-wide effect's whitened energy beyond what is always fitted beside it.
+
+    Parameters
+    ----------
+    base : Base
+        Day fields eliminated.
+    bare : Conditional
+        Given the climatology and slope alone.
+    candidate : Candidate
+        Its columns weigh by their prior scales.
+
+    Returns
+    -------
+    float
+        Between 0 and 1; NaN where the effect acts nowhere.
+    """
+    columns, weight = candidate.columns, candidate.scales**2
+    whole = base.stats.week_gram[:, :, columns, columns].sum(axis=(0, 1), dtype=np.float64)
+    left = bare.fleet_gram[columns, columns]
+    total = float(whole @ weight)
+    return float(np.clip(left @ weight / total, 0.0, 1.0)) if total > 0 else float("nan")
+
+
+def absorbed(
+    base: Base, bare: Conditional, pool: Sequence[Candidate], effects: Mapping[str, Any]
+) -> dict[str, str]:
+    """Fleet-wide effects of which too little remains, with the reason in words.
+
+    Parameters
+    ----------
+    base : Base
+    bare : Conditional
+        Given the climatology and slope alone.
+    pool : sequence of Candidate
+    effects : mapping
+        Name -> effect, for the names of its forms.
+
+    Returns
+    -------
+    dict
+        Name -> reason. Where an effect has several forms (levels), those absorbed are named.
+    """
+    shares: dict[str, dict[str, float]] = {}
+    for candidate in pool:
+        if not candidate.known or candidate.scope != "fleet":
+            continue
+        share = surviving_share(base, bare, candidate)
+        if np.isfinite(share):
+            form = " and ".join(effects[candidate.name].column_names[k] for k in candidate.subset)
+            shares.setdefault(candidate.name, {})[form.replace("_", " ")] = share
+    out = {}
+    for name, forms in shares.items():
+        lost = {form: share for form, share in forms.items() if share < LEAST_SHARE}
+        if lost:
+            out[name] = _reason(lost, len(lost) == len(forms))
+    return out
+
+
+def _reason(lost: Mapping[str, float], entirely: bool) -> str:
+    """Why an effect, or some forms of it, cannot be tested."""
+    most = 100 * (1 - max(lost.values()))
+    which = "" if entirely else f"in part ({', '.join(lost)}): "
+    return (
+        f"{which}at least {most:.0f} % of it cannot be told from the weather all aircraft of a day "
+        "share and the model's own bias; aircraft over a wider region and more days would tell"
+    )
