@@ -21,7 +21,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.vocabulary import PHASE, SCREENING
+from airswing.gap.bank import bank_at_reports
+from airswing.vocabulary import PHASE, ROLL, SCREENING
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -73,7 +74,7 @@ class Frame:
     acceleration : (n,) float
         Longitudinal acceleration, m s-2.
     bank : (n,) float
-        rad, right wing down positive.
+        rad, right wing down positive; see `airswing.gap.bank`.
     climb_rate : (n,) float
         m s-1.
     temperature : (n,) float
@@ -329,6 +330,7 @@ _VARIABLES = (
     "phase",
     "icing",
     "screening",
+    "roll_flag",
     *(name for name, _ in (_PER_REPORT | _PER_REFERENCE).values()),
     *_AIRCRAFT_FIELDS,
 )
@@ -412,6 +414,10 @@ def _build(
         values[field] = _column(ds, name, angle=angle)
     for field, (name, angle) in _PER_REFERENCE.items():
         values[field] = _pooled(ds, name, members, angle=angle)
+    values["bank"] = bank_at_reports(
+        values["bank"], _codes(ds, "roll_flag", ROLL["missing"]), values["flight"], values["time"],
+        latitude=values["latitude"], longitude=values["longitude"],
+    )  # fmt: skip
     keep = np.isin(values["phase"], _kept_phases(phases))
     for field in _ESSENTIAL:
         keep &= np.isfinite(values[field])
