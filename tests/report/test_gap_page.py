@@ -179,9 +179,13 @@ def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:
             "N2": {"parameters": {"amplitude_deg": 5.92, "phase_deg": -50.0}},
         },
     }
-    assert parameters_text(effect) == "amplitude 1.1 to 5.9°, at horizontal field 18,820 nT"
+    assert parameters_text(effect) == "amplitude 1.1 to 5.9°, at 18,820 nT"
     assert effect_sentence(effect) == (
         "N1 and N2: heading error of one cycle, amplitude 1.1 to 5.9°"
     )
     effect["per_tail"]["N1"]["parameters"] = {"amplitude_deg": 5.8, "phase_deg": -51.0}
     assert parameters_text(effect, brief=True) == "amplitude 2.6 ± 0.1°, phase 31 ± 3°"
+    effect["per_tail"]["N1"]["parameters"] = {"amplitude_deg": 5.8, "phase_deg": 178.0}
+    effect["per_tail"]["N2"]["parameters"] = {"amplitude_deg": 5.9, "phase_deg": -179.0}
+    effect["parameters"]["phase_deg"] = 179.5
+    assert parameters_text(effect, brief=True) == "amplitude 2.6 ± 0.1°, phase 180 ± 3°"

@@ -28,6 +28,12 @@ from airswing.report.document import (
     table,
 )
 from airswing.report.embed import embedded, write_whole
+from airswing.report.gap_checks import (
+    alias_lines,
+    assumption_table,
+    calibration_table,
+    claims_section,
+)
 from airswing.report.gap_evidence_figures import unknown_curve_figure
 from airswing.report.gap_slices import slices_figure
 from airswing.report.gap_words import (
@@ -106,6 +112,7 @@ def write_gap_page(
         _which_section(gap, maps),
         _far_section(gap, maps),
         _open_section(gap),
+        claims_section(gap),
         _method_section(gap, maps),
     ]
     text = document(
@@ -328,6 +335,9 @@ def _open_section(gap: Mapping[str, Any]) -> Section:
             text = f"{effect_sentence(effect)}. The data fit as well: {joined(others)}."
             text += f" What would tell: {joined(told)}." if told else ""
             parts.append(paragraph(text))
+    alike = alias_lines(gap)
+    if alike:
+        parts += [heading("What looks alike on these flights"), listing(alike)]
     would = gap.get("would_tell") or []
     if would:
         parts += [heading("What data would tell"), listing([str(line) for line in would])]
@@ -349,8 +359,7 @@ def _open_section(gap: Mapping[str, Any]) -> Section:
 
 
 def _method_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
-    rows = [Row([assumption, check]) for assumption, check in ASSUMPTIONS]
-    parts = [table([Column("assumption", "long"), Column("checked by", "long")], rows)]
+    parts = assumption_table(gap, ASSUMPTIONS) + calibration_table(gap)
     parts += [embedded(figure) for figure in gap_parts.method_figures(maps, gap)]
     parts += _noise_table(gap.get("noise") or {})
     if gap.get("notes"):

@@ -76,10 +76,11 @@ def digits_for(error: float) -> int:
 
 
 def label_and_unit(name: str) -> tuple[str, str]:
-    """Split ``amplitude_deg`` into ``amplitude`` and its unit."""
+    """Split ``amplitude_deg`` into ``amplitude`` and its unit; ``at_..._nT`` is plain ``at``."""
     for ending, symbol in UNITS:
         if name.endswith(ending):
-            return name[: -len(ending)].replace("_", " "), symbol
+            label = "at" if name.startswith("at_") else name[: -len(ending)].replace("_", " ")
+            return label, symbol
     return name.replace("_", " "), ""
 
 
@@ -133,6 +134,9 @@ def _spread(name: str, each: Sequence[Mapping[str, Any]], error: Any) -> tuple[f
     if len(values) < 2:
         return None
     room = 4.0 * float(error) if isinstance(error, int | float) else 0.0
+    if name.startswith("phase"):
+        turned = np.degrees(np.angle(np.exp(1j * np.radians(np.subtract(values, values[0])))))
+        values = (values[0] + turned).tolist()
     low, high = float(min(values)), float(max(values))
     return (low, high) if high - low > room else None
 
