@@ -95,3 +95,9 @@ def test_claims_in_words() -> None:
     assert "not judged" in text
     none = {"claims": checks()["claims"] | {"taken_off": []}}
     assert "stand as they are" in str(claims_section(none).parts[0])
+
+
+def test_advice_stands_with_the_pair_that_looks_alike() -> None:
+    pair = checks()["aliases"][0] | {"separated_by": "reports over a wider range of airspeeds"}
+    (line,) = alias_lines({"aliases": [pair]})
+    assert line.endswith("in common; reports over a wider range of airspeeds would tell")

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.attribute import Term, term_weights
 from airswing.gap.measure import Base, climatology, included_sums
+from airswing.gap.verdict import SEPARATING
 
 Floats = NDArray[np.float64]
 
@@ -174,7 +175,8 @@ def alias_table(
     Returns
     -------
     listed : list of dict
-        ``effect``, ``other``, ``alias_share`` above 0.8, largest first.
+        ``effect``, ``other``, ``alias_share`` above 0.8, largest first, and ``separated_by``, the
+        data that would tell them apart.
     shares : dict
         Effect -> other -> share; of an effect found twice the larger.
     """
@@ -186,7 +188,12 @@ def alias_table(
         for name, share in alias_shares(base, term, effects).items():
             known[name] = max(share, known.get(name, 0.0))
     listed = [
-        {"effect": effect, "other": other, "alias_share": share}
+        {
+            "effect": effect,
+            "other": other,
+            "alias_share": share,
+            "separated_by": SEPARATING.get(frozenset({effect, other}), "other flights"),
+        }
         for effect, others in shares.items()
         for other, share in others.items()
         if share > LISTED

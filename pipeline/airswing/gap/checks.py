@@ -205,7 +205,8 @@ def _calibration_row(after: Calibration) -> dict[str, Any]:
         "the error predicted for a report has the right size and shape",
         "PIT and CRPS of held-out reports",
         f"spread {after.spread:.2f} of the predicted, farthest PIT bin {100 * worst:.0f} % off, "
-        f"CRPS {after.crps_m_s:.2f} m/s ({100 * excess:+.0f} % of that expected)",
+        f"CRPS {after.crps_m_s:.2f} m/s, {abs(100 * excess):.0f} % "
+        f"{'over' if excess > 0 else 'under'} that expected",
         abs(after.spread - 1) < LIMITS["spread"] and worst < LIMITS["pit"],
     )
 

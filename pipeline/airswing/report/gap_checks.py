@@ -122,6 +122,7 @@ def alias_lines(gap: Mapping[str, Any]) -> list[str]:
     return [
         f"{plain_name(str(pair['effect']))} and {plain_name(str(pair['other']))}: "
         f"{100 * float(pair['alias_share']):.0f} % of the first's energy in common"
+        + (f"; {pair['separated_by']} would tell" if pair.get("separated_by") else "")
         for pair in gap.get("aliases") or []
     ]
 
@@ -144,8 +145,8 @@ def claims_section(gap: Mapping[str, Any]) -> Section:
     if isinstance(claims, Mapping):
         parts = _claims(claims)
     lead = (
-        "The deviations airswing fits, and the field test, computed again with every effect found "
-        "beside the deviation taken off the winds first."
+        "The deviations airswing fits (and the field test, where there is one), computed again "
+        "with every effect found beside the deviation taken off the winds first."
     )
     return Section("claims", "What of airswing's own claims survives", lead, parts)
 
