@@ -23,6 +23,7 @@ class HeaterCurrent(OffsetAndCycle):
     )
     source = "FAA AC 43.13-1B, 12-37 (compass swing with electrical loads on and off)."
     needs = ("icing", "magnetic_heading")
+    alternatives = ((0,), (1, 2), (0, 1, 2))
     confused_with = (
         "hard_iron, compass_offset: where icing protection is on most of the time",
         "errors of airspeed in icing: along the heading, so apart where headings vary",
