@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from datetime import date
+
 import numpy as np
 import pytest
 import xarray as xr
+from tests.gap.toy import make_frame
 
 from airswing.gap.claims import Adjustment, adjusted_headings, compared_fits, review_claims
+from airswing.gap.diagnose import diagnose
+from airswing.gap.effects import CATALOGUE
 
 FIT = {"shared_error": False, "min_reports": 100, "harmonics": 1}
 
@@ -37,6 +42,7 @@ def _headings(*, scale: float = 0.0, wrong: float = 0.0, seed: int = 0) -> xr.Da
         "latitude": rng.uniform(35, 45, n), "longitude": rng.uniform(-95, -80, n),
         "pressure": rng.uniform(2e4, 9e4, n),
         "airspeed": np.hypot(*air), "declination": np.full(n, -3.0),
+        "roll_flag": np.ones(n, np.int8), "temperature_qc": np.ones(n, np.int8),
         "screening": np.zeros(n, np.int32), "flight": np.arange(n) // 20,
     }  # fmt: skip
     per = {
@@ -116,3 +122,38 @@ def test_comparison_by_hand():
     assert out[1]["amplitude_deg_after"] == 1.3
     out = compared_fits(fits([0.0, 0.0], [1.0, 1.0], [0, 1]), fits([0.0, 0.0], [1.0, 1.0], [0, 1]))
     assert out[1]["stays"] is None
+
+
+def test_field_test_is_computed_on_both():
+    headings = _headings(wrong=6.0)
+    off = _adjustment(("reference_speed_bias",), reference=np.tile([-6.0, 0.0], (1200, 1)))
+    test = {
+        "start": date(2009, 7, 16), "before_start": date(2009, 7, 1), "corrected": ["N1"],
+        "controls": ["N2"], "roll": "ignore", "temperature_qc": "ignore", "draws": 50,
+    }  # fmt: skip
+    made = review_claims(headings, off, pools={"model": ["model"]}, reference="model", fit=FIT,
+                         field_test=test)["field_test"]  # fmt: skip
+    clean = review_claims(_headings(), off, pools={"model": ["model"]}, reference="model", fit=FIT,
+                          field_test=test)["field_test"]  # fmt: skip
+    assert made["reduction_kt_after"] == pytest.approx(clean["reduction_kt"], abs=1e-9)
+    low, high = made["reduction_ci_kt"]
+    assert low <= made["reduction_kt"] <= high
+    assert made["stays"] == (low <= made["reduction_kt_after"] <= high)
+
+
+def test_diagnosis_takes_off_the_airspeed_and_leaves_the_deviation():
+    names = ("compass_offset", "hard_iron", "tas_scale", "reference_speed_bias")
+    frame = make_frame(
+        seed=9, aircraft=5, days=16, noise=0.3,
+        heading_error=lambda c: np.where(c["aircraft"] == 1, np.radians(1.5), 0.0),
+        airspeed_factor=lambda c: np.where(c["aircraft"] == 3, 1.02, 1.0),
+    )  # fmt: skip
+    made = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, maps=False, dictionary=False)
+    assert {e["name"] for e in made.report["effects"]} == {"compass_offset", "tas_scale"}
+    assert made.adjustment.names == ("tas_scale",)
+    struck = frame.aircraft == 3
+    assert not made.adjustment.reported[~struck].any()
+    assert not made.adjustment.reference.any()
+    air = np.stack([frame.ground_u - frame.u_rep, frame.ground_v - frame.v_rep], -1)
+    left = np.hypot(*(air - made.adjustment.reported)[struck].T)
+    assert np.median(frame.airspeed[struck] / left) == pytest.approx(1.02, abs=0.003)
