@@ -212,17 +212,19 @@ def test_heater_acts_where_icing_is_on_and_is_untestable_without_the_flag(perfec
     assert CATALOGUE["heater_current"].testable(perfect) is None
 
 
-def test_acceleration_error_is_opposite_in_climb_and_descent_and_none_in_cruise(perfect):
+def test_acceleration_error_is_opposite_in_climb_and_descent_and_none_in_steady_cruise(perfect):
     effect = CATALOGUE["acceleration_error"]
     three = replace(
         perfect.take(slice(0, 3)),
         phase=np.array([1, 2, 3]),
         magnetic_heading=np.full(3, np.pi / 2),
         dip=np.full(3, np.arctan(2.0)),
-        acceleration=9.80665 * np.array([0.05, 0.05, -0.05]),
+        acceleration=9.80665 * np.array([0.05, 0.001, -0.05]),
     )
     error = effect.from_parameters({"amplitude_deg": -20.0}, three) @ effect.basis(three)
     np.testing.assert_allclose(np.degrees(error), [-2.0, 0.0, 2.0])
+    levelling = replace(three, phase=np.full(3, 2))
+    np.testing.assert_allclose(effect.basis(levelling)[0], [0.1, 0.0, -0.1])
     cruise = perfect.take(perfect.phase == 2)
     assert effect.testable(cruise) == "no climb or descent in these reports"
 

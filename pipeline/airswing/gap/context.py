@@ -31,6 +31,10 @@ from airswing.vocabulary import PHASE
 
 Floats = NDArray[np.float64]
 
+SHARPENING = (7.0 / 6.0, -1.0 / 12.0)
+"""Weights of a report and its neighbours that undo, to second order, the difference of two chords:
+a mean under a triangle that reaches one report each way, of variance 1/6."""
+
 
 def wrap(angle: Floats) -> Floats:
     """Angle in (-pi, pi], rad."""
@@ -97,10 +101,14 @@ def expected_acceleration(
     Returns
     -------
     (n,) float
-        m s-2; as measured (0 where unknown) outside climb and descent, and where fewer than 50
-        reports tell.
+        m s-2; outside climb and descent, and where fewer than 50 reports tell, as measured (0
+        where unknown) with the chords' spreading to neighbouring reports undone.
     """
-    out = np.nan_to_num(acceleration)
+    measured = np.nan_to_num(acceleration)
+    out = measured.copy()
+    linked = (flight[2:] == flight[1:-1]) & (flight[:-2] == flight[1:-1])
+    sharp = SHARPENING[0] * measured[1:-1] + SHARPENING[1] * (measured[2:] + measured[:-2])
+    out[1:-1][linked] = sharp[linked]
     # the windows of a report next to another phase hold the change of speed between the two
     inside = np.zeros(phase.size, bool)
     same = (phase[1:] == phase[:-1]) & (flight[1:] == flight[:-1])

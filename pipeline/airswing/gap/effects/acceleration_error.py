@@ -13,6 +13,9 @@ from airswing.gap.frame import Frame
 from airswing.physics.atmosphere import GRAVITY
 from airswing.vocabulary import PHASE
 
+STEADY = 0.02
+"""Acceleration (m s-2) that is noise of the positions in cruise."""
+
 
 class AccelerationError(OneCoefficient, HeadingEffect):
     """amplitude sin(m) tan(dip) a/g, a the longitudinal acceleration, in climb and descent.
@@ -43,14 +46,16 @@ class AccelerationError(OneCoefficient, HeadingEffect):
     column_names = ("amplitude",)
 
     def basis(self, frame: Frame) -> FloatArray:
-        """Return sin(m) tan(dip) a/g, and 0 in cruise, (1, n)."""
-        pull = np.where(frame.phase == PHASE["cruise"], 0.0, frame.acceleration) / GRAVITY
+        """Return sin(m) tan(dip) a/g, (1, n); in cruise 0 but for a visible change of speed."""
+        steady = (frame.phase == PHASE["cruise"]) & (np.abs(frame.acceleration) < STEADY)
+        pull = np.where(steady, 0.0, frame.acceleration) / GRAVITY
         return np.asarray(np.sin(frame.magnetic_heading) * np.tan(frame.dip) * pull)[None]
 
     def testable(self, frame: Frame) -> str | None:
         """See `Effect.testable`; climb or descent must be there."""
         reason = super().testable(frame)
-        if reason is None and not np.any(self.basis(frame)):
+        steep = np.isin(frame.phase, (PHASE["ascent"], PHASE["descent"]))
+        if reason is None and not np.any(self.basis(frame)[:, steep]):
             return "no climb or descent in these reports"
         return reason
 
