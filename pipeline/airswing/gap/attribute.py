@@ -181,9 +181,14 @@ def struck(score: Score, rules: Rules) -> NDArray[np.int64]:
         return (
             np.arange(score.posterior.size) if score.size.max() > rules.size else np.zeros(0, int)
         )
-    ok = (score.posterior > 0.5) & (score.size > rules.size)
+    ok = _likely(score, rules)
     ok &= score.aircraft_evidence > LEAK * score.aircraft_evidence.max(initial=0.0)
     return np.flatnonzero(ok)
+
+
+def _likely(score: Score, rules: Rules) -> NDArray[np.bool_]:
+    """Aircraft with a posterior above one half and an effect of practical size."""
+    return np.asarray((score.posterior > 0.5) & (score.size > rules.size))
 
 
 def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
@@ -312,7 +317,11 @@ def _prune(base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rule
             continue
         best = enter(score[0], rules)
         period = best.period if term.period is not None else None
-        term = _prune_tails(base, own[0], replace(best, period=period), others, rules)
+        # Aircraft that waited and entered once the strongest were in do not wait again here.
+        waited = set(np.flatnonzero(_likely(score[0], rules))) & set(term.tails)
+        tails = tuple(sorted(int(a) for a in {*best.tails, *waited}))
+        best = replace(best, period=period, tails=tails)
+        term = _prune_tails(base, own[0], best, others, rules)
         if not term.tails:
             terms = others
             continue
