@@ -318,8 +318,8 @@ def _prune(base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rule
         best = enter(score[0], rules)
         period = best.period if term.period is not None else None
         # Aircraft that waited and entered once the strongest were in do not wait again here.
-        waited = set(np.flatnonzero(_likely(score[0], rules))) & set(term.tails)
-        tails = tuple(sorted(int(a) for a in {*best.tails, *waited}))
+        waited = {int(a) for a in np.flatnonzero(_likely(score[0], rules))} & set(term.tails)
+        tails = tuple(sorted({*best.tails, *waited}))
         best = replace(best, period=period, tails=tails)
         term = _prune_tails(base, own[0], best, others, rules)
         if not term.tails:
