@@ -1,4 +1,4 @@
-"""Heading error while the aircraft speeds up or slows down in climb and descent."""
+"""Heading error while the aircraft speeds up or slows down: climb, level-off, descent."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ STEADY = 0.02
 
 
 class AccelerationError(OneCoefficient, HeadingEffect):
-    """amplitude sin(m) tan(dip) a/g, a the longitudinal acceleration, in climb and descent.
+    """amplitude sin(m) tan(dip) a/g, a the longitudinal acceleration.
 
-    Speeding up in climb and slowing down in descent make it opposite in the two. A free pendulum
+    Speeding up in climb and slowing down in descent make it opposite in the two; in cruise only a
+    change of speed that stands out of the positions' noise counts (levelling off). A free pendulum
     north of the magnetic equator has an amplitude of -57 degrees; slaving to a gyro leaves a part.
     """
 
@@ -62,7 +63,7 @@ class AccelerationError(OneCoefficient, HeadingEffect):
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""
         return (
-            "heading error from longitudinal acceleration in climb and descent, amplitude "
+            "heading error from longitudinal acceleration, opposite in climb and descent, amplitude "
             f"{told(values, errors, 'amplitude_deg')} degrees per g where the dip is 45 degrees"
         )
 
