@@ -63,7 +63,8 @@ class AccelerationError(OneCoefficient, HeadingEffect):
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""
         return (
-            "heading error from longitudinal acceleration, opposite in climb and descent, amplitude "
+            "heading error from longitudinal acceleration, opposite in climb and descent, "
+            "amplitude "
             f"{told(values, errors, 'amplitude_deg')} degrees per g where the dip is 45 degrees"
         )
 
