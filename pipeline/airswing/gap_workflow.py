@@ -6,7 +6,6 @@ Assumes the configuration of the main job. The gap needs the reference wind's de
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,10 +40,10 @@ def gap_headings(job: Job) -> xr.Dataset:
 
     config = job.config
     if not job.resume:
-        shutil.rmtree(job.store, ignore_errors=True)
+        job.clear_store()
     members = config.pools()[config.gap_reference()]
     headings = collocated_headings(job, names=members, derivatives=True)
-    shutil.rmtree(job.store, ignore_errors=True)
+    job.clear_store()
     return screen(headings, **config.screening.model_dump())
 
 
