@@ -140,6 +140,8 @@ def ibm_bytes(value: float) -> bytes:
 @example(1, 0, 0, 2, -13.5, 0.0, 0)
 @example(2, 0, 3, 2, -13.5, 0.3, 0)
 @example(2, 32, -31, 0, 1.5, 0.0, 1)
+@example(2, 0, 0, 0, -0.0, 0.0, 0)
+@example(1, 0, 0, 0, -0.0, 0.0, 0)
 def test_sparse_equals_eccodes_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, edition: int, bits: int, binary: int, decimal: int,
     reference: float, missing_share: float, seed: int,

@@ -155,8 +155,8 @@ def _unpack(descriptor: int, packing: SimplePacking, order: Ints) -> Floats:
 
 
 def _constant(packing: SimplePacking) -> float:
-    """Value of a field without packed integers."""
-    return packing.reference
+    """Value of a field without packed integers; like eccodes' never a negative zero."""
+    return packing.reference + 0.0
 
 
 @lru_cache(maxsize=16)
