@@ -30,6 +30,10 @@ from airswing.reference.packing import MAX_BITS
 _TIME_UNITS = {0: 60, 1: 3600, 2: 86400, 10: 10800, 11: 21600, 12: 43200, 13: 1}
 
 
+SMALLEST_NORMAL = 2.0**-126
+"""Smallest single-precision number with a full significand."""
+
+
 def scan_grib2(window: Window, start: int, length: int, contents: FileContents) -> None:
     """Add the wind and pressure fields of a message to `contents`, or what was skipped and why."""
     discipline, end = window.get(start, 8)[6], start + length - 4
@@ -129,7 +133,10 @@ def _field_grib2(
         raise SkippedError("wind", f"predefined bitmap {indicator}")
     room = unsigned(window.get(sections[7], 4), 0, 4) - 5
     size = read_grid(2, section).size
-    sparse = simple and bits <= MAX_BITS and fits(room, bits, size, bitmap_at)
+    reference_value = ieee_float(representation, 11) if simple else 0.0
+    # eccodes reads subnormal references in a way of its own: those are left to it.
+    usual = reference_value == 0.0 or abs(reference_value) >= SMALLEST_NORMAL
+    sparse = simple and usual and bits <= MAX_BITS and fits(room, bits, size, bitmap_at)
     member = product[35] if unsigned(product, 7, 2) == 1 and not missing(product, 35, 1) else 0
     return Field(
         file=0, offset=start, length=length, part=part, edition=2, kind=kind,
@@ -137,7 +144,7 @@ def _field_grib2(
         member=member, grid=grid, packing=packing, sparse=sparse, bits=bits,
         binary_scale=signed(representation, 15, 2) if simple else 0,
         decimal_scale=signed(representation, 17, 2) if simple else 0,
-        reference_value=ieee_float(representation, 11) if simple else 0.0,
+        reference_value=reference_value,
         data_start=sections[7] + 5, data_end=sections[7] + 5 + room,
         section_identification=sections[1], section_grid=sections[3],
         section_product=sections[4], section_packing=sections[5],
