@@ -43,6 +43,14 @@ def test_plan_deals_rungs_nulls_and_effects_evenly():
     assert max(singles.values()) - min(singles.values()) <= 1
 
 
+@pytest.mark.parametrize("rungs", [(1,), (1, 2), (1, 2, 3, 4, 5)])
+def test_no_two_nulls_are_the_same_archive(rungs):
+    plan = plan_cases(100, seed=4, size=Size(), rungs=rungs)
+    nulls = [case.world for case in plan if case.kind == "null"]
+    assert len(nulls) > 20
+    assert len(set(nulls)) == len(nulls)
+
+
 def test_plan_repeats_with_its_seed_and_differs_with_another():
     assert plan_cases(30, seed=5, size=Size()) == plan_cases(30, seed=5, size=Size())
     assert plan_cases(30, seed=5, size=Size()) != plan_cases(30, seed=6, size=Size())

@@ -218,8 +218,10 @@ def _rung(
     injected = _Deck([n for n in SENSOR_NAMES if n in names] or SENSOR_NAMES, larger, rng)
     single = _Deck(names, size.sizes, rng)
     out: list[Case] = []
+    # Archives without effects are the same where their worlds are: each null has its own.
+    worlds = max(nulls, -(-count // CASES_PER_WORLD))
     for index in range(count):
-        world = _world(rung, index, seed, size)
+        world = _world(rung, index, worlds, seed, size)
         if index < nulls:
             out.append(Case("", rung, "null", world))
             continue
@@ -238,11 +240,11 @@ def _rung(
     return out
 
 
-def _world(rung: int, index: int, seed: int, size: Size) -> World:
+def _world(rung: int, index: int, worlds: int, seed: int, size: Size) -> World:
     kind = "hard" if rung == 2 else "default"
     if rung == 5:
         kind = "model" if index % 2 else "sensor"
-    number = 10_000 * seed + 1000 * rung + index // CASES_PER_WORLD
+    number = 10_000 * seed + 1000 * rung + index % worlds
     days = 1 if kind == "model" else size.days
     return World(number, kind, days, size.aircraft, size.coarse)
 
