@@ -11,8 +11,11 @@ from scipy.stats import multivariate_normal
 from airswing.gap.changepoint import windows
 from airswing.gap.clusters import cluster_factor
 from airswing.gap.evidence import (
+    RAW_FACTOR,
+    SCALE_GRID,
     allowance_covariance,
     gaussian_evidence,
+    grid_evidence,
     log_mean,
     mixture,
 )
@@ -32,6 +35,29 @@ def test_gaussian_evidence_is_the_ratio_of_two_densities():
     assert value == pytest.approx(expected, abs=1e-3)
     gain = np.diag(prior**2) @ np.linalg.inv(spread + np.diag(prior**2))
     np.testing.assert_allclose(shrunk, gain @ estimate, atol=1e-4)
+
+
+@pytest.mark.parametrize("size", [1, 3, 5])
+def test_the_grid_of_scales_is_the_evidence_at_each_scale(size):
+    rng = np.random.default_rng(size)
+    half = rng.normal(size=(6, size, size + 3))
+    information = 40 * half @ np.swapaxes(half, -1, -2)
+    score, scales = 30 * rng.normal(size=(6, size)), rng.uniform(0.1, 2, size)
+    allowance = 0.01 * np.tile(np.diag(scales**2), (6, 1, 1))
+    tempered, raw, estimate = grid_evidence(
+        information, score, factor=1.4, allowance=allowance, scales=scales
+    )
+    for k, factor in enumerate(SCALE_GRID):
+        prior = scales * factor
+        value, shrunk = gaussian_evidence(
+            information, score, factor=1.4, allowance=allowance, prior=prior
+        )
+        np.testing.assert_allclose(tempered[k], value, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(estimate[k], shrunk, rtol=1e-7, atol=1e-9)
+        value, _ = gaussian_evidence(
+            information, score, factor=RAW_FACTOR, allowance=0 * allowance, prior=prior
+        )
+        np.testing.assert_allclose(raw[k], value, rtol=1e-7, atol=1e-9)
 
 
 def test_collinear_columns_carry_the_evidence_of_one():
@@ -66,6 +92,20 @@ def test_mixture_names_the_aircraft_struck_and_stays_quiet_on_nothing():
     whole, posterior, _ = mixture(np.full((2, 14), 1.0))
     assert whole > 8
     assert posterior.min() > 0.5
+
+
+def test_cluster_factors_of_many_units_are_those_of_each():
+    rng = np.random.default_rng(1)
+    half = rng.normal(size=(5, 40, 3, 8))
+    half[2, 10:30] = 0.0  # an aircraft that stood for three weeks
+    half[4, :, 2] = half[4, :, 1]  # and one whose columns are collinear
+    grams = half @ np.swapaxes(half, -1, -2)
+    scores, whole = rng.normal(size=(5, 40, 3)), grams.sum(axis=1)
+    together = cluster_factor(grams, scores, whole)
+    for a in range(5):
+        np.testing.assert_allclose(
+            together[a], cluster_factor(grams[a], scores[a], whole[a]), rtol=1e-6
+        )
 
 
 def test_cluster_factor_is_one_for_independent_and_grows_with_block_errors():

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -241,7 +242,7 @@ def search(base: Base, pool: Sequence[Candidate], *, rules: Rules | None = None)
     -------
     Found
     """
-    rules = rules or Rules()
+    rules, ranking = rules or Rules(), _Ranking(base, pool)
     terms: list[Term] = []
     seen = set()
     for _ in range(rules.most_terms):
@@ -249,22 +250,31 @@ def search(base: Base, pool: Sequence[Candidate], *, rules: Rules | None = None)
         if state in seen:
             break
         seen.add(state)
-        given = given_terms(base, terms)
-        best = choose(rank(base, given, pool, _taken(terms)), rules)
+        best = choose(ranking(terms), rules)
         if best is None:
             break
         terms = _merge(terms, enter(best, rules))
-        terms = _swap(base, pool, terms, rules)
+        terms = _swap(ranking, terms, rules)
     terms = _reassign(base, pool, terms)
-    terms = _prune(base, pool, terms, rules)
+    terms = _prune(base, ranking, terms, rules)
     terms = [_completed(base, terms, k, rules) for k in range(len(terms))]
-    rivals = []
-    for k in range(len(terms)):
-        others = terms[:k] + terms[k + 1 :]
-        rivals.append(tuple(rank(base, given_terms(base, others), pool, _taken(others))))
-    given = given_terms(base, terms)
-    left = tuple(rank(base, given, pool, _taken(terms)))
-    return Found(tuple(terms), given, tuple(rivals), left)
+    rivals = tuple(ranking(terms[:k] + terms[k + 1 :]) for k in range(len(terms)))
+    return Found(tuple(terms), given_terms(base, terms), rivals, ranking(terms))
+
+
+class _Ranking:
+    """All candidates ranked given some terms; the search comes back to the same terms often."""
+
+    def __init__(self, base: Base, pool: Sequence[Candidate]) -> None:
+        self._base, self._pool = base, pool
+        self._made: dict[frozenset[Any], tuple[Score, ...]] = {}
+
+    def __call__(self, terms: Sequence[Term]) -> tuple[Score, ...]:
+        state = frozenset((t.candidate.key, t.tails, t.period) for t in terms)
+        if state not in self._made:
+            given = given_terms(self._base, terms)
+            self._made[state] = tuple(rank(self._base, given, self._pool, _taken(terms)))
+        return self._made[state]
 
 
 def _taken(terms: Sequence[Term]) -> dict[tuple[str, str], set[int]]:
@@ -283,12 +293,12 @@ def _merge(terms: Sequence[Term], new: Term) -> list[Term]:
     return [*terms, new]
 
 
-def _swap(base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rules) -> list[Term]:
+def _swap(ranking: _Ranking, terms: list[Term], rules: Rules) -> list[Term]:
     """Take every earlier term out in turn; where another explains its share better, exchange."""
     k = 0
     while len(terms) > 1 and k < len(terms):
         others = terms[:k] + terms[k + 1 :]
-        best = choose(rank(base, given_terms(base, others), pool, _taken(others)), rules)
+        best = choose(ranking(others), rules)
         if best is None:
             terms = others
             continue
@@ -303,15 +313,13 @@ def _swap(base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rules
     return terms
 
 
-def _prune(base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rules) -> list[Term]:
+def _prune(base: Base, ranking: _Ranking, terms: list[Term], rules: Rules) -> list[Term]:
     """Drop terms, and aircraft of terms, that do not stand given all the others."""
     k = 0
     while k < len(terms):
         others = terms[:k] + terms[k + 1 :]
-        given = given_terms(base, others)
         term = terms[k]
-        own = [c for c in pool if c.key == term.candidate.key]
-        score = rank(base, given, own, _taken(others))
+        score = [s for s in ranking(others) if s.candidate.key == term.candidate.key]
         if not score or not passes(score[0], rules):
             terms = others
             continue
@@ -321,7 +329,7 @@ def _prune(base: Base, pool: Sequence[Candidate], terms: list[Term], rules: Rule
         waited = {int(a) for a in np.flatnonzero(_likely(score[0], rules))} & set(term.tails)
         tails = tuple(sorted({*best.tails, *waited}))
         best = replace(best, period=period, tails=tails)
-        term = _prune_tails(base, own[0], best, others, rules)
+        term = _prune_tails(base, best, others, rules)
         if not term.tails:
             terms = others
             continue
@@ -374,16 +382,14 @@ def _completed(base: Base, terms: Sequence[Term], k: int, rules: Rules) -> Term:
     return replace(term, tails=tuple(sorted({*term.tails, *np.flatnonzero(likely).tolist()})))
 
 
-def _prune_tails(
-    base: Base, candidate: Candidate, term: Term, others: list[Term], rules: Rules
-) -> Term:
+def _prune_tails(base: Base, term: Term, others: list[Term], rules: Rules) -> Term:
     """Drop aircraft of a term whose own evidence does not stand given the other aircraft's.
 
     The prior odds are the share of the fleet in the term. A leak of one aircraft's effect into
     another's ends here.
     """
-    aircraft = len(base.stats.tails)
-    if term.candidate.scope == "fleet" or len(term.tails) < 2:
+    candidate, aircraft = term.candidate, len(base.stats.tails)
+    if candidate.scope == "fleet" or len(term.tails) < 2:
         return term
     kept = list(term.tails)
     for a in sorted(term.tails, key=lambda t: term.score.aircraft_evidence[t]):

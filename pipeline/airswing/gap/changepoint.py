@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from airswing.gap.clusters import aircraft_factor
 from airswing.gap.evidence import (
     AIRCRAFT_ALLOWANCE,
-    RAW_FACTOR,
     SCALE_GRID,
     Candidate,
     Score,
     allowance_covariance,
-    gaussian_evidence,
+    grid_evidence,
     log_mean,
     mixture,
     rms,
@@ -128,7 +127,9 @@ def evaluate_step(
     aircraft = len(stats.tails)
     tried = windows(stats.days.size)
     prior = _window_prior(tried, stats.days.size)
-    remains = residual_scores(base, given)
+    if "remains" not in given.derived:
+        given.derived["remains"] = residual_scores(base, given)
+    remains = given.derived["remains"]
     factor = aircraft_factor(stats, given, candidate.columns)
     tempered = np.full((SCALE_GRID.size, aircraft), 0.0)
     raw = np.zeros((SCALE_GRID.size, aircraft))
@@ -250,20 +251,9 @@ def _window_evidence(
     second = stats.raw_gram[aircraft][np.ix_(columns, columns)]  # type: ignore[attr-defined]
     acting = stats.acting[aircraft, columns].max()  # type: ignore[attr-defined]
     allowance = allowance_covariance(second, acting, AIRCRAFT_ALLOWANCE, candidate.scales)
-    tempered, raw, estimates = [], [], []
-    for scale in SCALE_GRID:
-        prior = candidate.scales * scale
-        value, estimate = gaussian_evidence(
-            information, score, factor=factor, allowance=allowance, prior=prior
-        )
-        tempered.append(value)
-        estimates.append(estimate)
-        raw.append(
-            gaussian_evidence(
-                information, score, factor=RAW_FACTOR, allowance=0 * allowance, prior=prior
-            )[0]
-        )
-    return np.stack(tempered), np.stack(raw), np.stack(estimates)
+    return grid_evidence(
+        information, score, factor=factor, allowance=allowance, scales=candidate.scales
+    )
 
 
 __all__ = ["evaluate_step", "log_mean", "own_day_grams", "residual_scores", "windows"]

@@ -34,67 +34,80 @@ def cluster_factor(
 
     Parameters
     ----------
-    gram_by_day : (D, k, k) float
-        X'X by day; its sum is about ``information``.
-    score_by_day : (D, k) float
-    information : (k, k) float
+    gram_by_day : (..., D, k, k) float
+        X'X by day of each unit; its sum is about ``information``.
+    score_by_day : (..., D, k) float
+    information : (..., k, k) float
     blocks : tuple of int
         Lengths of the blocks, days.
 
     Returns
     -------
-    (len(blocks),) float
+    (..., len(blocks)) float
         Mean squared scatter per degree of freedom; NaN for fewer than four blocks.
     """
-    days, k = score_by_day.shape
+    days = score_by_day.shape[-2]
     spread, rank = _truncated_inverse(information)
-    k = max(rank, 1)
-    fit = spread @ score_by_day.sum(axis=0)
-    share = gram_by_day.sum(axis=0)
-    ratio = float(np.trace(information) / max(float(np.trace(share)), 1e-30))
-    remains = score_by_day - ratio * gram_by_day @ fit
-    out = np.full(len(blocks), np.nan)
+    fit = np.einsum("...ij,...j->...i", spread, score_by_day.sum(axis=-2))
+    share = np.trace(gram_by_day.sum(axis=-3), axis1=-2, axis2=-1)
+    ratio = np.trace(information, axis1=-2, axis2=-1) / np.maximum(share, 1e-30)
+    fitted = (gram_by_day @ fit[..., None, :, None])[..., 0]
+    remains = score_by_day - ratio[..., None, None] * fitted
+    busy = np.any(gram_by_day, axis=(-2, -1))
+    out = np.full((*rank.shape, len(blocks)), np.nan)
     for i, length in enumerate(blocks):
         edges = np.arange(0, days, length)
         if edges.size < 4:
             continue
-        sums = np.add.reduceat(remains, edges, axis=0)
-        active = np.any(np.add.reduceat(gram_by_day, edges, axis=0), axis=(1, 2)).sum()
-        degrees = k * max(active - 1, 1) / max(active, 1)
-        out[i] = float(np.einsum("di,ij,dj->", sums, spread, sums)) / degrees
+        sums = np.add.reduceat(remains, edges, axis=-2)
+        active = np.logical_or.reduceat(busy, edges, axis=-1).sum(axis=-1)
+        degrees = np.maximum(rank, 1) * np.maximum(active - 1, 1) / np.maximum(active, 1)
+        out[..., i] = ((sums @ spread) * sums).sum(axis=(-2, -1)) / degrees
     return out
 
 
-def _truncated_inverse(matrix: Floats, *, bound: float = 1e-3) -> tuple[Floats, int]:
-    """Inverse of a symmetric matrix on the directions that carry information, and their number."""
-    scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-30))
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    kept = values > bound * max(float(values[-1]), 1e-30)
-    part = vectors[:, kept] / scale[:, None]
-    return (part / values[kept]) @ part.T, int(kept.sum())
+def _truncated_inverse(matrix: Floats, *, bound: float = 1e-3) -> tuple[Floats, Integers]:
+    """Inverse of symmetric matrices on the directions that carry information; how many those are.
+
+    Parameters
+    ----------
+    matrix : (..., k, k) float
+    bound : float
+        Smallest eigenvalue used, relative to the largest, at unit diagonal.
+
+    Returns
+    -------
+    inverse : (..., k, k) float
+    rank : (...) int
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-30))
+    values, vectors = np.linalg.eigh(matrix / (scale[..., :, None] * scale[..., None, :]))
+    kept = values > bound * np.maximum(values[..., -1:], 1e-30)
+    part = vectors / scale[..., :, None]
+    inverse = np.divide(1.0, values, out=np.zeros_like(values), where=kept)
+    return (part * inverse[..., None, :]) @ np.swapaxes(part, -1, -2), kept.sum(axis=-1)
 
 
 def aircraft_factor(stats: Statistics, given: Conditional, columns: Integers) -> float:
     """Cluster factor of a per-aircraft candidate, pooled over aircraft (median), at least 1."""
-    values = []
-    for a in range(len(stats.tails)):
-        own = _day_grams(stats, a, columns)
-        information = given.gram[a][np.ix_(columns, columns)]
-        if np.trace(own.sum(axis=0)) <= 0:
-            continue
-        values.append(cluster_factor(own, given.score[a][:, columns], information))
-    if not values:
+    own = _day_grams(stats, columns)
+    flown = np.einsum("adii->a", own) > 0
+    if not flown.any():
         return 1.0
-    columns_of = np.array(values).T
-    known = [c[np.isfinite(c)] for c in columns_of]
+    information = given.gram[:, columns[:, None], columns]
+    values = cluster_factor(own[flown], given.score[:, :, columns][flown], information[flown])
+    known = [c[np.isfinite(c)] for c in values.T]
     return _largest(np.array([np.median(c) for c in known if c.size]))
 
 
 def fleet_factor(stats: Statistics, given: Conditional, columns: Integers) -> float:
     """Cluster factor of a fleet candidate: by day over all aircraft, at least 1.5."""
-    own = sum(_day_grams(stats, a, columns) for a in range(len(stats.tails)))
+    if columns.max() < stats.layout.core:
+        own = stats.fleet_day_gram[:, columns[:, None], columns]
+    else:
+        own = _day_grams(stats, columns).sum(axis=0)
     information = given.fleet_gram[np.ix_(columns, columns)]
-    values = cluster_factor(np.asarray(own), given.fleet_score[:, columns], information)
+    values = cluster_factor(own, given.fleet_score[:, columns], information)
     return max(1.5, _largest(values))
 
 
@@ -103,13 +116,9 @@ def _largest(values: Floats) -> float:
     return max(1.0, float(finite.max())) if finite.size else 1.5
 
 
-def _day_grams(stats: Statistics, aircraft: int, columns: Integers) -> Floats:
-    """X'X by day (D, k, k); dictionary columns take the week's, shared out by reports."""
+def _day_grams(stats: Statistics, columns: Integers) -> Floats:
+    """X'X by aircraft and day (A, D, k, k); dictionary columns share their week's by reports."""
     if columns.max() < stats.layout.core:
-        return np.asarray(stats.day_gram[aircraft][:, columns][:, :, columns], float)
-    week = stats.week_of_day
-    count = stats.day_count[aircraft]
-    total = np.bincount(week, count, minlength=stats.weeks.size)[week]
-    share = np.divide(count, total, out=np.zeros_like(count), where=total > 0)
-    own = stats.week_gram[aircraft][:, columns][:, :, columns].astype(float)
-    return np.asarray(share[:, None, None] * own[week])
+        return np.asarray(stats.day_gram[:, :, columns[:, None], columns], float)
+    own = stats.week_gram[:, :, columns[:, None], columns].astype(float)
+    return np.asarray(stats.day_share[:, :, None, None] * own[:, stats.week_of_day])

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from airswing.gap.clusters import aircraft_factor, fleet_factor
 from airswing.gap.layout import Layout
 from airswing.gap.measure import Conditional
+from airswing.gap.small import inverse_and_logdet
 from airswing.gap.statistics import Statistics
 
 Floats = NDArray[np.float64]
@@ -205,8 +206,8 @@ def allowance_covariance(
     count = np.maximum(np.asarray(acting, float), 1.0)[..., None, None]
     scaled = second / count * np.outer(scales, scales)
     floor = 0.02 * np.trace(scaled, axis1=-2, axis2=-1) / k + 1e-12
-    inverse = np.linalg.inv(scaled + floor[..., None, None] * np.eye(k)) * np.outer(scales, scales)
-    return np.asarray(size**2 * inverse)
+    inverse, _ = inverse_and_logdet(scaled + floor[..., None, None] * np.eye(k))
+    return np.asarray(size**2 * inverse * np.outer(scales, scales))
 
 
 def gaussian_evidence(
@@ -239,18 +240,58 @@ def gaussian_evidence(
     N(theta_hat; 0, V + S) to N(theta_hat; 0, V). Directions without
     information drop out through a floor on I.
     """
+    spread, hat = _own_fit(information, score, prior)
+    variance = factor * spread + allowance / np.outer(prior, prior)
+    value, estimate = _over_scales(hat, variance, np.ones(1))
+    return value[0], prior * estimate[0]
+
+
+def grid_evidence(
+    information: Floats, score: Floats, *, factor: float, allowance: Floats, scales: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Tempered and raw evidence and estimates at every factor of :data:`SCALE_GRID`.
+
+    Parameters
+    ----------
+    information, score, factor, allowance
+        As in :func:`gaussian_evidence`.
+    scales : (k,) float
+        Prior standard deviations at factor 1.
+
+    Returns
+    -------
+    tempered, raw : (S, ...) float
+        With the estimated cluster factor and the allowance; with the common factor and none.
+    estimate : (S, ..., k) float
+        Posterior means, tempered.
+    """
+    spread, hat = _own_fit(information, score, scales)
+    variance = factor * spread + allowance / np.outer(scales, scales)
+    tempered, estimate = _over_scales(hat, variance, SCALE_GRID)
+    raw, _ = _over_scales(hat, RAW_FACTOR * spread, SCALE_GRID)
+    return tempered, raw, scales * estimate
+
+
+def _own_fit(information: Floats, score: Floats, prior: Floats) -> tuple[Floats, Floats]:
+    """Inverse information and estimate, both in units of the prior."""
     k = prior.size
     own = information * np.outer(prior, prior)
     floor = 1e-4 * np.trace(own, axis1=-2, axis2=-1) / k + 1e-9
-    own = own + floor[..., None, None] * np.eye(k)
-    spread = np.linalg.inv(own)
-    hat = np.einsum("...ij,...j->...i", spread, score * prior)
-    variance = factor * spread + allowance / np.outer(prior, prior)
-    wide = variance + np.eye(k)
-    inner = np.linalg.solve(wide, hat[..., None])[..., 0]
-    whole = np.linalg.solve(variance, hat[..., None])[..., 0]
-    logs = np.linalg.slogdet(wide)[1] - np.linalg.slogdet(variance)[1]
-    return 0.5 * ((hat * whole).sum(-1) - (hat * inner).sum(-1) - logs), prior * inner
+    spread, _ = inverse_and_logdet(own + floor[..., None, None] * np.eye(k))
+    return spread, np.einsum("...ij,...j->...i", spread, score * prior)
+
+
+def _over_scales(hat: Floats, variance: Floats, grid: Floats) -> tuple[Floats, Floats]:
+    """Evidence (S, ...) and posterior means (S, ..., k) for priors N(0, g^2) over a grid of g."""
+    k = hat.shape[-1]
+    square = (grid**2).reshape(-1, *([1] * (hat.ndim - 1)))
+    inverse, logdet = inverse_and_logdet(variance)
+    whole = np.einsum("...i,...ij,...j->...", hat, inverse, hat)
+    wide = variance + square[..., None, None] * np.eye(k)
+    inverse, wide_logdet = inverse_and_logdet(wide)
+    solved = np.einsum("...ij,...j->...i", inverse, hat)
+    inner = (solved * hat).sum(axis=-1)
+    return 0.5 * (whole - inner - wide_logdet + logdet), square[..., None] * solved
 
 
 def evaluate(
@@ -283,10 +324,10 @@ def _sizes(stats: Statistics, candidate: Candidate) -> tuple[Floats, Floats]:
     """Unwhitened second moments (A, k, k) and acting counts (A,) of a candidate."""
     columns, total = candidate.columns, stats.day_count.sum(axis=1)
     if columns.max() < stats.layout.core:
-        second = stats.raw_gram[:, columns][:, :, columns]
+        second = stats.raw_gram[:, columns[:, None], columns]
         return second, np.maximum(stats.acting[:, columns].max(axis=1), 0.0)
     k = columns.size
-    wide = stats.week_gram.sum(axis=1)[:, columns][:, :, columns].astype(float)
+    wide = stats.whole_gram[:, columns[:, None], columns]
     trace = np.trace(wide, axis1=1, axis2=2)[:, None, None]
     second = np.divide(wide, trace, out=np.zeros_like(wide), where=trace > 0)
     return second * total[:, None, None] * (k / max(k, 1)), total
@@ -307,23 +348,13 @@ def _evaluate_fleet(stats: Statistics, given: Conditional, candidate: Candidate)
     allowance = allowance_covariance(
         second.sum(axis=0), float(acting.sum()), FLEET_ALLOWANCE, candidate.scales
     )
-    nothing = np.zeros_like(allowance)
-    tempered, raw, estimates = [], [], []
-    for scale in SCALE_GRID:
-        prior = candidate.scales * scale
-        value, estimate = gaussian_evidence(
-            information, score, factor=factor, allowance=allowance, prior=prior
-        )
-        tempered.append(float(value))
-        estimates.append(estimate)
-        value, _ = gaussian_evidence(
-            information, score, factor=RAW_FACTOR, allowance=nothing, prior=prior
-        )
-        raw.append(float(value))
+    tempered, raw, estimates = grid_evidence(
+        information, score, factor=factor, allowance=allowance, scales=candidate.scales
+    )
     estimate = np.tile(estimates[int(np.argmax(tempered))], (aircraft, 1))
-    total = log_mean(np.array(tempered))
+    total = log_mean(tempered)
     return Score(
-        candidate, total, log_mean(np.array(raw)), factor, np.ones(aircraft),
+        candidate, total, log_mean(raw), factor, np.ones(aircraft),
         np.full(aircraft, total), estimate, rms(second, acting, estimate), acting,
     )  # fmt: skip
 
@@ -339,19 +370,15 @@ def _evaluate_aircraft(
         live &= allowed
     tempered, raw = np.zeros((2, SCALE_GRID.size, aircraft))
     estimates = np.zeros((SCALE_GRID.size, aircraft, columns.size))
-    information = given.gram[live][:, columns][:, :, columns]
-    score = given.score[live][:, :, columns].sum(axis=1)
+    information = given.gram[:, columns[:, None], columns][live]
+    score = given.score[:, :, columns].sum(axis=1)[live]
     allowance = allowance_covariance(
         second[live], acting[live], AIRCRAFT_ALLOWANCE, candidate.scales
     )
-    for i, scale in enumerate(SCALE_GRID if live.any() else ()):
-        prior = candidate.scales * scale
-        tempered[i, live], estimates[i, live] = gaussian_evidence(
-            information, score, factor=factor, allowance=allowance, prior=prior
+    if live.any():
+        tempered[:, live], raw[:, live], estimates[:, live] = grid_evidence(
+            information, score, factor=factor, allowance=allowance, scales=candidate.scales
         )
-        raw[i, live] = gaussian_evidence(
-            information, score, factor=RAW_FACTOR, allowance=0 * allowance, prior=prior
-        )[0]
     total, posterior, best = mixture(tempered)
     whole, _, _ = mixture(raw)
     estimate = estimates[best]

@@ -83,14 +83,14 @@ class Base:
     @cached_property
     def gram(self) -> Floats:
         """Own X'X per aircraft with the day fields eliminated, (A, p, p)."""
-        whole = self.stats.week_gram.sum(axis=1, dtype=np.float64)
+        whole = self.stats.whole_gram
         return np.asarray(whole - np.matmul(self._flat.transpose(0, 2, 1), self._flat))
 
     @cached_property
     def fleet_gram(self) -> Floats:
         """X'X of the fleet-wide columns, coupling of the aircraft included, (p, p)."""
         total = self._flat.sum(axis=0)
-        whole = self.stats.week_gram.sum(axis=(0, 1), dtype=np.float64)
+        whole = self.stats.whole_gram.sum(axis=0)
         return np.asarray(whole - total.T @ total)
 
 
@@ -112,6 +112,8 @@ class Conditional:
     included_score : (D, m)
     fleet_score_override : (D, p) or None
         Fleet scores where they are not the sum over aircraft.
+    derived : dict
+        What has been computed from these sums already.
     """
 
     included: tuple[Included, ...]
@@ -123,8 +125,9 @@ class Conditional:
     included_gram: Floats
     included_score: Floats
     fleet_score_override: Floats | None = None
+    derived: dict[str, Floats] = field(default_factory=dict, repr=False)
 
-    @property
+    @cached_property
     def fleet_score(self) -> Floats:
         """Score of the fleet-wide columns by day, (D, p)."""
         if self.fleet_score_override is not None:

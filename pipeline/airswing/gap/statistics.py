@@ -99,10 +99,28 @@ class Statistics:
         effective = np.divide(1.5 * square**2, fourth, out=np.zeros_like(fourth), where=fourth > 0)
         return np.asarray(np.minimum(count, effective))
 
-    @property
+    @cached_property
+    def whole_gram(self) -> Floats:
+        """Whitened X'X of every aircraft over all weeks, (A, p, p)."""
+        return np.asarray(self.week_gram.sum(axis=1, dtype=np.float64))
+
+    @cached_property
+    def fleet_day_gram(self) -> Floats:
+        """Whitened X'X of the core columns by day over all aircraft, (D, c, c)."""
+        return np.asarray(self.day_gram.sum(axis=0, dtype=np.float64))
+
+    @cached_property
     def week_of_day(self) -> Integers:
         """Position in ``weeks`` of every day, (D,)."""
         return np.asarray(np.searchsorted(self.weeks, self.days // 7))
+
+    @cached_property
+    def day_share(self) -> Floats:
+        """Share of each day in its week's reports, per aircraft, (A, D)."""
+        own = self.week_of_day[:, None] == np.arange(self.weeks.size)
+        total = (self.day_count @ own)[:, self.week_of_day]
+        share = np.divide(self.day_count, total, out=np.zeros_like(total), where=total > 0)
+        return np.asarray(share)
 
 
 def day_of_report(frame: Any, *, shift: float | None = None) -> tuple[Integers, float]:
