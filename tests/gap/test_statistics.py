@@ -48,9 +48,8 @@ def made():
 
 def _dense(made):
     frame, noise, plan, layout, _ = made
-    columns = whiten(
-        build_columns(frame, layout, EFFECTS, plan).astype(float), noise.order, noise.gains
-    )
+    columns = build_columns(frame, layout, EFFECTS, plan).astype(float).T
+    columns = whiten(columns, noise.order, noise.gains)
     return columns.reshape(-1, layout.size), whiten(
         frame.residual, noise.order, noise.gains
     ).reshape(-1)

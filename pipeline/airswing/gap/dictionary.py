@@ -144,13 +144,11 @@ def hats(values: Floats, knots: Floats) -> Floats:
     (k, n) float
         Rows sum to 1 over k; values outside the knots take the nearest; NaN gives zeros.
     """
-    inside = np.clip(np.nan_to_num(values, nan=float(knots[0])), knots[0], knots[-1])
-    lower = np.clip(np.searchsorted(knots, inside, "right") - 1, 0, knots.size - 2)
-    weight = (inside - knots[lower]) / (knots[lower + 1] - knots[lower])
-    out = np.zeros((knots.size, values.size))
-    rows = np.arange(values.size)
-    out[lower, rows] = 1 - weight
-    out[lower + 1, rows] = weight
+    ramps = (values - knots[:-1, None]) / np.diff(knots)[:, None]
+    np.clip(ramps, 0.0, 1.0, out=ramps)
+    out = np.empty((knots.size, values.size))
+    out[0], out[-1] = 1.0 - ramps[0], ramps[-1]
+    out[1:-1] = ramps[:-1] - ramps[1:]
     out[:, np.isnan(values)] = 0.0
     return out
 
@@ -255,27 +253,58 @@ def dictionary_columns(frame: Any, plan: DictionaryPlan) -> Floats:
     (n, 2, p) float
         In the order of ``plan.groups``.
     """
-    cross, along = unit_vectors(frame.heading)
-    vectors = {"cross": cross, "along": along}
-    out = np.zeros((frame.size, 2, plan.size))
+    out = np.empty((plan.size, 2, frame.size))
+    fill_dictionary(out, frame, plan)
+    return out.T
+
+
+def fill_dictionary(out: NDArray[np.floating], frame: Any, plan: DictionaryPlan) -> None:
+    """Write the columns of the dictionary for some reports, one column after the other.
+
+    Parameters
+    ----------
+    out : (p, 2, n) float
+        Overwritten; its type is that of the arithmetic.
+    frame : Frame
+    plan : DictionaryPlan
+    """
+    kind = out.dtype
+    sine, cosine = np.sin(frame.heading).astype(kind), np.cos(frame.heading).astype(kind)
+    vectors = {"cross": (cosine, -sine), "along": (sine, cosine)}
+    waves = _Waves(frame.magnetic_heading)
+    made: dict[str, Floats] = {}
     start = 0
     for group in plan.groups:
-        stop = start + len(group.labels)
+        block = out[start : start + len(group.labels)]
+        start += len(group.labels)
         if group.component == "wind":
-            out[:, :, start:stop] = _taylor(frame, group)
-        else:
-            factors = _factors(frame, plan, group)
-            out[:, :, start:stop] = vectors[group.component][:, :, None] * factors.T[:, None, :]
-        start = stop
-    return np.nan_to_num(out, copy=False)
+            block[...] = np.nan_to_num(_taylor(frame, group)).T
+            continue
+        which = f"{group.name.partition(':')[2]} {group.labels}"  # of both components alike
+        if which not in made:
+            made[which] = np.nan_to_num(_factors(frame, plan, group, waves)).astype(kind)
+        for k in range(2):
+            np.multiply(made[which], vectors[group.component][k], out=block[:, k])
 
 
-def _factors(frame: Any, plan: DictionaryPlan, group: Group) -> Floats:
+class _Waves:
+    """Sine and cosine of cycles of an angle, each computed once."""
+
+    def __init__(self, angle: Floats) -> None:
+        self._angle = angle
+        self._made: dict[str, Floats] = {}
+
+    def __call__(self, name: str) -> Floats:
+        if name not in self._made:
+            function = np.sin if name.startswith("sin") else np.cos
+            self._made[name] = np.asarray(function(int(name[3:]) * self._angle))
+        return self._made[name]
+
+
+def _factors(frame: Any, plan: DictionaryPlan, group: Group, waves: _Waves) -> Floats:
     """Scalar factors (k, n) of a heading-frame group."""
-    angle = frame.magnetic_heading
     if group.variable == "magnetic_heading":
-        trig = {"sin": np.sin, "cos": np.cos}
-        return np.stack([trig[s[:3]](int(s[3:]) * angle) for s in group.labels])
+        return np.stack([waves(name) for name in group.labels])
     if group.variable == "phase":
         base = np.stack([frame.phase == 1, frame.phase == 3]).astype(float)
     elif group.variable == "icing":
@@ -289,9 +318,8 @@ def _factors(frame: Any, plan: DictionaryPlan, group: Group) -> Floats:
         base = np.clip((values - middle) / half, -1.5, 1.5)[None]
     if not group.name.endswith("*heading"):
         return base
-    cycles = (1, 2) if group.variable in ("phase", "icing") else (1,)
-    waves = [f(k * angle) for k in cycles for f in (np.sin, np.cos)]
-    return np.stack([row * wave for row in base for wave in waves])
+    names = [label.rpartition(" ")[2] for label in group.labels[: len(group.labels) // len(base)]]
+    return np.stack([row * waves(name) for row in base for name in names])
 
 
 def _centred(rows: Floats, means: Floats) -> Floats:

@@ -13,7 +13,7 @@ Source: GAP.md sections 3 to 5.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from airswing.gap.dictionary import (
     DictionaryPlan,
     climatology_columns,
     day_field_columns,
-    dictionary_columns,
+    fill_dictionary,
     slope_columns,
 )
 
@@ -116,17 +116,20 @@ def build_columns(
 
     Returns
     -------
-    (n, 2, p) float32
+    (p, 2, n) float32
         m s-1 per unit of each coefficient; unknown context gives 0.
     """
-    out = np.empty((frame.size, 2, layout.size), np.float32)
-    out[:, :, layout.blocks["day_fields"]] = day_field_columns(frame, plan)
-    out[:, :, layout.blocks["climatology"]] = climatology_columns(frame, plan)
-    out[:, :, layout.blocks["slope"]] = slope_columns(frame)
+    out = np.empty((layout.size, 2, frame.size), np.float32)
+    for name, columns in (
+        ("day_fields", day_field_columns(frame, plan)),
+        ("climatology", climatology_columns(frame, plan)),
+        ("slope", slope_columns(frame)),
+    ):
+        out[layout.blocks[name]] = columns.T
     for name in layout.effects:
-        out[:, :, layout.blocks[name]] = np.moveaxis(effect_columns(frame, effects[name]), 0, -1)
+        out[layout.blocks[name]] = np.moveaxis(effect_columns(frame, effects[name]), -1, 1)
     if layout.size > layout.core:
-        out[:, :, layout.core :] = dictionary_columns(frame, plan)
+        fill_dictionary(out[layout.core :], frame, plan)
     return out
 
 
@@ -148,6 +151,4 @@ def effect_columns(frame: Any, effect: Any) -> Floats:
     levelled = any(name.startswith(("above", "below")) for name in effect.column_names)
     if not levelled:
         return np.asarray(np.nan_to_num(np.asarray(effect.columns(frame))))
-    shifts = np.exp(LEVEL_EDGE)
-    parts = [effect.columns(replace(frame, pressure=frame.pressure * s)) for s in shifts]
-    return np.asarray(np.nan_to_num(np.mean(parts, axis=0)))
+    return np.asarray(np.nan_to_num(effect.softened_columns(frame, LEVEL_EDGE)))

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from airswing.gap.dictionary import DictionaryPlan
 from airswing.gap.layout import Layout, build_columns
 from airswing.gap.noise import NoiseFit, remove_smooth_effects
-from airswing.gap.whitening import flight_order, take_gains, whiten
+from airswing.gap.whitening import flight_order, take_gains, whiten, whiten_blocks
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -278,34 +278,42 @@ def _add_chunk(
     plan: DictionaryPlan,
 ) -> None:
     """Add the sums of one aircraft-week, whose whole flights are ``index``."""
-    layout = out.layout
-    part = frame.take(index)
-    raw = build_columns(part, layout, effects, plan)
-    order = flight_order(part.flight, part.time)
-    white = whiten(raw, order, take_gains(noise.gains, index))
-    aircraft = int(part.aircraft[0])
+    own = flight_order(frame.flight[index], frame.time[index])
+    index = index[own.index]
+    gains = take_gains(noise.gains, index)
+    columns = build_columns(frame.take(index), out.layout, effects, plan)
+    columns[:, :, gains.weight == 0] = 0.0
+    aircraft = int(frame.aircraft[index[0]])
+    _add_raw(out, aircraft, columns)
+    whiten_blocks(columns, own.starts, gains)
+    target = np.asarray(values[index].T, np.float32)
     week = int(np.searchsorted(out.weeks, day[index[0]] // 7))
-    rows = white.reshape(-1, layout.size)
-    out.week_gram[aircraft, week] += rows.T @ rows
-    kept = noise.gains.weight[index] > 0
-    core = raw[kept][:, :, : layout.core].reshape(-1, layout.core)
-    out.raw_gram[aircraft] += core.T @ core
-    square = (raw[kept][:, :, : layout.core].astype(float) ** 2).sum(axis=1)
-    out.moments[aircraft] += np.stack(
-        [(square > 1e-24).sum(axis=0), square.sum(axis=0), (square**2).sum(axis=0)], -1
-    )
-    target = np.asarray(values[index], np.float32)
-    q, c = layout.blocks["day_fields"].stop, layout.core
+    total = np.zeros((out.layout.size, out.layout.size))
+    q, c = out.layout.blocks["day_fields"].stop, out.layout.core
     for one in np.unique(day[index]):
-        own = np.flatnonzero(day[index] == one)
+        today = np.flatnonzero(day[index] == one)
         d = int(np.searchsorted(out.days, one))
-        today = white[own].reshape(-1, layout.size)
-        errors = target[own].reshape(-1)
-        out.day_gram[aircraft, d] += today[:, :c].T @ today[:, :c]
-        out.day_cross[aircraft, d] += today[:, :q].T @ today
-        out.day_score[aircraft, d] += errors @ today
-        out.day_energy[aircraft, d] += float(errors @ errors)
-        out.day_count[aircraft, d] += float(kept[own].sum())
+        x, r = columns.take(today, axis=2).reshape(out.layout.size, -1), target[:, today].ravel()
+        gram = x @ x.T
+        total += gram
+        out.day_gram[aircraft, d] += gram[:c, :c]
+        out.day_cross[aircraft, d] += gram[:q]
+        out.day_score[aircraft, d] += x @ r
+        out.day_energy[aircraft, d] += float(r @ r)
+        out.day_count[aircraft, d] += float((gains.weight[today] > 0).sum())
+    out.week_gram[aircraft, week] += total.astype(np.float32)
+
+
+def _add_raw(out: Statistics, aircraft: int, columns: NDArray[np.float32]) -> None:
+    """Add the sums of core columns (p, 2, n) as they are; 0 at reports that do not count."""
+    core = columns[: out.layout.core]
+    flat = core.reshape(core.shape[0], -1)
+    gram = flat @ flat.T
+    out.raw_gram[aircraft] += gram
+    square = core[:, 0].astype(np.float64) ** 2
+    square += core[:, 1].astype(np.float64) ** 2
+    number, fourth = np.count_nonzero(square > 1e-24, axis=1), np.vecdot(square, square)
+    out.moments[aircraft] += np.stack([number, np.diagonal(gram), fourth], -1)
 
 
 def merge_statistics(first: Statistics, second: Statistics) -> Statistics:

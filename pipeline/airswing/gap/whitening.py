@@ -216,23 +216,42 @@ def whiten(values: NDArray[np.floating], order: FlightOrder, gains: Gains) -> ND
     (n, ...) float
         Whitened values, of unit variance where the noise model holds; 0 at masked reports.
     """
-    shape = (values.shape[0],) + (1,) * (values.ndim - 1)
-    kind = values.dtype
-    scaled = values * gains.scale.reshape(shape).astype(kind)
-    decay = gains.decay.reshape(shape).astype(kind)
-    gain = gains.gain.reshape(shape).astype(kind)
-    out = np.empty_like(scaled)
-    state: NDArray[np.floating] = np.zeros((0, *values.shape[1:]), kind)
-    for j in range(order.starts.size - 1):
-        now = order.index[order.starts[j] : order.starts[j + 1]]
-        state = (
-            decay[now] * state[: now.size] if j else np.zeros((now.size, *values.shape[1:]), kind)
-        )
-        innovation = scaled[now] - state
-        out[now] = innovation
-        state = state + gain[now] * innovation
-    out *= gains.weight.reshape(shape).astype(kind)
+    blocks = np.ascontiguousarray(np.moveaxis(values[order.index], 0, -1))
+    whiten_blocks(blocks, order.starts, take_gains(gains, order.index))
+    out = np.empty_like(values)
+    out[order.index] = np.moveaxis(blocks, -1, 0)
     return out
+
+
+def whiten_blocks(values: NDArray[np.floating], starts: Integers, gains: Gains) -> None:
+    """Whiten values that lie in the order of :class:`FlightOrder` already, in place.
+
+    Parameters
+    ----------
+    values : (..., n) float
+        Overwritten. The last axis is that of the reports: each step of the recursion then works on
+        contiguous stretches of every column.
+    starts : (m + 1,) int
+        Blocks of the order.
+    gains : Gains
+        Of the n reports, in the same order.
+    """
+    kind = values.dtype
+    decay, gain = gains.decay.astype(kind), gains.gain.astype(kind)
+    values *= gains.scale.astype(kind)
+    widest = int(starts[1]) if starts.size > 1 else 0
+    state = np.zeros((*values.shape[:-1], widest), kind)
+    room = np.empty_like(state)
+    for first, stop in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
+        now, before, added = (
+            values[..., first:stop],
+            *(x[..., : stop - first] for x in (state, room)),
+        )
+        before *= decay[first:stop]
+        now -= before
+        np.multiply(now, gain[first:stop], out=added)
+        before += added
+    values *= gains.weight.astype(kind)
 
 
 def take_gains(gains: Gains, index: Integers) -> Gains:

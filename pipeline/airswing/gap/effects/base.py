@@ -22,7 +22,7 @@ import importlib
 import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -191,6 +191,22 @@ class Effect(ABC):
         ndarray (k, n, 2)
             Eastward and northward component, m s-1 per unit of the coefficient.
         """
+
+    def softened_columns(self, frame: Frame, shifts: FloatArray) -> FloatArray:
+        """Return the columns' mean over shifts of ln p, which softens edges in pressure.
+
+        Parameters
+        ----------
+        frame : Frame
+        shifts : ndarray (m,)
+            Shifts of ln p.
+
+        Returns
+        -------
+        ndarray (k, n, 2)
+        """
+        moved = [replace(frame, pressure=frame.pressure * np.exp(shift)) for shift in shifts]
+        return np.asarray(sum(self.columns(one) for one in moved) / shifts.size)
 
     @abstractmethod
     def apply(

@@ -50,11 +50,14 @@ class ReferenceSpeedBias(Effect):
 
     def columns(self, frame: Frame) -> FloatArray:
         """See `Effect.columns`: minus the reference wind, by candidate level."""
-        above = [frame.pressure < 100.0 * level for level in LEVELS]
-        parts = np.array(
-            [np.ones(frame.size, bool), *above, *(~mask for mask in above)], dtype=np.float64
-        )
-        return np.asarray(-parts[:, :, None] * np.stack([frame.u_ref, frame.v_ref], axis=-1))
+        return self.softened_columns(frame, np.zeros(1))
+
+    def softened_columns(self, frame: Frame, shifts: FloatArray) -> FloatArray:
+        """See `Effect.softened_columns`: only the shares above and below a level depend on it."""
+        bounds = 100.0 * np.array(LEVELS)[:, None, None] / np.exp(shifts)[:, None]
+        above = (frame.pressure < bounds).mean(axis=1)
+        shares = np.concatenate([np.ones((1, frame.size)), above, 1.0 - above])
+        return np.stack([-shares * frame.u_ref, -shares * frame.v_ref], axis=-1)
 
     def apply(
         self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator

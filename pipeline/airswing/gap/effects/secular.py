@@ -8,6 +8,8 @@ whole degrees and years and interpolated linearly (it is smooth away from the ma
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from airswing.gap.effects.base import FloatArray
@@ -47,29 +49,41 @@ def declination_change(
     ndarray (n,)
         rad.
     """
-    nodes = _nodes(frame.longitude, frame.latitude)
     date = 1970.0 + frame.time / YEAR
-    dates = np.arange(np.floor(date.min()), np.floor(date.max()) + 2.0)
-    lon, lat, now = np.meshgrid(*nodes, dates, indexing="ij")
-    old = now - (years or 0.0) if epoch_year is None else np.full(now.shape, epoch_year)
-    change = _change(lat, lon, now, old)
+    lon, lat = _bounds(frame.longitude), _bounds(frame.latitude)
+    first = int(np.floor(date.min()))
+    dates = (first, int(np.floor(date.max())) + 2)
+    change = _change_at_nodes(lon, lat, dates, years or 0.0, epoch_year)
     out = np.zeros(frame.size)
-    for k, whole in enumerate(dates):
+    for k, whole in enumerate(range(*dates)):
         weight = np.clip(1.0 - np.abs(date - whole), 0.0, 1.0)
         some = np.flatnonzero(weight)
         out[some] += weight[some] * _bilinear(
-            change[:, :, k], frame.longitude[some] - nodes[0][0], frame.latitude[some] - nodes[1][0]
+            change[:, :, k], frame.longitude[some] - lon[0], frame.latitude[some] - lat[0]
         )
     return out
 
 
-def _nodes(longitude: FloatArray, latitude: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Whole degrees around the reports, two at least along either side."""
-    lon, lat = (
-        np.arange(np.floor(values.min()), np.floor(values.max()) + 2.0)
-        for values in (longitude, latitude)
-    )
-    return lon, lat
+def _bounds(values: FloatArray) -> tuple[int, int]:
+    """Tens of degrees around some values, so that chunks of an archive share their nodes."""
+    step = 10
+    low, high = int(np.floor(values.min() / step)), int(np.floor(values.max() / step)) + 1
+    return step * low, step * high + 2
+
+
+@lru_cache(maxsize=256)
+def _change_at_nodes(
+    longitude: tuple[int, int],
+    latitude: tuple[int, int],
+    dates: tuple[int, int],
+    years: float,
+    epoch_year: float | None,
+) -> FloatArray:
+    """Declination of an earlier epoch minus that of the date at whole degrees and years, rad."""
+    axes = [np.arange(*bounds, dtype=np.float64) for bounds in (longitude, latitude, dates)]
+    lon, lat, now = np.meshgrid(*axes, indexing="ij")
+    old = now - years if epoch_year is None else np.full(now.shape, epoch_year)
+    return _change(np.clip(lat, -90.0, 90.0), lon, now, old)
 
 
 def _change(
