@@ -32,6 +32,7 @@ from airswing.gap.closure import (
     term_fields,
 )
 from airswing.gap.context import exogenous
+from airswing.gap.dayfields import day_variances, shared_prior
 from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence import candidates
@@ -252,7 +253,7 @@ def _run(
         progress=lambda done: tell("statistics", done),
     )  # fmt: skip
     tell("search", 0.0)
-    base = eliminate_days(stats)
+    base = eliminate_days(stats, day_variances(stats, shared_prior(layout, effects)))
     found = search(base, candidates(layout, effects, dictionary=dictionary), rules=rules)
     return Pass(noise, base, found, columns_frame, plan)
 

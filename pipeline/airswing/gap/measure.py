@@ -1,7 +1,7 @@
 """Linear algebra on the sums: day fields out, climatology and found effects conditioned on.
 
 Assumptions: whitened residuals are X theta plus unit noise plus, every day, a random combination of
-the day-field columns with variances estimated here by expectation maximisation. Eliminating the day
+the day-field columns, of the variances of :mod:`airswing.gap.dayfields`. Eliminating the day
 fields couples the aircraft that flew on the same day; the coupling is kept between everything that
 is conditioned on, and between aircraft in fleet-wide columns.
 
@@ -20,15 +20,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.dayfields import day_variances, lasting_prior
 from airswing.gap.statistics import Statistics
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-
-#: Prior standard deviations of the slope of residuals on the wind, and on the wind turned by 90
-#: degrees, that are no one's fault.
-SLOPE_SD = (0.010, 0.004)
 
 
 @dataclass(frozen=True)
@@ -135,32 +131,6 @@ class Conditional:
         return np.asarray(self.score.sum(axis=0))
 
 
-def day_variances(stats: Statistics, *, rounds: int = 40, floor: float = 1e-4) -> Floats:
-    """Variances of the day fields by expectation maximisation.
-
-    Parameters
-    ----------
-    stats : Statistics
-    rounds : int
-    floor : float
-        Smallest variance, m2 s-2.
-
-    Returns
-    -------
-    (q,) float
-    """
-    fields = stats.layout.blocks["day_fields"]
-    gram = stats.day_cross[:, :, :, fields].sum(axis=0)
-    score = stats.day_score[:, :, fields].sum(axis=0)
-    variance = np.full(fields.stop, 0.5)
-    for _ in range(rounds):
-        spread = np.linalg.inv(gram + np.diag(1 / variance))
-        mean = np.einsum("dij,dj->di", spread, score)
-        second = mean**2 + np.diagonal(spread, axis1=1, axis2=2)
-        variance = np.maximum(second.mean(axis=0), floor)
-    return variance
-
-
 def eliminate_days(stats: Statistics, variance: Floats | None = None) -> Base:
     """Eliminate the day fields from all sums.
 
@@ -184,24 +154,20 @@ def eliminate_days(stats: Statistics, variance: Floats | None = None) -> Base:
     return Base(stats, variance, root, cross, score)
 
 
-def climatology(base: Base, *, precision: float = 0.25) -> list[Included]:
+def climatology(base: Base) -> list[Included]:
     """Included columns of the reference's climatology: fleet-wide, with a wide prior.
 
     Parameters
     ----------
     base : Base
-    precision : float
-        1 over the prior variance of each coefficient, s2 m-2.
 
     Returns
     -------
     list of Included
     """
-    stats = base.stats
-    ones = np.ones(stats.day_count.shape)
-    out = [Included(int(j), ones, precision) for j in stats.layout.columns("climatology")]
-    slope = stats.layout.columns("slope")
-    return out + [Included(int(j), ones, 1 / sd**2) for j, sd in zip(slope, SLOPE_SD, strict=True)]
+    ones = np.ones(base.stats.day_count.shape)
+    pairs = zip(*lasting_prior(base.stats.layout), strict=True)
+    return [Included(int(column), ones, float(precision)) for column, precision in pairs]
 
 
 def condition(base: Base, included: list[Included]) -> Conditional:
