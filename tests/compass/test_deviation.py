@@ -12,8 +12,9 @@ from airswing.compass.derived import (
     sinusoid,
     t_inflation,
 )
-from airswing.compass.deviation import condition_number, fit_deviation, fit_sinusoid
+from airswing.compass.deviation import fit_deviation, fit_sinusoid
 from airswing.compass.pooling import between_scatter, day_ratio
+from airswing.compass.publication import condition_number
 from airswing.compass.robustfit import fit_aircraft, merged
 from airswing.errors import InputError
 from airswing.vocabulary import STATUS
@@ -291,7 +292,7 @@ def test_months_add_up():
     )
     columns = Columns(headings, "magnetic")
     columns.use([0])
-    sets, day, _ = columns.observations(0, [0])
+    sets, day, *_ = columns.observations(0, [0])
     whole = fit_aircraft(sets, day)
     parts = []
     for chosen in (day < np.median(day), day >= np.median(day)):
@@ -326,8 +327,10 @@ def test_coarse_positions_and_times_do_not_bend_the_curve():
     # is common to both air vectors: no bias, a dilution of exp(-sigma^2 / 2) at the most
     deviation = np.array([[1.0, 5.0, -4.0, 0.0, 0.0]] * 6)
     for ground_error, allowed in ((0.3, 0.06), (8.0, 0.15)):
-        headings, _ = fly(deviation, Setting(aircraft=6, days=60, ground_error=ground_error), 15)
-        mean = fit_deviation(headings)["deviation"].to_numpy()[0].mean(axis=0)
+        setting = Setting(aircraft=6, days=60, ground_error=ground_error)
+        # one fleet's mean has a standard error of 0.035 degrees, its days being shared: take three
+        runs = [fit_deviation(fly(deviation, setting, seed)[0]) for seed in (15, 16, 17)]
+        mean = np.mean([fits["deviation"].to_numpy()[0] for fits in runs], axis=(0, 1))
         assert np.abs(mean - deviation[0]).max() < allowed
 
 

@@ -8,13 +8,13 @@ import airswing  # noqa: F401
 from airswing.compass.clusters import covariance, degrees_of_freedom, influences
 from airswing.compass.kernel import (
     LOCAL,
-    Reports,
     Scatter,
     accumulate,
     plain_sinusoid,
     residuals,
     robust_scatter,
 )
+from airswing.compass.observations import Reports
 
 
 def vector_reports(theta_deg, rng, n=400, noise=0.0, flights=20):

@@ -12,7 +12,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.kernel import Reports
+from airswing.compass.blocks import Places
+from airswing.compass.observations import Reports
 from airswing.ragged import row_bounds
 
 
@@ -33,6 +34,7 @@ class Columns:
             headings[name].transpose("reference", "report")
             for name in ("heading_error", "airspeed_error", "heading_error_standard_error")
         ]
+        self.where = [headings[name].to_numpy() for name in ("latitude", "longitude", "pressure")]
         self.read: dict[int, list[NDArray[Any]]] = {}
 
     def use(self, members: list[int]) -> None:
@@ -43,17 +45,20 @@ class Columns:
 
     def observations(
         self, aircraft: int, members: list[int]
-    ) -> tuple[list[Reports], NDArray[np.int64], NDArray[Any]]:
-        """Reports of one aircraft: one set a member, the day of each flight, the abscissae."""
+    ) -> tuple[list[Reports], NDArray[np.int64], NDArray[Any], list[Places]]:
+        """Reports of one aircraft: a set a member, days of flights, abscissae, places of each."""
         row = slice(int(self.start[aircraft]), int(self.stop[aircraft]))
         common = [part[row] for part in (self.heading, self.abscissa, self.airspeed)]
         own = [[part[row] for part in self.read[k]] for k in members]
+        latitude, longitude, pressure = (part[row] for part in self.where)
+        place = Places(latitude, longitude, pressure, self.time[row])
         if self._all_good(row, [*common, *(part for errors in own for part in errors[:2])]):
             first, number = _numbered(self.flight[row])
             return (
                 [_reports(common, errors, number) for errors in own],
                 _days(self.time[row][first]),
                 common[1],
+                [place] * len(own),
             )
         good = (self.screening[row] == 0) & np.isfinite(common[0] + common[1] + common[2])
         masks = [good & np.isfinite(errors[0] + errors[1]) for errors in own]
@@ -65,7 +70,8 @@ class Columns:
             _reports([part[mask] for part in common], [part[mask] for part in errors], code[mask])
             for mask, errors in zip(masks, own, strict=True)
         ]
-        return sets, _days(self.time[row][some][first]), common[1][some]
+        places = [place.at(mask) for mask in masks]
+        return sets, _days(self.time[row][some][first]), common[1][some], places
 
     def _all_good(self, row: slice, parts: list[NDArray[Any]]) -> bool:
         """Whether every report counts: a sum is finite only where every term is."""

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
@@ -31,33 +31,22 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.clusters import Array
 from airswing.compass.columns import Columns
-from airswing.compass.derived import (
-    choice_covariance,
-    choose_cycles,
-    cycles_statistic,
-    halves_apart,
-    one_cycle_map,
-    sinusoid,
-    t_inflation,
+from airswing.compass.kernel import plain_sinusoid
+from airswing.compass.publication import (
+    MAX_CONDITION,
+    AircraftSums,
+    Options,
+    condition_number,
+    publish,
 )
-from airswing.compass.joint import fit_with_field
-from airswing.compass.kernel import COMPASS, plain_sinusoid
-from airswing.compass.pooling import day_ratio, pool, widened
-from airswing.compass.robustfit import AircraftFit, fit_aircraft
+from airswing.compass.robustfit import fit_aircraft
 from airswing.errors import InputError
 from airswing.ragged import row_bounds
 from airswing.vocabulary import STATUS, describe
 
 COEFFICIENTS = ("A", "B", "C", "D", "E")
 MIN_FLIGHTS = 5
-MAX_CONDITION = 12.0
-MAX_STANDARD_ERROR = 1.5
-"""Degrees: a coefficient less certain than this is not published."""
-HALVES_RMS, HALVES_CHI2 = 1.0, 25.0
-"""The halves of the period disagree if their curves differ by this much (degrees rms) and by this
-much more than chance."""
 CHUNKS = 8
 """Tasks the aircraft are shared between. They run one after the other: the kernel's blocks are
 so short that threads spend more on the interpreter's lock than they gain."""
@@ -79,22 +68,26 @@ _NEEDED = (
 
 
 @dataclass(frozen=True)
-class _Options:
-    harmonics: Literal["auto", 1, 2]
-    joint: bool
-    min_reports: int
-    min_compass_points: int
+class FleetSums:
+    """What the fit of a fleet needs of some of its aircraft: their own fits and block sums.
 
+    Attributes
+    ----------
+    aircraft : array of str, shape (aircraft,)
+    groups : dict of str to list of AircraftSums
+        Per reference and pool, one an aircraft.
+    members : dict of str to int
+        References in each.
+    options : Options
+    attributes : dict
+        What the fits say about themselves.
+    """
 
-@dataclass
-class _Aircraft:
-    """What is known of one aircraft before the fleet."""
-
-    reports: int
-    flights: int
-    compass_points: int
-    fit: AircraftFit | None
-    status: int
+    aircraft: NDArray[Any]
+    groups: dict[str, list[AircraftSums]]
+    members: dict[str, int]
+    options: Options
+    attributes: dict[str, Any]
 
 
 def fit_deviation(
@@ -143,29 +136,98 @@ def fit_deviation(
     InputError
         If a variable is missing or a pool names an unknown reference.
     """
+    sums = sum_aircraft(
+        headings, pools=pools, harmonics=harmonics, abscissa=abscissa, joint=joint,
+        shared_error=shared_error, min_reports=min_reports,
+        min_compass_points=min_compass_points, alone=alone,
+    )  # fmt: skip
+    return fit_sums([sums])
+
+
+def sum_aircraft(
+    headings: xr.Dataset,
+    *,
+    pools: Mapping[str, Sequence[str]] | None = None,
+    harmonics: Literal["auto", 1, 2] = "auto",
+    abscissa: Literal["magnetic", "true"] = "magnetic",
+    joint: bool = True,
+    shared_error: bool = True,
+    min_reports: int = 200,
+    min_compass_points: int = 6,
+    alone: bool = True,
+) -> FleetSums:
+    """Fit every aircraft by itself and sum its blocks: all that looks at reports.
+
+    An aircraft's sums depend on its own reports alone, so a fleet may be summed in any parts.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Of a fleet, or of some of its aircraft.
+    pools, harmonics, abscissa, joint, shared_error, min_reports, min_compass_points, alone
+        As for :func:`fit_deviation`.
+
+    Returns
+    -------
+    FleetSums
+
+    Raises
+    ------
+    InputError
+        If a variable is missing or a pool names an unknown reference.
+    """
     groups = _groups(headings, pools or {}, alone=alone or not pools)
-    options = _Options(harmonics, joint, min_reports, min_compass_points)
+    options = Options(harmonics, joint, shared_error, min_reports, min_compass_points)
     columns = Columns(headings, abscissa)
-    parts = []
-    for members in groups.values():
+    found = {}
+    for name, members in groups.items():
         columns.use(members)
-        once = partial(_fit_reference, columns, members, options)
-        shared = joint and shared_error
-        parts.append(fit_with_field(headings, columns, members, once) if shared else once())
-    fits = xr.concat(parts, dim="reference", join="override", combine_attrs="override")
+        found[name] = _sum_reference(columns, members, options)
+    return FleetSums(
+        headings["aircraft"].to_numpy().astype(object),
+        found,
+        {name: len(members) for name, members in groups.items()},
+        options,
+        {
+            "abscissa": abscissa,
+            "joint": int(joint),
+            "harmonics_asked": str(harmonics),
+            "reference_count": headings.sizes["reference"],
+        },
+    )
+
+
+def fit_sums(parts: Sequence[FleetSums]) -> xr.Dataset:
+    """Fit the fleet on the sums of its aircraft.
+
+    Parameters
+    ----------
+    parts : list of FleetSums
+        Of different aircraft, made with the same options.
+
+    Returns
+    -------
+    Dataset
+        As of :func:`fit_deviation`.
+    """
+    first = parts[0]
+    fits = xr.concat(
+        [
+            publish([one for part in parts for one in part.groups[name]], members, first.options)
+            for name, members in first.members.items()
+        ],
+        dim="reference",
+        join="override",
+        combine_attrs="override",
+    )
     fits = fits.assign_coords(
-        reference=("reference", np.array(list(groups), dtype=object)),
-        aircraft=("aircraft", headings["aircraft"].to_numpy().astype(object)),
+        reference=("reference", np.array(list(first.members), dtype=object)),
+        aircraft=("aircraft", np.concatenate([part.aircraft for part in parts])),
         coefficient=("coefficient", np.array(COEFFICIENTS, dtype=object)),
         coefficient_2=("coefficient_2", np.array(COEFFICIENTS, dtype=object)),
         component=("component", np.array(["eastward", "northward"], dtype=object)),
     )
-    fits.attrs.update(
-        abscissa=abscissa,
-        joint=int(joint),
-        harmonics_asked=str(harmonics),
-        reference_count=headings.sizes["reference"],
-    )
+    fits.attrs.update(first.attributes)
     return describe(fits)
 
 
@@ -233,7 +295,7 @@ def _groups(
 class _Fitter:
     """The kernel that runs over the aircraft; hashed by identity, not by its columns."""
 
-    def __init__(self, columns: Columns, members: list[int], options: _Options) -> None:
+    def __init__(self, columns: Columns, members: list[int], options: Options) -> None:
         self.columns, self.members, self.options = columns, members, options
 
     def __call__(self, aircraft: NDArray[Any]) -> NDArray[Any]:
@@ -246,206 +308,39 @@ class _Fitter:
         return uuid.uuid4().hex
 
 
-def _fit_reference(columns: Columns, members: list[int], options: _Options) -> xr.Dataset:
+def _sum_reference(columns: Columns, members: list[int], options: Options) -> list[AircraftSums]:
     size = columns.start.size
     index = xr.DataArray(np.arange(size), dims="aircraft")
     index = index.chunk({"aircraft": max(1, -(-size // CHUNKS))})
     found = xr.apply_ufunc(
         _Fitter(columns, members, options), index, dask="parallelized", output_dtypes=[object]
     ).compute(scheduler="synchronous")
-    return _published(list(found.to_numpy()), len(members), options)
+    return list(found.to_numpy())
 
 
-def _fit_one(columns: Columns, aircraft: int, members: list[int], options: _Options) -> _Aircraft:
-    sets, flight_day, abscissa = columns.observations(aircraft, members)
+def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Options) -> AircraftSums:
+    sets, flight_day, abscissa, places = columns.observations(aircraft, members)
+    fit = partial(
+        fit_aircraft, sets, flight_day, joint=options.joint,
+        places=places if options.joint and options.shared_error else None,
+    )  # fmt: skip
     # whole turns are added so that cutting the fraction off is rounding to the nearest point
     counts = np.bincount((abscissa * (1 / 45.0) + 16.5).astype(np.int64) & 7, minlength=8)
     points = int(np.sum(counts >= max(3, 0.002 * abscissa.size)))
-    found = _Aircraft(int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"])
+    found = AircraftSums(int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"])
     if abscissa.size < options.min_reports or flight_day.size < MIN_FLIGHTS:
         found.status = STATUS["too_few_reports"]
     elif points < options.min_compass_points:
         found.status = STATUS["poor_heading_coverage"]
     cycles = 1 if options.harmonics == 1 else 2
     if points >= 3 and flight_day.size >= 2 and abscissa.size >= 20:
-        found.fit = fit_aircraft(sets, flight_day, joint=options.joint, harmonics=cycles)
+        found.fit = fit(harmonics=cycles)
         if (
             found.fit is not None
             and options.harmonics == "auto"
             and condition_number(found.fit.normal, 2) > MAX_CONDITION
         ):
-            found.fit = fit_aircraft(sets, flight_day, joint=options.joint, harmonics=1)
+            found.fit = fit(harmonics=1)
     if found.status == STATUS["ok"] and found.fit is None:
         found.status = STATUS["too_few_reports"]
     return found
-
-
-def condition_number(normal: Array, harmonics: int) -> float:
-    """Condition number of the heading design, its columns scaled to unit mean square.
-
-    Parameters
-    ----------
-    normal : array, shape (p, p)
-        Normal matrix with A, B, C, D, E first.
-    harmonics : int
-
-    Returns
-    -------
-    float
-        1 for headings spread evenly; infinite where a column cannot be told from the others.
-    """
-    size = 1 + 2 * harmonics
-    scale = np.array([1.0, *[np.sqrt(2.0)] * (size - 1)])
-    values = np.linalg.eigvalsh(normal[:size, :size] * np.outer(scale, scale))
-    return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")
-
-
-def _published(aircraft: list[_Aircraft], members: int, options: _Options) -> xr.Dataset:
-    table = _empty(len(aircraft))
-    for k, one in enumerate(aircraft):
-        table["report_count"][k], table["flight_count"][k] = one.reports, one.flights
-        table["compass_points"][k], table["status"][k] = one.compass_points, one.status
-        if one.fit is not None:
-            table["condition_number"][k] = condition_number(one.fit.normal, _cycles(one.fit))
-            if table["condition_number"][k] > MAX_CONDITION and one.status == STATUS["ok"]:
-                table["status"][k] = STATUS["poor_heading_coverage"]
-    chosen = np.flatnonzero(table["status"] == STATUS["ok"])
-    if chosen.size:
-        _publish_fits(table, chosen, [_fit_of(aircraft[k]) for k in chosen], members, options)
-    return _dataset(table)
-
-
-def _fit_of(one: _Aircraft) -> AircraftFit:
-    if one.fit is None:
-        raise ValueError("an aircraft without a fit was to be published")
-    return one.fit
-
-
-def _cycles(fit: AircraftFit) -> int:
-    return 2 if 4 in fit.free else 1
-
-
-def _publish_fits(
-    table: dict[str, NDArray[Any]],
-    chosen: NDArray[np.int64],
-    fits: list[AircraftFit],
-    members: int,
-    options: _Options,
-) -> None:
-    ratio = day_ratio(
-        [np.diagonal(fit.covariance) for fit in fits],
-        [np.diagonal(fit.day.T @ fit.day) for fit in fits],
-        [max(fit.day_number.size - 1, 1) for fit in fits],
-    )
-    cycles, kept, added = [], [], []
-    for k, fit in zip(chosen, fits, strict=True):
-        number, one, extra = _with_cycles(fit, widened(fit.covariance, ratio), options)
-        cycles.append(number)
-        kept.append(one)
-        added.append(extra)
-        _judge(table, int(k), fit, widened(fit.covariance, ratio))
-    fleet = pool(kept, joint=options.joint)
-    for row, (k, fit) in enumerate(zip(chosen, fits, strict=True)):
-        widen = t_inflation(fit.freedom)
-        covariance = (fleet.covariance[row] + added[row]) * np.outer(widen, widen)
-        _fill(table, int(k), fit, fleet.theta[row], covariance, cycles[row], options.joint)
-    if options.joint:
-        bias = fleet.bias.reshape(members, 2)
-        average = np.tile(np.eye(2), members) / members
-        table["reference_bias"] = bias.mean(axis=0)
-        table["reference_bias_standard_error"] = np.sqrt(
-            np.diagonal(average @ fleet.bias_covariance @ average.T)
-        )
-
-
-def _with_cycles(
-    fit: AircraftFit, covariance: Array, options: _Options
-) -> tuple[int, AircraftFit, Array]:
-    number, nothing = _cycles(fit), np.zeros_like(covariance)
-    if number == 1 or options.harmonics != "auto":
-        return number, fit, nothing
-    statistic = cycles_statistic(fit.theta, covariance)
-    if choose_cycles(statistic, fit.day_number.size) == 2:
-        return 2, fit, nothing
-    to_one = one_cycle_map(fit.normal, fit.free)
-    one = replace(
-        fit, theta=to_one @ fit.theta, flight=fit.flight @ to_one.T, day=fit.day @ to_one.T
-    )
-    return 1, one, choice_covariance(fit.theta - one.theta, covariance, statistic)
-
-
-def _judge(table: dict[str, NDArray[Any]], k: int, fit: AircraftFit, covariance: Array) -> None:
-    rms, chi2 = halves_apart(fit.flight, fit.flight_order, covariance)
-    apart = np.degrees(rms) > HALVES_RMS and chi2 > HALVES_CHI2
-    if apart or not fit.converged:
-        table["status"][k] = STATUS["unstable_fit"]
-
-
-def _fill(
-    table: dict[str, NDArray[Any]],
-    k: int,
-    fit: AircraftFit,
-    theta: Array,
-    covariance: Array,
-    cycles: int,
-    joint: bool,
-) -> None:
-    deviation = np.degrees(theta[:COMPASS])
-    square = covariance[:COMPASS, :COMPASS] * np.degrees(1.0) ** 2
-    if np.sqrt(np.diagonal(square)[:3].max()) > MAX_STANDARD_ERROR:
-        table["status"][k] = STATUS["unstable_fit"]
-    if table["status"][k] != STATUS["ok"]:
-        return
-    value, error = sinusoid(deviation, square)
-    table["deviation"][k], table["deviation_covariance"][k] = deviation, square
-    for name, one, one_error in zip(("offset", "amplitude", "phase"), value, error, strict=True):
-        table[name][k], table[f"{name}_standard_error"][k] = one, one_error
-    table["harmonics"][k] = cycles
-    table["residual_rms_before"][k] = np.degrees(fit.rms_before)
-    table["residual_rms_after"][k] = np.degrees(fit.rms_after)
-    if joint:
-        table["airspeed_scale"][k] = theta[COMPASS]
-        table["airspeed_scale_standard_error"][k] = np.sqrt(covariance[COMPASS, COMPASS])
-
-
-_PER_AIRCRAFT = (
-    "offset",
-    "amplitude",
-    "phase",
-    "offset_standard_error",
-    "amplitude_standard_error",
-    "phase_standard_error",
-    "airspeed_scale",
-    "airspeed_scale_standard_error",
-    "condition_number",
-    "residual_rms_before",
-    "residual_rms_after",
-)
-_COUNTS = ("report_count", "flight_count", "compass_points", "status", "harmonics")
-
-
-def _empty(aircraft: int) -> dict[str, NDArray[Any]]:
-    table: dict[str, NDArray[Any]] = {name: np.full(aircraft, np.nan) for name in _PER_AIRCRAFT}
-    table |= {name: np.zeros(aircraft, dtype=np.int32) for name in _COUNTS}
-    table["deviation"] = np.full((aircraft, COMPASS), np.nan)
-    table["deviation_covariance"] = np.full((aircraft, COMPASS, COMPASS), np.nan)
-    table["reference_bias"] = np.full(2, np.nan)
-    table["reference_bias_standard_error"] = np.full(2, np.nan)
-    return table
-
-
-def _dataset(table: dict[str, NDArray[Any]]) -> xr.Dataset:
-    dims = {name: ("aircraft",) for name in (*_PER_AIRCRAFT, *_COUNTS)}
-    extra = {
-        "deviation": ("aircraft", "coefficient"),
-        "deviation_covariance": ("aircraft", "coefficient", "coefficient_2"),
-        "reference_bias": ("component",),
-        "reference_bias_standard_error": ("component",),
-    }
-    small = {"compass_points", "status", "harmonics"}
-    return xr.Dataset(
-        {
-            name: (({**dims, **extra})[name], values.astype(np.int8) if name in small else values)
-            for name, values in table.items()
-        }
-    )

@@ -1,46 +1,45 @@
-"""The reference's error as the whole fleet sees it, estimated beside the deviations.
+"""The reference's error as the whole fleet sees it: a field, and what is known of it per segment.
 
 Assumes the error of the reference wind is a smooth field shared by every aircraft that flies
 through it: a part that lasts over the archive (hat functions in latitude, longitude and ln p)
 and a part that changes every six hours (hat functions about 400 km apart). Both are Gaussian
 random effects whose variances are estimated from the data, so that a reference without error
-leaves the fits as they were. An aircraft's deviation turns with its heading and is its own; the
-field does neither, and that is how the two are told apart. What cannot be told apart widens the
-deviation's covariance.
+leaves the fits as they were. What a flight meets beside it is an error of its own (a *piece* of a
+flight shares one), an error of each block of some 200 km and white noise. An aircraft's deviation
+turns with its heading and is its own; the field does neither, and that is how the two are told
+apart.
 
-Valid for any number of aircraft; the more of them share the air, the more it helps. SI units and
-radians inside; latitude and longitude in degrees.
+Valid for any number of aircraft; the more of them share the air, the more it helps. Works on
+blocks (:mod:`airswing.compass.blocks`), not reports. SI units and radians inside; latitude and
+longitude in degrees.
 
 References
 ----------
-Generalized least squares by backfitting: Hastie & Tibshirani 1990, Generalized Additive Models,
-ch. 5; variances by expectation-maximization: Laird & Ware 1982, Biometrics 38, 963-974.
+Henderson 1975, Biometrics 31, 423-447 (mixed model equations); Laird & Ware 1982, Biometrics 38,
+963-974 (variances by expectation-maximization).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
+
+from airswing.compass.blocks import Blocks
 
 Floats = NDArray[np.float64]
-Columns = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
 
 SPACING_KM = 400.0
 """Distance of the passing part's nodes: the reach of a model's synoptic error."""
-SEGMENT_SECONDS = 6 * 3600.0
 STATIC_NODES = (4, 5, 3)
-"""Nodes of the lasting part in latitude, longitude and ln p, at quantiles of the reports."""
+"""Nodes of the lasting part in latitude, longitude and ln p, at quantiles of the blocks."""
 LARGEST_VARIANCE = 9.0
 """(m/s)2: more than this is not the reference's error."""
 ROUNDS = 6
-CLIP = 5.0
-"""Robust standard deviations at which a residual is cut."""
 
 
 @dataclass(frozen=True)
@@ -54,28 +53,21 @@ class FieldBasis:
     passing : tuple of arrays of float
         Nodes in latitude and eastward degrees.
     origin : tuple of float
-        Longitude of the middle, cosine of the middle latitude, first second.
-    segments : array of int
-        Numbers of the six-hour segments that hold reports.
+        Longitude of the middle, cosine of the middle latitude.
     """
 
     lasting: tuple[Floats, ...]
     passing: tuple[Floats, ...]
-    origin: tuple[float, float, float]
-    segments: Ints
+    origin: tuple[float, float]
 
     @classmethod
-    def of(
-        cls, latitude: Floats, longitude: Floats, log_pressure: Floats, seconds: Floats
-    ) -> FieldBasis:
-        """Choose the functions for some reports.
+    def of(cls, latitude: Floats, longitude: Floats, log_pressure: Floats) -> FieldBasis:
+        """Choose the functions for some places.
 
         Parameters
         ----------
-        latitude, longitude : arrays of float, shape (report,), degrees
-        log_pressure : array of float, shape (report,)
-        seconds : array of float, shape (report,)
-            Since any epoch.
+        latitude, longitude : arrays of float, shape (n,), degrees
+        log_pressure : array of float, shape (n,)
 
         Returns
         -------
@@ -83,343 +75,358 @@ class FieldBasis:
         """
         angle = np.radians(longitude)
         middle = float(np.degrees(np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())))
-        origin = (middle, float(np.cos(np.radians(np.median(latitude)))), float(seconds.min()))
+        origin = (middle, float(np.cos(np.radians(np.median(latitude)))))
         east = _eastward(longitude, origin)
         lasting = tuple(
             np.unique(np.quantile(values, np.linspace(0, 1, nodes)))
             for values, nodes in zip((latitude, east, log_pressure), STATIC_NODES, strict=True)
         )
-        passing = tuple(_even(values, SPACING_KM / 111.2) for values in (latitude, east))
-        return cls(lasting, passing, origin, np.unique(_segment(seconds, origin)))
+        return cls(lasting, tuple(_even(v, SPACING_KM / 111.2) for v in (latitude, east)), origin)
 
     @property
-    def part(self) -> Ints:
-        """0 for each column of the lasting part, 1 for each of the passing one."""
-        sizes = [
-            int(np.prod([nodes.size for nodes in part])) for part in (self.lasting, self.passing)
-        ]
-        return np.repeat([0, 1], [sizes[0], sizes[1] * self.segments.size]).astype(np.int64)
+    def lasting_size(self) -> int:
+        """Number of functions of the lasting part."""
+        return int(np.prod([nodes.size for nodes in self.lasting]))
 
-    def segment_of(self, seconds: Floats) -> Ints:
-        """Place of each time among the segments, -1 where it falls in none of them.
+    @property
+    def passing_size(self) -> int:
+        """Number of functions of the passing part in one segment."""
+        return int(np.prod([nodes.size for nodes in self.passing]))
 
-        Parameters
-        ----------
-        seconds : array of float, shape (report,)
-
-        Returns
-        -------
-        array of int, shape (report,)
-        """
-        number = _segment(seconds, self.origin)
-        place = np.searchsorted(self.segments, number)
-        known = self.segments[np.minimum(place, self.segments.size - 1)] == number
-        return np.where(known, place, -1)
-
-    def design(
-        self, latitude: Floats, longitude: Floats, log_pressure: Floats, seconds: Floats
-    ) -> sparse.csr_matrix:
-        """Values of every function at some reports.
-
-        Parameters
-        ----------
-        latitude, longitude, log_pressure, seconds
-            As for :meth:`of`.
+    def lasting_at(
+        self, latitude: Floats, longitude: Floats, log_pressure: Floats
+    ) -> tuple[Ints, Floats]:
+        """Functions of the lasting part that are not zero at some places.
 
         Returns
         -------
-        sparse matrix, shape (report, column)
+        index, value : arrays, shape (up to 8, n)
+            The values of a place sum to one.
         """
-        east = _eastward(longitude, self.origin)
-        values = (latitude, east, log_pressure)
-        lasting = _product([_hats(v, n) for v, n in zip(values, self.lasting, strict=True)])
-        passing = _product([_hats(v, n) for v, n in zip(values[:2], self.passing, strict=True)])
-        width = passing.shape[1]
-        number = self.segment_of(seconds)
-        shift = np.repeat(number * width, np.diff(passing.indptr))
-        moved = sparse.csr_matrix(
-            (passing.data, passing.indices + shift, passing.indptr),
-            shape=(latitude.size, width * self.segments.size),
-        )
-        return sparse.hstack([lasting, moved]).tocsr()
+        values = (latitude, _eastward(longitude, self.origin), log_pressure)
+        return _product(values, self.lasting)
 
-
-@dataclass(frozen=True)
-class FieldFit:
-    """An estimated field.
-
-    Attributes
-    ----------
-    coefficients : array of float, shape (column, 2), m/s
-        Eastward and northward.
-    variance : array of float, shape (2,)
-        (m/s)2 of the lasting and the passing part's coefficients.
-    weight : array of float, shape (report,)
-        Weight each report had, (m/s)^-2, its flight's common error allowed for.
-    """
-
-    coefficients: Floats
-    variance: Floats
-    weight: Floats
-
-
-def fit_field(
-    design: sparse.csr_matrix,
-    part: Ints,
-    residual: Floats,
-    flight: Ints,
-    *,
-    start: Floats | None = None,
-) -> FieldFit:
-    """Estimate the field from what the deviations leave unexplained.
-
-    Parameters
-    ----------
-    design : sparse matrix, shape (report, column)
-    part : array of int, shape (column,)
-        Of :attr:`FieldBasis.part`.
-    residual : array of float, shape (2, report), m/s
-        Reference wind minus corrected wind.
-    flight : array of int, shape (report,)
-    start : array of float, shape (2,), optional
-        Variances of an earlier, nearby estimate: fewer rounds are needed from there.
-
-    Returns
-    -------
-    FieldFit
-    """
-    spread = 1.4826 * np.median(np.abs(residual), axis=1, keepdims=True)
-    residual = np.clip(residual, -CLIP * spread, CLIP * spread)
-    variance = np.full(2, 0.5) if start is None else start
-    error = np.zeros_like(residual)
-    weight, coefficients = np.ones(residual.shape[1]), np.zeros((part.size, 2))
-    _, flight = np.unique(flight, return_inverse=True)
-    for _ in range(ROUNDS if start is None else ROUNDS // 3):
-        weight = _flight_weight(residual - error, flight)
-        solver = Solver(design, part, weight, variance)
-        coefficients = solver.solve(design.T @ (weight * residual).T)
-        error = np.asarray((design @ coefficients).T)
-        variance = _updated(coefficients, solver.spread(), part)
-    return FieldFit(coefficients, variance, weight)
-
-
-class Solver:
-    """Solves the penalized normal equations of the field.
-
-    Parameters
-    ----------
-    design : sparse matrix, shape (report, column)
-    part : array of int, shape (column,)
-    weight : array of float, shape (report,)
-    variance : array of float, shape (2,)
-        Of the two parts' coefficients.
-    """
-
-    def __init__(
-        self, design: sparse.csr_matrix, part: Ints, weight: Floats, variance: Floats
-    ) -> None:
-        normal = design.T @ sparse.diags(weight) @ design
-        penalty = 1.0 / variance[part]
-        # The lasting columns meet all the others: last, they leave the factors sparse.
-        self._order = np.argsort(-part, kind="stable")
-        matrix = (normal + sparse.diags(penalty)).tocsc()[self._order][:, self._order]
-        self._factors = splu(matrix, permc_spec="NATURAL" if matrix.shape[0] < 500 else "COLAMD")
-        self._diagonal = np.asarray(normal.diagonal()) + penalty
-
-    def solve(self, right: Floats) -> Floats:
-        """Solve for one or more right-hand sides.
-
-        Parameters
-        ----------
-        right : array of float, shape (column, k)
+    def passing_at(self, latitude: Floats, longitude: Floats) -> tuple[Ints, Floats]:
+        """Functions of the passing part that are not zero at some places.
 
         Returns
         -------
-        array of float, shape (column, k)
+        index, value : arrays, shape (up to 4, n)
+            The values of a place sum to one.
         """
-        found = np.empty_like(right, dtype=np.float64)
-        found[self._order] = self._factors.solve(np.ascontiguousarray(right[self._order]))
-        return found
-
-    def spread(self) -> Floats:
-        """Lower bound of each coefficient's posterior variance: what its own data leave."""
-        return np.asarray(1.0 / self._diagonal, dtype=np.float64)
+        return _product((latitude, _eastward(longitude, self.origin)), self.passing)
 
 
-def widening(
-    design: sparse.csr_matrix,
-    part: Ints,
-    fits: list[FieldFit],
-    columns: list[Floats],
-    rows: list[Ints],
-) -> Floats:
-    """Factor that turns estimates with a known field, and their errors, into joint ones.
-
-    Parameters
-    ----------
-    design : sparse matrix, shape (report, column)
-    part : array of int, shape (column,)
-    fits : list of FieldFit
-        One a reference.
-    columns : list of arrays of float, shape (rows, 2, p)
-        One an aircraft: what each coefficient moves the residual by, eastward and northward.
-    rows : list of arrays of int
-        Reports of each aircraft.
-
-    Returns
-    -------
-    array of float, shape (aircraft * p, aircraft * p)
-        ``K = M^-1 N``, N the information with a known field, M what an unknown one leaves of
-        it. A step of the estimates with the field held fixed times K is the joint step. For
-        their covariance C, ``K C K'`` is the joint one from above: for ``C = N^-1`` the exact
-        one is ``M^-1``, smaller by K, which would hold if the field's model did.
-    """
-    size = columns[0].shape[2]
-    total = len(columns) * size
-    known, left = np.zeros((total, total)), np.zeros((total, total))
-    for fit in fits:
-        solver = Solver(design, part, fit.weight, fit.variance)
-        for component in range(2):
-            seen = np.empty((part.size, total))
-            for k, (own, index) in enumerate(zip(columns, rows, strict=True)):
-                place = slice(k * size, (k + 1) * size)
-                weighted = fit.weight[index][:, np.newaxis] * own[:, component]
-                seen[:, place] = design[index].T @ weighted
-                known[place, place] += own[:, component].T @ weighted
-            left -= seen.T @ solver.solve(seen)
-    left += known
-    ridge = 1e-9 * np.trace(known) / total
-    return np.linalg.solve(left + ridge * np.eye(total), known + ridge * np.eye(total))
-
-
-def _updated(coefficients: Floats, spread: Floats, part: Ints) -> Floats:
-    """Expectation-maximization step for the two variances."""
-    found = np.empty(2)
-    for number in range(2):
-        mine = part == number
-        energy = (coefficients[mine] ** 2).mean(axis=1) + spread[mine]
-        found[number] = np.clip(energy.mean() if mine.any() else 0.0, 1e-4, LARGEST_VARIANCE)
-    return found
-
-
-def _flight_weight(residual: Floats, flight: Ints) -> Floats:
-    """Weight of a report whose flight shares an error: 1 / (white + count * shared)."""
-    count = np.bincount(flight)
-    mean = np.stack([np.bincount(flight, weights=part) / count for part in residual])
-    within = residual - mean[:, flight]
-    freedom = max(residual.shape[1] - count.size, 1)
-    white = max(float((within**2).sum()) / (2 * freedom), 1e-4)
-    shared = max(float((mean**2).mean()) - white * float((1.0 / count).mean()), 0.0)
-    return np.asarray(1.0 / (white + count[flight] * shared), dtype=np.float64)
-
-
-def _hats(values: Floats, nodes: Floats) -> sparse.csr_matrix:
-    """Piecewise linear functions, one a node, that sum to one."""
-    size = values.size
-    if nodes.size == 1:
-        return sparse.csr_matrix(np.ones((size, 1)))
-    left = np.clip(np.searchsorted(nodes, values, side="right") - 1, 0, nodes.size - 2)
-    share = np.clip((values - nodes[left]) / (nodes[left + 1] - nodes[left]), 0.0, 1.0)
-    data = np.column_stack([1.0 - share, share]).ravel()
-    indices = np.column_stack([left, left + 1]).ravel()
-    return sparse.csr_matrix((data, indices, np.arange(size + 1) * 2), shape=(size, nodes.size))
-
-
-def _product(parts: list[sparse.csr_matrix]) -> sparse.csr_matrix:
-    """Row by row product of every column of one with every column of the others."""
-    found = parts[0]
-    for other in parts[1:]:
-        one, two = np.diff(found.indptr)[0], np.diff(other.indptr)[0]
-        data = found.data.reshape(-1, one, 1) * other.data.reshape(-1, 1, two)
-        index = found.indices.reshape(-1, one, 1) * other.shape[1]
-        index = index + other.indices.reshape(-1, 1, two)
-        rows, shape = found.shape[0], (found.shape[0], found.shape[1] * other.shape[1])
-        starts = np.arange(rows + 1) * one * two
-        found = sparse.csr_matrix((data.ravel(), index.ravel(), starts), shape=shape)
-    return found
-
-
-def _even(values: Floats, step: float) -> Floats:
-    low, high = float(values.min()), float(values.max())
-    return (
-        np.linspace(low, high, max(2, round((high - low) / step) + 1))
-        if high > low
-        else (np.array([low]))
-    )
-
-
-def _eastward(longitude: Floats, origin: tuple[float, float, float]) -> Floats:
+def _eastward(longitude: Floats, origin: tuple[float, float]) -> Floats:
     """Degrees of great circle east of the middle, without a jump at the antimeridian."""
     return np.asarray(((longitude - origin[0] + 180.0) % 360.0 - 180.0) * origin[1])
 
 
-def _segment(seconds: Floats, origin: tuple[float, float, float]) -> Ints:
-    return np.floor((seconds - origin[2]) / SEGMENT_SECONDS).astype(np.int64)
+def _even(values: Floats, step: float) -> Floats:
+    low, high = float(values.min()), float(values.max())
+    count = max(2, round((high - low) / step) + 1)
+    return np.linspace(low, high, count) if high > low else np.array([low])
 
 
-def deviation_columns(
-    coefficients: Floats, scale: float, heading: Floats, abscissa: Floats, airspeed: Floats
-) -> tuple[Floats, Floats]:
-    """True air vector of one aircraft's reports, and what its coefficients move it by.
+def _hats(values: Floats, nodes: Floats) -> list[tuple[Ints, Floats]]:
+    """The one or two piecewise linear functions that are not zero at each value."""
+    if nodes.size == 1:
+        return [(np.zeros(values.size, dtype=np.int64), np.ones(values.size))]
+    left = np.clip(np.searchsorted(nodes, values, side="right") - 1, 0, nodes.size - 2)
+    share = np.clip((values - nodes[left]) / (nodes[left + 1] - nodes[left]), 0.0, 1.0)
+    return [(left, 1.0 - share), (left + 1, share)]
+
+
+def _product(values: tuple[Floats, ...], nodes: tuple[Floats, ...]) -> tuple[Ints, Floats]:
+    """Products of the hats of every coordinate."""
+    found = [(np.zeros(values[0].size, dtype=np.int64), np.ones(values[0].size))]
+    for one, knots in zip(values, nodes, strict=True):
+        hats = _hats(one, knots)
+        found = [
+            (number * knots.size + left, value * share)
+            for number, value in found
+            for left, share in hats
+        ]
+    return np.array([number for number, _ in found]), np.array([value for _, value in found])
+
+
+@dataclass(frozen=True)
+class Variances:
+    """Variances of what a block's mean residual is made of, (m/s)2 a component.
+
+    Attributes
+    ----------
+    white : array of float, shape (aircraft,)
+        Of one report's weight.
+    block, piece, passing : float
+    """
+
+    white: Floats
+    block: float
+    piece: float
+    passing: float
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Blocks of a fleet against one reference, end to end.
+
+    Attributes
+    ----------
+    weight : array of float, shape (n,)
+        Reports' worth.
+    residual : array of float, shape (2, n)
+        Mean of each block, m/s.
+    slopes : array of float, shape (2, 6, n)
+        Mean of each block.
+    aircraft : array of int, shape (n,)
+        Never falling.
+    opens : array of int, shape (pieces,)
+        First block of each piece.
+    piece : array of int, shape (n,)
+    node, share : arrays, shape (up to 4, n)
+        Nodes of the passing part among all segments', and their values.
+    lasting, lasting_share : arrays, shape (up to 9, n)
+        Functions of the lasting part and, last, its mean.
+    segment : array of int, shape (n,)
+        Place among the segments.
+    segments : array of int
+        Their numbers.
+    nodes : int
+        Nodes of a segment.
+    """
+
+    weight: Floats
+    residual: Floats
+    slopes: Floats
+    aircraft: Ints
+    opens: Ints
+    piece: Ints
+    node: Ints
+    share: Floats
+    lasting: Ints
+    lasting_share: Floats
+    segment: Ints
+    segments: Ints
+    nodes: int
+
+    @classmethod
+    def of(cls, parts: list[Blocks], basis: FieldBasis) -> Stretch:
+        """Put the blocks of a fleet end to end.
+
+        Parameters
+        ----------
+        parts : list of Blocks
+            One an aircraft.
+        basis : FieldBasis
+
+        Returns
+        -------
+        Stretch
+        """
+        count = np.array([part.size for part in parts])
+        sums = np.concatenate([part.sums for part in parts], axis=1).astype(np.float64)
+        latitude, longitude, log_pressure, number = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("latitude", "longitude", "log_pressure", "segment")
+        )
+        aircraft = np.repeat(np.arange(count.size), count)
+        piece = np.concatenate([part.piece for part in parts])
+        change = np.ones(piece.size, dtype=np.bool_)
+        change[1:] = (piece[1:] != piece[:-1]) | (aircraft[1:] != aircraft[:-1])
+        segments, segment = np.unique(number, return_inverse=True)
+        node, share = basis.passing_at(latitude, longitude)
+        lasting, lasting_share = basis.lasting_at(latitude, longitude, log_pressure)
+        every = np.ones((1, piece.size))
+        lasting = np.vstack([lasting, every.astype(np.int64) * basis.lasting_size])
+        lasting_share = np.vstack([lasting_share, every])
+        means = sums[1:] / sums[0]
+        return cls(
+            sums[0], means[:2], means[2:].reshape(2, -1, piece.size), aircraft,
+            np.flatnonzero(change), np.cumsum(change) - 1,
+            node + segment * basis.passing_size, share, lasting, lasting_share,
+            segment, segments, basis.passing_size,
+        )  # fmt: skip
+
+    def some(self, every: int) -> Stretch:
+        """The blocks of every so manieth segment."""
+        if every == 1:
+            return self
+        keep = self.segment % every == every // 2
+        opens = np.zeros(keep.size, dtype=np.bool_)
+        opens[self.opens] = True
+        opens = opens[keep]
+        segment = self.segment[keep] // every
+        return replace(
+            self,
+            weight=self.weight[keep], residual=self.residual[:, keep],
+            slopes=self.slopes[:, :, keep], aircraft=self.aircraft[keep],
+            opens=np.flatnonzero(opens), piece=np.cumsum(opens) - 1,
+            node=self.node[:, keep] + (segment - self.segment[keep]) * self.nodes,
+            share=self.share[:, keep], lasting=self.lasting[:, keep],
+            lasting_share=self.lasting_share[:, keep], segment=segment,
+            segments=self.segments[every // 2 :: every],
+        )  # fmt: skip
+
+    @cached_property
+    def passing_design(self) -> sparse.csr_matrix:
+        """Passing part's functions at every block, shape (n, segment * nodes)."""
+        return as_sparse(self.node, self.share, self.segments.size * self.nodes)
+
+
+def as_sparse(index: Ints, value: Floats, columns: int) -> sparse.csr_matrix:
+    """Matrix of which each row holds the same number of values."""
+    each, rows = index.shape
+    start = np.arange(rows + 1) * each
+    return sparse.csr_matrix((value.T.ravel(), index.T.ravel(), start), shape=(rows, columns))
+
+
+class Precision:
+    """Inverse covariance of the blocks' means: the field unknown, a piece's error shared by it.
 
     Parameters
     ----------
-    coefficients : array of float, shape (5,), radians
-        A to E.
-    scale : float
-        Airspeed scale.
-    heading, abscissa : arrays of float, shape (report,), radians
-    airspeed : array of float, shape (report,), m/s
-
-    Returns
-    -------
-    vector : array of float, shape (2, report), m/s
-        Eastward and northward.
-    columns : array of float, shape (report, 2, 6)
-        Derivatives by A to E and by the scale.
+    stretch : Stretch
+    variances : Variances
     """
-    m = abscissa
-    basis = np.stack([np.ones_like(m), np.sin(m), np.cos(m), np.sin(2 * m), np.cos(2 * m)], axis=1)
-    true = heading - basis @ coefficients
-    speed = airspeed * (1.0 - scale)
-    along = np.stack([np.sin(true), np.cos(true)])
-    across = np.stack([np.cos(true), -np.sin(true)])
-    turned = -(speed * across).T[:, :, np.newaxis] * basis[:, np.newaxis, :]
-    scaled = -(airspeed * along).T[:, :, np.newaxis]
-    return np.asarray(speed * along), np.asarray(np.concatenate([turned, scaled], axis=2))
+
+    def __init__(self, stretch: Stretch, variances: Variances) -> None:
+        self.stretch = stretch
+        white = variances.white[stretch.aircraft] / stretch.weight
+        self.weight = 1.0 / (white + variances.block)
+        total = np.add.reduceat(self.weight, stretch.opens)
+        self.tied = variances.piece / (1.0 + variances.piece * total)
+        self.inverse = self._node_inverse(variances.passing)
+
+    def within_pieces(self, values: Floats) -> Floats:
+        """Apply the inverse covariance where the field is known.
+
+        Parameters
+        ----------
+        values : array of float, shape (..., n)
+
+        Returns
+        -------
+        array of float, shape (..., n)
+        """
+        found = values * self.weight
+        mean = np.add.reduceat(found, self.stretch.opens, axis=-1) * self.tied
+        found -= self.weight * mean[..., self.stretch.piece]
+        return np.asarray(found)
+
+    def passing(self, weighted: Floats) -> Floats:
+        """Most likely passing part.
+
+        Parameters
+        ----------
+        weighted : array of float, shape (k, n)
+            Of :meth:`within_pieces`.
+
+        Returns
+        -------
+        array of float, shape (segment * nodes, k)
+        """
+        right = self.stretch.passing_design.T @ weighted.T
+        shape = (self.stretch.segments.size, self.stretch.nodes, right.shape[1])
+        return np.asarray((self.inverse @ right.reshape(shape)).reshape(right.shape))
+
+    def apply(self, values: Floats) -> Floats:
+        """Apply the inverse covariance, the field unknown.
+
+        Parameters
+        ----------
+        values : array of float, shape (k, n)
+
+        Returns
+        -------
+        array of float, shape (k, n)
+        """
+        field = (self.stretch.passing_design @ self.passing(self.within_pieces(values))).T
+        return self.within_pieces(values - field)
+
+    def piece_nodes(self) -> tuple[Floats, Ints]:
+        """Weighted sums of every piece's node values, pieces by segment; shape (pieces, nodes)."""
+        one = self.stretch
+        segment = one.segment[one.opens]
+        order = np.argsort(segment, kind="stable")
+        rank = np.empty_like(order)
+        rank[order] = np.arange(order.size)
+        found = np.zeros(order.size * one.nodes)
+        row = rank[one.piece] * one.nodes - one.segment * one.nodes
+        for node, share in zip(one.node, one.share, strict=True):
+            found += np.bincount(row + node, weights=share * self.weight, minlength=found.size)
+        return found.reshape(order.size, one.nodes), order
+
+    def _node_inverse(self, variance: float) -> Floats:
+        """Posterior covariance of every segment's nodes, shape (segment, nodes, nodes)."""
+        one, nodes = self.stretch, self.stretch.nodes
+        normal = np.zeros(one.segments.size * nodes * nodes)
+        column = one.node % nodes
+        for k, (row, share) in enumerate(zip(one.node, one.share, strict=True)):
+            weighted = share * self.weight
+            for other, part in zip(column[k:], one.share[k:], strict=True):
+                normal += np.bincount(
+                    row * nodes + other, weights=weighted * part, minlength=normal.size
+                )
+        square = normal.reshape(-1, nodes, nodes)
+        # each pair of nodes was counted once: above the diagonal
+        square = square + np.triu(square, 1).transpose(0, 2, 1)
+        sums, order = self.piece_nodes()
+        stop = np.cumsum(np.bincount(one.segment[one.opens], minlength=one.segments.size))
+        start = 0
+        for k, end in enumerate(stop):
+            rows = sums[start:end]
+            square[k] -= (rows * self.tied[order[start:end], np.newaxis]).T @ rows
+            start = end
+        square[:, np.arange(nodes), np.arange(nodes)] += 1.0 / variance
+        return np.asarray(np.linalg.inv(square))
 
 
-def adjusted_errors(
-    heading: Columns,
-    airspeed: Columns,
-    heading_error: Columns,
-    airspeed_error: Columns,
-    error: Floats,
-) -> tuple[Floats, Floats]:
-    """Heading and airspeed errors once an error is taken off the reference wind.
+def estimate_variances(stretch: Stretch, white: Floats) -> Variances:
+    """Find the variances from what the aircraft's own fits leave unexplained.
 
     Parameters
     ----------
-    heading : array of float, shape (report,), radians
-    airspeed, airspeed_error : arrays of float, shape (report,), m/s
-    heading_error : array of float, shape (report,), radians
-    error : array of float, shape (2, report), m/s
+    stretch : Stretch
+    white : array of float, shape (aircraft,)
 
     Returns
     -------
-    heading_error : array of float, shape (report,), radians
-    airspeed_error : array of float, shape (report,), m/s
+    Variances
     """
-    east, north = reference_air(heading, airspeed, heading_error, airspeed_error) + error
-    turned = heading - np.arctan2(east, north)
-    turned = np.arctan2(np.sin(turned), np.cos(turned))
-    return np.asarray(turned), np.asarray(airspeed - np.hypot(east, north))
+    found = Variances(white, 0.3, 0.5, 0.5)
+    count = np.bincount(stretch.piece)
+    noise = white[stretch.aircraft] / stretch.weight
+    for _ in range(ROUNDS):
+        precision = Precision(stretch, found)
+        coefficients = precision.passing(precision.within_pieces(stretch.residual))
+        left = stretch.residual - (stretch.passing_design @ coefficients).T
+        mean = np.add.reduceat(left, stretch.opens, axis=1) / count
+        apart = float(((left - mean[:, stretch.piece]) ** 2).sum()) / 2.0
+        share = 1.0 - 1.0 / count[stretch.piece]
+        block = (apart - float((share * noise).sum())) / max(float((count - 1).sum()), 1.0)
+        block = min(max(block, 1e-3), LARGEST_VARIANCE)
+        own = np.add.reduceat(noise + block, stretch.opens) / count**2
+        unknown = _piece_uncertainty(precision, count)
+        piece = float((mean**2).mean() - own.mean() + unknown)
+        energy = coefficients.reshape(stretch.segments.size, stretch.nodes, 2) ** 2
+        passing = float(energy.mean() + np.einsum("sii->si", precision.inverse).mean())
+        found = Variances(
+            white,
+            block,
+            min(max(piece, 1e-3), LARGEST_VARIANCE),
+            min(max(passing, 1e-4), LARGEST_VARIANCE),
+        )
+    return found
 
 
-def reference_air(
-    heading: Columns, airspeed: Columns, heading_error: Columns, airspeed_error: Columns
-) -> Floats:
-    """Air vector the reference implies, eastward and northward, shape (2, report), m/s."""
-    direction, length = heading - heading_error, airspeed - airspeed_error
-    found: Any = np.stack([length * np.sin(direction), length * np.cos(direction)])
-    return np.asarray(found, dtype=np.float64)
+def _piece_uncertainty(precision: Precision, count: Ints) -> float:
+    """Mean posterior variance of the passing part at the middle of a piece."""
+    one = precision.stretch
+    middle = one.opens + count // 2
+    segment, total = one.segment[middle], 0.0
+    column = one.node[:, middle] % one.nodes
+    for row, share in zip(column, one.share[:, middle], strict=True):
+        for other, part in zip(column, one.share[:, middle], strict=True):
+            total += float((share * part * precision.inverse[segment, row, other]).mean())
+    return total

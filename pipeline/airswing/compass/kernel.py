@@ -30,15 +30,19 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Index = NDArray[np.int64]
-Values = NDArray[np.floating[Any]]
+from airswing.compass.blocks import ROWS, SLOPES
+from airswing.compass.observations import (
+    Array,
+    Index,
+    Observations,
+    Reports,
+    Single,
+    Values,
+    radians32,
+)
 
 COMPASS = 5
 """A, B, C, D, E come first in every parameter vector, then s, then b_u, b_v a reference."""
@@ -50,109 +54,6 @@ BLOCK = 16384
 CUT_2D, CUT_1D = 5.0, 4.685
 """Tukey's constants: 95 % efficiency for a normal vector (2-D) and scalar residual."""
 MEDIAN_CHI2 = 0.4549
-
-
-@dataclass(frozen=True)
-class Observations:
-    """Reports of one aircraft against one reference, made ready for the passes.
-
-    Attributes
-    ----------
-    sin_m, cos_m, sin_psi, cos_psi : array, shape (n,)
-        Abscissa and indicated true heading.
-    error : array, shape (n,)
-        Heading error, radians.
-    along, cross : array, shape (n,)
-        V'_A along and to the right of the indicated heading, m/s.
-    airspeed : array, shape (n,)
-        |V_A|, m/s.
-    variance : array, shape (n,)
-        Known variance of each component, m2/s2.
-    flight : array of int, shape (n,)
-        Number of the flight within the aircraft, never falling.
-    """
-
-    sin_m: Single
-    cos_m: Single
-    sin_psi: Single
-    cos_psi: Single
-    error: Single
-    along: Single
-    cross: Single
-    airspeed: Single
-    variance: Single
-    flight: Index
-
-    @property
-    def size(self) -> int:
-        """Number of reports."""
-        return int(self.flight.size)
-
-    def take(self, keep: slice) -> Observations:
-        """Part of the reports (the flight numbers are kept)."""
-        return Observations(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
-
-
-@dataclass(frozen=True)
-class Reports:
-    """Reports of one aircraft against one reference as they stand in the Datasets.
-
-    Attributes
-    ----------
-    heading, abscissa : array, shape (n,)
-        Indicated true heading psi and the argument m of the deviation, degrees.
-    airspeed : array, shape (n,)
-        |V_A|, m/s.
-    heading_error, standard_error : array, shape (n,)
-        arg V_A - arg V'_A and what is known of its standard error, degrees.
-    airspeed_error : array, shape (n,)
-        |V_A| - |V'_A|, m/s.
-    flight : array of int, shape (n,)
-        0, 1, 2 ... within the aircraft; reports of one flight need not stand together.
-    """
-
-    heading: Values
-    abscissa: Values
-    airspeed: Values
-    heading_error: Values
-    airspeed_error: Values
-    standard_error: Values
-    flight: Index
-
-    @property
-    def size(self) -> int:
-        """Number of reports."""
-        return int(self.flight.size)
-
-    def sorted(self) -> Reports:
-        """The same reports, flight by flight."""
-        if not np.any(self.flight[1:] < self.flight[:-1]):
-            return self
-        order = np.argsort(self.flight, kind="stable")
-        return Reports(*(getattr(self, name)[order] for name in self.__dataclass_fields__))
-
-    def take(self, keep: slice) -> Observations:
-        """Make part of the reports ready; they must be sorted by flight."""
-        m, psi, error = (
-            _radians32(part[keep]) for part in (self.abscissa, self.heading, self.heading_error)
-        )
-        v = self.airspeed[keep].astype(np.float32)
-        implied = v - self.airspeed_error[keep].astype(np.float32)
-        known = _radians32(self.standard_error[keep]) * v
-        if not np.isfinite(known.sum()):
-            known = np.nan_to_num(known, posinf=0.0)
-        return Observations(
-            np.sin(m),
-            np.cos(m),
-            np.sin(psi),
-            np.cos(psi),
-            error,
-            implied * np.cos(error),
-            -implied * np.sin(error),
-            v,
-            known * known,
-            self.flight[keep],
-        )
 
 
 @dataclass(frozen=True)
@@ -176,15 +77,13 @@ class PassSums:
     slope: float = 0.0
     before2: float = 0.0
     after2: float = 0.0
+    block: Array | None = None
+    square: float = 0.0
 
     @property
     def kappa(self) -> float:
         """Mean derivative of the robust score over the mean weight."""
         return max(self.slope / self.weight, 0.2) if self.weight > 0 else 1.0
-
-
-def _radians32(degrees: Values) -> Single:
-    return degrees.astype(np.float32) * np.float32(np.pi / 180.0)
 
 
 class _Scratch(threading.local):
@@ -193,6 +92,7 @@ class _Scratch(threading.local):
     def __init__(self) -> None:
         self.rows, self.weighted, self.score = np.empty((3, LOCAL, BLOCK), dtype=np.float32)
         self.other, self.other_weighted = np.empty((2, 4, BLOCK), dtype=np.float32)
+        self.block = np.empty((ROWS, BLOCK), dtype=np.float32)
 
 
 _SCRATCH = _Scratch()
@@ -206,6 +106,7 @@ def accumulate(
     *,
     joint: bool,
     by_flight: bool = False,
+    starts: Index | None = None,
 ) -> PassSums:
     """Run once over the reports: weighted normal equations at ``theta``.
 
@@ -222,6 +123,8 @@ def accumulate(
         False: the cross-track row alone, without s and b.
     by_flight : bool
         Keep the normal matrix of every flight too (needed where flights are few).
+    starts : array of int, optional
+        First report of every block whose sums are kept too (:mod:`airswing.compass.blocks`).
 
     Returns
     -------
@@ -233,9 +136,22 @@ def accumulate(
         np.zeros((flights, LOCAL)),
         np.zeros((flights, LOCAL, LOCAL)) if by_flight else None,
     )
+    if starts is not None:
+        sums.block = np.zeros((ROWS, starts.size))
     for begin in range(0, obs.size, BLOCK):
-        _block(obs.take(slice(begin, begin + BLOCK)), theta, scatter, joint, sums)
+        part = obs.take(slice(begin, begin + BLOCK))
+        cuts = None if starts is None else _cuts(starts, begin, part.size)
+        _block(part, theta, scatter, joint, sums, cuts)
+    if sums.block is not None:
+        sums.block[[1, 2, *range(3 + SLOPES, 2 + 2 * SLOPES)]] *= -1
     return sums
+
+
+def _cuts(starts: Index, begin: int, count: int) -> tuple[slice, Index]:
+    """Which blocks a stretch of reports belongs to, and where in it they begin."""
+    first = int(np.searchsorted(starts, begin, side="right")) - 1
+    last = int(np.searchsorted(starts, begin + count, side="left"))
+    return slice(first, last), np.maximum(starts[first:last] - begin, 0)
 
 
 def residuals(
@@ -273,7 +189,14 @@ def residuals(
     return r_along, r_cross, sin_t, cos_t, delta
 
 
-def _block(obs: Observations, theta: Array, scatter: Scatter, joint: bool, sums: PassSums) -> None:
+def _block(
+    obs: Observations,
+    theta: Array,
+    scatter: Scatter,
+    joint: bool,
+    sums: PassSums,
+    cuts: tuple[slice, Index] | None,
+) -> None:
     r_along, r_cross, sin_t, cos_t, delta = residuals(obs, theta, joint)
     w_along, w_cross, tukey = _weights(obs, scatter, r_along, r_cross, joint, sums)
     scaled = obs.airspeed * np.float32(1 - theta[COMPASS])
@@ -303,6 +226,8 @@ def _block(obs: Observations, theta: Array, scatter: Scatter, joint: bool, sums:
     other[0], other[1], other[2], other[3] = obs.airspeed, sin_t, cos_t, r_along
     np.multiply(other, w_along, out=other_weighted)
     _add_normal(other, other_weighted, ALONG_ROW, ALONG_SQUARE, sums)
+    if cuts is not None:
+        _add_blocks(rows, other, w_cross, cuts, sums)
     r_cross *= -1
     r_along *= -1
     np.multiply(weighted[:COMPASS], r_cross, out=score[:COMPASS])
@@ -355,6 +280,34 @@ def _add_normal(
     normal = weighted @ rows.T
     sums.normal[square] += normal[:-1, :-1]
     sums.score[place] -= normal[:-1, -1]
+
+
+def _add_blocks(
+    rows: Single,
+    other: Single,
+    w: Single,
+    cuts: tuple[slice, Index],
+    sums: PassSums,
+) -> None:
+    """Sum weight, residual and slopes, turned east and north, over the blocks."""
+    out = _SCRATCH.block[:, : w.size]
+    airspeed, sin_t, cos_t, r_along = other
+    east, north = sin_t * w, cos_t * w
+    out[0] = w
+    np.multiply(rows[7], north, out=out[1])
+    out[1] += r_along * east
+    np.multiply(r_along, north, out=out[2])
+    out[2] -= rows[7] * east
+    np.multiply(rows[:COMPASS], north, out=out[3 : 3 + COMPASS])
+    np.multiply(airspeed, east, out=out[3 + COMPASS])
+    np.multiply(rows[:COMPASS], east, out=out[3 + SLOPES : 3 + SLOPES + COMPASS])
+    np.multiply(airspeed, north, out=out[3 + SLOPES + COMPASS])
+    place, starts = cuts
+    if sums.block is None:
+        raise ValueError("no room was made for the sums of blocks")
+    sums.block[:, place] += np.add.reduceat(out, starts, axis=1)
+    for residual in (rows[7] * w, r_along * w):
+        sums.square += float(np.dot(residual, residual))
 
 
 def _add_by_flight(
@@ -426,7 +379,7 @@ def plain_sinusoid(heading_error: Values, abscissa: Values) -> tuple[Array, Arra
     """
     normal = np.zeros((4, 4))
     for begin in range(0, heading_error.size, BLOCK):
-        m = _radians32(abscissa[begin : begin + BLOCK])
+        m = radians32(abscissa[begin : begin + BLOCK])
         rows = np.empty((4, m.size), dtype=np.float32)
         rows[0] = 1
         np.sin(m, out=rows[1])

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.compass.blocks import SLOPES, Blocks, Edges, Places, find_edges, make_blocks
 from airswing.compass.clusters import (
     MANY,
     Array,
@@ -27,13 +28,12 @@ from airswing.compass.clusters import (
 )
 from airswing.compass.kernel import (
     COMPASS,
-    Observations,
     PassSums,
-    Reports,
     Scatter,
     accumulate,
     robust_scatter,
 )
+from airswing.compass.observations import Observations, Reports
 
 THIN, MIDDLE = 1000, 4000
 """Reports a start takes: first to find the place, then to be near enough for one full pass."""
@@ -69,6 +69,8 @@ class AircraftFit:
     converged : bool
     rms_before, rms_after : float
         Robust rms of the heading error before and after the curve, radians.
+    blocks : list of Blocks
+        One for each reference, where their places were given.
     """
 
     theta: Array
@@ -83,6 +85,7 @@ class AircraftFit:
     rms_before: float
     rms_after: float
     flight_order: Index = field(repr=False)
+    blocks: list[Blocks] = field(repr=False, default_factory=list)
 
     @property
     def covariance(self) -> Array:
@@ -96,6 +99,7 @@ def fit_aircraft(
     *,
     joint: bool = True,
     harmonics: int = 2,
+    places: list[Places] | None = None,
 ) -> AircraftFit | None:
     """Fit A..E, airspeed scale and reference bias of one aircraft.
 
@@ -109,15 +113,18 @@ def fit_aircraft(
         Fit along and cross components together; else the heading error alone.
     harmonics : int
         1 or 2 cycles.
+    places : list of Places, optional
+        Of the reports of every member: keeps the sums the fleet's part of the fit is made from.
 
     Returns
     -------
     AircraftFit or None
         None where there is no report at all.
     """
-    members = [obs.sorted() for obs in members] if all(obs.size for obs in members) else []
-    if not members:
+    if not members or not all(obs.size for obs in members):
         return None
+    members, places = _in_order(members, places)
+    edges = _edges(members, places)
     size = COMPASS + 1 + 2 * len(members)
     compass = np.arange(1 + 2 * harmonics)
     free = np.concatenate([compass, np.arange(COMPASS, size)]) if joint else compass
@@ -133,7 +140,13 @@ def fit_aircraft(
     for _ in range(PASSES):
         parts = [
             accumulate(
-                obs, _local(theta, k), scatters[k], flights, joint=joint, by_flight=by_flight
+                obs,
+                _local(theta, k),
+                scatters[k],
+                flights,
+                joint=joint,
+                by_flight=by_flight,
+                starts=edges[k].start if edges else None,
             )
             for k, obs in enumerate(members)
         ]
@@ -145,7 +158,44 @@ def fit_aircraft(
         )
         if converged:
             break
-    return _finish(theta, free, normal, kappa, parts, days, converged, by_flight)
+    move = np.zeros(size)
+    move[free] = step
+    blocks = [
+        make_blocks(
+            part.block, part.square, edge, place, (theta - move)[_bias(k)], move[:SLOPES], kappa
+        )
+        for k, (part, edge, place) in enumerate(zip(parts, edges, places or [], strict=False))
+        if part.block is not None
+    ]
+    found = _finish(theta, free, normal, kappa, parts, days, converged, by_flight)
+    return replace(found, blocks=blocks)
+
+
+def _in_order(
+    members: list[Reports], places: list[Places] | None
+) -> tuple[list[Reports], list[Places] | None]:
+    """Reports flight by flight and, where their times are known, in the order of time."""
+    if places is None:
+        return [obs.sorted() for obs in members], None
+    ordered = []
+    for obs, place in zip(members, places, strict=True):
+        order = (
+            np.lexsort((place.time, obs.flight))
+            if np.any(obs.flight[1:] < obs.flight[:-1])
+            else None
+        )
+        ordered.append((obs, place) if order is None else (obs.at(order), place.at(order)))
+    return [one for one, _ in ordered], [one for _, one in ordered]
+
+
+def _edges(members: list[Reports], places: list[Places] | None) -> list[Edges]:
+    """Where the blocks of every member begin; none where no places are known."""
+    return [
+        find_edges(
+            obs.flight, place.time, float(np.median(obs.airspeed[:: max(1, obs.size // THIN)]))
+        )
+        for obs, place in zip(members, places or [], strict=False)
+    ]
 
 
 def _days(flight_day: NDArray[np.integer]) -> tuple[Index, Index]:

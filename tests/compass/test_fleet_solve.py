@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from airswing.compass.deviation import fit_deviation
+from airswing.compass.deviation import fit_deviation, fit_sums, sum_aircraft
 from tests.compass.flown import Setting, fleet_deviations, fly
 
 
@@ -56,3 +56,30 @@ def test_a_pool_can_be_fitted_without_its_members_alone():
     np.testing.assert_array_equal(
         one["deviation"].to_numpy(), every["deviation"].sel(reference=["both"]).to_numpy()
     )
+
+
+def test_a_fleet_summed_in_parts_gives_the_same_fits_bit_for_bit():
+    setting = Setting(aircraft=5, days=15)
+    ds, _ = fly(fleet_deviations(5, np.random.default_rng(6)), setting, 6)
+    whole = fit_deviation(ds)
+    size = int(ds["row_size"][0])
+    cuts = [(0, 2), (2, 3), (3, 5)]
+    parts = [
+        sum_aircraft(ds.isel(aircraft=slice(a, b), report=slice(a * size, b * size)))
+        for a, b in cuts
+    ]
+    assert fit_sums(parts).identical(whole)
+
+
+def test_some_segments_stand_for_all(monkeypatch):
+    setting = Setting(aircraft=5, days=60)
+    deviation = fleet_deviations(5, np.random.default_rng(7))
+    ds, _ = fly(deviation, setting, 7)
+    exact = fit_deviation(ds)
+    monkeypatch.setattr("airswing.compass.fleet_solve.MOST_SEGMENTS", 60)
+    thinned = fit_deviation(ds)
+    spread = np.sqrt(np.diagonal(exact["deviation_covariance"].to_numpy(), axis1=-2, axis2=-1))
+    apart = np.abs(thinned["deviation"].to_numpy() - exact["deviation"].to_numpy())
+    assert (apart / spread).max() < 0.2
+    other = np.sqrt(np.diagonal(thinned["deviation_covariance"].to_numpy(), axis1=-2, axis2=-1))
+    np.testing.assert_allclose(other, spread, rtol=0.1)
