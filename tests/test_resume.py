@@ -135,7 +135,7 @@ def test_a_changed_input_option_or_code_is_collocated_anew(tmp_path, root, monke
         called.append(options)
         raise InputError("stopped")
 
-    monkeypatch.setattr(stages, "collocated_headings", stop)
+    monkeypatch.setattr(stages, "collocated_blocks", stop)
     with pytest.raises(InputError, match="stopped"):
         workflow.make_headings(job)
     assert called
@@ -150,8 +150,8 @@ def test_code_of_one_stage_leaves_the_others(tmp_path, root, monkeypatch):
         marks.append((name, stages.fingerprint(name, *depends)))
         raise InputError("noted")
 
-    for module in (stages, fits_stage):
-        monkeypatch.setattr(module, "product", note)
+    monkeypatch.setattr(stages, "ragged_product", note)
+    monkeypatch.setattr(fits_stage, "product", note)
     digest = stages.code_digest
     for addition in ("", "new"):
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,6 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import netCDF4
 import numpy as np
 import xarray as xr
 
@@ -33,6 +35,7 @@ _TIME_ATTRIBUTES = {
     "calendar": "standard",
     "_FillValue": np.iinfo(np.int64).min,
 }
+_CHUNK_CACHE = 2**20
 REPORTS_A_CHUNK = 65_536
 """Few enough that one aircraft of ten million reports is read in well under a second."""
 
@@ -196,11 +199,11 @@ def write_product(
     path = Path(path)
     ds = describe(ds)
     ds.attrs = {
-        **{key: _attribute(value) for key, value in ds.attrs.items()},
+        **{key: attribute_value(value) for key, value in ds.attrs.items()},
         **provenance(title, config_json=config_json, sources=sources, source_uuids=source_uuids),
     }
     with atomic(path) as temporary:
-        ready = _with_plain_times(ds.drop_encoding())
+        ready = with_plain_times(ds.drop_encoding())
         ready.to_netcdf(temporary, engine="netcdf4", encoding=_encodings(ready))
     return path
 
@@ -264,14 +267,15 @@ def provenance(
     }
 
 
-def read_product(path: Path, *, chunks: Any = None) -> xr.Dataset:
+def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
     """Read a product that :func:`write_product` wrote.
 
     Parameters
     ----------
     path : Path
-    chunks : optional
-        As for ``xarray.open_dataset``; None reads everything and closes the file.
+    lazy : bool, default False
+        Read a variable, or the part of it asked for, each time it is looked at, and keep nothing
+        (see :mod:`airswing.ragged`); else read everything and close the file.
 
     Returns
     -------
@@ -287,9 +291,10 @@ def read_product(path: Path, *, chunks: Any = None) -> xr.Dataset:
         raise InputError(
             "no such product", file=path, remedy="Run the stage that makes it, or `airswing run`"
         )
+    limit_chunk_cache()
     try:
-        ds = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False, chunks=chunks)
-        if chunks is None:
+        ds = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False, cache=False)
+        if not lazy:
             with ds:
                 ds.load()
     except (OSError, RuntimeError, ValueError) as err:
@@ -304,13 +309,30 @@ def read_product(path: Path, *, chunks: Any = None) -> xr.Dataset:
     return ds
 
 
-def _attribute(value: Any) -> Any:
+def limit_chunk_cache() -> None:
+    """Let the NetCDF library keep a few chunks of each variable of the files opened from now on.
+
+    By default it keeps 16 MiB of every variable it reads or writes, hundreds of MB a product.
+    """
+    netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
+
+
+def attribute_value(value: Any) -> Any:
     """NetCDF attributes hold no mappings: those become JSON."""
     return json.dumps(plain(value)) if isinstance(value, (Mapping, list, bool)) else value
 
 
-def _with_plain_times(ds: xr.Dataset) -> xr.Dataset:
-    """Turn times into milliseconds: xarray cannot encode a variable whose times are all missing."""
+def with_plain_times(ds: xr.Dataset) -> xr.Dataset:
+    """Turn times into milliseconds: xarray cannot encode a variable whose times are all missing.
+
+    Parameters
+    ----------
+    ds : Dataset
+
+    Returns
+    -------
+    Dataset
+    """
     times = [name for name in ds.variables if np.issubdtype(ds[name].dtype, np.datetime64)]
     missing = np.iinfo(np.int64).min
     for name in times:
@@ -321,21 +343,35 @@ def _with_plain_times(ds: xr.Dataset) -> xr.Dataset:
 
 
 def _encodings(ds: xr.Dataset) -> dict[Any, dict[str, Any]]:
-    return {name: _encoding(ds[name]) for name in ds.variables}
+    return {name: encoding_of(ds[name]) for name in ds.variables}
 
 
-def _encoding(variable: xr.DataArray) -> dict[str, Any]:
+def encoding_of(variable: xr.DataArray, sizes: Mapping[Any, int] | None = None) -> dict[str, Any]:
+    """How a variable is stored.
+
+    Parameters
+    ----------
+    variable : DataArray
+    sizes : mapping of str to int, optional
+        Of its dimensions in the file, where it is written in parts.
+
+    Returns
+    -------
+    dict
+        Keywords of ``xarray.Dataset.to_netcdf`` and ``netCDF4.Dataset.createVariable``.
+    """
+    sizes = variable.sizes if sizes is None else sizes
     entry = lookup(str(variable.name), variable.dims)
     if entry.dtype == "str" or variable.dtype.kind in "OUT":
         return {}
     time = entry.dtype.startswith("datetime64")
     encoding: dict[str, Any] = {"dtype": "i8" if time else entry.dtype}
-    if variable.ndim and variable.size > 1:
+    if sizes and math.prod(sizes.values()) > 1:
         encoding |= {"zlib": True, "complevel": 1, "shuffle": True}
-        if "report" in variable.dims:
+        if "report" in sizes:
             encoding["chunksizes"] = tuple(
                 min(size, REPORTS_A_CHUNK) if name == "report" else 1
-                for name, size in variable.sizes.items()
+                for name, size in sizes.items()
             )
     if entry.dtype.startswith("f"):
         encoding["_FillValue"] = np.array(np.nan, dtype=entry.dtype)[()]

@@ -36,6 +36,8 @@ class StageRecord:
         Bytes read, messages decoded, reports matched or handled.
     decoding : float
         Time spent reading and decoding messages, summed over threads, s.
+    tasks : int
+        Tasks foreseen, where they are handed over in portions.
     """
 
     name: str
@@ -45,6 +47,7 @@ class StageRecord:
     messages: int = 0
     reports: int = 0
     decoding: float = 0.0
+    tasks: int = 0
 
 
 @dataclass
@@ -106,7 +109,7 @@ class Progress:
             Set its ``note`` to say what the stage did, and its counts.
         """
         record, began = StageRecord(name, 0.0), time.perf_counter()
-        with self._bar(name):
+        with self._bar(record):
             yield record
         record.seconds = time.perf_counter() - began
         self.records.append(record)
@@ -187,7 +190,7 @@ class Progress:
         return "\n".join(lines)
 
     @contextlib.contextmanager
-    def _bar(self, name: str) -> Iterator[None]:
+    def _bar(self, record: StageRecord) -> Iterator[None]:
         console = _console()
         if self.quiet or not console.is_terminal:
             yield
@@ -203,12 +206,13 @@ class Progress:
             TextColumn("{task.fields[left]}"),
         )
         with Bar(*columns, console=console, transient=True) as bar:
-            task = bar.add_task(name, total=None, tasks="", left="")
-            with follow_tasks() as tasks, _repeated(lambda: self._show(bar, task, name, tasks)):
+            task = bar.add_task(record.name, total=None, tasks="", left="")
+            with follow_tasks() as tasks, _repeated(lambda: self._show(bar, task, record, tasks)):
                 yield
 
-    def _show(self, bar: Any, task: Any, name: str, tasks: Tasks) -> None:
-        left = self.remaining(name, bar.tasks[0].elapsed or 0.0, tasks)
+    def _show(self, bar: Any, task: Any, record: StageRecord, tasks: Tasks) -> None:
+        tasks = Tasks(tasks.done, max(tasks.total, record.tasks))
+        left = self.remaining(record.name, bar.tasks[0].elapsed or 0.0, tasks)
         bar.update(
             task,
             completed=tasks.done,

@@ -1,11 +1,16 @@
 """Ragged reports: many aircraft end to end on one axis, and how to move to one row an aircraft.
 
 Assumes the CF contiguous ragged form: reports of one aircraft stand together, in the order of
-the ``aircraft`` dimension, and ``row_size`` counts them. Plain numpy; no I/O.
+the ``aircraft`` dimension, and ``row_size`` counts them.
+
+Archives larger than memory are worked through block by block: :func:`blocks` gives some whole
+aircraft at a time, read from the file where the Dataset was opened lazily and views where it is in
+memory, so that one way of working serves both.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,6 +32,86 @@ def row_bounds(row_size: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.in
     """
     stop = np.cumsum(row_size, dtype=np.int64)
     return stop - np.asarray(row_size, dtype=np.int64), stop
+
+
+BLOCK_REPORTS = 200_000
+"""Reports worked on at a time, where no single aircraft has more."""
+
+
+def aircraft_groups(row_size: NDArray[Any], limit: int = BLOCK_REPORTS) -> list[slice]:
+    """Consecutive aircraft with at most so many reports together, one aircraft at least.
+
+    Parameters
+    ----------
+    row_size : array of int, shape (aircraft,)
+    limit : int
+
+    Returns
+    -------
+    list of slice
+        On the ``aircraft`` dimension.
+    """
+    found: list[slice] = []
+    total = 0
+    for number, size in enumerate(np.asarray(row_size).tolist()):
+        total += size
+        if found and total <= limit:
+            found[-1] = slice(found[-1].start, number + 1)
+        else:
+            found.append(slice(number, number + 1))
+            total = size
+    return found
+
+
+def blocks(
+    ds: xr.Dataset, names: Sequence[str] | None = None, *, limit: int | None = None
+) -> Iterator[xr.Dataset]:
+    """Work through an archive some whole aircraft at a time.
+
+    Parameters
+    ----------
+    ds : Dataset
+        Ragged, in memory or opened lazily.
+    names : sequence of str, optional
+        Variables that are needed; ``row_size`` always is. All by default.
+    limit : int, optional
+        Reports of a block; `BLOCK_REPORTS` by default.
+
+    Yields
+    ------
+    Dataset
+        In memory; the aircraft in their order.
+    """
+    row_size = ds["row_size"].to_numpy()
+    start, stop = row_bounds(row_size)
+    chosen = ds if names is None else ds[[*dict.fromkeys([*names, "row_size"])]]
+    for group in aircraft_groups(row_size, BLOCK_REPORTS if limit is None else limit):
+        reports = slice(int(start[group.start]), int(stop[group.stop - 1]))
+        yield chosen.isel({"aircraft": group, "report": reports}, missing_dims="ignore").load()
+
+
+def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Put blocks of whole aircraft together again.
+
+    Parameters
+    ----------
+    parts : sequence of Dataset
+
+    Returns
+    -------
+    Dataset
+        With the attributes of the first.
+    """
+    found = parts[0].drop_vars(
+        [name for name, v in parts[0].variables.items() if {"report", "aircraft"} & set(v.dims)]
+    )
+    for name, variable in parts[0].variables.items():
+        dim = next((dim for dim in ("report", "aircraft") if dim in variable.dims), None)
+        if dim is not None:
+            values = [part[name].to_numpy() for part in parts]
+            whole = np.concatenate(values, axis=variable.dims.index(dim))
+            found[name] = (variable.dims, whole, variable.attrs)
+    return found
 
 
 def aircraft_of_report(ds: xr.Dataset) -> NDArray[np.int64]:

@@ -181,6 +181,20 @@ def correct(
     return describe(ds)
 
 
+def correction_columns(headings: xr.Dataset) -> list[str]:
+    """Name the variables that :func:`correct` reads, so that no others need be read.
+
+    Parameters
+    ----------
+    headings : Dataset
+
+    Returns
+    -------
+    list of str
+    """
+    return [name for name in KEPT if name in headings]
+
+
 def _chosen(fits: xr.Dataset, reference: str | None, method: str) -> xr.Dataset:
     names = [str(name) for name in fits["reference"].to_numpy()]
     single = int(fits.attrs.get("reference_count", len(names)))

@@ -26,6 +26,7 @@ anyway); what depends on the model winds stays lazy when they are dask arrays.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,6 +114,26 @@ def derive_headings(
     found.attrs = {**winds.attrs, **reports.attrs}
     found.attrs["ground_vector_evidence"] = json.dumps(_account(reports, motion))
     return describe(found)
+
+
+def sum_of_accounts(accounts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Account of a fleet from those of its parts.
+
+    Parameters
+    ----------
+    accounts : sequence of mapping
+        Of ``ground_vector_evidence``, parts of the fleet in order.
+
+    Returns
+    -------
+    dict
+    """
+    total: dict[str, Any] = {}
+    for account in accounts:
+        for name, value in account.items():
+            known = total.get(name, {} if isinstance(value, dict) else 0)
+            total[name] = known | value if isinstance(value, dict) else known + value
+    return total
 
 
 def heading_error_sensitivity(

@@ -277,10 +277,12 @@ def _local_speed(fixes: _Fixes) -> Array:
     first = np.searchsorted(fixes.segment, fixes.segment, side="left")
     last = np.searchsorted(fixes.segment, fixes.segment, side="right") - 1
     start, stop = np.maximum(here - reach, first), np.minimum(here + reach, last)
-    path = np.concatenate([[0.0], np.cumsum(np.nan_to_num(fixes.distance))])
+    # Whole millimetres: a sum that does not depend on which flights stand before this one.
+    steps = np.rint(1e3 * np.nan_to_num(fixes.distance)).astype(np.int64)
+    path = np.concatenate([[0], np.cumsum(steps)])
     elapsed = fixes.seconds[stop] - fixes.seconds[start]
     with np.errstate(divide="ignore", invalid="ignore"):
-        speed = (path[stop] - path[start]) / elapsed
+        speed = 1e-3 * (path[stop] - path[start]) / elapsed
     return np.asarray(np.where(elapsed > 0.0, np.minimum(speed, MAX_GROUND_SPEED), np.nan))
 
 

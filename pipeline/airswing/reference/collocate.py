@@ -65,6 +65,8 @@ _DERIVATIVES = (
 )
 ACCOUNT = ("unread_messages", "decoded_messages", "decoded_bytes", "decoding_seconds")
 """What reading a reference took; the first is part of every result."""
+PROBLEMS = "problems"
+"""What could not be read, by reference: sets of (valid time, file, reason)."""
 _LOG = logging.getLogger("airswing.reference")
 
 
@@ -111,6 +113,14 @@ def _run(task: _SampleTask) -> Sample:
     return task.run()
 
 
+class _Joined(NamedTuple):
+    """Columns by report, rows of `ACCOUNT`, and what could not be read."""
+
+    columns: Floats
+    account: Floats
+    problems: frozenset[tuple[int, str, str]]
+
+
 class _Join:
     """Joins the samples of one reference in time, into columns in the reports' order."""
 
@@ -124,13 +134,13 @@ class _Join:
         self.used, self.start, self.stop = used, times.start[used], times.stop[used]
         self.valid, self.leads = catalogue.valid, catalogue.leads
 
-    def __call__(self, samples: list[Sample]) -> tuple[Floats, Floats]:
-        """Columns by report, and what reading took (rows of `ACCOUNT`)."""
+    def __call__(self, samples: list[Sample]) -> _Joined:
+        """Columns by report, and what reading took."""
         count = self.earlier.size
         rows = 2 + (7 if self.derivatives else 0)
         first = np.full((rows, count), np.nan)
         second = np.full((rows, count), np.nan)
-        account = np.zeros(len(ACCOUNT))
+        account, problems = np.zeros(len(ACCOUNT)), set()
         for number, start, stop, sample in zip(
             self.used, self.start, self.stop, samples, strict=True
         ):
@@ -140,7 +150,9 @@ class _Join:
             first[:, run][:, before] = sample.table[:, before]
             second[:, run][:, after] = sample.table[:, after]
             account += [len(sample.problems), sample.decoded, sample.octets, sample.seconds]
-        return self._columns(first, second), account
+            valid = int(self.valid[number])
+            problems |= {(valid, file, reason) for file, reason in sample.problems}
+        return _Joined(self._columns(first, second), account, frozenset(problems))
 
     def _columns(self, first: Floats, second: Floats) -> Floats:
         weight = self.weight
@@ -193,7 +205,8 @@ def collocate(
         options are the same.
     account : bool
         Also give `decoded_messages`, `decoded_bytes` and `decoding_seconds` (summed over
-        threads) by reference: what this call itself read, which differs from run to run.
+        threads) by reference: what this call itself read, which differs from run to run; and
+        `PROBLEMS`, sets that can be joined where an archive is collocated in parts.
 
     Returns
     -------
@@ -228,7 +241,13 @@ def collocate(
         lazy = _lazy(base, graph, f"{name}-{token}", counts, shape, np.dtype("f8"))
         data[name] = ("reference", lazy if name == "decoding_seconds" else lazy.astype("i8"))
     coords = {"reference": ("reference", np.array(list(catalogues), dtype=object))}
-    return describe(xr.Dataset(data, coords=coords))
+    found = describe(xr.Dataset(data, coords=coords))
+    if account:
+        kept = {(f"{PROBLEMS}-{token}", n): (_problems, join) for n, join in enumerate(joins)}
+        shape = ((1,) * len(joins),)
+        lazy = _lazy(base, graph, f"{PROBLEMS}-{token}", kept, shape, np.dtype(object))
+        found[PROBLEMS] = ("reference", lazy)
+    return found
 
 
 class _Options(NamedTuple):
@@ -248,13 +267,19 @@ def _lazy(
     return da.Array(layers, name, chunks=chunks, dtype=dtype)
 
 
-def _row(joined: tuple[Floats, Floats], number: int) -> Floats:
+def _row(joined: _Joined, number: int) -> Floats:
     """One column of a join as a block with the reference's dimension."""
-    return joined[0][number : number + 1]
+    return joined.columns[number : number + 1]
 
 
-def _count(joined: tuple[Floats, Floats], number: int) -> Floats:
-    return joined[1][number : number + 1]
+def _count(joined: _Joined, number: int) -> Floats:
+    return joined.account[number : number + 1]
+
+
+def _problems(joined: _Joined) -> NDArray[np.object_]:
+    found = np.empty(1, dtype=object)
+    found[0] = joined.problems
+    return found
 
 
 def _add_reference(

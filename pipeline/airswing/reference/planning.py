@@ -28,6 +28,7 @@ from airswing.reference.sampling import level_brackets
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+_NEVER = int(np.iinfo(np.int64).max)
 COLUMNS = ("time", "latitude", "longitude", "pressure")
 
 
@@ -207,61 +208,136 @@ def plan(
     """
     points = points_of(reports)
     return {
-        name: _plan_one(
-            name, points, catalogue, max_time_gap=max_time_gap, derivatives=derivatives,
-            sparse=sparse,
+        name: Need.of(points, catalogue, max_time_gap=max_time_gap, derivatives=derivatives).plan(
+            name, catalogue, sparse=sparse
         )
         for name, catalogue in catalogues.items()
-    }  # fmt: skip
+    }
 
 
-def _plan_one(
-    name: str,
-    points: Points,
-    catalogue: Catalogue,
-    *,
-    max_time_gap: float,
-    derivatives: bool,
-    sparse: bool,
-) -> Plan:
-    times = schedule(points, catalogue.valid, max_time_gap=max_time_gap, both=derivatives)
-    timed = times.earlier >= 0
-    placed = np.zeros(points.time.size, dtype=bool)
-    leveled = np.zeros(points.time.size, dtype=bool)
-    counts = np.zeros(4, dtype=np.int64)
-    for number in np.flatnonzero(times.stop > times.start):
-        run = slice(int(times.start[number]), int(times.stop[number]))
-        inside, on_level, needed = _needs(catalogue, int(number), points, run, derivatives)
-        mine = times.earlier[run] == number
-        placed[run] |= inside & mine
-        leveled[run] |= inside & on_level & mine
-        rows = np.arange(catalogue.bounds[number], catalogue.bounds[number + 1])[needed]
-        tables = [catalogue.u[rows], catalogue.v[rows]]
-        if catalogue.level_kinds[number] != ISOBARIC and needed.any():
-            bounds = slice(catalogue.bounds[number], catalogue.bounds[number + 1])
-            tables.append(catalogue.pressure[bounds])
-        table = np.concatenate(tables)
-        counts += [0, table.size, _octets(table), table["sparse"].sum() if sparse else 0]
-        counts[0] += bool(needed.any())
-    matched = int(leveled.sum())
-    without_time = points.size - int(timed.sum())
-    outside_grid = int((timed & ~placed).sum())
-    return Plan(
-        reference=name,
-        model_times=int(counts[0]),
-        messages=int(counts[1]),
-        bytes=int(counts[2]),
-        sparse_messages=int(counts[3]),
-        reports=points.size,
-        matched=matched,
-        without_time=without_time,
-        outside_grid=outside_grid,
-        outside_levels=int(placed.sum()) - matched,
-        report_times=_span(points.time),
-        model_span=_span(catalogue.valid),
-        report_box=_box(points.latitude, points.longitude),
-        model_box=_outline(catalogue),
-    )
+@dataclass(eq=False)
+class Need:
+    """What some reports need of one reference; those of several parts of an archive add up.
+
+    Parameters
+    ----------
+    rows : (level rows,) bool array
+        Levels of model times that are needed, as the catalogue numbers them.
+    times : (time,) bool array
+        Model times with reports around them.
+    reports, matched, without_time, outside_grid, outside_levels : int
+    first, last : int
+        Times of the reports, ns since 1970.
+    box : list of float
+        South, north, west, east of the reports, degrees; NaN without any.
+    """
+
+    rows: NDArray[np.bool_]
+    times: NDArray[np.bool_]
+    reports: int
+    matched: int
+    without_time: int
+    outside_grid: int
+    outside_levels: int
+    first: int
+    last: int
+    box: Floats
+
+    @classmethod
+    def of(
+        cls, points: Points, catalogue: Catalogue, *, max_time_gap: float, derivatives: bool
+    ) -> Need:
+        """Find what reports need.
+
+        Parameters
+        ----------
+        points : Points
+        catalogue : Catalogue
+        max_time_gap : float
+        derivatives : bool
+
+        Returns
+        -------
+        Need
+        """
+        times = schedule(points, catalogue.valid, max_time_gap=max_time_gap, both=derivatives)
+        timed = times.earlier >= 0
+        placed = np.zeros(points.time.size, dtype=bool)
+        leveled = np.zeros(points.time.size, dtype=bool)
+        rows = np.zeros(int(catalogue.bounds[-1]), dtype=bool)
+        for number in np.flatnonzero(times.stop > times.start):
+            run = slice(int(times.start[number]), int(times.stop[number]))
+            inside, on_level, needed = _needs(catalogue, int(number), points, run, derivatives)
+            mine = times.earlier[run] == number
+            placed[run] |= inside & mine
+            leveled[run] |= inside & on_level & mine
+            rows[catalogue.bounds[number] : catalogue.bounds[number + 1]] = needed
+        return cls(
+            rows=rows,
+            times=times.stop > times.start,
+            reports=points.size,
+            matched=int(leveled.sum()),
+            without_time=points.size - int(timed.sum()),
+            outside_grid=int((timed & ~placed).sum()),
+            outside_levels=int(placed.sum()) - int(leveled.sum()),
+            first=int(points.time[0]) if points.time.size else _NEVER,
+            last=int(points.time[-1]) if points.time.size else -_NEVER,
+            box=_corners(points.latitude, points.longitude),
+        )
+
+    def __add__(self, other: Need) -> Need:
+        """Need of both parts."""
+        counts = ("reports", "matched", "without_time", "outside_grid", "outside_levels")
+        low, high = np.fmin(self.box, other.box), np.fmax(self.box, other.box)
+        return Need(
+            rows=self.rows | other.rows,
+            times=self.times | other.times,
+            first=min(self.first, other.first),
+            last=max(self.last, other.last),
+            box=np.where([True, False, True, False], low, high),
+            **{name: getattr(self, name) + getattr(other, name) for name in counts},
+        )
+
+    def plan(self, reference: str, catalogue: Catalogue, *, sparse: bool) -> Plan:
+        """Count what will be read.
+
+        Parameters
+        ----------
+        reference : str
+        catalogue : Catalogue
+            The one the need was found with.
+        sparse : bool
+
+        Returns
+        -------
+        Plan
+        """
+        counts = np.zeros(4, dtype=np.int64)
+        for number in np.flatnonzero(self.times):
+            bounds = slice(int(catalogue.bounds[number]), int(catalogue.bounds[number + 1]))
+            needed = self.rows[bounds]
+            tables = [catalogue.u[bounds][needed], catalogue.v[bounds][needed]]
+            if catalogue.level_kinds[number] != ISOBARIC and needed.any():
+                tables.append(catalogue.pressure[bounds])
+            table = np.concatenate(tables)
+            counts += [bool(needed.any()), table.size, _octets(table), table["sparse"].sum()]
+        ends = np.array([self.first, self.last] if self.first <= self.last else [], dtype=np.int64)
+        return Plan(
+            reference=reference,
+            model_times=int(counts[0]),
+            messages=int(counts[1]),
+            bytes=int(counts[2]),
+            sparse_messages=int(counts[3]) if sparse else 0,
+            reports=self.reports,
+            matched=self.matched,
+            without_time=self.without_time,
+            outside_grid=self.outside_grid,
+            outside_levels=self.outside_levels,
+            report_times=_span(ends),
+            model_span=_span(catalogue.valid),
+            report_box=tuple(round(float(x), 2) for x in self.box),  # type: ignore[arg-type]
+            model_box=_outline(catalogue),
+        )
 
 
 def _octets(table: NDArray[Any]) -> int:
@@ -298,12 +374,13 @@ def _span(time: Ints) -> tuple[str, str]:
     return (f"{ends[0]}Z", f"{ends[1]}Z")
 
 
-def _box(latitude: Floats, longitude: Floats) -> tuple[float, float, float, float]:
+def _corners(latitude: Floats, longitude: Floats) -> Floats:
+    """South, north, west and east of places; NaN without any."""
     known = np.isfinite(latitude) & np.isfinite(longitude)
     if not known.any():
-        return (np.nan, np.nan, np.nan, np.nan)
+        return np.full(4, np.nan)
     lat, lon = latitude[known], longitude[known]
-    return tuple(round(float(x), 2) for x in (lat.min(), lat.max(), lon.min(), lon.max()))  # type: ignore[return-value]
+    return np.array([lat.min(), lat.max(), lon.min(), lon.max()])
 
 
 def _outline(catalogue: Catalogue) -> tuple[float, float, float, float]:

@@ -1,8 +1,11 @@
-"""From canonical frames to the reports Dataset: order, duplicates, ragged layout.
+"""From canonical columns to the reports Dataset: order, duplicates, ragged layout.
 
-Assumes frames of :func:`airswing.reports.canonical.clean`. Columns are gathered one by one and
-each piece is let go as it is taken up, so the archive stands in memory once; tails and flight
-labels are kept as integers throughout.
+Assumes columns of :func:`airswing.reports.canonical.clean`, tails and flight labels as integers
+in alphabetical order. What becomes of an aircraft's reports depends on that aircraft's reports
+alone, but for two things a fleet shares: the numbers its flights begin at, and the resolutions
+that stand in for aircraft with too few reports. So a fleet may be assembled in blocks of whole
+aircraft (:func:`assembled`) and completed afterwards (:func:`completed`), with the same result
+bit for bit however it is divided.
 
 Duplicates
 ----------
@@ -15,16 +18,16 @@ conflict and the more complete stays. Those kept follow the climb or descent aro
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.reports.audit import Audit
 from airswing.reports.derive import derive_flight, derive_phase, seconds_since_1970
-from airswing.reports.resolution import detect_resolution
+from airswing.reports.resolution import count_on_steps, resolutions
 from airswing.vocabulary import describe
 
 FASTEST = 350.0
@@ -34,7 +37,6 @@ REPORTS_AT_ONCE = 500_000
 _METRES_PER_DEGREE = 111_195.0
 _SAME_PLACE = 1e-4  # degrees
 _TREND_GAP = 1200.0  # s: farther reports do not tell a climb from a descent
-_CATEGORIES = ("tail", "flight")
 _OUTPUT = (
     "latitude", "longitude", "pressure", "pressure_altitude", "eastward_wind", "northward_wind",
     "air_temperature", "roll_flag", "temperature_qc", "wind_qc", "phase", "icing",
@@ -45,72 +47,123 @@ _MAY_BE_MISSING = ("pressure", "eastward_wind", "air_temperature")
 Columns = dict[str, NDArray[Any]]
 
 
-class Gatherer:
-    """Takes up canonical frames column by column.
+class Block(NamedTuple):
+    """Reports of some aircraft, but for what the whole fleet decides.
 
-    Examples
-    --------
-    >>> gatherer = Gatherer()
-    >>> for frame in frames:  # doctest: +SKIP
-    ...     gatherer.add(frame)
-    >>> ds = gatherer.dataset(audit)  # doctest: +SKIP
+    Parameters
+    ----------
+    reports : Dataset
+        Flights numbered from 0 within the block; no resolutions yet.
+    counts : dict of array
+        Of :func:`airswing.reports.resolution.count_on_steps`.
+    flights : int
     """
 
-    def __init__(self) -> None:
-        self._pieces: dict[str, list[NDArray[Any]]] = {}
-        self._codes: dict[str, dict[str, int]] = {name: {} for name in _CATEGORIES}
-
-    def add(self, frame: pd.DataFrame) -> None:
-        """Take up one frame.
-
-        Parameters
-        ----------
-        frame : DataFrame
-            From :func:`airswing.reports.canonical.clean`.
-        """
-        for name in frame.columns:
-            values = self._integers(frame, name) if name in _CATEGORIES else frame[name].to_numpy()
-            self._pieces.setdefault(str(name), []).append(values)
-
-    def _integers(self, frame: pd.DataFrame, name: str) -> NDArray[np.int32]:
-        known, column = self._codes[name], frame[name].cat
-        codes = [known.setdefault(str(label), len(known)) for label in column.categories]
-        return np.asarray(np.array(codes, dtype=np.int32)[column.codes.to_numpy()], dtype=np.int32)
-
-    def dataset(self, audit: Audit) -> xr.Dataset:
-        """Order, thin and lay out what was taken up; the gatherer is empty afterwards.
-
-        Parameters
-        ----------
-        audit : Audit
-            Duplicates and derived values are added to it.
-
-        Returns
-        -------
-        Dataset
-            The reports (see the package's documentation), audit in ``reading_audit``.
-        """
-        columns = {name: np.concatenate(self._pieces.pop(name)) for name in list(self._pieces)}
-        tails, columns["tail"] = _alphabetic(self._codes["tail"], columns["tail"])
-        labels, columns["flight"] = _alphabetic(self._codes["flight"], columns["flight"])
-        columns["flight"] = np.where(np.array([*labels, ""]) == "", -1, np.arange(len(labels) + 1))[
-            columns["flight"]
-        ].astype(np.int32)
-        _take(columns, _order(columns))
-        _drop_same_place(columns, audit)
-        _drop_conflicts(columns, audit)
-        _take(columns, _along_climb(columns))
-        return _layout(columns, tails, audit)
+    reports: xr.Dataset
+    counts: dict[str, NDArray[np.int64]]
+    flights: int
 
 
-def _alphabetic(
-    known: dict[str, int], codes: NDArray[Any]
+def assembled(columns: Columns, tails: NDArray[Any], audit: Audit) -> Block:
+    """Order, thin and lay out the reports of some aircraft.
+
+    Parameters
+    ----------
+    columns : dict of arrays, shape (report,)
+        Canonical columns; ``tail`` numbers ``tails``, ``flight`` is -1 without a label. Emptied.
+    tails : array of str, shape (aircraft,)
+        In alphabetical order.
+    audit : Audit
+        Duplicates and derived values are added to it.
+
+    Returns
+    -------
+    Block
+        Aircraft left without a report are not in it.
+    """
+    _take(columns, _order(columns))
+    _drop_same_place(columns, audit)
+    _drop_conflicts(columns, audit)
+    _take(columns, _along_climb(columns))
+    return _layout(columns, tails, audit)
+
+
+def completed(blocks: Sequence[Block]) -> Iterator[xr.Dataset]:
+    """Complete the blocks of a fleet with what the fleet shares.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        All of the fleet, in order; taken up one by one.
+
+    Yields
+    ------
+    Dataset
+        The reports of each block.
+    """
+    shared = Shared.of(blocks)
+    for number, block in enumerate(blocks):
+        yield shared.complete(number, block.reports)
+
+
+class Shared:
+    """What the blocks of one fleet share.
+
+    Parameters
+    ----------
+    counts : sequence of dict
+        Of :func:`airswing.reports.resolution.count_on_steps`, block by block.
+    flights : sequence of int
+        Of each block.
+    """
+
+    def __init__(
+        self, counts: Sequence[dict[str, NDArray[np.int64]]], flights: Sequence[int]
+    ) -> None:
+        sizes = [one["steady"].size for one in counts]
+        self._stop = np.cumsum(sizes)
+        self._first = self._stop - sizes
+        self._flight = np.cumsum(flights) - np.asarray(flights)
+        self._found = resolutions(
+            {name: np.concatenate([one[name] for one in counts]) for name in counts[0]}
+        )
+
+    @classmethod
+    def of(cls, blocks: Sequence[Block]) -> Shared:
+        """Gather from blocks in memory."""
+        return cls([block.counts for block in blocks], [block.flights for block in blocks])
+
+    def complete(self, number: int, reports: xr.Dataset) -> xr.Dataset:
+        """Number the flights of a block over the fleet and give its aircraft their resolutions."""
+        own = slice(int(self._first[number]), int(self._stop[number]))
+        flight = reports["flight"].to_numpy() + np.int32(self._flight[number])
+        found: dict[str, Any] = {
+            name: ("aircraft", values[own]) for name, values in self._found.items()
+        }
+        return describe(reports.assign(found | {"flight": ("report", flight)}))
+
+
+def in_alphabetical_order(
+    labels: Sequence[str], codes: NDArray[Any]
 ) -> tuple[NDArray[np.object_], NDArray[np.int32]]:
-    labels = np.array(list(known), dtype=object)
-    order = np.argsort(labels)
-    renumbered = np.empty(labels.size, dtype=np.int32)
-    renumbered[order] = np.arange(labels.size, dtype=np.int32)
-    return labels[order], renumbered[codes]
+    """Renumber labels alphabetically.
+
+    Parameters
+    ----------
+    labels : sequence of str
+    codes : array of int
+        Numbers of ``labels``.
+
+    Returns
+    -------
+    labels : array of str
+    codes : array of int32
+    """
+    names = np.array(list(labels), dtype=object)
+    order = np.argsort(names)
+    renumbered = np.empty(names.size, dtype=np.int32)
+    renumbered[order] = np.arange(names.size, dtype=np.int32)
+    return names[order], renumbered[codes]
 
 
 def _take(columns: Columns, index: NDArray[Any]) -> None:
@@ -236,11 +289,11 @@ def _derived(
     return flight, phase
 
 
-def _layout(columns: Columns, tails: NDArray[np.object_], audit: Audit) -> xr.Dataset:
+def _layout(columns: Columns, tails: NDArray[Any], audit: Audit) -> Block:
     row_size = np.bincount(columns["tail"], minlength=tails.size)
     present = row_size > 0
     columns["tail"] = (np.cumsum(present) - 1)[columns["tail"]].astype(np.int32)
-    resolution = detect_resolution(columns, row_size[present])
+    counts = count_on_steps(columns, row_size[present])
     flight, derived = _derived(columns, row_size)
     unknown = columns["phase"] == 0
     columns["phase"] = np.where(unknown, derived, columns["phase"]).astype(np.int8)
@@ -256,9 +309,7 @@ def _layout(columns: Columns, tails: NDArray[np.object_], audit: Audit) -> xr.Da
             "time": ("report", columns["time"]),
             **{name: ("report", columns[name]) for name in _OUTPUT},
             "flight": ("report", flight),
-            **{name: ("aircraft", values) for name, values in resolution.items()},
         },
         coords={"aircraft": ("aircraft", tails[present])},
-        attrs={"reading_audit": audit.as_json(), "featureType": "trajectory"},
     )
-    return describe(ds)
+    return Block(ds, counts, int(flight.max(initial=-1)) + 1)

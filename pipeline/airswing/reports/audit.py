@@ -124,6 +124,29 @@ class Audit:
         """Return :meth:`as_dict` as JSON: NetCDF attributes cannot hold dicts."""
         return json.dumps(self.as_dict())
 
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Audit:
+        """Undo :meth:`as_dict`.
+
+        Parameters
+        ----------
+        content : mapping
+
+        Returns
+        -------
+        Audit
+        """
+        return cls(
+            read=content["reports_read"],
+            dropped=Counter(content["dropped"]),
+            repaired=Counter(content["repaired"]),
+            missing=Counter(content["missing"]),
+            flags={name: Counter(tally) for name, tally in content["flags"].items()},
+            formats=Counter(content["formats"]),
+            files_skipped=list(content["files_skipped"]),
+            examples=dict(content["examples"]),
+        )
+
     def add(self, other: Audit) -> None:
         """Add another tally, such as one file's.
 

@@ -139,11 +139,15 @@ def climb_rate(
     starts = np.flatnonzero(begins)
     first = starts[block]
     last = np.r_[starts[1:], flight.size].astype(np.int64)[block] - 1
-    offset = seconds - seconds[first]
-    key = offset + block * (float(offset.max(initial=0.0)) + 10.0 * FARTHEST)
+    # Microseconds, flights laid end to end with wide gaps: whole numbers, so that what is found
+    # does not depend on which other flights are looked at together with these.
+    offset = np.round((seconds - seconds[first]) * 1e6).astype(np.int64)
+    span = offset[last[starts]] + round(10.0 * FARTHEST * 1e6)
+    key = offset + (np.cumsum(span) - span)[block]
+    near = round(NEAREST * 1e6)
     here = np.arange(flight.size)
-    left = np.maximum(np.searchsorted(key, key - NEAREST, side="right") - 1, first)
-    right = np.minimum(np.searchsorted(key, key + NEAREST, side="left"), last)
+    left = np.maximum(np.searchsorted(key, key - near, side="right") - 1, first)
+    right = np.minimum(np.searchsorted(key, key + near, side="left"), last)
     left = np.where(seconds - seconds[left] > FARTHEST, here, left)
     right = np.where(seconds[right] - seconds > FARTHEST, here, right)
     span = seconds[right] - seconds[left]

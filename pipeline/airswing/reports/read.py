@@ -16,7 +16,6 @@ import pandas as pd
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.reports.assemble import Gatherer
 from airswing.reports.audit import Audit
 from airswing.reports.canonical import clean
 from airswing.reports.columns import ColumnMapping, parse_mapping
@@ -72,14 +71,15 @@ def read_reports(
         No file matches, none can be read, none holds a usable report, or (policy "fail") one
         cannot be read.
     """
-    audit, gatherer = Audit(), Gatherer()
-    for frame in iter_frames(
-        files, format=format, columns=columns, on_bad_file=on_bad_file, audit=audit
-    ):
-        gatherer.add(frame)
-    if not audit.kept:
-        raise _none_usable(audit)
-    return gatherer.dataset(audit)
+    from airswing.reports.assemble import assembled, completed
+    from airswing.reports.spool import Spool
+
+    spool = Spool()
+    spool.fill(files, format=format, columns=columns, on_bad_file=on_bad_file)
+    tails = list(spool.counts())
+    block = assembled(*spool.columns(tails[0], tails[-1]), spool.audit)
+    (reports,) = completed([block])
+    return reports.assign_attrs(reading_audit=spool.audit.as_json(), featureType="trajectory")
 
 
 def iter_frames(
@@ -110,11 +110,7 @@ def iter_frames(
     InputError
         As in :func:`read_reports`.
     """
-    if format not in FORMATS:
-        raise InputError(
-            "unknown report format", field="reports.format", found=format,
-            remedy=f"One of: {', '.join(FORMATS)}",
-        )  # fmt: skip
+    require_format(format)
     audit = Audit() if audit is None else audit
     mapping = parse_mapping(columns)
     paths = expand(files)
@@ -122,7 +118,7 @@ def iter_frames(
     for path in paths:
         own = Audit()
         try:
-            frames = list(_file_frames(path, format, mapping, own))
+            frames = list(file_frames(path, format, mapping, own))
         except InputError as error:
             if on_bad_file == "fail":
                 raise
@@ -133,10 +129,38 @@ def iter_frames(
         while frames:
             yield frames.pop(0)
     if len(errors) == len(paths):
-        raise _none_read(errors)
+        raise none_read(errors)
 
 
-def _none_usable(audit: Audit) -> InputError:
+def require_format(format: str) -> None:
+    """Refuse a format that is not known.
+
+    Parameters
+    ----------
+    format : str
+
+    Raises
+    ------
+    InputError
+    """
+    if format not in FORMATS:
+        raise InputError(
+            "unknown report format", field="reports.format", found=format,
+            remedy=f"One of: {', '.join(FORMATS)}",
+        )  # fmt: skip
+
+
+def none_usable(audit: Audit) -> InputError:
+    """Say why no report was usable.
+
+    Parameters
+    ----------
+    audit : Audit
+
+    Returns
+    -------
+    InputError
+    """
     reasons = ", ".join(f"{reason} {n}" for reason, n in audit.dropped.most_common())
     unread = ", ".join(f"{name} such as {value}" for name, value in audit.examples.items())
     return InputError(
@@ -149,7 +173,18 @@ def _none_usable(audit: Audit) -> InputError:
     )
 
 
-def _none_read(errors: list[InputError]) -> InputError:
+def none_read(errors: list[InputError]) -> InputError:
+    """Say why no file could be read.
+
+    Parameters
+    ----------
+    errors : list of InputError
+        One a file.
+
+    Returns
+    -------
+    InputError
+    """
     if len(errors) == 1:
         return errors[0]
     return InputError(
@@ -158,7 +193,28 @@ def _none_read(errors: list[InputError]) -> InputError:
     )
 
 
-def _file_frames(path: Path, format: str, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+def file_frames(path: Path, format: str, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Read one file as canonical frames, piece by piece.
+
+    Parameters
+    ----------
+    path : Path
+    format : str
+    mapping : mapping
+        Of :func:`airswing.reports.columns.parse_mapping`.
+    audit : Audit
+        Takes the counts; not to be used where the file cannot be read to its end.
+
+    Yields
+    ------
+    DataFrame
+        As :func:`iter_frames`.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
     kind = detect_format(path) if format == "auto" else format
     audit.formats[kind] += 1
     try:

@@ -81,18 +81,70 @@ def lattice_step(
     array, shape (groups,)
         The last step of the list where none fits, NaN where a group has too few values.
     """
-    known = np.isfinite(values)
-    values, group = values[known], group[known]
-    size = np.bincount(group, minlength=groups)
-    found = np.where(size >= fewest, steps[-1][0], np.nan)
-    undecided = size >= fewest
-    for step, tolerance in steps:
-        mine = undecided[group]
-        off = np.abs(values[mine] - step * np.round(values[mine] / step))
-        on = np.bincount(group[mine], weights=off <= tolerance, minlength=groups)
-        hit = undecided & (on >= SHARE * size)
-        found[hit] = step
-        undecided &= ~hit
+    return _coarsest(_on_steps(values, group, groups, steps), steps, fewest)
+
+
+_FIELDS: dict[str, tuple[tuple[Step, ...], float]] = {
+    "position_resolution": (POSITION_STEPS, 0.01),
+    "time_resolution": (TIME_STEPS, 60.0),
+    "wind_speed_resolution": (SPEED_STEPS, KNOT),
+    "wind_direction_resolution": (DIRECTION_STEPS, 1.0),
+}
+"""Steps looked for, and what stands in where no aircraft tells one."""
+
+
+def count_on_steps(
+    columns: dict[str, NDArray[Any]], row_size: NDArray[Any]
+) -> dict[str, NDArray[np.int64]]:
+    """Count how many values of each aircraft lie on each step.
+
+    Parameters
+    ----------
+    columns : dict of arrays, shape (report,)
+        As for :func:`detect_resolution`.
+    row_size : array of int, shape (aircraft,)
+
+    Returns
+    -------
+    dict
+        For each resolution an array (aircraft, 1 + steps): values looked at, and of those the
+        ones on each step; and ``steady`` (aircraft,), 1 where a clock on whole minutes is exact.
+        Aircraft may be counted in parts of the fleet: rows do not depend on each other.
+    """
+    number = int(row_size.size)
+    stride = np.repeat(np.maximum(row_size // _LOOKED_AT, 1), row_size)
+    place = np.arange(stride.size) - np.repeat(np.cumsum(row_size) - row_size, row_size)
+    seen = np.flatnonzero(place % np.maximum(stride, 1) == 0)
+    group = columns["tail"][seen]
+    latitude, longitude = columns["latitude"][seen], columns["longitude"][seen]
+    day = columns["time"] - columns["time"].astype("datetime64[D]")
+    values = {
+        "position_resolution": (np.concatenate([latitude, longitude]), np.tile(group, 2)),
+        "time_resolution": (day[seen].astype("timedelta64[ns]").astype(np.int64) / 1e9, group),
+        "wind_speed_resolution": (columns["wind_speed"][seen].astype(np.float64), group),
+        "wind_direction_resolution": (columns["wind_direction"][seen].astype(np.float64), group),
+    }
+    found = {name: _on_steps(*values[name], number, steps) for name, (steps, _) in _FIELDS.items()}
+    clock = _coarsest(found["time_resolution"], TIME_STEPS, FEWEST)
+    return found | {"steady": _steady(columns, clock, number).astype(np.int64)}
+
+
+def resolutions(counts: dict[str, NDArray[np.int64]]) -> dict[str, NDArray[np.float64]]:
+    """Resolution of each aircraft's reports, from the counts of a whole fleet.
+
+    Parameters
+    ----------
+    counts : dict
+        Of :func:`count_on_steps`, all aircraft.
+
+    Returns
+    -------
+    dict
+        ``position_resolution`` (degree), ``time_resolution`` (s), ``wind_speed_resolution``
+        (m/s), ``wind_direction_resolution`` (degree), each of shape (aircraft,).
+    """
+    found = {name: _filled(counts[name], steps, usual) for name, (steps, usual) in _FIELDS.items()}
+    found["time_resolution"] = np.where(counts["steady"] > 0, 1.0, found["time_resolution"])
     return found
 
 
@@ -111,50 +163,43 @@ def detect_resolution(
     Returns
     -------
     dict
-        ``position_resolution`` (degree), ``time_resolution`` (s), ``wind_speed_resolution``
-        (m/s), ``wind_direction_resolution`` (degree), each of shape (aircraft,).
+        As :func:`resolutions`.
     """
-    number = int(row_size.size)
-    stride = np.repeat(np.maximum(row_size // _LOOKED_AT, 1), row_size)
-    place = np.arange(stride.size) - np.repeat(np.cumsum(row_size) - row_size, row_size)
-    seen = np.flatnonzero(place % np.maximum(stride, 1) == 0)
-    group = columns["tail"][seen]
+    return resolutions(count_on_steps(columns, row_size))
 
-    def step(name: str, steps: tuple[Step, ...], usual: float) -> NDArray[np.float64]:
-        return _filled(columns[name][seen].astype(np.float64), group, number, steps, usual=usual)
 
-    position = _filled(
-        np.concatenate([columns["latitude"][seen], columns["longitude"][seen]]),
-        np.concatenate([group, group]),
-        number,
-        POSITION_STEPS,
-        usual=0.01,
-    )
-    day = columns["time"] - columns["time"].astype("datetime64[D]")
-    seconds = day[seen].astype("timedelta64[ns]").astype(np.int64) / 1e9
-    clock = _filled(seconds, group, number, TIME_STEPS, usual=60.0)
-    return {
-        "position_resolution": position,
-        "time_resolution": np.where(_steady(columns, clock, number), 1.0, clock),
-        "wind_speed_resolution": step("wind_speed", SPEED_STEPS, KNOT),
-        "wind_direction_resolution": step("wind_direction", DIRECTION_STEPS, 1.0),
-    }
+def _on_steps(
+    values: NDArray[np.float64], group: NDArray[Any], groups: int, steps: tuple[Step, ...]
+) -> NDArray[np.int64]:
+    """Values of each group, and those of them that lie on each step."""
+    known = np.isfinite(values)
+    values, group = values[known], group[known]
+    columns = [np.bincount(group, minlength=groups)]
+    for step, tolerance in steps:
+        off = np.abs(values - step * np.round(values / step))
+        columns.append(np.bincount(group[off <= tolerance], minlength=groups))
+    return np.stack(columns, axis=1).astype(np.int64)
+
+
+def _coarsest(
+    counts: NDArray[np.int64], steps: tuple[Step, ...], fewest: int
+) -> NDArray[np.float64]:
+    """First step on which enough values lie, the last where none; NaN with too few values."""
+    size, on = counts[:, 0], counts[:, 1:]
+    hit = on >= SHARE * size[:, np.newaxis]
+    number = np.where(hit.any(axis=1), hit.argmax(axis=1), len(steps) - 1)
+    return np.where(size >= fewest, np.array([step for step, _ in steps])[number], np.nan)
 
 
 def _filled(
-    values: NDArray[np.float64],
-    group: NDArray[Any],
-    number: int,
-    steps: tuple[Step, ...],
-    *,
-    usual: float,
+    counts: NDArray[np.int64], steps: tuple[Step, ...], usual: float
 ) -> NDArray[np.float64]:
     """Steps per aircraft; the most frequent one, at most the usual, where reports are too few."""
-    found = lattice_step(values, group, number, steps)
+    found = _coarsest(counts, steps, FEWEST)
     absent = np.isnan(found)
     if absent.any():
         own, times_met = np.unique(found[~absent], return_counts=True)
-        pooled = lattice_step(values, np.zeros_like(group), 1, steps, fewest=1)[0]
+        pooled = _coarsest(counts.sum(axis=0, keepdims=True), steps, 1)[0]
         found[absent] = own[np.argmax(times_met)] if own.size else min(pooled, usual)
     return found
 

@@ -1,9 +1,10 @@
 """The stages in order, each a function of the job and what the stage before made.
 
-``main`` tells the whole job; ``headings``, ``fits``, ``evaluation`` and ``prospects`` hold its
-stages; ``job`` what they share.
+``main`` tells the whole job; ``collocating``, ``headings``, ``fits``, ``evaluation`` and
+``prospects`` hold its stages; ``job`` what they share.
 """
 
+from airswing.workflow.collocating import collocated_headings
 from airswing.workflow.evaluation import (
     make_evaluation,
     make_field_test,
@@ -11,13 +12,7 @@ from airswing.workflow.evaluation import (
     make_sensitivity,
 )
 from airswing.workflow.fits import make_corrected, make_fits
-from airswing.workflow.headings import (
-    collocated_headings,
-    make_headings,
-    plan_run,
-    read,
-    require_kept,
-)
+from airswing.workflow.headings import make_headings, plan_run
 from airswing.workflow.job import (
     COLLOCATING,
     CORRECTED,
@@ -57,7 +52,5 @@ __all__ = [
     "make_stability",
     "make_virtual",
     "plan_run",
-    "read",
-    "require_kept",
     "run",
 ]

@@ -6,20 +6,28 @@ Takes ``headings.nc`` and writes ``fits.nc``, the tables and swing cards, and ``
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
 from airswing.fingerprint import code_digest
+from airswing.ragged import blocks
 from airswing.workflow.job import (
     CORRECTED,
     FITS,
     FITTING,
     HEADINGS,
+    Blocks,
     Job,
     main_reference,
     product,
+    ragged_product,
     ready,
 )
+
+if TYPE_CHECKING:
+    from airswing.progress import StageRecord
 
 
 def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
@@ -87,21 +95,31 @@ def make_corrected(
     -------
     Dataset
     """
-    from airswing.compass.correction import correct
+    from airswing.compass.correction import correct, correction_columns
 
     screened, fitted = ready(job, headings, HEADINGS), ready(job, fits, FITS)
+    reference = main_reference(job.config)
 
-    def make() -> xr.Dataset:
-        with job.progress.stage("correct"):
-            return correct(screened, fitted, reference=main_reference(job.config))
+    def make() -> Blocks:
+        attrs: dict[str, Any] = {}
 
-    return product(
+        def each(stage: StageRecord) -> Iterator[xr.Dataset]:
+            for block in blocks(screened, correction_columns(screened)):
+                mended = correct(block, fitted, reference=reference)
+                attrs.update(mended.attrs)
+                yield mended
+            stage.reports = screened.sizes["report"]
+
+        sizes = screened.sizes
+        return Blocks(sizes["report"], sizes["aircraft"], each, "correct", attrs)
+
+    return ragged_product(
         job,
         CORRECTED,
         make,
         title="Aircraft reports with winds corrected for compass deviation",
         depends=(
-            main_reference(job.config),
+            reference,
             screened.attrs["uuid"],
             fitted.attrs["uuid"],
             code_digest("airswing.compass.correction"),

@@ -1,11 +1,15 @@
-"""From files to screened headings: read, catalogue, plan, collocate, derive, screen.
+"""Screened headings: ``headings.nc``, and the plan of a run.
 
-Takes the configuration, calls the package's own functions with plain arguments and writes
-``headings.nc``.
+Takes what :mod:`airswing.workflow.collocating` makes, some aircraft at a time, screens it and
+writes it as it comes.
 """
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,15 +18,22 @@ import xarray as xr
 from airswing.errors import InputError
 from airswing.fingerprint import code_digest, file_identities, fingerprint
 from airswing.products import as_stored, read_product
-from airswing.workflow.job import COLLOCATING, HEADINGS, Job, product
+from airswing.ragged import blocks
+from airswing.workflow.collocating import (
+    catalogues,
+    collocated_blocks,
+    plans_of,
+    read,
+    set_places_down,
+)
+from airswing.workflow.job import COLLOCATING, HEADINGS, Blocks, Job, ragged_product
 
 if TYPE_CHECKING:
-    from airswing.reference.catalogue import Catalogue
-    from airswing.reference.planning import Plan
+    from airswing.progress import StageRecord
 
 
 def plan_run(job: Job) -> dict[str, Any]:
-    """Say what a run would read and cost; nothing is decoded and nothing written.
+    """Say what a run would read and cost; nothing is decoded and nothing kept.
 
     Parameters
     ----------
@@ -36,152 +47,16 @@ def plan_run(job: Job) -> dict[str, Any]:
     """
     from airswing.cost import estimate
 
-    reports = read(job)
-    models = catalogues(job, list(job.config.references))
-    asked = job.config.collocation
-    options = {"max_time_gap": asked.max_time_gap, "sparse": asked.sparse, "derivatives": False}
-    plans = plans_of(job, reports, models, options)
+    with tempfile.TemporaryDirectory() as name:
+        archive = read(job, Path(name))
+        models = catalogues(job, list(job.config.references))
+        plans = plans_of(job, set_places_down(archive, Path(name) / "blocks"), models)
     return {
-        "reports": reports.sizes["report"],
-        "aircraft": reports.sizes["aircraft"],
-        **estimate(reports.sizes["report"], plans),
+        "reports": archive.reports,
+        "aircraft": archive.aircraft,
+        **estimate(archive.reports, plans),
         "references": {name: one.as_dict() for name, one in plans.items()},
     }
-
-
-def read(job: Job) -> xr.Dataset:
-    """Read the aircraft reports the configuration names.
-
-    Parameters
-    ----------
-    job : Job
-
-    Returns
-    -------
-    Dataset
-        Canonical reports.
-    """
-    from airswing.reports.read import read_reports
-
-    asked = job.config.reports
-    with job.progress.stage("reports") as stage:
-        reports = read_reports(
-            asked.files, format=asked.format, columns=asked.columns, on_bad_file=asked.on_bad_file
-        )
-        stage.note = f"{reports.sizes['report']:,} reports of {reports.sizes['aircraft']} aircraft"
-        stage.reports = reports.sizes["report"]
-        stage.octets = sum(size for _, size, _ in file_identities(asked.files))
-    return reports
-
-
-def catalogues(job: Job, names: list[str]) -> dict[str, Catalogue]:
-    """Catalogue the GRIB folders of some references.
-
-    Parameters
-    ----------
-    job : Job
-    names : list of str
-
-    Returns
-    -------
-    dict of str to Catalogue
-    """
-    from airswing.reference.catalogue import build_catalogue
-
-    found = {}
-    with job.progress.stage("catalogue") as stage:
-        for name in names:
-            asked = job.config.references[name]
-            found[name] = build_catalogue(
-                asked.files, name=name, lead=asked.lead, on_bad_file=asked.on_bad_file
-            )
-        stage.note = ", ".join(
-            f"{name} {len(model):,} model times" for name, model in found.items()
-        )
-    for name, model in found.items():
-        for note in model.notes:
-            job.progress.say(f"  {name}: {note}")
-    return found
-
-
-def plans_of(
-    job: Job, reports: xr.Dataset, models: dict[str, Catalogue], options: dict[str, Any]
-) -> dict[str, Plan]:
-    """What the collocation will read, and which reports have no model.
-
-    Parameters
-    ----------
-    job : Job
-    reports : Dataset
-    models : dict of str to Catalogue
-    options : dict
-        ``max_time_gap``, ``sparse`` and ``derivatives`` of the collocation.
-
-    Returns
-    -------
-    dict of str to Plan
-    """
-    from airswing.cost import stage_seconds
-    from airswing.reference.planning import plan
-
-    with job.progress.stage("plan") as stage:
-        plans = plan(reports, models, **options)
-        messages = sum(one.messages for one in plans.values())
-        stage.note = f"{messages:,} messages to read"
-    job.progress.expected = stage_seconds(
-        reports.sizes["report"], plans, threads=job.progress.threads
-    )
-    return plans
-
-
-def collocated_headings(job: Job, *, names: list[str], derivatives: bool = False) -> xr.Dataset:
-    """Reports with model winds and headings, not yet screened or written.
-
-    Parameters
-    ----------
-    job : Job
-    names : list of str
-        References to sample.
-    derivatives : bool, default False
-        Also sample the reference wind's derivatives, which the gap diagnosis needs.
-
-    Returns
-    -------
-    Dataset
-        In memory; ``reading_audit`` and ``reference_audit`` in the attributes.
-    """
-    from airswing.compass.headings import derive_headings
-    from airswing.reference.collocate import ACCOUNT, collocate
-    from airswing.reference.planning import require_overlap
-
-    reports = read(job)
-    models = catalogues(job, names)
-    asked = job.config.collocation
-    options: dict[str, Any] = {
-        "max_time_gap": asked.max_time_gap,
-        "sparse": asked.sparse,
-        "derivatives": derivatives,
-    }
-    plans = plans_of(job, reports, models, options)
-    require_overlap(plans)
-    with job.progress.stage("collocate") as stage:
-        winds = collocate(reports, models, store=job.store, account=True, **options).compute()
-        matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
-        stage.note = f"reports within the model: {matched}"
-        stage.reports = max(one.matched for one in plans.values())
-        stage.messages = int(winds["decoded_messages"].sum())
-        stage.octets = int(winds["decoded_bytes"].sum())
-        stage.decoding = float(winds["decoding_seconds"].sum())
-    unread = winds["unread_messages"].to_series().to_dict()
-    with job.progress.stage("headings") as stage:
-        headings = derive_headings(reports, winds.drop_vars(list(ACCOUNT))).compute()
-        stage.reports = headings.sizes["report"]
-    headings.attrs["reference_audit"] = {
-        name: plans[name].as_dict()
-        | {"notes": model.notes, "skipped": model.skipped, "unread_messages": unread[name]}
-        for name, model in models.items()
-    }
-    return headings
 
 
 def make_headings(job: Job) -> xr.Dataset:
@@ -194,14 +69,13 @@ def make_headings(job: Job) -> xr.Dataset:
     Returns
     -------
     Dataset
+        Read lazily.
 
     Raises
     ------
     InputError
         If no report is left after screening.
     """
-    from airswing.compass.screening import mark_corrected_units, screen
-
     config = job.config
     names = list(config.references)
     unscreened = fingerprint(
@@ -211,30 +85,16 @@ def make_headings(job: Job) -> xr.Dataset:
         code_digest(*COLLOCATING),
     )
 
-    def make() -> xr.Dataset:
-        headings = _unscreened(job, unscreened)
-        if headings is None:
+    def make() -> Blocks:
+        made = _unscreened(job, unscreened)
+        if made is None:
             if not job.resume:
                 job.clear_store()
-            headings = as_stored(collocated_headings(job, names=names))
-        headings.attrs["unscreened_fingerprint"] = unscreened
-        with job.progress.stage("screen") as stage:
-            headings = screen(headings, **config.screening.model_dump())
-            if config.field_test is not None:
-                test = config.field_test
-                headings = mark_corrected_units(
-                    headings,
-                    aircraft=test.corrected,
-                    start=np.datetime64(test.start),
-                    end=None if test.end is None else np.datetime64(test.end),
-                )
-            kept = int((headings["screening"] == 0).sum())
-            stage.note = f"{kept:,} of {headings.sizes['report']:,} reports kept"
-            stage.reports = kept
-        require_kept(headings)
-        return headings
+            made = collocated_blocks(job, names=names)
+        made.attrs["unscreened_fingerprint"] = unscreened
+        return _screened(job, made)
 
-    headings = product(
+    headings = ragged_product(
         job,
         HEADINGS,
         make,
@@ -249,39 +109,71 @@ def make_headings(job: Job) -> xr.Dataset:
     return headings
 
 
-def require_kept(headings: xr.Dataset) -> None:
-    """Refuse to go on when screening left nothing, and say which rules did it.
+def _screened(job: Job, made: Blocks) -> Blocks:
+    """Mark what the fit should not use, as the blocks come by."""
+    from airswing.compass.screening import audit, mark_corrected_units, screen
+
+    config = job.config
+
+    def each(stage: StageRecord) -> Iterator[xr.Dataset]:
+        kept, removed = 0, xr.DataArray(0)
+        for block in made.each(stage):
+            headings = screen(as_stored(block), **config.screening.model_dump())
+            if config.field_test is not None:
+                test = config.field_test
+                headings = mark_corrected_units(
+                    headings,
+                    aircraft=test.corrected,
+                    start=np.datetime64(test.start),
+                    end=None if test.end is None else np.datetime64(test.end),
+                )
+            kept += int((headings["screening"] == 0).sum())
+            removed = removed + audit(headings)["together_total"]
+            yield headings
+        if not kept:
+            raise nothing_kept(removed, made.reports)
+        stage.note = f"{kept:,} of {made.reports:,} reports kept"
+        stage.reports = made.reports
+
+    return replace(made, each=each)
+
+
+def nothing_kept(total: xr.DataArray, reports: int) -> InputError:
+    """Say which rules left no report.
 
     Parameters
     ----------
-    headings : Dataset
-        Screened.
+    total : DataArray
+        Reports each rule marked (rule).
+    reports : int
+        All of them.
 
-    Raises
-    ------
+    Returns
+    -------
     InputError
     """
-    from airswing.compass.screening import audit
-
-    if bool((headings["screening"] == 0).any()):
-        return
-    total = audit(headings)["together"].sum("aircraft").to_series()
-    found = ", ".join(f"{rule} {count:,}" for rule, count in total[total > 0].items())
-    raise InputError(
+    counts = total.to_series()
+    found = ", ".join(f"{rule} {count:,}" for rule, count in counts[counts > 0].items())
+    return InputError(
         "screening left no report",
         field="screening",
-        found=f"of {headings.sizes['report']:,} reports, left out by {found}",
+        found=f"of {reports:,} reports, left out by {found}",
         remedy="Loosen the rule that removed most, or check the reports",
     )
 
 
-def _unscreened(job: Job, mark: str) -> xr.Dataset | None:
+def _unscreened(job: Job, mark: str) -> Blocks | None:
     """Reports with model winds of an earlier run that still hold, to be screened anew."""
     path = job.output / HEADINGS
     if not (job.resume and path.exists()):
         return None
-    found = read_product(path)
+    found = read_product(path, lazy=True)
     if found.attrs.get("unscreened_fingerprint") != mark:
+        found.close()
         return None
     job.progress.say(f"{HEADINGS}: model winds kept, screened anew")
-    return found.drop_vars("screening")
+    kept = found.drop_vars("screening")
+    return Blocks(
+        found.sizes["report"], found.sizes["aircraft"], lambda _: blocks(kept), "screen",
+        dict(found.attrs),
+    )  # fmt: skip

@@ -7,8 +7,8 @@ still holds is read instead of made again.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,16 @@ import xarray as xr
 
 from airswing.config import Config, as_json
 from airswing.fingerprint import fingerprint
-from airswing.products import read_product, require_writable, write_product
-from airswing.progress import Progress
+from airswing.products import provenance, read_product, require_writable, write_product
+from airswing.progress import Progress, StageRecord
+from airswing.ragged_product import ragged_writer
 
 HEADINGS, FITS, CORRECTED = "headings.nc", "fits.nc", "corrected.nc"
 PROFILES, FIELD_TEST, SENSITIVITY = "error_profiles.nc", "field_test.json", "sensitivity.json"
 
 COLLOCATING = (
-    "airswing.reports.read",
+    "airswing.reports.archive",
+    "airswing.reference.places",
     "airswing.reference.catalogue",
     "airswing.reference.collocate",
     "airswing.compass.headings",
@@ -59,13 +61,36 @@ class Job:
 
     @property
     def store(self) -> Path:
-        """Folder of finished model times, there while a run is under way, or kept on request."""
+        """Folder of finished work, there while a run is under way, or kept on request."""
         return self.output / ".collocated"
 
     def clear_store(self) -> None:
-        """Remove the finished model times, unless the configuration keeps them."""
-        if not self.config.compute.keep_samples:
-            shutil.rmtree(self.store, ignore_errors=True)
+        """Remove finished model times and cleaned reports, unless the configuration keeps them."""
+        kept = self.config.compute.keep_samples
+        shutil.rmtree(self.store / "blocks" if kept else self.store, ignore_errors=True)
+
+
+@dataclass
+class Blocks:
+    """A ragged Dataset in the making, some whole aircraft at a time.
+
+    Parameters
+    ----------
+    reports, aircraft : int
+        Of all blocks together.
+    each : callable
+        Gives the blocks, once; takes the record of the stage.
+    stage : str
+        What a person reads while they are made.
+    attrs : dict
+        Attributes of the whole; complete when the last block was given.
+    """
+
+    reports: int
+    aircraft: int
+    each: Callable[[StageRecord], Iterator[xr.Dataset]]
+    stage: str
+    attrs: dict[str, Any] = field(default_factory=dict)
 
 
 def main_reference(config: Config) -> str:
@@ -96,7 +121,7 @@ def ready(job: Job, given: xr.Dataset | None, name: str) -> xr.Dataset:
     -------
     Dataset
     """
-    return read_product(job.output / name) if given is None else given
+    return read_product(job.output / name, lazy=True) if given is None else given
 
 
 def product(
@@ -129,21 +154,71 @@ def product(
         As read back from the file.
     """
     path, mark = job.output / name, fingerprint(name, *depends)
-    if job.resume and path.exists():
-        found = read_product(path)
-        if found.attrs.get("fingerprint") == mark:
-            job.progress.say(f"{name}: nothing changed, kept")
-            return found
-    require_writable(job.output)
+    found = _kept(job, path, mark)
+    if found is not None:
+        return found.load()
     made = make()
     made.attrs["fingerprint"] = mark
-    write_product(
-        made,
-        path,
-        title=title,
-        config_json=as_json(job.config),
-        sources=[*job.config.reports.files, *job.config.references],
-        source_uuids=[source.attrs["uuid"] for source in sources],
-    )
-    del made  # a year's product is not held twice
+    write_product(made, path, **_told(job, title, sources))
     return read_product(path)
+
+
+def ragged_product(
+    job: Job,
+    name: str,
+    make: Callable[[], Blocks],
+    *,
+    title: str,
+    depends: tuple[Any, ...],
+    sources: tuple[xr.Dataset, ...] = (),
+) -> xr.Dataset:
+    """Read a product that still holds, or make it and write it, some aircraft at a time.
+
+    Parameters
+    ----------
+    job, name, title, depends, sources
+        As for :func:`product`.
+    make : callable
+        Gives its blocks.
+
+    Returns
+    -------
+    Dataset
+        Read lazily from the file.
+    """
+    path, mark = job.output / name, fingerprint(name, *depends)
+    found = _kept(job, path, mark)
+    if found is not None:
+        return found
+    made = make()
+    with (
+        job.progress.stage(made.stage) as stage,
+        ragged_writer(path, reports=made.reports, aircraft=made.aircraft) as writer,
+    ):
+        for block in made.each(stage):
+            writer.append(block)
+        told = provenance(**_told(job, title, sources))
+        writer.describe({**made.attrs, "fingerprint": mark, **told})
+    return read_product(path, lazy=True)
+
+
+def _kept(job: Job, path: Path, mark: str) -> xr.Dataset | None:
+    """A product that still holds, read lazily."""
+    if job.resume and path.exists():
+        found = read_product(path, lazy=True)
+        if found.attrs.get("fingerprint") == mark:
+            job.progress.say(f"{path.name}: nothing changed, kept")
+            return found
+        found.close()
+    require_writable(job.output)
+    return None
+
+
+def _told(job: Job, title: str, sources: tuple[xr.Dataset, ...]) -> dict[str, Any]:
+    """Where a product comes from."""
+    return {
+        "title": title,
+        "config_json": as_json(job.config),
+        "sources": [*job.config.reports.files, *job.config.references],
+        "source_uuids": [source.attrs["uuid"] for source in sources],
+    }

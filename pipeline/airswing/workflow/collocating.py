@@ -1,0 +1,265 @@
+"""From files to headings, some aircraft at a time: read, catalogue, plan, collocate, derive.
+
+Reports are set down by aircraft as they are read, their places by time; the model winds are found
+stretch of time by stretch of time and taken back block by block of aircraft. Neither this process
+nor a worker ever holds more than a block or a stretch.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from airswing.fingerprint import code_digest, fingerprint
+from airswing.ragged import joined
+from airswing.workflow.job import Blocks, Job
+
+if TYPE_CHECKING:
+    from airswing.progress import StageRecord
+    from airswing.reference.catalogue import Catalogue
+    from airswing.reference.places import Places
+    from airswing.reference.planning import Plan
+    from airswing.reports.archive import Archive
+
+
+def read(job: Job, folder: Path) -> Archive:
+    """Read the aircraft reports the configuration names, and set them down by aircraft.
+
+    Parameters
+    ----------
+    job : Job
+    folder : Path
+        Where; cleaned reports of files that are still the same are taken up from there.
+
+    Returns
+    -------
+    Archive
+    """
+    from airswing.reports.archive import Archive
+    from airswing.reports.spool import Spool
+
+    asked = job.config.reports
+    options = asked.model_dump(include={"format", "columns", "on_bad_file"})
+    with job.progress.stage("reports") as stage:
+        spool = Spool(
+            folder / "reports", key=fingerprint(options, code_digest("airswing.reports.spool"))
+        )
+        spool.fill(
+            asked.files, format=asked.format, columns=asked.columns, on_bad_file=asked.on_bad_file
+        )
+        archive = Archive(spool, folder / "blocks")
+        stage.note = f"{archive.reports:,} reports of {archive.aircraft} aircraft"
+        stage.reports = archive.reports
+        stage.octets = spool.octets_read
+    return archive
+
+
+def catalogues(job: Job, names: list[str]) -> dict[str, Catalogue]:
+    """Catalogue the GRIB folders of some references.
+
+    Parameters
+    ----------
+    job : Job
+    names : list of str
+
+    Returns
+    -------
+    dict of str to Catalogue
+    """
+    from airswing.reference.catalogue import build_catalogue
+
+    found = {}
+    with job.progress.stage("catalogue") as stage:
+        for name in names:
+            asked = job.config.references[name]
+            found[name] = build_catalogue(
+                asked.files, name=name, lead=asked.lead, on_bad_file=asked.on_bad_file
+            )
+        stage.note = ", ".join(
+            f"{name} {len(model):,} model times" for name, model in found.items()
+        )
+    for name, model in found.items():
+        for note in model.notes:
+            job.progress.say(f"  {name}: {note}")
+    return found
+
+
+def set_places_down(archive: Archive, folder: Path) -> Places:
+    """Sort the places of an archive into stretches of time.
+
+    Parameters
+    ----------
+    archive : Archive
+    folder : Path
+
+    Returns
+    -------
+    Places
+    """
+    from airswing.reference.places import Places, stretches
+
+    places = Places(folder, stretches(archive.hours))
+    for reports in archive:
+        places.add(reports)
+    return places
+
+
+def plans_of(
+    job: Job, places: Places, models: dict[str, Catalogue], *, derivatives: bool = False
+) -> dict[str, Plan]:
+    """What the collocation will read, and which reports have no model.
+
+    Parameters
+    ----------
+    job : Job
+    places : Places
+    models : dict of str to Catalogue
+    derivatives : bool
+
+    Returns
+    -------
+    dict of str to Plan
+    """
+    from airswing.cost import stage_seconds
+    from airswing.reference.planning import Need, points_of
+
+    asked = job.config.collocation
+    needs: dict[str, Need] = {}
+    with job.progress.stage("plan") as stage:
+        for number in range(len(places)):
+            points = points_of(places.reports(number))
+            for name, model in models.items():
+                own = Need.of(
+                    points, model, max_time_gap=asked.max_time_gap, derivatives=derivatives
+                )
+                needs[name] = needs[name] + own if name in needs else own
+        plans = {
+            name: need.plan(name, models[name], sparse=asked.sparse) for name, need in needs.items()
+        }
+        messages = sum(one.messages for one in plans.values())
+        stage.note = f"{messages:,} messages to read"
+    reports = max(one.reports for one in plans.values())
+    job.progress.expected = stage_seconds(reports, plans, threads=job.progress.threads)
+    return plans
+
+
+def collocate_places(
+    job: Job,
+    places: Places,
+    models: dict[str, Catalogue],
+    plans: dict[str, Plan],
+    *,
+    derivatives: bool,
+) -> dict[str, int]:
+    """Find the model winds of every stretch of time.
+
+    Parameters
+    ----------
+    job : Job
+    places : Places
+        Takes the winds.
+    models : dict of str to Catalogue
+    plans : dict of str to Plan
+    derivatives : bool
+
+    Returns
+    -------
+    dict of str to int
+        Problems met in reading each reference.
+    """
+    from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate
+
+    asked = job.config.collocation
+    problems: dict[str, set[Any]] = {name: set() for name in models}
+    with job.progress.stage("collocate") as stage:
+        stage.tasks = sum(one.model_times for one in plans.values())
+        for number in range(len(places)):
+            winds = collocate(
+                places.reports(number), models, store=job.store, account=True,
+                max_time_gap=asked.max_time_gap, sparse=asked.sparse, derivatives=derivatives,
+            ).compute()  # fmt: skip
+            _account(stage, winds)
+            for name, met in zip(models, winds[PROBLEMS].to_numpy(), strict=True):
+                problems[name] |= met
+            places.put(number, winds.drop_vars([*ACCOUNT, PROBLEMS]))
+        matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
+        stage.note = f"reports within the model: {matched}"
+        stage.reports = max(one.matched for one in plans.values())
+    return {name: len(met) for name, met in problems.items()}
+
+
+def _account(stage: StageRecord, winds: xr.Dataset) -> None:
+    stage.messages += int(winds["decoded_messages"].sum())
+    stage.octets += int(winds["decoded_bytes"].sum())
+    stage.decoding += float(winds["decoding_seconds"].sum())
+
+
+def collocated_blocks(job: Job, *, names: list[str], derivatives: bool = False) -> Blocks:
+    """Reports with model winds and headings, some aircraft at a time; not screened or written.
+
+    Parameters
+    ----------
+    job : Job
+    names : list of str
+        References to sample.
+    derivatives : bool, default False
+        Also sample the reference wind's derivatives, which the gap diagnosis needs.
+
+    Returns
+    -------
+    Blocks
+        ``reading_audit``, ``reference_audit`` and ``ground_vector_evidence`` in the attributes.
+    """
+    from airswing.compass.headings import derive_headings, sum_of_accounts
+    from airswing.reference.planning import require_overlap
+
+    archive = read(job, job.store)
+    models = catalogues(job, names)
+    places = set_places_down(archive, job.store / "blocks")
+    plans = plans_of(job, places, models, derivatives=derivatives)
+    require_overlap(plans)
+    unread = collocate_places(job, places, models, plans, derivatives=derivatives)
+    audit = {
+        name: plans[name].as_dict()
+        | {"notes": model.notes, "skipped": model.skipped, "unread_messages": unread[name]}
+        for name, model in models.items()
+    }
+    attrs: dict[str, Any] = {
+        "reading_audit": archive.audit.as_json(),
+        "featureType": "trajectory",
+        "reference_audit": audit,
+    }
+
+    def each(stage: StageRecord) -> Iterator[xr.Dataset]:
+        accounts = []
+        for number, reports in enumerate(archive):
+            headings = derive_headings(reports, places.winds(number, reports))
+            accounts.append(json.loads(headings.attrs.pop("ground_vector_evidence")))
+            yield headings
+        attrs["ground_vector_evidence"] = json.dumps(sum_of_accounts(accounts))
+
+    return Blocks(archive.reports, archive.aircraft, each, "headings", attrs)
+
+
+def collocated_headings(job: Job, *, names: list[str], derivatives: bool = False) -> xr.Dataset:
+    """Reports with model winds and headings in memory, not yet screened or written.
+
+    Parameters
+    ----------
+    job, names, derivatives
+        As for :func:`collocated_blocks`.
+
+    Returns
+    -------
+    Dataset
+        In memory; attributes as of :func:`collocated_blocks`.
+    """
+    made = collocated_blocks(job, names=names, derivatives=derivatives)
+    with job.progress.stage(made.stage) as stage:
+        headings = joined(list(made.each(stage)))
+        stage.reports = headings.sizes["report"]
+    return headings.assign_attrs(made.attrs)

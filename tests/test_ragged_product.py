@@ -1,0 +1,99 @@
+"""A product written block by block is the product written at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.products import provenance, read_product, write_product
+from airswing.ragged import blocks, joined
+from airswing.ragged_product import ragged_writer
+
+SIZES = [3, 0, 4, 1, 5]
+
+
+def archive() -> xr.Dataset:
+    number = np.arange(float(sum(SIZES)))
+    return xr.Dataset(
+        {
+            "row_size": ("aircraft", np.array(SIZES, dtype="i4")),
+            "position_resolution": ("aircraft", np.linspace(0.1, 0.5, len(SIZES))),
+            "time": ("report", (number * 1e9).astype("M8[ns]")),
+            "latitude": ("report", number),
+            "heading": ("report", np.where(number == 4, np.nan, number).astype("f4")),
+            "phase": ("report", (number % 4).astype("i1")),
+            "screening": ("report", (number % 2).astype("i4")),
+            "heading_error": (("reference", "report"), np.array([number, -number], dtype="f4")),
+        },
+        coords={
+            "aircraft": np.array([f"N{k}" for k in range(len(SIZES))], dtype=object),
+            "reference": np.array(["ruc", "a longer name"], dtype=object),
+        },
+    )
+
+
+def written(path, limit: int) -> xr.Dataset:
+    whole = archive()
+    sizes = {"reports": whole.sizes["report"], "aircraft": whole.sizes["aircraft"]}
+    with ragged_writer(path, **sizes) as writer:
+        for block in blocks(whole, limit=limit):
+            writer.append(block)
+        writer.describe(provenance("test") | {"reference_audit": {"ruc": [1, 2]}})
+    return whole
+
+
+@pytest.mark.parametrize("limit", [1, 5, 7, 1000])
+def test_blocks_make_the_product_written_at_once(tmp_path, limit):
+    whole = written(tmp_path / "blocks.nc", limit)
+    attrs = {"reference_audit": {"ruc": [1, 2]}}
+    write_product(whole.assign_attrs(attrs), tmp_path / "whole.nc", title="test")
+    options = {"engine": "netcdf4", "decode_cf": False}
+    with (
+        xr.open_dataset(tmp_path / "blocks.nc", **options) as one,
+        xr.open_dataset(tmp_path / "whole.nc", **options) as other,
+    ):
+        assert set(one.attrs) == set(other.attrs)
+        assert one.attrs["reference_audit"] == other.attrs["reference_audit"]
+        assert set(one.variables) == set(other.variables)
+        for name in one.variables:
+            np.testing.assert_array_equal(one[name].to_numpy(), other[name].to_numpy(), str(name))
+            assert one[name].dtype == other[name].dtype
+            for key in ("zlib", "complevel", "shuffle", "chunksizes"):
+                assert one[name].encoding.get(key) == other[name].encoding.get(key)
+            assert set(one[name].attrs) == set(other[name].attrs)
+            for key, value in one[name].attrs.items():
+                np.testing.assert_array_equal(value, other[name].attrs[key])
+
+
+@pytest.mark.parametrize("lazy", [True, False])
+def test_blocks_of_a_product_are_the_archive(tmp_path, lazy):
+    written(tmp_path / "a.nc", 1000)
+    found = read_product(tmp_path / "a.nc", lazy=lazy)
+    whole = read_product(tmp_path / "a.nc")
+    parts = list(blocks(found, limit=4))
+    assert [part.sizes["aircraft"] for part in parts] == [2, 1, 1, 1]
+    xr.testing.assert_equal(joined(parts), whole)
+    some = list(blocks(found, ["heading"], limit=4))
+    assert set(some[0].data_vars) == {"heading", "row_size"}
+
+
+def test_a_lazy_product_is_not_held(tmp_path):
+    written(tmp_path / "a.nc", 1000)
+    found = read_product(tmp_path / "a.nc", lazy=True)
+    found["heading"].to_numpy()
+    assert not found["heading"].variable._in_memory
+
+
+def test_a_failure_leaves_the_earlier_product(tmp_path):
+    written(tmp_path / "a.nc", 1000)
+    before = (tmp_path / "a.nc").read_bytes()
+    with (
+        pytest.raises(InputError, match="stopped"),
+        ragged_writer(tmp_path / "a.nc", reports=13, aircraft=5) as writer,
+    ):
+        writer.append(next(blocks(archive(), limit=4)))
+        raise InputError("stopped")
+    assert (tmp_path / "a.nc").read_bytes() == before
+    assert not list(tmp_path.glob(".*"))
