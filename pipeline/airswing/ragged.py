@@ -71,9 +71,9 @@ def blocks(
     Parameters
     ----------
     ds : Dataset
-        Ragged, in memory or opened lazily.
+        Ragged, in memory or opened lazily; without ``row_size`` the reports of one aircraft.
     names : sequence of str, optional
-        Variables that are needed; ``row_size`` always is. All by default.
+        Variables that are needed, where they are there; ``row_size`` always is. All by default.
     limit : int, optional
         Reports of a block; `BLOCK_REPORTS` by default.
 
@@ -82,12 +82,31 @@ def blocks(
     Dataset
         In memory; the aircraft in their order.
     """
+    if "row_size" not in ds:
+        ds = ds.assign(row_size=("aircraft", np.array([ds.sizes["report"]])))
     row_size = ds["row_size"].to_numpy()
     start, stop = row_bounds(row_size)
-    chosen = ds if names is None else ds[[*dict.fromkeys([*names, "row_size"])]]
+    wanted = dict.fromkeys([*(names or ()), "row_size"])
+    chosen = ds if names is None else ds[[name for name in wanted if name in ds]]
     for group in aircraft_groups(row_size, BLOCK_REPORTS if limit is None else limit):
         reports = slice(int(start[group.start]), int(stop[group.stop - 1]))
         yield chosen.isel({"aircraft": group, "report": reports}, missing_dims="ignore").load()
+
+
+def time_span(ds: xr.Dataset) -> tuple[np.datetime64, np.datetime64]:
+    """First and last time of an archive's reports.
+
+    Parameters
+    ----------
+    ds : Dataset
+        With at least one report.
+
+    Returns
+    -------
+    first, last : datetime64
+    """
+    times = [part["time"].to_numpy() for part in blocks(ds, ["time"]) if part.sizes["report"]]
+    return min(time.min() for time in times), max(time.max() for time in times)
 
 
 def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:

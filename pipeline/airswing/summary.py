@@ -17,8 +17,12 @@ import xarray as xr
 from airswing.config import Config
 from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
 from airswing.evaluation.stability import change_warnings
-from airswing.ragged import aircraft_of_report
+from airswing.ragged import aircraft_of_report, blocks
 from airswing.vocabulary import CORRECTION, STATUS
+
+_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
+          "reference_northward_wind", "screening")  # fmt: skip
+_MENDED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
 
 
 def summarise(
@@ -40,12 +44,9 @@ def summarise(
     """
     main = next(iter([*config.pool, *config.references]))
     chosen = fits.sel(reference=main)
-    before, after = _differences(config, headings, corrected, main)
-    kept = (headings["screening"].to_numpy() == 0) & np.isfinite(before)
-    used = kept & (corrected["correction_applied"].to_numpy() == CORRECTION["corrected"])
+    kept, used, before, after = _sums(config, headings, corrected, main)
     names = {code: name for name, code in STATUS.items()}
     status = [names[int(code)] for code in chosen["status"].to_numpy()]
-    tail = aircraft_of_report(headings)
     return {
         "reference": main,
         "reports": {
@@ -55,7 +56,10 @@ def summarise(
         },
         "aircraft": headings.sizes["aircraft"],
         "status": {name: status.count(name) for name in STATUS},
-        "disagreement_kt": {"before": _knots(before[used]), "after": _knots(after[used])},
+        "disagreement_kt": {
+            "before": _knots(before.sum(), used.sum()),
+            "after": _knots(after.sum(), used.sum()),
+        },
         "warnings": change_warnings(fits),
         "fits": [
             {
@@ -66,8 +70,8 @@ def summarise(
                     for key in ("offset", "amplitude", "phase", "amplitude_standard_error")
                 },
                 "reports": int(chosen["report_count"][i]),
-                "before_kt": _knots(before[used & (tail == i)]),
-                "after_kt": _knots(after[used & (tail == i)]),
+                "before_kt": _knots(before[i], used[i]),
+                "after_kt": _knots(after[i], used[i]),
             }
             for i, name in enumerate(chosen["aircraft"].to_numpy())
         ],
@@ -113,6 +117,28 @@ def as_text(summary: dict[str, Any], output: Path) -> str:
     return "\n".join(lines)
 
 
+def _sums(
+    config: Config, headings: xr.Dataset, corrected: xr.Dataset, main: str
+) -> tuple[Any, Any, Any, Any]:
+    """By aircraft: reports kept and corrected, and their summed differences before and after."""
+    found = []
+    for block, mended in zip(blocks(headings, _WINDS), blocks(corrected, _MENDED), strict=True):
+        before, after = _differences(config, block, mended, main)
+        kept = (block["screening"].to_numpy() == 0) & np.isfinite(before)
+        used = kept & (mended["correction_applied"].to_numpy() == CORRECTION["corrected"])
+        row, size = aircraft_of_report(block), block.sizes["aircraft"]
+        found.append(
+            [
+                np.bincount(row[kept], minlength=size),
+                np.bincount(row[used], minlength=size),
+                np.bincount(row[used], weights=before[used], minlength=size),
+                np.bincount(row[used], weights=after[used], minlength=size),
+            ]
+        )
+    kept, used, first, second = (np.concatenate(part) for part in zip(*found, strict=True))
+    return kept, used, first, second
+
+
 def _differences(
     config: Config, headings: xr.Dataset, corrected: xr.Dataset, main: str
 ) -> tuple[Any, Any]:
@@ -130,8 +156,8 @@ def _differences(
     return vector_difference(*reported, *reference), vector_difference(*mended, *reference)
 
 
-def _knots(values: Any) -> float:
-    return float(np.mean(values) / KNOT) if values.size else float("nan")
+def _knots(total: float, number: int) -> float:
+    return float(total / number / KNOT) if number else float("nan")
 
 
 def _audit(headings: xr.Dataset) -> dict[str, Any]:

@@ -91,7 +91,7 @@ def test_held_out_flights_agree_with_the_prediction(headings):
 
 
 def test_folds_hold_whole_flights_evenly_over_the_days(headings):
-    number = flight_folds(headings, folds=4, seed=1)
+    number = flight_folds(headings, folds=4, seed=1).of(headings)
     flight = headings["flight"].to_numpy()
     for one in np.unique(flight)[::37]:
         assert np.unique(number[flight == one]).size == 1
@@ -108,7 +108,7 @@ def test_folds_hold_whole_flights_evenly_over_the_days(headings):
 def test_only_marks_the_others_and_leaves_the_original_alone(headings):
     chosen = np.zeros(headings.sizes["report"], dtype=bool)
     chosen[:10] = True
-    part = only(headings, chosen)
+    part = only(headings, lambda reports: chosen[: reports.sizes["report"]])
     assert (part["screening"].to_numpy() == 0).sum() == 10
     assert (headings["screening"].to_numpy() == 0).all()
 

@@ -102,21 +102,6 @@ def test_screening_audit_counts_together_and_alone() -> None:
     assert summaries.screening_audit(headings) == [("turn", 3, 2), ("roll", 2, 1)]
 
 
-def test_clustered_mean_agrees_with_a_loop() -> None:
-    rng = np.random.default_rng(0)
-    flight = np.sort(rng.integers(0, 30, 400))
-    group, value = flight % 3, rng.normal(size=400) + flight / 10
-    mean, error = summaries.clustered_mean(value, group, flight, 4)
-    for g in range(3):
-        inside = value[group == g]
-        sums = [np.sum(value[flight == f] - inside.mean()) for f in np.unique(flight[group == g])]
-        variance = len(sums) / (len(sums) - 1) * np.sum(np.square(sums)) / inside.size**2
-        assert mean[g] == pytest.approx(inside.mean())
-        assert error[g] == pytest.approx(np.sqrt(variance))
-    assert np.isnan(mean[3])
-    assert np.isnan(error[3])
-
-
 def test_unknown_names_are_told() -> None:
     fits = factories.fits()
     with pytest.raises(InputError, match=r"N999.*Choose from N401"):

@@ -29,7 +29,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import ConfigError
-from airswing.ragged import aircraft_of_report
+from airswing.ragged import aircraft_of_report, blocks
 from airswing.vocabulary import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC, describe
 
 __all__ = ["audit", "kept", "screen"]
@@ -181,19 +181,13 @@ def audit(headings: xr.Dataset) -> xr.Dataset:
         the rule dropped; ``reports``, ``kept`` (aircraft); and over the fleet ``together_total``,
         ``alone_total`` (rule), ``reports_total``, ``kept_total``.
     """
-    bits = np.asarray(headings["screening"].to_numpy(), dtype=np.int64)
-    aircraft, number = aircraft_of_report(headings), headings.sizes["aircraft"]
-
-    def counted(marked: NDArray[np.bool_]) -> NDArray[np.int64]:
-        return np.bincount(aircraft[marked], minlength=number)
-
-    axes = ("rule", "aircraft")
+    counts = [_counts(block) for block in blocks(headings, ["screening"])]
+    names = {"together": ("rule", "aircraft"), "alone": ("rule", "aircraft"),
+             "reports": ("aircraft",), "kept": ("aircraft",)}  # fmt: skip
     found = xr.Dataset(
         {
-            "together": (axes, np.stack([counted(bits & b > 0) for b in SCREENING.values()])),
-            "alone": (axes, np.stack([counted(bits == b) for b in SCREENING.values()])),
-            "reports": ("aircraft", counted(np.ones(bits.size, dtype=bool))),
-            "kept": ("aircraft", counted(bits == 0)),
+            name: (dims, np.concatenate([one[name] for one in counts], axis=-1))
+            for name, dims in names.items()
         },
         coords={"rule": list(SCREENING), "aircraft": headings["aircraft"].to_numpy()},
     )
@@ -203,6 +197,22 @@ def audit(headings: xr.Dataset) -> xr.Dataset:
         found[name].attrs["long_name"] = meaning
         found[f"{name}_total"].attrs["long_name"] = f"{meaning}, all aircraft"
     return found
+
+
+def _counts(headings: xr.Dataset) -> dict[str, NDArray[np.int64]]:
+    """Counts of the aircraft of one block."""
+    bits = np.asarray(headings["screening"].to_numpy(), dtype=np.int64)
+    aircraft, number = aircraft_of_report(headings), headings.sizes["aircraft"]
+
+    def counted(marked: NDArray[np.bool_]) -> NDArray[np.int64]:
+        return np.bincount(aircraft[marked], minlength=number)
+
+    return {
+        "together": np.stack([counted(bits & b > 0) for b in SCREENING.values()]),
+        "alone": np.stack([counted(bits == b) for b in SCREENING.values()]),
+        "reports": counted(np.ones(bits.size, dtype=bool)),
+        "kept": counted(bits == 0),
+    }
 
 
 _MEANINGS = {

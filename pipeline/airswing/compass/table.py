@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from airswing.compass.clusters import Array
 from airswing.errors import InputError
-from airswing.ragged import row_bounds
+from airswing.ragged import aircraft_of_report, blocks
 from airswing.vocabulary import describe
 
 NODES = np.arange(0.0, 360.0, 45.0)
@@ -158,16 +158,15 @@ def heading_histogram(headings: xr.Dataset, *, abscissa: str = "magnetic") -> ND
     -------
     array of int, shape (aircraft, 360)
     """
-    start, stop = row_bounds(headings["row_size"].to_numpy())
     name = "magnetic_heading" if abscissa == "magnetic" else "heading"
-    heading = headings[name].to_numpy()
-    used = np.isfinite(heading) & (headings["screening"].to_numpy() == 0)
-    counts = np.zeros((start.size, FINE.size), dtype=np.int64)
-    for row, (begin, end) in enumerate(zip(start, stop, strict=True)):
-        part = heading[begin:end][used[begin:end]]
-        bins = np.floor(np.mod(part, 360.0)).astype(np.int64) % FINE.size
-        counts[row] = np.bincount(bins, minlength=FINE.size)
-    return counts
+    counts = []
+    for block in blocks(headings, [name, "screening"]):
+        heading, size = block[name].to_numpy(), block.sizes["aircraft"]
+        used = np.isfinite(heading) & (block["screening"].to_numpy() == 0)
+        bins = np.floor(np.mod(heading[used], 360.0)).astype(np.int64) % FINE.size
+        cell = aircraft_of_report(block)[used] * FINE.size + bins
+        counts.append(np.bincount(cell, minlength=size * FINE.size).reshape(size, FINE.size))
+    return np.concatenate(counts).astype(np.int64)
 
 
 def add_tables(

@@ -64,23 +64,82 @@ def disagreement(
         ``northward_rms``, ``along_rms``, ``cross_rms``, ``eastward_mean``, ``northward_mean``;
         ``direction_rms_deg`` in degrees over winds of 5 m/s or more.
     """
+    group = np.zeros(np.shape(eastward), dtype=np.int64)
+    sums = disagreement_sums(
+        eastward, northward, reference_eastward, reference_northward, heading, group, 1
+    )
+    return measures_of(sums[:, 0])
+
+
+def disagreement_sums(
+    eastward: FloatArray,
+    northward: FloatArray,
+    reference_eastward: FloatArray,
+    reference_northward: FloatArray,
+    heading: FloatArray,
+    group: NDArray[np.int64],
+    groups: int,
+) -> NDArray[np.float64]:
+    """Sums behind every measure, by group; those of parts of an archive add up.
+
+    Parameters
+    ----------
+    eastward, northward, reference_eastward, reference_northward, heading
+        As for :func:`disagreement`.
+    group : array of int, shape (report,)
+        Group of each report, such as its aircraft.
+    groups : int
+
+    Returns
+    -------
+    array of float, shape (11, groups)
+        For :func:`measures_of`.
+    """
     du, dv = eastward - reference_eastward, northward - reference_northward
     good = np.isfinite(du) & np.isfinite(dv)
-    du, dv, heading = du[good], dv[good], heading[good]
     turned = np.arctan2(eastward, northward) - np.arctan2(reference_eastward, reference_northward)
     strong = good & (np.hypot(reference_eastward, reference_northward) >= 5.0)
     turned = np.arctan2(np.sin(turned[strong]), np.cos(turned[strong]))
+    du, dv, heading = (np.asarray(part[good], np.float64) for part in (du, dv, heading))
+    parts = [
+        np.ones(du.size), np.hypot(du, dv), du**2 + dv**2, du**2, dv**2,
+        (du * np.sin(heading) + dv * np.cos(heading)) ** 2,
+        (du * np.cos(heading) - dv * np.sin(heading)) ** 2, du, dv,
+    ]  # fmt: skip
+    found = [np.bincount(group[good], weights=part, minlength=groups) for part in parts]
+    directions = [np.ones(turned.size), np.asarray(turned, np.float64) ** 2]
+    found += [np.bincount(group[strong], weights=part, minlength=groups) for part in directions]
+    return np.array(found)
+
+
+def measures_of(sums: NDArray[np.float64]) -> dict[str, float]:
+    """Every measure of disagreement from its sums.
+
+    Parameters
+    ----------
+    sums : array of float, shape (11,)
+        Of :func:`disagreement_sums`, added up.
+
+    Returns
+    -------
+    dict of str to float
+        As :func:`disagreement`.
+    """
+    number, strong = sums[0], sums[9]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = sums[1:9] / number
+        direction = np.degrees(np.sqrt(sums[10] / strong))
     return {
-        "reports": int(good.sum()),
-        "mean_vector": _mean(np.hypot(du, dv)),
-        "vector_rms": _rms(np.hypot(du, dv)),
-        "eastward_rms": _rms(du),
-        "northward_rms": _rms(dv),
-        "along_rms": _rms(du * np.sin(heading) + dv * np.cos(heading)),
-        "cross_rms": _rms(du * np.cos(heading) - dv * np.sin(heading)),
-        "eastward_mean": _mean(du),
-        "northward_mean": _mean(dv),
-        "direction_rms_deg": float(np.degrees(_rms(turned))),
+        "reports": int(number),
+        "mean_vector": float(mean[0]),
+        "vector_rms": float(np.sqrt(mean[1])),
+        "eastward_rms": float(np.sqrt(mean[2])),
+        "northward_rms": float(np.sqrt(mean[3])),
+        "along_rms": float(np.sqrt(mean[4])),
+        "cross_rms": float(np.sqrt(mean[5])),
+        "eastward_mean": float(mean[6]),
+        "northward_mean": float(mean[7]),
+        "direction_rms_deg": float(direction),
     }
 
 
@@ -101,11 +160,3 @@ def reference_mean(ds: xr.Dataset, members: list[str]) -> xr.Dataset:
     """
     names = ["reference_eastward_wind", "reference_northward_wind"]
     return ds[names].sel(reference=members).mean("reference", skipna=True)
-
-
-def _mean(values: FloatArray) -> float:
-    return float(np.mean(values)) if values.size else float("nan")
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import (
     KNOT,
-    disagreement,
+    disagreement_sums,
+    measures_of,
     reference_mean,
     vector_difference,
 )
@@ -34,11 +35,14 @@ from airswing.evaluation.permutation import (
     permutation_test,
     unconditional_p_value,
 )
-from airswing.ragged import aircraft_of_report
+from airswing.ragged import aircraft_of_report, blocks, time_span
 from airswing.vocabulary import ROLL, SCREENING, TEMPERATURE_QC
 
 GROUPS = ("controls", "corrected")
 WINDOWS = ("before", "during")
+Floats = NDArray[np.float64]
+_COLUMNS = ("time", "screening", "roll_flag", "temperature_qc", "heading", "eastward_wind",
+            "northward_wind", "reference_eastward_wind", "reference_northward_wind")  # fmt: skip
 _NEVER = ("no_ground_vector", "no_reference", "missing_wind", "wind_qc", "gross_error")
 
 
@@ -143,9 +147,8 @@ def field_test(
         If a group names an unknown aircraft or a window holds no report of a group.
     """
     _require_known(headings, corrected, controls)
-    chosen, notes = _eligible(headings, roll=roll, temperature_qc=temperature_qc)
-    window = _window(headings, start=start, before_start=before_start, end=end)
-    chosen &= window >= 0
+    required, notes = _rules(headings, roll=roll, temperature_qc=temperature_qc)
+    window = _Window.of(headings, start=start, before_start=before_start, end=end)
     result: dict[str, Any] = {
         "reference": reference,
         "start": str(start),
@@ -155,16 +158,23 @@ def field_test(
     }
     names = headings["aircraft"].to_numpy().astype(str)
     member = np.isin(names, [*corrected, *controls])
+    days: dict[str, list[_Days]] = {key: [] for key in pools}
+    measured: dict[tuple[str, str], list[Floats]] = {}
+    for block in blocks(headings, _COLUMNS):
+        number = window.number(block)
+        chosen = _eligible(block, required) & (number >= 0)
+        for key, members in pools.items():
+            difference = _difference(block, members)
+            days[key].append(_days(block, difference, chosen & np.isfinite(difference), number))
+        groups = {"controls": controls, "corrected": corrected}
+        for cell, part in _measures(block, pools[reference], chosen, number, groups).items():
+            measured.setdefault(cell, []).append(part)
     for key in pools:
-        difference = _difference(headings, pools[key])
-        sums = _sums(headings, difference, chosen & np.isfinite(difference), window, member)
-        sums = _Sums(sums.count, sums.total, np.isin(names[member], corrected), sums.during)
+        sums = _summed(days[key], member, np.isin(names[member], corrected))
         entry = _headline(sums, draws=draws, seed=seed)
         if key == reference:
             result |= entry | _scrutiny(sums, names[member], draws=draws, seed=seed)
-            result["components"] = _components(
-                headings, pools[key], chosen, window, corrected, controls
-            )
+            result["components"] = _components(measured)
         result.setdefault("by_reference", {})[key] = entry
     return result
 
@@ -300,28 +310,40 @@ def _regression_to_the_mean(sums: _Sums) -> dict[str, Any]:
     }
 
 
-def _components(
+def _measures(
     headings: xr.Dataset,
     members: list[str],
     chosen: NDArray[np.bool_],
     window: NDArray[np.int64],
-    corrected: list[str],
-    controls: list[str],
-) -> dict[str, Any]:
-    """Every measure of disagreement by group and window, m/s."""
+    groups: Mapping[str, list[str]],
+) -> dict[tuple[str, str], Floats]:
+    """Sums behind every measure, of each aircraft of a block, by group and window."""
     winds = reference_mean(headings, members)
-    tail = headings["aircraft"].to_numpy().astype(str)[aircraft_of_report(headings)]
-    found: dict[str, Any] = {}
-    for group, aircraft in zip(GROUPS, (controls, corrected), strict=True):
+    names = headings["aircraft"].to_numpy().astype(str)
+    row = aircraft_of_report(headings)
+    found = {}
+    for group, aircraft in groups.items():
+        own = np.isin(names, aircraft)
         for index, name in enumerate(WINDOWS):
-            take = chosen & (window == index) & np.isin(tail, aircraft)
-            found.setdefault(group, {})[name] = disagreement(
+            take = chosen & (window == index) & own[row]
+            found[group, name] = disagreement_sums(
                 headings["eastward_wind"].to_numpy()[take],
                 headings["northward_wind"].to_numpy()[take],
                 winds["reference_eastward_wind"].to_numpy()[take],
                 winds["reference_northward_wind"].to_numpy()[take],
                 np.radians(headings["heading"].to_numpy()[take]),
+                row[take],
+                names.size,
             )
+    return found
+
+
+def _components(measured: Mapping[tuple[str, str], list[Floats]]) -> dict[str, Any]:
+    """Every measure of disagreement by group and window, m/s."""
+    found: dict[str, Any] = {}
+    for (group, name), sums in measured.items():
+        total = np.concatenate(sums, axis=1).sum(axis=1)
+        found.setdefault(group, {})[name] = measures_of(total)
     return found
 
 
@@ -345,38 +367,58 @@ def _require_known(headings: xr.Dataset, corrected: list[str], controls: list[st
         )
 
 
-def _eligible(
+def _rules(
     headings: xr.Dataset, *, roll: str, temperature_qc: str
-) -> tuple[NDArray[np.bool_], list[str]]:
-    """Reports that count, and what could not be required."""
-    bits = sum(SCREENING[name] for name in _NEVER)
-    chosen = (headings["screening"].to_numpy() & bits) == 0
-    notes = []
+) -> tuple[list[tuple[str, int, bool]], list[str]]:
+    """Flags to ask for (name, code, whether it must or must not be), and what cannot be asked."""
+    rules, notes = [], []
     for name, policy, codes, good in (
         ("roll_flag", roll, ROLL, "good"),
         ("temperature_qc", temperature_qc, TEMPERATURE_QC, "pass"),
     ):
-        flag = headings[name].to_numpy()
         if policy.startswith("require"):
-            if np.all(flag == codes["missing"]):
+            some = any((part[name] != codes["missing"]).any() for part in blocks(headings, [name]))
+            if not some:
                 notes.append(f"no report carries {name}: it could not be required")
                 continue
-            chosen &= flag == codes[good]
+            rules.append((name, codes[good], True))
         elif policy.startswith("reject"):
-            chosen &= flag != codes["bad" if name == "roll_flag" else "fail"]
-    return chosen, notes
+            rules.append((name, codes["bad" if name == "roll_flag" else "fail"], False))
+    return rules, notes
 
 
-def _window(
-    headings: xr.Dataset, *, start: date, before_start: date, end: date | None
-) -> NDArray[np.int64]:
-    """0 before, 1 during, -1 outside, for every report."""
-    time = headings["time"].to_numpy()
-    last = np.datetime64(end) if end is not None else time.max() + np.timedelta64(1, "s")
-    window = np.full(time.size, -1, dtype=np.int64)
-    window[(time >= np.datetime64(before_start)) & (time < np.datetime64(start))] = 0
-    window[(time >= np.datetime64(start)) & (time < last)] = 1
-    return window
+def _eligible(headings: xr.Dataset, rules: list[tuple[str, int, bool]]) -> NDArray[np.bool_]:
+    """Reports that count."""
+    bits = sum(SCREENING[name] for name in _NEVER)
+    chosen = (headings["screening"].to_numpy() & bits) == 0
+    for name, code, must in rules:
+        chosen &= (headings[name].to_numpy() == code) == must
+    return np.asarray(chosen)
+
+
+@dataclass(frozen=True)
+class _Window:
+    """The window before, from ``before`` to ``start``, and that of the test, to ``last``."""
+
+    before: np.datetime64
+    start: np.datetime64
+    last: np.datetime64
+
+    @classmethod
+    def of(
+        cls, headings: xr.Dataset, *, start: date, before_start: date, end: date | None
+    ) -> _Window:
+        after_all = None if end is not None else time_span(headings)[1] + np.timedelta64(1, "s")
+        last: Any = after_all if end is None else np.datetime64(end)
+        return cls(np.datetime64(before_start), np.datetime64(start), last)
+
+    def number(self, headings: xr.Dataset) -> NDArray[np.int64]:
+        """0 before, 1 during, -1 outside, for every report."""
+        time = headings["time"].to_numpy()
+        window = np.full(time.size, -1, dtype=np.int64)
+        window[(time >= self.before) & (time < self.start)] = 0
+        window[(time >= self.start) & (time < self.last)] = 1
+        return window
 
 
 def _difference(headings: xr.Dataset, members: list[str]) -> NDArray[np.float64]:
@@ -390,13 +432,20 @@ def _difference(headings: xr.Dataset, members: list[str]) -> NDArray[np.float64]
     return np.asarray(found / KNOT, dtype=np.float64)
 
 
-def _sums(
+class _Days(NamedTuple):
+    """Reports and summed disagreement of the aircraft of a block by day and window."""
+
+    days: NDArray[np.int64]  # (day, 2): day and window
+    counts: Floats  # (aircraft, day)
+    total: Floats  # (aircraft, day)
+
+
+def _days(
     headings: xr.Dataset,
-    difference: NDArray[np.float64],
+    difference: Floats,
     chosen: NDArray[np.bool_],
     window: NDArray[np.int64],
-    member: NDArray[np.bool_],
-) -> _Sums:
+) -> _Days:
     """Accumulate by aircraft and day; a flight counts for the day of each of its reports."""
     aircraft = aircraft_of_report(headings)[chosen]
     day = headings["time"].to_numpy()[chosen].astype("datetime64[D]").astype(np.int64)
@@ -406,9 +455,17 @@ def _sums(
     cell = aircraft * shape[1] + index.ravel()
     count = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
     total = np.bincount(cell, weights=difference[chosen], minlength=count.size).reshape(shape)
-    return _Sums(
-        count[member].astype(np.float64),
-        total[member].astype(np.float64),
-        np.empty(0, bool),
-        days[:, 1] == 1,
-    )
+    return _Days(days, count.astype(np.float64), total.astype(np.float64))
+
+
+def _summed(parts: list[_Days], member: NDArray[np.bool_], corrected: NDArray[np.bool_]) -> _Sums:
+    """Put the blocks side by side on the days of all."""
+    days = np.unique(np.concatenate([part.days for part in parts]), axis=0)
+    key, first = days[:, 0] * 2 + days[:, 1], 0
+    count, total = np.zeros((2, member.size, days.shape[0]))
+    for part in parts:
+        rows = slice(first, first + part.counts.shape[0])
+        place = np.searchsorted(key, part.days[:, 0] * 2 + part.days[:, 1])
+        count[rows, place], total[rows, place] = part.counts, part.total
+        first = rows.stop
+    return _Sums(count[member], total[member], corrected, days[:, 1] == 1)

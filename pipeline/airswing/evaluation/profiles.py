@@ -14,13 +14,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.evaluation.clustersums import SUMS, cluster_sums, clustered_mean
 from airswing.evaluation.disagreement import reference_mean
+from airswing.ragged import aircraft_of_report, blocks
 from airswing.vocabulary import PHASE, SCREENING
 
 STATES = ("reported", "corrected")
 LEVEL_EDGES_HPA = (1100.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0)
 """Edges of the layers, hPa, from the ground up (those of the WRFDA error table, merged)."""
 _UNUSABLE = ("no_reference", "missing_wind", "wind_qc", "gross_error", "no_ground_vector")
+_COLUMNS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
+            "reference_northward_wind", "pressure", "phase", "flight", "screening")  # fmt: skip
 MIN_DIRECTION_WIND = 5.0
 """Reference wind, m/s, below which a direction says little."""
 
@@ -46,21 +50,26 @@ def clustered_rms(
         over flights (Cameron & Miller 2015, J. Hum. Resour. 50, 317-372).
     reports, flights : arrays of int, shape (cells,)
     """
-    good = np.isfinite(squares) & (cell >= 0)
-    squares, cell, flight = squares[good], cell[good], flight[good]
-    number = np.bincount(cell, minlength=cells)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.bincount(cell, weights=squares, minlength=cells) / number
-    pairs, index = np.unique(np.column_stack([cell, flight]), axis=0, return_inverse=True)
-    score = np.bincount(index.ravel(), weights=squares - mean[cell], minlength=len(pairs))
-    of_cell = pairs[:, 0].astype(np.int64)
-    flights = np.bincount(of_cell, minlength=cells)
-    spread = np.bincount(of_cell, weights=score**2, minlength=cells)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        variance = spread / number**2 * flights / (flights - 1.0)
-        rms = np.sqrt(mean)
-        error = np.where(flights >= 2, np.sqrt(variance) / (2.0 * rms), np.nan)
+    rms, error, number, flights = _rms(_cell_sums(squares, cell, flight, cells))
     return rms, error, number, flights
+
+
+def _cell_sums(
+    squares: NDArray[np.float64], cell: NDArray[np.int64], flight: NDArray[np.int64], cells: int
+) -> NDArray[np.float64]:
+    good = np.isfinite(squares) & (cell >= 0)
+    return cluster_sums(squares[good], cell[good], flight[good], cells)
+
+
+def _rms(
+    sums: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Root mean square and its standard error (delta method), reports and flights."""
+    mean, error = clustered_mean(sums)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rms = np.sqrt(mean)
+        wide = error / (2.0 * rms)
+    return rms, wide, sums[0].astype(np.int64), sums[2].astype(np.int64)
 
 
 def error_profiles(
@@ -83,38 +92,21 @@ def error_profiles(
         ``eastward_rms``, ``northward_rms``, ``direction_rms`` with ``*_standard_error``
         (reference, state, flight_phase, layer), ``profile_count`` and ``profile_flights``.
     """
-    bits = sum(SCREENING[name] for name in _UNUSABLE)
-    usable = (headings["screening"].to_numpy() & bits) == 0
     layers = len(LEVEL_EDGES_HPA) - 1
-    # Level falls as pressure rises: digitize on the negated edges.
-    layer = np.digitize(-headings["pressure"].to_numpy() / 100.0, -np.array(LEVEL_EDGES_HPA)) - 1
-    phase = headings["phase"].to_numpy().astype(np.int64)
-    cell = np.where(usable & (layer >= 0) & (layer < layers), phase * layers + layer, -1)
-    flight = headings["flight"].to_numpy().astype(np.int64)
-    winds = {
-        "reported": ("eastward_wind", "northward_wind"),
-        "corrected": ("corrected_eastward_wind", "corrected_northward_wind"),
-    }
-    shape = (len(pools), len(STATES), len(PHASE), layers)
-    found = _empty(shape)
-    for i, members in enumerate(pools.values()):
-        model = reference_mean(headings, members)
-        reference = (
-            model["reference_eastward_wind"].to_numpy(),
-            model["reference_northward_wind"].to_numpy(),
-        )
-        for j, state in enumerate(STATES):
-            source = headings if state == "reported" else corrected
-            wind = tuple(source[name].to_numpy() for name in winds[state])
-            for name, squares in _squares(wind, reference).items():
-                rms, error, number, flights = clustered_rms(
-                    squares, cell, flight, len(PHASE) * layers
-                )
-                found[f"{name}_rms"][i, j] = rms.reshape(shape[2:])
-                found[f"{name}_rms_standard_error"][i, j] = error.reshape(shape[2:])
-                if name == "eastward":
-                    found["profile_count"][i, j] = number.reshape(shape[2:])
-                    found["profile_flights"][i, j] = flights.reshape(shape[2:])
+    found = _empty((len(pools), len(STATES), len(PHASE), layers))
+    parts: dict[tuple[int, int, str], list[NDArray[np.float64]]] = {}
+    mended = blocks(corrected, ["corrected_eastward_wind", "corrected_northward_wind"])
+    for block, better in zip(blocks(headings, _COLUMNS), mended, strict=True):
+        for key, sums in _block_sums(block, better, pools).items():
+            parts.setdefault(key, []).append(sums)
+    for (i, j, name), part in parts.items():
+        rms, error, number, flights = _rms(np.concatenate(part, axis=1).sum(axis=1))
+        shape = (len(PHASE), layers)
+        found[f"{name}_rms"][i, j] = rms.reshape(shape)
+        found[f"{name}_rms_standard_error"][i, j] = error.reshape(shape)
+        if name == "eastward":
+            found["profile_count"][i, j] = number.reshape(shape)
+            found["profile_flights"][i, j] = flights.reshape(shape)
     dims = ("reference", "state", "flight_phase", "layer")
     edges = np.array(LEVEL_EDGES_HPA) * 100.0
     return xr.Dataset(
@@ -125,6 +117,46 @@ def error_profiles(
         },
         coords={"reference": list(pools), "state": list(STATES), "flight_phase": list(PHASE)},
     )
+
+
+def _block_sums(
+    headings: xr.Dataset, corrected: xr.Dataset, pools: Mapping[str, list[str]]
+) -> dict[tuple[int, int, str], NDArray[np.float64]]:
+    """Sums of each aircraft of a block, by pool, state and error: (6, aircraft, cell)."""
+    cell, cells = _cells(headings)
+    flight = headings["flight"].to_numpy().astype(np.int64)
+    row, size = aircraft_of_report(headings), headings.sizes["aircraft"]
+    inside = np.where(cell >= 0, row * cells + cell, -1)
+    winds = {
+        "reported": (headings, "eastward_wind", "northward_wind"),
+        "corrected": (corrected, "corrected_eastward_wind", "corrected_northward_wind"),
+    }
+    found = {}
+    for i, members in enumerate(pools.values()):
+        model = reference_mean(headings, members)
+        reference = (
+            model["reference_eastward_wind"].to_numpy(),
+            model["reference_northward_wind"].to_numpy(),
+        )
+        for j, state in enumerate(STATES):
+            source, *names = winds[state]
+            wind = tuple(source[name].to_numpy() for name in names)
+            for name, squares in _squares(wind, reference).items():
+                sums = _cell_sums(squares, inside, flight, size * cells)
+                found[i, j, name] = sums.reshape(SUMS, size, cells)
+    return found
+
+
+def _cells(headings: xr.Dataset) -> tuple[NDArray[np.int64], int]:
+    """Phase and layer of every report as one number, -1 where it does not count."""
+    bits = sum(SCREENING[name] for name in _UNUSABLE)
+    usable = (headings["screening"].to_numpy() & bits) == 0
+    layers = len(LEVEL_EDGES_HPA) - 1
+    # Level falls as pressure rises: digitize on the negated edges.
+    layer = np.digitize(-headings["pressure"].to_numpy() / 100.0, -np.array(LEVEL_EDGES_HPA)) - 1
+    phase = headings["phase"].to_numpy().astype(np.int64)
+    cell = np.where(usable & (layer >= 0) & (layer < layers), phase * layers + layer, -1)
+    return np.asarray(cell, dtype=np.int64), len(PHASE) * layers
 
 
 def _squares(wind: tuple[Any, ...], reference: tuple[Any, ...]) -> dict[str, Any]:

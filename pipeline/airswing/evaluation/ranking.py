@@ -14,7 +14,7 @@ Radians and m/s in the kernels; knots and degrees in what is returned.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,10 +25,12 @@ from numpy.typing import NDArray
 from airswing.compass.correction import corrected_wind, curve_standard_error
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import KNOT, reference_mean
-from airswing.ragged import row_bounds
+from airswing.ragged import blocks, row_bounds
 from airswing.vocabulary import STATUS
 
 Floats = NDArray[np.float64]
+_FLOWN = ("eastward_wind", "northward_wind", "reference_eastward_wind",
+          "reference_northward_wind", "heading", "airspeed", "time", "screening")  # fmt: skip
 MOST_REPORTS = 4000
 """Reports of an aircraft that the intervals are drawn over; the gain itself uses all."""
 
@@ -175,8 +177,8 @@ def _drawn_gains(
 
 def flown_reports(
     headings: xr.Dataset, members: list[str], *, abscissa: str = "magnetic"
-) -> list[Flown]:
-    """Screened reports of every aircraft as plain columns.
+) -> Iterator[Flown]:
+    """Screened reports of every aircraft as plain columns, one aircraft after the other.
 
     Parameters
     ----------
@@ -185,13 +187,19 @@ def flown_reports(
         References whose mean is held against.
     abscissa : {"magnetic", "true"}
 
-    Returns
-    -------
-    list of Flown
+    Yields
+    ------
+    Flown
         One an aircraft.
     """
-    winds = reference_mean(headings, members)
     argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
+    for block in blocks(headings, [*_FLOWN, argument]):
+        yield from _flown_block(block, members, argument)
+
+
+def _flown_block(headings: xr.Dataset, members: list[str], argument: str) -> Iterator[Flown]:
+    """Screened reports of every aircraft of one block."""
+    winds = reference_mean(headings, members)
     columns = [
         headings["eastward_wind"].to_numpy(),
         headings["northward_wind"].to_numpy(),
@@ -204,11 +212,9 @@ def flown_reports(
     ]
     columns = [np.asarray(column, dtype=np.float64) for column in columns]
     good = (headings["screening"].to_numpy() == 0) & np.isfinite(sum(columns))
-    found = []
     for start, stop in zip(*row_bounds(headings["row_size"].to_numpy()), strict=True):
         chosen = good[start:stop]
-        found.append(Flown(*(column[start:stop][chosen] for column in columns)))
-    return found
+        yield Flown(*(column[start:stop][chosen] for column in columns))
 
 
 def rank_aircraft(
@@ -260,16 +266,16 @@ def rank_aircraft(
     )
     words = {code: name for name, code in STATUS.items()}
     entries, drawn = [], []
-    for k, name in enumerate(chosen["aircraft"].to_numpy()):
+    for k, (name, own) in enumerate(zip(chosen["aircraft"].to_numpy(), flown, strict=True)):
         status = words[int(chosen["status"][k])]
         entry: dict[str, Any] = {
             "aircraft": str(name),
             "status": status,
-            "reports": int(flown[k].u.size),
+            "reports": int(own.u.size),
         }
-        if status == "ok" and flown[k].u.size:
+        if status == "ok" and own.u.size:
             before, gain, spread = expected_gain(
-                flown[k],
+                own,
                 chosen["deviation"].to_numpy()[k],
                 chosen["deviation_covariance"].to_numpy()[k],
                 draws=draws,

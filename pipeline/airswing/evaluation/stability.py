@@ -30,7 +30,7 @@ from airswing.evaluation.changes import (
     without_changes,
 )
 from airswing.evaluation.folds import only
-from airswing.ragged import aircraft_of_report, row_bounds
+from airswing.ragged import blocks, row_bounds
 from airswing.vocabulary import STATUS, describe
 
 FALSE_ALARMS = 0.02
@@ -114,8 +114,17 @@ def find_changes(
 
 def _fleet_sums(headings: xr.Dataset, members: list[str], abscissa: str) -> list[DaySums | None]:
     """Daily sums of every aircraft; None where there are too few reports."""
-    part = headings.sel(reference=members)
     argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
+    names = ["heading_error", "airspeed_error", "airspeed", "heading", argument, "time",
+             "screening"]  # fmt: skip
+    found: list[DaySums | None] = []
+    for block in blocks(headings, names):
+        found += _block_sums(block, block.sel(reference=members), argument)
+    return found
+
+
+def _block_sums(headings: xr.Dataset, part: xr.Dataset, argument: str) -> list[DaySums | None]:
+    """Daily sums of every aircraft of one block."""
     error = part["heading_error"].mean("reference", skipna=True).to_numpy().astype(np.float64)
     speed_error = part["airspeed_error"].mean("reference", skipna=True).to_numpy()
     speed_error = speed_error.astype(np.float64)
@@ -284,8 +293,12 @@ def since_last_change(headings: xr.Dataset, changes: list[dict[str, Any]]) -> xr
         found = known.get(str(name), [])
         if found:
             begin[k] = max(np.datetime64(one["date_ci"][1], "D") for one in found)
-    day = headings["time"].to_numpy().astype("datetime64[D]")
-    return only(headings, day >= begin[aircraft_of_report(headings)])
+
+    def since(reports: xr.Dataset) -> NDArray[np.bool_]:
+        day = reports["time"].to_numpy().astype("datetime64[D]")
+        return np.asarray(day >= begin[reports["aircraft_number"].to_numpy()])
+
+    return only(headings, since)
 
 
 def fit_by_window(
@@ -330,15 +343,23 @@ def fit_by_window(
         )
     members = list(pools[reference])
     part = headings.sel(reference=members)
-    month = headings["time"].to_numpy().astype("datetime64[M]").astype(np.int64)
     step = 1 if window == "month" else 3
-    number = month // step
-    kept = headings["screening"].to_numpy() == 0
+
+    def number(reports: xr.Dataset) -> NDArray[np.int64]:
+        month = reports["time"].to_numpy().astype("datetime64[M]").astype(np.int64)
+        return np.asarray(month // step)
+
+    def within(one: int) -> xr.Dataset:
+        return only(part, lambda reports: number(reports) == one)
+
+    windows: set[int] = set()
+    for block in blocks(headings, ["time", "screening"]):
+        windows.update(number(block)[block["screening"].to_numpy() == 0].tolist())
     words = {code: name for name, code in STATUS.items()}
     found = []
-    for one in np.unique(number[kept]):
+    for one in sorted(windows):
         fits = fit_deviation(
-            only(part, number == one),
+            within(one),
             pools={reference: members} if len(members) > 1 else {},
             **fit_options,
         ).sel(reference=reference)

@@ -10,9 +10,9 @@ the model's own error hardly enters; its interval is a bootstrap over days.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import date
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -23,12 +23,17 @@ from airswing.compass.deviation import fit_deviation
 from airswing.compass.table import add_tables
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
-from airswing.evaluation.folds import flight_folds, only
+from airswing.evaluation.folds import Choice, Folds, flight_folds, only
 from airswing.evaluation.ranking import rank_aircraft
-from airswing.ragged import aircraft_of_report
+from airswing.ragged import aircraft_of_report, blocks, row_bounds, time_span
 from airswing.vocabulary import CORRECTION
 
 Floats = NDArray[np.float64]
+_JUDGED = (
+    "time", "flight", "eastward_wind", "northward_wind", "airspeed", "heading", "magnetic_heading",
+    "screening", "reference_eastward_wind", "reference_northward_wind",
+)  # fmt: skip
+"""Columns a correction is made from and judged by."""
 
 
 def virtual_field_test(
@@ -82,30 +87,42 @@ def virtual_field_test(
     """
     treated = _treated(headings, corrected)
     _require_reference(pools, reference)
-    time = headings["time"].to_numpy()
-    learn = time < np.datetime64(learned_until)
-    judge = ~learn
-    if learned_from is not None:
-        learn &= time >= np.datetime64(learned_from)
-    if end is not None:
-        judge &= time < np.datetime64(end)
+
+    def learn(reports: xr.Dataset) -> NDArray[np.bool_]:
+        time = reports["time"].to_numpy()
+        chosen = time < np.datetime64(learned_until)
+        if learned_from is not None:
+            chosen &= time >= np.datetime64(learned_from)
+        return np.asarray(chosen)
+
+    def judge(reports: xr.Dataset) -> NDArray[np.bool_]:
+        time = reports["time"].to_numpy()
+        chosen = time >= np.datetime64(learned_until)
+        if end is not None:
+            chosen &= time < np.datetime64(end)
+        return np.asarray(chosen)
+
     _require_reports(headings, learn, judge, learned_until)
     part = only(headings, learn)
     fits = _fitted(part, pools, reference, fit_options)
     ranking = rank_aircraft(part, fits, pools=pools, reference=reference, seed=seed)
-    mended = correct(headings, fits, reference=reference, method=_method(method))
-    before, after = _distances(headings, mended, pools[reference])
-    kept = (headings["screening"].to_numpy() == 0) & np.isfinite(before + after)
-    done = mended["correction_applied"].to_numpy() == CORRECTION["corrected"]
-    after = np.where(treated[aircraft_of_report(headings)], after, before)
+    windows, gains = [], []
+    for block, aircraft in _blocks(headings):
+        apart = Apart.of(block, fits, pools[reference], reference, method)
+        corrected_here = treated[aircraft][aircraft_of_report(block)]
+        after = np.where(corrected_here, apart.after, apart.before)
+        kept = (block["screening"].to_numpy() == 0) & np.isfinite(apart.before + apart.after)
+        late = kept & judge(block)
+        windows.append(_windows(block, apart.before, after, kept & learn(block), late))
+        judged = late & apart.done & corrected_here
+        gains += gains_of(block, apart.before - after, judged)
     result: dict[str, Any] = {
         "reference": reference,
         "learned_until": str(learned_until),
         "method": method,
-        "groups": _groups(headings, before, after, kept, learn, judge, treated),
+        "groups": _groups(np.concatenate(windows, axis=1), treated),
     }
-    judged = kept & judge & done & treated[aircraft_of_report(headings)]
-    return result | _compared(headings, before, after, judged, ranking, draws=draws, seed=seed)
+    return result | _compared(headings, gains, ranking, draws=draws, seed=seed)
 
 
 def cross_validate(
@@ -148,22 +165,23 @@ def cross_validate(
         If there are fewer than two folds or fewer flights than folds.
     """
     _require_reference(pools, reference)
-    number = flight_folds(headings, folds=folds, seed=seed)
-    after = np.full(headings.sizes["report"], np.nan)
-    done = np.zeros(after.size, dtype=bool)
-    for fold in range(folds):
-        held = number == fold
-        fits = _fitted(only(headings, ~held), pools, reference, fit_options)
-        mended = correct(headings, fits, reference=reference, method=_method(method))
-        before, one = _distances(headings, mended, pools[reference])
-        after[held] = one[held]
-        done[held] = (mended["correction_applied"].to_numpy() == CORRECTION["corrected"])[held]
+    dealt = flight_folds(headings, folds=folds, seed=seed)
+
+    def without(fold: int) -> xr.Dataset:
+        return only(headings, lambda reports: dealt.of(reports) != fold)
+
+    fits = [_fitted(without(fold), pools, reference, fit_options) for fold in range(folds)]
     whole = _fitted(headings, pools, reference, fit_options)
     ranking = rank_aircraft(headings, whole, pools=pools, reference=reference, seed=seed)
-    mended = correct(headings, whole, reference=reference, method=_method(method))
-    before, own = _distances(headings, mended, pools[reference])
-    judged = (headings["screening"].to_numpy() == 0) & np.isfinite(before + after) & done
-    if not judged.any():
+    gains, own_gains = [], []
+    for block, _ in _blocks(headings):
+        before, after, done = _held_out(block, dealt, fits, pools[reference], reference, method)
+        own = Apart.of(block, whole, pools[reference], reference, method)
+        judged = (block["screening"].to_numpy() == 0) & np.isfinite(before + after) & done
+        gains += gains_of(block, before - after, judged)
+        own_gains += gains_of(block, own.before - own.after, judged)
+    reports = sum(gain.reports for gain in gains)
+    if not reports:
         raise InputError(
             "no held-out report could be corrected",
             field="folds",
@@ -174,9 +192,9 @@ def cross_validate(
         "reference": reference,
         "folds": folds,
         "method": method,
-        "in_sample_gain_kt": float((before - own)[judged].mean()),
+        "in_sample_gain_kt": sum(float(gain.total.sum()) for gain in own_gains) / reports,
     }
-    return result | _compared(headings, before, after, judged, ranking, draws=draws, seed=seed)
+    return result | _compared(headings, gains, ranking, draws=draws, seed=seed)
 
 
 def predicted_reduction(
@@ -214,7 +232,7 @@ def predicted_reduction(
         what to hold the adjusted reduction against.
     """
     _require_reference(pools, reference)
-    before = only(headings, headings["time"].to_numpy() < np.datetime64(start))
+    before = only(headings, lambda reports: reports["time"].to_numpy() < np.datetime64(start))
     fits = _fitted(before, pools, reference, fit_options)
     ranking = rank_aircraft(before, fits, pools=pools, reference=reference, seed=seed)
     known = [
@@ -283,94 +301,214 @@ def _require_reference(pools: Mapping[str, list[str]], reference: str) -> None:
         )
 
 
-def _require_reports(
-    headings: xr.Dataset, learn: NDArray[np.bool_], judge: NDArray[np.bool_], until: date
-) -> None:
-    kept = headings["screening"].to_numpy() == 0
-    for words, part in (("before", learn), ("from", judge)):
-        if not (kept & part).any():
-            span = headings["time"].to_numpy()
+def _require_reports(headings: xr.Dataset, learn: Choice, judge: Choice, until: date) -> None:
+    found = [False, False]
+    for block in blocks(headings, ["time", "screening"]):
+        kept = block["screening"].to_numpy() == 0
+        found = [
+            one or bool((kept & choice(block)).any())
+            for one, choice in zip(found, (learn, judge), strict=True)
+        ]
+    for words, some in zip(("before", "from"), found, strict=True):
+        if not some:
+            first, last = time_span(headings)
             raise InputError(
                 f"the virtual field test has no screened report {words} {until}",
                 field="learned_until",
-                found=f"reports from {str(span.min())[:10]} to {str(span.max())[:10]}",
+                found=f"reports from {str(first)[:10]} to {str(last)[:10]}",
                 remedy="Choose a date inside the archive",
             )
 
 
-def _distances(
-    headings: xr.Dataset, mended: xr.Dataset, members: list[str]
-) -> tuple[Floats, Floats]:
-    """Disagreement of every report as reported and as corrected, kt."""
-    winds = reference_mean(headings, members)
-    reference = (
-        winds["reference_eastward_wind"].to_numpy(),
-        winds["reference_northward_wind"].to_numpy(),
-    )
-    pairs = (
-        (headings["eastward_wind"], headings["northward_wind"]),
-        (mended["corrected_eastward_wind"], mended["corrected_northward_wind"]),
-    )
-    before, after = (
-        vector_difference(u.to_numpy(), v.to_numpy(), *reference) / KNOT for u, v in pairs
-    )
-    return np.asarray(before, dtype=np.float64), np.asarray(after, dtype=np.float64)
+def _blocks(headings: xr.Dataset) -> Iterator[tuple[xr.Dataset, slice]]:
+    """Blocks of aircraft with the columns a correction is judged by, and which aircraft."""
+    start = 0
+    for block in blocks(headings, _JUDGED):
+        stop = start + block.sizes["aircraft"]
+        yield block, slice(start, stop)
+        start = stop
 
 
-def _groups(
-    headings: xr.Dataset,
+class Apart(NamedTuple):
+    """Disagreement of reports with the reference, as reported and as corrected.
+
+    Attributes
+    ----------
+    before, after : array, shape (report,)
+        Knots.
+    done : array of bool, shape (report,)
+        Whether the report could be corrected.
+    """
+
+    before: Floats
+    after: Floats
+    done: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls, reports: xr.Dataset, fits: xr.Dataset, members: list[str], reference: str, method: str
+    ) -> Apart:
+        """Correct some reports by some fits and measure them."""
+        mended = correct(reports, fits, reference=reference, method=_method(method))
+        winds = reference_mean(reports, members)
+        model = (
+            winds["reference_eastward_wind"].to_numpy(),
+            winds["reference_northward_wind"].to_numpy(),
+        )
+        pairs = (
+            (reports["eastward_wind"], reports["northward_wind"]),
+            (mended["corrected_eastward_wind"], mended["corrected_northward_wind"]),
+        )
+        before, after = (
+            np.asarray(vector_difference(u.to_numpy(), v.to_numpy(), *model) / KNOT, dtype=float)
+            for u, v in pairs
+        )
+        done = mended["correction_applied"].to_numpy() == CORRECTION["corrected"]
+        return cls(before, after, done)
+
+
+def _held_out(
+    block: xr.Dataset,
+    dealt: Folds,
+    fits: list[xr.Dataset],
+    members: list[str],
+    reference: str,
+    method: str,
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Each report corrected by the fit that never saw its flight."""
+    number = dealt.of(block)
+    before = after = np.full(number.size, np.nan)
+    done = np.zeros(number.size, dtype=bool)
+    for fold, fit in enumerate(fits):
+        own = Apart.of(block, fit, members, reference, method)
+        held = number == fold
+        before = own.before
+        after = np.where(held, own.after, after)
+        done = np.where(held, own.done, done)
+    return before, after, done
+
+
+def _windows(
+    block: xr.Dataset,
     before: Floats,
     after: Floats,
-    kept: NDArray[np.bool_],
     learn: NDArray[np.bool_],
     judge: NDArray[np.bool_],
-    treated: NDArray[np.bool_],
-) -> dict[str, Any]:
+) -> Floats:
+    """Reports and summed disagreements of each aircraft before and after the date."""
+    row, size = aircraft_of_report(block), block.sizes["aircraft"]
+
+    def summed(chosen: NDArray[np.bool_], values: Floats | None = None) -> Floats:
+        weights = None if values is None else values[chosen]
+        return np.bincount(row[chosen], weights=weights, minlength=size).astype(np.float64)
+
+    return np.array(
+        [summed(learn), summed(learn, before), summed(judge), summed(judge, after),
+         summed(judge, before)]
+    )  # fmt: skip
+
+
+def _groups(windows: Floats, treated: NDArray[np.bool_]) -> dict[str, Any]:
     """The seed's table: the corrected as corrected after the date, the controls as reported."""
-    row = treated[aircraft_of_report(headings)]
     found = {}
-    for group, member in (("controls", ~row), ("corrected", row)):
-        early, late = kept & learn & member, kept & judge & member
-        if not early.any() or not late.any():
+    for group, member in (("controls", ~treated), ("corrected", treated)):
+        learned, before, judged, after, uncorrected = windows[:, member].sum(axis=1)
+        if not learned or not judged:
             continue
         found[group] = {
-            "aircraft": int((treated if group == "corrected" else ~treated).sum()),
-            "before_kt": float(before[early].mean()),
-            "during_kt": float(after[late].mean()),
-            "during_uncorrected_kt": float(before[late].mean()),
-            "reduction_kt": float(before[early].mean() - after[late].mean()),
-            "reports_before": int(early.sum()),
-            "reports_during": int(late.sum()),
+            "aircraft": int(member.sum()),
+            "before_kt": float(before / learned),
+            "during_kt": float(after / judged),
+            "during_uncorrected_kt": float(uncorrected / judged),
+            "reduction_kt": float(before / learned - after / judged),
+            "reports_before": int(learned),
+            "reports_during": int(judged),
         }
     return found
 
 
+class Gain(NamedTuple):
+    """What one aircraft's judged reports gained, by day.
+
+    Attributes
+    ----------
+    day : array of int, shape (day,)
+        Increasing.
+    total : array, shape (day,)
+        Summed gain, knots.
+    counts : array, shape (day,)
+        Reports.
+    """
+
+    day: NDArray[np.int64]
+    total: Floats
+    counts: Floats
+
+    @property
+    def reports(self) -> int:
+        """All of them."""
+        return int(self.counts.sum())
+
+
+def gains_of(block: xr.Dataset, gain: Floats, judged: NDArray[np.bool_]) -> list[Gain]:
+    """Sum the gains of each aircraft of a block by day.
+
+    Parameters
+    ----------
+    block : Dataset
+    gain : array, shape (report,)
+        Knots.
+    judged : array of bool, shape (report,)
+        Reports that count.
+
+    Returns
+    -------
+    list of Gain
+        One an aircraft.
+    """
+    day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
+    found = []
+    for start, stop in zip(*row_bounds(block["row_size"].to_numpy()), strict=True):
+        chosen = np.flatnonzero(judged[start:stop]) + start
+        days, index = np.unique(day[chosen], return_inverse=True)
+        total = np.bincount(index, weights=gain[chosen], minlength=days.size)
+        number = np.bincount(index, minlength=days.size)
+        found.append(Gain(days, total.astype(np.float64), number.astype(np.float64)))
+    return found
+
+
+def _together(gains: list[Gain]) -> Gain:
+    """Gains of a fleet by day."""
+    days, index = np.unique(np.concatenate([gain.day for gain in gains]), return_inverse=True)
+
+    def summed(parts: list[Floats]) -> Floats:
+        return np.bincount(index, weights=np.concatenate(parts)).astype(np.float64)
+
+    return Gain(
+        days, summed([gain.total for gain in gains]), summed([gain.counts for gain in gains])
+    )
+
+
 def _compared(
     headings: xr.Dataset,
-    before: Floats,
-    after: Floats,
-    judged: NDArray[np.bool_],
+    gains: list[Gain],
     ranking: list[dict[str, Any]],
     *,
     draws: int,
     seed: int,
 ) -> dict[str, Any]:
     """Predicted and realised gain, each aircraft and together."""
-    row = aircraft_of_report(headings)
-    day = headings["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
-    gain = before - after
     predicted = {entry["aircraft"]: entry for entry in ranking}
-    entries, weights = [], []
-    for k, name in enumerate(headings["aircraft"].to_numpy().astype(str)):
-        here = judged & (row == k)
+    entries, judged = [], []
+    for name, gain in zip(headings["aircraft"].to_numpy().astype(str), gains, strict=True):
         known = predicted[name]
-        if not here.any() or known["expected_gain_kt"] is None:
+        if not gain.reports or known["expected_gain_kt"] is None:
             continue
-        mean, drawn = _bootstrapped(gain[here], day[here], draws=draws, seed=seed)
+        mean, drawn = _bootstrapped(gain, draws=draws, seed=seed)
         entries.append(
             {
                 "aircraft": name,
-                "reports": int(here.sum()),
+                "reports": gain.reports,
                 **_side_by_side(
                     known["expected_gain_kt"],
                     known["expected_gain_standard_error_kt"],
@@ -379,18 +517,16 @@ def _compared(
                 ),
             }
         )
-        weights.append(here.sum())
+        judged.append(gain)
     if not entries:
         return {"by_aircraft": [], "predicted_gain_kt": None, "realised_gain_kt": None}
-    share = np.array(weights, dtype=float) / np.sum(weights)
+    weights = np.array([gain.reports for gain in judged], dtype=float)
+    share = weights / weights.sum()
     together = float(share @ [entry["predicted_gain_kt"] for entry in entries])
     spread = share @ np.diag([entry["predicted_standard_error_kt"] ** 2 for entry in entries])
-    chosen = judged & np.isin(
-        headings["aircraft"].to_numpy().astype(str)[row], [entry["aircraft"] for entry in entries]
-    )
-    mean, drawn = _bootstrapped(gain[chosen], day[chosen], draws=draws, seed=seed)
+    mean, drawn = _bootstrapped(_together(judged), draws=draws, seed=seed)
     return _side_by_side(together, float(np.sqrt(spread @ share)), mean, drawn) | {
-        "reports": int(chosen.sum()),
+        "reports": int(weights.sum()),
         "by_aircraft": entries,
     }
 
@@ -410,15 +546,12 @@ def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats
     }
 
 
-def _bootstrapped(
-    gain: Floats, day: NDArray[np.int64], *, draws: int, seed: int
-) -> tuple[float, Floats]:
+def _bootstrapped(gain: Gain, *, draws: int, seed: int) -> tuple[float, Floats]:
     """Mean gain and its draws, days drawn again with replacement."""
-    _, index = np.unique(day, return_inverse=True)
-    days = int(index.max()) + 1
-    total, count = np.bincount(index, weights=gain), np.bincount(index)
+    days = gain.day.size
     rng = np.random.default_rng(seed)
     weights = rng.multinomial(days, np.full(days, 1.0 / days), size=draws).astype(float)
     # Stretched by sqrt(n / (n - 1)): drawing n of n days again varies too little.
     weights = 1.0 + (weights - 1.0) * np.sqrt(days / max(days - 1.0, 1.0))
-    return float(gain.mean()), np.asarray((weights @ total) / np.maximum(weights @ count, 1.0))
+    drawn = (weights @ gain.total) / np.maximum(weights @ gain.counts, 1.0)
+    return float(gain.total.sum() / gain.counts.sum()), np.asarray(drawn)

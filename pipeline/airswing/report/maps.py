@@ -1,12 +1,14 @@
 """Where the reports are: maps of all reports, by phase of flight and by level.
 
 Assumes latitude and longitude in degrees and pressure in Pa.  Few reports are drawn as
-points, many (over 20,000) as a density of hexagons on a logarithmic scale.
+points, many (over 20,000) as a density of hexagons on a logarithmic scale; of very many (over
+`MOST_DRAWN`) every so manieth is drawn, as the figures then say.  Counts are of all reports.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -15,6 +17,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from airswing.ragged import blocks
 from airswing.report.outline import View, draw_map, view_of
 from airswing.report.style import (
     BLUE,
@@ -32,13 +35,45 @@ from airswing.vocabulary import PHASE
 
 LEVELS_HPA: tuple[tuple[float, float], ...] = ((0, 400), (400, 600), (600, 800), (800, 1100))
 
+MOST_DRAWN = 500_000
+"""Reports a map draws at most."""
 Mask = NDArray[np.bool_]
 
 
-def _places(headings: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    longitude = np.asarray(headings["longitude"].to_numpy(), float)
-    latitude = np.asarray(headings["latitude"].to_numpy(), float)
-    return longitude, latitude
+class _Places(NamedTuple):
+    """Reports to be drawn, and what there is of them in all."""
+
+    longitude: NDArray[np.float64]
+    latitude: NDArray[np.float64]
+    group: NDArray[np.int64]
+    every: int
+    counts: NDArray[np.int64]
+
+    def words(self) -> str:
+        """Say what is drawn, where that is not all."""
+        return f" Of them, one in {self.every} is drawn." if self.every > 1 else ""
+
+
+def _places(
+    headings: xr.Dataset, names: Sequence[str], group_of: Callable[[xr.Dataset], Any], groups: int
+) -> _Places:
+    """Reports to be drawn: every so manieth of the archive, so that few enough are left."""
+    every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
+    counts, parts, start = np.zeros(groups, dtype=np.int64), [], 0
+    for block in blocks(headings, ["longitude", "latitude", *names]):
+        group = np.asarray(group_of(block), dtype=np.int64)
+        counts += np.bincount(group[group >= 0], minlength=groups)
+        drawn = slice(-start % every, None, every)
+        parts.append(
+            [
+                np.asarray(block["longitude"].to_numpy()[drawn], float),
+                np.asarray(block["latitude"].to_numpy()[drawn], float),
+                group[drawn],
+            ]
+        )
+        start += block.sizes["report"]
+    longitude, latitude, number = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return _Places(longitude, latitude, number, every, counts)
 
 
 def _height(view: View, columns: int, rows: int, *, colourbar: bool = False) -> float:
@@ -116,40 +151,49 @@ def reports_figure(headings: xr.Dataset, *, keep: Mask | None = None, title: str
     -------
     CaptionedFigure
     """
-    longitude, latitude = _places(headings)
-    view = view_of(longitude, latitude)
-    shown = np.isfinite(longitude) & np.isfinite(latitude)
-    shown &= True if keep is None else keep
+    start = 0
+
+    def chosen(block: xr.Dataset) -> Any:
+        nonlocal start
+        finite = np.isfinite(block["longitude"].to_numpy() + block["latitude"].to_numpy())
+        own = slice(start, start + finite.size)
+        start = own.stop
+        return np.where(finite & (True if keep is None else keep[own]), 0, -1)
+
+    places = _places(headings, [], chosen, 1)
+    view = view_of(places.longitude, places.latitude)
+    shown, number = places.group == 0, int(places.counts[0])
     figure = new_figure(_height(view, 1, 1, colourbar=int(shown.sum()) > MANY))
     axes = figure.add_subplot()
-    drawn = draw_places(axes, view, longitude[shown], latitude[shown], cells=64)
+    drawn = draw_places(axes, view, places.longitude[shown], places.latitude[shown], cells=64)
     if drawn is not None:
-        figure.colorbar(drawn, ax=axes, label="reports in a cell", shrink=0.8, pad=0.01)
+        label = f"one in {places.every} reports" if places.every > 1 else "reports"
+        figure.colorbar(drawn, ax=axes, label=f"{label} in a cell", shrink=0.8, pad=0.01)
     axes.set_title(title)
     how = "as a density of hexagons, darker where reports are many" if drawn else "one dot each"
     return figure.say(
-        f"Where the reports are (n = {plural(int(shown.sum()), 'report')} of "
+        f"Where the reports are (n = {plural(number, 'report')} of "
         f"{plural(headings.sizes.get('aircraft', 0), 'aircraft', 'aircraft')}), {how}."
+        f"{places.words()}"
     )
 
 
-def _panels(headings: xr.Dataset, groups: list[tuple[str, Mask]], columns: int) -> CaptionedFigure:
-    longitude, latitude = _places(headings)
-    view = view_of(longitude, latitude)
-    rows = -(-len(groups) // columns)
+def _panels(places: _Places, labels: Sequence[str], columns: int) -> CaptionedFigure:
+    view = view_of(places.longitude, places.latitude)
+    rows = -(-len(labels) // columns)
     figure = new_figure(_height(view, columns, rows))
-    dense = max((int(mask.sum()) for _, mask in groups), default=0) > MANY
+    masks = [places.group == number for number in range(len(labels))]
+    dense = max((int(mask.sum()) for mask in masks), default=0) > MANY
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, (label, mask) in zip(grid, groups, strict=False):
-        axes.set_title(f"{label}  (n = {thousands(mask.sum())})")
+    for axes, label, mask, count in zip(grid, labels, masks, places.counts, strict=False):
+        axes.set_title(f"{label}  (n = {thousands(count)})")
         if mask.any():
-            draw_places(
-                axes, view, longitude[mask], latitude[mask], size=2.5, cells=40, dense=dense
-            )
+            shown = places.longitude[mask], places.latitude[mask]
+            draw_places(axes, view, *shown, size=2.5, cells=40, dense=dense)
         else:
             draw_map(axes, view, ticks=3)
             axes.text(0.5, 0.5, "no reports", transform=axes.transAxes, ha="center")
-    for axes in grid[len(groups) :]:
+    for axes in grid[len(labels) :]:
         blank(axes, "")
     return figure
 
@@ -167,13 +211,18 @@ def phase_maps_figure(headings: xr.Dataset) -> Figure:
     -------
     CaptionedFigure
     """
-    phase = headings["phase"].to_numpy()
     order = ("ascent", "cruise", "descent", "unknown")
-    groups = [(name, np.asarray(phase == PHASE[name])) for name in order]
-    groups = [(name, mask) for name, mask in groups if name != "unknown" or mask.any()]
-    figure = _panels(headings, groups, len(groups))
-    shares = ", ".join(f"{name} {thousands(int(mask.sum()))}" for name, mask in groups)
-    return figure.say(f"The reports by phase of flight: {shares} (n = {thousands(phase.size)}).")
+    place = np.full(max(PHASE.values()) + 1, -1)
+    place[[PHASE[name] for name in order]] = range(len(order))
+    places = _places(headings, ["phase"], lambda block: place[block["phase"].to_numpy()], 4)
+    names = [name for name in order if name != "unknown" or places.counts[3]]
+    figure = _panels(places, names, len(names))
+    told = zip(names, places.counts, strict=False)
+    shares = ", ".join(f"{name} {thousands(int(count))}" for name, count in told)
+    return figure.say(
+        f"The reports by phase of flight: {shares} "
+        f"(n = {thousands(headings.sizes['report'])}).{places.words()}"
+    )
 
 
 @styled
@@ -193,14 +242,23 @@ def level_maps_figure(
     -------
     CaptionedFigure
     """
-    pressure = np.asarray(headings["pressure"].to_numpy(), float) / 100.0
-    groups = [
-        (
-            f"{top:.0f}-{bottom:.0f} hPa" if top else f"above {bottom:.0f} hPa",
-            (pressure >= top) & (pressure < bottom),
-        )
+
+    def layer(block: xr.Dataset) -> NDArray[np.int64]:
+        pressure = np.asarray(block["pressure"].to_numpy(), float) / 100.0
+        found = np.full(pressure.size, -1, dtype=np.int64)
+        for number, (top, bottom) in enumerate(levels):
+            found[(pressure >= top) & (pressure < bottom)] = number
+        return found
+
+    places = _places(headings, ["pressure"], layer, len(levels))
+    names = [
+        f"{top:.0f}-{bottom:.0f} hPa" if top else f"above {bottom:.0f} hPa"
         for top, bottom in levels
     ]
-    figure = _panels(headings, groups, 2)
-    shares = "; ".join(f"{name} {thousands(mask.sum())}" for name, mask in groups)
-    return figure.say(f"The reports by layer: {shares} (n = {thousands(pressure.size)}).")
+    figure = _panels(places, names, 2)
+    told = zip(names, places.counts, strict=True)
+    shares = "; ".join(f"{name} {thousands(count)}" for name, count in told)
+    return figure.say(
+        f"The reports by layer: {shares} (n = {thousands(headings.sizes['report'])})."
+        f"{places.words()}"
+    )

@@ -31,7 +31,7 @@ from airswing.report.style import (
     styled,
     thousands,
 )
-from airswing.report.summaries import NORMAL_95, disagreement, screening_audit
+from airswing.report.summaries import NORMAL_95, disagreement, kept_reports, screening_audit
 
 PAGE_OF_AIRCRAFT = 40
 """Aircraft in one overview figure; larger fleets get several."""
@@ -257,7 +257,7 @@ def audit_figure(headings: xr.Dataset) -> Figure:
     """
     rules, (dropped, repaired) = screening_audit(headings), reading_reasons(headings)
     total = headings.sizes["report"]
-    kept = int((headings["screening"].to_numpy() == 0).sum())
+    kept = kept_reports(headings)
     reasons = [(name, number, SOFT) for name, number in dropped.items()]
     reasons += [(f"repaired: {name}", number, FAINT) for name, number in repaired.items()]
     figure = new_figure(1.5 + 0.32 * max(len(rules), len(reasons), 1))

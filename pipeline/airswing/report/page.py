@@ -17,6 +17,7 @@ import xarray as xr
 from markupsafe import Markup
 
 import airswing
+from airswing.ragged import time_span
 from airswing.report import compass, maps, overview
 from airswing.report.document import (
     Column,
@@ -44,6 +45,7 @@ from airswing.report.summaries import (
     fleet_disagreement,
     harmonic_amplitude,
     headline,
+    kept_reports,
     screening_audit,
 )
 
@@ -162,10 +164,9 @@ def _lead_reference(fits: xr.Dataset, headings: xr.Dataset, summary: Mapping[str
 
 
 def _period(headings: xr.Dataset) -> str:
-    times = headings["time"].to_numpy()
-    if times.size == 0:
+    if not headings.sizes["report"]:
         return "no reports"
-    first, last = times.min(), times.max()
+    first, last = time_span(headings)
     return f"{np.datetime_as_string(first, 'D')} to {np.datetime_as_string(last, 'D')}"
 
 
@@ -173,7 +174,7 @@ def _facts(
     headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
 ) -> list[tuple[str, str]]:
     amplitude = harmonic_amplitude(fits, reference)
-    kept = int((headings["screening"].to_numpy() == 0).sum())
+    kept = kept_reports(headings)
     facts = [
         (f"{amplitude.size} of {fits.sizes['aircraft']}", "aircraft with a fit to be trusted"),
         (f"{np.median(amplitude):.1f}°" if amplitude.size else "-", "median amplitude"),

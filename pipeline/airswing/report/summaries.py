@@ -14,13 +14,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.ragged import aircraft_of_report
+from airswing.evaluation.clustersums import cluster_sums, clustered_mean
+from airswing.ragged import aircraft_of_report, blocks
 from airswing.report.selection import headline_reference, pooled, status_words, tails, used
 from airswing.vocabulary import SCREENING
 
 Floats = NDArray[np.float64]
 KNOT = 1852.0 / 3600.0
 NORMAL_95 = 1.96
+_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
+          "reference_northward_wind", "screening", "flight")  # fmt: skip
+_MENDED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
 
 
 class BeforeAfter(NamedTuple):
@@ -32,41 +36,6 @@ class BeforeAfter(NamedTuple):
     half_width: Floats
     number: NDArray[np.int64]
     """Reports, (aircraft,)."""
-
-
-def clustered_mean(
-    value: Floats, group: NDArray[Any], cluster: NDArray[Any], groups: int
-) -> tuple[Floats, Floats]:
-    """Mean of each group and its standard error with clusters as the independent units.
-
-    Parameters
-    ----------
-    value : array (n,)
-    group : array of int (n,)
-        Group of each value, 0 to groups - 1.
-    cluster : array of int (n,)
-        Cluster (flight) of each value; a cluster lies in one group.
-    groups : int
-
-    Returns
-    -------
-    mean, standard_error : array (groups,)
-        NaN for an empty group; the error is NaN with fewer than two clusters.  With residual
-        sums s_f of the flights f of a group of n values:
-        se^2 = m/(m-1) sum_f s_f^2 / n^2, m flights (Liang and Zeger 1986).
-    """
-    number = np.bincount(group, minlength=groups).astype(float)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.bincount(group, weights=value, minlength=groups) / number
-    keys, which = np.unique(cluster, return_inverse=True)
-    sums = np.bincount(which, weights=value - mean[group], minlength=keys.size)
-    owner = np.zeros(keys.size, int)
-    owner[which] = group
-    clusters = np.bincount(owner, minlength=groups).astype(float)
-    square = np.bincount(owner, weights=sums**2, minlength=groups)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        error = np.sqrt(clusters / (clusters - 1) * square) / number
-    return mean, np.where(clusters > 1, error, np.nan)
 
 
 def compared(
@@ -97,6 +66,22 @@ def compared(
     return before, after, keep
 
 
+def _sums(headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str) -> Floats:
+    """Sums behind the disagreement of each aircraft: before, after, gain (3, 6, aircraft)."""
+    mended = [name for name in _MENDED if name in corrected]
+    found = []
+    for block, better in zip(blocks(headings, _WINDS), blocks(corrected, mended), strict=True):
+        before, after, keep = compared(block, better, fits, reference)
+        owner, flight = aircraft_of_report(block)[keep], block["flight"].to_numpy()[keep]
+        found.append(
+            [
+                cluster_sums(values[keep], owner, flight, block.sizes["aircraft"])
+                for values in (before, after, before - after)
+            ]
+        )
+    return np.concatenate([np.array(part) for part in found], axis=-1)
+
+
 def disagreement(
     headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
 ) -> BeforeAfter:
@@ -114,14 +99,12 @@ def disagreement(
     BeforeAfter
         NaN for aircraft that were not corrected.
     """
-    before, after, keep = compared(headings, corrected, fits, reference)
-    owner, flight = aircraft_of_report(headings)[keep], headings["flight"].to_numpy()[keep]
-    count = headings.sizes["aircraft"]
-    first, _ = clustered_mean(before[keep], owner, flight, count)
-    second, _ = clustered_mean(after[keep], owner, flight, count)
-    gain, error = clustered_mean((before - after)[keep], owner, flight, count)
-    number = np.bincount(owner, minlength=count)
-    return BeforeAfter(first, second, gain, NORMAL_95 * error, number)
+    first, second, change = _sums(headings, corrected, fits, reference)
+    gain, error = clustered_mean(change)
+    number = first[0].astype(np.int64)
+    return BeforeAfter(
+        clustered_mean(first)[0], clustered_mean(second)[0], gain, NORMAL_95 * error, number
+    )
 
 
 class Total(NamedTuple):
@@ -138,18 +121,16 @@ def fleet_disagreement(
     headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
 ) -> Total:
     """Before and after over all corrected reports against one reference or pool."""
-    before, after, keep = compared(headings, corrected, fits, reference)
-    if not keep.any():
+    first, second, change = _sums(headings, corrected, fits, reference).sum(axis=-1)
+    if not first[0]:
         return Total(np.nan, np.nan, np.nan, np.nan, 0)
-    flight = headings["flight"].to_numpy()[keep]
-    one = np.zeros(int(keep.sum()), int)
-    gain, error = clustered_mean((before - after)[keep], one, flight, 1)
+    gain, error = clustered_mean(change)
     return Total(
-        float(before[keep].mean()),
-        float(after[keep].mean()),
-        float(gain[0]),
-        float(NORMAL_95 * error[0]),
-        int(keep.sum()),
+        float(first[1] / first[0]),
+        float(second[1] / second[0]),
+        float(gain),
+        float(NORMAL_95 * error),
+        int(first[0]),
     )
 
 
@@ -163,12 +144,21 @@ class Rule(NamedTuple):
 
 def screening_audit(headings: xr.Dataset) -> list[Rule]:
     """Count what each screening rule removed, the largest first, rules that hit none omitted."""
-    flags = headings["screening"].to_numpy()
+    together, alone = np.zeros((2, len(SCREENING)), dtype=np.int64)
+    for block in blocks(headings, ["screening"]):
+        flags = block["screening"].to_numpy()
+        together += [np.count_nonzero(flags & bit) for bit in SCREENING.values()]
+        alone += [np.count_nonzero(flags == bit) for bit in SCREENING.values()]
     rules = [
-        Rule(name, int(np.count_nonzero(flags & bit)), int(np.count_nonzero(flags == bit)))
-        for name, bit in SCREENING.items()
+        Rule(name, int(one), int(other))
+        for name, one, other in zip(SCREENING, together, alone, strict=True)
     ]
     return sorted((rule for rule in rules if rule.together), key=lambda rule: -rule.together)
+
+
+def kept_reports(headings: xr.Dataset) -> int:
+    """Count the reports that passed every screening rule."""
+    return sum(int(used(block).sum()) for block in blocks(headings, ["screening"]))
 
 
 def harmonic_amplitude(fits: xr.Dataset, reference: str) -> Floats:

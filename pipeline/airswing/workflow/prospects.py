@@ -11,11 +11,11 @@ import io
 from datetime import date
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from airswing.errors import InputError
 from airswing.products import write_json, write_text
+from airswing.ragged import time_span
 from airswing.workflow.job import Job, main_reference
 
 STABILITY, RANKING, VIRTUAL = "stability.json", "ranking.csv", "virtual_field_test.json"
@@ -43,7 +43,8 @@ def make_stability(job: Job, headings: xr.Dataset) -> dict[str, Any]:
     config, reference = job.config, main_reference(job.config)
     pools = config.pools()
     with job.progress.stage("stability") as stage:
-        days = np.ptp(headings["time"].to_numpy().astype("datetime64[D]")).astype(int)
+        first, last = (day.astype("datetime64[D]") for day in time_span(headings))
+        days = (last - first).astype(int)
         window: Any = "month" if days <= 400 else "quarter"
         changes = find_changes(headings, members=pools[reference], abscissa=config.fit.abscissa)
         windows = fit_by_window(
@@ -186,8 +187,7 @@ def later_date(headings: xr.Dataset) -> date:
     -------
     date
     """
-    days = headings["time"].to_numpy().astype("datetime64[D]")
-    first, last = days.min().astype(object), days.max().astype(object)
+    first, last = (day.astype("datetime64[D]").astype(object) for day in time_span(headings))
     found: date = first + (last - first) * LEARNED_SHARE
     return found
 
