@@ -69,3 +69,17 @@ def test_rivals_get_their_share():
     entries = [{"name": "a", "ambiguity": [{"name": "b"}, {"name": "c"}]}]
     with_aliases(entries, {"a": {"b": 0.9}})
     assert entries[0]["ambiguity"] == [{"name": "b", "alias_share": 0.9}, {"name": "c"}]
+
+
+def test_an_alias_is_a_rival_whatever_the_evidence_says():
+    rival = {"name": "hard_iron", "difference_nats": 1.0, "separated_by": "x"}
+    entries = [
+        {"name": "tas_scale", "ambiguity": [dict(rival)], "ambiguous_with": ["hard_iron"]},
+        {"name": "outliers", "ambiguity": [], "ambiguous_with": []},
+    ]
+    shares = {"tas_scale": {"tas_offset": 0.95, "hard_iron": 0.3, "soft_iron": 0.85}}
+    with_aliases(entries, shares)
+    assert entries[0]["ambiguous_with"] == ["hard_iron", "tas_offset"]
+    assert [r["alias_share"] for r in entries[0]["ambiguity"]] == [0.3, 0.95]
+    assert entries[0]["ambiguity"][1]["separated_by"] == "reports over a wider range of airspeeds"
+    assert entries[1]["ambiguous_with"] == []

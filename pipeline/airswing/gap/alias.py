@@ -29,6 +29,8 @@ Floats = NDArray[np.float64]
 
 #: Share of energy in common above which two effects are listed.
 LISTED = 0.8
+#: Share from which the other is always in the ambiguity set.
+ALIAS = 0.9
 #: Aircraft over which the share of an effect of single aircraft is averaged.
 MOST_AIRCRAFT = 4
 
@@ -160,6 +162,11 @@ def explained(cross: Floats, gram: Floats) -> float:
     return float(np.trace(sides @ inner @ sides.T))
 
 
+def separated_by(effect: str, other: str) -> str:
+    """Data that would tell two effects apart, in words."""
+    return SEPARATING.get(frozenset({effect, other}), "other flights")
+
+
 def alias_table(
     base: Base, terms: Sequence[Term], effects: Mapping[str, Any]
 ) -> tuple[list[dict[str, Any]], dict[str, dict[str, float]]]:
@@ -192,7 +199,7 @@ def alias_table(
             "effect": effect,
             "other": other,
             "alias_share": share,
-            "separated_by": SEPARATING.get(frozenset({effect, other}), "other flights"),
+            "separated_by": separated_by(effect, other),
         }
         for effect, others in shares.items()
         for other, share in others.items()

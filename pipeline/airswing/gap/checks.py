@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.alias import alias_table
+from airswing.gap.alias import ALIAS, alias_table, separated_by
 from airswing.gap.attribute import Found, Term, fit_terms
 from airswing.gap.calibration import BINS, Calibration, calibrate
 from airswing.gap.closure import Closure, folds_of_days, restrict_term, select_days
@@ -279,17 +279,30 @@ def _decoy_row(decoy: Decoy) -> dict[str, Any]:
 def with_aliases(
     entries: Sequence[dict[str, Any]], shares: Mapping[str, Mapping[str, float]]
 ) -> None:
-    """Write the share of energy in common to each entry's rivals (``alias_share``), in place.
+    """Write the share of energy in common to each entry's rivals, and add its aliases, in place.
 
     Parameters
     ----------
     entries : sequence of dict
-        ``effects`` of ``gap.json``.
+        ``effects`` of ``gap.json``: rivals get an ``alias_share``; effects of a share of
+        :data:`~airswing.gap.alias.ALIAS` and more are rivals however the evidence falls out,
+        because a model error of a few hundredths decides between them.
     shares : mapping
         Effect -> other effect -> share.
     """
     for entry in entries:
         own = shares.get(entry["name"], {})
+        told = {rival["name"] for rival in entry["ambiguity"]}
+        entry["ambiguity"] += [
+            {
+                "name": name,
+                "difference_nats": None,
+                "separated_by": separated_by(entry["name"], name),
+            }
+            for name, share in own.items()
+            if share >= ALIAS and name not in told
+        ]
         for rival in entry["ambiguity"]:
             if rival["name"] in own:
                 rival["alias_share"] = own[rival["name"]]
+        entry["ambiguous_with"] = [rival["name"] for rival in entry["ambiguity"]]
