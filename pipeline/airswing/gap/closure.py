@@ -139,6 +139,29 @@ def term_coefficients(given: Conditional | Fit, terms: Sequence[Term]) -> list[F
     return out
 
 
+def whole_coefficients(
+    coefficients: Sequence[Floats], terms: Sequence[Term], factors: Mapping[str, float] | None
+) -> list[Floats]:
+    """Coefficients divided by the share of them that is fitted.
+
+    Parameters
+    ----------
+    coefficients : sequence over terms of (t, k) float
+    terms : sequence of Term
+    factors : mapping or None
+        Effect name -> share; 1 for those not in it.
+
+    Returns
+    -------
+    list of (t, k) float
+    """
+    shares = factors or {}
+    return [
+        values / shares.get(term.candidate.name, 1.0)
+        for values, term in zip(coefficients, terms, strict=True)
+    ]
+
+
 def fold_coefficients(base: Base, terms: Sequence[Term], fold: Integers) -> list[list[Floats]]:
     """Coefficients of the terms fitted without each fold.
 
@@ -210,6 +233,31 @@ def term_error(
     return np.asarray(np.einsum("nck,nk->nc", fields, table[fold, aircraft]) * active[:, None])
 
 
+def retimed(residual: Floats, linear: Floats, fold: Integers) -> Floats:
+    """Error (n, 2) that fields of the right time would take off, from its linear estimate.
+
+    The reference's tendency holds that of its own error, and what it misses of small waves does not
+    grow with the offset: taken off linearly, an offset of an hour closes nothing. But errors of the
+    two times are alike in size, so what the right time takes off the mean square is the offset's
+    covariance with the residual, and the residual shrinks by the root of what is left.
+
+    Parameters
+    ----------
+    residual, linear : (n, 2) float
+        m s-1; ``linear`` is the offset times the tendency.
+    fold : (n,) int
+        The share is measured on each fold.
+
+    Returns
+    -------
+    (n, 2) float
+    """
+    whole = np.bincount(fold, (residual**2).sum(axis=1))
+    common = np.bincount(fold, (residual * linear).sum(axis=1))
+    share = np.clip(common / np.maximum(whole, 1e-12), -0.5, 0.9)
+    return np.asarray(residual * (1.0 - np.sqrt(1.0 - share))[fold, None])
+
+
 def take_off(frame: Any, sensor: Floats, other: Floats) -> Floats:
     """Residual with errors taken off, heading and airspeed exactly.
 
@@ -252,6 +300,7 @@ def close(
     effects: Mapping[str, Any],
     plan: DictionaryPlan,
     day: Integers,
+    factors: Mapping[str, float] | None = None,
     seed: int = 0,
     draws: int = 400,
 ) -> Closure:
@@ -267,6 +316,9 @@ def close(
     plan : DictionaryPlan
     day : (n,) int
         Index of each report's day in the statistics.
+    factors : mapping, optional
+        Effect name -> share of its coefficient that is fitted (:mod:`airswing.gap.instrument`):
+        what is taken off is the effect in full.
     seed, draws : int
         Of the bootstrap over days.
 
@@ -281,7 +333,7 @@ def close(
         return Closure(mean, mean, (0.0, 0.0), ci, (), (), frame.residual)
     shape = base.stats.day_count.shape
     fold = folds_of_days(base.stats)
-    by_fold = fold_coefficients(base, terms, fold)
+    by_fold = [whole_coefficients(c, terms, factors) for c in fold_coefficients(base, terms, fold)]
     errors = []
     for k, term in enumerate(terms):
         fields = term_fields(frame, term, effects=effects, plan=plan)
@@ -289,6 +341,8 @@ def close(
             term_error(fields, term, [c[k] for c in by_fold], aircraft=frame.aircraft, day=day,
                        fold=fold[day], shape=shape)
         )  # fmt: skip
+        if term.candidate.name == "reference_time_offset":
+            errors[-1] = retimed(frame.residual, errors[-1], fold[day])
     sensor = [is_sensor(t, effects) for t in terms]
     left, steps, alone = before, [], []
     residual = frame.residual

@@ -33,7 +33,7 @@ Prior = tuple[Integers, Floats]
 CLIMATOLOGY_PRECISION = 0.25
 #: Prior standard deviations of the slope of residuals on the wind, and on the wind turned by 90
 #: degrees, that are no one's fault.
-SLOPE_SD = (0.010, 0.004)
+SLOPE_SD = (0.006, 0.004)
 #: Change of a variance in one round under which the rounds end, as a share.
 CONVERGED = 1e-3
 

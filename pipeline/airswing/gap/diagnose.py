@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,18 +31,19 @@ from airswing.gap.closure import (
     term_coefficients,
     term_error,
     term_fields,
+    whole_coefficients,
 )
 from airswing.gap.context import exogenous
 from airswing.gap.dayfields import day_variances, shared_prior
 from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence import candidates
+from airswing.gap.instrument import readout_factors
 from airswing.gap.layout import make_layout
 from airswing.gap.locate import residual_maps, slices
 from airswing.gap.measure import Base, eliminate_days
 from airswing.gap.moments import second_moments
 from airswing.gap.noise import NoiseFit, fit_noise
-from airswing.gap.reliability import reliability
 from airswing.gap.statistics import DAY, accumulate, day_of_report
 from airswing.gap.summary import assemble
 from airswing.gap.swap import exchange, find_swap
@@ -176,19 +178,22 @@ def diagnose(
     found, energy, energy_error = _stand(base, found)
     tell("closure", 0.0)
     known = [t for t in found.terms if t.candidate.known]
-    closure = close(frame, base, known, effects=effects, plan=final.plan, day=day, seed=seed)
-    whole = closure
-    if len(known) < len(found.terms):
-        whole = close(
-            frame, base, found.terms, effects=effects, plan=final.plan, day=day, seed=seed
-        )
+    fitted = term_coefficients(found.given, found.terms)
+    factors = readout_factors(
+        frame, columns_frame, found.terms, fitted, base=base, noise=final.noise, effects=effects,
+        plan=final.plan, again=final is not first,
+    )  # fmt: skip
+    reduce = partial(
+        close, frame, base, effects=effects, plan=final.plan, day=day, factors=factors, seed=seed
+    )
+    closure = reduce(known)
+    whole = closure if len(known) == len(found.terms) else reduce(found.terms)
     bare = given_terms(base, [])
     hidden = absorbed(base, bare, candidates(base.stats.layout, effects, dictionary=False), effects)
     named = {term.candidate.name for term in found.terms}
     untestable |= {name: reason for name, reason in hidden.items() if name not in named}
     tell("where", 0.0)
     where = slices(base, bare, final.plan) if dictionary else []
-    factors = reliability(frame, columns_frame, final.noise, effects)
     known_names = set(CATALOGUE if catalogue is None else catalogue)
     report, details = assemble(
         frame, base=base, noise=final.noise, found=found, closure=closure, whole=whole,
@@ -204,7 +209,7 @@ def diagnose(
     with_aliases(report["effects"], checks.shares)
     dataset = _dataset(frame, final, found, closure, maps)
     adjustment = make_adjustment(
-        frame, found.terms, term_coefficients(found.given, found.terms), effects=effects,
+        frame, found.terms, whole_coefficients(fitted, found.terms, factors), effects=effects,
         plan=final.plan, day=day, shape=base.stats.day_count.shape,
     )  # fmt: skip
     dataset = dataset.assign(checks.histograms())

@@ -17,7 +17,7 @@ Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (20
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,8 @@ Integers = NDArray[np.int64]
 SCALE_GRID = np.array([0.08, 0.2, 0.5, 1.2, 3.0])
 #: Shares of aircraft struck over which the mixture is averaged.
 SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
-#: Persistent model error allowed for, m/s rms where the candidate acts, in each direction.
+#: Persistent model error allowed for, m/s rms where the candidate acts, in each direction; for the
+#: fleet, of a column that the climatology takes up wholly.
 AIRCRAFT_ALLOWANCE = 0.06
 FLEET_ALLOWANCE = 0.09
 #: Common cluster factor of raw evidence.
@@ -163,6 +164,8 @@ def candidates(
                     _lasting_columns(effect, subset),
                 )
             )  # fmt: skip
+            if scope == "aircraft" and _whole_fleet(effect):
+                out.append(replace(out[-1], scope="fleet"))
     if not dictionary:
         return out
     for name in layout.groups:
@@ -173,6 +176,15 @@ def candidates(
                 continue
             out.append(Candidate(name, block, scope, scales, False, tuple(range(block.size))))
     return out
+
+
+def _whole_fleet(effect: Any) -> bool:
+    """Whether an effect of single aircraft is also tried with one coefficient for all.
+
+    Of the wind met, the model's own error hides what one aircraft shows of a small effect that all
+    have.
+    """
+    return bool(effect.kind == "mean" and getattr(effect, "stage", "sensor") == "atmosphere")
 
 
 def _lasting_columns(effect: Any, subset: Sequence[int]) -> tuple[int, ...]:
@@ -339,6 +351,26 @@ def rms(second: Floats, acting: Floats, coefficients: Floats) -> Floats:
     return np.asarray(np.sqrt(np.maximum(energy, 0) / np.maximum(acting, 1.0)))
 
 
+def fleet_allowance(given: Conditional, columns: Integers) -> float:
+    """Persistent model error allowed for in a fleet-wide effect, m/s rms where it acts.
+
+    What the climatology does not hold of the persistent error has its structure: it is met by a
+    column in the measure in which the climatology itself takes the column up. An effect that
+    changes sign with the heading or with the passing of weather averages it out.
+
+    Parameters
+    ----------
+    given : Conditional
+    columns : (k,) int
+
+    Returns
+    -------
+    float
+        :data:`FLEET_ALLOWANCE` times the root of the share of the columns' X'X taken.
+    """
+    return FLEET_ALLOWANCE * float(np.sqrt(given.lasting_share[columns].mean()))
+
+
 def _evaluate_fleet(stats: Statistics, given: Conditional, candidate: Candidate) -> Score:
     columns, aircraft = candidate.columns, len(stats.tails)
     pick = np.ix_(columns, columns)
@@ -346,7 +378,7 @@ def _evaluate_fleet(stats: Statistics, given: Conditional, candidate: Candidate)
     factor = fleet_factor(stats, given, columns)
     second, acting = _sizes(stats, candidate)
     allowance = allowance_covariance(
-        second.sum(axis=0), float(acting.sum()), FLEET_ALLOWANCE, candidate.scales
+        second.sum(axis=0), float(acting.sum()), fleet_allowance(given, columns), candidate.scales
     )
     tempered, raw, estimates = grid_evidence(
         information, score, factor=factor, allowance=allowance, scales=candidate.scales

@@ -89,6 +89,16 @@ class Base:
         whole = self.stats.whole_gram.sum(axis=0)
         return np.asarray(whole - total.T @ total)
 
+    @cached_property
+    def lasting_share(self) -> Floats:
+        """Share of each fleet-wide column's X'X that the climatology and the slope take, (p,)."""
+        lasting = climatology(self)
+        cross = included_cross(self, *_stacked(lasting)).sum(axis=0)
+        taken = ((fit_included(self, lasting).half @ cross) ** 2).sum(axis=0)
+        own = np.diagonal(self.fleet_gram)
+        share = np.divide(taken, own, out=np.zeros_like(taken), where=own > 1e-9)
+        return np.asarray(np.clip(share, 0.0, 1.0))
+
 
 @dataclass(frozen=True)
 class Conditional:
@@ -106,6 +116,8 @@ class Conditional:
     fleet_gram : (p, p)
     included_gram : (m, m)
     included_score : (D, m)
+    lasting_share : (p,)
+        See :attr:`Base.lasting_share`.
     fleet_score_override : (D, p) or None
         Fleet scores where they are not the sum over aircraft.
     derived : dict
@@ -120,6 +132,7 @@ class Conditional:
     fleet_gram: Floats
     included_gram: Floats
     included_score: Floats
+    lasting_share: Floats
     fleet_score_override: Floats | None = None
     derived: dict[str, Floats] = field(default_factory=dict, repr=False)
 
@@ -192,7 +205,7 @@ def condition(base: Base, included: list[Included]) -> Conditional:
     score = base.score - np.einsum("dm,amp->adp", share, cross, optimize=True)
     return Conditional(
         tuple(included), fit.coefficients, fit.covariance, gram, score,
-        base.fleet_gram - total.T @ total, fit.gram, fit.score,
+        base.fleet_gram - total.T @ total, fit.gram, fit.score, base.lasting_share,
     )  # fmt: skip
 
 

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from airswing.gap.attribute import Found, Term
 from airswing.gap.evidence import (
     AIRCRAFT_ALLOWANCE,
-    FLEET_ALLOWANCE,
     Score,
     allowance_covariance,
+    fleet_allowance,
 )
 from airswing.gap.measure import Base, Conditional
 from airswing.gap.statistics import DAY, Statistics
@@ -62,7 +62,7 @@ def term_covariance(
     pick = list(range(len(stats.tails))) if fleet else [term.tails[row]]
     second = stats.raw_gram[pick].sum(axis=0)[np.ix_(columns, columns)]
     acting = float(stats.acting[pick].sum(axis=0)[columns].max())
-    size = FLEET_ALLOWANCE if fleet else AIRCRAFT_ALLOWANCE
+    size = fleet_allowance(given, columns) if fleet else AIRCRAFT_ALLOWANCE
     return np.asarray(formal + 0.25 * allowance_covariance(second, acting, size, scales))
 
 
