@@ -5,10 +5,10 @@ Assumptions
 * **Sensor** (Garmin G1000, 1 Hz, light aircraft; headings and tracks magnetic): along each record
   ground velocity = airspeed x heading vector + wind, with the wind piecewise linear in time (knots
   every 5 minutes) and linear in height, the heading in error by a constant, one and two cycles, the
-  airspeed by a factor. What the fit leaves is the real valve's and pitot's irregular error, with
-  its own correlation, tails and higher harmonics (and the air's gusts). It replaces the sample
-  generator's instrument noise: each report takes the residual of a moment when the real aircraft
-  was on about the same magnetic heading, running on through the record along the flight.
+  airspeed by a factor. What the fit leaves, less the mean of each heading, is the real valve's and
+  pitot's irregular error, with its own correlation and tails (and the air's gusts). It replaces the
+  sample generator's instrument noise: each report takes the residual of a moment when the real
+  aircraft was on about the same magnetic heading, running on through the record along the flight.
 * **Model**: reports of one day flown through a real forecast run whose real 12-hour error is the
   difference between truth and reference (`airswing.sample.realwinds`).
 
@@ -51,9 +51,9 @@ class SensorRecord:
     magnetic : ndarray
         Indicated magnetic heading, radians.
     heading_error : ndarray
-        Left over after constant, one and two cycles, radians.
+        Left over after the mean of each heading, radians.
     airspeed_error : ndarray
-        Left over after a factor, m/s.
+        Left over after the mean of each heading, m/s.
     """
 
     magnetic: Array
@@ -97,18 +97,22 @@ def sensor_record(table: pd.DataFrame) -> SensorRecord:
 
 
 def _irregular(heading: Array, error: Array) -> Array:
-    """Take off constant, one and two cycles, every heading counting alike: they are the truth's.
+    """Take off the mean of each heading: a real unit's lasting deviation is no noise.
 
-    The joint fit shares them with the wind where a heading was flown for long; reports draw their
-    moments by heading, so what is left must be free of them heading by heading.
+    Reports draw their moments by heading. Whatever a heading's moments have in common (the unit's
+    own deviation of any number of cycles, a wind the fit took amiss) would come back in every
+    report of that heading, and a diagnosis that names it would be right.
     """
-    bins = (np.mod(heading, 2 * np.pi) / (2 * np.pi) * HEADING_BINS).astype(int) % HEADING_BINS
-    weight = 1.0 / np.sqrt(np.bincount(bins, minlength=HEADING_BINS)[bins])
-    cycles = [np.ones_like(heading)]
-    cycles += [wave(k * heading) for k in (1, 2) for wave in (np.sin, np.cos)]
-    design = np.stack(cycles, axis=1)
-    solution = np.linalg.lstsq(design * weight[:, None], error * weight, rcond=None)[0]
-    return np.asarray(error - design @ solution)
+    bins = _heading_bin(heading)
+    count = np.bincount(bins, minlength=HEADING_BINS)
+    mean = np.bincount(bins, error, HEADING_BINS) / np.maximum(count, 1)
+    return np.asarray(error - mean[bins])
+
+
+def _heading_bin(heading: Array) -> NDArray[np.int64]:
+    """Bin of each heading in radians, (n,)."""
+    turn = np.mod(heading, 2 * np.pi) / (2 * np.pi)
+    return np.asarray(turn * HEADING_BINS, np.int64) % HEADING_BINS
 
 
 def _left_over(
@@ -212,13 +216,9 @@ def _moments(
     record: SensorRecord, magnetic: Array, flight: NDArray[np.int64], begin: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """Return a moment of the record for each report: same heading, running on along the flight."""
-
-    def bins(angle: Array) -> NDArray[np.int64]:
-        return np.asarray(angle / (2 * np.pi) * HEADING_BINS, int) % HEADING_BINS
-
-    order = np.argsort(bins(np.mod(record.magnetic, 2 * np.pi)), kind="stable")
-    own = bins(np.mod(record.magnetic, 2 * np.pi))[order]
-    wanted = bins(np.mod(magnetic, 2 * np.pi))
+    own = _heading_bin(record.magnetic)
+    order = np.argsort(own, kind="stable")
+    own, wanted = own[order], _heading_bin(magnetic)
     present = np.unique(own)
     gap = np.abs(np.angle(np.exp(2j * np.pi * (wanted[:, None] - present) / HEADING_BINS)))
     nearest = present[np.argmin(gap, axis=1)]
