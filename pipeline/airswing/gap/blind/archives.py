@@ -249,7 +249,8 @@ class Archivist:
             "names": list(dict.fromkeys(name for part in drawn for name in part.names)),
             "effects": effects,
             "without": list(case.without),
-            "background": ["outliers"] if case.world.kind == "hard" else [],
+            # A real record's tails are as heavy as they are: who names them is right.
+            "background": ["outliers"] if case.world.kind in ("hard", "sensor") else [],
             "closure": closure,
         }
 
