@@ -24,8 +24,9 @@ SHORT = {
     "coverage": ["--fleets", "40"],
     "evaluation_coverage": ["--seeds", "20"],
     "gap_identification": ["--cases", "8"],
+    "gap_statistics": ["--reports", "1000000", "--aircraft", "6"],
 }
-LONG = {"year": ["--growth"]}
+LONG = {"year": ["--growth"], "gap_statistics": ["--reports", "10000000", "--aircraft", "60"]}
 """Arguments by benchmark; none are given where it has no entry."""
 
 

@@ -20,7 +20,8 @@ k: 0.1 % for one cycle at 2.5 degrees.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,10 +31,15 @@ from airswing.gap.dictionary import hats
 from airswing.vocabulary import PHASE
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 SHARPENING = (7.0 / 6.0, -1.0 / 12.0)
 """Weights of a report and its neighbours that undo, to second order, the difference of two chords:
 a mean under a triangle that reaches one report each way, of variance 1/6."""
+
+
+TERMS = 13
+"""Terms of the large-scale wind."""
 
 
 def wrap(angle: Floats) -> Floats:
@@ -41,12 +47,14 @@ def wrap(angle: Floats) -> Floats:
     return np.asarray(np.pi - np.mod(np.pi - angle, 2 * np.pi))
 
 
-def exogenous(frame: Any) -> Any:
+def exogenous(frame: Any, winds: LargeScale | None = None) -> Any:
     """Frame whose heading and airspeed may stand in design columns.
 
     Parameters
     ----------
     frame : Frame
+    winds : LargeScale, optional
+        Large-scale reported wind of the archive, where the frame holds only some of its aircraft.
 
     Returns
     -------
@@ -57,7 +65,7 @@ def exogenous(frame: Any) -> Any:
     implied = np.arctan2(frame.ground_u - frame.u_ref, frame.ground_v - frame.v_ref)
     difference = wrap(frame.heading - implied)
     declination = np.nan_to_num(wrap(frame.heading - frame.magnetic_heading))
-    smooth, shear = large_scale(np.stack([frame.u_rep, frame.v_rep], -1), frame)
+    smooth, shear = (winds or LargeScale.of(frame)).at(frame)
     known = np.isfinite(frame.dudlnp) & np.isfinite(frame.dvdlnp)
     heading = implied + smooth_deviation(difference, implied - declination, frame.aircraft)
     return replace(
@@ -129,43 +137,104 @@ def expected_acceleration(
     return out
 
 
-def large_scale(values: Floats, frame: Any) -> tuple[Floats, Floats]:
-    """Fit of values by day to a constant, position, level, their products and the hour.
+@dataclass(frozen=True)
+class LargeScale:
+    """Fit of the reported wind by day to a constant, position, level, their products and the hour.
 
-    Parameters
+    Attributes
     ----------
-    values : (n, k) float
-    frame : Frame
-
-    Returns
-    -------
-    fit, slope : (n, k) float
-        The fit and its derivative by ln p.
+    epoch : float
+        s since 1970; days are counted from it.
+    centre : (3, 2) float
+        Mean and spread of longitude, latitude (degrees) and ln p.
+    first : int
+        Day of the first coefficients.
+    coefficients : (D, 13, 2) float
+        m s-1.
     """
-    x, y = (_standard(v) for v in (frame.longitude, frame.latitude))
-    log_pressure = np.log(frame.pressure)
-    z, hour = _standard(log_pressure), np.mod(frame.time / 86400.0, 1.0) - 0.5
+
+    epoch: float
+    centre: Floats
+    first: int
+    coefficients: Floats
+
+    @classmethod
+    def of(cls, frame: Any) -> LargeScale:
+        """Fit to the reports of a frame."""
+        centre = centre_of(frame)
+        return cls.solved([day_sums(frame, centre)], float(frame.epoch), centre)
+
+    @classmethod
+    def solved(
+        cls, sums: Iterable[tuple[Integers, Floats]], epoch: float, centre: Floats
+    ) -> LargeScale:
+        """Fit to the sums of some frames.
+
+        Parameters
+        ----------
+        sums : iterable of (days, sums)
+            From `day_sums`; added in the order they come.
+        epoch : float
+            Of all the frames, s since 1970.
+        centre : (3, 2) float
+            That of the sums.
+
+        Returns
+        -------
+        LargeScale
+        """
+        total: dict[int, Floats] = {}
+        for days, parts in sums:
+            for day, part in zip(days.tolist(), parts, strict=True):
+                total[day] = total[day] + part if day in total else part
+        first = min(total)
+        found = np.zeros((max(total) - first + 1, TERMS, 2))
+        ridge = 2.0 * np.diag(np.arange(TERMS) > 0) + 1e-6 * np.eye(TERMS)
+        for day, part in total.items():
+            found[day - first] = np.linalg.solve(part[:, :TERMS] + ridge, part[:, TERMS:])
+        return cls(epoch, centre, first, found)
+
+    def at(self, frame: Any) -> tuple[Floats, Floats]:
+        """Wind and its derivative by ln p at the reports of a frame, each (n, 2), m s-1."""
+        design, rates = _large_scale_terms(frame, self.centre)
+        own = self.coefficients[_day_of_archive(frame) - self.first]
+        fit = np.einsum("nt,ntc->nc", design, own)
+        return fit, np.einsum("nt,ntc->nc", rates, own) / self.centre[2, 1]
+
+
+def centre_of(frame: Any) -> Floats:
+    """Mean and spread of longitude, latitude (degrees) and ln p, (3, 2)."""
+    places = (frame.longitude, frame.latitude, np.log(frame.pressure))
+    return np.array([[v.mean(), v.std() if v.std() > 0 else 1.0] for v in places])
+
+
+def day_sums(frame: Any, centre: Floats) -> tuple[Integers, Floats]:
+    """Sums of the large-scale fit: days (d,) and X'[X y] of each, (d, 13, 15)."""
+    design, _ = _large_scale_terms(frame, centre)
+    table = np.concatenate([design, frame.u_rep[:, None], frame.v_rep[:, None]], axis=1)
+    day = _day_of_archive(frame)
+    order = np.argsort(day, kind="stable")
+    cuts = np.flatnonzero(np.diff(day[order])) + 1
+    parts = [table[own][:, :TERMS].T @ table[own] for own in np.split(order, cuts)]
+    return day[order][np.r_[0, cuts]], np.stack(parts)
+
+
+def _day_of_archive(frame: Any) -> Integers:
+    return np.asarray(np.floor((frame.time - frame.epoch) / 86400.0).astype(np.int64))
+
+
+def _large_scale_terms(frame: Any, centre: Floats) -> tuple[Floats, Floats]:
+    """Terms of the large-scale fit and their derivatives by ln p (times its spread), (n, 13)."""
+    places = (frame.longitude, frame.latitude, np.log(frame.pressure))
+    x, y, z = (
+        np.clip((v - mean) / spread, -3, 3)
+        for v, (mean, spread) in zip(places, centre, strict=True)
+    )
+    hour = np.mod(frame.time / 86400.0, 1.0) - 0.5
     one, none = np.ones_like(x), np.zeros_like(x)
     terms = [one, x, y, z, z * z, z**3, x * z, y * z, hour, hour * z, x * x, y * y, x * y]
     rates = [none, none, none, one, 2 * z, 3 * z * z, x, y, none, hour, none, none, none]
-    design, derivative = np.stack(terms, -1), np.stack(rates, -1)
-    spread = float(log_pressure.std())
-    fit, slope = np.empty_like(values), np.empty_like(values)
-    day = np.floor((frame.time - frame.epoch) / 86400.0)
-    order = np.argsort(day, kind="stable")
-    ridge = 2.0 * np.diag(np.arange(len(terms)) > 0) + 1e-6 * np.eye(len(terms))
-    for own in np.split(order, np.flatnonzero(np.diff(day[order])) + 1):
-        part = design[own]
-        found = np.linalg.solve(part.T @ part + ridge, part.T @ values[own])
-        fit[own] = part @ found
-        slope[own] = derivative[own] @ found / (spread if spread > 0 else 1.0)
-    return fit, slope
-
-
-def _standard(values: Floats) -> Floats:
-    """Values centred and scaled to unit spread, within three."""
-    spread = float(values.std())
-    return np.asarray(np.clip((values - values.mean()) / (spread if spread > 0 else 1.0), -3, 3))
+    return np.stack(terms, -1), np.stack(rates, -1)
 
 
 def smooth_deviation(

@@ -108,11 +108,11 @@ def day_variances(
     if beside is not None:
         columns, precision = np.r_[columns, beside[0]], np.r_[precision, beside[1]]
     fields = stats.layout.blocks["day_fields"]
-    normal = stats.day_cross.sum(axis=0)
+    normal = stats.day_cross.sum(axis=0, dtype=float)
     own, other = normal[:, :, fields], normal[:, :, columns]
     score = stats.day_score.sum(axis=0)
     own_score, other_score = score[:, fields], score[:, columns].sum(axis=0)
-    gram = stats.week_gram.sum(axis=(0, 1), dtype=np.float64)[np.ix_(columns, columns)]
+    gram = stats.whole_gram.sum(axis=0)[np.ix_(columns, columns)]
     gram = gram + np.diag(precision)
     variance = np.full(fields.stop, 0.5)
     for _ in range(rounds):

@@ -159,11 +159,13 @@ def eliminate_days(stats: Statistics, variance: Floats | None = None) -> Base:
     """
     variance = day_variances(stats) if variance is None else variance
     fields = stats.layout.blocks["day_fields"]
-    normal = stats.day_cross[:, :, :, fields].sum(axis=0) + np.diag(1 / variance)
+    normal = stats.day_cross[..., fields].sum(axis=0, dtype=float) + np.diag(1 / variance)
     root = np.linalg.inv(np.linalg.cholesky(normal))
-    cross = np.einsum("dij,adjp->adip", root, stats.day_cross, optimize=True)
     shared = np.einsum("dij,dj->di", root, stats.day_score[:, :, fields].sum(axis=0))
-    score = stats.day_score - np.einsum("adip,di->adp", cross, shared, optimize=True)
+    cross, score = np.empty(stats.day_cross.shape), stats.day_score.copy()
+    for own, out, left in zip(stats.day_cross, cross, score, strict=True):
+        np.matmul(root, own, out=out)  # an aircraft at a time, for memory
+        left -= (shared[:, None] @ out)[:, 0]
     return Base(stats, variance, root, cross, score)
 
 

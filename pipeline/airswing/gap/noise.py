@@ -329,10 +329,7 @@ def fit_noise(
     chosen = _draw_flights(flight, most_reports, seed)
     model = _maximise(values, chosen, flight, time, distance, step, ~gross)
     model = replace(model, level_nodes=nodes, level_factors=factors)
-    gains = kalman_gains(
-        order, model.decay(distance, step), model.factor(log_pressure), ~gross,
-        correlated_sd=model.correlated_sd, white_sd=model.white_sd, doubt=doubt,
-    )  # fmt: skip
+    gains = _gains(model, order, distance, step, log_pressure, ~gross, doubt)
     centre, covariance, count = autocovariance(
         np.where(gross[chosen, None], 0.0, values[chosen]), distance[chosen],
         flight_order(flight[chosen], time[chosen]),
@@ -340,6 +337,57 @@ def fit_noise(
     fitted = model.correlated_sd**2 * np.exp(-centre / model.length)
     fitted[0] = model.correlated_sd**2 + model.white_sd**2
     return NoiseFit(model, order, gains, centre / 1e3, covariance, fitted, count, gross)
+
+
+def fitted_gains(
+    fit: NoiseFit,
+    residual: Floats,
+    *,
+    aircraft: NDArray[np.integer],
+    flight: NDArray[np.integer],
+    time: Floats,
+    latitude: Floats,
+    longitude: Floats,
+    pressure: Floats,
+    heading: Floats,
+    airspeed: Floats,
+    doubt: Floats | None = None,
+) -> NoiseFit:
+    """Gains of reports the noise was not fitted to: the fitted model, their own gross errors.
+
+    Parameters
+    ----------
+    fit : NoiseFit
+        Of a sample of the archive.
+    residual, aircraft, flight, time, latitude, longitude, pressure, heading, airspeed, doubt
+        As in :func:`fit_noise`.
+
+    Returns
+    -------
+    NoiseFit
+    """
+    order = flight_order(flight, time)
+    log_pressure = np.log(pressure)
+    distance, step = flight_steps(latitude, longitude, log_pressure, order)
+    gross = gross_errors(remove_smooth_effects(residual, aircraft, heading, airspeed), order)
+    gains = _gains(fit.model, order, distance, step, log_pressure, ~gross, doubt)
+    return replace(fit, order=order, gains=gains, gross=gross)
+
+
+def _gains(
+    model: NoiseModel,
+    order: FlightOrder,
+    distance: Floats,
+    step: Floats,
+    log_pressure: Floats,
+    keep: NDArray[np.bool_],
+    doubt: Floats | None,
+) -> Gains:
+    """Gains of a model on reports."""
+    return kalman_gains(
+        order, model.decay(distance, step), model.factor(log_pressure), keep,
+        correlated_sd=model.correlated_sd, white_sd=model.white_sd, doubt=doubt,
+    )  # fmt: skip
 
 
 def _draw_flights(flight: NDArray[np.integer], most: int, seed: int) -> NDArray[np.int64]:

@@ -149,14 +149,31 @@ def day_of_report(frame: Any, *, shift: float | None = None) -> tuple[Integers, 
     return day[inverse], shift
 
 
-def _empty(layout: Layout, tails: tuple[str, ...], days: Integers, shift: float) -> Statistics:
+def empty_statistics(
+    layout: Layout, tails: tuple[str, ...], days: Integers, shift: float
+) -> Statistics:
+    """Sums of no reports.
+
+    Parameters
+    ----------
+    layout : Layout
+    tails : tuple of str
+    days : (D,) int
+        Whole days since 1970 of all reports to come.
+    shift : float
+        Hour UTC at which a day starts.
+
+    Returns
+    -------
+    Statistics
+    """
     a, d, p, c = len(tails), days.size, layout.size, layout.core
     q = layout.blocks["day_fields"].stop
     weeks = np.unique(days // 7)
     return Statistics(
         layout, tails, days, weeks,
         np.zeros((a, weeks.size, p, p), np.float32), np.zeros((a, d, c, c), np.float32),
-        np.zeros((a, d, q, p)), np.zeros((a, d, p)), np.zeros((a, d)), np.zeros((a, d)),
+        np.zeros((a, d, q, p), np.float32), np.zeros((a, d, p)), np.zeros((a, d)), np.zeros((a, d)),
         np.zeros((a, c, c)), np.zeros((a, c, 3)), np.zeros(a), np.zeros(a), shift,
     )  # fmt: skip
 
@@ -220,10 +237,44 @@ def accumulate(
     """
     day, shift = day_of_report(frame, shift=day_shift)
     days = np.unique(day)
-    out = _empty(layout, tuple(frame.tails), days, shift)
+    out = empty_statistics(layout, tuple(frame.tails), days, shift)
+    add_reports(
+        out, frame, residual, noise=noise, effects=effects, plan=plan, clip=clip, day=day,
+        workers=workers, progress=progress,
+    )  # fmt: skip
+    return out
+
+
+def add_reports(
+    out: Statistics,
+    frame: Any,
+    residual: Floats,
+    *,
+    noise: NoiseFit,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    clip: float = 5.0,
+    day: Integers | None = None,
+    workers: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Add the sums of some reports: whole aircraft that are not in the sums yet, or other weeks.
+
+    Parameters
+    ----------
+    out : Statistics
+        Changed in place.
+    frame, residual, noise, effects, plan, clip, workers, progress
+        As in :func:`accumulate`.
+    day : (n,) int, optional
+        Day of each report's flight, where it is known already.
+    """
+    if day is None:
+        day, _ = day_of_report(frame, shift=out.day_shift)
     values = clipped_residual(frame, residual, noise=noise, clip=clip)
-    out.clipped[:] = np.bincount(frame.aircraft, values[1], minlength=len(out.tails))
-    out.gross[:] = np.bincount(frame.aircraft, noise.gross, minlength=len(out.tails))
+    own = np.unique(frame.aircraft)  # other aircraft may be added by other threads
+    out.clipped[own] += np.bincount(frame.aircraft, values[1])[own]
+    out.gross[own] += np.bincount(frame.aircraft, noise.gross)[own]
     by_aircraft: dict[int, list[Integers]] = {}
     for index in aircraft_weeks(frame.aircraft, day):
         by_aircraft.setdefault(int(frame.aircraft[index[0]]), []).append(index)
@@ -239,7 +290,6 @@ def accumulate(
             done += size
             if progress is not None:
                 progress(done / frame.size)
-    return out
 
 
 def clipped_residual(
@@ -338,7 +388,7 @@ def merge_statistics(first: Statistics, second: Statistics) -> Statistics:
     ):  # fmt: skip
         raise ValueError("statistics of different columns, aircraft or days cannot be merged")
     days = np.union1d(first.days, second.days)
-    out = _empty(first.layout, first.tails, days, first.day_shift)
+    out = empty_statistics(first.layout, first.tails, days, first.day_shift)
     for part in (first, second):
         at, week = np.searchsorted(days, part.days), np.searchsorted(out.weeks, part.weeks)
         out.week_gram[:, week] += part.week_gram
