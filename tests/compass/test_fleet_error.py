@@ -44,7 +44,7 @@ def test_the_functions_of_each_part_sum_to_one(middle):
     where = places(middle=middle)
     basis = FieldBasis.of(*where)
     for _, value in (basis.lasting_at(*where), basis.passing_at(*where[:2])):
-        np.testing.assert_allclose(value.sum(axis=0), 1.0, atol=1e-12)
+        np.testing.assert_allclose(value.sum(axis=1), 1.0, atol=1e-12)
         assert value.min() >= 0
     assert basis.lasting_at(*where)[0].max() < basis.lasting_size
     assert basis.passing_at(*where[:2])[0].max() < basis.passing_size

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,8 @@ from airswing.compass.blocks import Blocks
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Short = NDArray[np.int32]
+Single = NDArray[np.float32]
 
 SPACING_KM = 400.0
 """Distance of the passing part's nodes: the reach of a model's synoptic error."""
@@ -95,23 +98,23 @@ class FieldBasis:
 
     def lasting_at(
         self, latitude: Floats, longitude: Floats, log_pressure: Floats
-    ) -> tuple[Ints, Floats]:
+    ) -> tuple[Short, Floats]:
         """Functions of the lasting part that are not zero at some places.
 
         Returns
         -------
-        index, value : arrays, shape (up to 8, n)
+        index, value : arrays, shape (n, up to 8)
             The values of a place sum to one.
         """
         values = (latitude, _eastward(longitude, self.origin), log_pressure)
         return _product(values, self.lasting)
 
-    def passing_at(self, latitude: Floats, longitude: Floats) -> tuple[Ints, Floats]:
+    def passing_at(self, latitude: Floats, longitude: Floats) -> tuple[Short, Floats]:
         """Functions of the passing part that are not zero at some places.
 
         Returns
         -------
-        index, value : arrays, shape (up to 4, n)
+        index, value : arrays, shape (n, up to 4)
             The values of a place sum to one.
         """
         return _product((latitude, _eastward(longitude, self.origin)), self.passing)
@@ -128,26 +131,30 @@ def _even(values: Floats, step: float) -> Floats:
     return np.linspace(low, high, count) if high > low else np.array([low])
 
 
-def _hats(values: Floats, nodes: Floats) -> list[tuple[Ints, Floats]]:
-    """The one or two piecewise linear functions that are not zero at each value."""
+def _hats(values: Floats, nodes: Floats) -> tuple[Short, Floats]:
+    """The one or two piecewise linear functions that are not zero at each value, (n, 1 or 2)."""
     if nodes.size == 1:
-        return [(np.zeros(values.size, dtype=np.int64), np.ones(values.size))]
-    left = np.clip(np.searchsorted(nodes, values, side="right") - 1, 0, nodes.size - 2)
-    share = np.clip((values - nodes[left]) / (nodes[left + 1] - nodes[left]), 0.0, 1.0)
-    return [(left, 1.0 - share), (left + 1, share)]
+        return np.zeros((values.size, 1), dtype=np.int32), np.ones((values.size, 1))
+    left = np.zeros(values.size, dtype=np.int32)
+    for node in nodes[1:-1]:
+        left += values >= node
+    found = np.empty((values.size, 2))
+    np.clip((values - nodes[left]) / np.diff(nodes)[left], 0.0, 1.0, out=found[:, 1])
+    np.subtract(1.0, found[:, 1], out=found[:, 0])
+    return np.stack([left, left + np.int32(1)], axis=1), found
 
 
-def _product(values: tuple[Floats, ...], nodes: tuple[Floats, ...]) -> tuple[Ints, Floats]:
+def _product(values: tuple[Floats, ...], nodes: tuple[Floats, ...]) -> tuple[Short, Floats]:
     """Products of the hats of every coordinate."""
-    found = [(np.zeros(values[0].size, dtype=np.int64), np.ones(values[0].size))]
+    size = values[0].size
+    index, value = np.zeros((size, 1), dtype=np.int32), np.ones((size, 1))
     for one, knots in zip(values, nodes, strict=True):
-        hats = _hats(one, knots)
-        found = [
-            (number * knots.size + left, value * share)
-            for number, value in found
-            for left, share in hats
-        ]
-    return np.array([number for number, _ in found]), np.array([value for _, value in found])
+        left, share = _hats(one, knots)
+        index = (index[:, :, np.newaxis] * np.int32(knots.size) + left[:, np.newaxis]).reshape(
+            size, -1
+        )
+        value = (value[:, :, np.newaxis] * share[:, np.newaxis]).reshape(size, -1)
+    return index, value
 
 
 @dataclass(frozen=True)
@@ -177,16 +184,16 @@ class Stretch:
         Reports' worth.
     residual : array of float, shape (2, n)
         Mean of each block, m/s.
-    slopes : array of float, shape (2, 6, n)
+    slopes : array of float32, shape (2, 6, n)
         Mean of each block.
     aircraft : array of int, shape (n,)
         Never falling.
     opens : array of int, shape (pieces,)
         First block of each piece.
     piece : array of int, shape (n,)
-    node, share : arrays, shape (up to 4, n)
+    node, share : arrays, shape (n, up to 4)
         Nodes of the passing part among all segments', and their values.
-    lasting, lasting_share : arrays, shape (up to 9, n)
+    lasting, lasting_share : arrays, shape (n, up to 9)
         Functions of the lasting part and, last, its mean.
     segment : array of int, shape (n,)
         Place among the segments.
@@ -198,13 +205,13 @@ class Stretch:
 
     weight: Floats
     residual: Floats
-    slopes: Floats
+    slopes: Single
     aircraft: Ints
     opens: Ints
     piece: Ints
-    node: Ints
+    node: Short
     share: Floats
-    lasting: Ints
+    lasting: Short
     lasting_share: Floats
     segment: Ints
     segments: Ints
@@ -225,7 +232,9 @@ class Stretch:
         Stretch
         """
         count = np.array([part.size for part in parts])
-        sums = np.concatenate([part.sums for part in parts], axis=1).astype(np.float64)
+        means = np.concatenate([part.sums for part in parts], axis=1)
+        weight = means[0].astype(np.float64)
+        means[1:] *= (1.0 / weight).astype(np.float32)
         latitude, longitude, log_pressure, number = (
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("latitude", "longitude", "log_pressure", "segment")
@@ -237,14 +246,13 @@ class Stretch:
         segments, segment = np.unique(number, return_inverse=True)
         node, share = basis.passing_at(latitude, longitude)
         lasting, lasting_share = basis.lasting_at(latitude, longitude, log_pressure)
-        every = np.ones((1, piece.size))
-        lasting = np.vstack([lasting, every.astype(np.int64) * basis.lasting_size])
-        lasting_share = np.vstack([lasting_share, every])
-        means = sums[1:] / sums[0]
+        every = np.ones((piece.size, 1))
+        lasting = np.hstack([lasting, every.astype(np.int32) * np.int32(basis.lasting_size)])
+        lasting_share = np.hstack([lasting_share, every])
+        node += (segment * basis.passing_size).astype(np.int32)[:, np.newaxis]
         return cls(
-            sums[0], means[:2], means[2:].reshape(2, -1, piece.size), aircraft,
-            np.flatnonzero(change), np.cumsum(change) - 1,
-            node + segment * basis.passing_size, share, lasting, lasting_share,
+            weight, means[1:3].astype(np.float64), means[3:].reshape(2, -1, piece.size), aircraft,
+            np.flatnonzero(change), np.cumsum(change) - 1, node, share, lasting, lasting_share,
             segment, segments, basis.passing_size,
         )  # fmt: skip
 
@@ -262,11 +270,16 @@ class Stretch:
             weight=self.weight[keep], residual=self.residual[:, keep],
             slopes=self.slopes[:, :, keep], aircraft=self.aircraft[keep],
             opens=np.flatnonzero(opens), piece=np.cumsum(opens) - 1,
-            node=self.node[:, keep] + (segment - self.segment[keep]) * self.nodes,
-            share=self.share[:, keep], lasting=self.lasting[:, keep],
-            lasting_share=self.lasting_share[:, keep], segment=segment,
+            node=self.node[keep] + ((segment - self.segment[keep]) * self.nodes)[:, np.newaxis],
+            share=self.share[keep], lasting=self.lasting[keep],
+            lasting_share=self.lasting_share[keep], segment=segment,
             segments=self.segments[every // 2 :: every],
         )  # fmt: skip
+
+    @cached_property
+    def lasting_design(self) -> sparse.csr_matrix:
+        """Lasting part's functions at every block, shape (n, functions)."""
+        return as_sparse(self.lasting, self.lasting_share, int(self.lasting[0, -1]) + 1)
 
     @cached_property
     def passing_design(self) -> sparse.csr_matrix:
@@ -274,11 +287,17 @@ class Stretch:
         return as_sparse(self.node, self.share, self.segments.size * self.nodes)
 
 
-def as_sparse(index: Ints, value: Floats, columns: int) -> sparse.csr_matrix:
-    """Matrix of which each row holds the same number of values."""
-    each, rows = index.shape
-    start = np.arange(rows + 1) * each
-    return sparse.csr_matrix((value.T.ravel(), index.T.ravel(), start), shape=(rows, columns))
+def bounds_of(group: Ints, groups: int) -> list[tuple[int, int]]:
+    """Where each group of a never falling array begins and ends."""
+    edges = np.searchsorted(group, np.arange(groups + 1))
+    return [(int(i), int(j)) for i, j in pairwise(edges)]
+
+
+def as_sparse(index: NDArray[np.integer], value: Floats, columns: int) -> sparse.csr_matrix:
+    """Sparse matrix of ``columns`` columns from the values and places of every row."""
+    rows, each = index.shape
+    start = np.arange(0, (rows + 1) * each, each, dtype=index.dtype)
+    return sparse.csr_matrix((value.ravel(), index.ravel(), start), shape=(rows, columns))
 
 
 class Precision:
@@ -351,31 +370,29 @@ class Precision:
         order = np.argsort(segment, kind="stable")
         rank = np.empty_like(order)
         rank[order] = np.arange(order.size)
-        found = np.zeros(order.size * one.nodes)
-        row = rank[one.piece] * one.nodes - one.segment * one.nodes
-        for node, share in zip(one.node, one.share, strict=True):
-            found += np.bincount(row + node, weights=share * self.weight, minlength=found.size)
-        return found.reshape(order.size, one.nodes), order
+        place = one.node + ((rank[one.piece] - one.segment) * one.nodes)[:, np.newaxis]
+        value = one.share * self.weight[:, np.newaxis]
+        found = np.bincount(place.ravel(), weights=value.ravel(), minlength=order.size * one.nodes)
+        return np.asarray(found.reshape(order.size, one.nodes), dtype=np.float64), order
 
     def _node_inverse(self, variance: float) -> Floats:
         """Posterior covariance of every segment's nodes, shape (segment, nodes, nodes)."""
         one, nodes = self.stretch, self.stretch.nodes
-        normal = np.zeros(one.segments.size * nodes * nodes)
-        column = one.node % nodes
-        for k, (row, share) in enumerate(zip(one.node, one.share, strict=True)):
-            weighted = share * self.weight
-            for other, part in zip(column[k:], one.share[k:], strict=True):
-                normal += np.bincount(
-                    row * nodes + other, weights=weighted * part, minlength=normal.size
-                )
-        square = normal.reshape(-1, nodes, nodes)
+        size = one.segments.size * nodes * nodes
+        place, share = np.ascontiguousarray(one.node.T), np.ascontiguousarray(one.share.T)
+        column = place % nodes
+        sums = np.zeros(size)
+        for k, (row, value) in enumerate(zip(place * nodes, share * self.weight, strict=True)):
+            for other, part in zip(column[k:], share[k:], strict=True):
+                sums += np.bincount(row + other, weights=value * part, minlength=size)
+        square: Floats = sums.reshape(-1, nodes, nodes)
         # each pair of nodes was counted once: above the diagonal
         square = square + np.triu(square, 1).transpose(0, 2, 1)
-        sums, order = self.piece_nodes()
+        own, order = self.piece_nodes()
         stop = np.cumsum(np.bincount(one.segment[one.opens], minlength=one.segments.size))
         start = 0
         for k, end in enumerate(stop):
-            rows = sums[start:end]
+            rows = own[start:end]
             square[k] -= (rows * self.tied[order[start:end], np.newaxis]).T @ rows
             start = end
         square[:, np.arange(nodes), np.arange(nodes)] += 1.0 / variance
@@ -425,8 +442,8 @@ def _piece_uncertainty(precision: Precision, count: Ints) -> float:
     one = precision.stretch
     middle = one.opens + count // 2
     segment, total = one.segment[middle], 0.0
-    column = one.node[:, middle] % one.nodes
-    for row, share in zip(column, one.share[:, middle], strict=True):
-        for other, part in zip(column, one.share[:, middle], strict=True):
+    column, value = one.node[middle].T % one.nodes, one.share[middle].T
+    for row, share in zip(column, value, strict=True):
+        for other, part in zip(column, value, strict=True):
             total += float((share * part * precision.inverse[segment, row, other]).mean())
     return total

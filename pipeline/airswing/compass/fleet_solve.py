@@ -9,7 +9,7 @@ Errors of different days (four segments, counted from the first) are taken as in
 they are within a day: the covariance is the model's, times the fleet's mean ratio of the sandwich
 over days to the model's, parameter by parameter, since an aircraft's own days are too few to tell.
 
-With many segments the Newton matrix is that of an even choice of them, scaled to all, while the
+With very many blocks the Newton matrix is that of an even choice of them, scaled to all, while the
 step is made from everything and repeated: that changes the covariance by a percent and the
 estimate not at all.
 
@@ -21,7 +21,6 @@ Henderson 1975, Biometrics 31, 423-447; Liang & Zeger 1986, Biometrika 73, 13-22
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,16 +33,17 @@ from airswing.compass.fleet_error import (
     Precision,
     Stretch,
     as_sparse,
+    bounds_of,
     estimate_variances,
 )
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-MOST_SEGMENTS = 240
-"""Segments the variances and the Newton matrix are made from."""
+MOST_BLOCKS = 50_000
+"""Blocks the variances and the Newton matrix are made from, about: whole segments, evenly taken."""
 SEGMENTS_A_DAY = 4
-PRIOR_ROUNDS = 10
+PRIOR_ROUNDS = 6
 SMALLEST_VARIANCE = 1e-4
 UNKNOWN_VARIANCE = 1e6
 LEAST_FREEDOM = 30
@@ -117,15 +117,16 @@ class Reference:
                   for name in ("latitude", "longitude", "log_pressure")]  # fmt: skip
         self.basis = FieldBasis.of(*places)
         self.stretch = Stretch.of(blocks, self.basis)
-        self.stretch.slopes[:] *= free.T[:, self.stretch.aircraft]
+        for k, (i, j) in enumerate(bounds_of(self.stretch.aircraft, free.shape[0])):
+            self.stretch.slopes[:, ~free[k], i:j] = 0.0
         self.aircraft, self.lasting = free.shape[0], self.basis.lasting_size + 1
         white = _white(np.array([(part.within, part.freedom) for part in blocks]))
-        every = -(-self.stretch.segments.size // MOST_SEGMENTS)
-        self.some = self.stretch.some(every)
-        self.variances = estimate_variances(self.some, white)
+        every = -(-self.stretch.weight.size // MOST_BLOCKS)
+        some = self.stretch.some(every)
+        self.variances = estimate_variances(some, white)
         self.precision = Precision(self.stretch, self.variances)
-        self.day = np.searchsorted(days, self.stretch.segments, side="right")[self.stretch.segment]
-        self.day -= 1
+        self.some = self.precision if every == 1 else Precision(some, self.variances)
+        self.day_of_segment = np.searchsorted(days, self.stretch.segments, side="right") - 1
         self.days = days.size
 
     @property
@@ -144,59 +145,73 @@ class Reference:
 
     def newton(self) -> Floats:
         """Information about every unknown, from the blocks."""
-        some = self.some
-        whole = some is self.stretch
-        precision = self.precision if whole else Precision(some, self.variances)
         total = self.aircraft * SLOPES + self.size
         found, direct = np.zeros((total, total)), np.zeros((2, self.aircraft, 8, 8))
         for component in range(2):
             place = self.columns(component)
             found[np.ix_(place, place)] += _information(
-                precision, component, self.aircraft, self.lasting
+                self.some, component, self.aircraft, self.lasting
             )
-            for k, one in enumerate((precision, self.precision)):
-                kept = [*range(SLOPES), SLOPES + component]
-                direct[k][np.ix_(range(self.aircraft), kept, kept)] += _direct(
-                    one, component, self.aircraft
-                )
-        if not whole:
-            gain = float(self.precision.weight.sum() / precision.weight.sum())
-            found = self._scaled(found, direct, gain)
+        if self.some is not self.precision:
+            for k, one in enumerate((self.some, self.precision)):
+                direct[k] = _direct(one, self.aircraft)
+            gain = float(self.precision.weight.sum() / self.some.weight.sum())
+            self._scale(found, direct, gain)
         return found
 
-    def _scaled(self, information: Floats, direct: Floats, gain: float) -> Floats:
-        """Information of all segments from that of some: each aircraft's as its own sums say."""
+    def _scale(self, information: Floats, direct: Floats, gain: float) -> None:
+        """Make of some segments' information that of all: each aircraft's as its own sums say."""
         ridge = 1e-9 * np.trace(direct[1], axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(8)
         some, every = (np.linalg.cholesky(one + ridge) for one in direct)
         factor = every @ np.linalg.inv(some)
         a = self.aircraft
-        scale = np.sqrt(gain) * np.eye(information.shape[0])
         own = np.empty((a, 8), dtype=np.int64)
         own[:, :SLOPES] = np.arange(a * SLOPES).reshape(a, SLOPES)
         own[:, SLOPES:] = a * SLOPES + np.arange(2 * a).reshape(a, 2)
-        scale[own[:, :, np.newaxis], own[:, np.newaxis]] = factor
-        return np.asarray(scale @ information @ scale.T)
+        rest = slice(8 * a, None)
+        for one in (information, information.T):
+            one[own] = factor @ one[own]
+            one[rest] *= np.sqrt(gain)
 
-    def day_information(self) -> Floats:
+    def leverage(self) -> Floats:
+        """Share of each coefficient's scatter between days that fitting took away.
+
+        Of the aircraft's own equations, the field known; shape (aircraft, 6).
+        """
+        days = self._day_information()
+        total = days.sum(axis=1)
+        ridge = 1e-9 * np.trace(total, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(8)
+        inverse = np.linalg.inv(total + ridge)
+        twice = (days @ inverse[:, np.newaxis] @ days).sum(axis=1)
+        taken = inverse @ twice @ inverse
+        share = np.diagonal(taken, axis1=1, axis2=2) / np.diagonal(inverse, axis1=1, axis2=2)
+        return np.asarray(np.minimum(share[:, :SLOPES] * days.shape[1] / self.days, 0.5))
+
+    def _day_information(self) -> Floats:
         """Information on each aircraft's unknowns by day were the field known.
 
         Returns
         -------
         array, shape (aircraft, day, 8, 8)
+            Of the days some segments are of.
         """
-        one, a = self.stretch, self.aircraft
-        group = one.aircraft * self.days + self.day
-        found = np.zeros((a * self.days, 8, 8))
+        one, a = self.some.stretch, self.aircraft
+        place = np.searchsorted(self.stretch.segments, one.segments)
+        _, day = np.unique(self.day_of_segment[place], return_inverse=True)
+        days = int(day.max()) + 1
+        group = (one.aircraft * days + day[one.segment])[one.opens]
+        found = np.zeros((a * days, 8, 8))
         for component in range(2):
             design = _own(one, component)
-            weighted = self.precision.within_pieces(design)
+            weighted = self.some.within_pieces(design)
             kept = [*range(SLOPES), SLOPES + component]
-            for i, left in zip(kept, design, strict=True):
-                for j, right in zip(kept, weighted, strict=True):
-                    found[:, i, j] += np.bincount(
-                        group, weights=left * right, minlength=a * self.days
-                    )
-        return found.reshape(a, self.days, 8, 8)
+            for i, left in enumerate(design):
+                pieces = np.add.reduceat(weighted[: i + 1] * left, one.opens, axis=1)
+                for j, values in enumerate(pieces):
+                    sums = np.bincount(group, weights=values, minlength=a * days)
+                    found[:, kept[i], kept[j]] += sums
+        found = found + np.tril(found, -1).transpose(0, 2, 1)
+        return np.asarray(found.reshape(a, days, 8, 8))
 
     def scores(self, unknowns: Floats) -> Floats:
         """Score of every unknown by day.
@@ -213,27 +228,38 @@ class Reference:
         theta = unknowns[: a * SLOPES].reshape(a, SLOPES)
         bias = unknowns[a * SLOPES : a * (SLOPES + 2)].reshape(a, 2)
         lasting = unknowns[a * (SLOPES + 2) :].reshape(2, -1)
-        left = one.residual - np.einsum("cjn,jn->cn", one.slopes, theta.T[:, one.aircraft])
-        left -= bias.T[:, one.aircraft]
-        design = as_sparse(
-            one.lasting + self.day * self.lasting, one.lasting_share, self.days * self.lasting
-        )
-        left -= (design @ np.tile(lasting.T, (self.days, 1))).T
+        bounds = bounds_of(one.aircraft, a)
+        left = one.residual - (one.lasting_design @ lasting.T).T
+        for k, (i, j) in enumerate(bounds):
+            left[:, i:j] -= theta[k] @ one.slopes[:, :, i:j] + bias[k][:, np.newaxis]
         weighted = self.precision.apply(left)
         found = np.empty((self.days, unknowns.size))
-        group = one.aircraft * self.days + self.day
-
-        def by_day(values: Floats) -> Floats:
+        pieces = np.empty((SLOPES + 2, one.opens.size))
+        for i, j in bounds:
+            first, last = np.searchsorted(one.opens, (i, j))
+            own = np.empty((SLOPES + 2, j - i))
+            own[SLOPES:] = weighted[:, i:j]
+            np.multiply(one.slopes[0, :, i:j], own[SLOPES], out=own[:SLOPES])
+            own[:SLOPES] += one.slopes[1, :, i:j] * own[SLOPES + 1]
+            pieces[:, first:last] = np.add.reduceat(own, one.opens[first:last] - i, axis=1)
+        group = one.aircraft[one.opens] * self.days + self.day_of_segment[one.segment[one.opens]]
+        columns = [slice(k, a * SLOPES, SLOPES) for k in range(SLOPES)]
+        columns += [slice(a * SLOPES + c, a * (SLOPES + 2), 2) for c in range(2)]
+        for column, values in zip(columns, pieces, strict=True):
             total = np.bincount(group, weights=values, minlength=a * self.days)
-            return np.asarray(total.reshape(a, self.days).T, dtype=np.float64)
-
-        for k in range(SLOPES):
-            found[:, k : a * SLOPES : SLOPES] = by_day((one.slopes[:, k] * weighted).sum(axis=0))
-        for c in range(2):
-            found[:, a * SLOPES + c : a * (SLOPES + 2) : 2] = by_day(weighted[c])
-        fields = (design.T @ weighted.T).reshape(self.days, self.lasting, 2)
-        found[:, a * (SLOPES + 2) :] = fields.transpose(0, 2, 1).reshape(self.days, -1)
+            found[:, column] = total.reshape(a, self.days).T
+        found[:, a * (SLOPES + 2) :] = self._lasting_scores(weighted)
         return found
+
+    def _lasting_scores(self, weighted: Floats) -> Floats:
+        """Scores of the lasting part by day, shape (day, 2 * functions)."""
+        one = self.stretch
+        shift = (self.day_of_segment * self.lasting).astype(np.int32)[one.segment]
+        daily = as_sparse(
+            one.lasting + shift[:, np.newaxis], one.lasting_share, self.days * self.lasting
+        )
+        found = (daily.T @ weighted.T).reshape(self.days, self.lasting, 2)
+        return np.asarray(found.transpose(0, 2, 1).reshape(self.days, -1))
 
 
 def _white(within: Floats) -> Floats:
@@ -255,27 +281,32 @@ def _own(one: Stretch, component: int) -> Floats:
     return np.vstack([one.slopes[component], np.ones(one.weight.size)])
 
 
-def _direct(precision: Precision, component: int, aircraft: int) -> Floats:
-    """Information of each aircraft were the field known, shape (aircraft, 7, 7)."""
+def _direct(precision: Precision, aircraft: int) -> Floats:
+    """Information of each aircraft were the field known, shape (aircraft, 8, 8)."""
     one = precision.stretch
-    design = _own(one, component)
-    weighted = precision.within_pieces(design)
-    bounds = np.searchsorted(one.aircraft, np.arange(aircraft + 1))
-    return np.array([design[:, i:j] @ weighted[:, i:j].T for i, j in pairwise(bounds)])
+    found = np.zeros((aircraft, 8, 8))
+    for k, (i, j) in enumerate(bounds_of(one.aircraft, aircraft)):
+        first, last = np.searchsorted(one.opens, (i, j))
+        for component in range(2):
+            kept = [*range(SLOPES), SLOPES + component]
+            design = np.vstack([one.slopes[component, :, i:j], np.ones(j - i)])
+            weighted = design * precision.weight[i:j]
+            sums = np.add.reduceat(weighted, one.opens[first:last] - i, axis=1)
+            square = weighted @ design.T - (sums * precision.tied[first:last]) @ sums.T
+            found[k][np.ix_(kept, kept)] += square
+    return found
 
 
 def _information(precision: Precision, component: int, aircraft: int, lasting: int) -> Floats:
     """Information of one component's unknowns, the passing part unknown."""
     one = precision.stretch
     own = _own(one, component)
-    columns = one.aircraft * (SLOPES + 1) + np.arange(SLOPES + 1)[:, np.newaxis]
+    columns = one.aircraft[:, np.newaxis] * (SLOPES + 1) + np.arange(SLOPES + 1)
     width = aircraft * (SLOPES + 1)
-    left = sparse.hstack(
-        [as_sparse(columns, own, width), as_sparse(one.lasting, one.lasting_share, lasting)]
-    ).tocsr()
+    left = sparse.hstack([as_sparse(columns, own.T, width), one.lasting_design]).tocsr()
     weighted = precision.within_pieces(own)
-    fixed = as_sparse(columns, weighted, width)
-    dense = precision.within_pieces(as_sparse(one.lasting, one.lasting_share, lasting).toarray().T)
+    fixed = as_sparse(columns, weighted.T, width)
+    dense = precision.within_pieces(one.lasting_design.toarray().T)
     direct = np.empty((width + lasting, width + lasting))
     direct[:, :width] = (left.T @ fixed).toarray()
     direct[:, width:] = left.T @ dense.T
@@ -355,20 +386,6 @@ class _System:
                 variance[group] = np.clip(energy[group].mean(), SMALLEST_VARIANCE, LARGEST_VARIANCE)
         self.prior[shared:] = 1.0 / variance
 
-    def leverage(self) -> Floats:
-        """Share of each coefficient's scatter between days that fitting took away.
-
-        Of the aircraft's own equations, the field known; shape (aircraft, 6).
-        """
-        days = np.mean([one.day_information() for one in self.references], axis=0)
-        total = days.sum(axis=1)
-        ridge = 1e-9 * np.trace(total, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(8)
-        inverse = np.linalg.inv(total + ridge)
-        twice = np.einsum("adij,ajk,adkl->ail", days, inverse, days, optimize=True)
-        taken = inverse @ twice @ inverse
-        share = np.diagonal(taken, axis1=1, axis2=2) / np.diagonal(inverse, axis1=1, axis2=2)
-        return np.asarray(np.minimum(share[:, :SLOPES], 0.5))
-
 
 def _finished(system: _System, found: Floats, covariance: Floats, scores: Floats) -> FleetFit:
     """Covariance from the scatter between days, and what is published."""
@@ -378,7 +395,7 @@ def _finished(system: _System, found: Floats, covariance: Floats, scores: Floats
     inside = covariance[:own] ** 2 @ system.prior
     sandwich = (moved[:, :own] ** 2).sum(axis=0) + inside
     part = (sandwich / np.diagonal(covariance)[:own]).reshape(aircraft, SLOPES)
-    part /= 1.0 - system.leverage()
+    part /= 1.0 - np.mean([one.leverage() for one in system.references], axis=0)
     ratio = np.array(
         [
             part[:, k][system.free[:, k]].mean() if system.free[:, k].any() else 1.0
@@ -404,7 +421,8 @@ def _mean_rows(system: _System) -> Floats:
         weight = one.stretch.weight / one.stretch.weight.sum() / len(system.references)
         share = np.bincount(one.stretch.aircraft, weights=weight, minlength=one.aircraft)
         lasting = np.bincount(
-            one.stretch.lasting.ravel(), weights=(one.stretch.lasting_share * weight).ravel(),
+            one.stretch.lasting.ravel(),
+            weights=(one.stretch.lasting_share * weight[:, np.newaxis]).ravel(),
             minlength=one.lasting,
         )  # fmt: skip
         own = place[system.free.size :]

@@ -50,7 +50,7 @@ LOCAL = COMPASS + 3
 CROSS_ROW, ALONG_ROW = np.array([0, 1, 2, 3, 4, 6, 7]), np.array([5, 6, 7])
 """Parameters that each row of the vector equation knows."""
 CROSS_SQUARE, ALONG_SQUARE = (np.ix_(row, row) for row in (CROSS_ROW, ALONG_ROW))
-BLOCK = 16384
+BLOCK = 8192
 CUT_2D, CUT_1D = 5.0, 4.685
 """Tukey's constants: 95 % efficiency for a normal vector (2-D) and scalar residual."""
 MEDIAN_CHI2 = 0.4549
