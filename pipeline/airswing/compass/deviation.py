@@ -42,7 +42,7 @@ from airswing.compass.publication import (
 )
 from airswing.compass.robustfit import fit_aircraft
 from airswing.errors import InputError
-from airswing.ragged import row_bounds
+from airswing.ragged import blocks, row_bounds
 from airswing.vocabulary import STATUS, describe
 
 COEFFICIENTS = ("A", "B", "C", "D", "E")
@@ -107,8 +107,8 @@ def fit_deviation(
     Parameters
     ----------
     headings : Dataset
-        Headings of every report (``report``, ``reference``, ``aircraft``); only reports with
-        ``screening`` 0 and finite values count.
+        Headings of every report (``report``, ``reference``, ``aircraft``), in memory or opened
+        lazily; only reports with ``screening`` 0 and finite values count.
     pools : mapping of str to list of str, optional
         Name of a pool -> its references, fitted together.
     harmonics : {"auto", 1, 2}
@@ -136,12 +136,13 @@ def fit_deviation(
     InputError
         If a variable is missing or a pool names an unknown reference.
     """
-    sums = sum_aircraft(
-        headings, pools=pools, harmonics=harmonics, abscissa=abscissa, joint=joint,
-        shared_error=shared_error, min_reports=min_reports,
-        min_compass_points=min_compass_points, alone=alone,
-    )  # fmt: skip
-    return fit_sums([sums])
+    _groups(headings, pools or {}, alone=True)
+    options: dict[str, Any] = {
+        "pools": pools, "harmonics": harmonics, "abscissa": abscissa, "joint": joint,
+        "shared_error": shared_error, "min_reports": min_reports,
+        "min_compass_points": min_compass_points, "alone": alone,
+    }  # fmt: skip
+    return fit_sums([sum_aircraft(part, **options) for part in blocks(headings, _NEEDED)])
 
 
 def sum_aircraft(
