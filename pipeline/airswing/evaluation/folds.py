@@ -21,7 +21,7 @@ from airswing.ragged import blocks, row_bounds
 from airswing.vocabulary import SCREENING
 
 Choice = Callable[[xr.Dataset], NDArray[np.bool_]]
-"""From some reports (``time``, ``flight``, ``aircraft_number``) to whether each is chosen."""
+"""From some reports (their columns and ``aircraft_number``) to whether each is chosen."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,9 @@ def _flights(
     return columns[0][order], columns[1][order], columns[2][order]
 
 
-def only(headings: xr.Dataset, chosen: Choice) -> xr.Dataset:
+def only(
+    headings: xr.Dataset, chosen: Choice, *, columns: tuple[str, ...] = ("time", "flight")
+) -> xr.Dataset:
     """The same headings with all other reports marked so that no fit uses them.
 
     Parameters
@@ -105,6 +107,8 @@ def only(headings: xr.Dataset, chosen: Choice) -> xr.Dataset:
         In memory or opened lazily.
     chosen : callable
         Says of some reports which are chosen, see `Choice`.
+    columns : tuple of str
+        Variables it looks at.
 
     Returns
     -------
@@ -112,15 +116,15 @@ def only(headings: xr.Dataset, chosen: Choice) -> xr.Dataset:
         With the bit ``no_reference`` set elsewhere, found whenever ``screening`` is looked at; for
         use inside an evaluation only.
     """
-    marked = indexing.LazilyIndexedArray(_Marked(headings, chosen))
+    marked = indexing.LazilyIndexedArray(_Marked(headings, chosen, columns))
     return headings.assign(screening=xr.Variable("report", marked))
 
 
 class _Marked(BackendArray):
     """The column ``screening`` with the reports that are not chosen marked, slice by slice."""
 
-    def __init__(self, headings: xr.Dataset, chosen: Choice) -> None:
-        self.columns = headings[["screening", "time", "flight"]]
+    def __init__(self, headings: xr.Dataset, chosen: Choice, columns: tuple[str, ...]) -> None:
+        self.columns = headings[["screening", *columns]]
         self.stop = row_bounds(headings["row_size"].to_numpy())[1]
         self.chosen = chosen
         self.shape = (headings.sizes["report"],)

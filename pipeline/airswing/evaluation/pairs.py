@@ -175,24 +175,75 @@ def regional_bias(
         ``region``, ``component``, ``days``; ``difference`` and ``contrast``, each with
         ``*_standard_error`` (m/s) and ``*_p_value`` (the contrast None with one region).
     """
-    block = day_blocks(day)
-    _, date = np.unique(day, return_inverse=True)
+    first, days = int(day.min()), int(np.ptp(day)) + 1
+    numbers, index = np.unique(region, return_inverse=True)
+    sums = region_sums(du, dv, index, day - first, numbers.size, days)
+    found = regional_bias_of(sums, min_days=min_days)
+    return [entry | {"region": int(numbers[entry["region"]])} for entry in found]
+
+
+def region_sums(
+    du: Floats,
+    dv: Floats,
+    region: NDArray[np.int64],
+    day: NDArray[np.int64],
+    regions: int,
+    days: int,
+) -> Floats:
+    """Sums behind :func:`regional_bias`; those of parts of an archive add up.
+
+    Parameters
+    ----------
+    du, dv : arrays of float, shape (report,), m/s
+    region, day : arrays of int, shape (report,)
+        From 0.
+    regions, days : int
+
+    Returns
+    -------
+    array, shape (3, regions, days)
+        Reports, and their summed differences eastward and northward.
+    """
+    cell = region * days + day
+    found = [np.bincount(cell, weights=part, minlength=regions * days) for part in (None, du, dv)]
+    return np.array(found, dtype=np.float64).reshape(3, regions, days)
+
+
+def regional_bias_of(sums: Floats, *, min_days: int = 10) -> list[dict[str, Any]]:
+    """Regional differences from their sums.
+
+    Parameters
+    ----------
+    sums : array, shape (3, regions, days)
+        Of :func:`region_sums`, added up.
+    min_days : int, default 10
+
+    Returns
+    -------
+    list of dict
+        As :func:`regional_bias`.
+    """
+    number = sums[0]
+    seen = np.flatnonzero(number.any(axis=0))
+    block = np.zeros(number.shape[1], dtype=np.int64)
+    if seen.size:
+        block[seen] = day_blocks(seen)
     found = []
-    for number in np.unique(region):
-        here = region == number
-        days = np.unique(date[here]).size
+    for region in np.flatnonzero(number.any(axis=1)):
+        own = number[region]
+        days = int(np.count_nonzero(own))
         if days < min_days:
             continue
-        for component, values in (("eastward", du), ("northward", dv)):
-            entry: dict[str, Any] = {"region": int(number), "component": component, "days": days}
-            entry |= _named("difference", *_block_mean(values[here], block[here]))
-            others = np.bincount(date[~here], minlength=int(date.max()) + 1)
-            total = np.bincount(date[~here], weights=values[~here], minlength=others.size)
-            both = here & (others[date] > 0)
+        others = number.sum(axis=0) - own
+        for component, values in (("eastward", sums[1]), ("northward", sums[2])):
+            entry: dict[str, Any] = {"region": int(region), "component": component, "days": days}
+            entry |= _named("difference", *_block_mean(values[region], own, block))
+            both = (own > 0) & (others > 0)
             entry["contrast"] = entry["contrast_p_value"] = None
             if np.unique(block[both]).size >= 4:
-                less = values[both] - total[date[both]] / others[date[both]]
-                entry |= _named("contrast", *_block_mean(less, block[both]))
+                rest = values.sum(axis=0) - values[region]
+                less = values[region][both] - own[both] * rest[both] / others[both]
+                entry |= _named("contrast", *_block_mean(less, own[both], block[both]))
             found.append(entry)
     return found
 
@@ -214,15 +265,19 @@ def day_blocks(day: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray((day - first) * blocks // length)
 
 
-def _block_mean(values: Floats, block: NDArray[np.int64]) -> tuple[float, float, float]:
-    """Mean, standard error clustered by block and two-sided p value."""
-    _, index = np.unique(block, return_inverse=True)
+def _block_mean(
+    total: Floats, number: Floats, block: NDArray[np.int64]
+) -> tuple[float, float, float]:
+    """Mean, standard error clustered by block and two-sided p value, from sums by day."""
+    some = number > 0
+    total, number = total[some], number[some]
+    _, index = np.unique(block[some], return_inverse=True)
     blocks = int(index.max()) + 1
-    mean = float(values.mean())
+    mean = float(total.sum() / number.sum())
     if blocks < 2:
         return mean, float("nan"), float("nan")
-    summed = np.bincount(index, weights=values - mean, minlength=blocks)
-    error = float(np.sqrt((summed**2).sum() * blocks / (blocks - 1.0)) / values.size)
+    summed = np.bincount(index, weights=total - mean * number, minlength=blocks)
+    error = float(np.sqrt((summed**2).sum() * blocks / (blocks - 1.0)) / number.sum())
     return mean, error, float(2 * stats.t.sf(abs(mean) / max(error, 1e-12), blocks - 1))
 
 

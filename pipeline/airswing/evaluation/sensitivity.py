@@ -10,9 +10,9 @@ paper pooled RUC and RR because "separate fits agreed".
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from itertools import combinations
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -22,17 +22,17 @@ from numpy.typing import NDArray
 from airswing.compass.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.folds import only
 from airswing.evaluation.pairs import (
     COEFFICIENTS,
-    clustered_difference,
     holm,
-    paired_design,
     persistent_covariance,
-    regional_bias,
+    regional_bias_of,
     wald,
 )
-from airswing.evaluation.threeway import three_cornered_hat
-from airswing.ragged import aircraft_of_report
+from airswing.evaluation.pairsums import AircraftPair, PairSums, Regions, Rows
+from airswing.evaluation.threeway import hat_sums, hats_of
+from airswing.ragged import blocks, row_bounds, time_span
 from airswing.vocabulary import PHASE, SCREENING
 
 SIGNIFICANCE = 0.02
@@ -41,27 +41,10 @@ CURVE_RMS_DEG = 0.2
 REGION_BIAS = 0.4
 MIN_STRATUM = 500
 NAMES = ("A", "B", "C", "D", "E")
+_COLUMNS = ("time", "latitude", "longitude", "pressure", "phase", "heading", "magnetic_heading",
+            "airspeed", "screening", "lead_time", "reference_eastward_wind",
+            "reference_northward_wind")  # fmt: skip
 SEASONS = ("DJF", "MAM", "JJA", "SON")
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """Plain columns of the reports all references share, radians and SI."""
-
-    aircraft: NDArray[np.int64]
-    day: NDArray[np.int64]
-    month: NDArray[np.int64]
-    region: NDArray[np.int64]
-    phase: NDArray[np.int64]
-    pressure: NDArray[np.float64]
-    heading: NDArray[np.float64]
-    magnetic: NDArray[np.float64]
-    airspeed: NDArray[np.float64]
-    u: dict[str, NDArray[np.float64]]
-    v: dict[str, NDArray[np.float64]]
-    lead: dict[str, NDArray[np.float64]]
-    kept: NDArray[np.bool_]
-    kept_any_phase: NDArray[np.bool_]
 
 
 def compare(
@@ -104,29 +87,40 @@ def compare(
             found=", ".join(singles) or "none",
             remedy="Add another reference to the configuration",
         )
-    shared = _shared(headings)
-    rows = _rows(shared, pools)
-    if not rows.kept.any():
+    shared = only(headings, _has_all, columns=("reference_eastward_wind",))
+    regions = Regions.of(headings)
+    fits = fit_deviation(shared, pools=pools, **fit_options)
+    first, last = (day.astype("datetime64[D]").astype(np.int64) for day in time_span(headings))
+    days = int(last - first) + 1
+    whole = {pair: PairSums(*pair, days) for pair in _pairs(singles, pools)}
+    slices: dict[tuple[str, str, tuple[str, str]], PairSums] = {}
+    hats, number = np.zeros((comb(len(singles), 3), 4, days)), 0
+    for block in blocks(shared, _COLUMNS):
+        for rows in _aircraft_rows(block, pools, regions, int(first), number):
+            for sums in whole.values():
+                sums.add(rows, rows.kept)
+            for pair in combinations(singles, 2):
+                for title, name, chosen in _slices(rows, *pair):
+                    key = (title, name, pair)
+                    slices.setdefault(key, PairSums(*pair, days)).add(rows, chosen)
+            u, v = (np.array([part[name] for name in singles]) for part in (rows.u, rows.v))
+            hats += hat_sums(u[:, rows.kept], v[:, rows.kept], rows.day[rows.kept], days)
+        number += block.sizes["aircraft"]
+    reports = next(iter(whole.values())).reports
+    if not reports:
         raise InputError(
             "no screened report has a wind of every reference",
             field="references",
             found=", ".join(singles),
             remedy="Check that the references cover the same times and places",
         )
-    fits = fit_deviation(shared, pools=pools, **fit_options)
     barred = {name.lower() for name in never_pool or []}
-    pairs = [_judge(rows, fits, one, two, rows.kept, barred) for one, two in _pairs(singles, pools)]
     return {
-        "reports": int(rows.kept.sum()),
+        "reports": reports,
         "references": list(pools),
-        "pairs": pairs,
-        **_strata(rows, singles, barred),
-        "three_way": three_cornered_hat(
-            np.array([rows.u[name][rows.kept] for name in singles]),
-            np.array([rows.v[name][rows.kept] for name in singles]),
-            singles,
-            rows.day[rows.kept],
-        ),
+        "pairs": [_judge(sums, fits, barred) for sums in whole.values()],
+        **_strata(slices, singles, barred),
+        "three_way": hats_of(hats, singles),
     }
 
 
@@ -138,74 +132,58 @@ def _pairs(singles: list[str], pools: Mapping[str, list[str]]) -> list[tuple[str
     return [*combinations(singles, 2), *inside]
 
 
-def _shared(headings: xr.Dataset) -> xr.Dataset:
-    """Mark reports that lack any reference, so that every fit sees the same reports."""
-    lacking = headings["reference_eastward_wind"].isnull().any("reference").to_numpy()
-    screening = headings["screening"].to_numpy().copy()
-    screening[lacking] |= SCREENING["no_reference"]
-    return headings.assign(screening=("report", screening))
+def _has_all(reports: xr.Dataset) -> NDArray[np.bool_]:
+    """Reports that every reference has a wind at, so that every fit sees the same reports."""
+    wind = reports["reference_eastward_wind"]
+    return np.asarray(wind.notnull().all("reference").to_numpy())
 
 
-def _rows(ds: xr.Dataset, pools: Mapping[str, list[str]]) -> _Rows:
+def _aircraft_rows(
+    ds: xr.Dataset, pools: Mapping[str, list[str]], regions: Regions, first: int, number: int
+) -> Iterator[Rows]:
+    """Plain columns of each aircraft of a block, the first of which has this number."""
     time = ds["time"].to_numpy()
-    u, v, lead = {}, {}, {}
-    for name, members in pools.items():
-        winds = reference_mean(ds, members)
-        u[name] = winds["reference_eastward_wind"].to_numpy().astype(float)
-        v[name] = winds["reference_northward_wind"].to_numpy().astype(float)
-        lead[name] = ds["lead_time"].sel(reference=members).mean("reference").to_numpy()
-    month = time.astype("datetime64[M]").astype(np.int64) % 12
+    winds = {name: reference_mean(ds, members) for name, members in pools.items()}
+    lead = {
+        name: ds["lead_time"].sel(reference=members).mean("reference").to_numpy()
+        for name, members in pools.items()
+    }
     heading = np.radians(ds["heading"].to_numpy().astype(float))
     screening = ds["screening"].to_numpy()
-    return _Rows(
-        aircraft=aircraft_of_report(ds),
-        day=time.astype("datetime64[D]").astype(np.int64),
-        month=month,
-        region=_regions(ds["latitude"].to_numpy(), ds["longitude"].to_numpy()),
-        phase=ds["phase"].to_numpy().astype(np.int64),
-        pressure=ds["pressure"].to_numpy().astype(float),
-        heading=heading,
-        magnetic=np.radians(ds["magnetic_heading"].to_numpy().astype(float)),
-        airspeed=ds["airspeed"].to_numpy().astype(float),
-        u=u,
-        v=v,
-        lead=lead,
-        kept=(screening == 0) & np.isfinite(heading),
-        kept_any_phase=((screening & ~SCREENING["phase"]) == 0) & np.isfinite(heading),
-    )
+    columns: dict[str, Any] = {
+        "day": time.astype("datetime64[D]").astype(np.int64) - first,
+        "month": time.astype("datetime64[M]").astype(np.int64) % 12,
+        "region": regions.at(ds),
+        "phase": ds["phase"].to_numpy().astype(np.int64),
+        "pressure": ds["pressure"].to_numpy().astype(float),
+        "heading": heading,
+        "magnetic": np.radians(ds["magnetic_heading"].to_numpy().astype(float)),
+        "airspeed": ds["airspeed"].to_numpy().astype(float),
+        "kept": (screening == 0) & np.isfinite(heading),
+        "kept_any_phase": ((screening & ~SCREENING["phase"]) == 0) & np.isfinite(heading),
+    }
+    u = {k: one["reference_eastward_wind"].to_numpy().astype(float) for k, one in winds.items()}
+    v = {k: one["reference_northward_wind"].to_numpy().astype(float) for k, one in winds.items()}
+    for k, bounds in enumerate(zip(*row_bounds(ds["row_size"].to_numpy()), strict=True)):
+        row = slice(*map(int, bounds))
+        own: dict[str, Any] = {name: values[row] for name, values in columns.items()}
+        for name, part in (("u", u), ("v", v), ("lead", lead)):
+            own[name] = {reference: values[row] for reference, values in part.items()}
+        yield Rows(number + k, **own)
 
 
-def _regions(latitude: NDArray[np.float64], longitude: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Nine regions with about as many reports each: thirds by latitude, then by longitude."""
-    row = np.searchsorted(np.nanquantile(latitude, [1 / 3, 2 / 3]), latitude)
-    column = np.zeros_like(row)
-    for band in range(3):
-        here = row == band
-        if here.any():
-            edges = np.nanquantile(longitude[here], [1 / 3, 2 / 3])
-            column[here] = np.searchsorted(edges, longitude[here])
-    return np.asarray(row * 3 + column, dtype=np.int64)
-
-
-def _judge(
-    rows: _Rows,
-    fits: xr.Dataset | None,
-    one: str,
-    two: str,
-    chosen: NDArray[np.bool_],
-    barred: set[str],
-) -> dict[str, Any]:
+def _judge(sums: PairSums, fits: xr.Dataset | None, barred: set[str]) -> dict[str, Any]:
     """Differences, tests and the verdict of one pair over some reports."""
-    du, dv = rows.u[one][chosen] - rows.u[two][chosen], rows.v[one][chosen] - rows.v[two][chosen]
-    aircraft, fleet = _by_aircraft(rows, fits, one, two, chosen, du, dv)
-    regions = regional_bias(du, dv, rows.region[chosen], rows.day[chosen])
+    one, two = sums.one, sums.two
+    fleet = _fleet(sums)
+    regions = regional_bias_of(sums.regions)
     biased = _biased(regions)
     return {
         "references": [one, two],
-        "reports": int(chosen.sum()),
-        "mean_vector_difference_m_s": float(np.mean(np.hypot(du, dv))),
+        "reports": sums.reports,
+        "mean_vector_difference_m_s": sums.distance / sums.reports if sums.reports else np.nan,
         "fleet": fleet,
-        "aircraft": aircraft,
+        "aircraft": [_entry(own, fits, one, two) for own in sums.aircraft],
         "regions": regions,
         **_verdict(fleet, biased, {one.lower(), two.lower()} & barred),
     }
@@ -254,54 +232,13 @@ def _verdict(
     return {"poolable": not why, "why": "; ".join(why) or "they agree within error"}
 
 
-def _by_aircraft(
-    rows: _Rows,
-    fits: xr.Dataset | None,
-    one: str,
-    two: str,
-    chosen: NDArray[np.bool_],
-    du: NDArray[np.float64],
-    dv: NDArray[np.float64],
-) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Difference of the coefficients per aircraft and over the fleet, with their tests."""
-    heading = rows.heading[chosen]
-    cross, along = paired_design(rows.magnetic[chosen], heading, rows.airspeed[chosen])
-    # psi_err is n . (W_ref - W_rep) / V, and |V_A| - |V'_A| is h . (W_ref - W_rep).
-    y_cross = du * np.cos(heading) - dv * np.sin(heading)
-    y_along = du * np.sin(heading) + dv * np.cos(heading)
-    which, days = rows.aircraft[chosen], rows.day[chosen]
-    day_names, day = np.unique(days, return_inverse=True)
-    total, influence = [], []
-    found = []
-    for index in np.unique(which):
-        here = which == index
-        if here.sum() < 50:
-            continue
-        values, moved, clusters = clustered_difference(
-            cross[here], along[here], y_cross[here], y_along[here], day[here]
-        )
-        spread = np.zeros((day_names.size, COEFFICIENTS))
-        spread[np.unique(day[here])] = moved[:, :COEFFICIENTS]
-        covariance = spread.T @ spread
-        total.append(values[:COEFFICIENTS])
-        influence.append(spread)
-        found.append(_entry(int(index), fits, one, two, values, covariance, clusters))
-    return found, _fleet(total, influence, day_names)
-
-
-def _entry(
-    index: int,
-    fits: xr.Dataset | None,
-    one: str,
-    two: str,
-    values: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    clusters: int,
-) -> dict[str, Any]:
+def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> dict[str, Any]:
     """Differences of one aircraft in degrees, with 95 % intervals."""
-    degrees, error = np.degrees(values[:COEFFICIENTS]), np.degrees(np.sqrt(np.diag(covariance)))
+    values, clusters, index = own.values, own.days.size, own.number
+    covariance = own.influence.T @ own.influence
+    degrees, error = np.degrees(values), np.degrees(np.sqrt(np.diag(covariance)))
     entry: dict[str, Any] = {
-        "p_value": wald(values[:COEFFICIENTS], covariance, clusters),
+        "p_value": wald(values, covariance, clusters),
         "difference": dict(zip(NAMES, degrees, strict=True)),
         "standard_error": dict(zip(NAMES, error, strict=True)),
         "ci": {
@@ -343,15 +280,19 @@ def _sinusoid_difference(
     }
 
 
-def _fleet(
-    total: list[NDArray[np.float64]],
-    influence: list[NDArray[np.float64]],
-    days: NDArray[np.int64],
-) -> dict[str, Any]:
+def _fleet(sums: PairSums) -> dict[str, Any]:
     """Mean difference over the fleet, honouring that aircraft share the days' errors."""
-    if not total:
+    if not sums.aircraft:
         return {"aircraft": 0, "p_value": float("nan"), "curve_rms_deg": float("nan")}
-    mean, moved = np.mean(total, axis=0), np.mean(influence, axis=0)
+    total = sums.aircraft
+    days = np.flatnonzero(sums.regions[0].any(axis=0))
+    mean, moved = (
+        np.mean([own.values for own in total], axis=0),
+        np.zeros((days.size, COEFFICIENTS)),
+    )
+    for own in total:
+        moved[np.searchsorted(days, own.days)] += own.influence
+    moved /= len(total)
     covariance = persistent_covariance(moved, days)
     # rms over the compass of A + B sin + C cos + D sin 2 + E cos 2.
     rms = np.degrees(np.sqrt(mean[0] ** 2 + (mean[1:] ** 2).sum() / 2.0))
@@ -364,34 +305,38 @@ def _fleet(
     }
 
 
-def _strata(rows: _Rows, singles: list[str], barred: set[str]) -> dict[str, Any]:
+def _slices(rows: Rows, one: str, two: str) -> Iterator[tuple[str, str, NDArray[np.bool_]]]:
+    """Slices of one aircraft's reports: of what kind, which, and the reports in it."""
+    for name, mask in _lead_slices(rows.lead[one], rows.lead[two]).items():
+        yield "by_lead_time", name, mask & rows.kept
+    for name, code in PHASE.items():
+        yield "by_phase", name, (rows.phase == code) & rows.kept_any_phase
+    high, low = rows.pressure <= 50000.0, rows.pressure > 70000.0
+    for name, mask in (
+        ("below 700 hPa", low), ("700 to 500 hPa", ~high & ~low), ("above 500 hPa", high)
+    ):  # fmt: skip
+        yield "by_level", name, mask & rows.kept
+    season = ((rows.month + 1) % 12) // 3
+    for number, name in enumerate(SEASONS):
+        yield "by_season", name, (season == number) & rows.kept
+
+
+def _strata(
+    slices: Mapping[tuple[str, str, tuple[str, str]], PairSums],
+    singles: list[str],
+    barred: set[str],
+) -> dict[str, Any]:
     """The same judgement within slices of the reports."""
-    phases = {code: name for name, code in PHASE.items()}
-    slices: dict[str, Callable[[str, str], dict[str, NDArray[np.bool_]]]] = {
-        "by_lead_time": lambda one, two: _lead_slices(rows.lead[one], rows.lead[two]),
-        "by_phase": lambda one, two: {
-            phases[int(code)]: rows.phase == code for code in np.unique(rows.phase)
-        },
-        "by_level": lambda one, two: {
-            "below 700 hPa": rows.pressure > 70000.0,
-            "700 to 500 hPa": (rows.pressure <= 70000.0) & (rows.pressure > 50000.0),
-            "above 500 hPa": rows.pressure <= 50000.0,
-        },
-        "by_season": lambda one, two: {
-            name: ((rows.month + 1) % 12) // 3 == number for number, name in enumerate(SEASONS)
-        },
+    found: dict[str, Any] = {
+        title: [] for title in ("by_lead_time", "by_phase", "by_level", "by_season")
     }
-    found: dict[str, Any] = {}
-    for title, make in slices.items():
-        found[title] = []
-        for one, two in combinations(singles, 2):
-            for name, mask in make(one, two).items():
-                chosen = mask & (rows.kept_any_phase if title == "by_phase" else rows.kept)
-                if chosen.sum() < MIN_STRATUM:
-                    continue
-                entry = _judge(rows, None, one, two, chosen, barred)
-                entry.pop("aircraft")
-                found[title].append({"slice": name} | entry)
+    for pair in combinations(singles, 2):
+        for (title, name, own), sums in slices.items():
+            if own != pair or sums.reports < MIN_STRATUM:
+                continue
+            entry = _judge(sums, None, barred)
+            entry.pop("aircraft")
+            found[title].append({"slice": name} | entry)
     return found
 
 

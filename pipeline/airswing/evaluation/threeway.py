@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+_PAIRS = ((0, 1), (0, 2), (1, 2))
+
 
 def three_cornered_hat(
     u: NDArray[np.float64], v: NDArray[np.float64], names: list[str], day: NDArray[np.int64]
@@ -32,18 +34,64 @@ def three_cornered_hat(
         ``references`` and per reference ``component_rms`` (m/s; None where the variance came
         out negative), ``variance``, ``variance_standard_error``, and ``reports``.
     """
+    _, index = np.unique(day, return_inverse=True)
+    return hats_of(hat_sums(u, v, index, int(index.max(initial=-1)) + 1), names)
+
+
+def hat_sums(
+    u: NDArray[np.float64], v: NDArray[np.float64], day: NDArray[np.int64], days: int
+) -> NDArray[np.float64]:
+    """Sums behind :func:`three_cornered_hat`; those of parts of an archive add up.
+
+    Parameters
+    ----------
+    u, v : arrays of float, shape (reference, report), m/s
+    day : array of int, shape (report,)
+        From 0.
+    days : int
+
+    Returns
+    -------
+    array, shape (triple, 4, day)
+        Reports, and the summed halved squares of the three pairs' differences.
+    """
     found = []
-    for triple in combinations(range(len(names)), 3):
+    for triple in combinations(range(len(u)), 3):
         good = np.all(np.isfinite(u[list(triple)]), axis=0)
-        if good.sum() < 100:
+        parts = [np.bincount(day[good], minlength=days).astype(np.float64)]
+        for i, j in _PAIRS:
+            one, two = triple[i], triple[j]
+            square = ((u[one] - u[two]) ** 2 + (v[one] - v[two]) ** 2)[good] / 2.0
+            summed = np.bincount(day[good], weights=square, minlength=days)
+            parts.append(summed.astype(np.float64))
+        found.append(parts)
+    return np.array(found).reshape(-1, 4, days)
+
+
+def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[dict[str, Any]]:
+    """Errors of every triple from their sums.
+
+    Parameters
+    ----------
+    sums : array, shape (triple, 4, day)
+        Of :func:`hat_sums`, added up.
+    names : list of str, length reference
+
+    Returns
+    -------
+    list of dict
+        As :func:`three_cornered_hat`.
+    """
+    found = []
+    for triple, own in zip(combinations(range(len(names)), 3), sums, strict=True):
+        count, squares = own[0], own[1:]
+        if count.sum() < 100:
             continue
-        variances, errors = _jackknifed(
-            u[list(triple)][:, good], v[list(triple)][:, good], day[good]
-        )
+        variances, errors = _jackknifed(squares[:, count > 0], count[count > 0])
         found.append(
             {
                 "references": [names[i] for i in triple],
-                "reports": int(good.sum()),
+                "reports": int(count.sum()),
                 "errors": [
                     {
                         "reference": names[index],
@@ -59,15 +107,10 @@ def three_cornered_hat(
 
 
 def _jackknifed(
-    u: NDArray[np.float64], v: NDArray[np.float64], day: NDArray[np.int64]
+    sums: NDArray[np.float64], count: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Error variance per component of each corner, with a delete-one-day standard error."""
-    _, index = np.unique(day, return_inverse=True)
-    days = int(index.max()) + 1
-    pairs = [(0, 1), (0, 2), (1, 2)]
-    square = [((u[i] - u[j]) ** 2 + (v[i] - v[j]) ** 2) / 2.0 for i, j in pairs]
-    sums = np.array([np.bincount(index, weights=values, minlength=days) for values in square])
-    count = np.bincount(index, minlength=days)
+    days = count.size
     corner = 0.5 * np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
     whole = corner @ (sums.sum(1) / count.sum())
     if days < 2:
