@@ -30,14 +30,15 @@ PLACE = np.dtype([("time", "M8[ns]"), ("latitude", "f8"), ("longitude", "f8"), (
 _HOUR = 3_600_000_000_000  # ns
 
 
-def stretches(hours: Mapping[int, int], limit: int = STRETCH_REPORTS) -> NDArray[np.int64]:
+def stretches(hours: Mapping[int, int], limit: int | None = None) -> NDArray[np.int64]:
     """Cut an archive into stretches of time.
 
     Parameters
     ----------
     hours : mapping of int to int
         Reports in each hour since 1970, in order of time.
-    limit : int
+    limit : int, optional
+        `STRETCH_REPORTS` by default.
 
     Returns
     -------
@@ -50,7 +51,7 @@ def stretches(hours: Mapping[int, int], limit: int = STRETCH_REPORTS) -> NDArray
     total, month = 0, None
     for hour, own, count in zip(numbers.tolist(), months.tolist(), hours.values(), strict=True):
         total += count
-        if own != month or total > limit:
+        if own != month or total > (limit or STRETCH_REPORTS):
             starts.append(hour)
             total, month = count, own
     return np.array(starts, dtype=np.int64)

@@ -15,13 +15,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from airswing.ragged import BLOCK_REPORTS
 from airswing.reports.assemble import Shared, assembled
 from airswing.reports.audit import Audit
 from airswing.reports.spool import Spool
 from airswing.vocabulary import describe
-
-BLOCK_REPORTS = 200_000
-"""Reports of a block, where no single aircraft has more."""
 
 
 class Archive:
@@ -34,7 +32,7 @@ class Archive:
     folder : Path
         For the blocks, which are this archive's own and not kept between runs.
     limit : int, optional
-        Reports of a block.
+        Reports of a block; `BLOCK_REPORTS` by default.
 
     Attributes
     ----------
@@ -46,14 +44,14 @@ class Archive:
         Reports in each hour since 1970, duplicates included.
     """
 
-    def __init__(self, spool: Spool, folder: Path, *, limit: int = BLOCK_REPORTS) -> None:
+    def __init__(self, spool: Spool, folder: Path, *, limit: int | None = None) -> None:
         self.folder, self.hours = folder, spool.hours()
         self.audit = Audit()
         self.audit.add(spool.audit)
         self.reports = self.aircraft = 0
         folder.mkdir(parents=True, exist_ok=True)
         counts, flights = [], []
-        for number, (first, last) in enumerate(spool.groups(limit)):
+        for number, (first, last) in enumerate(spool.groups(limit or BLOCK_REPORTS)):
             block = assembled(*spool.columns(first, last), self.audit)
             self.reports += block.reports.sizes["report"]
             self.aircraft += block.reports.sizes["aircraft"]
