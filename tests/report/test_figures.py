@@ -12,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import airswing.report as report
-from airswing.report import compass, embed, gap_evidence_figures, gap_parts, overview
+from airswing.report import compass, embed, gap_evidence_figures, gap_parts, overview, style
 from tests.report import factories, gap_factories
 
 HEADINGS = factories.headings()
@@ -76,7 +76,7 @@ def test_figure_says_what_it_shows_and_of_how_many(name: str) -> None:
     for axes in figure.axes:
         for label in (axes.get_xlabel(), axes.get_ylabel()):
             assert not label or UNIT.search(label), label
-    picture = embed.png_bytes(figure, dpi=40)
+    picture = style.png_bytes(figure, dpi=40)
     assert picture.startswith(b"\x89PNG")
     assert "matplotlib.pyplot" not in sys.modules or not matplotlib.pyplot.get_fignums()
 
@@ -88,7 +88,7 @@ def test_the_style_does_not_leak() -> None:
 
 
 def test_the_same_figure_gives_the_same_bytes() -> None:
-    first, second = (embed.svg_bytes(report.fleet_figure(FITS)) for _ in range(2))
+    first, second = (style.svg_bytes(report.fleet_figure(FITS)) for _ in range(2))
     assert first == second
 
 

@@ -8,37 +8,15 @@ from __future__ import annotations
 
 import base64
 import contextlib
-import io
 import os
 import tempfile
 from pathlib import Path
 
-import matplotlib
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from airswing.errors import InputError
-from airswing.report.style import RC
-
-RASTER_DPI = 150
-
-
-def png_bytes(figure: Figure, *, dpi: float = 110) -> bytes:
-    """Return a figure as the bytes of a PNG file."""
-    return _saved(figure, "png", dpi=dpi)
-
-
-def svg_bytes(figure: Figure, *, dpi: float = RASTER_DPI) -> bytes:
-    """Return a figure as the bytes of an SVG file; heavy artists in it are images at `dpi`."""
-    return _saved(figure, "svg", dpi=dpi)
-
-
-def _saved(figure: Figure, kind: str, *, dpi: float) -> bytes:
-    stream = io.BytesIO()
-    metadata = {"Date": None} if kind == "svg" else None
-    with matplotlib.rc_context(RC):
-        figure.savefig(stream, format=kind, dpi=dpi, metadata=metadata)
-    return stream.getvalue()
+from airswing.report.style import RASTER_DPI, png_bytes, svg_bytes
 
 
 def embedded(figure: Figure, *, raster: bool = False, dpi: float = RASTER_DPI) -> Markup:

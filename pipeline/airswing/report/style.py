@@ -9,6 +9,7 @@ alive.  Colours are those of Okabe and Ito (2008), "Color Universal Design".
 from __future__ import annotations
 
 import functools
+import io
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
@@ -39,6 +40,9 @@ FULL_WIDTH = 9.6
 
 MANY = 20_000
 """Points beyond which a scatter becomes a density."""
+
+RASTER_DPI = 150
+"""Of what is drawn as an image inside a page."""
 
 RC: Any = {
     "font.family": "DejaVu Sans",
@@ -95,9 +99,25 @@ class CaptionedFigure(Figure):
         return self
 
     def _repr_png_(self) -> bytes:
-        from airswing.report.embed import png_bytes
-
         return png_bytes(self)
+
+
+def png_bytes(figure: Figure, *, dpi: float = 110) -> bytes:
+    """Return a figure as the bytes of a PNG file."""
+    return _saved(figure, "png", dpi=dpi)
+
+
+def svg_bytes(figure: Figure, *, dpi: float = RASTER_DPI) -> bytes:
+    """Return a figure as the bytes of an SVG file; heavy artists in it are images at `dpi`."""
+    return _saved(figure, "svg", dpi=dpi)
+
+
+def _saved(figure: Figure, kind: str, *, dpi: float) -> bytes:
+    stream = io.BytesIO()
+    metadata = {"Date": None} if kind == "svg" else None
+    with matplotlib.rc_context(RC):
+        figure.savefig(stream, format=kind, dpi=dpi, metadata=metadata)
+    return stream.getvalue()
 
 
 def styled(function: Callable[P, R]) -> Callable[P, R]:

@@ -215,7 +215,8 @@ def write_reports(
     """
     from airswing.gap.blind.figures import check_figure
     from airswing.report.document import Column, Row, Section, document, table
-    from airswing.report.embed import embedded, png_bytes, write_whole
+    from airswing.report.embed import embedded, write_whole
+    from airswing.report.style import png_bytes
 
     figure = check_figure(check.scores)
     (output / "gap_check.png").write_bytes(png_bytes(figure))
