@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from hashlib import blake2b
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ from airswing.gap.statistics import Statistics
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Key = tuple[int, bytes]
+"""A column and a digest of its weights."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +64,9 @@ class Base:
         ``root`` times Z'X.
     score : (A, D, p)
         X'r with the day fields eliminated.
-    rows : dict
-        Rows of :func:`included_cross` already computed.
+    rows, own_sums, products : dict
+        What :func:`included_cross` and :func:`included_sums` computed already, by column and
+        digest of its weights.
     """
 
     stats: Statistics
@@ -70,7 +74,9 @@ class Base:
     root: Floats
     cross: Floats
     score: Floats
-    rows: dict[tuple[int, bytes], Floats] = field(default_factory=dict, repr=False)
+    rows: dict[Key, Floats] = field(default_factory=dict, repr=False)
+    own_sums: dict[Key, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
+    products: dict[Key, dict[Key, float]] = field(default_factory=dict, repr=False)
 
     @cached_property
     def _flat(self) -> Floats:
@@ -287,31 +293,44 @@ def included_sums(base: Base, columns: Integers, weights: Floats) -> tuple[Float
     gram : (m, m) float
     score : (D, m) float
     """
-    stats = base.stats
-    m, core = columns.size, stats.layout.core
-    gram = np.zeros((m, m))
-    days = stats.days.size
-    coupled = np.zeros((m, days, base.cross.shape[2]))
-    score = np.zeros((days, m))
-    inner = np.flatnonzero(columns < core)
-    for k in range(m):
-        coupled[k] = np.einsum("ad,adi->di", weights[k], base.cross[:, :, :, columns[k]])
-        score[:, k] = (weights[k] * base.score[:, :, columns[k]]).sum(axis=0)
-        if columns[k] < core:
-            active = np.flatnonzero(weights[k].any(axis=1))
-            own = stats.day_gram[active, :, columns[k], :][:, :, columns[inner]]
-            gram[k, inner] = np.einsum(
-                "ad,mad,adm->m", weights[k][active], weights[inner][:, active], own, optimize=True
-            )
-    outer = np.flatnonzero(columns >= core)
-    if outer.size:
-        means = week_means(stats, weights)
-        for k in outer.tolist():
-            own = stats.week_gram[:, :, columns[k], :][:, :, columns]
-            row = np.einsum("aw,maw,awm->m", means[k], means, own, optimize=True)
-            gram[k], gram[:, k] = row, row
-    flat = coupled.reshape(m, -1)
-    return gram - flat @ flat.T, score
+    keys = [(int(j), _digest(w)) for j, w in zip(columns, weights, strict=True)]
+    for key, own in zip(keys, weights, strict=True):
+        if key not in base.own_sums:
+            coupled = np.einsum("ad,adi->di", own, base.cross[:, :, :, key[0]])
+            base.own_sums[key] = coupled.ravel(), (own * base.score[:, :, key[0]]).sum(axis=0)
+    gram = np.empty((columns.size, columns.size))
+    # those outside the core first: their products with the core are by week as well
+    for k in np.argsort(-columns, kind="stable").tolist():
+        row = base.products.setdefault(keys[k], {})
+        new = np.array([i for i, key in enumerate(keys) if key not in row], np.int64)
+        if new.size:
+            values = _weighted_row(base.stats, k, new, columns, weights)
+            for i, value in zip(new.tolist(), values.tolist(), strict=True):
+                row[keys[i]] = base.products.setdefault(keys[i], {})[keys[k]] = value
+        gram[k] = [row[key] for key in keys]
+    flat = np.stack([base.own_sums[key][0] for key in keys])
+    return gram - flat @ flat.T, np.stack([base.own_sums[key][1] for key in keys], -1)
+
+
+def _digest(weights: Floats) -> bytes:
+    return blake2b(weights.tobytes(), digest_size=16).digest()
+
+
+def _weighted_row(
+    stats: Statistics, k: int, others: Integers, columns: Integers, weights: Floats
+) -> Floats:
+    """X'X of one weighted column with some others, none of them further outside the core, (m,)."""
+    if columns[k] >= stats.layout.core:
+        means = week_means(stats, np.concatenate([weights[k : k + 1], weights[others]]))
+        own = stats.week_gram[:, :, columns[k], :][:, :, columns[others]]
+        return np.asarray(np.einsum("aw,maw,awm->m", means[0], means[1:], own, optimize=True))
+    active = np.flatnonzero(weights[k].any(axis=1))
+    own = stats.day_gram[active, :, columns[k], :][:, :, columns[others]]
+    return np.asarray(
+        np.einsum(
+            "ad,mad,adm->m", weights[k][active], weights[others][:, active], own, optimize=True
+        )
+    )
 
 
 def week_means(stats: Statistics, weights: Floats) -> Floats:
@@ -341,7 +360,7 @@ def included_cross(base: Base, columns: Integers, weights: Floats) -> Floats:
     stats = base.stats
     out = np.empty((len(stats.tails), columns.size, stats.layout.size))
     for k, column in enumerate(columns.tolist()):
-        key = column, weights[k].tobytes()
+        key = column, _digest(weights[k])
         if key not in base.rows:
             base.rows[key] = _cross_row(base, column, weights[k])
         out[:, k] = base.rows[key]
