@@ -8,7 +8,8 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from airswing.gap.blind.cases import RUNGS, Size, plan_cases
+from airswing.gap.blind.archives import strength_of
+from airswing.gap.blind.cases import RUNGS, Size, World, plan_cases
 from airswing.gap.blind.draws import (
     CATALOGUE_NAMES,
     LADDER,
@@ -20,6 +21,7 @@ from airswing.gap.blind.draws import (
 )
 from airswing.gap.effects import CATALOGUE
 from airswing.sample.faults import OUTSIDE, parse_faults
+from airswing.sample.truth import LITTLE, small_effects
 
 TAILS = Size().tails
 START = datetime(2009, 3, 1)
@@ -78,6 +80,17 @@ def test_rungs_left_out_give_their_cases_to_the_others():
     plan = plan_cases(40, seed=1, size=Size(), rungs=(1, 2))
     assert len(plan) == 40
     assert {case.rung for case in plan} == {1, 2}
+
+
+def test_background_of_the_hard_world_is_as_small_as_it_says():
+    world = World(71, "default", 6, 8, True)
+    tails = [f"N{401 + index}" for index in range(8)]
+    effects = small_effects(tails, 71, days=6.0)
+    for name in {effect["name"] for effect in effects} - {"outliers"}:
+        own = [effect for effect in effects if effect["name"] == name]
+        assert len(own) == 8
+        size = strength_of(Drawn(name, ({**own[0], "period": None},)), world)
+        assert 0.75 * LITTLE[0] < size < 1.4 * LITTLE[1], name  # one aircraft's turns differ
 
 
 def test_fast_archives_are_small_and_effects_clear():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import airswing  # noqa: F401
-from airswing.gap.context import expected_acceleration
+from airswing.gap.acceleration import expected_acceleration
 
 
 def test_acceleration_is_the_fleets_profile_and_not_the_reports_noise():

@@ -57,6 +57,12 @@ class Closure:
     alone: tuple[float, ...]
     residual: Floats
 
+    def with_interval(self, low: float, high: float) -> Closure:
+        """Return the same with this 95 % interval of the reduction, kt."""
+        return replace(
+            self, reduction_ci=(low, high), after_ci=(self.before - high, self.before - low)
+        )
+
 
 def folds_of_days(stats: Statistics, *, most: int = 8) -> Integers:
     """Fold of every day: whole weeks, or blocks of days in short archives.

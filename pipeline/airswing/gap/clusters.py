@@ -22,6 +22,10 @@ from airswing.gap.statistics import Statistics
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+#: Share of a column's energy that must be left, given the included columns, for its scores to tell:
+#: days scatter by what was conditioned on as well, and over next to nothing that is any number.
+LEAST_LEFT = 0.05
+
 
 def cluster_factor(
     gram_by_day: Floats,
@@ -91,10 +95,11 @@ def _truncated_inverse(matrix: Floats, *, bound: float = 1e-3) -> tuple[Floats, 
 def aircraft_factor(stats: Statistics, given: Conditional, columns: Integers) -> float:
     """Cluster factor of a per-aircraft candidate, pooled over aircraft (median), at least 1."""
     own = _day_grams(stats, columns)
-    flown = np.einsum("adii->a", own) > 0
-    if not flown.any():
-        return 1.0
     information = given.gram[:, columns[:, None], columns]
+    whole, left = np.einsum("adii->a", own), np.einsum("aii->a", information)
+    flown = (whole > 0) & (left > LEAST_LEFT * whole)
+    if not flown.any():
+        return 1.5 if (whole > 0).any() else 1.0
     values = cluster_factor(own[flown], given.score[:, :, columns][flown], information[flown])
     known = [c[np.isfinite(c)] for c in values.T]
     return _largest(np.array([np.median(c) for c in known if c.size]))

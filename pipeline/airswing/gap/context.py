@@ -11,8 +11,7 @@ of 0.3 m/s rms and a false airspeed factor in trials). Columns are therefore eva
 * the large-scale part of the *reported* wind, a fit by day to position and level: the reference
   wind holds the model error of the residual, which makes the regression of reports on model winds
   flatter than 1 (0.87 whitened in trials; 0.99 to 1.03 on the reported wind's large-scale part);
-* the airspeed of the aircraft's own profile by level and phase, plus the flight's mean departure;
-* the acceleration of the fleet's profile by level in climb and in descent.
+* the airspeed of the aircraft's own profile by level and phase, plus the flight's mean departure.
 
 Validity: random heading differences s between the two leave a factor exp(-k^2 s^2 / 2) on harmonic
 k: 0.1 % for one cycle at 2.5 degrees.
@@ -28,14 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.dictionary import hats
-from airswing.vocabulary import PHASE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-SHARPENING = (7.0 / 6.0, -1.0 / 12.0)
-"""Weights of a report and its neighbours that undo, to second order, the difference of two chords:
-a mean under a triangle that reaches one report each way, of variance 1/6."""
 
 
 TERMS = 13
@@ -59,8 +53,8 @@ def exogenous(frame: Any, winds: LargeScale | None = None) -> Any:
     Returns
     -------
     Frame
-        With ``heading``, ``magnetic_heading`` (rad), ``airspeed`` (m s-1) and ``acceleration``
-        (m s-2) replaced, the reference's wind and shear by the large-scale reported ones.
+        With ``heading``, ``magnetic_heading`` (rad) and ``airspeed`` (m s-1) replaced, the
+        reference's wind and shear by the large-scale reported ones.
     """
     implied = np.arctan2(frame.ground_u - frame.u_ref, frame.ground_v - frame.v_ref)
     difference = wrap(frame.heading - implied)
@@ -76,65 +70,10 @@ def exogenous(frame: Any, winds: LargeScale | None = None) -> Any:
         dvdlnp=np.where(known, shear[:, 1], np.nan),
         heading=np.mod(heading, 2 * np.pi),
         magnetic_heading=np.mod(heading - declination, 2 * np.pi),
-        acceleration=expected_acceleration(
-            frame.acceleration, np.log(frame.pressure), frame.phase, frame.flight
-        ),
         airspeed=typical_airspeed(
             frame.airspeed, np.log(frame.pressure), frame.phase, frame.aircraft, frame.flight
         ),
     )
-
-
-def expected_acceleration(
-    acceleration: Floats,
-    log_pressure: Floats,
-    phase: NDArray[np.integer],
-    flight: NDArray[np.integer],
-) -> Floats:
-    """Longitudinal acceleration to be expected: the fleet's mean by level in climb and descent.
-
-    A difference of two chords is as noisy as what it should show. Speeding up in climb and slowing
-    down in descent follow the schedule of the flight, which many flights together tell well. What
-    one flight departs from it is then an error of Berkson's kind, which flattens no regression.
-
-    Parameters
-    ----------
-    acceleration : (n,) float
-        Measured, m s-2; NaN unknown.
-    log_pressure : (n,) float
-        ln of pressure.
-    phase, flight : (n,) int
-        In order of flight and time.
-
-    Returns
-    -------
-    (n,) float
-        m s-2; outside climb and descent, and where fewer than 50 reports tell, as measured (0
-        where unknown) with the chords' spreading to neighbouring reports undone.
-    """
-    measured = np.nan_to_num(acceleration)
-    out = measured.copy()
-    linked = (flight[2:] == flight[1:-1]) & (flight[:-2] == flight[1:-1])
-    sharp = SHARPENING[0] * measured[1:-1] + SHARPENING[1] * (measured[2:] + measured[:-2])
-    out[1:-1][linked] = sharp[linked]
-    # the windows of a report next to another phase hold the change of speed between the two
-    inside = np.zeros(phase.size, bool)
-    same = (phase[1:] == phase[:-1]) & (flight[1:] == flight[:-1])
-    inside[1:-1] = same[1:] & same[:-1]
-    for which in (PHASE["ascent"], PHASE["descent"]):
-        own = np.flatnonzero(phase == which)
-        telling = own[inside[own] & np.isfinite(acceleration[own])]
-        if telling.size < 50:
-            continue
-        middle = np.median(acceleration[telling])
-        bound = 3 * 1.4826 * np.median(np.abs(acceleration[telling] - middle)) + 1e-9
-        near = telling[np.abs(acceleration[telling] - middle) < bound]
-        knots = np.linspace(log_pressure[own].min(), log_pressure[own].max() + 1e-6, 6)
-        base = hats(log_pressure[near], knots)
-        normal = base @ base.T + 5.0 * np.eye(knots.size)
-        profile = np.linalg.solve(normal, base @ (acceleration[near] - middle))
-        out[own] = middle + profile @ hats(log_pressure[own], knots)
-    return out
 
 
 @dataclass(frozen=True)

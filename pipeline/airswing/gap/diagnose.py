@@ -39,6 +39,7 @@ from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence import candidates
 from airswing.gap.instrument import readout_factors
+from airswing.gap.interval import with_interval
 from airswing.gap.layout import make_layout
 from airswing.gap.locate import residual_maps, slices
 from airswing.gap.measure import Base, eliminate_days
@@ -49,9 +50,13 @@ from airswing.gap.summary import assemble
 from airswing.gap.swap import exchange, find_swap
 from airswing.gap.testability import absorbed
 from airswing.gap.turning import heading_doubt
+from airswing.gap.widening import widened
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
+
+#: Size at single reports, m/s, from which an effect is in danger of being clipped as gross errors.
+PEAK = 2.5
 
 
 @dataclass(frozen=True)
@@ -170,8 +175,13 @@ def diagnose(
             frame, columns_frame, frame.residual, effects, rules, dictionary, seed, tell, None
         )
     final = first
-    if any(_large(t) for t in first.found.terms):
-        final = _again(frame, columns_frame, first, effects, rules, dictionary, seed, tell)
+    parts = _parts(frame, columns_frame, first, effects)
+    if parts.peak > PEAK or any(_large(t) for t in first.found.terms):
+        quiet = take_off(frame, parts.sensor, parts.other)
+        final = _run(
+            frame, columns_frame, quiet + parts.linear, effects, rules, dictionary, seed, tell,
+            quiet,
+        )  # fmt: skip
     found, base = final.found, final.base
     days, _ = day_of_report(frame)
     day = np.searchsorted(base.stats.days, days)
@@ -188,6 +198,10 @@ def diagnose(
     )
     closure = reduce(known)
     whole = closure if len(known) == len(found.terms) else reduce(found.terms)
+    closure = with_interval(
+        closure, frame, base, found, effects=effects, plan=final.plan, day=day, factors=factors,
+        seed=seed,
+    )  # fmt: skip
     bare = given_terms(base, [])
     hidden = absorbed(base, bare, candidates(base.stats.layout, effects, dictionary=False), effects)
     named = {term.candidate.name for term in found.terms}
@@ -255,25 +269,36 @@ def _run(
     layout = make_layout(effects, plan, columns_frame)
     stats = accumulate(
         columns_frame, residual, noise=noise, layout=layout, effects=effects, plan=plan,
+        known=None if quiet is None else residual - quiet,
         progress=lambda done: tell("statistics", done),
     )  # fmt: skip
     tell("search", 0.0)
     base = eliminate_days(stats, day_variances(stats, shared_prior(layout, effects)))
-    found = search(base, candidates(layout, effects, dictionary=dictionary), rules=rules)
+    pool = candidates(layout, effects, dictionary=dictionary)
+    found = widened(base, search(base, pool, rules=rules), pool)
     return Pass(noise, base, found, columns_frame, plan)
 
 
-def _again(
-    frame: Any,
-    columns_frame: Any,
-    first: Pass,
-    effects: Mapping[str, Any],
-    rules: Rules,
-    dictionary: bool,
-    seed: int,
-    tell: Progress,
-) -> Pass:
-    """Second pass on residuals linearised about the terms of the first."""
+def _quantile(size: Floats) -> float:
+    return float(np.quantile(size, 0.999)) if size.size else 0.0
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Wind errors (n, 2) of the terms found so far, m/s.
+
+    ``sensor`` and ``other`` on the frame as reported, ``linear`` by the design columns; ``peak``
+    is the size that one report in a thousand of those a term acts on exceeds, of the worst term.
+    """
+
+    sensor: Floats
+    other: Floats
+    linear: Floats
+    peak: float
+
+
+def _parts(frame: Any, columns_frame: Any, first: Pass, effects: Mapping[str, Any]) -> _Parts:
+    """Evaluate the terms of a pass on every report."""
     base, terms = first.base, first.found.terms
     days, _ = day_of_report(frame)
     day = np.searchsorted(base.stats.days, days)
@@ -281,6 +306,7 @@ def _again(
     values = term_coefficients(first.found.given, terms)
     sensor, other, linear = (np.zeros((frame.size, 2)) for _ in range(3))
     nothing = np.zeros(frame.size, np.int64)
+    peak = 0.0
     for term, value in zip(terms, values, strict=True):
         for source in (frame, columns_frame):
             fields = term_fields(source, term, effects=effects, plan=first.plan)
@@ -288,12 +314,13 @@ def _again(
                               fold=nothing, shape=shape)  # fmt: skip
             if source is columns_frame:
                 linear += part
+                size = np.hypot(*part.T)
+                peak = max(peak, _quantile(size[size > 0]))
             elif is_sensor(term, effects):
                 sensor += part
             else:
                 other += part
-    quiet = take_off(frame, sensor, other)
-    return _run(frame, columns_frame, quiet + linear, effects, rules, dictionary, seed, tell, quiet)
+    return _Parts(sensor, other, linear, peak)
 
 
 def _stand(base: Base, found: Found) -> tuple[Found, Floats, Floats]:

@@ -16,7 +16,7 @@ Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (20
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -64,8 +64,9 @@ class Candidate:
         Which of the effect's coefficients these columns are.
     kind : str
         The effect's kind.
-    lasting : tuple of int
-        Of an effect that changes steadily in time: which of its columns do not.
+    lasting : tuple of (int, float)
+        Of an effect that changes steadily in time: columns of the layout that hold it unchanged,
+        with their prior scales.
     """
 
     name: str
@@ -75,7 +76,7 @@ class Candidate:
     known: bool
     subset: tuple[int, ...] = ()
     kind: str = "mean"
-    lasting: tuple[int, ...] = ()
+    lasting: tuple[tuple[int, float], ...] = ()
 
     @property
     def key(self) -> tuple[str, str, tuple[int, ...]]:
@@ -161,7 +162,7 @@ def candidates(
             out.append(
                 Candidate(
                     name, block[pick], scope, scales[pick], True, tuple(subset), effect.kind,
-                    _lasting_columns(effect, subset),
+                    _lasting_columns(effect, block, scales),
                 )
             )  # fmt: skip
             if scope == "aircraft" and _whole_fleet(effect):
@@ -187,11 +188,12 @@ def _whole_fleet(effect: Any) -> bool:
     return bool(effect.kind == "mean" and getattr(effect, "stage", "sensor") == "atmosphere")
 
 
-def _lasting_columns(effect: Any, subset: Sequence[int]) -> tuple[int, ...]:
+def _lasting_columns(effect: Any, block: Integers, scales: Floats) -> tuple[tuple[int, float], ...]:
     """Columns of a drift that do not change in time: all but the rates."""
     if effect.kind != "drift":
         return ()
-    return tuple(i for i, k in enumerate(subset) if effect.column_names[k] != "rate")
+    names = zip(effect.column_names, block, scales, strict=True)
+    return tuple((int(j), float(scale)) for name, j, scale in names if name != "rate")
 
 
 def allowance_covariance(

@@ -21,6 +21,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.gap.acceleration import acceleration_at_reports
 from airswing.gap.bank import bank_at_reports
 from airswing.vocabulary import PHASE, ROLL, SCREENING
 
@@ -72,7 +73,7 @@ class Frame:
     horizontal_field : (n,) float
         nT.
     acceleration : (n,) float
-        Longitudinal acceleration, m s-2.
+        Longitudinal acceleration, m s-2; see `airswing.gap.acceleration`.
     bank : (n,) float
         rad, right wing down positive; see `airswing.gap.bank`.
     climb_rate : (n,) float
@@ -432,6 +433,8 @@ def _build(
             remedy="check that reports and references overlap in time, space and level",
         )
     values = {name: array[keep] for name, array in values.items()}
+    told = ("acceleration", "pressure", "phase", "flight", "time", "latitude", "longitude")
+    values["acceleration"] = acceleration_at_reports(*(values[name] for name in told))
     for name in _AIRCRAFT_FIELDS:
         values[name] = (
             np.asarray(ds[name].values, dtype=np.float64)

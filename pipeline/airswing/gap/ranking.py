@@ -110,8 +110,8 @@ def evaluate_known(base: Base, given: Conditional, candidate: Candidate, allowed
 
 def _lasting(candidate: Candidate) -> Candidate:
     """Version of a candidate without its change in time."""
-    pick = np.array(candidate.lasting, np.int64)
-    return replace(candidate, columns=candidate.columns[pick], scales=candidate.scales[pick])
+    columns, scales = zip(*candidate.lasting, strict=True)
+    return replace(candidate, columns=np.array(columns, np.int64), scales=np.array(scales))
 
 
 def best_for(

@@ -63,7 +63,8 @@ class Statistics:
     raw_gram : (A, c, c) float
         X'X without whitening, for the size of an effect in m s-1.
     acting : (A, c) float
-        Reports on which a core column is not zero.
+        Reports on which a core column is not zero and its effect acts by nature
+        (`airswing.gap.effects.base.Effect.acts`).
     clipped : (A,) float
         Whitened residuals winsorised.
     gross : (A,) float
@@ -83,21 +84,10 @@ class Statistics:
     day_energy: Floats
     day_count: Floats
     raw_gram: Floats
-    moments: Floats
+    acting: Floats
     clipped: Floats
     gross: Floats
     day_shift: float
-
-    @cached_property
-    def acting(self) -> Floats:
-        """Reports on which a core column acts, (A, c).
-
-        At most 1.5 (sum of squares)^2 / (sum of fourth powers): a column that is large on a few
-        reports (bank) and noise on the others acts on the few.
-        """
-        count, square, fourth = np.moveaxis(self.moments, -1, 0)
-        effective = np.divide(1.5 * square**2, fourth, out=np.zeros_like(fourth), where=fourth > 0)
-        return np.asarray(np.minimum(count, effective))
 
     @cached_property
     def whole_gram(self) -> Floats:
@@ -174,7 +164,7 @@ def empty_statistics(
         layout, tails, days, weeks,
         np.zeros((a, weeks.size, p, p), np.float32), np.zeros((a, d, c, c), np.float32),
         np.zeros((a, d, q, p), np.float32), np.zeros((a, d, p)), np.zeros((a, d)), np.zeros((a, d)),
-        np.zeros((a, c, c)), np.zeros((a, c, 3)), np.zeros(a), np.zeros(a), shift,
+        np.zeros((a, c, c)), np.zeros((a, c)), np.zeros(a), np.zeros(a), shift,
     )  # fmt: skip
 
 
@@ -205,6 +195,7 @@ def accumulate(
     effects: Mapping[str, Any],
     plan: DictionaryPlan,
     clip: float = 5.0,
+    known: Floats | None = None,
     day_shift: float | None = None,
     workers: int = 1,
     progress: Callable[[float], None] | None = None,
@@ -224,6 +215,8 @@ def accumulate(
     plan : DictionaryPlan
     clip : float
         Winsorising bound on the whitened residual about the smooth fit.
+    known : (n, 2) float, optional
+        Part of the residual that effects already found explain: it is never clipped, m/s.
     day_shift : float, optional
         Hour UTC at which days start; archives to be merged need the same.
     workers : int
@@ -239,8 +232,8 @@ def accumulate(
     days = np.unique(day)
     out = empty_statistics(layout, tuple(frame.tails), days, shift)
     add_reports(
-        out, frame, residual, noise=noise, effects=effects, plan=plan, clip=clip, day=day,
-        workers=workers, progress=progress,
+        out, frame, residual, noise=noise, effects=effects, plan=plan, clip=clip, known=known,
+        day=day, workers=workers, progress=progress,
     )  # fmt: skip
     return out
 
@@ -254,6 +247,7 @@ def add_reports(
     effects: Mapping[str, Any],
     plan: DictionaryPlan,
     clip: float = 5.0,
+    known: Floats | None = None,
     day: Integers | None = None,
     workers: int = 1,
     progress: Callable[[float], None] | None = None,
@@ -264,14 +258,14 @@ def add_reports(
     ----------
     out : Statistics
         Changed in place.
-    frame, residual, noise, effects, plan, clip, workers, progress
+    frame, residual, noise, effects, plan, clip, known, workers, progress
         As in :func:`accumulate`.
     day : (n,) int, optional
         Day of each report's flight, where it is known already.
     """
     if day is None:
         day, _ = day_of_report(frame, shift=out.day_shift)
-    values = clipped_residual(frame, residual, noise=noise, clip=clip)
+    values = clipped_residual(frame, residual, noise=noise, clip=clip, known=known)
     own = np.unique(frame.aircraft)  # other aircraft may be added by other threads
     out.clipped[own] += np.bincount(frame.aircraft, values[1])[own]
     out.gross[own] += np.bincount(frame.aircraft, noise.gross)[own]
@@ -293,7 +287,7 @@ def add_reports(
 
 
 def clipped_residual(
-    frame: Any, residual: Floats, *, noise: NoiseFit, clip: float
+    frame: Any, residual: Floats, *, noise: NoiseFit, clip: float, known: Floats | None = None
 ) -> tuple[Floats, Floats]:
     """Whitened residual, winsorised about a smooth per-aircraft fit.
 
@@ -303,6 +297,8 @@ def clipped_residual(
     residual : (n, 2) float
     noise : NoiseFit
     clip : float
+    known : (n, 2) float, optional
+        Part of the residual that is not clipped, m/s.
 
     Returns
     -------
@@ -310,7 +306,8 @@ def clipped_residual(
     excess : (n,) float
         1 where a component was clipped.
     """
-    smooth = remove_smooth_effects(residual, frame.aircraft, frame.heading, frame.airspeed)
+    rest = residual if known is None else residual - known
+    smooth = remove_smooth_effects(rest, frame.aircraft, frame.heading, frame.airspeed)
     white_smooth = whiten(smooth, noise.order, noise.gains)
     excess = white_smooth - np.clip(white_smooth, -clip, clip)
     white = whiten(residual, noise.order, noise.gains)
@@ -331,10 +328,11 @@ def _add_chunk(
     own = flight_order(frame.flight[index], frame.time[index])
     index = index[own.index]
     gains = take_gains(noise.gains, index)
-    columns = build_columns(frame.take(index), out.layout, effects, plan)
+    part = frame.take(index)
+    columns = build_columns(part, out.layout, effects, plan)
     columns[:, :, gains.weight == 0] = 0.0
     aircraft = int(frame.aircraft[index[0]])
-    _add_raw(out, aircraft, columns)
+    _add_raw(out, aircraft, columns, part, effects)
     whiten_blocks(columns, own.starts, gains)
     target = np.asarray(values[index].T, np.float32)
     week = int(np.searchsorted(out.weeks, day[index[0]] // 7))
@@ -354,16 +352,23 @@ def _add_chunk(
     out.week_gram[aircraft, week] += total.astype(np.float32)
 
 
-def _add_raw(out: Statistics, aircraft: int, columns: NDArray[np.float32]) -> None:
+def _add_raw(
+    out: Statistics,
+    aircraft: int,
+    columns: NDArray[np.float32],
+    part: Any,
+    effects: Mapping[str, Any],
+) -> None:
     """Add the sums of core columns (p, 2, n) as they are; 0 at reports that do not count."""
     core = columns[: out.layout.core]
     flat = core.reshape(core.shape[0], -1)
-    gram = flat @ flat.T
-    out.raw_gram[aircraft] += gram
-    square = core[:, 0].astype(np.float64) ** 2
-    square += core[:, 1].astype(np.float64) ** 2
-    number, fourth = np.count_nonzero(square > 1e-24, axis=1), np.vecdot(square, square)
-    out.moments[aircraft] += np.stack([number, np.diagonal(gram), fourth], -1)
+    out.raw_gram[aircraft] += flat @ flat.T
+    there = (core[:, 0] != 0) | (core[:, 1] != 0)
+    for name in out.layout.effects:
+        where = effects[name].acts(part)
+        if where is not None:
+            there[out.layout.blocks[name]] &= where
+    out.acting[aircraft] += np.count_nonzero(there, axis=1)
 
 
 def merge_statistics(first: Statistics, second: Statistics) -> Statistics:
@@ -394,7 +399,7 @@ def merge_statistics(first: Statistics, second: Statistics) -> Statistics:
         out.week_gram[:, week] += part.week_gram
         for name in ("day_gram", "day_cross", "day_score", "day_energy", "day_count"):
             getattr(out, name)[:, at] += getattr(part, name)
-        for name in ("raw_gram", "moments", "clipped", "gross"):
+        for name in ("raw_gram", "acting", "clipped", "gross"):
             getattr(out, name)[...] += getattr(part, name)
     return out
 

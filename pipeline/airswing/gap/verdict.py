@@ -48,22 +48,46 @@ SEPARATING = {
 }
 
 
-def term_covariance(
+def term_covariances(
     stats: Statistics, given: Conditional, term: Term, start: int, row: int
-) -> Floats:
-    """Covariance (k, k) of a term's coefficients for its ``row``-th aircraft (or the fleet)."""
+) -> tuple[Floats, Floats]:
+    """Two parts of the covariance of a term's coefficients.
+
+    Parameters
+    ----------
+    stats : Statistics
+    given : Conditional
+    term : Term
+    start : int
+        Position of the term's coefficients.
+    row : int
+        Which of its aircraft; 0 in fleet scope.
+
+    Returns
+    -------
+    formal, allowed : (k, k) float
+        Of the fit, with the cluster factor; of model error that persists over the archive.
+    """
     k = term.candidate.columns.size
     own = slice(start + row * k, start + (row + 1) * k)
     columns, scales = term.candidate.columns, term.candidate.scales
-    formal = given.covariance[own, own] * term.score.factor
+    formal = np.asarray(given.covariance[own, own] * term.score.factor)
     if columns.max() >= stats.layout.core:
-        return np.asarray(formal)
+        return formal, np.zeros_like(formal)
     fleet = term.candidate.scope == "fleet"
     pick = list(range(len(stats.tails))) if fleet else [term.tails[row]]
     second = stats.raw_gram[pick].sum(axis=0)[np.ix_(columns, columns)]
     acting = float(stats.acting[pick].sum(axis=0)[columns].max())
     size = fleet_allowance(given, columns) if fleet else AIRCRAFT_ALLOWANCE
-    return np.asarray(formal + 0.25 * allowance_covariance(second, acting, size, scales))
+    return formal, 0.25 * allowance_covariance(second, acting, size, scales)
+
+
+def term_covariance(
+    stats: Statistics, given: Conditional, term: Term, start: int, row: int
+) -> Floats:
+    """Covariance (k, k) of a term's coefficients for its ``row``-th aircraft (or the fleet)."""
+    formal, allowed = term_covariances(stats, given, term, start, row)
+    return np.asarray(formal + allowed)
 
 
 def term_offsets(given: Conditional, terms: Sequence[Term]) -> list[int]:
@@ -74,6 +98,43 @@ def term_offsets(given: Conditional, terms: Sequence[Term]) -> list[int]:
     ]
     first = len(given.coefficients) - sum(sizes)
     return [first + sum(sizes[:k]) for k in range(len(terms))]
+
+
+def pooled(values: Floats, formal: Floats, allowed: Floats) -> tuple[Floats, Floats]:
+    """Coefficients of several aircraft drawn towards their mean as far as they agree.
+
+    Aircraft struck by one effect often have it alike (one installation, one table). Their estimates
+    scatter by their own errors and by what they truly differ in; the first part is taken off.
+
+    Parameters
+    ----------
+    values : (t, k) float
+    formal, allowed : (t, k, k) float
+        Their covariances: of each fit, and of model error that persists and may be the same in all.
+
+    Returns
+    -------
+    values, spreads : (t, k), (t, k, k) float
+        As given for one aircraft, and where they differ by much more than their errors.
+
+    Notes
+    -----
+    Random effects with a spread between aircraft proportional to the errors: the share drawn to the
+    mean is 1 over chi-squared per degree of freedom, at most 1 (DerSimonian & Laird 1986).
+    """
+    count, k = values.shape
+    spreads = formal + allowed
+    if count < 2:
+        return values, spreads
+    weights = np.linalg.inv(spreads)
+    turn = np.linalg.inv(weights.sum(axis=0)) @ weights
+    mean = np.einsum("tij,tj->i", turn, values)
+    own = np.einsum("tij,tjk,tlk->il", turn, formal, turn)
+    apart = values - mean
+    squared = float(np.einsum("ti,tij,tj->", apart, weights, apart)) / ((count - 1) * k)
+    share = min(1.0, 1.0 / max(squared, 1e-12))
+    common = own + allowed.mean(axis=0)
+    return mean + (1 - share) * apart, share * common + (1 - share) * spreads
 
 
 def describe_term(
@@ -109,13 +170,16 @@ def describe_term(
     rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
     whole = len(np.asarray(effect.column_scales))
     factor = reliability.get(term.candidate.name, 1.0)
-    each = []
     subset = list(term.candidate.subset)
-    for row in range(rows):
+    values = given.coefficients[start : start + rows * k].reshape(rows, k)
+    spreads = [term_covariances(stats, given, term, start, row) for row in range(rows)]
+    each = []
+    for near, error in zip(
+        *pooled(values, *map(np.stack, zip(*spreads, strict=True))), strict=True
+    ):
         value, spread = np.zeros(whole), np.zeros((whole, whole))
-        own = slice(start + row * k, start + (row + 1) * k)
-        value[subset] = given.coefficients[own] / factor
-        spread[np.ix_(subset, subset)] = term_covariance(stats, given, term, start, row) / factor**2
+        value[subset] = near / factor
+        spread[np.ix_(subset, subset)] = error / factor**2
         each.append(effect.to_parameters(value, spread, frame))
     tails = [stats.tails[a] for a in term.tails]
     out: dict[str, Any] = {

@@ -159,7 +159,7 @@ def _simulate(scenario: Scenario) -> _Simulated:
     world = World(scenario.sizes, scenario.seed, 24.0 * scenario.days)
     effects = list(scenario.effects)
     if scenario.world == "hard":
-        effects += small_effects(scenario.tails, scenario.seed)
+        effects += small_effects(scenario.tails, scenario.seed, days=float(scenario.days))
     faults = parse_faults(effects, start=scenario.start, tails=scenario.tails)
     flown = _fly(scenario, world)
     flight, step = report_steps(

@@ -313,7 +313,7 @@ def _report(
     }
     altitude = here["altitude"].copy()
     named = tail.copy()
-    for number, fault in enumerate(faults):
+    for fault in faults:
         where = acts(fault, tail, hours, tails)
         if fault.name == "altitude_offset":
             altitude[where] += fault.value("offset_ft") * 0.3048
@@ -327,7 +327,8 @@ def _report(
         elif fault.name == "time_lag" and fault.parameters.get("to_minute"):
             steps["time"][where] = 60.0
         elif fault.name == "outliers":
-            rng = stream(seed, f"outliers {number}")
+            # named by its content, so that other effects beside it leave it as it is
+            rng = stream(seed, f"outliers {fault.tails} {fault.value('fraction')}")
             hit = where & (rng.uniform(size=count) < fault.value("fraction"))
             u, v = _gross(rng, u, v, hit)
         elif fault.name == "tail_swap":

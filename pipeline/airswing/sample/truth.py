@@ -69,7 +69,28 @@ def fleet_deviations(tails: Sequence[str], seed: int) -> list[dict[str, Any]]:
     return effects
 
 
-def small_effects(tails: Sequence[str], seed: int) -> list[dict[str, Any]]:
+LITTLE = (0.05, 0.15)
+"""Least and largest strength of a background effect, m/s root mean square where it acts."""
+
+_PER_UNIT = {
+    "compass_offset": ("offset_deg", 2.0),
+    "hard_iron": ("amplitude_deg", 1.3),
+    "soft_iron": ("amplitude_deg", 1.43),
+    "tas_scale": ("scale_percent", 1.15),
+    "compass_drift": ("rate_deg_per_day", 1.17),
+    "heater_current": ("offset_deg", 2.0),
+    "acceleration_error": ("amplitude_deg", 0.0174),
+    "turn_error": ("amplitude_deg", 0.5),
+    "time_lag": ("offset_s", 0.021),
+    "altitude_offset": ("offset_ft", 0.00114),
+    "heading_by_temperature": ("amplitude_deg", 1.9),
+    "three_cycle": ("amplitude_deg", 1.41),
+}
+"""Parameter of each background effect, and the change of wind (m/s root mean square where it acts)
+that one unit of it makes on the archive's network; a drift's rate times the archive's days."""
+
+
+def small_effects(tails: Sequence[str], seed: int, *, days: float = 45.0) -> list[dict[str, Any]]:
     """Return a little of every effect for every aircraft, and one per cent of gross errors.
 
     Parameters
@@ -78,38 +99,24 @@ def small_effects(tails: Sequence[str], seed: int) -> list[dict[str, Any]]:
         The fleet.
     seed : int
         The archive's seed.
+    days : float
+        Length of the archive, which a drift's size depends on.
 
     Returns
     -------
     list of dict
-        Effects of about 0.05-0.15 m/s each.
+        Effects of 0.05-0.15 m/s where they act (`LITTLE`), of either sign; lags are late.
     """
     rng = stream(seed, "background")
     effects: list[dict[str, Any]] = []
     for tail in tails:
-        sizes: dict[str, dict[str, float]] = {
-            "compass_offset": {"offset_deg": rng.normal(0, 0.06)},
-            "hard_iron": {
-                "amplitude_deg": abs(rng.normal(0, 0.08)), "phase_deg": rng.uniform(-180, 180)
-            },
-            "soft_iron": {
-                "amplitude_deg": abs(rng.normal(0, 0.05)), "phase_deg": rng.uniform(-180, 180)
-            },
-            "tas_scale": {"scale_percent": rng.normal(0, 0.06)},
-            "compass_drift": {"rate_deg_per_day": rng.normal(0, 0.002)},
-            "heater_current": {"offset_deg": rng.normal(0, 0.1)},
-            "acceleration_error": {"amplitude_deg": rng.normal(0, 2.0)},
-            "turn_error": {"amplitude_deg": rng.normal(0, 1.0)},
-            "time_lag": {"offset_s": rng.uniform(0, 6)},
-            "altitude_offset": {"offset_ft": rng.normal(0, 20)},
-            "heading_by_temperature": {"amplitude_deg": rng.normal(0, 0.04)},
-            "three_cycle": {
-                "amplitude_deg": abs(rng.normal(0, 0.04)), "phase_deg": rng.uniform(-180, 180)
-            },
-        }  # fmt: skip
-        effects += [
-            {"name": name, "tails": [tail], "parameters": values} for name, values in sizes.items()
-        ]
+        for name, (parameter, strength) in _PER_UNIT.items():
+            size = rng.uniform(*LITTLE) / strength
+            sign = 1.0 if name == "time_lag" else rng.choice([-1.0, 1.0])
+            values = {parameter: float(sign * size / (days if name == "compass_drift" else 1.0))}
+            if name in ("hard_iron", "soft_iron", "three_cycle"):
+                values["phase_deg"] = float(rng.uniform(-180, 180))
+            effects.append({"name": name, "tails": [tail], "parameters": values})
     effects.append({"name": "outliers", "tails": None, "parameters": {"fraction": 0.01}})
     return effects
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
@@ -45,12 +46,17 @@ class AccelerationError(OneCoefficient, HeadingEffect):
     needs = ("magnetic_heading", "acceleration", "dip")
     confused_with = ("hard_iron: where climb and descent are not sampled alike",)
     column_names = ("amplitude",)
+    told_share = 0.76  # of the true acceleration, by the generator
 
     def basis(self, frame: Frame) -> FloatArray:
         """Return sin(m) tan(dip) a/g, (1, n); in cruise 0 but for a visible change of speed."""
         steady = (frame.phase == PHASE["cruise"]) & (np.abs(frame.acceleration) < STEADY)
         pull = np.where(steady, 0.0, frame.acceleration) / GRAVITY
         return np.asarray(np.sin(frame.magnetic_heading) * np.tan(frame.dip) * pull)[None]
+
+    def acts(self, frame: Frame) -> NDArray[np.bool_]:
+        """See `Effect.acts`: in climb and descent."""
+        return np.asarray(np.isin(frame.phase, (PHASE["ascent"], PHASE["descent"])))
 
     def testable(self, frame: Frame) -> str | None:
         """See `Effect.testable`; climb or descent must be there."""

@@ -158,6 +158,9 @@ class Effect(ABC):
         Names of the linear coefficients, in the order of `columns`.
     alternatives : tuple of tuple of int
         Sets of columns that make one candidate each; empty: all columns together.
+    told_share : float
+        Part of the effect's energy that its columns carry: a little less than 1, for the heading in
+        turns is that of chords; less where more of the context is inferred (bank, acceleration).
     """
 
     name: ClassVar[str]
@@ -171,6 +174,7 @@ class Effect(ABC):
     confused_with: ClassVar[tuple[str, ...]] = ()
     column_names: ClassVar[tuple[str, ...]] = ()
     alternatives: ClassVar[tuple[tuple[int, ...], ...]] = ()
+    told_share: ClassVar[float] = 0.99
 
     @property
     @abstractmethod
@@ -264,6 +268,14 @@ class Effect(ABC):
             reason = missing_context(frame, name)
             if reason is not None:
                 return reason
+        return None
+
+    def acts(self, frame: Frame) -> NDArray[np.bool_] | None:
+        """Say on which reports (n,) it acts by its nature; None: wherever its columns are not 0.
+
+        The rms of an effect, its practical size, is over these reports. Columns may be other than
+        zero elsewhere: the last of a turn, the levelling off after a climb.
+        """
         return None
 
     def complete(self, values: Mapping[str, Any]) -> Parameters:

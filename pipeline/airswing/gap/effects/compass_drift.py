@@ -41,6 +41,7 @@ class CompassDrift(HeadingEffect):
         "compass_offset: where the drift is slow",
     )
     column_names = ("rate", "offset")
+    alternatives = ((0,), (0, 1))
 
     @property
     def column_scales(self) -> FloatArray:

@@ -6,10 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
 from airswing.gap.frame import Frame
+
+BANKED = float(np.radians(2.0))
+"""Bank above which an aircraft turns, rad."""
 
 
 class TurnError(OneCoefficient, HeadingEffect):
@@ -35,11 +39,16 @@ class TurnError(OneCoefficient, HeadingEffect):
     needs = ("magnetic_heading", "bank", "dip")
     confused_with = ("noise of the ground velocity: bank is inferred from the turning track",)
     column_names = ("amplitude",)
+    told_share = 0.86  # of the true bank, by the generator
 
     def basis(self, frame: Frame) -> FloatArray:
         """Return bank tan(dip) cos(m), (1, n)."""
         turning = frame.bank * np.tan(frame.dip) * np.cos(frame.magnetic_heading)
         return np.asarray(turning)[None]
+
+    def acts(self, frame: Frame) -> NDArray[np.bool_]:
+        """See `Effect.acts`: in a bank one can speak of."""
+        return np.asarray(np.abs(frame.bank) > BANKED)
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""

@@ -1,0 +1,278 @@
+"""How sure the closure is: drawn from what the data leave open about every coefficient.
+
+Assumptions: how far the disagreement would shrink is a function of the effects' true coefficients,
+on the very reports of the archive. Given the data those are normal about their estimates; the
+reduction is worked out for each draw (it is lower on average than with the estimates,
+which are tuned to the reports' noise: draws undo that). Three things are drawn:
+
+* the fit's own error, with the cluster factor, independent between aircraft;
+* model error that persists over the archive, of the allowance's size where the effect acts, shared
+  by the aircraft of a term: they fly through the same model;
+* the rounding of the reports: without the effect they would have been rounded otherwise.
+
+Columns carry but a part of an effect: nearly all where the heading is wanted (in turns it is that
+of chords), less where they are inferred (bank, acceleration) or gradients of the reference. True
+closure is then higher by an amount drawn between nothing and twice what that part suggests. Which
+*days* were flown is no part of it: the claim is about these reports (days drawn anew would answer
+how the next month turns out, and in trials missed the truth one time in four where the coefficient
+was the uncertain thing).
+
+Single aircraft's effects too small to be named are not excluded by silence: the upper limit also
+covers the most that a candidate with evidence in its favour could close.
+
+Validity: errors of a few degrees about the estimate (linear in the columns). Results in knots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.attribute import Found, Term
+from airswing.gap.closure import (
+    KNOT,
+    Closure,
+    is_sensor,
+    take_off,
+    term_coefficients,
+    term_error,
+    term_fields,
+    whole_coefficients,
+)
+from airswing.gap.dictionary import DictionaryPlan
+from airswing.gap.measure import Base
+from airswing.gap.verdict import term_covariances, term_offsets
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Quantiles of the interval stated.
+LIMITS = (0.025, 0.975)
+#: Candidates left over whose closure is looked at, best evidence first.
+LEFT_OVER = 3
+
+
+def with_interval(
+    closure: Closure,
+    frame: Any,
+    base: Base,
+    found: Found,
+    *,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    day: Integers,
+    factors: Mapping[str, float] | None = None,
+    seed: int = 0,
+    draws: int = 300,
+) -> Closure:
+    """Closure of the known terms with the interval of what is true.
+
+    Parameters
+    ----------
+    closure : Closure
+        Of the known terms, held out.
+    frame : Frame
+    base : Base
+    found : Found
+    effects : mapping
+    plan : DictionaryPlan
+    day : (n,) int
+        Index of each report's day in the statistics.
+    factors : mapping, optional
+        Effect name -> share of its coefficient that is fitted (`airswing.gap.instrument`).
+    seed, draws : int
+
+    Returns
+    -------
+    Closure
+        With ``reduction_ci`` and ``after_ci`` that hold what is stated.
+    """
+    rng = np.random.default_rng(seed)
+    low = high = 0.0
+    residual = frame.residual
+    known = [k for k, t in enumerate(found.terms) if t.candidate.known]
+    if known:
+        residual, changes = _about_estimate(
+            frame, base, found, known, rng, draws, effects=effects, plan=plan, day=day,
+            factors=factors or {},
+        )  # fmt: skip
+        if any(found.terms[k].candidate.name == "reference_time_offset" for k in known):
+            residual = closure.residual  # taken off by more than its column
+        gained = float(np.hypot(*frame.residual.T).mean() - np.hypot(*residual.T).mean())
+        drawn = gained + reductions(residual, changes, draws)
+        drawn += rounding_error(frame, changes) * rng.standard_normal(draws)
+        for k, alone in zip(known, closure.alone, strict=True):
+            share = _told_share(found.terms[k], effects, factors or {})
+            more = max(closure.before - alone, 0.0) * KNOT * (1 / share - 1)
+            drawn += more * rng.uniform(0.0, 2.0, draws)
+        low, high = np.quantile(drawn, LIMITS)
+    left = [
+        float(np.quantile(reductions(residual, part, draws), LIMITS[1]))
+        for part in _left_over(frame, base, found, rng, draws, effects=effects, plan=plan)
+    ]
+    high += max([0.0, *left])
+    stated = closure.before - closure.after
+    low, high = min(low / KNOT, stated), max(high / KNOT, stated)
+    return closure.with_interval(float(low), float(high))
+
+
+def _told_share(term: Term, effects: Mapping[str, Any], factors: Mapping[str, float]) -> float:
+    """Part of a term's energy that its columns carry, 0.3 to 1."""
+    name = term.candidate.name
+    share = float(getattr(effects[name], "told_share", 0.99))
+    if name == "time_lag":  # along the path the reference's gradient is a noisy one
+        share *= factors.get(name, 1.0)
+    return float(np.clip(share, 0.3, 1.0))
+
+
+def rounding_error(frame: Any, changes: Sequence[Change]) -> float:
+    """Standard error of the mean reduction from rounding the touched reports one way or another.
+
+    Parameters
+    ----------
+    frame : Frame
+        For the steps in which winds are coded.
+    changes : sequence of Change
+
+    Returns
+    -------
+    float
+        m s-1.
+    """
+    touched = np.unique(np.concatenate([index for index, _, _ in changes]))
+    owner = frame.aircraft[touched]
+    speed = np.hypot(frame.u_rep, frame.v_rep)[touched]
+    along = np.nan_to_num(frame.wind_speed_resolution[owner])
+    across = np.radians(np.nan_to_num(frame.wind_direction_resolution[owner])) * speed
+    # two roundings, each of variance step^2/12, seen along one of the two directions
+    variance = 2.0 * 0.5 * (along**2 + across**2) / 12.0
+    return float(np.sqrt(variance.sum()) / frame.size)
+
+
+Change = tuple[Integers, Floats, Floats]
+"""Reports, their fields (m, 2, k), and changes of the coefficients by draw (draws, k)."""
+
+
+def reductions(residual: Floats, changes: Sequence[Change], draws: int) -> Floats:
+    """Mean reduction of the vector disagreement over all reports, by draw.
+
+    Parameters
+    ----------
+    residual : (n, 2) float
+        m s-1, at the estimates.
+    changes : sequence of Change
+        What the draws change, each on its own reports; the same report may be in several.
+    draws : int
+
+    Returns
+    -------
+    (draws,) float
+        m s-1.
+    """
+    if not changes:
+        return np.zeros(draws)
+    touched = np.unique(np.concatenate([index for index, _, _ in changes]))
+    start = residual[touched]
+    before = np.hypot(*start.T).sum()
+    places = [np.searchsorted(touched, index) for index, _, _ in changes]
+    out = np.empty(draws)
+    for d in range(draws):
+        now = start.copy()
+        for place, (_, fields, steps) in zip(places, changes, strict=True):
+            now[place] -= fields @ steps[d]
+        out[d] = before - np.hypot(*now.T).sum()
+    return np.asarray(out / residual.shape[0])
+
+
+def _about_estimate(
+    frame: Any,
+    base: Base,
+    found: Found,
+    known: Sequence[int],
+    rng: np.random.Generator,
+    draws: int,
+    *,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    day: Integers,
+    factors: Mapping[str, float],
+) -> tuple[Floats, list[Change]]:
+    """Residual at the estimates, and draws about them, of the known terms."""
+    shape = base.stats.day_count.shape
+    values = whole_coefficients(term_coefficients(found.given, found.terms), found.terms, factors)
+    offsets = term_offsets(found.given, found.terms)
+    sensor, other = np.zeros((2, frame.size, 2))
+    none = np.zeros(frame.size, np.int64)
+    changes: list[Change] = []
+    for k in known:
+        term = found.terms[k]
+        fields = term_fields(frame, term, effects=effects, plan=plan)
+        part = term_error(fields, term, [values[k]], aircraft=frame.aircraft, day=day, fold=none,
+                          shape=shape)  # fmt: skip
+        total = sensor if is_sensor(term, effects) else other
+        total += part
+        rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
+        shared = rng.standard_normal((draws, term.candidate.columns.size))
+        for row in range(rows):
+            formal, allowed = term_covariances(base.stats, found.given, term, offsets[k], row)
+            steps = _draw(formal, rng, draws) + shared @ _root(allowed).T
+            steps /= factors.get(term.candidate.name, 1.0)
+            index = _reports(frame, term, row, day)
+            changes.append((index, fields[index], steps))
+    return take_off(frame, sensor, other), changes
+
+
+def _reports(frame: Any, term: Term, row: int, day: Integers) -> Integers:
+    """Reports a term acts on, of its ``row``-th aircraft or of the fleet."""
+    here = np.ones(frame.size, bool)
+    if term.candidate.scope != "fleet":
+        here &= frame.aircraft == term.tails[row]
+    if term.period is not None:
+        here &= (day >= term.period[0]) & (day < term.period[1])
+    return np.flatnonzero(here)
+
+
+def _root(spread: Floats) -> Floats:
+    """Symmetric root of a covariance."""
+    values, vectors = np.linalg.eigh(spread)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+
+
+def _draw(spread: Floats, rng: np.random.Generator, draws: int) -> Floats:
+    """Draw normal deviations of a covariance, (draws, k)."""
+    return np.asarray(rng.standard_normal((draws, spread.shape[0])) @ _root(spread).T)
+
+
+def _left_over(
+    frame: Any,
+    base: Base,
+    found: Found,
+    rng: np.random.Generator,
+    draws: int,
+    *,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+) -> list[list[Change]]:
+    """Draws of candidates that have evidence in their favour but were not named."""
+    out = []
+    likely = [
+        s for s in found.left
+        if s.candidate.known and s.candidate.scope == "aircraft" and s.tempered > 0
+        and s.period is None
+    ]  # fmt: skip
+    for score in sorted(likely, key=lambda s: -s.tempered)[:LEFT_OVER]:
+        columns, given = score.candidate.columns, found.given
+        term = Term(score.candidate, tuple(range(len(base.stats.tails))), None, score)
+        fields = term_fields(frame, term, effects=effects, plan=plan)
+        changes: list[Change] = []
+        for a in np.flatnonzero(score.posterior > 0.5).tolist():
+            own = given.gram[a][np.ix_(columns, columns)] / score.factor
+            spread = np.linalg.inv(own + np.diag(1 / score.candidate.scales**2))
+            middle = spread @ given.score[a].sum(axis=0)[columns] / score.factor
+            index = np.flatnonzero(frame.aircraft == a)
+            changes.append((index, fields[index], middle + _draw(spread, rng, draws)))
+        out.append(changes)
+    return out
