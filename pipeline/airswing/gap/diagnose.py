@@ -38,6 +38,7 @@ from airswing.gap.dayfields import day_variances, shared_prior
 from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence import candidates
+from airswing.gap.folding import folded
 from airswing.gap.instrument import readout_factors
 from airswing.gap.interval import with_interval
 from airswing.gap.layout import make_layout
@@ -187,7 +188,8 @@ def diagnose(
     day = np.searchsorted(base.stats.days, days)
     found, energy, energy_error = _stand(base, found)
     tell("closure", 0.0)
-    known = [t for t in found.terms if t.candidate.known]
+    means = folded(found.terms, energy, energy_error)
+    known = [t for k, t in enumerate(found.terms) if t.candidate.known and k not in means]
     fitted = term_coefficients(found.given, found.terms)
     factors = readout_factors(
         frame, columns_frame, found.terms, fitted, base=base, noise=final.noise, effects=effects,
@@ -212,7 +214,7 @@ def diagnose(
     report, details = assemble(
         frame, base=base, noise=final.noise, found=found, closure=closure, whole=whole,
         where=where, effects=effects, untestable=untestable, plan=final.plan,
-        energy=(energy, energy_error), factors=factors, seed=seed, swap=swap,
+        energy=(energy, energy_error), means=means, factors=factors, seed=seed, swap=swap,
         moments=[m for m in second_moments(frame, final.noise) if m.name in known_names],
     )  # fmt: skip
     tell("checks", 0.0)

@@ -180,11 +180,7 @@ def candidates(
 
 
 def _whole_fleet(effect: Any) -> bool:
-    """Whether an effect of single aircraft is also tried with one coefficient for all.
-
-    Of the wind met, the model's own error hides what one aircraft shows of a small effect that all
-    have.
-    """
+    """Whether an effect of the wind one aircraft meets is also tried with one value for all."""
     return bool(effect.kind == "mean" and getattr(effect, "stage", "sensor") == "atmosphere")
 
 

@@ -41,6 +41,7 @@ def assemble(
     untestable: Mapping[str, str],
     plan: DictionaryPlan,
     energy: tuple[Floats, Floats],
+    means: Mapping[int, int],
     factors: Mapping[str, float],
     seed: int,
     swap: Swap | None,
@@ -55,6 +56,8 @@ def assemble(
         Pieces of the diagnosis; ``whole`` is the closure with unknown terms as well.
     energy : (t,), (t,) float
         Held-out energy of the terms and its standard error.
+    means : mapping
+        Positions of terms that are the mean of an unknown one -> that one's.
     factors : mapping
         Reliabilities of the gradient effects.
     seed : int
@@ -64,6 +67,7 @@ def assemble(
     report, details : dict
     """
     entries, unknown = [], []
+    described: dict[int, dict[str, Any]] = {}
     offsets = term_offsets(found.given, found.terms)
     shares = _shares(found.terms, closure)
     rank = 0
@@ -72,10 +76,16 @@ def assemble(
             group = next(g for g in plan.groups if g.name == term.candidate.name)
             place = unknown_place(term, found.given, offsets[k], base.stats, group.labels,
                                   found.rivals[k])  # fmt: skip
+            place["held_out_energy"] = float(energy[0][k])
+            place["held_out_energy_standard_error"] = float(energy[1][k])
+            described[k] = place
             unknown.append(place)
             continue
         entry = describe_term(term, offsets[k], found, base, effects=effects, frame=frame,
                               reliability=factors)  # fmt: skip
+        if k in means:
+            described[k] = entry
+            continue
         rivals = ambiguity(term, found.rivals[k])
         entry["ambiguous_with"] = [r["name"] for r in rivals]
         entry["ambiguity"] = rivals
@@ -84,6 +94,9 @@ def assemble(
         entry["held_out_energy_standard_error"] = float(energy[1][k])
         entries.append(entry)
         rank += 1
+    for part, whole_of in means.items():
+        kept = ("name", "tails", "parameters", "standard_errors")
+        described[whole_of]["mean"] = {key: described[part][key] for key in kept}
     total = sum(max(e["held_out_energy"], 0) for e in entries) or 1.0
     for entry in entries:
         entry["share_of_energy"] = max(entry["held_out_energy"], 0) / total
