@@ -189,7 +189,7 @@ def diagnose(
     found, energy, energy_error = _stand(base, found)
     tell("closure", 0.0)
     means = folded(found.terms, energy, energy_error)
-    known = [t for k, t in enumerate(found.terms) if t.candidate.known and k not in means]
+    stated = [k for k, t in enumerate(found.terms) if t.candidate.known and k not in means]
     fitted = term_coefficients(found.given, found.terms)
     factors = readout_factors(
         frame, columns_frame, found.terms, fitted, base=base, noise=final.noise, effects=effects,
@@ -198,11 +198,11 @@ def diagnose(
     reduce = partial(
         close, frame, base, effects=effects, plan=final.plan, day=day, factors=factors, seed=seed
     )
-    closure = reduce(known)
-    whole = closure if len(known) == len(found.terms) else reduce(found.terms)
+    closure = reduce([found.terms[k] for k in stated])
+    whole = closure if len(stated) == len(found.terms) else reduce(found.terms)
     closure = with_interval(
-        closure, frame, base, found, effects=effects, plan=final.plan, day=day, factors=factors,
-        seed=seed,
+        closure, frame, base, found, known=stated, effects=effects, plan=final.plan, day=day,
+        factors=factors, seed=seed,
     )  # fmt: skip
     bare = given_terms(base, [])
     hidden = absorbed(base, bare, candidates(base.stats.layout, effects, dictionary=False), effects)

@@ -61,6 +61,7 @@ def with_interval(
     base: Base,
     found: Found,
     *,
+    known: Sequence[int],
     effects: Mapping[str, Any],
     plan: DictionaryPlan,
     day: Integers,
@@ -77,6 +78,8 @@ def with_interval(
     frame : Frame
     base : Base
     found : Found
+    known : sequence of int
+        Positions of those terms.
     effects : mapping
     plan : DictionaryPlan
     day : (n,) int
@@ -93,7 +96,6 @@ def with_interval(
     rng = np.random.default_rng(seed)
     low = high = 0.0
     residual = frame.residual
-    known = [k for k, t in enumerate(found.terms) if t.candidate.known]
     if known:
         residual, changes = _about_estimate(
             frame, base, found, known, rng, draws, effects=effects, plan=plan, day=day,
