@@ -38,7 +38,7 @@ SCALE_GRID = np.array([0.08, 0.2, 0.5, 1.2, 3.0])
 SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
 #: Persistent model error allowed for, m/s rms where the candidate acts, in each direction; for the
 #: fleet, of a column that the climatology takes up wholly.
-AIRCRAFT_ALLOWANCE = 0.06
+AIRCRAFT_ALLOWANCE = 0.08  # and the little of every effect that every aircraft has
 FLEET_ALLOWANCE = 0.09
 #: Common cluster factor of raw evidence.
 RAW_FACTOR = 1.5
