@@ -111,6 +111,22 @@ def test_effect_outside_the_catalogue_is_unknown_and_placed():
     }  # fmt: skip
 
 
+def test_a_name_for_the_mean_of_the_unknown_is_told_with_it():
+    def factor(context):
+        height = np.log(9.5e4 / context["pressure"])
+        return np.where(context["aircraft"] == 3, 1 + 0.03 * (height - 0.35), 1.0)
+
+    frame = make_frame(seed=7, aircraft=6, days=16, noise=0.3, airspeed_factor=factor)
+    report = diagnose(frame, catalogue=SMALL, maps=False).report
+    assert report["effects"] == []
+    assert report["closure"]["reduction"] == 0.0
+    place = report["unknown"]["where"][0]
+    assert place["mean"]["name"] == "tas_scale"
+    # the factor's mean over heights of about 0.6 is 0.75 %
+    assert place["mean"]["parameters"]["scale_percent"] == pytest.approx(0.75, abs=0.25)
+    assert place["held_out_energy"] > 2 * place["held_out_energy_standard_error"]
+
+
 def test_exchanged_identifiers_are_found_and_given_back():
     def error(context):
         a = context["aircraft"]
