@@ -1,13 +1,14 @@
 """A fleet's year end to end: time and peak memory by stage, growth, and the full grid's cost.
 
-    python -m benchmarks.year [--share 1.0] [--workers 1] [--growth] [--main]
+    python -m benchmarks.year [--share 1.0] [--workers 1] [--month] [--growth] [--main]
 
 Makes a year that is scaled down in grid alone: 8,760 hourly GRIB1 files (24 x 18 points, six
 levels, u and v), 10 million reports of 60 aircraft in twelve Parquet files. ``--share 0.05`` takes
 that share of the hours and of the reports; ``--main`` leaves out the evaluation and the page. The
 job runs in a process of its own, every stage with its wall time, processor time and peak memory.
-``--growth`` repeats it with a tenth of the reports and with a tenth of the hours and gives the
-fitted exponents. The full grid is extrapolated from a RUC-size day (451 x 337 points, 37 levels)
+``--month`` repeats it with a twelfth of the archive and gives the ratio of the peaks and the
+exponents of the growth. ``--growth`` repeats it with a tenth of the reports and with a tenth of
+the hours and gives the fitted exponents. The full grid is extrapolated from a RUC-size day (451 x 337 points, 37 levels)
 measured in the same run: its cost an hour in place of the small grid's, the rest as measured.
 """
 
@@ -248,6 +249,16 @@ def exponents(whole: dict[str, Any], less: dict[str, Any], ratio: float) -> dict
     }
 
 
+def flatness(whole: dict[str, Any], less: dict[str, Any]) -> dict[str, float]:
+    """Peak memory of each stage over that of a smaller archive's; ``together`` of the whole job."""
+    small = {stage["name"]: stage["peak"] for stage in less["accounts"]["stages"]}
+    found = {
+        stage["name"]: stage["peak"] / small[stage["name"]] for stage in whole["accounts"]["stages"]
+    }
+    top = max(stage["peak"] for stage in whole["accounts"]["stages"])
+    return found | {"together": top / max(small.values())}
+
+
 def draw(found: dict[str, Any], path: Path) -> None:
     """Processor time and peak memory of every stage, side by side."""
     import matplotlib
@@ -273,6 +284,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--share", type=float, default=1.0, help="share of hours and of reports")
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--month", action="store_true", help="also a twelfth of the archive")
     parser.add_argument("--growth", action="store_true", help="also a tenth of each")
     parser.add_argument("--main", action="store_true", help="no evaluation, no page")
     parser.add_argument("--json", type=Path, help="write the numbers here")
@@ -288,6 +300,15 @@ def main() -> None:
         folder = Path(name)
         runs = {"whole": run(folder / "whole", reports=reports, hours=hours, **sizes)}
         shown(runs["whole"], f"{hours:,} hours")
+        if given.month:
+            less = {"reports": reports // 12, "hours": hours // 12}
+            runs["month"] = run(folder / "month", **less, **sizes)
+            shown(runs["month"], "a twelfth of the archive")
+            for words, figures in (
+                ("peak memory over the twelfth's", flatness(runs["whole"], runs["month"])),
+                ("exponent of processor time", exponents(runs["whole"], runs["month"], 12.0)),
+            ):
+                print(f"{words}: " + ", ".join(f"{k} {value:.2f}" for k, value in figures.items()))
         if given.growth:
             runs["reports"] = run(folder / "few", reports=reports // 10, hours=hours, **sizes)
             runs["hours"] = run(folder / "short", reports=reports, hours=hours // 10, **sizes)

@@ -184,6 +184,10 @@ def test_a_month_is_added_at_the_cost_of_its_own_messages(tmp_path, root):
         table.rename(tmp_path / "reports" / f"later_{table.name}")
     added = job_of(config, resume=True)
     grown = workflow.make_fits(added, workflow.make_headings(added))
+    (reading,) = (record for record in added.progress.records if record.name == "reports")
+    tables = [path.read_bytes() for path in (tmp_path / "reports").glob("later_*")]
+    new = sum(len(table) for table in tables if table.count(b"\n") > 1)
+    assert reading.octets == new  # no file of the first run was read again
     shutil.rmtree(added.output)
     scratch = job_of(config)
     whole = workflow.make_fits(scratch, workflow.make_headings(scratch))
