@@ -18,7 +18,6 @@ SECONDS_PER_REPORT = {
     "reports": 6.0e-6,
     "collocate": 1.2e-6,
     "headings": 3.0e-6,
-    "screen": 0.1e-6,
     "fit": 1.0e-6,
     "correct": 0.9e-6,
     "profiles": 4.0e-6,
@@ -28,9 +27,11 @@ SECONDS_PER_REPORT = {
     "page": 7.0e-6,
 }
 SECONDS_ANYWAY = {"fit": 3.0, "virtual field test": 10.0, "page": 7.0}
-BYTES_PER_REPORT = 800
-"""Peak memory of the stages that hold every report, for each report and up to two references."""
-BASE_BYTES = 550_000_000
+BYTES_IN_BLOCK = 1500
+"""Peak memory for each report of the largest block of aircraft, with up to two references."""
+BYTES_PER_REPORT = 15
+"""For each report of the archive: flights, days and stretches of flight, which the fleet shares."""
+BASE_BYTES = 400_000_000
 """The interpreter with the libraries loaded."""
 
 
@@ -60,13 +61,15 @@ def stage_seconds(reports: int, plans: Mapping[str, Plan], *, threads: int = 1) 
     return found
 
 
-def estimate(reports: int, plans: Mapping[str, Plan]) -> dict[str, float]:
+def estimate(reports: int, plans: Mapping[str, Plan], *, block: int) -> dict[str, float]:
     """Estimate time and peak memory of a run.
 
     Parameters
     ----------
     reports : int
     plans : mapping of str to Plan
+    block : int
+        Reports of the largest block of aircraft.
 
     Returns
     -------
@@ -74,7 +77,8 @@ def estimate(reports: int, plans: Mapping[str, Plan]) -> dict[str, float]:
         ``seconds`` and ``memory_bytes``.
     """
     seconds = sum(stage_seconds(reports, plans).values())
-    memory = BASE_BYTES + reports * BYTES_PER_REPORT * max(1.0, len(plans) / 2.0)
+    memory = BASE_BYTES + block * BYTES_IN_BLOCK * max(1.0, len(plans) / 2.0)
+    memory += reports * BYTES_PER_REPORT
     return {"seconds": round(seconds, 1), "memory_bytes": round(memory)}
 
 

@@ -40,6 +40,8 @@ class Archive:
         Of the reading, duplicates and derived values included.
     reports, aircraft : int
         Of the whole archive.
+    largest : int
+        Reports of the largest block.
     hours : dict of int to int
         Reports in each hour since 1970, duplicates included.
     """
@@ -48,13 +50,14 @@ class Archive:
         self.folder, self.hours = folder, spool.hours()
         self.audit = Audit()
         self.audit.add(spool.audit)
-        self.reports = self.aircraft = 0
+        self.reports = self.aircraft = self.largest = 0
         folder.mkdir(parents=True, exist_ok=True)
         counts, flights = [], []
         for number, (first, last) in enumerate(spool.groups(limit or BLOCK_REPORTS)):
             block = assembled(*spool.columns(first, last), self.audit)
             self.reports += block.reports.sizes["report"]
             self.aircraft += block.reports.sizes["aircraft"]
+            self.largest = max(self.largest, block.reports.sizes["report"])
             counts.append(block.counts)
             flights.append(block.flights)
             with self._path(number).open("wb") as file:

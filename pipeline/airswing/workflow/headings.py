@@ -54,7 +54,7 @@ def plan_run(job: Job) -> dict[str, Any]:
     return {
         "reports": archive.reports,
         "aircraft": archive.aircraft,
-        **estimate(archive.reports, plans),
+        **estimate(archive.reports, plans, block=archive.largest),
         "references": {name: one.as_dict() for name, one in plans.items()},
     }
 
