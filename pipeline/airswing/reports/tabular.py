@@ -26,6 +26,7 @@ from airswing.reports.columns import TEXT, Source, sources
 from airswing.reports.times import parse_times
 
 ROWS_PER_PIECE = 250_000
+_BUFFER = 2**20
 _BLANKS = ["", " ", "NA", "N/A", "n/a", "NaN", "nan", "NULL", "null", "None", "-", "--", "M",
            "MISSING", "missing", "9999", "99999", "-9999", "99999.0", "-9999.0"]  # fmt: skip
 _EXTRA = "columns past the header"
@@ -160,7 +161,8 @@ def parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
             remedy="Install it with: pip install 'airswing[parquet]'",
         ) from error
     try:
-        file = pq.ParquetFile(path)
+        # Read a little at a time: whole column chunks of a large row group are hundreds of MB.
+        file = pq.ParquetFile(path, buffer_size=_BUFFER, pre_buffer=False)
     except Exception as error:  # pyarrow's own errors share no base with the rest
         raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
     with file:
