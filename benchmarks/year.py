@@ -8,8 +8,9 @@ that share of the hours and of the reports; ``--main`` leaves out the evaluation
 job runs in a process of its own, every stage with its wall time, processor time and peak memory.
 ``--month`` repeats it with a twelfth of the archive and gives the ratio of the peaks and the
 exponents of the growth. ``--growth`` repeats it with a tenth of the reports and with a tenth of
-the hours and gives the fitted exponents. The full grid is extrapolated from a RUC-size day (451 x 337 points, 37 levels)
-measured in the same run: its cost an hour in place of the small grid's, the rest as measured.
+the hours and gives the fitted exponents. The full grid is extrapolated from a RUC-size day (451 x
+337 points, 37 levels) measured in the same run: its cost an hour in place of the small grid's, the
+rest as measured.
 """
 
 from __future__ import annotations
