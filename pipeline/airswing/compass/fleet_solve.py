@@ -7,7 +7,8 @@ passing part, the pieces' and the blocks' errors are in the weights (generalized
 
 Errors of different days (four segments, counted from the first) are taken as independent, whatever
 they are within a day: the covariance is the model's, times the fleet's mean ratio of the sandwich
-over days to the model's, parameter by parameter, since an aircraft's own days are too few to tell.
+over days to the model's, parameter by parameter, since an aircraft's own days are too few to tell;
+and not less than the model's where the archive has few days.
 
 With very many blocks the Newton matrix is that of an even choice of them, scaled to all, while the
 step is made from everything and repeated: that changes the covariance by a percent and the
@@ -43,6 +44,8 @@ Ints = NDArray[np.int64]
 MOST_BLOCKS = 50_000
 """Blocks the variances and the Newton matrix are made from, about: whole segments, evenly taken."""
 SEGMENTS_A_DAY = 4
+FEW_DAYS = 15
+"""Below so many days their scatter may widen what the model says, not narrow it."""
 PRIOR_ROUNDS = 6
 SMALLEST_VARIANCE = 1e-4
 UNKNOWN_VARIANCE = 1e6
@@ -404,6 +407,8 @@ def _finished(system: _System, found: Floats, covariance: Floats, scores: Floats
     )
     for pair in ([1, 2], [3, 4]):
         ratio[pair] = ratio[pair].mean()
+    if scores.shape[0] < FEW_DAYS:
+        ratio = np.maximum(ratio, 1.0)
     index = np.arange(own).reshape(aircraft, SLOPES)
     square = covariance[index[:, :, np.newaxis], index[:, np.newaxis]]
     root = np.sqrt(ratio) * system.free
