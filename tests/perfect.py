@@ -168,48 +168,74 @@ def pressure_of(feet: np.ndarray) -> np.ndarray:
 def fly(place: Place, *, deviations: dict[str, tuple[float, float, float]] = DEVIATIONS,
         flights: int = 26, reports: int = 12, seconds: int = 180,
         seed: int = 1) -> pd.DataFrame:  # fmt: skip
-    """Reports of aircraft with known deviation that fly straight through the model's own wind."""
+    """Reports of aircraft with known deviation that fly straight through the model's own wind.
+
+    B and C are those at the mean horizontal field of the aircraft's reports: iron turns a compass
+    the more, the weaker the field.
+    """
     rng = np.random.default_rng(seed)
     rows = []
-    for tail, (a, b, c) in deviations.items():
-        for flight in range(flights):
-            i, j = (rng.uniform(0.35, 0.65) * (n - 1) for n in place.size)
-            if place.periodic:
-                i = rng.uniform(-2, 2)
-            lon0, lat0 = (float(x) for x in place.position(i, j))
-            azimuth, speed = rng.uniform(0, 360), rng.uniform(110, 150)
-            begin = START + timedelta(
-                seconds=round((flight + rng.uniform(0, 0.5)) * 47 * 3600 / flights)
-            )
-            distance = speed * seconds * np.arange(reports)
-            lon, lat, back = GEOD.fwd(
-                np.full(reports, lon0), np.full(reports, lat0), np.full(reports, azimuth), distance
-            )
-            track = np.radians(np.asarray(back) + 180.0)
-            feet = np.full(reports, rng.uniform(15500, 28500).__round__(-1))
-            hours = (begin - START).total_seconds() / 3600 + seconds * np.arange(reports) / 3600
-            held = place.wind(*place.index(lon, lat), np.log(pressure_of(feet)), hours)
-            u, v = place.to_earth(*held, lon, lat)
-            ground = speed * np.sin(track), speed * np.cos(track)
-            air = ground[0] - u, ground[1] - v
-            airspeed, true_heading = np.hypot(*air), np.arctan2(*air)
-            east, north, _ = ppigrf.igrf(lon, lat, feet * 0.3048e-3, begin)
-            declination = np.arctan2(east[0], north[0])
-            shown = true_heading.copy()
-            for _ in range(60):
-                m = shown - declination
-                shown = true_heading + np.radians(a + b * np.sin(m) + c * np.cos(m))
-            u_said = ground[0] - airspeed * np.sin(shown)
-            v_said = ground[1] - airspeed * np.cos(shown)
+    for tail, deviation in deviations.items():
+        flown = [
+            _leg(place, rng, flight, flights=flights, reports=reports, seconds=seconds)
+            for flight in range(flights)
+        ]
+        mean = np.mean([leg["horizontal"] for leg in flown])
+        for flight, leg in enumerate(flown):
+            u_said, v_said = _said(leg, deviation, mean)
             for k in range(reports):
                 rows.append({
-                    "tail": tail, "time": begin + timedelta(seconds=seconds * k),
-                    "latitude": lat[k], "longitude": lon[k], "pressure_altitude_ft": feet[k],
+                    "tail": tail, "time": leg["begin"] + timedelta(seconds=seconds * k),
+                    "latitude": leg["lat"][k], "longitude": leg["lon"][k],
+                    "pressure_altitude_ft": leg["feet"][k],
                     "wind_direction_deg": np.degrees(np.arctan2(-u_said[k], -v_said[k])) % 360,
                     "wind_speed_kt": np.hypot(u_said[k], v_said[k]) / KNOT,
                     "phase": "cruise", "flight": f"{tail}-{flight}",
                 })  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def _leg(place: Place, rng: np.random.Generator, flight: int, *, flights: int, reports: int,
+         seconds: int) -> dict[str, Any]:  # fmt: skip
+    """One straight flight: where it goes, its air vector, the earth's field on its way."""
+    i, j = (rng.uniform(0.35, 0.65) * (n - 1) for n in place.size)
+    if place.periodic:
+        i = rng.uniform(-2, 2)
+    lon0, lat0 = (float(x) for x in place.position(i, j))
+    azimuth, speed = rng.uniform(0, 360), rng.uniform(110, 150)
+    begin = START + timedelta(seconds=round((flight + rng.uniform(0, 0.5)) * 47 * 3600 / flights))
+    distance = speed * seconds * np.arange(reports)
+    lon, lat, back = GEOD.fwd(
+        np.full(reports, lon0), np.full(reports, lat0), np.full(reports, azimuth), distance
+    )
+    track = np.radians(np.asarray(back) + 180.0)
+    feet = np.full(reports, rng.uniform(15500, 28500).__round__(-1))
+    hours = (begin - START).total_seconds() / 3600 + seconds * np.arange(reports) / 3600
+    held = place.wind(*place.index(lon, lat), np.log(pressure_of(feet)), hours)
+    u, v = place.to_earth(*held, lon, lat)
+    east, north, _ = ppigrf.igrf(lon, lat, feet * 0.3048e-3, begin)
+    ground = speed * np.sin(track), speed * np.cos(track)
+    return {
+        "begin": begin, "lon": lon, "lat": lat, "feet": feet, "ground": ground,
+        "air": (ground[0] - u, ground[1] - v),
+        "declination": np.arctan2(east[0], north[0]), "horizontal": np.hypot(east[0], north[0]),
+    }  # fmt: skip
+
+
+def _said(
+    leg: dict[str, Any], deviation: tuple[float, float, float], mean: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Wind the unit makes of its deviated heading."""
+    a, b, c = deviation
+    airspeed, true_heading = np.hypot(*leg["air"]), np.arctan2(*leg["air"])
+    gain, shown = mean / leg["horizontal"], true_heading.copy()
+    for _ in range(60):
+        m = shown - leg["declination"]
+        shown = true_heading + np.radians(a + gain * (b * np.sin(m) + c * np.cos(m)))
+    return (
+        leg["ground"][0] - airspeed * np.sin(shown),
+        leg["ground"][1] - airspeed * np.cos(shown),
+    )
 
 
 def write_reports(table: pd.DataFrame, path: Path, **options: Any) -> Path:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -297,21 +299,11 @@ def test_months_add_up():
     parts = []
     for chosen in (day < np.median(day), day >= np.median(day)):
         keep = chosen[sets[0].flight]
-        part = type(sets[0])(
-            *(getattr(sets[0], name)[keep] for name in type(sets[0]).__dataclass_fields__)
-        )
+        part = sets[0].at(keep)
         number = np.unique(part.flight, return_inverse=True)[1]
         parts.append(
             fit_aircraft(
-                [
-                    type(part)(
-                        *(
-                            getattr(part, name)
-                            for name in list(type(part).__dataclass_fields__)[:-1]
-                        ),
-                        number,
-                    )
-                ],
+                [replace(part, flight=number)],
                 day[chosen],
             )
         )
@@ -341,6 +333,28 @@ def test_true_abscissa_smears_where_declination_varies():
     lag = wrap(true["phase"].to_numpy() - magnetic["phase"].to_numpy())
     assert lag == pytest.approx(np.full((1, 2), 3.0), abs=1.0)
     assert np.all(true["residual_rms_after"] > magnetic["residual_rms_after"])
+
+
+def test_b_and_c_are_those_at_the_mean_horizontal_field():
+    # the same iron in a field of 16 and of 24 microtesla; what is published is at their mean
+    weak, strong = (
+        fly([[0.5, scale * 4.0, scale * -2.0, 0, 0]], Setting(aircraft=1, days=30), seed)[0]
+        for scale, seed in ((20 / 16, 31), (20 / 24, 32))
+    )
+    strong["time"] = strong["time"] + np.timedelta64(40, "D")
+    strong["flight"] = strong["flight"] + 1000
+    for one, field in ((weak, 16000.0), (strong, 24000.0)):
+        one["horizontal_field"] = ("report", np.full(one.sizes["report"], field))
+    both = xr.concat(
+        [weak.drop_vars("row_size"), strong.drop_vars("row_size")],
+        dim="report", data_vars="minimal", coords="minimal", compat="override", join="override",
+    )  # fmt: skip
+    both["row_size"] = ("aircraft", [both.sizes["report"]])
+    fits = fit_deviation(both)
+    assert np.abs(fits["deviation"].to_numpy()[0, 0] - [0.5, 4.0, -2.0, 0, 0]).max() < 0.3
+    # unaware of the field, the fit takes the compass for one that has changed
+    unaware = fit_deviation(both.drop_vars("horizontal_field"))
+    assert unaware["status"].item() == STATUS["unstable_fit"]
 
 
 def test_missing_variable_is_named(fleet):

@@ -49,6 +49,26 @@ def test_residual_vanishes_at_the_truth_for_ten_degrees_of_deviation():
     assert np.abs(cross).max() < 1e-4
 
 
+def test_iron_turns_the_compass_more_where_the_field_is_weak():
+    rng, n = np.random.default_rng(9), 500
+    psi, gain, speed = rng.uniform(0, 360, n), rng.uniform(0.8, 1.25, n), rng.uniform(90, 130, n)
+    x = np.radians(psi)
+    delta = 1.0 + gain * (8.0 * np.sin(x) - 6.0 * np.cos(x)) + 1.5 * np.sin(2 * x) - np.cos(2 * x)
+    implied = speed * np.array([np.sin(x - np.radians(delta)), np.cos(x - np.radians(delta))])
+    error, slow = np.degrees(x - np.arctan2(*implied)), speed - np.hypot(*implied)
+    error = (error + 180) % 360 - 180
+    flight = np.sort(rng.integers(0, 20, n))
+    reports = Reports(psi, psi, speed, error, slow, np.full(n, 0.1), flight, gain)
+    at = radians((1.0, 8.0, -6.0, 1.5, -1.0, 0.0, 0.0, 0.0))
+    along, cross, *_ = residuals(reports.take(slice(None)), at, True)
+    assert np.abs(along).max() < 1e-4
+    assert np.abs(cross).max() < 1e-4
+    start = at + radians((0.2, -0.5, 0.5, 0.1, 0.1, 0.0, 0.0, 0.0))
+    sums = accumulate(reports, start, Scatter(1e8, 1e8, 0.0), 20, joint=True)
+    found = start + np.linalg.solve(sums.normal, sums.score)
+    assert np.degrees(found[:5]) == pytest.approx([1.0, 8.0, -6.0, 1.5, -1.0], abs=0.01)
+
+
 def test_one_report_by_hand():
     # heading north, the model's air vector 100 m/s toward 350: heading error +10 degrees
     one = Reports(

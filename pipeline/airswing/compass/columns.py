@@ -35,6 +35,9 @@ class Columns:
             for name in ("heading_error", "airspeed_error", "heading_error_standard_error")
         ]
         self.where = [headings[name].to_numpy() for name in ("latitude", "longitude", "pressure")]
+        self.field = (
+            headings["horizontal_field"].to_numpy() if "horizontal_field" in headings else None
+        )
         self.read: dict[int, list[NDArray[Any]]] = {}
 
     def use(self, members: list[int]) -> None:
@@ -54,8 +57,9 @@ class Columns:
         place = Places(latitude, longitude, pressure, self.time[row])
         if self._all_good(row, [*common, *(part for errors in own for part in errors[:2])]):
             first, number = _numbered(self.flight[row])
+            gain = self._gain(row, slice(None))
             return (
-                [_reports(common, errors, number) for errors in own],
+                [_reports(common, errors, number, gain) for errors in own],
                 _days(self.time[row][first]),
                 common[1],
                 [place] * len(own),
@@ -66,12 +70,30 @@ class Columns:
         first, number = _numbered(self.flight[row][some])
         code = np.zeros(some.size, dtype=np.int64)
         code[some] = number
+        gain = self._gain(row, some)
         sets = [
-            _reports([part[mask] for part in common], [part[mask] for part in errors], code[mask])
+            _reports(
+                [part[mask] for part in common],
+                [part[mask] for part in errors],
+                code[mask],
+                gain[mask],
+            )
             for mask, errors in zip(masks, own, strict=True)
         ]
         places = [place.at(mask) for mask in masks]
         return sets, _days(self.time[row][some][first]), common[1][some], places
+
+    def _gain(self, row: slice, counted: Any) -> NDArray[np.floating[Any]]:
+        """Mean horizontal field of the reports that count over that of every report."""
+        if self.field is None:
+            return np.broadcast_to(np.float32(1.0), self.flight[row].shape)
+        field = self.field[row]
+        known = np.isfinite(field) & (field > 0)
+        mine = field[counted][known[counted]]
+        mean = mine.mean(dtype=np.float64) if mine.size else 1.0
+        gain = np.ones(field.size, dtype=np.float32)
+        np.divide(mean, field, out=gain, where=known, casting="unsafe")
+        return gain
 
     def _all_good(self, row: slice, parts: list[NDArray[Any]]) -> bool:
         """Whether every report counts: a sum is finite only where every term is."""
@@ -79,9 +101,12 @@ class Columns:
 
 
 def _reports(
-    common: list[NDArray[Any]], errors: list[NDArray[Any]], flight: NDArray[np.int64]
+    common: list[NDArray[Any]],
+    errors: list[NDArray[Any]],
+    flight: NDArray[np.int64],
+    gain: NDArray[np.floating[Any]],
 ) -> Reports:
-    return Reports(common[0], common[1], common[2], errors[0], errors[1], errors[2], flight)
+    return Reports(common[0], common[1], common[2], errors[0], errors[1], errors[2], flight, gain)
 
 
 def _days(time: NDArray[Any]) -> NDArray[np.int64]:

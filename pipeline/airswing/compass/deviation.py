@@ -5,8 +5,9 @@ Assumptions
 One deviation curve an aircraft over the whole period, a function of the indicated magnetic heading
 (A constant, one or two cycles: Archibald Smith's coefficients); one airspeed scale an aircraft; a
 reference wind whose bias is shared by the fleet in part. See :mod:`airswing.compass.kernel` for the
-equations and :mod:`airswing.compass.pooling` for the bias. B and C are those of the region flown:
-they scale with 1/H (hard iron).
+equations and :mod:`airswing.compass.pooling` for the bias. B and C are those at the mean horizontal
+field of the aircraft's reports that count: they scale with 1/H. Where the headings say no
+``horizontal_field`` they are taken as constant.
 
 Standard errors allow for flights' and days' common errors, for the number of clusters (they are
 made wider so that +-1.96 of them is a 95 % interval) and for the choice of one or two cycles
@@ -65,6 +66,8 @@ _NEEDED = (
     "longitude",
     "pressure",
 )
+_USEFUL = ("horizontal_field",)
+"""Read where they are there."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,7 @@ def fit_deviation(
         error alone.
     shared_error : bool
         With ``joint``, also fit the reference's error that the fleet shares, as a field (see
-        :mod:`airswing.compass.joint`).
+        :mod:`airswing.compass.fleet_error`).
     min_reports, min_compass_points : int
         Fewer give status ``too_few_reports``, ``poor_heading_coverage``.
     alone : bool
@@ -142,7 +145,8 @@ def fit_deviation(
         "shared_error": shared_error, "min_reports": min_reports,
         "min_compass_points": min_compass_points, "alone": alone,
     }  # fmt: skip
-    return fit_sums([sum_aircraft(part, **options) for part in blocks(headings, _NEEDED)])
+    names = [*_NEEDED, *(name for name in _USEFUL if name in headings)]
+    return fit_sums([sum_aircraft(part, **options) for part in blocks(headings, names)])
 
 
 def sum_aircraft(

@@ -4,8 +4,10 @@ Assumptions
 -----------
 The reference wind is the true wind plus a bias b and noise; the unit's airspeed is (1 + s) times
 the true one; the indicated heading psi is the true one plus the deviation
-delta(m) = A + B sin m + C cos m + D sin 2m + E cos 2m, m the abscissa (indicated magnetic
-heading). So the air vector the reference implies is, exactly,
+delta(m) = A + g (B sin m + C cos m) + D sin 2m + E cos 2m, m the abscissa (indicated magnetic
+heading) and g the aircraft's mean horizontal field over the field at the report: hard iron and
+vertical soft iron turn a compass the more, the weaker the field that holds it. So the air vector
+the reference implies is, exactly,
 
     V'_A = V (1 - s) h(psi - delta(m)) - b + noise,
 
@@ -175,9 +177,9 @@ def residuals(
         delta(m), radians.
     """
     a, b, c, d, e, s, b_u, b_v = (np.float32(value) for value in theta)
-    delta = a + obs.sin_m * (b + 2 * d * obs.cos_m) + c * obs.cos_m
-    if e != 0:
-        delta += e * (1 - 2 * obs.sin_m * obs.sin_m)
+    delta = a + obs.gain * (b * obs.sin_m + c * obs.cos_m)
+    if d != 0 or e != 0:
+        delta += obs.sin_m * (2 * d * obs.cos_m - 2 * e * obs.sin_m) + e
     sin_d, cos_d = np.sin(delta), np.cos(delta)
     sin_t = obs.sin_psi * cos_d - obs.cos_psi * sin_d
     cos_t = obs.cos_psi * cos_d + obs.sin_psi * sin_d
@@ -219,6 +221,7 @@ def _block(
     np.multiply(twice, obs.cos_m, out=rows[3])
     twice *= obs.sin_m
     np.subtract(scaled, twice, out=rows[4])
+    rows[1:3] *= obs.gain
     rows[5], rows[7] = cos_t, r_cross
     np.negative(sin_t, out=rows[6])
     np.multiply(rows, w_cross, out=weighted)

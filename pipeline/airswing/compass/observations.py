@@ -49,6 +49,8 @@ class Observations:
         Known variance of each component, m2/s2.
     flight : array of int, shape (n,)
         Number of the flight within the aircraft, never falling.
+    gain : array, shape (n,)
+        What the one-cycle part of the deviation is multiplied by.
     """
 
     sin_m: Single
@@ -61,6 +63,7 @@ class Observations:
     airspeed: Single
     variance: Single
     flight: Index
+    gain: Single
 
     @property
     def size(self) -> int:
@@ -88,6 +91,9 @@ class Reports:
         |V_A| - |V'_A|, m/s.
     flight : array of int, shape (n,)
         0, 1, 2 ... within the aircraft; reports of one flight need not stand together.
+    gain : array, shape (n,), optional
+        Mean horizontal field over the report's: iron's one cycle of deviation grows as the field
+        that turns the compass weakens. One where it is not known.
     """
 
     heading: Values
@@ -97,6 +103,12 @@ class Reports:
     airspeed_error: Values
     standard_error: Values
     flight: Index
+    gain: Values = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        """One gain a report, also where none is known."""
+        if self.gain is None:
+            object.__setattr__(self, "gain", np.broadcast_to(np.float32(1.0), self.flight.shape))
 
     @property
     def size(self) -> int:
@@ -134,4 +146,5 @@ class Reports:
             v,
             known * known,
             self.flight[keep],
+            self.gain[keep].astype(np.float32),
         )
