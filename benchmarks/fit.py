@@ -5,9 +5,8 @@
 5 million reports of 100 aircraft. Bars: the plain sinusoid (offset, amplitude, phase; no weights)
 at least 20 times faster, with the same answers; the full fit (robust, joint, clustered, one or two
 cycles) at least 5 times, both as it is by default, beside the reference's shared error, and without
-that. The bars are on elapsed time (the fit runs on every core, the loop on one); the ratio of
-processor time, which a busy machine disturbs less, is beside it. Exit status 1 where a bar is
-missed.
+that. The bars are on elapsed time; the ratio of processor time, which a busy machine disturbs
+less, is beside it. Exit status 1 where a bar is missed.
 """
 
 from __future__ import annotations

@@ -49,8 +49,8 @@ from airswing.vocabulary import STATUS, describe
 COEFFICIENTS = ("A", "B", "C", "D", "E")
 MIN_FLIGHTS = 5
 CHUNKS = 8
-"""Tasks the aircraft are shared between. Threads run them: numpy lets go of the interpreter's lock
-in each of its loops, and an aircraft's sums do not depend on what runs beside it."""
+"""Tasks the aircraft are shared between. They run one after the other: the kernel's blocks are
+so short that threads spend more on the interpreter's lock than they gain."""
 _NEEDED = (
     "heading",
     "magnetic_heading",
@@ -319,7 +319,7 @@ def _sum_reference(columns: Columns, members: list[int], options: Options) -> li
     index = index.chunk({"aircraft": max(1, -(-size // CHUNKS))})
     found = xr.apply_ufunc(
         _Fitter(columns, members, options), index, dask="parallelized", output_dtypes=[object]
-    ).compute(scheduler="threads")
+    ).compute(scheduler="synchronous")
     return list(found.to_numpy())
 
 
