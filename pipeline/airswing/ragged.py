@@ -109,6 +109,23 @@ def time_span(ds: xr.Dataset) -> tuple[np.datetime64, np.datetime64]:
     return min(time.min() for time in times), max(time.max() for time in times)
 
 
+def some_reports(ds: xr.Dataset, chosen: NDArray[np.bool_]) -> xr.Dataset:
+    """Keep some reports of every aircraft; an aircraft may be left without any.
+
+    Parameters
+    ----------
+    ds : Dataset
+        Ragged, in memory.
+    chosen : array of bool, shape (report,)
+
+    Returns
+    -------
+    Dataset
+    """
+    size = np.bincount(aircraft_of_report(ds)[chosen], minlength=ds.sizes["aircraft"])
+    return ds.isel(report=np.flatnonzero(chosen)).assign(row_size=("aircraft", size))
+
+
 def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
     """Put blocks of whole aircraft together again.
 

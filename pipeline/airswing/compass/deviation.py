@@ -68,6 +68,8 @@ _NEEDED = (
 )
 _USEFUL = ("horizontal_field",)
 """Read where they are there."""
+FITTED_FROM = (*_NEEDED, *_USEFUL)
+"""Variables a fit reads."""
 
 
 @dataclass(frozen=True)
@@ -145,8 +147,7 @@ def fit_deviation(
         "shared_error": shared_error, "min_reports": min_reports,
         "min_compass_points": min_compass_points, "alone": alone,
     }  # fmt: skip
-    names = [*_NEEDED, *(name for name in _USEFUL if name in headings)]
-    return fit_sums([sum_aircraft(part, **options) for part in blocks(headings, names)])
+    return fit_sums([sum_aircraft(part, **options) for part in blocks(headings, FITTED_FROM)])
 
 
 def sum_aircraft(

@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.deviation import fit_deviation
+from airswing.compass.deviation import FITTED_FROM, FleetSums, fit_sums, sum_aircraft
 from airswing.errors import InputError
 from airswing.evaluation.changes import (
     CHANGING,
@@ -30,7 +30,7 @@ from airswing.evaluation.changes import (
     without_changes,
 )
 from airswing.evaluation.folds import only
-from airswing.ragged import blocks, row_bounds
+from airswing.ragged import blocks, row_bounds, some_reports
 from airswing.vocabulary import STATUS, describe
 
 FALSE_ALARMS = 0.02
@@ -343,27 +343,29 @@ def fit_by_window(
         )
     members = list(pools[reference])
     part = headings.sel(reference=members)
+    options: dict[str, Any] = {
+        "pools": {reference: members} if len(members) > 1 else {},
+        **fit_options,
+    }
     step = 1 if window == "month" else 3
 
     def number(reports: xr.Dataset) -> NDArray[np.int64]:
         month = reports["time"].to_numpy().astype("datetime64[M]").astype(np.int64)
         return np.asarray(month // step)
 
-    def within(one: int) -> xr.Dataset:
-        return only(part, lambda reports: number(reports) == one)
-
     windows: set[int] = set()
     for block in blocks(headings, ["time", "screening"]):
         windows.update(number(block)[block["screening"].to_numpy() == 0].tolist())
+    sums: dict[int, list[FleetSums]] = {one: [] for one in sorted(windows)}
+    for block in blocks(part, FITTED_FROM):
+        own = number(block)
+        for one, parts in sums.items():
+            parts.append(sum_aircraft(some_reports(block, own == one), **options))
     words = {code: name for name, code in STATUS.items()}
     found = []
-    for one in sorted(windows):
-        fits = fit_deviation(
-            within(one),
-            pools={reference: members} if len(members) > 1 else {},
-            **fit_options,
-        ).sel(reference=reference)
-        first = str(np.datetime64(int(one) * step, "M").astype("datetime64[D]"))
+    for one in list(sums):
+        fits = fit_sums(sums.pop(one)).sel(reference=reference)
+        first = str(np.datetime64(one * step, "M").astype("datetime64[D]"))
         for k in range(fits.sizes["aircraft"]):
             found.append(_window_entry(fits.isel(aircraft=k), first, words))
     return sorted(found, key=lambda entry: (entry["aircraft"], entry["window"]))
