@@ -26,7 +26,10 @@ SHORT = {
     "gap_identification": ["--cases", "8"],
     "gap_statistics": ["--reports", "1000000", "--aircraft", "6"],
 }
-LONG = {"year": ["--month", "--growth"], "gap_statistics": ["--reports", "10000000", "--aircraft", "60"]}
+LONG = {
+    "year": ["--month", "--growth"],
+    "gap_statistics": ["--reports", "10000000", "--aircraft", "60"],
+}
 """Arguments by benchmark; none are given where it has no entry."""
 
 
