@@ -11,7 +11,7 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.reports import iter_frames, read_reports
-from airswing.reports.read import detect_format, expand
+from airswing.reports.files import detect_format, expand
 
 from .tables import flight, row, write
 

@@ -34,7 +34,7 @@ from airswing.reports.assemble import Columns, in_alphabetical_order
 from airswing.reports.audit import Audit
 from airswing.reports.canonical import FLAGS
 from airswing.reports.columns import ColumnMapping, parse_mapping
-from airswing.reports.read import (
+from airswing.reports.files import (
     Format,
     Policy,
     expand,

@@ -16,7 +16,8 @@ import pandas as pd
 from airswing.reports.audit import Audit
 from airswing.reports.canonical import FLAGS
 from airswing.reports.columns import ColumnMapping
-from airswing.reports.read import Format, iter_frames
+from airswing.reports.files import Format
+from airswing.reports.read import iter_frames
 
 _NUMBERS = (
     "pressure", "eastward_wind", "air_temperature", "reported_airspeed", "reported_heading",

@@ -1,0 +1,228 @@
+"""One report file: found by name or pattern, told by its content, read piece by piece.
+
+Assumes a file counts whole or not at all; what it is comes from its content, never its name.
+"""
+
+from __future__ import annotations
+
+import glob
+import gzip
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Literal
+
+import pandas as pd
+
+from airswing.errors import InputError
+from airswing.reports.audit import Audit
+from airswing.reports.canonical import clean
+from airswing.reports.tabular import Mapped, csv_pieces, parquet_pieces
+
+Format = Literal["auto", "csv", "parquet", "madis", "bufr"]
+Policy = Literal["skip", "fail"]
+Pieces = Callable[[Path, Mapped, Audit], Iterator[pd.DataFrame]]
+
+FORMATS = ("auto", "csv", "parquet", "madis", "bufr")
+_MAGIC = (
+    (b"CDF\x01", "madis"),
+    (b"CDF\x02", "madis"),
+    (b"CDF\x05", "madis"),
+    (b"\x89HDF\r\n\x1a\n", "madis"),
+    (b"PAR1", "parquet"),
+)
+
+
+def require_format(format: str) -> None:
+    """Refuse a format that is not known.
+
+    Parameters
+    ----------
+    format : str
+
+    Raises
+    ------
+    InputError
+    """
+    if format not in FORMATS:
+        raise InputError(
+            "unknown report format", field="reports.format", found=format,
+            remedy=f"One of: {', '.join(FORMATS)}",
+        )  # fmt: skip
+
+
+def none_usable(audit: Audit) -> InputError:
+    """Say why no report was usable.
+
+    Parameters
+    ----------
+    audit : Audit
+
+    Returns
+    -------
+    InputError
+    """
+    reasons = ", ".join(f"{reason} {n}" for reason, n in audit.dropped.most_common())
+    unread = ", ".join(f"{name} such as {value}" for name, value in audit.examples.items())
+    return InputError(
+        "no usable report",
+        field="reports.files",
+        found=f"{audit.read} reports read, dropped for: {reasons}"
+        + (f"; cannot be read: {unread}" if unread else ""),
+        remedy="Times are ISO 8601 UTC, yyyymmddHHMM or seconds since 1970; numbers have a "
+        "decimal point",
+    )
+
+
+def none_read(errors: list[InputError]) -> InputError:
+    """Say why no file could be read.
+
+    Parameters
+    ----------
+    errors : list of InputError
+        One a file.
+
+    Returns
+    -------
+    InputError
+    """
+    if len(errors) == 1:
+        return errors[0]
+    return InputError(
+        f"none of the {len(errors)} report files can be read; the first: {errors[0]}",
+        field="reports.files",
+    )
+
+
+def file_frames(path: Path, format: str, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Read one file as canonical frames, piece by piece.
+
+    Parameters
+    ----------
+    path : Path
+    format : str
+    mapping : mapping
+        Of :func:`airswing.reports.columns.parse_mapping`.
+    audit : Audit
+        Takes the counts; not to be used where the file cannot be read to its end.
+
+    Yields
+    ------
+    DataFrame
+        As :func:`iter_frames`.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    kind = detect_format(path) if format == "auto" else format
+    audit.formats[kind] += 1
+    try:
+        for piece in _reader(kind)(path, mapping, audit):
+            yield clean(piece, audit)
+    except OSError as error:
+        raise InputError(f"cannot be read: {error}", file=path) from error
+
+
+def _reader(kind: str) -> Pieces:
+    if kind == "csv":
+        return csv_pieces
+    if kind == "parquet":
+        return parquet_pieces
+    if kind == "madis":
+        from airswing.reports.madis import madis_pieces
+
+        return madis_pieces
+    from airswing.reports.bufr import bufr_pieces
+
+    return bufr_pieces
+
+
+def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
+    """Paths that names and globs stand for.
+
+    Parameters
+    ----------
+    files : str, path, or iterable of them
+
+    Returns
+    -------
+    list of Path
+        Each once, in order of name.
+
+    Raises
+    ------
+    InputError
+        If one of them matches nothing.
+    """
+    patterns = [files] if isinstance(files, str | Path) else list(files)
+    found: dict[str, None] = {}
+    for pattern in patterns:
+        text = str(Path(pattern).expanduser())
+        names = [text] if Path(text).is_file() else glob.glob(text, recursive=True)
+        names = sorted(name for name in names if Path(name).is_file())
+        if not names:
+            folder = Path(text).is_dir()
+            raise InputError(
+                "is a folder" if folder else "no file matches",
+                field="reports.files",
+                found=f"pattern {str(pattern)!r} in folder {Path.cwd()}",
+                remedy=f"Name the files in it, such as {text}/*.csv"
+                if folder
+                else "Relative paths start at the current directory",
+            )
+        found.update(dict.fromkeys(names))
+    if not found:
+        raise InputError("names no file", field="reports.files")
+    return [Path(name) for name in found]
+
+
+def detect_format(path: Path) -> str:
+    """Tell a report file's format from its first bytes.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    {"csv", "parquet", "madis", "bufr"}
+
+    Raises
+    ------
+    InputError
+        The file is empty, cannot be opened, or is none of these.
+    """
+    start = _first_bytes(path)
+    if not start:
+        raise InputError("is empty", file=path)
+    for magic, kind in _MAGIC:
+        if start.startswith(magic):
+            return kind
+    text = b"\x00" not in start and _share_of_control_bytes(start) <= 0.05
+    if b"BUFR" in start and not text:
+        return "bufr"
+    if b"GRIB" in start and not text:
+        raise InputError(
+            "is a GRIB file, not reports", file=path, remedy="Name it under references"
+        )
+    if not text:
+        raise InputError("is no report file of a known format", file=path, found=start[:16])
+    return "csv"
+
+
+def _first_bytes(path: Path, number: int = 4096) -> bytes:
+    try:
+        with path.open("rb") as file:
+            start = file.read(number)
+        if start[:2] == b"\x1f\x8b":
+            with gzip.open(path, "rb") as packed:
+                start = packed.read(number)
+    except (OSError, EOFError) as error:
+        raise InputError(f"cannot be opened: {error}", file=path) from error
+    return start
+
+
+def _share_of_control_bytes(start: bytes) -> float:
+    control = sum(byte < 32 and byte not in (9, 10, 13) for byte in start)
+    return float(control) / len(start)
