@@ -64,12 +64,9 @@ def test_intervals_hold_the_truth(fleet):
     assert np.all(np.abs(scale) < 4 * fits["airspeed_scale_standard_error"].to_numpy()[0])
 
 
-@pytest.mark.parametrize(("shared_error", "most"), [(False, 0.98), (True, 0.995)])
-def test_coverage_and_bias_over_fleets(shared_error, most):
-    """The whole of it (200 fleets) is benchmarks/coverage.py.
-
-    With the reference's shared error the intervals are from above (see ``widening``).
-    """
+@pytest.mark.parametrize("shared_error", [False, True])
+def test_coverage_and_bias_over_fleets(shared_error):
+    """The whole of it (200 fleets) is benchmarks/coverage.py."""
     z, apart = [], []
     for seed in range(30):
         deviation = fleet_deviations(5, np.random.default_rng([seed, 9]))
@@ -78,7 +75,7 @@ def test_coverage_and_bias_over_fleets(shared_error, most):
         apart.append(fits["deviation"].to_numpy()[0] - deviation)
         z.append(apart[-1] / errors_of(fits)[0])
     inside = np.mean(np.abs(np.concatenate(z)) < 1.96)
-    assert 0.92 < inside < most
+    assert 0.92 < inside < 0.98
     mean = np.concatenate(apart).mean(axis=0)
     assert np.all(np.abs(mean[1:3]) < 0.03)  # 150 aircraft of 0.1 degree each: 0.008 by chance
 
