@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.gap.acceleration import acceleration_at_reports
 from airswing.gap.bank import bank_at_reports
+from airswing.gap.turning import ground_at_fixes
 from airswing.vocabulary import PHASE, ROLL, SCREENING
 
 FloatArray = NDArray[np.float64]
@@ -415,6 +416,7 @@ def _build(
         values[field] = _column(ds, name, angle=angle)
     for field, (name, angle) in _PER_REFERENCE.items():
         values[field] = _pooled(ds, name, members, angle=angle)
+    values |= ground_at_fixes(values)
     values["bank"] = bank_at_reports(
         values["bank"], _codes(ds, "roll_flag", ROLL["missing"]), values["flight"], values["time"],
         latitude=values["latitude"], longitude=values["longitude"],
