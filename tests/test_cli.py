@@ -90,9 +90,16 @@ def test_stages_one_by_one_and_the_json_summary(root, tmp_path):
     assert json.loads(done.stdout)["pairs"][0]["references"] == ["ruc", "rtfdaa"]
 
 
+def _heed_interrupts() -> None:
+    """A shell's background jobs, and all they start, ignore interrupts unless told otherwise."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_an_interrupt_is_status_130_and_leaves_no_half_product(root, tmp_path):
     command = [sys.executable, "-m", "airswing", "run", str(config(root, tmp_path))]
-    started = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    started = subprocess.Popen(
+        command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=_heed_interrupts
+    )
     while not (line := started.stderr.readline()).startswith("plan"):
         assert line, "ended before the collocation"
     started.send_signal(signal.SIGINT)

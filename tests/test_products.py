@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 import signal
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -39,6 +40,16 @@ def test_round_trip_with_names_units_and_provenance(tmp_path, reports):
     assert '"duplicate": 2' in back.attrs["reading_audit"]
     assert len(back.attrs["uuid"]) == 36
     assert [entry.name for entry in path.parent.iterdir()] == ["headings.nc"]
+
+
+@pytest.mark.parametrize("names", [["007", "N412"], ["", ""], ["Å\u00e9", "long, with a space"]])
+def test_names_are_characters_of_one_length(tmp_path, names):
+    """The HDF5 library crashes on a file with strings of any length opened twice (`is_text`)."""
+    aircraft = xr.Dataset(coords={"aircraft": np.array(names, dtype=object)})
+    path = write_product(aircraft, tmp_path / "x.nc", title="t")
+    with netCDF4.Dataset(path) as file:
+        assert file["aircraft"].dtype == "S1"
+    assert list(read_product(path)["aircraft"].to_numpy()) == names
 
 
 def test_times_may_be_missing_one_or_all(tmp_path):

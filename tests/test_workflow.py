@@ -6,6 +6,7 @@ import json
 import os
 from pathlib import Path
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -95,6 +96,8 @@ def test_an_aircraft_without_enough_data_is_refused_with_its_reason(finished):
 @pytest.mark.parametrize("name", PRODUCTS)
 def test_every_product_keeps_the_contract(finished, name):
     path = finished[0].output / name
+    with netCDF4.Dataset(path) as file:
+        assert not [key for key, variable in file.variables.items() if variable.dtype is str]
     with xr.open_dataset(path, decode_timedelta=False) as ds:
         assert all(key in ds.attrs for key in GLOBAL)
         assert ds.attrs["Conventions"] == "CF-1.11"

@@ -342,6 +342,24 @@ def with_plain_times(ds: xr.Dataset) -> xr.Dataset:
     return ds
 
 
+def is_text(variable: xr.DataArray) -> bool:
+    """Whether a variable holds names: stored as rows of characters, as CF has them.
+
+    Strings of no fixed length would be read the same, but the HDF5 library crashes, or reports a
+    broken file, when a file with such a variable is opened twice in one process (netcdf-c issue
+    2510, HDF5 issue 5359, still so in HDF5 2.2.0).
+
+    Parameters
+    ----------
+    variable : DataArray
+
+    Returns
+    -------
+    bool
+    """
+    return lookup(str(variable.name), variable.dims).dtype == "str" or variable.dtype.kind in "OUT"
+
+
 def _encodings(ds: xr.Dataset) -> dict[Any, dict[str, Any]]:
     return {name: encoding_of(ds[name]) for name in ds.variables}
 
@@ -362,8 +380,8 @@ def encoding_of(variable: xr.DataArray, sizes: Mapping[Any, int] | None = None) 
     """
     sizes = variable.sizes if sizes is None else sizes
     entry = lookup(str(variable.name), variable.dims)
-    if entry.dtype == "str" or variable.dtype.kind in "OUT":
-        return {}
+    if is_text(variable):
+        return {"dtype": "S1"}
     time = entry.dtype.startswith("datetime64")
     encoding: dict[str, Any] = {"dtype": "i8" if time else entry.dtype}
     if sizes and math.prod(sizes.values()) > 1:

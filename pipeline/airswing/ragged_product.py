@@ -20,6 +20,7 @@ from airswing.products import (
     atomic,
     attribute_value,
     encoding_of,
+    is_text,
     limit_chunk_cache,
     with_plain_times,
 )
@@ -63,6 +64,7 @@ class RaggedWriter:
         self._file = file
         self._sizes = {"report": reports, "aircraft": aircraft}
         self._written = {"report": 0, "aircraft": 0}
+        self._names: dict[str, list[xr.DataArray]] = {}
         file.set_auto_mask(False)
 
     def append(self, block: xr.Dataset) -> None:
@@ -77,7 +79,10 @@ class RaggedWriter:
         if not self._file.variables:
             self._create(ready)
         for name, variable in ready.variables.items():
-            if self._written["report"] and not set(variable.dims) & set(self._sizes):
+            known = bool(self._written["aircraft"]) and not set(variable.dims) & set(self._sizes)
+            if not known and is_text(ready[name]):
+                self._names.setdefault(str(name), []).append(ready[name])
+            if known or is_text(ready[name]):
                 continue
             place = tuple(self._next(dim, size) for dim, size in variable.sizes.items())
             self._file[str(name)][place if place else ...] = variable.to_numpy()
@@ -85,12 +90,14 @@ class RaggedWriter:
             self._written[dim] += ready.sizes.get(dim, 0)
 
     def describe(self, attributes: Mapping[str, Any]) -> None:
-        """Write the global attributes.
+        """Write the global attributes, and the names: how long they are is known at the end.
 
         Parameters
         ----------
         attributes : mapping
         """
+        for parts in self._names.values():
+            self._write_names(parts)
         for name, value in attributes.items():
             self._file.setncattr(str(name), attribute_value(value))
 
@@ -102,17 +109,40 @@ class RaggedWriter:
         for dim, size in first.sizes.items():
             self._file.createDimension(str(dim), self._sizes.get(str(dim), size))
         for name in first.variables:
-            self._create_variable(first[name])
+            if not is_text(first[name]):
+                self._create_variable(first[name])
 
     def _create_variable(self, variable: xr.DataArray) -> None:
         sizes = {dim: self._sizes.get(str(dim), size) for dim, size in variable.sizes.items()}
         options = encoding_of(variable, sizes)
-        text = variable.dtype.kind in "OUT"
-        kind: Any = str if text else np.dtype(options.pop("dtype"))
+        kind = np.dtype(options.pop("dtype"))
         fill = options.pop("_FillValue", variable.attrs.get("_FillValue"))
+        self._create_array(variable, kind, tuple(map(str, variable.dims)), fill, options)
+
+    def _write_names(self, parts: list[xr.DataArray]) -> None:
+        first = parts[0]
+        words = np.concatenate([np.char.encode(part.to_numpy().astype(str)) for part in parts])
+        words = words.astype(f"S{max(words.dtype.itemsize, 1)}")
+        length = f"string{words.dtype.itemsize}"
+        if length not in self._file.dimensions:
+            self._file.createDimension(length, words.dtype.itemsize)
+        made = self._create_array(first, np.dtype("S1"), (*map(str, first.dims), length))
+        made.setncattr("_Encoding", "utf-8")
+        made.set_auto_chartostring(False)
+        made[:] = words.view("S1").reshape(len(words), -1)
+
+    def _create_array(
+        self,
+        variable: xr.DataArray,
+        kind: np.dtype[Any],
+        dims: tuple[str, ...],
+        fill: Any = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> Any:
         made = self._file.createVariable(
-            str(variable.name), kind, tuple(map(str, variable.dims)), fill_value=fill, **options
+            str(variable.name), kind, dims, fill_value=fill, **(options or {})
         )
         made.set_auto_maskandscale(False)
         attributes = {k: v for k, v in variable.attrs.items() if k != "_FillValue"}
         made.setncatts({key: attribute_value(value) for key, value in attributes.items()})
+        return made
