@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from airswing.compass.fleet_error import (
     Precision,
     Stretch,
     Variances,
+    counted,
     estimate_variances,
 )
 
@@ -83,14 +86,33 @@ def test_planted_variances_are_found_and_none_is_left_alone():
 
 def test_some_segments_are_the_stretch_without_the_others():
     one = blocks(600, segments=20)
-    stretch = Stretch.of([one], FieldBasis.of(one.latitude, one.longitude, one.log_pressure))
-    some = stretch.some(4)
-    assert some.segments.tolist() == [2, 6, 10, 14, 18]
-    keep = np.isin(stretch.segments[stretch.segment], some.segments)
-    np.testing.assert_array_equal(some.residual, stretch.residual[:, keep])
+    basis = FieldBasis.of(one.latitude, one.longitude, one.log_pressure)
+    stretch = Stretch.of([one], basis)
     variances = Variances(np.array([1.0]), 0.4, 0.7, 0.9)
-    np.testing.assert_allclose(
-        Precision(some, variances).apply(some.residual),
-        Precision(stretch, variances).apply(stretch.residual)[:, keep],
-        atol=1e-10,
+    whole = Precision(stretch, variances).apply(stretch.residual)
+    for chosen in ([2, 6, 10, 14, 18], [4, 5, 6, 7]):
+        some = Stretch.of([one.of(np.array(chosen))], basis)
+        assert some.segments.tolist() == chosen
+        keep = np.isin(stretch.segments[stretch.segment], some.segments)
+        np.testing.assert_array_equal(some.residual, stretch.residual[:, keep])
+        np.testing.assert_allclose(
+            Precision(some, variances).apply(some.residual), whole[:, keep], atol=1e-10
+        )
+
+
+def test_segments_are_chosen_also_where_flights_are_numbered_out_of_time():
+    one = blocks(60, segments=4)
+    turned = replace(one, segment=one.segment[::-1])
+    assert turned.falls
+    assert not one.falls
+    np.testing.assert_array_equal(
+        turned.of(np.array([1, 2])).sums, one.sums[:, (turned.segment == 1) | (turned.segment == 2)]
     )
+
+
+def test_numbers_are_counted_as_numpy_does_it():
+    numbers = np.random.default_rng(3).integers(40_000, 40_100, 70)
+    found, count, place = counted(numbers)
+    expected = np.unique(numbers, return_inverse=True, return_counts=True)
+    for one, other in zip((found, place, count), expected, strict=True):
+        np.testing.assert_array_equal(one, other)

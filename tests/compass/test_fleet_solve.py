@@ -76,7 +76,7 @@ def test_some_segments_stand_for_all(monkeypatch):
     deviation = fleet_deviations(5, np.random.default_rng(7))
     ds, _ = fly(deviation, setting, 7)
     exact = fit_deviation(ds)
-    monkeypatch.setattr("airswing.compass.fleet_solve.MOST_BLOCKS", 700)
+    monkeypatch.setattr("airswing.compass.fleet_reference.MOST_BLOCKS", 700)
     thinned = fit_deviation(ds)
     spread = np.sqrt(np.diagonal(exact["deviation_covariance"].to_numpy(), axis1=-2, axis2=-1))
     apart = np.abs(thinned["deviation"].to_numpy() - exact["deviation"].to_numpy())

@@ -17,7 +17,8 @@ m/s; an array of some 15 numbers a block.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -115,6 +116,39 @@ class Blocks:
     def size(self) -> int:
         """Number of blocks."""
         return int(self.segment.size)
+
+    def of(self, segments: Index) -> Blocks:
+        """Those of some segments; ``within`` and ``freedom`` stay those of all.
+
+        Parameters
+        ----------
+        segments : array of int
+            Rising.
+
+        Returns
+        -------
+        Blocks
+            Views where all the blocks between the first and the last of the segments are asked for
+            and their segments never fall.
+        """
+        low, high = np.searchsorted(self.segment, (segments[0], segments[-1] + 1))
+        keep: Any = slice(int(low), int(high))
+        if segments[-1] - segments[0] >= segments.size or self.falls:
+            keep = np.isin(self.segment, segments)
+        return replace(
+            self,
+            sums=self.sums[:, keep],
+            latitude=self.latitude[keep],
+            longitude=self.longitude[keep],
+            log_pressure=self.log_pressure[keep],
+            segment=self.segment[keep],
+            piece=self.piece[keep],
+        )
+
+    @cached_property
+    def falls(self) -> bool:
+        """Whether the number of the segment falls anywhere: flights numbered out of time."""
+        return bool(np.any(self.segment[1:] < self.segment[:-1]))
 
 
 def find_edges(flight: NDArray[np.integer], time: NDArray[np.datetime64], airspeed: float) -> Edges:

@@ -21,7 +21,7 @@ Henderson 1975, Biometrics 31, 423-447 (mixed model equations); Laird & Ware 198
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -35,6 +35,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Short = NDArray[np.int32]
 Single = NDArray[np.float32]
+Flags = NDArray[np.bool_]
 
 SPACING_KM = 400.0
 """Distance of the passing part's nodes: the reach of a model's synoptic error."""
@@ -243,7 +244,7 @@ class Stretch:
         piece = np.concatenate([part.piece for part in parts])
         change = np.ones(piece.size, dtype=np.bool_)
         change[1:] = (piece[1:] != piece[:-1]) | (aircraft[1:] != aircraft[:-1])
-        segments, segment = np.unique(number, return_inverse=True)
+        segments, _, segment = counted(number)
         node, share = basis.passing_at(latitude, longitude)
         lasting, lasting_share = basis.lasting_at(latitude, longitude, log_pressure)
         every = np.ones((piece.size, 1))
@@ -256,26 +257,6 @@ class Stretch:
             segment, segments, basis.passing_size,
         )  # fmt: skip
 
-    def some(self, every: int) -> Stretch:
-        """The blocks of every so manieth segment."""
-        if every == 1:
-            return self
-        keep = self.segment % every == every // 2
-        opens = np.zeros(keep.size, dtype=np.bool_)
-        opens[self.opens] = True
-        opens = opens[keep]
-        segment = self.segment[keep] // every
-        return replace(
-            self,
-            weight=self.weight[keep], residual=self.residual[:, keep],
-            slopes=self.slopes[:, :, keep], aircraft=self.aircraft[keep],
-            opens=np.flatnonzero(opens), piece=np.cumsum(opens) - 1,
-            node=self.node[keep] + ((segment - self.segment[keep]) * self.nodes)[:, np.newaxis],
-            share=self.share[keep], lasting=self.lasting[keep],
-            lasting_share=self.lasting_share[keep], segment=segment,
-            segments=self.segments[every // 2 :: every],
-        )  # fmt: skip
-
     @cached_property
     def lasting_design(self) -> sparse.csr_matrix:
         """Lasting part's functions at every block, shape (n, functions)."""
@@ -285,6 +266,20 @@ class Stretch:
     def passing_design(self) -> sparse.csr_matrix:
         """Passing part's functions at every block, shape (n, segment * nodes)."""
         return as_sparse(self.node, self.share, self.segments.size * self.nodes)
+
+
+def counted(numbers: Ints) -> tuple[Ints, Ints, Ints]:
+    """Numbers that occur, how often each does, and the place of every one among them.
+
+    As :func:`numpy.unique` gives them, without sorting: for numbers that lie close together.
+    """
+    first = int(numbers.min())
+    shifted = numbers - first
+    count = np.bincount(shifted)
+    found = np.flatnonzero(count)
+    place = np.zeros(count.size, dtype=np.int64)
+    place[found] = np.arange(found.size)
+    return found + first, count[found], place[shifted]
 
 
 def bounds_of(group: Ints, groups: int) -> list[tuple[int, int]]:
@@ -378,14 +373,17 @@ class Precision:
     def _node_inverse(self, variance: float) -> Floats:
         """Posterior covariance of every segment's nodes, shape (segment, nodes, nodes)."""
         one, nodes = self.stretch, self.stretch.nodes
-        size = one.segments.size * nodes * nodes
-        place, share = np.ascontiguousarray(one.node.T), np.ascontiguousarray(one.share.T)
-        column = place % nodes
-        sums = np.zeros(size)
-        for k, (row, value) in enumerate(zip(place * nodes, share * self.weight, strict=True)):
-            for other, part in zip(column[k:], share[k:], strict=True):
-                sums += np.bincount(row + other, weights=value * part, minlength=size)
-        square: Floats = sums.reshape(-1, nodes, nodes)
+        square = np.zeros((one.segments.size, nodes, nodes))
+        # the others of a block's nodes are as far from its first in every block
+        first, apart = one.node[:, 0].astype(np.int64), one.node[0] - one.node[0, 0]
+        cells = np.arange(nodes - apart[-1])
+        share = np.ascontiguousarray(one.share.T)
+        for k, value in enumerate(share * self.weight):
+            for other in range(k, apart.size):
+                sums = np.bincount(
+                    first, weights=value * share[other], minlength=one.segments.size * nodes
+                ).reshape(-1, nodes)
+                square[:, cells + apart[k], cells + apart[other]] += sums[:, : cells.size]
         # each pair of nodes was counted once: above the diagonal
         square = square + np.triu(square, 1).transpose(0, 2, 1)
         own, order = self.piece_nodes()
