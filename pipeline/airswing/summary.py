@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from airswing.compass.derived import NORMAL_95
 from airswing.config import Config
 from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
 from airswing.evaluation.stability import change_warnings
@@ -97,15 +98,10 @@ def as_text(summary: dict[str, Any], output: Path) -> str:
         f"{reports['read']:,} reports read, {reports['kept']:,} kept for the fit; "
         f"{status['ok']} of {summary['aircraft']} aircraft fitted against {summary['reference']}",
         "",
-        "aircraft    amplitude        phase   offset   reports   wind disagreement (kt)  status",
+        "aircraft    amplitude*       phase   offset   reports   wind disagreement (kt)  status",
+        *map(_line, summary["fits"]),
+        "* degrees, with 95 % intervals",
     ]
-    for fit in summary["fits"]:
-        lines.append(
-            f"{fit['aircraft']:<10} {fit['amplitude']:6.2f} +- "
-            f"{fit['amplitude_standard_error']:4.2f} {fit['phase']:8.1f} {fit['offset']:8.2f} "
-            f"{fit['reports']:9,}   {fit['before_kt']:7.2f} -> {fit['after_kt']:5.2f}"
-            f"         {fit['status']}"
-        )
     lines += ["", *summary.get("warnings", [])] if summary.get("warnings") else []
     lines += [
         "",
@@ -115,6 +111,22 @@ def as_text(summary: dict[str, Any], output: Path) -> str:
         f"page:     {output / 'report' / 'index.html'}",
     ]
     return "\n".join(lines)
+
+
+def _line(fit: dict[str, Any]) -> str:
+    """One aircraft; a dash for what was not fitted."""
+    half = NORMAL_95 * fit["amplitude_standard_error"]
+    amplitude = _digits("{:6.2f} +- {:4.2f}", fit["amplitude"], half)
+    winds = _digits("{:7.2f} -> {:5.2f}", fit["before_kt"], fit["after_kt"])
+    return (
+        f"{fit['aircraft']:<10} {amplitude} {_digits('{:8.1f}', fit['phase'])} "
+        f"{_digits('{:8.2f}', fit['offset'])} {fit['reports']:9,}   {winds}         {fit['status']}"
+    )
+
+
+def _digits(form: str, *values: float) -> str:
+    text = form.format(*values)
+    return text if np.isfinite(values).all() else "-".rjust(len(form.format(*[0.0] * len(values))))
 
 
 def _sums(

@@ -172,3 +172,16 @@ def test_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'pie_chart'"):
         _ = report.pie_chart
     assert "heading_error_figure" in dir(report)
+
+
+def test_profiles_of_one_row_share_an_axis_that_holds_every_phase() -> None:
+    profiles = factories.profiles()
+    cruise = {"flight_phase": 2, "state": 0}
+    profiles["northward_rms"][{"reference": 0} | cruise] += 9.0  # cruise is not drawn first
+    figure = report.profiles_figure(profiles)
+    for axes in figure.axes:
+        low, high = axes.get_xlim()
+        assert low == 0.0
+        for bars in axes.containers:
+            drawn = np.asarray(bars.lines[0].get_xdata(), dtype=float)
+            assert drawn.size and drawn.max() < high

@@ -277,6 +277,7 @@ def profiles_figure(profiles: xr.Dataset, reference: str | None = None) -> Figur
             if row == 0:
                 axes.set_title(phase)
         grid[row, 0].set_ylabel("layer (hPa)")
+        grid[row, 0].set_xlim(left=0)  # once all are drawn: it ends the scaling to what comes
     for column, phase in enumerate(phases):
         _layer_counts(grid[0, column], chosen.sel(flight_phase=phase, state="reported"))
     handles, labels = grid[0, 0].get_legend_handles_labels()
@@ -315,7 +316,6 @@ def _profile(axes: Axes, chosen: xr.Dataset, name: str) -> None:
     names = [f"{low:.0f}-{high:.0f}" for low, high in zip(bottom, top, strict=True)]
     axes.set_yticks(layers, names, fontsize=8)
     axes.set_ylim(-0.6, layers.size - 0.4)
-    axes.set_xlim(left=0)
 
 
 def _layer_counts(axes: Axes, chosen: xr.Dataset) -> None:

@@ -168,8 +168,8 @@ def prediction_figure(virtual: Mapping[str, Any]) -> Figure:
             blank(axes, "Too few reports.")
     return figure.say(
         "Gain expected from the fit alone and gain realised on reports the fit never saw, each "
-        "aircraft, with 95 % intervals; on the line they are equal "
-        f"(n = {plural(total, 'point')})."
+        "aircraft, with 95 % intervals; on the line they are equal, red: they differ by more than "
+        f"the interval of their difference (n = {plural(total, 'point')})."
     )
 
 
