@@ -87,6 +87,9 @@ def test_absent_or_broken_files_are_refused(tmp_path):
     broken.write_text("- a list")
     with pytest.raises(ConfigError, match="mapping"):
         load_config(broken)
+    broken.write_text("reports: {files: a}\noutput: b\noutput: c\n")
+    with pytest.raises(ConfigError, match=r"'output' stands twice.*line 3"):
+        load_config(broken)
 
 
 def test_a_missing_key_is_named(tmp_path):

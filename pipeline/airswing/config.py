@@ -240,7 +240,7 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
     """
     path = Path(path)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
     except FileNotFoundError as err:
         raise ConfigError("no such configuration", file=path) from err
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
@@ -254,6 +254,21 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
         return Config.model_validate(content)
     except ValidationError as err:
         raise _explain(err, path) from err
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain YAML, but a key given twice is a fault: one of its values would go unheard."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, str) and key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"the key {key!r} stands twice", key_node.start_mark
+                )
+            seen.add(key if isinstance(key, str) else None)
+        return super().construct_mapping(node, deep=deep)
 
 
 def _explain(err: ValidationError, path: Path) -> ConfigError:

@@ -7,7 +7,6 @@ after; it is measured on the data the fit was made from (the field test holds da
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from airswing.compass.derived import NORMAL_95
 from airswing.config import Config
 from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
 from airswing.evaluation.stability import change_warnings
+from airswing.leftout import reading_warnings, tally
 from airswing.ragged import aircraft_of_report, blocks
 from airswing.vocabulary import CORRECTION, STATUS
 
@@ -51,7 +51,7 @@ def summarise(
     return {
         "reference": main,
         "reports": {
-            "read": _audit(headings).get("reports_read", headings.sizes["report"]),
+            "read": tally(headings, "reading_audit").get("reports_read", headings.sizes["report"]),
             "usable": headings.sizes["report"],
             "kept": int(kept.sum()),
         },
@@ -61,7 +61,7 @@ def summarise(
             "before": _knots(before.sum(), used.sum()),
             "after": _knots(after.sum(), used.sum()),
         },
-        "warnings": change_warnings(fits),
+        "warnings": [*reading_warnings(tally(headings, "reading_audit")), *change_warnings(fits)],
         "fits": [
             {
                 "aircraft": str(name),
@@ -106,7 +106,9 @@ def as_text(summary: dict[str, Any], output: Path) -> str:
     lines += [
         "",
         f"mean wind vector disagreement of the corrected reports: {change['before']:.2f} kt "
-        f"before, {change['after']:.2f} kt after (same data as the fit)",
+        f"before, {change['after']:.2f} kt after (same data as the fit)"
+        if np.isfinite(change["before"])
+        else "no report could be corrected",
         f"products: {output}",
         f"page:     {output / 'report' / 'index.html'}",
     ]
@@ -170,8 +172,3 @@ def _differences(
 
 def _knots(total: float, number: int) -> float:
     return float(total / number / KNOT) if number else float("nan")
-
-
-def _audit(headings: xr.Dataset) -> dict[str, Any]:
-    found = headings.attrs.get("reading_audit", {})
-    return dict(json.loads(found)) if isinstance(found, str) else dict(found)

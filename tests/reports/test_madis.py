@@ -228,3 +228,41 @@ def test_characters_of_bytes():
     assert characters(np.array([b"G", b"", b" "], "S1")).tolist() == ["G", "", ""]
     assert characters(np.array([200], np.int16)).tolist() == ["200"]
     assert len(set(FLAG_FIELDS)) == len(FLAG_FIELDS)
+
+
+@pytest.mark.parametrize("format", ["NETCDF3_CLASSIC", "NETCDF4"])
+def test_a_file_that_xarray_wrote_again_reads_the_same(tmp_path: Path, real, format):
+    with xr.open_dataset(real(REAL), decode_cf=False) as raw:
+        raw["windSpeed"] = raw["windSpeed"].astype("f8")
+        raw["rollFlag"] = raw["rollFlag"].astype("i4")
+        raw.to_netcdf(tmp_path / "again.nc", format=format)
+    with netCDF4.Dataset(tmp_path / "again.nc") as file:
+        assert file["en_tailNumber"].ndim == 3  # xarray adds a dimension of one
+    again, whole = read_reports(tmp_path / "again.nc"), read_reports(real(REAL))
+    xr.testing.assert_equal(again, whole)
+
+
+def test_tails_as_strings_and_as_numbers(tmp_path: Path):
+    with xr.open_dataset(made(tmp_path / "a.nc"), decode_times=False) as raw:
+        text = raw.assign(en_tailNumber=("recNum", np.array(["N1", "N1", "N2", "N2"], object)))
+        text.to_netcdf(tmp_path / "text.nc")
+        number = raw.assign(en_tailNumber=("recNum", np.array([1, 1, 20, 20])))
+        number.to_netcdf(tmp_path / "number.nc")
+    assert read_reports(tmp_path / "text.nc")["aircraft"].to_numpy().tolist() == ["N1", "N2"]
+    assert read_reports(tmp_path / "number.nc")["aircraft"].to_numpy().tolist() == ["1", "20"]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("windSpeed", ("recNum", np.array(list("1234"), "S1")), "holds no numbers"),
+        ("latitude", (("recNum", "levels"), np.ones((4, 3))), "not one value a report"),
+        ("altitude", ("levels", np.ones(3)), "not one value a report"),
+        ("rollFlag", (("recNum", "levels"), np.ones((4, 3), "i1")), "not one value a report"),
+    ],
+)
+def test_a_variable_of_another_type_or_shape_is_named(tmp_path: Path, name, values, message):
+    with xr.open_dataset(made(tmp_path / "a.nc"), decode_times=False) as raw:
+        raw.assign({name: values}).to_netcdf(tmp_path / "b.nc")
+    with pytest.raises(InputError, match=f"{name}: .*{message}"):
+        read_reports(tmp_path / "b.nc")

@@ -192,3 +192,21 @@ def test_a_year_of_files_reads_as_one(tmp_path: Path):
     parts = read_reports(tmp_path / "*.csv")
     assert audit_of(parts)["files"] == 8
     xr.testing.assert_equal(parts.drop_attrs(), whole)
+
+
+def test_columns_that_stand_in_the_names_of_folders(tmp_path: Path):
+    pytest.importorskip("pyarrow")
+    table = pd.concat([flight(tail="N 1/2"), flight(tail="007")])
+    table.to_parquet(tmp_path / "archive", partition_cols=["tail"])
+    divided = read_reports(tmp_path / "archive/**/*.parquet")
+    table.to_parquet(tmp_path / "whole.parquet")
+    whole = read_reports(tmp_path / "whole.parquet")
+    assert sorted(divided["aircraft"].to_numpy()) == ["007", "N 1/2"]
+    xr.testing.assert_equal(divided, whole)
+
+
+def test_a_column_of_the_file_comes_before_that_of_its_folder(tmp_path: Path):
+    pytest.importorskip("pyarrow")
+    (tmp_path / "tail=X").mkdir()
+    flight(tail="N1").to_parquet(tmp_path / "tail=X" / "a.parquet")
+    assert read_reports(tmp_path / "tail=X" / "a.parquet")["aircraft"].to_numpy() == ["N1"]

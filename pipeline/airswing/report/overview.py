@@ -6,7 +6,6 @@ errors.  Fits that are not to be trusted are drawn hollow and grey.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from airswing.leftout import tally
 from airswing.report.selection import headline_reference, tails
 from airswing.report.style import (
     BLUE,
@@ -228,17 +228,13 @@ def reading_reasons(ds: xr.Dataset) -> tuple[dict[str, int], dict[str, int]]:
     dropped, repaired : dict of str to int
         Largest first; empty without the attribute.
     """
-    stored = ds.attrs.get("reading_audit", {})
-    try:
-        audit: Mapping[str, Any] = json.loads(stored) if isinstance(stored, str) else stored
-    except json.JSONDecodeError:
-        return {}, {}
+    audit = tally(ds, "reading_audit")
     return _ordered(audit.get("dropped", {})), _ordered(audit.get("repaired", {}))
 
 
-def _ordered(tally: Mapping[str, Any]) -> dict[str, int]:
+def _ordered(counts: Mapping[str, Any]) -> dict[str, int]:
     """Keep what was counted at least once, the largest first."""
-    kept = {str(name): int(number) for name, number in tally.items() if int(number) > 0}
+    kept = {str(name): int(number) for name, number in counts.items() if int(number) > 0}
     return dict(sorted(kept.items(), key=lambda item: -item[1]))
 
 

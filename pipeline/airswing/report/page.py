@@ -17,6 +17,7 @@ import xarray as xr
 from markupsafe import Markup
 
 import airswing
+from airswing.leftout import model_reasons, reading_warnings, tally
 from airswing.ragged import time_span
 from airswing.report import compass, maps, overview
 from airswing.report.document import (
@@ -325,15 +326,22 @@ def _audit_section(headings: xr.Dataset) -> Section:
         Column("share of all"),
     ]
     counts = table(columns, rows, caption=f"Screening by rule (n = {total:,} reports).")
-    return Section(
-        "audit",
-        "What was left out",
-        "",
-        [
-            embedded(overview.audit_figure(headings)),
-            folded("The counts", [counts]),
-        ],
-    )
+    parts = [embedded(overview.audit_figure(headings)), folded("The counts", [counts])]
+    if lines := _on_the_way_in(headings):
+        parts.append(folded("Files and messages", [listing(lines)], unfolded=True))
+    return Section("audit", "What was left out", "", parts)
+
+
+def _on_the_way_in(headings: xr.Dataset) -> list[str]:
+    """What did not come in of reports and models, a line each."""
+    return [
+        *reading_warnings(tally(headings, "reading_audit")),
+        *(
+            f"{name}: {line}"
+            for name, entry in tally(headings, "reference_audit").items()
+            for line in [*model_reasons(entry.get("skipped", [])), *entry.get("notes", [])]
+        ),
+    ]
 
 
 def _run_section(summary: Mapping[str, Any], headings: xr.Dataset) -> Section:

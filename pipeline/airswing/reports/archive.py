@@ -17,7 +17,7 @@ import xarray as xr
 
 from airswing.ragged import BLOCK_REPORTS
 from airswing.reports.assemble import Shared, assembled
-from airswing.reports.audit import Audit
+from airswing.reports.audit import Audit, similar
 from airswing.reports.spool import Spool
 from airswing.vocabulary import describe
 
@@ -50,6 +50,7 @@ class Archive:
         self.folder, self.hours = folder, spool.hours()
         self.audit = Audit()
         self.audit.add(spool.audit)
+        self.audit.similar_tails = similar(spool.counts())
         self.reports = self.aircraft = self.largest = 0
         folder.mkdir(parents=True, exist_ok=True)
         counts, flights = [], []

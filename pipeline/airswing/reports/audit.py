@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -36,6 +36,8 @@ class Audit:
         ``{"file", "reason"}`` of each file that could not be read.
     examples : dict of str to str
         The first value met that could not be read, per reason.
+    similar_tails : list of list of str
+        Aircraft whose identifiers differ only in case or blanks; kept apart.
     """
 
     read: int = 0
@@ -46,6 +48,7 @@ class Audit:
     formats: Counter[str] = field(default_factory=Counter)
     files_skipped: list[dict[str, str]] = field(default_factory=list)
     examples: dict[str, str] = field(default_factory=dict)
+    similar_tails: list[list[str]] = field(default_factory=list)
 
     @property
     def kept(self) -> int:
@@ -105,7 +108,7 @@ class Audit:
         -------
         dict
             ``reports_read, reports_kept, dropped, repaired, missing, flags, formats, files,
-            files_skipped, examples``.
+            files_skipped, examples, similar_tails``.
         """
         return {
             "reports_read": self.read,
@@ -118,6 +121,7 @@ class Audit:
             "files": sum(self.formats.values()),
             "files_skipped": self.files_skipped,
             "examples": self.examples,
+            "similar_tails": self.similar_tails,
         }
 
     def as_json(self) -> str:
@@ -145,6 +149,7 @@ class Audit:
             formats=Counter(content["formats"]),
             files_skipped=list(content["files_skipped"]),
             examples=dict(content["examples"]),
+            similar_tails=[list(group) for group in content.get("similar_tails", [])],
         )
 
     def add(self, other: Audit) -> None:
@@ -163,3 +168,22 @@ class Audit:
             self.codes(name, tally)
         self.files_skipped += other.files_skipped
         self.examples = other.examples | self.examples
+        self.similar_tails += other.similar_tails
+
+
+def similar(tails: Iterable[str]) -> list[list[str]]:
+    """Find identifiers that differ only in case or blanks.
+
+    Parameters
+    ----------
+    tails : iterable of str
+
+    Returns
+    -------
+    list of list of str
+        Groups of two and more, in order of name.
+    """
+    groups: dict[str, list[str]] = {}
+    for tail in sorted(tails):
+        groups.setdefault("".join(tail.split()).casefold(), []).append(tail)
+    return [group for group in groups.values() if len(group) > 1]

@@ -167,7 +167,7 @@ def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
                 "is a folder" if folder else "no file matches",
                 field="reports.files",
                 found=f"pattern {str(pattern)!r} in folder {Path.cwd()}",
-                remedy=f"Name the files in it, such as {text}/*.csv"
+                remedy=f"Name the files in it, such as {_pattern(Path(text))}"
                 if folder
                 else "Relative paths start at the current directory",
             )
@@ -175,6 +175,14 @@ def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
     if not found:
         raise InputError("names no file", field="reports.files")
     return [Path(name) for name in found]
+
+
+def _pattern(folder: Path) -> str:
+    """A pattern for the files of a folder, after the first of them."""
+    found = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    first = next(found, folder / "reports.csv")
+    below = folder if first.parent == folder else folder / "**"
+    return str(below / f"*{first.suffix}")
 
 
 def detect_format(path: Path) -> str:

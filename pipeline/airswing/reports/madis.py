@@ -3,8 +3,10 @@
 Assumptions
 -----------
 One hour a file, dimension ``recNum``; flags are bytes that hold ASCII codes; ``altitude`` is
-pressure altitude (m); ``timeObs`` is seconds since 1970. Files may be gzip-compressed.
-``heading`` is never read: it is atan2(dlon, dlat) of the last leg, neither heading nor track.
+pressure altitude (m); ``timeObs`` is seconds since 1970. Files may be gzip-compressed. Files that
+other programs wrote again may hold text as strings or with a dimension of one more, and numbers in
+any numeric type. ``heading`` is never read: it is atan2(dlon, dlat) of the last leg, neither
+heading nor track.
 
 Codes
 -----
@@ -119,24 +121,47 @@ def _piece(file: Any, path: Path, audit: Audit) -> pd.DataFrame:
         )
     if not file.dimensions[DIMENSION].size:
         raise InputError("holds no reports", file=path)
-    flags = {name: characters(file[name][:]) for name in FLAG_FIELDS if name in file.variables}
-    seconds = _number(file["timeObs"])
+    flags = {
+        name: characters(_column(file[name], path))
+        for name in FLAG_FIELDS
+        if name in file.variables
+    }
+    seconds = _number(file["timeObs"], path)
     blank = ~(seconds > 0.0)
     time = np.full(seconds.shape, np.datetime64("NaT", "ns"))
     time[~blank] = np.round(seconds[~blank] * 1e9).astype(np.int64).view("datetime64[ns]")
     piece: dict[str, Any] = {
-        "tail": _strings(file[tail][:]),
+        "tail": _strings(file[tail]),
         "time": time,
         "time_blank": blank,
-        **{ours: _number(file[name]) for name, ours in NUMBERS.items() if name in file.variables},
-    }
-    if "flight" in file.variables and file["flight"].ndim == 2:
-        piece["flight"] = _strings(file["flight"][:])
+        **{ours: _number(file[name], path) for name, ours in NUMBERS.items()
+           if name in file.variables},
+    }  # fmt: skip
+    if "flight" in file.variables and file["flight"].dimensions[:1] == (DIMENSION,):
+        piece["flight"] = _strings(file["flight"])
     return pd.DataFrame({**piece, **_decoded(flags, time.size, audit)})
 
 
-def _number(variable: Any) -> NDArray[np.float64]:
-    values = np.asarray(variable[:], dtype=np.float64)
+def _column(variable: Any, path: Path) -> NDArray[Any]:
+    """One value a report, a further dimension of one left out."""
+    values = np.asarray(variable[:])
+    reports = variable.group().dimensions[DIMENSION].size
+    if variable.dimensions[:1] != (DIMENSION,) or values.size != reports:
+        raise InputError(
+            "is not one value a report",
+            file=path,
+            field=variable.name,
+            found=f"dimensions ({', '.join(variable.dimensions)}), shape {values.shape}",
+        )
+    return values.reshape(reports)
+
+
+def _number(variable: Any, path: Path) -> NDArray[np.float64]:
+    if not np.issubdtype(variable.dtype, np.number):
+        raise InputError(
+            "holds no numbers", file=path, field=variable.name, found=f"type {variable.dtype}"
+        )
+    values = _column(variable, path).astype(np.float64)
     fill = getattr(variable, "_FillValue", None)
     absent = ~(np.abs(values) < _LARGEST) if variable.name != "timeObs" else ~(values > 0.0)
     if fill is not None:
@@ -149,7 +174,7 @@ def characters(values: NDArray[Any]) -> NDArray[np.str_]:
 
     Parameters
     ----------
-    values : array of int8, int or S1, shape (report,)
+    values : array of int8, int, S1 or str, shape (report,)
 
     Returns
     -------
@@ -158,6 +183,8 @@ def characters(values: NDArray[Any]) -> NDArray[np.str_]:
     """
     if values.dtype.kind == "S":
         return np.char.strip(np.char.decode(values, "ascii", "replace"))
+    if values.dtype.kind in "OU":
+        return np.char.strip(values.astype(np.str_))
     codes, index = np.unique(values, return_inverse=True)
     labels = [_label(int(code)) for code in codes]
     return np.array(labels, dtype=np.str_)[index]
@@ -169,9 +196,15 @@ def _label(code: int) -> str:
     return BLANK if code <= 0 or code == 127 else str(code)
 
 
-def _strings(values: NDArray[Any]) -> list[str]:
-    joined = np.ascontiguousarray(values).view(f"S{values.shape[1]}")[:, 0]
-    return [item.decode("ascii", "replace").split("\x00")[0].strip() for item in joined]
+def _strings(variable: Any) -> list[str]:
+    """Text of each report: characters along the last dimensions, strings, or whole numbers."""
+    values = np.asarray(variable[:])
+    if values.dtype.kind == "S":
+        rows = np.ascontiguousarray(values.reshape(values.shape[0], -1))
+        texts = [row.tobytes().decode("ascii", "replace") for row in rows]
+    else:
+        texts = [str(value) for value in values]
+    return [text.split("\x00")[0].strip() for text in texts]
 
 
 def _decoded(flags: Flags, number: int, audit: Audit) -> dict[str, NDArray[np.int8]]:

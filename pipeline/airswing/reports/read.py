@@ -14,7 +14,7 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.reports.assemble import assembled, completed
-from airswing.reports.audit import Audit
+from airswing.reports.audit import Audit, similar
 from airswing.reports.columns import ColumnMapping, parse_mapping
 from airswing.reports.files import Format, Policy, expand, file_frames, none_read, require_format
 from airswing.reports.spool import Spool
@@ -60,6 +60,7 @@ def read_reports(
     spool.fill(files, format=format, columns=columns, on_bad_file=on_bad_file)
     tails = list(spool.counts())
     block = assembled(*spool.columns(tails[0], tails[-1]), spool.audit)
+    spool.audit.similar_tails = similar(tails)
     (reports,) = completed([block])
     return reports.assign_attrs(reading_audit=spool.audit.as_json(), featureType="trajectory")
 

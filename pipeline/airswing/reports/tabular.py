@@ -3,7 +3,8 @@
 Assumes one report a row and a header row of column names; commas, semicolons or tabs between
 columns; UTF-8 text, plain or gzip-compressed. Text columns are never read as numbers, so a tail
 ``NA`` or ``007`` stays what it is. A row with too many columns is dropped and counted; a row
-with too few has the rest missing.
+with too few has the rest missing. Folders named ``tail=N401``, as programs that divide a Parquet
+table by a column write them, hold that column for the Parquet files below them.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pandas as pd
@@ -30,6 +32,7 @@ _BUFFER = 2**20
 _BLANKS = ["", " ", "NA", "N/A", "n/a", "NaN", "nan", "NULL", "null", "None", "-", "--", "M",
            "MISSING", "missing", "9999", "99999", "-9999", "99999.0", "-9999.0"]  # fmt: skip
 _EXTRA = "columns past the header"
+_NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
 _SKIPPED = re.compile(r"Skipping line \d+")
 
 Mapped = Mapping[str, tuple[str, Source]]
@@ -166,12 +169,21 @@ def parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
     except Exception as error:  # pyarrow's own errors share no base with the rest
         raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
     with file:
-        found = sources(file.schema_arrow.names, mapping, path)
-        wanted = [source.column for source in found.values()]
+        inside = file.schema_arrow.names
+        folders = {name: value for name, value in _of_folders(path).items() if name not in inside}
+        found = sources([*inside, *folders], mapping, path)
+        wanted = [source.column for source in found.values() if source.column in inside]
         if not file.metadata.num_rows:
             raise InputError("holds no reports", file=path)
         for batch in file.iter_batches(batch_size=ROWS_PER_PIECE, columns=wanted):
-            yield raw_piece(batch.to_pandas(ignore_metadata=True), found, audit)
+            table = batch.to_pandas(ignore_metadata=True).assign(**folders)
+            yield raw_piece(table, found, audit)
+
+
+def _of_folders(path: Path) -> dict[str, str]:
+    """Columns that stand in the names of the folders of a file."""
+    pairs = (part.split("=", 1) for part in path.absolute().parent.parts if "=" in part)
+    return {name: "" if value == _NO_VALUE else unquote(value) for name, value in pairs if name}
 
 
 def raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) -> pd.DataFrame:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from airswing.fingerprint import code_digest, fingerprint
+from airswing.leftout import model_warnings, reading_warnings
 from airswing.ragged import joined
 from airswing.workflow.job import Blocks, Job
 
@@ -55,6 +56,8 @@ def read(job: Job, folder: Path) -> Archive:
         stage.note = f"{archive.reports:,} reports of {archive.aircraft} aircraft"
         stage.reports = archive.reports
         stage.octets = spool.octets_read
+    for warning in reading_warnings(archive.audit.as_dict()):
+        job.progress.say(f"  {warning}")
     return archive
 
 
@@ -83,7 +86,7 @@ def catalogues(job: Job, names: list[str]) -> dict[str, Catalogue]:
             f"{name} {len(model):,} model times" for name, model in found.items()
         )
     for name, model in found.items():
-        for note in model.notes:
+        for note in [*model_warnings(model.skipped), *model.notes]:
             job.progress.say(f"  {name}: {note}")
     return found
 
