@@ -1,4 +1,4 @@
-"""The virtual field test: what was predicted comes out, on later reports and held-out flights."""
+"""The virtual field test: what was predicted comes out on later reports."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from airswing.errors import InputError
-from airswing.evaluation.folds import flight_folds, only
-from airswing.evaluation.virtual import cross_validate, predicted_reduction, virtual_field_test
+from airswing.evaluation.virtual import predicted_reduction, virtual_field_test
 from tests.compass.flown import Setting
-from tests.evaluation.archives import fleet, flown
+from tests.evaluation.archives import fleet
 
 SETTING = Setting(aircraft=5, days=50, outliers=0.005)
 AGAINST = {"pools": {"ruc": ["ruc"]}, "reference": "ruc"}
@@ -74,45 +73,6 @@ def test_nothing_after_the_date_reaches_the_fit(headings):
     assert one["realised_gain_kt"] != two["realised_gain_kt"]
 
 
-def test_an_unbent_compass_gains_nothing_when_held_out():
-    ds = flown(np.zeros((4, 5)), Setting(aircraft=4, days=30), 5)
-    found = cross_validate(ds, folds=4, draws=100, **QUICK)
-    # The curve bent to noise looks like a gain on its own reports and costs on others.
-    assert found["in_sample_gain_kt"] > found["realised_gain_kt"]
-    assert found["realised_gain_kt"] < 0.02
-    assert found["predicted_gain_kt"] < 0.02
-
-
-def test_held_out_flights_agree_with_the_prediction(headings):
-    found = cross_validate(headings, folds=4, draws=200, **QUICK)
-    assert found["agree"]
-    assert found["realised_gain_kt"] > 1.0
-    assert found["in_sample_gain_kt"] >= found["realised_gain_kt"] - 0.02
-
-
-def test_folds_hold_whole_flights_evenly_over_the_days(headings):
-    number = flight_folds(headings, folds=4, seed=1).of(headings)
-    flight = headings["flight"].to_numpy()
-    for one in np.unique(flight)[::37]:
-        assert np.unique(number[flight == one]).size == 1
-    # 4 flights a day and aircraft and 4 folds: every fold holds each day once.
-    day = headings["time"].to_numpy().astype("datetime64[D]")
-    first = np.unique(flight, return_index=True)[1]
-    row = np.repeat(np.arange(5), 200)
-    for aircraft in range(5):
-        mine = first[row == aircraft]
-        for k in range(4):
-            assert np.unique(day[mine][number[mine] == k]).size == 50
-
-
-def test_only_marks_the_others_and_leaves_the_original_alone(headings):
-    chosen = np.zeros(headings.sizes["report"], dtype=bool)
-    chosen[:10] = True
-    part = only(headings, lambda reports: chosen[: reports.sizes["report"]])
-    assert (part["screening"].to_numpy() == 0).sum() == 10
-    assert (headings["screening"].to_numpy() == 0).all()
-
-
 def test_the_prediction_for_a_field_test_uses_the_corrected_aircraft_only(headings):
     found = predicted_reduction(headings, start=UNTIL, corrected=["N002"], **QUICK)
     own = next(entry for entry in found["ranking"] if entry["aircraft"] == "N002")
@@ -136,9 +96,3 @@ def test_bad_input_is_named(headings, options, words):
     with pytest.raises(InputError) as caught:
         virtual_field_test(headings, **asked)
     assert all(word in str(caught.value) for word in words), str(caught.value)
-
-
-@pytest.mark.parametrize("folds", [1, 100_000])
-def test_impossible_folds_are_refused(headings, folds):
-    with pytest.raises(InputError, match="folds"):
-        cross_validate(headings, folds=folds, **AGAINST)

@@ -16,13 +16,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.evaluation.daysums import (
+    GROUPS,
+    WINDOWS,
+    DayPart,
+    DaySums,
+    Floats,
+    bootstrap,
+    interval_95,
+)
 from airswing.evaluation.disagreement import (
     KNOT,
     disagreement_sums,
@@ -30,17 +39,10 @@ from airswing.evaluation.disagreement import (
     reference_mean,
     vector_difference,
 )
-from airswing.evaluation.permutation import (
-    matched_controls,
-    permutation_test,
-    unconditional_p_value,
-)
+from airswing.evaluation.scrutiny import scrutinise
 from airswing.ragged import aircraft_of_report, blocks, time_span
 from airswing.vocabulary import ROLL, SCREENING, TEMPERATURE_QC
 
-GROUPS = ("controls", "corrected")
-WINDOWS = ("before", "during")
-Floats = NDArray[np.float64]
 _COLUMNS = ("time", "screening", "roll_flag", "temperature_qc", "heading", "eastward_wind",
             "northward_wind", "reference_eastward_wind", "reference_northward_wind")  # fmt: skip
 _NEVER = ("no_ground_vector", "no_reference", "missing_wind", "wind_qc", "gross_error")
@@ -68,35 +70,6 @@ def adjusted_reductions(
         np.maximum(corrected_before**2 + controls_during**2 - controls_before**2, 0.0)
     )
     return linear, untreated - corrected_during
-
-
-@dataclass(frozen=True)
-class _Sums:
-    """Reports and summed disagreement (kt) by aircraft and day, the field test's statistics."""
-
-    count: NDArray[np.float64]  # (aircraft, day)
-    total: NDArray[np.float64]  # (aircraft, day)
-    corrected: NDArray[np.bool_]  # (aircraft,)
-    during: NDArray[np.bool_]  # (day,)
-
-    def means(self, count: Any = None, total: Any = None) -> dict[tuple[str, str], float]:
-        """Mean disagreement of each group in each window."""
-        count = self.count if count is None else count
-        total = self.total if total is None else total
-        found = {}
-        for group, chosen in zip(GROUPS, (~self.corrected, self.corrected), strict=True):
-            for window, days in zip(WINDOWS, (~self.during, self.during), strict=True):
-                number = count[chosen][:, days].sum()
-                found[group, window] = total[chosen][:, days].sum() / number if number else np.nan
-        return found
-
-    def levels(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean disagreement of each aircraft before and during."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return (
-                self.total[:, ~self.during].sum(1) / self.count[:, ~self.during].sum(1),
-                self.total[:, self.during].sum(1) / self.count[:, self.during].sum(1),
-            )
 
 
 def field_test(
@@ -158,28 +131,30 @@ def field_test(
     }
     names = headings["aircraft"].to_numpy().astype(str)
     member = np.isin(names, [*corrected, *controls])
-    days: dict[str, list[_Days]] = {key: [] for key in pools}
+    days: dict[str, list[DayPart]] = {key: [] for key in pools}
     measured: dict[tuple[str, str], list[Floats]] = {}
     for block in blocks(headings, _COLUMNS):
         number = window.number(block)
         chosen = _eligible(block, required) & (number >= 0)
         for key, members in pools.items():
             difference = _difference(block, members)
-            days[key].append(_days(block, difference, chosen & np.isfinite(difference), number))
+            days[key].append(
+                DayPart.of(block, difference, chosen & np.isfinite(difference), number)
+            )
         groups = {"controls": controls, "corrected": corrected}
         for cell, part in _measures(block, pools[reference], chosen, number, groups).items():
             measured.setdefault(cell, []).append(part)
     for key in pools:
-        sums = _summed(days[key], member, np.isin(names[member], corrected))
+        sums = DaySums.of(days[key], member, np.isin(names[member], corrected))
         entry = _headline(sums, draws=draws, seed=seed)
         if key == reference:
-            result |= entry | _scrutiny(sums, names[member], draws=draws, seed=seed)
+            result |= entry | scrutinise(sums, names[member], draws=draws, seed=seed)
             result["components"] = _components(measured)
         result.setdefault("by_reference", {})[key] = entry
     return result
 
 
-def _headline(sums: _Sums, *, draws: int, seed: int) -> dict[str, Any]:
+def _headline(sums: DaySums, *, draws: int, seed: int) -> dict[str, Any]:
     """Groups, reductions and their intervals."""
     means = sums.means()
     empty = [key for key, value in means.items() if not np.isfinite(value)]
@@ -191,7 +166,7 @@ def _headline(sums: _Sums, *, draws: int, seed: int) -> dict[str, Any]:
             remedy="Check the dates and the groups, or relax field_test.roll and temperature_qc",
         )
     linear, quadrature = adjusted_reductions(*_four(means))
-    drawn = _bootstrap(sums, draws=draws, seed=seed)
+    drawn = bootstrap(sums, draws=draws, seed=seed)
     groups = {}
     for index, group in enumerate(GROUPS):
         chosen = sums.corrected if group == "corrected" else ~sums.corrected
@@ -200,9 +175,9 @@ def _headline(sums: _Sums, *, draws: int, seed: int) -> dict[str, Any]:
             "before_kt": means[group, "before"],
             "during_kt": means[group, "during"],
             "reduction_kt": means[group, "before"] - means[group, "during"],
-            "reduction_ci_kt": _interval(drawn[:, index, 0] - drawn[:, index, 1]),
-            "before_ci_kt": _interval(drawn[:, index, 0]),
-            "during_ci_kt": _interval(drawn[:, index, 1]),
+            "reduction_ci_kt": interval_95(drawn[:, index, 0] - drawn[:, index, 1]),
+            "before_ci_kt": interval_95(drawn[:, index, 0]),
+            "during_ci_kt": interval_95(drawn[:, index, 1]),
             "reports_before": int(sums.count[chosen][:, ~sums.during].sum()),
             "reports_during": int(sums.count[chosen][:, sums.during].sum()),
         }
@@ -210,9 +185,9 @@ def _headline(sums: _Sums, *, draws: int, seed: int) -> dict[str, Any]:
     return {
         "groups": groups,
         "adjusted_reduction_kt": linear,
-        "adjusted_reduction_ci_kt": _interval(spread[0]),
+        "adjusted_reduction_ci_kt": interval_95(spread[0]),
         "adjusted_reduction_quadrature_kt": quadrature,
-        "adjusted_reduction_quadrature_ci_kt": _interval(spread[1]),
+        "adjusted_reduction_quadrature_ci_kt": interval_95(spread[1]),
         "days_before": int((~sums.during).sum()),
         "days_during": int(sums.during.sum()),
     }
@@ -225,89 +200,6 @@ def _four(means: Mapping[tuple[str, str], float]) -> tuple[float, float, float, 
         means["controls", "before"],
         means["controls", "during"],
     )
-
-
-def _bootstrap(sums: _Sums, *, draws: int, seed: int) -> NDArray[np.float64]:
-    """Means of (draw, group, window) with whole days drawn again within each window."""
-    rng = np.random.default_rng(seed)
-    drawn = np.empty((draws, 2, 2))
-    for column, days in enumerate((np.flatnonzero(~sums.during), np.flatnonzero(sums.during))):
-        weights = _day_weights(rng, draws, days.size)
-        for row, chosen in enumerate((~sums.corrected, sums.corrected)):
-            count = weights @ sums.count[chosen][:, days].sum(0)
-            total = weights @ sums.total[chosen][:, days].sum(0)
-            drawn[:, row, column] = total / np.maximum(count, 1.0)
-    return drawn
-
-
-def _day_weights(rng: np.random.Generator, draws: int, days: int) -> NDArray[np.float64]:
-    """How often each day is drawn, spread out a little for the few days there are.
-
-    Drawing n of n days again has a variance (n - 1)/n of the true one; the weights' distance
-    from one is stretched by sqrt(n/(n - 1)) to mend that.
-    """
-    weights = rng.multinomial(days, np.full(days, 1.0 / days), size=draws).astype(float)
-    return np.asarray(1.0 + (weights - 1.0) * np.sqrt(days / max(days - 1.0, 1.0)))
-
-
-def _interval(values: NDArray[np.float64]) -> list[float]:
-    low, high = np.percentile(values, [2.5, 97.5])
-    return [float(low), float(high)]
-
-
-def _scrutiny(sums: _Sums, names: NDArray[Any], *, draws: int, seed: int) -> dict[str, Any]:
-    """Permutation test and the check for regression to the mean."""
-    before, during = sums.levels()
-    good = np.isfinite(before) & np.isfinite(during)
-    effect, p_value, spread = permutation_test(
-        before[good], during[good], sums.corrected[good], draws=draws, seed=seed
-    )
-    return {
-        "permutation": {
-            "effect_kt": effect,
-            "p_value": p_value,
-            "p_value_unconditional": unconditional_p_value(
-                (before - during)[good], sums.corrected[good], draws=draws, seed=seed
-            ),
-            "draws": draws,
-            "null_effects_kt": spread[:500],
-        },
-        "regression_to_the_mean": _regression_to_the_mean(sums),
-        "matched_controls": matched_controls(before[good], during[good], sums.corrected[good]),
-        "by_aircraft": [
-            {
-                "aircraft": str(name),
-                "group": "corrected" if treated else "controls",
-                "before_kt": first,
-                "during_kt": second,
-            }
-            for name, treated, first, second in zip(
-                names, sums.corrected, before, during, strict=True
-            )
-        ],
-    }
-
-
-def _regression_to_the_mean(sums: _Sums) -> dict[str, Any]:
-    """Choose the worst aircraft in the first half of the window before, watch the second half."""
-    days = np.flatnonzero(~sums.during)
-    first, second = days[: days.size // 2], days[days.size // 2 :]
-    chosen = int(sums.corrected.sum())
-    with np.errstate(invalid="ignore", divide="ignore"):
-        early = sums.total[:, first].sum(1) / sums.count[:, first].sum(1)
-        late = sums.total[:, second].sum(1) / sums.count[:, second].sum(1)
-    good = np.isfinite(early) & np.isfinite(late)
-    if good.sum() <= chosen or chosen == 0:
-        return {"spurious_reduction_kt": None, "why": "too few days or aircraft before the test"}
-    worst = np.zeros(good.size, dtype=bool)
-    worst[np.flatnonzero(good)[np.argsort(-early[good])[:chosen]]] = True
-    others = good & ~worst
-    change = (early - late)[worst].mean() - (early - late)[others].mean()
-    return {
-        "spurious_reduction_kt": float(change),
-        "rule": f"the {chosen} aircraft with the largest disagreement in the first half of the "
-        "window before, followed through its second half, minus the others' change",
-    }
 
 
 def _measures(
@@ -430,42 +322,3 @@ def _difference(headings: xr.Dataset, members: list[str]) -> NDArray[np.float64]
         winds["reference_northward_wind"].to_numpy(),
     )
     return np.asarray(found / KNOT, dtype=np.float64)
-
-
-class _Days(NamedTuple):
-    """Reports and summed disagreement of the aircraft of a block by day and window."""
-
-    days: NDArray[np.int64]  # (day, 2): day and window
-    counts: Floats  # (aircraft, day)
-    total: Floats  # (aircraft, day)
-
-
-def _days(
-    headings: xr.Dataset,
-    difference: Floats,
-    chosen: NDArray[np.bool_],
-    window: NDArray[np.int64],
-) -> _Days:
-    """Accumulate by aircraft and day; a flight counts for the day of each of its reports."""
-    aircraft = aircraft_of_report(headings)[chosen]
-    day = headings["time"].to_numpy()[chosen].astype("datetime64[D]").astype(np.int64)
-    # A day split by the start of the test counts once in each window.
-    days, index = np.unique(np.column_stack([day, window[chosen]]), axis=0, return_inverse=True)
-    shape = (headings.sizes["aircraft"], days.shape[0])
-    cell = aircraft * shape[1] + index.ravel()
-    count = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
-    total = np.bincount(cell, weights=difference[chosen], minlength=count.size).reshape(shape)
-    return _Days(days, count.astype(np.float64), total.astype(np.float64))
-
-
-def _summed(parts: list[_Days], member: NDArray[np.bool_], corrected: NDArray[np.bool_]) -> _Sums:
-    """Put the blocks side by side on the days of all."""
-    days = np.unique(np.concatenate([part.days for part in parts]), axis=0)
-    key, first = days[:, 0] * 2 + days[:, 1], 0
-    count, total = np.zeros((2, member.size, days.shape[0]))
-    for part in parts:
-        rows = slice(first, first + part.counts.shape[0])
-        place = np.searchsorted(key, part.days[:, 0] * 2 + part.days[:, 1])
-        count[rows, place], total[rows, place] = part.counts, part.total
-        first = rows.stop
-    return _Sums(count[member], total[member], corrected, days[:, 1] == 1)

@@ -139,10 +139,11 @@ def make_virtual(job: Job, headings: xr.Dataset) -> dict[str, Any]:
     -------
     dict
         ``later`` of :func:`airswing.evaluation.virtual.virtual_field_test` and ``held_out`` of
-        :func:`~airswing.evaluation.virtual.cross_validate`; where one cannot be computed its
-        ``why``.
+        :func:`~airswing.evaluation.crossvalidation.cross_validate`; where one cannot be computed
+        its ``why``.
     """
-    from airswing.evaluation.virtual import cross_validate, virtual_field_test
+    from airswing.evaluation.crossvalidation import cross_validate
+    from airswing.evaluation.virtual import virtual_field_test
 
     config = job.config
     options: dict[str, Any] = {

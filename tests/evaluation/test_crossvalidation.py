@@ -1,0 +1,42 @@
+"""Cross-validation: held-out flights show the predicted gain, and none where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from airswing.errors import InputError
+from airswing.evaluation.crossvalidation import cross_validate
+from tests.compass.flown import Setting
+from tests.evaluation.archives import fleet, flown
+
+SETTING = Setting(aircraft=5, days=50, outliers=0.005)
+AGAINST = {"pools": {"ruc": ["ruc"]}, "reference": "ruc"}
+QUICK = AGAINST | {"joint": False}
+
+
+@pytest.fixture(scope="module")
+def headings():
+    return fleet(3, SETTING, amplitude=5.0)[0]
+
+
+def test_an_unbent_compass_gains_nothing_when_held_out():
+    ds = flown(np.zeros((4, 5)), Setting(aircraft=4, days=30), 5)
+    found = cross_validate(ds, folds=4, draws=100, **QUICK)
+    # The curve bent to noise looks like a gain on its own reports and costs on others.
+    assert found["in_sample_gain_kt"] > found["realised_gain_kt"]
+    assert found["realised_gain_kt"] < 0.02
+    assert found["predicted_gain_kt"] < 0.02
+
+
+def test_held_out_flights_agree_with_the_prediction(headings):
+    found = cross_validate(headings, folds=4, draws=200, **QUICK)
+    assert found["agree"]
+    assert found["realised_gain_kt"] > 1.0
+    assert found["in_sample_gain_kt"] >= found["realised_gain_kt"] - 0.02
+
+
+@pytest.mark.parametrize("folds", [1, 100_000])
+def test_impossible_folds_are_refused(headings, folds):
+    with pytest.raises(InputError, match="folds"):
+        cross_validate(headings, folds=folds, **AGAINST)
