@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from airswing.gap import clusters
 from airswing.gap.changepoint import windows
 from airswing.gap.clusters import cluster_factor
 from airswing.gap.evidence import (
@@ -124,6 +125,37 @@ def test_a_steady_effect_is_no_clustering():
     grams = np.tile(np.eye(1) * 10, (60, 1, 1))
     scores = rng.normal(0, np.sqrt(10), (60, 1)) + 50.0
     assert np.nanmax(cluster_factor(grams, scores, grams.sum(0))) < 2.0
+
+
+def test_freedom_fitted_away_is_given_back():
+    """A mean of either half taken off beforehand leaves too little scatter; `spent` counts it."""
+    rng = np.random.default_rng(4)
+    grams = np.tile(np.eye(1) * 10, (42, 1, 1))
+    factors = []
+    for _ in range(300):
+        scores = rng.normal(0, np.sqrt(10), (42, 1))
+        scores[:21] -= scores[:21].mean()
+        scores[21:] -= scores[21:].mean()
+        factors.append(cluster_factor(grams, scores, grams.sum(0), spent=1)[[0, 2]])
+    np.testing.assert_allclose(np.mean(factors, axis=0), 1.0, atol=0.12)
+
+
+def test_few_long_blocks_are_drawn_towards_many_short_ones():
+    steadied = clusters._steadied(np.array([2.0, 2.0, 5.0]), 63)
+    # nine weeks have eight degrees of freedom, as many as the prior has
+    np.testing.assert_allclose(steadied, [2.0, 2.0, 3.5])
+    np.testing.assert_allclose(clusters._steadied(np.array([1.0, np.nan, 3.0]), 63)[2], 3.0)
+
+
+def test_nothing_left_is_no_evidence():
+    """Rounding may leave less than nothing where all is explained by what is given."""
+    allowance = allowance_covariance(np.eye(2) * 100, 100.0, 0.1, np.ones(2))
+    value, estimate = gaussian_evidence(
+        np.diag([-1e-3, 1e-4]), np.array([0.1, 0.1]), factor=1.0, allowance=allowance,
+        prior=np.ones(2),
+    )  # fmt: skip
+    assert np.isfinite(value) and value <= 0.0
+    np.testing.assert_allclose(estimate, 0.0, atol=1e-12)
 
 
 def test_allowance_is_the_stated_size():

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from tests.gap.toy import make_frame
 
-from airswing.gap.attribute import Rules, choose
+from airswing.gap.attribute import Rules, Term, _stays, choose
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence import Candidate, Score
@@ -44,3 +46,40 @@ def test_an_unknown_must_beat_effects_too_small_to_be_stated():
     assert choose([group, small], rules) is None
     clear = score("cross:icing", False, 12.0, 0.4)
     assert choose([clear, small], rules) is clear
+
+
+def test_an_unknown_stays_where_it_explains_clearly_more():
+    rules, column = Rules(), np.array([0])
+    term = Term(
+        Candidate("along:altitude", column, "aircraft", np.ones(1), False), (0,), None, None
+    )
+    group = replace(score("along:altitude", False, 30.0, 0.5), raw=50.0)
+    weaker, better = (replace(score("tas_scale", True, 31.0, 0.5), raw=raw) for raw in (40.0, 48.0))
+    assert _stays([group, weaker], term, weaker, rules)
+    assert not _stays([group, better], term, better, rules)
+
+
+def test_a_step_of_the_whole_fleet_is_no_doubt_about_itself():
+    """Days before and after a step scatter about any mean; the step takes that off first."""
+
+    def swung(context):
+        return np.where(context["time"] > 9.5 * 86400, np.radians(0.8), 0.0)
+
+    frame = make_frame(seed=5, aircraft=5, days=20, noise=0.3, heading_error=swung)
+    catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
+    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False).report["effects"]
+    assert [(e["name"], e["tails"]) for e in made] == [("compass_step", list(frame.tails))]
+
+
+def test_what_the_catalogue_lacks_is_placed_by_the_simplest_group():
+    def two_cycles(context):
+        own = np.radians(0.9) * np.sin(2 * context["magnetic_heading"])
+        return np.where(context["aircraft"] == 1, own, 0.0)
+
+    frame = make_frame(seed=6, aircraft=5, days=16, noise=0.3, heading_error=two_cycles)
+    catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron")}
+    report = diagnose(frame, catalogue=catalogue, maps=False).report
+    place = report["unknown"]["where"][0]
+    assert report["effects"] == []
+    assert place["group"] == "cross:magnetic_heading 2 cycles"
+    assert place["tails"] == [frame.tails[1]]

@@ -61,8 +61,8 @@ class Rules:
         Length of the search.
     """
 
-    evidence: float = 3.0
-    fleet_evidence: float = 3.0
+    evidence: float = 2.0
+    fleet_evidence: float = 2.0
     size: float = 0.2
     unknown_margin: float = 3.0
     most_terms: int = 12
@@ -210,7 +210,7 @@ def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
     passing = [s for s in ranked if passes(s, rules)]
     known = sorted(
         (s for s in passing if s.candidate.known),
-        key=lambda s: -(s.raw - CHANGE_PENALTY * (s.candidate.kind in ("step", "drift"))),
+        key=lambda s: -(s.raw - CHANGE_PENALTY.get(s.candidate.kind, 0.0)),
     )
     unknown = sorted((s for s in passing if not s.candidate.known), key=lambda s: -s.tempered)
     best = known[0] if known else None
@@ -298,12 +298,14 @@ def _swap(ranking: _Ranking, terms: list[Term], rules: Rules) -> list[Term]:
     k = 0
     while len(terms) > 1 and k < len(terms):
         others = terms[:k] + terms[k + 1 :]
-        best = choose(ranking(others), rules)
+        ranked = ranking(others)
+        best = choose(ranked, rules)
         if best is None:
             terms = others
             continue
         new = enter(best, rules)
-        if new.candidate.key != terms[k].candidate.key or new.period != terms[k].period:
+        same = new.candidate.key == terms[k].candidate.key and new.period == terms[k].period
+        if not same and not _stays(ranked, terms[k], best, rules):
             merged = _merge(others, new)
             if len(merged) < len(terms):
                 terms = merged
@@ -311,6 +313,18 @@ def _swap(ranking: _Ranking, terms: list[Term], rules: Rules) -> list[Term]:
             terms = [*terms[:k], new, *terms[k + 1 :]]
         k += 1
     return terms
+
+
+def _stays(ranked: Sequence[Score], old: Term, best: Score, rules: Rules) -> bool:
+    """Whether an unknown term explains clearly more than the known one that would replace it.
+
+    Effects that nearly cancel (an airspeed scale against an offset) bend into the shape of what
+    nobody knows, one after the other; taken by evidence alone the search goes round between them.
+    """
+    if old.candidate.known or not best.candidate.known:
+        return False
+    own = next((s for s in ranked if s.candidate.key == old.candidate.key), None)
+    return own is not None and own.raw > best.raw + rules.unknown_margin * own.factor
 
 
 def _prune(base: Base, ranking: _Ranking, terms: list[Term], rules: Rules) -> list[Term]:

@@ -13,6 +13,8 @@ Source: GAP.md section 6; cumulative-sum change-point posterior (Smith 1975, Bio
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,6 +38,10 @@ Floats = NDArray[np.float64]
 SHORTEST = 3
 #: What a period must explain beyond the same effect lasting: log evidence, and part of its own.
 GAIN, GAIN_SHARE = 5.0, 0.04
+#: Cluster factor from which it is asked how much of it the change itself makes.
+WORTH_A_LOOK = 1.3
+#: Blocks that a period's start and its coefficients take of the freedom of the scatter.
+SPENT = 2
 #: Prior probability that a change ends again before the archive does.
 ENDING = 0.2
 
@@ -130,17 +136,21 @@ def evaluate_step(
     if "remains" not in given.derived:
         given.derived["remains"] = residual_scores(base, given)
     remains = given.derived["remains"]
-    factor = aircraft_factor(stats, given, candidate.columns)
+    acting = stats.acting[:, candidate.columns].max(axis=1)
+    asked = np.zeros(aircraft, bool) if len(tried) == 0 else acting >= 20
+    if allowed is not None:
+        asked &= allowed
+    sums = {
+        int(a): _window_sums(base, given, int(a), candidate.columns, tried, remains)
+        for a in np.flatnonzero(asked)
+    }
+    factor = _steady_factor(base, given, candidate, tried, sums)
     tempered = np.full((SCALE_GRID.size, aircraft), 0.0)
     raw = np.zeros((SCALE_GRID.size, aircraft))
     table = np.full((aircraft, len(tried)), -np.inf)
     estimate = np.zeros((aircraft, candidate.columns.size))
-    acting = stats.acting[:, candidate.columns].max(axis=1)
-    for a in range(aircraft):
-        if len(tried) == 0 or acting[a] < 20 or (allowed is not None and not allowed[a]):
-            continue
-        sums = _window_sums(base, given, a, candidate.columns, tried, remains)
-        values = _window_evidence(stats, a, candidate, sums, factor)
+    for a, own in sums.items():
+        values = _window_evidence(stats, a, candidate, own, factor)
         if not _beats_lasting(base, given, a, candidate, remains, factor, values[0], prior):
             continue
         tempered[:, a] = [log_mean_with(row, prior) for row in values[0]]
@@ -157,6 +167,41 @@ def evaluate_step(
         candidate, total, whole, factor, _together(posterior, table, period, tried), tempered[best],
         estimate, rms(second, acting, estimate), acting, period=(period[0], period[1]), dates=table,
     )  # fmt: skip
+
+
+def _steady_factor(
+    base: Base,
+    given: Conditional,
+    candidate: Candidate,
+    tried: NDArray[np.int64],
+    sums: dict[int, tuple[Floats, Floats]],
+) -> float:
+    """Cluster factor with every aircraft's likeliest period taken off, where that is smaller.
+
+    A change most of the fleet has makes their days scatter about anything that lasts; it must not
+    count as doubt about itself. What the period's own fit takes of the scatter is given back.
+    """
+    stats, columns = base.stats, candidate.columns
+    plain = aircraft_factor(stats, given, columns)
+    if plain < WORTH_A_LOOK or not sums:
+        return plain
+    score = given.score.copy()
+    for a, own in sums.items():
+        values = _window_evidence(stats, a, candidate, own, plain)
+        _, w = np.unravel_index(int(np.argmax(values[0])), values[0].shape)
+        start, end = tried[w]
+        fit = _unshrunk(own, int(w))
+        grams = own_day_grams(base, a, columns)[start:end]
+        score[a, start:end, columns] -= (grams @ fit).T
+    left = replace(given, score=score)
+    return min(plain, aircraft_factor(stats, left, columns, spent=SPENT))
+
+
+def _unshrunk(sums: tuple[Floats, Floats], window: int) -> Floats:
+    """Least-squares coefficients (k,) of one window."""
+    information, score = sums[0][window], sums[1][window]
+    ridge = 1e-6 * np.trace(information) + 1e-12
+    return np.asarray(np.linalg.solve(information + ridge * np.eye(score.size), score))
 
 
 def _beats_lasting(
@@ -238,7 +283,9 @@ def _window_sums(
     information = window[:, :k, :k]
     if others.size:
         side = window[:, :k, k:]
-        information = information - side @ inverse @ side.transpose(0, 2, 1)
+        # of a window wholly within another's period nothing is left, in single precision less
+        least = 1e-4 * information * np.eye(k)
+        information = information - side @ inverse @ side.transpose(0, 2, 1) + least
     return information, score[tried[:, 1]] - score[tried[:, 0]]
 
 

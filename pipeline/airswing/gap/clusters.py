@@ -6,7 +6,8 @@ factor is the scatter of block sums (one day, three days, a week) about a unit's
 independent errors would give; per aircraft it is pooled by the median over aircraft, for fleet-wide
 columns the blocks hold all aircraft.
 
-Validity: four blocks and more; at least 1 per aircraft and 1.5 for the fleet.
+Validity: four blocks and more; at least 1 per aircraft and 1.5 for the fleet. Of one fleet longer
+blocks are few: their factor is drawn towards that of shorter ones.
 
 Source: two-way clustering after Cameron, Gelbach & Miller (2011); GAP.md sections 2 and 6.
 """
@@ -22,6 +23,10 @@ from airswing.gap.statistics import Statistics
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+#: Lengths of the blocks whose scatter is looked at, days.
+BLOCKS = (1, 3, 7)
+#: Blocks that the factor of the next shorter ones is worth.
+PRIOR_BLOCKS = 8.0
 #: Share of a column's energy that must be left, given the included columns, for its scores to tell:
 #: days scatter by what was conditioned on as well, and over next to nothing that is any number.
 LEAST_LEFT = 0.05
@@ -32,7 +37,8 @@ def cluster_factor(
     score_by_day: Floats,
     information: Floats,
     *,
-    blocks: tuple[int, ...] = (1, 3, 7),
+    blocks: tuple[int, ...] = BLOCKS,
+    spent: int = 0,
 ) -> Floats:
     """Scatter of block scores about a unit's own fit, relative to the information.
 
@@ -44,6 +50,8 @@ def cluster_factor(
     information : (..., k, k) float
     blocks : tuple of int
         Lengths of the blocks, days.
+    spent : int
+        Blocks' worth of freedom that was fitted away before.
 
     Returns
     -------
@@ -61,11 +69,12 @@ def cluster_factor(
     out = np.full((*rank.shape, len(blocks)), np.nan)
     for i, length in enumerate(blocks):
         edges = np.arange(0, days, length)
-        if edges.size < 4:
+        if edges.size < 4 + spent:
             continue
         sums = np.add.reduceat(remains, edges, axis=-2)
         active = np.logical_or.reduceat(busy, edges, axis=-1).sum(axis=-1)
-        degrees = np.maximum(rank, 1) * np.maximum(active - 1, 1) / np.maximum(active, 1)
+        free = np.maximum(active - 1 - spent, 1)
+        degrees = np.maximum(rank, 1) * free / np.maximum(active, 1)
         out[..., i] = ((sums @ spread) * sums).sum(axis=(-2, -1)) / degrees
     return out
 
@@ -92,7 +101,9 @@ def _truncated_inverse(matrix: Floats, *, bound: float = 1e-3) -> tuple[Floats, 
     return (part * inverse[..., None, :]) @ np.swapaxes(part, -1, -2), kept.sum(axis=-1)
 
 
-def aircraft_factor(stats: Statistics, given: Conditional, columns: Integers) -> float:
+def aircraft_factor(
+    stats: Statistics, given: Conditional, columns: Integers, *, spent: int = 0
+) -> float:
     """Cluster factor of a per-aircraft candidate, pooled over aircraft (median), at least 1."""
     own = _day_grams(stats, columns)
     information = given.gram[:, columns[:, None], columns]
@@ -100,7 +111,8 @@ def aircraft_factor(stats: Statistics, given: Conditional, columns: Integers) ->
     flown = (whole > 0) & (left > LEAST_LEFT * whole)
     if not flown.any():
         return 1.5 if (whole > 0).any() else 1.0
-    values = cluster_factor(own[flown], given.score[:, :, columns][flown], information[flown])
+    score = given.score[:, :, columns][flown]
+    values = cluster_factor(own[flown], score, information[flown], spent=spent)
     known = [c[np.isfinite(c)] for c in values.T]
     return _largest(np.array([np.median(c) for c in known if c.size]))
 
@@ -113,7 +125,21 @@ def fleet_factor(stats: Statistics, given: Conditional, columns: Integers) -> fl
         own = _day_grams(stats, columns).sum(axis=0)
     information = given.fleet_gram[np.ix_(columns, columns)]
     values = cluster_factor(own, given.fleet_score[:, columns], information)
-    return max(1.5, _largest(values))
+    return max(1.5, _largest(_steadied(values, stats.days.size)))
+
+
+def _steadied(values: Floats, days: int) -> Floats:
+    """Factors of longer blocks drawn towards those of shorter ones as far as they are few.
+
+    Of one fleet there are six weeks in 45 days: their scatter alone says little, and the largest of
+    three such figures is too large.
+    """
+    out = values.copy()
+    for i in range(1, out.size):
+        own = days / BLOCKS[i] - 1
+        if np.isfinite(out[i]) and np.isfinite(out[i - 1]):
+            out[i] = (own * out[i] + PRIOR_BLOCKS * out[i - 1]) / (own + PRIOR_BLOCKS)
+    return out
 
 
 def _largest(values: Floats) -> float:

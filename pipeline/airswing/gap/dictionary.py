@@ -3,7 +3,9 @@
 Assumptions: a dependence not in the catalogue is a smooth function of something a report carries.
 The columns come in named groups, each a small family of hat functions, categories or harmonics of
 one variable, on one component (cross-track or along-track of the indicated heading, or u and v),
-plain or times sine and cosine of the magnetic heading. Three kinds of block:
+plain or times sine and cosine of the magnetic heading. The simplest of them say what an effect of
+the catalogue says (a constant, one cycle): where it is in the catalogue it wins, where it is not
+they do not leave the gap without a place. Three kinds of block:
 
 * ``day fields``: u and v times {1, x, y, z} and their products; fitted anew every day as random
   effects (what the aircraft of one day share);
@@ -208,7 +210,8 @@ def _centre(values: Floats) -> tuple[float, float]:
 def _groups(knots: dict[str, Floats], flags: set[str]) -> tuple[Group, ...]:
     out = []
     for component in ("cross", "along"):
-        waves = ((3,), (4,), (5, 6)) if component == "cross" else ((1,), (2,), (3, 4))
+        out.append(Group(f"{component}:constant", component, "constant", ("always",)))
+        waves = ((1,), (2,), (3,), (4,), (5, 6)) if component == "cross" else ((1,), (2,), (3, 4))
         for numbers in waves:
             labels = tuple(f"{f}{k}" for k in numbers for f in ("sin", "cos"))
             name = f"{component}:magnetic_heading {'+'.join(map(str, numbers))} cycles"
@@ -229,6 +232,7 @@ def _groups(knots: dict[str, Floats], flags: set[str]) -> tuple[Group, ...]:
         ("advection", ("V.grad w",)),
         ("shear", ("dw/dlnp",)),
         ("wind_by_height", ("along wind", "across wind")),
+        ("wind_by_longitude", ("along wind", "across wind")),
     )
     out += [Group(f"wind:{name}", "wind", name, labels) for name, labels in taylor]
     return tuple(out)
@@ -278,7 +282,7 @@ def fill_dictionary(out: NDArray[np.floating], frame: Any, plan: DictionaryPlan)
         block = out[start : start + len(group.labels)]
         start += len(group.labels)
         if group.component == "wind":
-            block[...] = np.nan_to_num(_taylor(frame, group)).T
+            block[...] = np.nan_to_num(_taylor(frame, plan, group)).T
             continue
         which = f"{group.name.partition(':')[2]} {group.labels}"  # of both components alike
         if which not in made:
@@ -303,6 +307,8 @@ class _Waves:
 
 def _factors(frame: Any, plan: DictionaryPlan, group: Group, waves: _Waves) -> Floats:
     """Scalar factors (k, n) of a heading-frame group."""
+    if group.variable == "constant":
+        return np.ones((1, frame.size))
     if group.variable == "magnetic_heading":
         return np.stack([waves(name) for name in group.labels])
     if group.variable == "phase":
@@ -336,13 +342,17 @@ def _hour_hats(values: Floats, points: Floats) -> Floats:
     return rows[:-1]
 
 
-def _taylor(frame: Any, group: Group) -> Floats:
+def _taylor(frame: Any, plan: DictionaryPlan, group: Group) -> Floats:
     """Columns (n, 2, k) made of the reference wind and its derivatives, of order 1."""
     wind = np.stack([frame.u_ref, frame.v_ref], -1) / 10.0
     turned = np.stack([-wind[:, 1], wind[:, 0]], -1)
     if group.variable == "wind_by_height":
         high = np.clip((np.log(7e4) - np.log(frame.pressure)) / 0.4, 0, 1)[:, None] - 0.5
         return np.stack([wind * high, turned * high], -1)
+    if group.variable == "wind_by_longitude":
+        mean, spread = plan.centre["longitude"]
+        east = np.clip((frame.longitude - mean) / spread, -3, 3)[:, None] / 2
+        return np.stack([wind * east, turned * east], -1)
     if group.variable == "tendency":
         return (np.stack([frame.dudt, frame.dvdt], -1) * 3600.0)[..., None]
     if group.variable == "shear":

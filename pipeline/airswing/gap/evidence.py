@@ -40,6 +40,8 @@ SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
 #: fleet, of a column that the climatology takes up wholly.
 AIRCRAFT_ALLOWANCE = 0.08  # and the little of every effect that every aircraft has
 FLEET_ALLOWANCE = 0.09
+#: Dictionary groups that only the reference's wind can follow, the same for all aircraft.
+OF_THE_REFERENCE = ("wind:tendency", "wind:wind_by_height", "wind:wind_by_longitude")
 #: Common cluster factor of raw evidence.
 RAW_FACTOR = 1.5
 
@@ -173,7 +175,7 @@ def candidates(
         block = layout.columns(name)
         scales = np.full(block.size, 0.8)
         for scope in ("aircraft", "fleet"):
-            if scope == "aircraft" and name.startswith("wind:"):
+            if scope == "aircraft" and name in OF_THE_REFERENCE:
                 continue
             out.append(Candidate(name, block, scope, scales, False, tuple(range(block.size))))
     return out
@@ -286,8 +288,12 @@ def _own_fit(information: Floats, score: Floats, prior: Floats) -> tuple[Floats,
     """Inverse information and estimate, both in units of the prior."""
     k = prior.size
     own = information * np.outer(prior, prior)
-    floor = 1e-4 * np.trace(own, axis1=-2, axis2=-1) / k + 1e-9
-    spread, _ = inverse_and_logdet(own + floor[..., None, None] * np.eye(k))
+    floor = 1e-4 * np.maximum(np.trace(own, axis1=-2, axis2=-1), 0.0) / k + 1e-9
+    # where everything is explained by what is given, rounding may leave less than nothing
+    nothing = np.linalg.eigvalsh(own)[..., 0] + floor <= 0.0
+    own = np.where(nothing[..., None, None], 0.0, own) + floor[..., None, None] * np.eye(k)
+    score = np.where(nothing[..., None], 0.0, score)
+    spread, _ = inverse_and_logdet(own)
     return spread, np.einsum("...ij,...j->...i", spread, score * prior)
 
 

@@ -28,8 +28,9 @@ Mask = NDArray[np.bool_]
 BASICS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
 #: Tempered evidence beyond the basics that a dictionary group needs, nats.
 LEAST_NOVELTY = 3.0
-#: Prior log odds against an effect that changes in time where a steady one does, nats.
-CHANGE_PENALTY = 3.0
+#: Prior log odds against an effect that changes in time where a steady one does, nats; a unit that
+#: is exchanged or swung is commoner than one that drifts.
+CHANGE_PENALTY = {"step": 3.0, "drift": 4.0}
 #: What a drift must explain beyond the same effect lasting, nats.
 DRIFT_GAIN = 2.5
 
@@ -139,9 +140,7 @@ def best_for(
     scores = [evaluate_known(base, given, c, allowed) for c in pool]
     best = max(
         scores,
-        key=lambda s: (
-            s.aircraft_evidence[one] - CHANGE_PENALTY * (s.candidate.kind in ("step", "drift"))
-        ),
+        key=lambda s: s.aircraft_evidence[one] - CHANGE_PENALTY.get(s.candidate.kind, 0.0),
     )
     own = [s.aircraft_evidence[one] for s in scores if s.candidate.key == current.key]
     return best, float(own[0]) if own else 0.0
