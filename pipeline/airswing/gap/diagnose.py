@@ -191,7 +191,7 @@ def diagnose(
     means = folded(found.terms, energy, energy_error)
     stated = [k for k, t in enumerate(found.terms) if t.candidate.known and k not in means]
     fitted = term_coefficients(found.given, found.terms)
-    factors = readout_factors(
+    factors, doubts = readout_factors(
         frame, columns_frame, found.terms, fitted, base=base, noise=final.noise, effects=effects,
         plan=final.plan, again=final is not first,
     )  # fmt: skip
@@ -202,7 +202,7 @@ def diagnose(
     whole = closure if len(stated) == len(found.terms) else reduce(found.terms)
     closure = with_interval(
         closure, frame, base, found, known=stated, effects=effects, plan=final.plan, day=day,
-        factors=factors, seed=seed,
+        factors=factors, doubts=doubts, seed=seed,
     )  # fmt: skip
     bare = given_terms(base, [])
     hidden = absorbed(base, bare, candidates(base.stats.layout, effects, dictionary=False), effects)
@@ -214,7 +214,8 @@ def diagnose(
     report, details = assemble(
         frame, base=base, noise=final.noise, found=found, closure=closure, whole=whole,
         where=where, effects=effects, untestable=untestable, plan=final.plan,
-        energy=(energy, energy_error), means=means, factors=factors, seed=seed, swap=swap,
+        energy=(energy, energy_error), means=means, factors=factors, doubts=doubts,
+        seed=seed, swap=swap,
         moments=[m for m in second_moments(frame, final.noise) if m.name in known_names],
     )  # fmt: skip
     tell("checks", 0.0)

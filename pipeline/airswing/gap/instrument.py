@@ -61,8 +61,8 @@ def readout_factors(
     effects: Mapping[str, Any],
     plan: DictionaryPlan,
     again: bool = False,
-) -> dict[str, float]:
-    """Share of each wind effect's true coefficient that its estimate holds.
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Share of each wind effect's true coefficient that its estimate holds, and its doubt.
 
     Parameters
     ----------
@@ -80,13 +80,16 @@ def readout_factors(
 
     Returns
     -------
-    dict
+    shares : dict
         Effect name -> share in :data:`BOUNDS`.
+    doubts : dict
+        Effect name -> standard error of its share, relative to it, where an instrument told it.
     """
     days, _ = day_of_report(frame, shift=base.stats.day_shift)
     day = np.searchsorted(base.stats.days, days)
     regress = partial(_regressed, base=base, noise=noise, plan=plan)
     out: dict[str, float] = {}
+    doubts: dict[str, float] = {}
     for k, term in enumerate(terms):
         name = term.candidate.name
         if len(term.candidate.subset) != 1 or name not in (*EXOGENOUS, TIMED, LAGGED):
@@ -105,18 +108,19 @@ def readout_factors(
         free = with_large_scale_tendency(columns_frame)
         under, _ = regress(free, x, term, effect)
         found, error = regress(free, rest, term, effect)
-        out[name] = _shrunk(
+        out[name], doubts[name] = _shrunk(
             float(coefficients[k][0, 0]) * under / found,
             error * float(np.sqrt(term.score.factor)) / abs(found),
         )
-    return {name: float(np.clip(share, *BOUNDS)) for name, share in out.items()}
+    return {name: float(np.clip(share, *BOUNDS)) for name, share in out.items()}, doubts
 
 
-def _shrunk(share: float, error: float) -> float:
-    """Share of a relative standard error, drawn towards 1 as far as it is unknown."""
+def _shrunk(share: float, error: float) -> tuple[float, float]:
+    """Share of a relative standard error, drawn towards 1 as far as it is unknown; what is left."""
     if share <= 0.0 or not np.isfinite(share):
-        return 1.0
-    return float(np.exp(np.log(share) * USUAL**2 / (USUAL**2 + error**2)))
+        return 1.0, USUAL
+    known = USUAL**2 / (USUAL**2 + error**2)
+    return float(np.exp(np.log(share) * known)), float(error * np.sqrt(known))
 
 
 def _without_others(

@@ -66,6 +66,7 @@ def with_interval(
     plan: DictionaryPlan,
     day: Integers,
     factors: Mapping[str, float] | None = None,
+    doubts: Mapping[str, float] | None = None,
     seed: int = 0,
     draws: int = 300,
 ) -> Closure:
@@ -86,6 +87,8 @@ def with_interval(
         Index of each report's day in the statistics.
     factors : mapping, optional
         Effect name -> share of its coefficient that is fitted (`airswing.gap.instrument`).
+    doubts : mapping, optional
+        Effect name -> relative standard error of that share.
     seed, draws : int
 
     Returns
@@ -99,7 +102,7 @@ def with_interval(
     if known:
         residual, changes = _about_estimate(
             frame, base, found, known, rng, draws, effects=effects, plan=plan, day=day,
-            factors=factors or {},
+            factors=factors or {}, doubts=doubts or {},
         )  # fmt: skip
         if any(found.terms[k].candidate.name == "reference_time_offset" for k in known):
             residual = closure.residual  # taken off by more than its column
@@ -201,6 +204,7 @@ def _about_estimate(
     plan: DictionaryPlan,
     day: Integers,
     factors: Mapping[str, float],
+    doubts: Mapping[str, float],
 ) -> tuple[Floats, list[Change]]:
     """Residual at the estimates, and draws about them, of the known terms."""
     shape = base.stats.day_count.shape
@@ -218,10 +222,12 @@ def _about_estimate(
         total += part
         rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
         shared = rng.standard_normal((draws, term.candidate.columns.size))
+        scale = doubts.get(term.candidate.name, 0.0) * rng.standard_normal(draws)
         for row in range(rows):
             formal, allowed = term_covariances(base.stats, found.given, term, offsets[k], row)
             steps = _draw(formal, rng, draws) + shared @ _root(allowed).T
             steps /= factors.get(term.candidate.name, 1.0)
+            steps += np.outer(scale, values[k][row])
             index = _reports(frame, term, row, day)
             changes.append((index, fields[index], steps))
     return take_off(frame, sensor, other), changes

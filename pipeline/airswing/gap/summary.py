@@ -43,6 +43,7 @@ def assemble(
     energy: tuple[Floats, Floats],
     means: Mapping[int, int],
     factors: Mapping[str, float],
+    doubts: Mapping[str, float],
     seed: int,
     swap: Swap | None,
     moments: Sequence[MomentVerdict],
@@ -58,8 +59,8 @@ def assemble(
         Held-out energy of the terms and its standard error.
     means : mapping
         Positions of terms that are the mean of an unknown one -> that one's.
-    factors : mapping
-        Reliabilities of the gradient effects.
+    factors, doubts : mapping
+        Reliabilities of the gradient effects, and their relative standard errors.
     seed : int
 
     Returns
@@ -82,7 +83,7 @@ def assemble(
             unknown.append(place)
             continue
         entry = describe_term(term, offsets[k], found, base, effects=effects, frame=frame,
-                              reliability=factors)  # fmt: skip
+                              reliability=factors, doubts=doubts)  # fmt: skip
         if k in means:
             described[k] = entry
             continue

@@ -146,6 +146,7 @@ def describe_term(
     effects: Mapping[str, Any],
     frame: Any,
     reliability: Mapping[str, float],
+    doubts: Mapping[str, float],
 ) -> dict[str, Any]:
     """One entry of ``effects`` in gap.json, without shares.
 
@@ -158,8 +159,8 @@ def describe_term(
     base : Base
     effects : mapping
     frame : Frame
-    reliability : mapping
-        Effect name -> factor its coefficient is divided by.
+    reliability, doubts : mapping
+        Effect name -> factor its coefficient is divided by; relative standard error of that.
 
     Returns
     -------
@@ -180,6 +181,7 @@ def describe_term(
         value, spread = np.zeros(whole), np.zeros((whole, whole))
         value[subset] = near / factor
         spread[np.ix_(subset, subset)] = error / factor**2
+        spread += doubts.get(term.candidate.name, 0.0) ** 2 * np.outer(value, value)
         each.append(effect.to_parameters(value, spread, frame))
     tails = [stats.tails[a] for a in term.tails]
     out: dict[str, Any] = {
