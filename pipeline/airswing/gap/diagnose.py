@@ -266,7 +266,7 @@ def _run(
         pressure=frame.pressure, heading=columns_frame.heading, airspeed=columns_frame.airspeed,
         doubt=heading_doubt(frame, columns_frame), seed=seed,
     )  # fmt: skip
-    plan = plan_dictionary(columns_frame)
+    plan = plan_dictionary(columns_frame, effects)
     if not dictionary:
         plan = DictionaryPlan(plan.knots, (), plan.centre, plan.means, plan.flags)
     layout = make_layout(effects, plan, columns_frame)

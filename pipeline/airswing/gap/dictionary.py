@@ -3,9 +3,9 @@
 Assumptions: a dependence not in the catalogue is a smooth function of something a report carries.
 The columns come in named groups, each a small family of hat functions, categories or harmonics of
 one variable, on one component (cross-track or along-track of the indicated heading, or u and v),
-plain or times sine and cosine of the magnetic heading. The simplest of them say what an effect of
-the catalogue says (a constant, one cycle): where it is in the catalogue it wins, where it is not
-they do not leave the gap without a place. Three kinds of block:
+plain or times sine and cosine of the magnetic heading. The simplest of them (a
+constant, one cycle) stand in for an effect that the catalogue in use does not hold: beside it they
+would only take its place. Three kinds of block:
 
 * ``day fields``: u and v times {1, x, y, z} and their products; fitted anew every day as random
   effects (what the aircraft of one day share);
@@ -21,7 +21,7 @@ Columns are dimensionless factors times a unit vector: a coefficient is in m s-1
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -44,6 +44,16 @@ VARIABLES: dict[str, tuple[int, bool]] = {
     "longitude": (3, True),
     "wind_speed": (3, False),
     "drift": (3, False),
+}
+
+
+#: Groups that say what effects of the catalogue say -> those effects.
+STANDS_FOR: dict[str, tuple[str, ...]] = {
+    "cross:constant": ("compass_offset",),
+    "cross:magnetic_heading 1 cycles": ("hard_iron",),
+    "cross:magnetic_heading 2 cycles": ("soft_iron",),
+    "along:constant": ("tas_offset", "tas_scale"),
+    "wind:wind_by_longitude": ("reference_grid_relative",),
 }
 
 
@@ -155,13 +165,15 @@ def hats(values: Floats, knots: Floats) -> Floats:
     return out
 
 
-def plan_dictionary(frame: Any) -> DictionaryPlan:
+def plan_dictionary(frame: Any, known: Collection[str] | None = None) -> DictionaryPlan:
     """Knots, groups and centring constants for an archive.
 
     Parameters
     ----------
     frame : Frame
         The whole archive (a large sample of it will do).
+    known : collection of str, optional
+        Effects that are tested beside the dictionary; the whole catalogue by default.
 
     Returns
     -------
@@ -193,7 +205,11 @@ def plan_dictionary(frame: Any) -> DictionaryPlan:
         "longitude": _centre(frame.longitude),
         "log_pressure": _centre(np.log(frame.pressure)),
     }
-    groups = _groups(knots, flags)
+    groups = tuple(
+        group for group in _groups(knots, flags)
+        if group.name not in STANDS_FOR
+        or (known is not None and not set(STANDS_FOR[group.name]) & set(known))
+    )  # fmt: skip
     means = {}
     for name, points in knots.items():
         values = variable(frame, name)

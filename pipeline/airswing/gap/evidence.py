@@ -40,8 +40,9 @@ SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
 #: fleet, of a column that the climatology takes up wholly.
 AIRCRAFT_ALLOWANCE = 0.08  # and the little of every effect that every aircraft has
 FLEET_ALLOWANCE = 0.09
-#: Dictionary groups that only the reference's wind can follow, the same for all aircraft.
-OF_THE_REFERENCE = ("wind:tendency", "wind:wind_by_height", "wind:wind_by_longitude")
+#: Dictionary groups of the reference's wind -> what makes single aircraft follow them; those are
+#: tried where it is not in the catalogue in use.
+OF_SINGLE_AIRCRAFT = {"wind:shear": "altitude_offset", "wind:advection": "time_lag"}
 #: Common cluster factor of raw evidence.
 RAW_FACTOR = 1.5
 
@@ -171,11 +172,12 @@ def candidates(
                 out.append(replace(out[-1], scope="fleet"))
     if not dictionary:
         return out
+    own = {name for name, known in OF_SINGLE_AIRCRAFT.items() if known not in layout.effects}
     for name in layout.groups:
         block = layout.columns(name)
         scales = np.full(block.size, 0.8)
         for scope in ("aircraft", "fleet"):
-            if scope == "aircraft" and name in OF_THE_REFERENCE:
+            if scope == "aircraft" and name.startswith("wind:") and name not in own:
                 continue
             out.append(Candidate(name, block, scope, scales, False, tuple(range(block.size))))
     return out
