@@ -102,3 +102,21 @@ def test_quantities():
     assert quantity("1 kt", "meter / second") == pytest.approx(0.514444, abs=1e-6)
     with pytest.raises(ValueError, match="needs a unit"):
         quantity(3, "second")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["(3 h", "5 m/s/", "  ", "5..2 h", "2**2**100 s", "1e400 s", "nan s", "3", "3 kt", "3 h )"],
+)
+def test_what_is_no_number_with_a_unit_is_refused(text):
+    with pytest.raises(ValueError, match="is not a quantity"):
+        quantity(text, "second")
+
+
+def test_a_pool_that_names_a_reference_twice_is_refused(tmp_path):
+    twice = {
+        "references": {"ruc": {"files": "a"}, "rr": {"files": "b"}},
+        "pool": {"both": ["ruc", "rr", "ruc"]},
+    }
+    with pytest.raises(ConfigError, match=r"pool\.both: a reference is named twice"):
+        load_config(write(tmp_path, SMALLEST | twice))

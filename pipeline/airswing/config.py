@@ -10,7 +10,8 @@ from __future__ import annotations
 import difflib
 import functools
 import math
-from datetime import date, datetime
+import re
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -50,17 +51,26 @@ def quantity(text: object, unit: str) -> float:
     """
     if not isinstance(text, str):
         raise ValueError(f"needs a unit, such as '{text} {_EXAMPLE.get(unit, unit)}'")
+    fault = f"{text!r} is not a quantity in units of {_EXAMPLE.get(unit, unit)}"
+    # A number and a unit apart: pint reads a whole expression, where "5..2 h" is one hour.
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise ValueError(fault)
     import pint
 
     try:
-        value = _registry().Quantity(text).to(unit)
-    except (pint.PintError, AttributeError, TypeError, ValueError) as err:
-        raise ValueError(
-            f"{text!r} is not a quantity in units of {_EXAMPLE.get(unit, unit)}"
-        ) from err
-    return float(value.magnitude)
+        value = float(_registry().Quantity(float(match[1]), match[2]).to(unit).magnitude)
+    except (pint.PintError, AssertionError, AttributeError, TypeError, ValueError) as err:
+        raise ValueError(fault) from err
+    if not math.isfinite(value):
+        raise ValueError(fault)
+    return value
 
 
+_QUANTITY = re.compile(
+    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d][\w /*^-]*|°|)\s*", re.ASCII
+)
+"""A number, then a unit such as ``deg`` or ``m/s``, or none."""
 _EXAMPLE = {"second": "min", "radian": "deg", "meter / second": "kt"}
 """Unit to show where one is missing."""
 
@@ -197,6 +207,8 @@ class Config(_Section):
                 raise ValueError(f"pool.{name}: a reference has the same name")
             if len(set(members)) < 2:
                 raise ValueError(f"pool.{name}: a pool needs at least two references")
+            if len(set(members)) < len(members):
+                raise ValueError(f"pool.{name}: a reference is named twice")
             barred = [member for member in members if self._never_pooled(member)]
             if barred:
                 raise ValueError(
@@ -327,17 +339,3 @@ def as_json(config: Config) -> str:
     str
     """
     return config.model_dump_json()
-
-
-def midnight(day: date) -> datetime:
-    """Start of a day, UTC, without time zone as numpy keeps it.
-
-    Parameters
-    ----------
-    day : date
-
-    Returns
-    -------
-    datetime
-    """
-    return datetime(day.year, day.month, day.day)

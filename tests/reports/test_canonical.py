@@ -159,6 +159,13 @@ def test_components_in_place_of_speed_and_direction():
     assert np.isnan(frame["eastward_wind"][0])
 
 
+def test_components_serve_where_a_speed_stands_without_a_direction():
+    source = piece().drop(columns=["wind_direction"])
+    frame = clean(source.assign(eastward_wind=3.0, northward_wind=4.0), Audit())
+    assert frame["eastward_wind"][0] == 3.0
+    assert frame["northward_wind"][0] == 4.0
+
+
 @given(
     st.lists(
         st.tuples(

@@ -210,3 +210,31 @@ def test_a_column_of_the_file_comes_before_that_of_its_folder(tmp_path: Path):
     (tmp_path / "tail=X").mkdir()
     flight(tail="N1").to_parquet(tmp_path / "tail=X" / "a.parquet")
     assert read_reports(tmp_path / "tail=X" / "a.parquet")["aircraft"].to_numpy() == ["N1"]
+
+
+def spoiled(path: Path, first: int, size: int, value: int) -> Path:
+    """The same file with some octets replaced."""
+    octets = bytearray(path.read_bytes())
+    octets[first : first + size] = bytes([value]) * size
+    path.write_bytes(bytes(octets))
+    return path
+
+
+@pytest.mark.parametrize("first", [30, 400])
+def test_a_damaged_compressed_file_is_named(tmp_path: Path, first: int):
+    # Random text: what does not compress lies in the file as it is, and damage breaks its blocks.
+    rng = np.random.default_rng(1)
+    made = flight(seconds=np.arange(3000) * 60.0, flight=rng.integers(0, 10**9, 3000).astype(str))
+    plain = write(tmp_path / "a.csv", made)
+    packed = tmp_path / "a.gz"
+    packed.write_bytes(gzip.compress(plain.read_bytes()))
+    with pytest.raises(InputError, match=r"a\.gz.*cannot be"):
+        read_reports(spoiled(packed, first, 200, 255))
+
+
+def test_a_parquet_file_damaged_inside_is_named(tmp_path: Path):
+    path = tmp_path / "a.parquet"
+    flight(tail="N412XJ").to_parquet(path, compression=None, use_dictionary=False)
+    path.write_bytes(path.read_bytes().replace(b"N412XJ", b"\xff412XJ"))  # no UTF-8
+    with pytest.raises(InputError, match=r"a\.parquet.*cannot be read as Parquet"):
+        read_reports(path)

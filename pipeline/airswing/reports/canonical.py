@@ -159,7 +159,7 @@ def _levels(piece: pd.DataFrame, audit: Audit) -> dict[str, NDArray[np.float64]]
 
 def _wind(piece: pd.DataFrame, audit: Audit) -> dict[str, NDArray[np.float64]]:
     """Both notations of the wind; direction is NaN where there is none (calm)."""
-    if "wind_speed" not in piece:
+    if not {"wind_speed", "wind_direction"} <= set(piece):
         eastward = _number(piece, "eastward_wind", audit)
         northward = _number(piece, "northward_wind", audit)
         absent = np.isnan(eastward) | np.isnan(northward)

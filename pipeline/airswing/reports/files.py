@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import glob
 import gzip
+import zlib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Literal
@@ -226,7 +227,7 @@ def _first_bytes(path: Path, number: int = 4096) -> bytes:
         if start[:2] == b"\x1f\x8b":
             with gzip.open(path, "rb") as packed:
                 start = packed.read(number)
-    except (OSError, EOFError) as error:
+    except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"cannot be opened: {error}", file=path) from error
     return start
 

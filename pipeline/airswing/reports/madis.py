@@ -26,6 +26,7 @@ variable list, madis.noaa.gov.
 from __future__ import annotations
 
 import gzip
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -95,7 +96,7 @@ def madis_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataF
         with _open(path) as file:
             file.set_auto_mask(False)
             yield _piece(file, path, audit)
-    except (OSError, RuntimeError, EOFError) as error:
+    except (OSError, RuntimeError, EOFError, zlib.error) as error:
         raise InputError(f"cannot be read as NetCDF: {error}", file=path) from error
 
 

@@ -13,6 +13,7 @@ import csv
 import gzip
 import re
 import warnings
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -90,7 +91,7 @@ def _tables(path: Path, options: dict[str, Any], audit: Audit) -> Iterator[pd.Da
                     table = next(reader, None)
             except UnicodeDecodeError as error:
                 raise _not_utf8(path) from error
-            except (ValueError, EOFError, OSError) as error:  # ParserError is a ValueError
+            except (ValueError, EOFError, OSError, zlib.error) as error:
                 raise InputError(f"cannot be read as CSV: {error}", file=path) from error
             ragged = sum(len(_SKIPPED.findall(str(entry.message))) for entry in caught)
             audit.read += ragged
@@ -120,7 +121,7 @@ def _header(path: Path) -> tuple[list[str], str, str | None]:
             line = file.readline()
     except UnicodeDecodeError as error:
         raise _not_utf8(path) from error
-    except (EOFError, OSError) as error:
+    except (EOFError, OSError, zlib.error) as error:
         raise InputError(f"cannot be read as CSV: {error}", file=path) from error
     if not line.strip():
         raise InputError("has no header row", file=path, remedy="The first row names the columns")
@@ -175,9 +176,20 @@ def parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
         wanted = [source.column for source in found.values() if source.column in inside]
         if not file.metadata.num_rows:
             raise InputError("holds no reports", file=path)
-        for batch in file.iter_batches(batch_size=ROWS_PER_PIECE, columns=wanted):
-            table = batch.to_pandas(ignore_metadata=True).assign(**folders)
-            yield raw_piece(table, found, audit)
+        batches = file.iter_batches(batch_size=ROWS_PER_PIECE, columns=wanted)
+        while (table := _next_table(batches, path)) is not None:
+            yield raw_piece(table.assign(**folders), found, audit)
+
+
+def _next_table(batches: Iterator[Any], path: Path) -> pd.DataFrame | None:
+    try:
+        batch = next(batches, None)
+        if batch is None:
+            return None
+        batch.validate(full=True)  # text that is not UTF-8 would be noticed where it is looked at
+        return batch.to_pandas(ignore_metadata=True)
+    except Exception as error:  # pyarrow's own errors share no base with the rest
+        raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
 
 
 def _of_folders(path: Path) -> dict[str, str]:
