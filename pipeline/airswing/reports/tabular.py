@@ -187,9 +187,10 @@ def _next_table(batches: Iterator[Any], path: Path) -> pd.DataFrame | None:
         if batch is None:
             return None
         batch.validate(full=True)  # text that is not UTF-8 would be noticed where it is looked at
-        return batch.to_pandas(ignore_metadata=True)
+        table: pd.DataFrame = batch.to_pandas(ignore_metadata=True)
     except Exception as error:  # pyarrow's own errors share no base with the rest
         raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
+    return table
 
 
 def _of_folders(path: Path) -> dict[str, str]:
