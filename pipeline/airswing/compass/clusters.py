@@ -40,8 +40,17 @@ def group_sums(values: Array, group: Index, groups: int) -> Array:
     -------
     array, shape (groups, ...)
     """
+    if not group.size:
+        return np.zeros((groups, *values.shape[1:]))
+    if np.any(group[1:] < group[:-1]):
+        order = np.argsort(group, kind="stable")
+        values, group = values[order], group[order]
+    first = np.flatnonzero(np.diff(group, prepend=-1))
+    found = np.add.reduceat(values, first, axis=0)
+    if first.size == groups:
+        return np.asarray(found)
     total = np.zeros((groups, *values.shape[1:]))
-    np.add.at(total, group, values)
+    total[group[first]] = found
     return total
 
 
@@ -67,16 +76,15 @@ def influences(score: Array, normal: Array, normals: Array | None, kappa: float)
     values, vectors = np.linalg.eigh(normal)
     root = np.sqrt(np.maximum(values, values[-1] * 1e-14))
     inverse_root = vectors / root
-    whitened = score @ inverse_root
-    clusters, size = whitened.shape
+    clusters, size = score.shape
     if normals is None:
         factor = clusters / max(clusters - size, 1)
-        whitened = whitened * np.sqrt(factor)
-    else:
-        share = np.einsum("ia,gij,jb->gab", inverse_root, normals, inverse_root)
-        part, axes = np.linalg.eigh(share)
-        gain = 1.0 / np.sqrt(np.clip(1.0 - part, 0.05, 1.0))
-        whitened = np.einsum("gab,gb,gcb,gc->ga", axes, gain, axes, whitened)
+        return np.asarray(score @ (inverse_root @ inverse_root.T * (np.sqrt(factor) / kappa)))
+    whitened = score @ inverse_root
+    share = np.einsum("ia,gij,jb->gab", inverse_root, normals, inverse_root)
+    part, axes = np.linalg.eigh(share)
+    gain = 1.0 / np.sqrt(np.clip(1.0 - part, 0.05, 1.0))
+    whitened = np.einsum("gab,gb,gcb,gc->ga", axes, gain, axes, whitened)
     return np.asarray(whitened @ inverse_root.T / kappa)
 
 

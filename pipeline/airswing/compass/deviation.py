@@ -22,7 +22,6 @@ Jacobs et al. 2010 (seed paper), eq. 3 and step d; NGA Handbook of Magnetic Comp
 
 from __future__ import annotations
 
-import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -33,7 +32,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.columns import Columns
-from airswing.compass.kernel import plain_sinusoid
+from airswing.compass.kernel import BLOCK, plain_sinusoid
 from airswing.compass.publication import (
     MAX_CONDITION,
     AircraftSums,
@@ -48,9 +47,6 @@ from airswing.vocabulary import STATUS, describe
 
 COEFFICIENTS = ("A", "B", "C", "D", "E")
 MIN_FLIGHTS = 5
-CHUNKS = 8
-"""Tasks the aircraft are shared between. They run one after the other: the kernel's blocks are
-so short that threads spend more on the interpreter's lock than they gain."""
 _NEEDED = (
     "heading",
     "magnetic_heading",
@@ -298,30 +294,18 @@ def _groups(
     return groups
 
 
-class _Fitter:
-    """The kernel that runs over the aircraft; hashed by identity, not by its columns."""
-
-    def __init__(self, columns: Columns, members: list[int], options: Options) -> None:
-        self.columns, self.members, self.options = columns, members, options
-
-    def __call__(self, aircraft: NDArray[Any]) -> NDArray[Any]:
-        found = np.empty(aircraft.shape, dtype=object)
-        for k, number in enumerate(aircraft):
-            found[k] = _fit_one(self.columns, int(number), self.members, self.options)
-        return found
-
-    def __dask_tokenize__(self) -> str:
-        return uuid.uuid4().hex
-
-
 def _sum_reference(columns: Columns, members: list[int], options: Options) -> list[AircraftSums]:
-    size = columns.start.size
-    index = xr.DataArray(np.arange(size), dims="aircraft")
-    index = index.chunk({"aircraft": max(1, -(-size // CHUNKS))})
-    found = xr.apply_ufunc(
-        _Fitter(columns, members, options), index, dask="parallelized", output_dtypes=[object]
-    ).compute(scheduler="synchronous")
-    return list(found.to_numpy())
+    return [_fit_one(columns, k, members, options) for k in range(columns.start.size)]
+
+
+def _compass_points(angle: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+    """Number of angles (degrees) nearest to each of the eight compass points."""
+    counts = np.zeros(8, dtype=np.int64)
+    for begin in range(0, angle.size, BLOCK):
+        # whole turns are added so that cutting the fraction off is rounding to the nearest point
+        point = (angle[begin : begin + BLOCK] * (1 / 45.0) + 16.5).astype(np.int8) & 7
+        counts += np.bincount(point, minlength=8)
+    return counts
 
 
 def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Options) -> AircraftSums:
@@ -330,8 +314,7 @@ def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Optio
         fit_aircraft, sets, flight_day, joint=options.joint,
         places=places if options.joint and options.shared_error else None,
     )  # fmt: skip
-    # whole turns are added so that cutting the fraction off is rounding to the nearest point
-    counts = np.bincount((abscissa * (1 / 45.0) + 16.5).astype(np.int64) & 7, minlength=8)
+    counts = _compass_points(abscissa)
     points = int(np.sum(counts >= max(3, 0.002 * abscissa.size)))
     found = AircraftSums(int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"])
     if abscissa.size < options.min_reports or flight_day.size < MIN_FLIGHTS:

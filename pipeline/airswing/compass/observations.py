@@ -6,6 +6,7 @@ Degrees where they stand in the Datasets, radians and single precision once read
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Index = NDArray[np.int64]
 Values = NDArray[np.floating[Any]]
+ROOM = 8
+"""Numbers of a report made ready, but for its flight's."""
 
 
 def radians32(degrees: Values) -> Single:
@@ -28,7 +31,16 @@ def radians32(degrees: Values) -> Single:
     -------
     array of float32, same shape
     """
-    return degrees.astype(np.float32) * np.float32(np.pi / 180.0)
+    found: Single = degrees.astype(np.float32)
+    found *= np.float32(np.pi / 180.0)
+    return found
+
+
+def _changes(values: Index) -> Index:
+    """Where a new value begins."""
+    change = np.ones(values.size, dtype=np.bool_)
+    np.not_equal(values[1:], values[:-1], out=change[1:])
+    return np.flatnonzero(change)
 
 
 @dataclass(frozen=True)
@@ -37,14 +49,12 @@ class Observations:
 
     Attributes
     ----------
-    sin_m, cos_m, sin_psi, cos_psi : array, shape (n,)
-        Abscissa and indicated true heading.
-    error : array, shape (n,)
-        Heading error, radians.
-    along, cross : array, shape (n,)
-        V'_A along and to the right of the indicated heading, m/s.
-    airspeed : array, shape (n,)
-        |V_A|, m/s.
+    sin_m, cos_m : array, shape (n,)
+        Of the abscissa.
+    heading, error : array, shape (n,)
+        Indicated true heading and its error, radians.
+    airspeed, implied : array, shape (n,)
+        |V_A| and |V'_A|, m/s.
     variance : array, shape (n,)
         Known variance of each component, m2/s2.
     flight : array of int, shape (n,)
@@ -55,12 +65,10 @@ class Observations:
 
     sin_m: Single
     cos_m: Single
-    sin_psi: Single
-    cos_psi: Single
+    heading: Single
     error: Single
-    along: Single
-    cross: Single
     airspeed: Single
+    implied: Single
     variance: Single
     flight: Index
     gain: Single
@@ -70,8 +78,13 @@ class Observations:
         """Number of reports."""
         return int(self.flight.size)
 
-    def take(self, keep: slice) -> Observations:
-        """Part of the reports (the flight numbers are kept)."""
+    @cached_property
+    def opens(self) -> Index:
+        """First report of every flight."""
+        return _changes(self.flight)
+
+    def take(self, keep: slice, room: Single | None = None) -> Observations:
+        """Part of the reports (the flight numbers are kept); needs no room."""
         return Observations(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
 
@@ -115,9 +128,20 @@ class Reports:
         """Number of reports."""
         return int(self.flight.size)
 
+    @cached_property
+    def opens(self) -> Index:
+        """First report of every flight, where they are sorted by flight."""
+        return _changes(self.flight)
+
+    @property
+    def in_order(self) -> bool:
+        """Whether they are sorted by flight."""
+        flights = self.flight[self.opens]
+        return not np.any(flights[1:] < flights[:-1])
+
     def sorted(self) -> Reports:
         """The same reports, flight by flight."""
-        if not np.any(self.flight[1:] < self.flight[:-1]):
+        if self.in_order:
             return self
         return self.at(np.argsort(self.flight, kind="stable"))
 
@@ -125,26 +149,39 @@ class Reports:
         """Some of the reports, or all in another order."""
         return Reports(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
-    def take(self, keep: slice) -> Observations:
-        """Make part of the reports ready; they must be sorted by flight."""
-        m, psi, error = (
-            radians32(part[keep]) for part in (self.abscissa, self.heading, self.heading_error)
-        )
-        v = self.airspeed[keep].astype(np.float32)
-        implied = v - self.airspeed_error[keep].astype(np.float32)
-        known = radians32(self.standard_error[keep]) * v
+    def take(self, keep: slice, room: Single | None = None) -> Observations:
+        """Make part of the reports ready; they must be sorted by flight.
+
+        Parameters
+        ----------
+        keep : slice
+        room : array of float32, shape (8, as many reports or more), optional
+            Where to put them: new memory costs more than the work.
+
+        Returns
+        -------
+        Observations
+        """
+        flight = self.flight[keep]
+        if room is None:
+            room = np.empty((ROOM, flight.size), dtype=np.float32)
+        sin_m, cos_m, heading, error, airspeed, implied, known, gain = room[:, : flight.size]
+        for row, degrees in (
+            (cos_m, self.abscissa),
+            (heading, self.heading),
+            (error, self.heading_error),
+            (known, self.standard_error),
+        ):
+            row[:] = degrees[keep]
+            row *= np.float32(np.pi / 180.0)
+        np.sin(cos_m, out=sin_m)
+        np.cos(cos_m, out=cos_m)
+        airspeed[:] = self.airspeed[keep]
+        implied[:] = self.airspeed_error[keep]
+        np.subtract(airspeed, implied, out=implied)
+        known *= airspeed
+        known *= known
         if not np.isfinite(known.sum()):
-            known = np.nan_to_num(known, posinf=0.0)
-        return Observations(
-            np.sin(m),
-            np.cos(m),
-            np.sin(psi),
-            np.cos(psi),
-            error,
-            implied * np.cos(error),
-            -implied * np.sin(error),
-            v,
-            known * known,
-            self.flight[keep],
-            self.gain[keep].astype(np.float32),
-        )
+            np.nan_to_num(known, copy=False, posinf=0.0)
+        gain[:] = self.gain[keep]
+        return Observations(sin_m, cos_m, heading, error, airspeed, implied, known, flight, gain)

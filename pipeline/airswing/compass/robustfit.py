@@ -5,9 +5,9 @@ of all its members, each with a bias b and a scatter of its own; flights (and da
 answer for the members sharing the aircraft's own errors. Valid where a few flights or more are
 there; :mod:`airswing.compass.deviation` decides what to publish.
 
-The steps: starts from thin samples of the reports (a new scatter each step), then full passes with
-the scatter held, until a step is below three standard errors (clustered): one pass where reports
-are many.
+The steps: a start from a thin sample of the reports (two steps at least, a new scatter each), one
+from a larger sample with its first scatter held, then full passes with that scatter, until a step
+is below three standard errors (clustered): one pass where reports are many.
 """
 
 from __future__ import annotations
@@ -37,11 +37,12 @@ from airswing.compass.observations import Observations, Reports
 
 THIN, MIDDLE = 1000, 4000
 """Reports a start takes: first to find the place, then to be near enough for one full pass."""
-START_STEP = 3.0
-"""Standard errors of the thin sample (reports taken as independent) that end a start."""
+START_STEP = 15.0
+"""Standard errors of the sample (reports taken as independent) that end a start: Newton's step with
+robust weights leaves two or three hundredths of itself, less than the sample is off."""
 FINAL_STEP = 3.0
-"""Standard errors (clustered) that end the full passes. Newton's step with robust weights leaves
-two or three hundredths of itself, so the estimate is settled to a tenth of its error or better."""
+"""Standard errors (clustered) that end the full passes: the estimate is settled to a tenth of its
+error or better."""
 START_STEPS, PASSES = 25, 12
 ENOUGH = 2e-6
 """Radians: a smaller step is rounding in single precision."""
@@ -179,11 +180,7 @@ def _in_order(
         return [obs.sorted() for obs in members], None
     ordered = []
     for obs, place in zip(members, places, strict=True):
-        order = (
-            np.lexsort((place.time, obs.flight))
-            if np.any(obs.flight[1:] < obs.flight[:-1])
-            else None
-        )
+        order = np.lexsort((place.time, obs.flight)) if not obs.in_order else None
         ordered.append((obs, place) if order is None else (obs.at(order), place.at(order)))
     return [one for one, _ in ordered], [one for _, one in ordered]
 
@@ -211,13 +208,20 @@ def _days(flight_day: NDArray[np.integer]) -> tuple[Index, Index]:
 
 def _spread(normal: Array, parts: list[PassSums], free: Index, kappa: float) -> Array:
     """Standard errors clustered by flight, as good as a stopping rule needs."""
-    score = np.zeros((parts[0].flight_score.shape[0], normal.shape[0]))
+    score = _flight_score(parts, normal.shape[0])[:, free]
+    square = normal[np.ix_(free, free)]
+    half = _solve(square, score.T @ score)
+    return np.asarray(np.sqrt(np.maximum(np.diagonal(_solve(square, half.T)), 0.0)) / kappa)
+
+
+def _flight_score(parts: list[PassSums], size: int) -> Array:
+    """Score by flight of every parameter, all members together."""
+    if len(parts) == 1:
+        return parts[0].flight_score
+    score = np.zeros((parts[0].flight_score.shape[0], size))
     for k, part in enumerate(parts):
         score[:, _place(k)] += part.flight_score
-    square = normal[np.ix_(free, free)]
-    covered = score[:, free].T @ score[:, free]
-    half = _solve(square, covered)
-    return np.asarray(np.sqrt(np.maximum(np.diagonal(_solve(square, half.T)), 0.0)) / kappa)
+    return score
 
 
 def _local(theta: Array, member: int) -> Array:
@@ -238,7 +242,7 @@ def _start(
     theta = theta.copy()
     scatters: list[Scatter] = []
     square = np.ix_(free, free)
-    for _ in range(START_STEPS):
+    for number in range(START_STEPS):
         if not hold or not scatters:
             scatters = [
                 robust_scatter(obs, _local(theta, k), joint=joint, parted=hold)
@@ -251,25 +255,29 @@ def _start(
         normal, score, kappa = _joined(parts, theta.size)
         step = _solve(normal[square], score[free]) / max(kappa, 0.6)
         theta[free] += step
-        if np.all(np.abs(step) * np.sqrt(np.diagonal(normal)[free]) < START_STEP):
+        small = np.all(np.abs(step) * np.sqrt(np.diagonal(normal)[free]) < START_STEP)
+        if small and (hold or number):
             break
     return theta, scatters
 
 
 def _joined(parts: list[PassSums], size: int) -> tuple[Array, Array, float]:
-    normal, score = np.zeros((size, size)), np.zeros(size)
-    for k, part in enumerate(parts):
-        place = _place(k)
-        normal[np.ix_(place, place)] += part.normal
-        score[place] += part.score
+    normal, score = parts[0].normal, parts[0].score
+    if len(parts) > 1:
+        normal, score = np.zeros((size, size)), np.zeros(size)
+        for k, part in enumerate(parts):
+            place = _place(k)
+            normal[np.ix_(place, place)] += part.normal
+            score[place] += part.score
     weight = sum(part.weight for part in parts)
     slope = sum(part.slope for part in parts)
     return normal, score, max(slope / weight, 0.2) if weight > 0 else 1.0
 
 
 def _solve(normal: Array, score: Array) -> Array:
-    scale = np.sqrt(np.maximum(np.diagonal(normal), 1e-30))
-    square = normal / np.outer(scale, scale) + 1e-9 * np.eye(scale.size)
+    scale = np.sqrt(np.maximum(normal.diagonal(), 1e-30))
+    square = normal / (scale * scale[:, np.newaxis])
+    square.flat[:: scale.size + 1] += 1e-9
     return np.asarray((np.linalg.solve(square, (score.T / scale).T).T / scale).T)
 
 
@@ -285,11 +293,10 @@ def _finish(
 ) -> AircraftFit:
     day_number, day = days
     size, flights = theta.size, day.size
-    score = np.zeros((flights, size))
+    score = _flight_score(parts, size)
     normals = np.zeros((flights, size, size)) if by_flight else None
     for k, part in enumerate(parts):
         place = _place(k)
-        score[:, place] += part.flight_score
         if normals is not None and part.flight_normal is not None:
             normals[:, place[:, np.newaxis], place] += part.flight_normal
     square = normal[np.ix_(free, free)]
