@@ -94,6 +94,12 @@ class Setting:
         Icing protection is on.
     box : (float, float, float, float)
         South, north, west, east in degrees.
+
+    Attributes
+    ----------
+    usual_field : float
+        H (nT) at which hard iron turns the compass by its stated amplitude where the fault names no
+        field: the median of `horizontal`.
     """
 
     tail: NDArray[np.int64]
@@ -112,12 +118,14 @@ class Setting:
     icing: Mask
     box: tuple[float, float, float, float]
     unit: Unit = field(init=False)
+    usual_field: float = field(init=False)
     declination_error: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """Start from a perfect unit."""
         self.unit = Unit.perfect(self.hours.size)
         self.declination_error = np.zeros(self.hours.size)
+        self.usual_field = float(np.median(self.horizontal))
 
 
 def _offset(setting: Setting, fault: Fault, where: Mask) -> None:
@@ -126,7 +134,7 @@ def _offset(setting: Setting, fault: Fault, where: Mask) -> None:
 
 def _hard_iron(setting: Setting, fault: Fault, where: Mask) -> None:
     sine, cosine = fault.cycle()
-    field_ = fault.value("at_horizontal_field_nT", float(np.median(setting.horizontal)))
+    field_ = fault.value("at_horizontal_field_nT", setting.usual_field)
     setting.unit.hard_forward[where] -= field_ * sine
     setting.unit.hard_right[where] -= field_ * cosine
 

@@ -122,9 +122,33 @@ def small_effects(tails: Sequence[str], seed: int, *, days: float = 45.0) -> lis
 
 
 def unit_of(
-    index: int, faults: Sequence[Fault], tails: Sequence[str], horizontal: float, down: float
+    index: int,
+    faults: Sequence[Fault],
+    tails: Sequence[str],
+    horizontal: float,
+    down: float,
+    *,
+    usual_field: float | None = None,
 ) -> Unit:
-    """Return the steady errors of one aircraft's unit, arrays of length 1."""
+    """Return the steady errors of one aircraft's unit, arrays of length 1.
+
+    Parameters
+    ----------
+    index : int
+        Of the aircraft.
+    faults : sequence of Fault
+    tails : sequence of str
+        The fleet.
+    horizontal, down : float
+        The field around the unit, nT.
+    usual_field : float, optional
+        See `airswing.sample.faults.Setting`; the fleet's, not the aircraft's own, where the
+        faults are those of an archive.
+
+    Returns
+    -------
+    Unit
+    """
     one = np.zeros(1)
     setting = Setting(
         tail=np.array([index]),
@@ -143,6 +167,8 @@ def unit_of(
         icing=np.zeros(1, bool),
         box=(0.0, 1.0, 0.0, 1.0),
     )
+    if usual_field is not None:
+        setting.usual_field = usual_field
     apply_unit_faults(setting, [fault for fault in faults if fault.name in _STEADY], tails)
     return setting.unit
 
@@ -170,7 +196,8 @@ def corrections(
     Returns
     -------
     Correction
-        The error of each unit at eight headings, exact but for rounding.
+        The error of each unit at eight headings: exact but for rounding where the field is that of
+        the region's middle, which is taken for the usual one.
     """
     south, north, west, east = earth.box
     middle = [np.array([0.5 * (south + north)]), np.array([0.5 * (west + east)]), np.zeros(1)]
@@ -216,6 +243,7 @@ def truth_record(
         ``airspeed_scale, airspeed_offset``; ``effects``.
     """
     out: dict[str, Any] = {"aircraft": {}, "effects": [dict(effect) for effect in effects]}
+    usual_field = float(frame["horizontal"].median())  # as the units of the archive were made
     for index, tail in enumerate(tails):
         own = frame[frame["tail"] == tail]
         cruise = own[own["phase"] == 2] if (own["phase"] == 2).any() else own
@@ -223,7 +251,7 @@ def truth_record(
             continue
         horizontal = float(cruise["horizontal"].mean())
         down = float((cruise["horizontal"] * np.tan(cruise["dip"])).mean())
-        unit = unit_of(index, faults, tails, horizontal, down)
+        unit = unit_of(index, faults, tails, horizontal, down, usual_field=usual_field)
         curve = deviation_curve(horizontal, down, unit)
         out["aircraft"][tail] = {
             "deviation": {name: round(curve[name], 4) for name in "ABCDE"},
