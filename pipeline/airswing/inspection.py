@@ -36,14 +36,14 @@ def inspect_file(path: Path) -> dict[str, Any]:
         raise InputError("cannot open the file", file=path, found=err.strerror) from err
     if not start:
         raise InputError("the file is empty", file=path)
-    if b"GRIB" in start:
-        from airswing.reference.inspection import inspect_grib
-
-        return {"file": str(path), "kind": "grib", **inspect_grib(path)}
     if start.startswith((b"CDF", b"\x89HDF")):
         product = _product(path)
         if product is not None:
             return {"file": str(path), "kind": "product"} | product
+    elif b"GRIB" in start and b"\x00" in start:  # text may speak of GRIB
+        from airswing.reference.inspection import inspect_grib
+
+        return {"file": str(path), "kind": "grib", **inspect_grib(path)}
     from airswing.reports.summary import reports_summary
 
     return {"file": str(path), "kind": "reports", **reports_summary(path)}
@@ -55,7 +55,7 @@ def _product(path: Path) -> dict[str, Any] | None:
 
     try:
         opened = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False)
-    except (OSError, ValueError) as err:
+    except (OSError, RuntimeError, ValueError) as err:
         raise InputError("not a whole NetCDF file", file=path, found=err) from err
     with opened as ds:
         if "airswing_version" not in ds.attrs:

@@ -302,6 +302,7 @@ def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
             "not a product airswing can read", file=path, found=err, remedy="Make it again"
         ) from err
     if "uuid" not in ds.attrs:
+        ds.close()
         raise InputError(
             "not a product of airswing", file=path, found=ds.attrs.get("title"),
             remedy="Move it away and run the stage that makes it",

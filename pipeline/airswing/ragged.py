@@ -1,4 +1,4 @@
-"""Ragged reports: many aircraft end to end on one axis, and how to move to one row an aircraft.
+"""Ragged reports: many aircraft end to end on one axis, looked at some whole aircraft at a time.
 
 Assumes the CF contiguous ragged form: reports of one aircraft stand together, in the order of
 the ``aircraft`` dimension, and ``row_size`` counts them.
@@ -164,45 +164,3 @@ def aircraft_of_report(ds: xr.Dataset) -> NDArray[np.int64]:
     """
     row_size = ds["row_size"].to_numpy()
     return np.repeat(np.arange(row_size.size, dtype=np.int64), row_size)
-
-
-def padded(values: NDArray[Any], row_size: NDArray[Any], fill: float = np.nan) -> NDArray[Any]:
-    """Lay ragged values out as one row an aircraft, padded at the end.
-
-    Parameters
-    ----------
-    values : array, shape (report, ...)
-    row_size : array of int, shape (aircraft,)
-    fill : float, default NaN
-        What stands past an aircraft's last report.
-
-    Returns
-    -------
-    array, shape (aircraft, observation, ...)
-        ``observation`` is as long as the longest row.
-    """
-    row_size = np.asarray(row_size)
-    width = int(row_size.max(initial=0))
-    dtype = np.result_type(values.dtype, np.asarray(fill).dtype if fill == fill else np.float32)
-    rows = np.full((row_size.size, width, *values.shape[1:]), fill, dtype=dtype)
-    rows[_filled(row_size, width)] = values
-    return rows
-
-
-def unpadded(rows: NDArray[Any], row_size: NDArray[Any]) -> NDArray[Any]:
-    """Undo :func:`padded`.
-
-    Parameters
-    ----------
-    rows : array, shape (aircraft, observation, ...)
-    row_size : array of int, shape (aircraft,)
-
-    Returns
-    -------
-    array, shape (report, ...)
-    """
-    return np.asarray(rows[_filled(np.asarray(row_size), rows.shape[1])])
-
-
-def _filled(row_size: NDArray[Any], width: int) -> NDArray[np.bool_]:
-    return np.asarray(np.arange(width)[np.newaxis, :] < row_size[:, np.newaxis])

@@ -1,4 +1,4 @@
-"""The gap page: the verdict as issue 4 words it, every section, and every way it can be empty."""
+"""The gap page: the verdict in words, every section, and every way it can be empty."""
 
 from __future__ import annotations
 

@@ -34,7 +34,6 @@ __all__ = [
     "along_cross",
     "angle_of_vector",
     "bearing",
-    "from_along_cross",
     "heading_error",
     "speed_of_vector",
     "vector_from_bearing",
@@ -321,22 +320,3 @@ def along_cross(east: ArrayLike, north: ArrayLike, heading: ArrayLike) -> tuple[
     angle = np.asarray(heading, np.float64)
     sine, cosine = np.sin(angle), np.cos(angle)
     return np.asarray(u * sine + v * cosine), np.asarray(u * cosine - v * sine)
-
-
-def from_along_cross(along: ArrayLike, cross: ArrayLike, heading: ArrayLike) -> tuple[Array, Array]:
-    """East and north components from those along a heading and to its right.
-
-    Parameters
-    ----------
-    along, cross : array_like
-        Components, any unit.
-    heading : array_like
-        Radians.
-
-    Returns
-    -------
-    east, north : ndarrays
-        Same unit.
-    """
-    # the matrix is its own inverse: a reflection
-    return along_cross(along, cross, heading)

@@ -29,7 +29,7 @@ from matplotlib.figure import Figure
 
 from airswing.report import gap_evidence_figures as evidence
 from airswing.report import gap_figures as places
-from airswing.report.gap_words import period_bounds, plain_name, rival_names
+from airswing.report.gap_words import plain_name, rival_names
 
 
 def _has(maps: xr.Dataset | None, *names: str) -> bool:
@@ -118,19 +118,6 @@ def _levels(maps: xr.Dataset, total: int) -> Figure:
         None if number is None else number[pick],
         total=total,
     )
-
-
-def change_dates(gap: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the date of each effect that begins or ends at one, by its name and aircraft."""
-    found: dict[str, Any] = {}
-    for effect in gap.get("effects") or []:
-        first, last = period_bounds(effect)
-        tails = effect.get("tails") or []
-        whom = f", {tails[0]}" + (" ..." if len(tails) > 1 else "") if tails else ""
-        if first or last:
-            name = str(effect["name"]).replace("_", " ")
-            found[f"{name}{whom}"] = np.datetime64(first or last)
-    return found
 
 
 def which_figures(maps: xr.Dataset | None, gap: Mapping[str, Any]) -> Iterator[Figure]:

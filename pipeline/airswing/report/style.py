@@ -23,7 +23,6 @@ R = TypeVar("R")
 INK = "#1f2933"
 SOFT = "#5f6b7a"
 FAINT = "#c9d0d8"
-PALE = "#eef1f4"
 BLUE = "#0072B2"
 ORANGE = "#E69F00"
 GREEN = "#009E73"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from airswing.evaluation.clustersums import cluster_sums, clustered_mean
 from airswing.ragged import aircraft_of_report, blocks
-from airswing.report.selection import headline_reference, pooled, status_words, tails, used
+from airswing.report.selection import pooled, status_words, tails, used
 from airswing.vocabulary import SCREENING
 
 Floats = NDArray[np.float64]
@@ -241,8 +241,3 @@ def number_text(value: Any, *, digits: int = 2) -> str:
     """Return a number with fixed digits, or a dash where there is none."""
     number = float(value)
     return f"{number:.{digits}f}" if np.isfinite(number) else "-"
-
-
-def default_reference(fits: xr.Dataset, headings: xr.Dataset, reference: str | None) -> str:
-    """Return the reference given, or the one the page leads with."""
-    return reference or headline_reference(fits, headings)
