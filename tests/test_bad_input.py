@@ -23,6 +23,7 @@ import xarray as xr
 import yaml
 
 from airswing import cli
+from airswing.workspace import workspace
 from tests import perfect
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]
@@ -310,3 +311,15 @@ def test_inspect_says_what_it_cannot_read(tmp_path, capsys, content):
 def test_a_sample_where_no_folder_can_be(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     refused(capsys, "sample", tmp_path / "file" / "sub", says=(str(tmp_path / "file"),))
+
+
+@pytest.mark.parametrize("stage", ["collocate", "fit", "correct", "gap", "run"])
+def test_a_folder_another_run_holds_is_left_to_it(archive, tmp_path, capsys, stage):
+    config, before = configure(archive, tmp_path), with_products(archive, tmp_path)
+    kept = tmp_path / "out" / ".collocated" / "finished"
+    kept.parent.mkdir()
+    kept.touch()
+    with workspace(tmp_path / "out"):
+        refused(capsys, stage, config, says=("another run", str(tmp_path / "out")))
+    assert kept.exists()
+    assert digests(tmp_path / "out") == before

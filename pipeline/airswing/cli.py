@@ -66,6 +66,14 @@ def _inside(job: Any, stage: Any) -> Any:
         return stage(job)
 
 
+def _alone(job: Any, stage: Any) -> Any:
+    """Run a stage likewise, with no other run in its output folder."""
+    from airswing.workspace import workspace
+
+    with workspace(job.output):
+        return _inside(job, stage)
+
+
 def _print(content: Any, *, as_json: bool, text: str) -> None:
     import json
 
@@ -102,7 +110,7 @@ def collocate(config: ConfigPath, output: Output = None, quiet: Quiet = False) -
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
-    _inside(job, workflow.make_headings)
+    _alone(job, workflow.make_headings)
     print(job.output / workflow.HEADINGS)
 
 
@@ -112,7 +120,7 @@ def fit(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
-    _inside(job, workflow.make_fits)
+    _alone(job, workflow.make_fits)
     print(job.output / workflow.FITS)
 
 
@@ -122,7 +130,7 @@ def correct(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
-    _inside(job, workflow.make_corrected)
+    _alone(job, workflow.make_corrected)
     print(job.output / workflow.CORRECTED)
 
 
@@ -156,7 +164,7 @@ def simulate(
     from airswing import gap_workflow
 
     job = _job(config, quiet=quiet)
-    print(_inside(job, lambda job: gap_workflow.simulation(job, effects, output, seed=seed)))
+    print(_alone(job, lambda job: gap_workflow.simulation(job, effects, output, seed=seed)))
 
 
 @app.command()
@@ -177,7 +185,7 @@ def gap(
     from airswing.report.gap_words import verdict
 
     job = _job(config, output=output, resume=resume, quiet=quiet, scheduler=scheduler)
-    result = _inside(job, lambda job: gap_workflow.diagnosis(job, without=without or ()))
+    result = _alone(job, lambda job: gap_workflow.diagnosis(job, without=without or ()))
     text = f"{verdict(result)}\npage: {job.output / 'gap' / 'index.html'}"
     _print(result, as_json=json, text=text)
 

@@ -175,3 +175,12 @@ def test_a_regional_bias_by_hand():
     assert found[0, "eastward"]["contrast"] == -2.0
     assert found[1, "eastward"]["difference_p_value"] < 1e-9
     assert found[1, "northward"]["difference"] == 0.0
+
+
+def test_a_report_without_a_magnetic_heading_is_left_out():
+    ds = references(0, SETTING)
+    heading = ds["magnetic_heading"].to_numpy().copy()
+    heading[::50] = np.nan
+    holed = ds.assign(magnetic_heading=("report", heading))
+    whole, left = (compare(one, pools=TWO, joint=False)["reports"] for one in (ds, holed))
+    assert left == whole - np.isnan(heading).sum()

@@ -148,8 +148,11 @@ def _aircraft_rows(
         name: ds["lead_time"].sel(reference=members).mean("reference").to_numpy()
         for name, members in pools.items()
     }
-    heading = np.radians(ds["heading"].to_numpy().astype(float))
-    screening = ds["screening"].to_numpy()
+    heading, magnetic = (
+        np.radians(ds[name].to_numpy().astype(float)) for name in ("heading", "magnetic_heading")
+    )
+    airspeed, screening = ds["airspeed"].to_numpy().astype(float), ds["screening"].to_numpy()
+    known = np.isfinite(heading + magnetic + airspeed)
     columns: dict[str, Any] = {
         "day": time.astype("datetime64[D]").astype(np.int64) - first,
         "month": time.astype("datetime64[M]").astype(np.int64) % 12,
@@ -157,10 +160,10 @@ def _aircraft_rows(
         "phase": ds["phase"].to_numpy().astype(np.int64),
         "pressure": ds["pressure"].to_numpy().astype(float),
         "heading": heading,
-        "magnetic": np.radians(ds["magnetic_heading"].to_numpy().astype(float)),
-        "airspeed": ds["airspeed"].to_numpy().astype(float),
-        "kept": (screening == 0) & np.isfinite(heading),
-        "kept_any_phase": ((screening & ~SCREENING["phase"]) == 0) & np.isfinite(heading),
+        "magnetic": magnetic,
+        "airspeed": airspeed,
+        "kept": (screening == 0) & known,
+        "kept_any_phase": ((screening & ~SCREENING["phase"]) == 0) & known,
     }
     u = {k: one["reference_eastward_wind"].to_numpy().astype(float) for k, one in winds.items()}
     v = {k: one["reference_northward_wind"].to_numpy().astype(float) for k, one in winds.items()}
