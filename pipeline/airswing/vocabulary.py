@@ -307,6 +307,14 @@ _FITS = [
     _V("condition_number", "1", "condition number of the heading design", _RA, "f8"),
     _V("residual_rms_before", "degree", "rms heading error before the fit", _RA, "f8"),
     _V("residual_rms_after", "degree", "rms heading error after the fit", _RA, "f8"),
+    _V(
+        "mean_horizontal_field",
+        "nT",
+        "mean horizontal intensity of the magnetic field over the reports used: the one-cycle "
+        "coefficients B and C are those at this field and scale with its inverse",
+        _RA,
+        "f8",
+    ),
     _V("status", "", "whether the fit is to be trusted, or why not", _RA, "i1", "", STATUS),
     _V(
         "table_heading", "degree", "indicated magnetic heading of the table's node", ("node",), "f8"

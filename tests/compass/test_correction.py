@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -85,6 +86,31 @@ def test_every_report_of_a_fitted_aircraft_and_no_other(fleet):
     assert np.array_equal(done["corrected_eastward_wind"][same], headings["eastward_wind"][same])
     assert np.isnan(done["corrected_wind_standard_error"][same]).all()
     assert np.isnan(done["corrected_eastward_wind"][6])
+
+
+def test_the_curve_s_one_cycle_grows_where_the_field_is_weak(fleet):
+    # B = 3 degrees at a mean of 20,000 nT is 4 degrees at 15,000 nT; A, D, E stay, and the table
+    headings, _, fits = fleet
+    headings, fits = headings.copy(deep=True), fits.copy(deep=True)
+    fits["deviation"][0, 0] = np.array([0.5, 3.0, -1.0, 0.25, 2.0])
+    fits["deviation_covariance"][0, 0] = np.diag([0.01, 0.04, 0.09, 0.16, 0.25])
+    assert np.isnan(fits["mean_horizontal_field"]).all()
+    fits["mean_horizontal_field"][0] = 20_000.0
+    field = np.full(headings.sizes["report"], 20_000.0)
+    field[[0, 1, 2]] = 15_000.0, 25_000.0, np.nan
+    headings["magnetic_heading"][:4] = np.array([90.0, 0.0, 90.0, 90.0])
+    plain = correct(headings, fits)
+    headings["horizontal_field"] = ("report", field)
+    done = correct(headings, fits, method="curve")
+    turned = (headings["heading"] - done["corrected_heading"]).to_numpy()[:4]
+    turned = (turned + 180) % 360 - 180
+    # A + g B - E at 090; A + g C + E at 000
+    assert turned == pytest.approx([0.5 + 4 - 2, 0.5 - 0.8 + 2, 0.5 + 3 - 2, 0.5 + 3 - 2], abs=1e-3)
+    error = np.degrees(done["corrected_wind_standard_error"] / headings["airspeed"]).to_numpy()[:4]
+    at_mean = np.sqrt(0.01 + 0.04 + 0.25)
+    weak, strong = (np.sqrt(0.01 + part + 0.25) for part in (0.04 * 16 / 9, 0.09 * 0.64))
+    assert error == pytest.approx([weak, strong, at_mean, at_mean], rel=1e-4)
+    xr.testing.assert_identical(correct(headings, fits), plain)
 
 
 def test_airspeed_scale_is_removed_on_request():

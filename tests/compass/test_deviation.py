@@ -349,9 +349,16 @@ def test_b_and_c_are_those_at_the_mean_horizontal_field():
     both["row_size"] = ("aircraft", [both.sizes["report"]])
     fits = fit_deviation(both)
     assert np.abs(fits["deviation"].to_numpy()[0, 0] - [0.5, 4.0, -2.0, 0, 0]).max() < 0.3
+    assert fits["mean_horizontal_field"].item() == pytest.approx(20000.0)
+    both["screening"][: weak.sizes["report"] // 2] = 1
+    # a third of 16,000 and two thirds of 24,000: screened reports do not count
+    part = fit_deviation(both)["mean_horizontal_field"].item()
+    assert part == pytest.approx(16000 / 3 + 2 * 24000 / 3)
+    both["screening"][:] = 0
     # unaware of the field, the fit takes the compass for one that has changed
     unaware = fit_deviation(both.drop_vars("horizontal_field"))
     assert unaware["status"].item() == STATUS["unstable_fit"]
+    assert np.isnan(unaware["mean_horizontal_field"].item())
 
 
 def test_missing_variable_is_named(fleet):

@@ -48,8 +48,28 @@ class Columns:
 
     def observations(
         self, aircraft: int, members: list[int]
-    ) -> tuple[list[Reports], NDArray[np.int64], NDArray[Any], list[Places]]:
-        """Reports of one aircraft: a set a member, days of flights, abscissae, places of each."""
+    ) -> tuple[list[Reports], NDArray[np.int64], NDArray[Any], list[Places], float]:
+        """Reports of one aircraft against some references.
+
+        Parameters
+        ----------
+        aircraft : int
+        members : list of int
+            References that are in use.
+
+        Returns
+        -------
+        sets : list of Reports
+            One a member.
+        days : array of int, shape (flights,)
+            Days since 1970 on which the flights began.
+        abscissa : array, shape (n,), degrees
+            Of the reports that count for any member.
+        places : list of Places
+            One a member.
+        field : float
+            Mean horizontal field of the reports that count, nT; NaN where none is known.
+        """
         row = slice(int(self.start[aircraft]), int(self.stop[aircraft]))
         common = [part[row] for part in (self.heading, self.abscissa, self.airspeed)]
         own = [[part[row] for part in self.read[k]] for k in members]
@@ -57,12 +77,13 @@ class Columns:
         place = Places(latitude, longitude, pressure, self.time[row])
         if self._all_good(row, [*common, *(part for errors in own for part in errors[:2])]):
             first, number = _numbered(self.flight[row])
-            gain = self._gain(row, slice(None))
+            gain, field = self._gain(row, slice(None))
             return (
                 [_reports(common, errors, number, gain) for errors in own],
                 _days(self.time[row][first]),
                 common[1],
                 [place] * len(own),
+                field,
             )
         good = (self.screening[row] == 0) & np.isfinite(common[0] + common[1] + common[2])
         masks = [good & np.isfinite(errors[0] + errors[1]) for errors in own]
@@ -70,7 +91,7 @@ class Columns:
         first, number = _numbered(self.flight[row][some])
         code = np.zeros(some.size, dtype=np.int64)
         code[some] = number
-        gain = self._gain(row, some)
+        gain, field = self._gain(row, some)
         sets = [
             _reports(
                 [part[mask] for part in common],
@@ -81,19 +102,21 @@ class Columns:
             for mask, errors in zip(masks, own, strict=True)
         ]
         places = [place.at(mask) for mask in masks]
-        return sets, _days(self.time[row][some][first]), common[1][some], places
+        return sets, _days(self.time[row][some][first]), common[1][some], places, field
 
-    def _gain(self, row: slice, counted: Any) -> NDArray[np.floating[Any]]:
-        """Mean horizontal field of the reports that count over that of every report."""
+    def _gain(self, row: slice, counted: Any) -> tuple[NDArray[np.floating[Any]], float]:
+        """Mean horizontal field of the reports that count over that of every report; the mean."""
         if self.field is None:
-            return np.broadcast_to(np.float32(1.0), self.flight[row].shape)
+            return np.broadcast_to(np.float32(1.0), self.flight[row].shape), np.nan
         field = self.field[row]
+        gain = np.ones(field.size, dtype=np.float32)
         known = np.isfinite(field) & (field > 0)
         mine = field[counted][known[counted]]
-        mean = mine.mean(dtype=np.float64) if mine.size else 1.0
-        gain = np.ones(field.size, dtype=np.float32)
+        if not mine.size:
+            return gain, np.nan
+        mean = mine.mean(dtype=np.float64)
         np.divide(mean, field, out=gain, where=known, casting="unsafe")
-        return gain
+        return gain, float(mean)
 
     def _all_good(self, row: slice, parts: list[NDArray[Any]]) -> bool:
         """Whether every report counts: a sum is finite only where every term is."""

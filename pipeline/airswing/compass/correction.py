@@ -8,6 +8,10 @@ out: W_corrected = W_reported + V_A - R V_A, R the turn by -psi_err. So only the
 (airspeed and indicated heading) is needed, and every report that has one is corrected, whether or
 not the fit used it. The airspeed scale can be removed too, on request: V_A / (1 + s).
 
+The curve's one cycle (B, C) is that at the mean horizontal field of the reports it was fitted to
+and grows as the field weakens; it is scaled to the field of every report where both are known. A
+unit's table is one for all places: it is applied as it stands.
+
 The standard error is what the uncertainty of the fit leaves in the vector wind: V times the
 curve's standard error at that heading (and V times that of the scale where it is applied), plus
 the table's own residual where the table is used; the random error of the report is not in it.
@@ -93,7 +97,7 @@ def corrected_wind(
     )
 
 
-def curve_standard_error(covariance: ArrayLike, heading: ArrayLike) -> Array:
+def curve_standard_error(covariance: ArrayLike, heading: ArrayLike, gain: ArrayLike = 1.0) -> Array:
     """Standard error of the deviation curve at given headings.
 
     Parameters
@@ -102,6 +106,8 @@ def curve_standard_error(covariance: ArrayLike, heading: ArrayLike) -> Array:
         degree2.
     heading : array_like, shape (n,)
         Degrees.
+    gain : array_like, shape (n,), default 1
+        What the one cycle (B, C) is multiplied by there.
 
     Returns
     -------
@@ -109,9 +115,9 @@ def curve_standard_error(covariance: ArrayLike, heading: ArrayLike) -> Array:
         Degrees.
     """
     angle = np.radians(np.asarray(heading, dtype=np.float64))
+    sine, cosine = gain * np.sin(angle), gain * np.cos(angle)
     rows = np.stack(
-        [np.ones_like(angle), np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle)],
-        axis=-1,
+        [np.ones_like(angle), sine, cosine, np.sin(2 * angle), np.cos(2 * angle)], axis=-1
     )
     square = np.einsum("...i,...ij,...j->...", rows, np.asarray(covariance), rows)
     return np.asarray(np.sqrt(np.maximum(square, 0.0)))
@@ -173,6 +179,8 @@ def correct(
         CORRECTION["corrected"],
     ).astype(np.int8)
     done = flag == CORRECTION["corrected"]
+    if method == "curve":
+        column["gain"] = _gain(headings, fit, row)
     found = _corrected(column, m, fit, row, done, method, apply_airspeed_scale)
     kept = headings[[name for name in KEPT if name in headings]]
     ds = kept.assign({name: ("report", values) for name, values in found.items()})
@@ -181,18 +189,23 @@ def correct(
     return describe(ds)
 
 
-def correction_columns(headings: xr.Dataset) -> list[str]:
+def correction_columns(
+    headings: xr.Dataset, method: Literal["table", "curve"] = "table"
+) -> list[str]:
     """Name the variables that :func:`correct` reads, so that no others need be read.
 
     Parameters
     ----------
     headings : Dataset
+    method : {"table", "curve"}
+        The curve is scaled by the horizontal field.
 
     Returns
     -------
     list of str
     """
-    return [name for name in KEPT if name in headings]
+    wanted = KEPT if method == "table" else (*KEPT, "horizontal_field")
+    return [name for name in wanted if name in headings]
 
 
 def _chosen(fits: xr.Dataset, reference: str | None, method: str) -> xr.Dataset:
@@ -224,6 +237,16 @@ def _aircraft_rows(headings: xr.Dataset, fit: xr.Dataset) -> NDArray[np.int64]:
     return np.asarray(rows[aircraft_of_report(headings)])
 
 
+def _gain(headings: xr.Dataset, fit: xr.Dataset, row: NDArray[np.int64]) -> Array:
+    """Mean field of the fit over that of every report; one where either is not known."""
+    found = np.ones(row.size)
+    if "horizontal_field" not in headings or "mean_horizontal_field" not in fit:
+        return found
+    field = headings["horizontal_field"].to_numpy().astype(np.float64)
+    mean = np.where(row >= 0, fit["mean_horizontal_field"].to_numpy()[row], np.nan)
+    return np.divide(mean, field, out=found, where=np.isfinite(mean) & (field > 0))
+
+
 def _corrected(
     column: dict[str, Any],
     m: Array,
@@ -235,12 +258,17 @@ def _corrected(
 ) -> dict[str, Array]:
     at, own = m[done], row[done]
     speed, heading = column["airspeed"][done], column["heading"][done]
-    known = curve_standard_error(fit["deviation_covariance"].to_numpy()[own], at)
+    covariance = fit["deviation_covariance"].to_numpy()[own]
     if method == "table":
+        known = curve_standard_error(covariance, at)
         error = unit_interpolation(fit["table_error"].to_numpy()[own], at)
         known = np.hypot(known, fit["table_residual_rms"].to_numpy()[own])
     else:
-        error = deviation_curve(fit["deviation"].to_numpy()[own], at[:, np.newaxis])[:, 0]
+        gain = column["gain"][done]
+        coefficients = fit["deviation"].to_numpy()[own]
+        coefficients[:, 1:3] *= gain[:, np.newaxis]
+        error = deviation_curve(coefficients, at[:, np.newaxis])[:, 0]
+        known = curve_standard_error(covariance, at, gain)
     scale = fit["airspeed_scale"].to_numpy()[own] if apply_scale else np.zeros(own.size)
     scale_error = (
         fit["airspeed_scale_standard_error"].to_numpy()[own] if apply_scale else np.zeros(own.size)

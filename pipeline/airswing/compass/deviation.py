@@ -6,8 +6,8 @@ One deviation curve an aircraft over the whole period, a function of the indicat
 (A constant, one or two cycles: Archibald Smith's coefficients); one airspeed scale an aircraft; a
 reference wind whose bias is shared by the fleet in part. See :mod:`airswing.compass.kernel` for the
 equations and :mod:`airswing.compass.pooling` for the bias. B and C are those at the mean horizontal
-field of the aircraft's reports that count: they scale with 1/H. Where the headings say no
-``horizontal_field`` they are taken as constant.
+field of the aircraft's reports that count, ``mean_horizontal_field``: they scale with 1/H. Where
+the headings say no ``horizontal_field`` they are taken as constant.
 
 Standard errors allow for flights' and days' common errors, for the number of clusters (they are
 made wider so that +-1.96 of them is a 95 % interval) and for the choice of one or two cycles
@@ -309,14 +309,16 @@ def _compass_points(angle: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
 
 
 def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Options) -> AircraftSums:
-    sets, flight_day, abscissa, places = columns.observations(aircraft, members)
+    sets, flight_day, abscissa, places, field = columns.observations(aircraft, members)
     fit = partial(
         fit_aircraft, sets, flight_day, joint=options.joint,
         places=places if options.joint and options.shared_error else None,
     )  # fmt: skip
     counts = _compass_points(abscissa)
     points = int(np.sum(counts >= max(3, 0.002 * abscissa.size)))
-    found = AircraftSums(int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"])
+    found = AircraftSums(
+        int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"], field
+    )
     if abscissa.size < options.min_reports or flight_day.size < MIN_FLIGHTS:
         found.status = STATUS["too_few_reports"]
     elif points < options.min_compass_points:

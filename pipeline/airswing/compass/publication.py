@@ -66,6 +66,8 @@ class AircraftSums:
         Its own fit, with the sums of its blocks.
     status : int
         Code of :data:`airswing.vocabulary.STATUS`.
+    field : float
+        Mean horizontal field of the reports that count, nT; NaN where none is known.
     """
 
     reports: int
@@ -73,6 +75,7 @@ class AircraftSums:
     compass_points: int
     fit: AircraftFit | None
     status: int
+    field: float
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,7 @@ def publish(aircraft: list[AircraftSums], members: int, options: Options) -> xr.
     for k, one in enumerate(aircraft):
         table["report_count"][k], table["flight_count"][k] = one.reports, one.flights
         table["compass_points"][k], table["status"][k] = one.compass_points, one.status
+        table["mean_horizontal_field"][k] = one.field
         if one.fit is not None:
             table["condition_number"][k] = condition_number(one.fit.normal, _cycles(one.fit))
             if table["condition_number"][k] > MAX_CONDITION and one.status == STATUS["ok"]:
@@ -286,6 +290,7 @@ _PER_AIRCRAFT = (
     "condition_number",
     "residual_rms_before",
     "residual_rms_after",
+    "mean_horizontal_field",
 )
 _COUNTS = ("report_count", "flight_count", "compass_points", "status", "harmonics")
 
