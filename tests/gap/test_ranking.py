@@ -11,6 +11,7 @@ from airswing.gap.attribute import Rules, Term, _stays, choose
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence import Candidate, Score
+from airswing.gap.verdict import ambiguity
 
 DRIFTING = {n: CATALOGUE[n] for n in ("compass_offset", "compass_drift")}
 
@@ -83,3 +84,15 @@ def test_what_the_catalogue_lacks_is_placed_by_the_simplest_group():
     assert report["effects"] == []
     assert place["group"] == "cross:magnetic_heading 2 cycles"
     assert place["tails"] == [frame.tails[1]]
+
+
+def test_a_rival_explains_what_the_term_explains():
+    """What a candidate explains beside the term makes it no other name for it."""
+    term = Term(Candidate("compass_step", np.array([0]), "aircraft", np.ones(1), True), (0,), None,
+                score("compass_step", True, 20.0, 0.5))  # fmt: skip
+    alike, beside = score("compass_drift", True, 19.0, 0.5), score("turn_error", True, 25.0, 0.1)
+    ranked = [beside, score("compass_step", True, 20.0, 0.5), alike]
+    left = [score("turn_error", True, 24.0, 0.1), score("compass_drift", True, 0.5, 0.1)]
+    (rival,) = ambiguity(term, ranked, left)
+    assert rival["name"] == "compass_drift"
+    assert rival["difference_nats"] == 1.5

@@ -87,7 +87,7 @@ def assemble(
         if k in means:
             described[k] = entry
             continue
-        rivals = ambiguity(term, found.rivals[k])
+        rivals = ambiguity(term, found.rivals[k], found.left)
         entry["ambiguous_with"] = [r["name"] for r in rivals]
         entry["ambiguity"] = rivals
         entry["share_of_gap"] = shares[rank]

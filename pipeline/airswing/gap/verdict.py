@@ -241,14 +241,19 @@ def day_text(stats: Statistics, day: int) -> str:
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d")
 
 
-def ambiguity(term: Term, ranked: Sequence[Score]) -> list[dict[str, Any]]:
+def ambiguity(
+    term: Term, ranked: Sequence[Score], left: Sequence[Score] = ()
+) -> list[dict[str, Any]]:
     """Rivals within three cluster factors of a term, with what would separate them.
+
+    A rival explains what the term explains: only the evidence it loses to the term counts, not what
+    it has beside it.
 
     Parameters
     ----------
     term : Term
-    ranked : sequence of Score
-        All candidates with this term taken out.
+    ranked, left : sequence of Score
+        All candidates with this term taken out, and with all terms in.
 
     Returns
     -------
@@ -257,17 +262,20 @@ def ambiguity(term: Term, ranked: Sequence[Score]) -> list[dict[str, Any]]:
     """
     own = [s for s in ranked if s.candidate.name == term.candidate.name]
     best = max((s.raw for s in own), default=term.score.raw)
-    out: list[dict[str, Any]] = []
+    beside = {s.candidate.key: max(s.raw, 0.0) for s in left}
+    out: dict[str, dict[str, Any]] = {}
     for score in ranked:
         name = score.candidate.name
-        if name == term.candidate.name or not score.candidate.known or score.raw <= 0:
+        lost = score.raw - beside.get(score.candidate.key, 0.0)
+        if name == term.candidate.name or not score.candidate.known or lost <= 0:
             continue
-        margin = 3.0 * max(score.factor, term.score.factor)
-        if best - score.raw > margin or name in [x["name"] for x in out]:
+        if best - lost > 3.0 * max(score.factor, term.score.factor):
             continue
         advice = SEPARATING.get(frozenset({name, term.candidate.name}), "a longer record")
-        out.append({"name": name, "difference_nats": best - score.raw, "separated_by": advice})
-    return out
+        entry = {"name": name, "difference_nats": best - lost, "separated_by": advice}
+        if name not in out or out[name]["difference_nats"] > entry["difference_nats"]:
+            out[name] = entry
+    return sorted(out.values(), key=lambda entry: entry["difference_nats"])
 
 
 def unknown_place(
