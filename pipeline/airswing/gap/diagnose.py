@@ -327,18 +327,26 @@ def _parts(frame: Any, columns_frame: Any, first: Pass, effects: Mapping[str, An
 
 
 def _stand(base: Base, found: Found) -> tuple[Found, Floats, Floats]:
-    """Keep the terms whose held-out energy exceeds two standard errors."""
+    """Keep the terms whose held-out energy exceeds two standard errors.
+
+    What changes with the date is not asked: weeks left out do not tell of their own change.
+    """
     while found.terms:
         energy, error = held_out_energy(base, found.terms)
         weak = np.flatnonzero(energy <= 2 * error)
-        steps = [k for k in weak if found.terms[k].period is None]
-        if not steps:
+        lasting = [k for k in weak if not _dated(found.terms[k])]
+        if not lasting:
             return found, energy, error
-        drop = steps[int(np.argmin(energy[steps]))]
+        drop = lasting[int(np.argmin(energy[lasting]))]
         terms = tuple(t for k, t in enumerate(found.terms) if k != drop)
         rivals = tuple(r for k, r in enumerate(found.rivals) if k != drop)
         found = Found(terms, given_terms(base, terms), rivals, found.left)
     return found, np.zeros(0), np.zeros(0)
+
+
+def _dated(term: Term) -> bool:
+    """Whether a term is in force for a part of the archive, or a curve by date."""
+    return term.period is not None or ":date" in term.candidate.name
 
 
 def _dataset(frame: Any, final: Pass, found: Found, closure: Closure, maps: bool) -> xr.Dataset:
