@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from airswing.gap.evidence import Candidate
-from airswing.gap.testability import absorbed, surviving_share
+from airswing.gap.testability import absorbed, surviving_share, too_short
 
 EFFECTS = {"bias": SimpleNamespace(column_names=("all", "above_500"))}
 
@@ -45,3 +45,10 @@ def test_an_effect_that_acts_nowhere_or_survives_gives_no_reason():
     base, bare = sums([0.0, 10.0], [0.0, 9.0])
     assert np.isnan(surviving_share(base, bare, candidate(0)))
     assert absorbed(base, bare, [candidate(0), candidate(1)], EFFECTS) == {}
+
+
+def test_one_day_tells_nothing():
+    base = SimpleNamespace(stats=SimpleNamespace(days=np.array([14000])))
+    assert set(too_short(base, EFFECTS)) == {"bias"}
+    base.stats.days = np.array([14000, 14001])
+    assert too_short(base, EFFECTS) == {}

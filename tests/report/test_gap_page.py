@@ -36,6 +36,7 @@ def test_verdict_in_the_words_of_the_example() -> None:
 def test_verdict_when_nothing_is_missing_claims_nothing() -> None:
     gap = gap_factories.gap() | {"effects": []}
     assert verdict(gap).startswith("Nothing is missing")
+    assert verdict({**gap, "counts": {"days": 1}}).startswith("One day of reports is too short")
     assert "7.4 kt and the noise floor 6.3 kt" in verdict(gap)
 
 

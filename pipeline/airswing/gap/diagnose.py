@@ -49,7 +49,7 @@ from airswing.gap.noise import NoiseFit, fit_noise
 from airswing.gap.statistics import DAY, accumulate, day_of_report
 from airswing.gap.summary import assemble
 from airswing.gap.swap import exchange, find_swap
-from airswing.gap.testability import absorbed
+from airswing.gap.testability import absorbed, too_short
 from airswing.gap.turning import heading_doubt
 from airswing.gap.widening import widened
 
@@ -208,6 +208,7 @@ def diagnose(
     hidden = absorbed(base, bare, candidates(base.stats.layout, effects, dictionary=False), effects)
     named = {term.candidate.name for term in found.terms}
     untestable |= {name: reason for name, reason in hidden.items() if name not in named}
+    untestable |= too_short(base, effects)
     tell("where", 0.0)
     where = slices(base, bare, final.plan) if dictionary else []
     known_names = set(CATALOGUE if catalogue is None else catalogue)

@@ -13,7 +13,7 @@ nuisance columns. GAP.md sections 5 and 6.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,29 @@ def surviving_share(base: Base, bare: Conditional, candidate: Candidate) -> floa
     left = bare.fleet_gram[columns, columns]
     total = float(whole @ weight)
     return float(np.clip(left @ weight / total, 0.0, 1.0)) if total > 0 else float("nan")
+
+
+def too_short(base: Base, names: Iterable[str]) -> dict[str, str]:
+    """Effects that an archive of a single day cannot tell: all, with the reason in words.
+
+    Parameters
+    ----------
+    base : Base
+    names : iterable of str
+        Effects looked for.
+
+    Returns
+    -------
+    dict
+        Name -> reason; empty for two days and more.
+    """
+    if base.stats.days.size > 1:
+        return {}
+    reason = (
+        "one day of reports: nothing can be fitted on some days and checked on others, and a day's "
+        "weather looks like an effect; two weeks would tell"
+    )
+    return dict.fromkeys(names, reason)
 
 
 def absorbed(

@@ -258,6 +258,11 @@ def verdict(gap: Mapping[str, Any], *, most: int = 3) -> str:
 def _nothing_missing(gap: Mapping[str, Any]) -> str:
     numbers = gap.get("gap") or {}
     level, floor = numbers.get("mean_vector_disagreement_kt"), numbers.get("noise_floor_kt")
+    if (gap.get("counts") or {}).get("days") == 1:
+        return (
+            "One day of reports is too short to tell what is missing: no finding could be checked "
+            "on other days, and none is stated."
+        )
     text = "Nothing is missing from the simulation that these reports can show"
     if level is None:
         return text + "."
