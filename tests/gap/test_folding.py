@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from airswing.gap.attribute import Term
-from airswing.gap.evidence import Candidate
+from airswing.gap.candidates import Candidate
 from airswing.gap.folding import folded
 
 

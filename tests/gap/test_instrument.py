@@ -9,12 +9,13 @@ import pytest
 from tests.gap.toy import make_frame
 
 from airswing.gap.attribute import Term
+from airswing.gap.candidates import candidates
 from airswing.gap.closure import retimed, whole_coefficients
 from airswing.gap.context import exogenous
 from airswing.gap.dayfields import day_variances
 from airswing.gap.dictionary import plan_dictionary
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.evidence import candidates, evaluate, fleet_allowance
+from airswing.gap.evidence import evaluate, fleet_allowance
 from airswing.gap.instrument import _regressed, _shrunk, readout_factors, with_large_scale_tendency
 from airswing.gap.layout import effect_columns, make_layout
 from airswing.gap.measure import climatology, condition, eliminate_days

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from airswing.gap.evidence import Candidate
+from airswing.gap.candidates import Candidate
 from airswing.gap.testability import absorbed, surviving_share, too_short
 
 EFFECTS = {"bias": SimpleNamespace(column_names=("all", "above_500"))}

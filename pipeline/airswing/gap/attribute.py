@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.evidence import Candidate, Score, evaluate
+from airswing.gap.candidates import Candidate
+from airswing.gap.evidence import Score, evaluate
 from airswing.gap.measure import (
     Base,
     Conditional,

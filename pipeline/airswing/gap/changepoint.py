@@ -18,11 +18,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.candidates import Candidate
 from airswing.gap.clusters import aircraft_factor
 from airswing.gap.evidence import (
     AIRCRAFT_ALLOWANCE,
     SCALE_GRID,
-    Candidate,
     Score,
     allowance_covariance,
     grid_evidence,

@@ -21,9 +21,10 @@ from airswing.gap.attribute import Found, Term, fit_terms
 from airswing.gap.calibration import BINS, Calibration, calibrate
 from airswing.gap.closure import Closure, folds_of_days, restrict_term, select_days
 from airswing.gap.decoy import Decoy, force_decoy
-from airswing.gap.dictionary import DictionaryPlan, climatology_columns, slope_columns
+from airswing.gap.dictionary import DictionaryPlan
 from airswing.gap.measure import Base, climatology, eliminate_days
 from airswing.gap.noise import NoiseFit
+from airswing.gap.weather import climatology_columns, slope_columns
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

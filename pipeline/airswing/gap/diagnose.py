@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.attribute import Found, Rules, Term, given_terms, search
+from airswing.gap.candidates import candidates
 from airswing.gap.checks import run_checks, with_aliases
 from airswing.gap.claims import Adjustment, make_adjustment
 from airswing.gap.closure import (
@@ -37,7 +38,6 @@ from airswing.gap.context import exogenous
 from airswing.gap.dayfields import day_variances, shared_prior
 from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.evidence import candidates
 from airswing.gap.folding import folded
 from airswing.gap.instrument import readout_factors
 from airswing.gap.interval import with_interval

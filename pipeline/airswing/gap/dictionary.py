@@ -3,16 +3,10 @@
 Assumptions: a dependence not in the catalogue is a smooth function of something a report carries.
 The columns come in named groups, each a small family of hat functions, categories or harmonics of
 one variable, on one component (cross-track or along-track of the indicated heading, or u and v),
-plain or times sine and cosine of the magnetic heading. The simplest of them (a
+plain or times sine and cosine of the magnetic heading (GAP.md section 5). The simplest of them (a
 constant, one cycle) stand in for an effect that the catalogue in use does not hold: beside it they
-would only take its place. Three kinds of block:
-
-* ``day fields``: u and v times {1, x, y, z} and their products; fitted anew every day as random
-  effects (what the aircraft of one day share);
-* ``climatology``: u and v by height, region and hour, fitted once over the archive beside
-  everything else, because the reference's own bias is real and no aircraft's fault; with it the
-  ``slope`` of reports on model winds, which model error alone makes flatter than 1;
-* ``dictionary``: all the rest, GAP.md section 5.
+would only take its place. What the weather and the model do by themselves is not here but in
+:mod:`airswing.gap.weather`.
 
 Validity: hats have their knots at fixed quantiles of the archive (:func:`plan_dictionary`), so
 chunks of an archive give the same columns. A variable that is absent or constant gives no group.
@@ -376,85 +370,3 @@ def _taylor(frame: Any, plan: DictionaryPlan, group: Group) -> Floats:
     move_u = frame.ground_u * frame.dudx + frame.ground_v * frame.dudy
     move_v = frame.ground_u * frame.dvdx + frame.ground_v * frame.dvdy
     return (np.stack([move_u, move_v], -1) * 60.0)[..., None]
-
-
-def day_field_columns(frame: Any, plan: DictionaryPlan) -> Floats:
-    """Columns of the day fields: u and v times {1, x, y, z} and the products of two of these.
-
-    The weather a model misses reaches some hundred km and a part of the troposphere: fields linear
-    in place leave much of what aircraft share (a jet's error is curved in height), and scores of
-    the fleet's effects then scatter from day to day by four to ten times what independent errors
-    would give, two to four with the products.
-
-    Parameters
-    ----------
-    frame : Frame
-    plan : DictionaryPlan
-
-    Returns
-    -------
-    (n, 2, 20) float
-    """
-    scaled = []
-    for name, values in (
-        ("longitude", frame.longitude),
-        ("latitude", frame.latitude),
-        ("log_pressure", np.log(frame.pressure)),
-    ):
-        mean, spread = plan.centre[name]
-        scaled.append(np.clip((values - mean) / spread, -3, 3))
-    x, y, z = scaled
-    squares = [x * x - 1, x * y, y * y - 1, x * z, y * z, z * z - 1]
-    return _by_component(np.stack([np.ones_like(x), x, y, z, *squares], -1))
-
-
-def climatology_columns(frame: Any, plan: DictionaryPlan) -> Floats:
-    """Columns of the reference's own climatology: u and v by height, region and hour.
-
-    Parameters
-    ----------
-    frame : Frame
-    plan : DictionaryPlan
-
-    Returns
-    -------
-    (n, 2, m) float
-    """
-    x, y, z = (
-        np.clip((values - plan.centre[name][0]) / plan.centre[name][1], -3, 3)
-        for name, values in (
-            ("longitude", frame.longitude),
-            ("latitude", frame.latitude),
-            ("log_pressure", np.log(frame.pressure)),
-        )
-    )
-    angle = 2 * np.pi * frame.time / 86400.0
-    terms = [np.ones(frame.size), z, z * z - 1, x, y, x * y, x * x - 1, y * y - 1, x * z, y * z]
-    terms += [np.sin(angle), np.cos(angle)]
-    return _by_component(np.stack(terms, -1))
-
-
-def slope_columns(frame: Any) -> Floats:
-    """Columns of the slope of reports on model winds: the wind and the wind turned by 90 degrees.
-
-    Parameters
-    ----------
-    frame : Frame
-        With the reference wind's large-scale part as reference wind.
-
-    Returns
-    -------
-    (n, 2, 2) float
-        m s-1 per unit of slope.
-    """
-    wind = np.stack([frame.u_ref, frame.v_ref], -1)
-    return np.stack([wind, np.stack([-wind[:, 1], wind[:, 0]], -1)], -1)
-
-
-def _by_component(terms: Floats) -> Floats:
-    """(n, k) factors to (n, 2, 2 k) columns: u first, then v."""
-    n, k = terms.shape
-    out = np.zeros((n, 2, 2 * k))
-    out[:, 0, :k] = terms
-    out[:, 1, k:] = terms
-    return out

@@ -16,15 +16,13 @@ Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (20
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.candidates import Candidate
 from airswing.gap.clusters import aircraft_factor, fleet_factor
-from airswing.gap.layout import Layout
 from airswing.gap.measure import Conditional
 from airswing.gap.small import inverse_and_logdet
 from airswing.gap.statistics import Statistics
@@ -40,56 +38,8 @@ SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
 #: fleet, of a column that the climatology takes up wholly.
 AIRCRAFT_ALLOWANCE = 0.08  # and the little of every effect that every aircraft has
 FLEET_ALLOWANCE = 0.09
-#: Dictionary groups of the reference's wind -> what makes single aircraft follow them; those are
-#: tried where it is not in the catalogue in use.
-OF_SINGLE_AIRCRAFT = {"wind:shear": "altitude_offset", "wind:advection": "time_lag"}
 #: Common cluster factor of raw evidence.
 RAW_FACTOR = 1.5
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """Something that could explain the residual.
-
-    Attributes
-    ----------
-    name : str
-        Effect or dictionary group.
-    columns : (k,) int
-        Columns of the layout.
-    scope : str
-        ``aircraft`` (own coefficients for each) or ``fleet`` (one set for all).
-    scales : (k,)
-        Prior standard deviations.
-    known : bool
-        True for an effect of the catalogue, False for a dictionary group.
-    subset : tuple of int
-        Which of the effect's coefficients these columns are.
-    kind : str
-        The effect's kind.
-    lasting : tuple of (int, float)
-        Of an effect that changes steadily in time: columns of the layout that hold it unchanged,
-        with their prior scales.
-    """
-
-    name: str
-    columns: Integers
-    scope: str
-    scales: Floats
-    known: bool
-    subset: tuple[int, ...] = ()
-    kind: str = "mean"
-    lasting: tuple[tuple[int, float], ...] = ()
-
-    @property
-    def key(self) -> tuple[str, str, tuple[int, ...]]:
-        """What identifies the candidate."""
-        return self.name, self.scope, self.subset
-
-    @property
-    def component(self) -> str:
-        """Component of a dictionary group: cross, along or wind; empty for an effect."""
-        return "" if self.known else self.name.partition(":")[0]
 
 
 @dataclass(frozen=True)
@@ -133,67 +83,6 @@ class Score:
     period: tuple[int, int] | None = None
     dates: Floats | None = None
     novelty: float = np.inf
-
-
-def candidates(
-    layout: Layout, effects: Mapping[str, Any], *, dictionary: bool = True
-) -> list[Candidate]:
-    """All candidates of a layout.
-
-    Parameters
-    ----------
-    layout : Layout
-    effects : mapping
-        Name -> effect, for scopes, scales and alternatives.
-    dictionary : bool
-        Also the dictionary groups, each for single aircraft and for the fleet.
-
-    Returns
-    -------
-    list of Candidate
-    """
-    out = []
-    for name in layout.effects:
-        effect, block = effects[name], layout.columns(name)
-        scales = np.asarray(effect.column_scales, float)
-        scope = "aircraft" if effect.scope in ("aircraft", "pair") else "fleet"
-        subsets = effect.alternatives or (tuple(range(block.size)),)
-        if effect.kind == "step" and block.size == 3:
-            subsets = ((0,), (1, 2), (0, 1, 2))
-        for subset in subsets:
-            pick = np.array(subset, np.int64)
-            out.append(
-                Candidate(
-                    name, block[pick], scope, scales[pick], True, tuple(subset), effect.kind,
-                    _lasting_columns(effect, block, scales),
-                )
-            )  # fmt: skip
-            if scope == "aircraft" and _whole_fleet(effect):
-                out.append(replace(out[-1], scope="fleet"))
-    if not dictionary:
-        return out
-    own = {name for name, known in OF_SINGLE_AIRCRAFT.items() if known not in layout.effects}
-    for name in layout.groups:
-        block = layout.columns(name)
-        scales = np.full(block.size, 0.8)
-        for scope in ("aircraft", "fleet"):
-            if scope == "aircraft" and name.startswith("wind:") and name not in own:
-                continue
-            out.append(Candidate(name, block, scope, scales, False, tuple(range(block.size))))
-    return out
-
-
-def _whole_fleet(effect: Any) -> bool:
-    """Whether an effect of the wind one aircraft meets is also tried with one value for all."""
-    return bool(effect.kind == "mean" and getattr(effect, "stage", "sensor") == "atmosphere")
-
-
-def _lasting_columns(effect: Any, block: Integers, scales: Floats) -> tuple[tuple[int, float], ...]:
-    """Columns of a drift that do not change in time: all but the rates."""
-    if effect.kind != "drift":
-        return ()
-    names = zip(effect.column_names, block, scales, strict=True)
-    return tuple((int(j), float(scale)) for name, j, scale in names if name != "rate")
 
 
 def allowance_covariance(

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.acceleration import acceleration_at_reports
-from airswing.gap.bank import bank_at_reports
-from airswing.gap.turning import ground_at_fixes
-from airswing.vocabulary import PHASE, ROLL, SCREENING
+from airswing.gap.headings_columns import AIRCRAFT_FIELDS, headings_columns
+from airswing.vocabulary import PHASE, SCREENING
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -277,108 +276,14 @@ class Frame:
         )
 
 
-_AIRCRAFT_FIELDS = (
-    "position_resolution",
-    "time_resolution",
-    "wind_speed_resolution",
-    "wind_direction_resolution",
-)
 REPORT_FIELDS: tuple[str, ...] = tuple(
     f.name
     for f in fields(Frame)
-    if f.name not in {"tails", "epoch", "reference_field", *_AIRCRAFT_FIELDS}
+    if f.name not in {"tails", "epoch", "reference_field", *AIRCRAFT_FIELDS}
 )
 """Names of the fields that have one value per report."""
 
-# field of the frame -> (variable of the Dataset, is an angle in degrees)
-_PER_REPORT: dict[str, tuple[str, bool]] = {
-    "latitude": ("latitude", False),
-    "longitude": ("longitude", False),
-    "pressure": ("pressure", False),
-    "u_rep": ("eastward_wind", False),
-    "v_rep": ("northward_wind", False),
-    "heading": ("heading", True),
-    "magnetic_heading": ("magnetic_heading", True),
-    "airspeed": ("airspeed", False),
-    "ground_u": ("ground_eastward_velocity", False),
-    "ground_v": ("ground_northward_velocity", False),
-    "ground_error": ("ground_velocity_error", False),
-    "declination": ("declination", True),
-    "dip": ("dip", True),
-    "horizontal_field": ("horizontal_field", False),
-    "acceleration": ("longitudinal_acceleration", False),
-    "bank": ("bank", True),
-    "climb_rate": ("climb_rate", False),
-    "temperature": ("air_temperature", False),
-}
-_PER_REFERENCE: dict[str, tuple[str, bool]] = {
-    "u_ref": ("reference_eastward_wind", False),
-    "v_ref": ("reference_northward_wind", False),
-    "dudt": ("reference_eastward_wind_tendency", False),
-    "dvdt": ("reference_northward_wind_tendency", False),
-    "dudlnp": ("reference_eastward_wind_lnp_derivative", False),
-    "dvdlnp": ("reference_northward_wind_lnp_derivative", False),
-    "dudx": ("reference_eastward_wind_x_derivative", False),
-    "dvdx": ("reference_northward_wind_x_derivative", False),
-    "dudy": ("reference_eastward_wind_y_derivative", False),
-    "dvdy": ("reference_northward_wind_y_derivative", False),
-    "grid_convergence": ("grid_convergence", True),
-    "lead_time": ("lead_time", False),
-}
-_VARIABLES = (
-    "row_size",
-    "time",
-    "flight",
-    "phase",
-    "icing",
-    "screening",
-    "roll_flag",
-    *(name for name, _ in (_PER_REPORT | _PER_REFERENCE).values()),
-    *_AIRCRAFT_FIELDS,
-)
 _ESSENTIAL = ("u_rep", "v_rep", "u_ref", "v_ref", "ground_u", "ground_v", "heading", "airspeed")
-
-
-def _column(ds: xr.Dataset, name: str, *, angle: bool = False) -> FloatArray:
-    if name not in ds:
-        return np.full(ds.sizes["report"], np.nan)
-    values = np.asarray(ds[name].values, dtype=np.float64)
-    return np.radians(values) if angle else values
-
-
-def _codes(ds: xr.Dataset, name: str, missing: int) -> IntArray:
-    if name not in ds:
-        return np.full(ds.sizes["report"], missing, dtype=np.int64)
-    return np.asarray(ds[name].values, dtype=np.int64)
-
-
-def _members(ds: xr.Dataset, reference: str | Sequence[str]) -> list[int]:
-    known = [str(name) for name in np.atleast_1d(ds["reference"].values)]
-    wanted = [reference] if isinstance(reference, str) else list(reference)
-    if len(wanted) == 1 and wanted[0] not in known and "+" in wanted[0]:
-        wanted = wanted[0].split("+")
-    for name in wanted:
-        if name not in known:
-            raise InputError("unknown reference", found=name, remedy=f"one of {', '.join(known)}")
-    return [known.index(name) for name in wanted]
-
-
-def _pooled(ds: xr.Dataset, name: str, members: list[int], *, angle: bool) -> FloatArray:
-    if name not in ds:
-        return np.full(ds.sizes["report"], np.nan)
-    data = ds[name]
-    if "reference" not in data.dims:
-        return _column(ds, name, angle=angle)
-    rows = [np.asarray(data.isel(reference=k).values, dtype=np.float64) for k in members]
-    if len(rows) == 1:
-        mean = rows[0]
-    else:
-        stack = np.stack(rows)
-        there = np.isfinite(stack)
-        number = there.sum(axis=0)
-        total = np.where(there, stack, 0.0).sum(axis=0)
-        mean = np.divide(total, number, out=np.full(total.shape, np.nan), where=number > 0)
-    return np.radians(mean) if angle else mean
 
 
 def _kept_phases(phases: Sequence[str]) -> list[int]:
@@ -399,28 +304,7 @@ def _build(
     epoch: float | None,
     reference_field: float | None,
 ) -> Frame:
-    members = _members(ds, reference)
-    ds = ds[[name for name in _VARIABLES if name in ds]].compute()  # one pass over a lazy graph
-    size = ds.sizes["report"]
-    tails = tuple(str(name) for name in ds["aircraft"].values)
-    nanoseconds = ds["time"].values.astype("datetime64[ns]").astype(np.int64)
-    values: dict[str, Any] = {
-        "report": np.arange(size, dtype=np.int64),
-        "aircraft": np.repeat(np.arange(len(tails)), np.asarray(ds["row_size"].values)),
-        "flight": _codes(ds, "flight", 0),
-        "time": nanoseconds / 1e9,
-        "phase": _codes(ds, "phase", PHASE["unknown"]),
-        "icing": _codes(ds, "icing", -1),
-    }
-    for field, (name, angle) in _PER_REPORT.items():
-        values[field] = _column(ds, name, angle=angle)
-    for field, (name, angle) in _PER_REFERENCE.items():
-        values[field] = _pooled(ds, name, members, angle=angle)
-    values |= ground_at_fixes(values)
-    values["bank"] = bank_at_reports(
-        values["bank"], _codes(ds, "roll_flag", ROLL["missing"]), values["flight"], values["time"],
-        latitude=values["latitude"], longitude=values["longitude"],
-    )  # fmt: skip
+    tails, values, ds = headings_columns(ds, reference)
     keep = np.isin(values["phase"], _kept_phases(phases))
     for field in _ESSENTIAL:
         keep &= np.isfinite(values[field])
@@ -431,18 +315,13 @@ def _build(
         raise InputError(
             "no report has a wind, a ground vector and a reference wind at once",
             field="reports",
-            found=f"{size} reports read",
+            found=f"{keep.size} reports read",
             remedy="check that reports and references overlap in time, space and level",
         )
-    values = {name: array[keep] for name, array in values.items()}
+    for name in REPORT_FIELDS:
+        values[name] = values[name][keep]
     told = ("acceleration", "pressure", "phase", "flight", "time", "latitude", "longitude")
     values["acceleration"] = acceleration_at_reports(*(values[name] for name in told))
-    for name in _AIRCRAFT_FIELDS:
-        values[name] = (
-            np.asarray(ds[name].values, dtype=np.float64)
-            if name in ds
-            else np.full(len(tails), np.nan)
-        )
     start = float(values["time"].min()) if epoch is None else float(epoch)
     if reference_field is None:
         field_values = values["horizontal_field"][np.isfinite(values["horizontal_field"])]

@@ -19,13 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.dictionary import (
-    DictionaryPlan,
-    climatology_columns,
-    day_field_columns,
-    fill_dictionary,
-    slope_columns,
-)
+from airswing.gap.dictionary import DictionaryPlan, fill_dictionary
+from airswing.gap.weather import climatology_columns, day_field_columns, slope_columns
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -23,9 +23,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from airswing.gap.candidates import Candidate
 from airswing.gap.clusters import aircraft_factor, fleet_factor
 from airswing.gap.dictionary import DictionaryPlan, unit_vectors
-from airswing.gap.evidence import Candidate
 from airswing.gap.measure import Base, Conditional, beyond
 
 Floats = NDArray[np.float64]

@@ -18,8 +18,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.candidates import Candidate
 from airswing.gap.changepoint import GAIN_SHARE, evaluate_step
-from airswing.gap.evidence import Candidate, Score, evaluate
+from airswing.gap.evidence import Score, evaluate
 from airswing.gap.measure import Base, Conditional, beyond
 
 Mask = NDArray[np.bool_]

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from airswing.gap.evidence import Candidate
+from airswing.gap.candidates import Candidate
 from airswing.gap.measure import Base, Conditional
 
 #: Share of an effect's energy that must remain for silence about it to mean something.

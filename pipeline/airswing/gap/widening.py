@@ -19,8 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.attribute import Found, Term, given_terms
+from airswing.gap.candidates import Candidate
 from airswing.gap.closure import term_coefficients
-from airswing.gap.evidence import Candidate
 from airswing.gap.measure import Base
 from airswing.gap.verdict import term_covariance, term_offsets
 
