@@ -36,6 +36,7 @@ class TimeLag(OneCoefficient, WindEffect):
         "reference_time_offset: where the wind's change along the path is its change in time",
     )
     column_names = ("offset",)
+    told_share = 0.93  # of the true change along the path, by the generator
 
     def columns(self, frame: Frame) -> FloatArray:
         """See `Effect.columns`: minus the change of the wind along the path."""
