@@ -190,3 +190,30 @@ def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:
     effect["per_tail"]["N2"]["parameters"] = {"amplitude_deg": 5.9, "phase_deg": -179.0}
     effect["parameters"]["phase_deg"] = 179.5
     assert parameters_text(effect, brief=True) == "amplitude 2.6 ± 0.1°, phase 180 ± 3°"
+
+
+def test_a_range_of_small_values_keeps_its_digits() -> None:
+    each = {
+        "N1": {"parameters": {"rate_deg_per_day": 0.021}},
+        "N2": {"parameters": {"rate_deg_per_day": 0.048}},
+    }
+    effect = {
+        "name": "compass_drift",
+        "parameters": {"rate_deg_per_day": 0.03},
+        "standard_errors": {"rate_deg_per_day": 0.001},
+        "per_tail": each,
+    }
+    assert parameters_text(effect) == "rate 0.021 to 0.048°/day"
+
+
+def test_the_aircraft_of_a_swap_are_told_once_and_not_as_a_list() -> None:
+    pair = ["N402", "N406"]
+    effect = {
+        "name": "tail_swap",
+        "tails": pair,
+        "parameters": {"pair": pair},
+        "period": ["2009-03-10", None],
+    }
+    assert effect_sentence(effect) == (
+        "N402 and N406: two aircraft exchanged identifiers, from 2009-03-10"
+    )

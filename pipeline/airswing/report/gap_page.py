@@ -223,8 +223,8 @@ def _which_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
             table(
                 columns,
                 rows,
-                caption=f"The effects found (n = {len(rows)}), by share "
-                "of the gap; ± is one standard error.",
+                caption=f"The effects found (n = {len(rows)}), by what they explain of "
+                "held-out flights; ± is one standard error.",
             )
         )
         parts += _per_aircraft(effects)

@@ -120,6 +120,8 @@ def parameters_text(effect: Mapping[str, Any], *, brief: bool = False) -> str:
     for name, value in (effect.get("parameters") or {}).items():
         if value is None or (brief and name.startswith("at_")):
             continue
+        if isinstance(value, list | tuple):  # the aircraft of a pair, who are told as such
+            continue
         spread = _spread(name, each, errors.get(name))
         if spread is not None and name.startswith("phase"):
             continue
@@ -143,7 +145,8 @@ def _spread(name: str, each: Sequence[Mapping[str, Any]], error: Any) -> tuple[f
 
 def _range_text(name: str, spread: tuple[float, float]) -> str:
     label, unit = label_and_unit(name)
-    return f"{label} {spread[0]:.1f} to {spread[1]:.1f}{unit}"
+    digits = int(np.clip(np.ceil(-np.log10(spread[1] - spread[0])) + 1, 1, 5))
+    return f"{label} {spread[0]:.{digits}f} to {spread[1]:.{digits}f}{unit}"
 
 
 def period_text(effect: Mapping[str, Any]) -> str:
