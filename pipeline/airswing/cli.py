@@ -231,10 +231,14 @@ def sample(
     aircraft: Annotated[int, typer.Option(help="Number of aircraft.", min=1)] = 10,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
 ) -> None:
-    """Write a sample archive (GRIB and reports) with its known truth beside it."""
+    """Write a sample archive (GRIB and reports) with its known truth beside it.
+
+    Of five aircraft or more the last flies to and fro on one route: too few headings for a fit.
+    """
     from airswing.sample.archive import write_archive
 
-    print(write_archive(directory, days=days, aircraft=aircraft, seed=seed))
+    shuttles = int(aircraft >= 5)
+    print(write_archive(directory, days=days, aircraft=aircraft, seed=seed, shuttles=shuttles))
 
 
 @app.command()

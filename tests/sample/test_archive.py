@@ -86,6 +86,17 @@ def test_the_seed_decides() -> None:
     assert len(first) != len(other) or (first["u"].to_numpy() != other["u"].to_numpy()).any()
 
 
+def test_a_shuttle_flies_one_route_and_leaves_the_others_as_they_were() -> None:
+    frame = simulate_arrays(**SMALL, derivatives=False)
+    shuttled = simulate_arrays(**SMALL, derivatives=False, shuttles=1)
+    for tail in ("N401", "N402"):
+        old, new = (one[one["tail"] == tail] for one in (frame, shuttled))
+        np.testing.assert_allclose(old["true_heading"], new["true_heading"], atol=1e-6)
+    own = shuttled[(shuttled["tail"] == "N403") & (shuttled["phase"] == 2)]
+    points = np.round(np.degrees(own["true_heading"]) / 45.0).to_numpy() % 8
+    assert np.unique(points).size <= 4
+
+
 def test_hard_world_has_outliers_and_more_disagreement() -> None:
     frame = simulate_arrays(**SMALL, world="hard", derivatives=False)
     error = np.hypot(frame["u"] - frame["true_u"], frame["v"] - frame["true_v"])

@@ -72,6 +72,8 @@ class Scenario:
         Between fields; length of the forecasts.
     legs_per_day : float
         Flights of one aircraft a day.
+    shuttles : int
+        How many of the aircraft fly on a single route.
     climb_seconds, cruise_seconds : float
         Between reports; multiples of 10 s.
     coding : Coding
@@ -97,6 +99,7 @@ class Scenario:
     interval_hours: int = 1
     lead_hours: int = 1
     legs_per_day: float = 4.0
+    shuttles: int = 0
     climb_seconds: float = 60.0
     cruise_seconds: float = 120.0
     coding: Coding = field(default_factory=Coding)
@@ -144,6 +147,7 @@ def _fly(scenario: Scenario, world: World) -> Flown:
         days=scenario.days,
         seed=scenario.seed,
         legs_per_day=scenario.legs_per_day,
+        shuttles=scenario.shuttles,
     )
 
     def wind(latitude: Array, longitude: Array, altitude: Array, hours: Array) -> Array:
@@ -440,5 +444,6 @@ def write_archive(
         seed=seed,
         start=scenario.start,
         corrected=scenario.field_test and list(scenario.field_test[1]),
+        usual_field=float(made.reports["horizontal"].median()),
     )
     return target

@@ -127,6 +127,7 @@ def timetable(
     days: int,
     seed: int,
     legs_per_day: float,
+    shuttles: int = 0,
 ) -> Timetable:
     """Return the flights of a fleet.
 
@@ -142,6 +143,9 @@ def timetable(
         The archive's seed.
     legs_per_day : float
         Mean number of legs an aircraft flies a day.
+    shuttles : int, default 0
+        How many aircraft, the last ones, fly to and fro on a single route: too few headings for
+        a compass swing.
 
     Returns
     -------
@@ -153,6 +157,8 @@ def timetable(
         rng = stream(seed, f"timetable {index}")
         hub = network.hubs[index % len(network.hubs)]
         names, share = _routes(rng, network, hub)
+        if index >= aircraft - shuttles:
+            names, share = names[:1], np.ones(1)
         cruise = rng.uniform(126.0, 142.0)
         for day in range(days):
             clock = day * 24.0 + rng.uniform(10.0, 13.0)

@@ -219,6 +219,8 @@ def truth_record(
     earth: EarthField,
     tails: Sequence[str],
     effects: Sequence[Mapping[str, Any]],
+    *,
+    usual_field: float | None = None,
 ) -> dict[str, Any]:
     """Return the truth of an archive as plain numbers.
 
@@ -234,6 +236,9 @@ def truth_record(
         The fleet.
     effects : sequence of mapping
         The effects as they were asked for.
+    usual_field : float, optional
+        H (nT) at which the units' hard iron is what was asked for: the median over all reports that
+        were simulated, by default those of `frame`.
 
     Returns
     -------
@@ -243,7 +248,8 @@ def truth_record(
         ``airspeed_scale, airspeed_offset``; ``effects``.
     """
     out: dict[str, Any] = {"aircraft": {}, "effects": [dict(effect) for effect in effects]}
-    usual_field = float(frame["horizontal"].median())  # as the units of the archive were made
+    if usual_field is None:
+        usual_field = float(frame["horizontal"].median())
     for index, tail in enumerate(tails):
         own = frame[frame["tail"] == tail]
         cruise = own[own["phase"] == 2] if (own["phase"] == 2).any() else own
@@ -280,6 +286,7 @@ def save_truth(
     seed: int,
     start: datetime,
     corrected: Sequence[str] | None = None,
+    usual_field: float | None = None,
 ) -> None:
     """Write ``truth.json``.
 
@@ -295,8 +302,10 @@ def save_truth(
         Its first day.
     corrected : sequence of str, optional
         Tails that apply a table in the field test.
+    usual_field : float, optional
+        See `airswing.sample.truth.truth_record`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    record = truth_record(frame, faults, earth, tails, effects)
+    record = truth_record(frame, faults, earth, tails, effects, usual_field=usual_field)
     record.update(seed=seed, start=start.isoformat(), corrected=corrected)
     (folder / "truth.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
