@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from airswing.evaluation.gains import Gain, compared, gains_of
+from airswing.evaluation.gains import Apart, Gain, compared, gains_of
+from airswing.evaluation.learning import fitted, judged_blocks
+from tests.compass.flown import Setting
+from tests.evaluation.archives import fleet
 
 NAMES = xr.Dataset({"aircraft": ("aircraft", ["a", "b", "c"])})
 
@@ -56,3 +59,16 @@ def test_without_a_prediction_there_is_nothing_to_compare():
     found = compared(NAMES.isel(aircraft=[0]), [gain([1.0], [1])], [entry("a", None)],
                      draws=10, seed=1)  # fmt: skip
     assert found == {"by_aircraft": [], "predicted_gain_kt": None, "realised_gain_kt": None}
+
+
+def test_the_curve_is_judged_by_the_field_of_each_report():
+    headings = fleet(3, Setting(aircraft=2, days=20), amplitude=5.0)[0]
+    field = np.random.default_rng(0).uniform(14e3, 26e3, headings.sizes["report"])
+    headings["horizontal_field"] = ("report", field.astype(np.float32))
+    pools = {"ruc": ["ruc"]}
+    fits = fitted(headings, pools, "ruc", {"joint": False})
+    told = [Apart.of(block, fits, ["ruc"], "ruc", "curve") for block, _ in judged_blocks(headings)]
+    whole = Apart.of(headings, fits, ["ruc"], "ruc", "curve")
+    assert np.concatenate([one.after for one in told]) == pytest.approx(whole.after, nan_ok=True)
+    bare = Apart.of(headings.drop_vars("horizontal_field"), fits, ["ruc"], "ruc", "curve")
+    assert np.abs(bare.after - whole.after)[whole.done].max() > 0.1

@@ -18,7 +18,7 @@ from airswing.ragged import blocks
 
 _JUDGED = (
     "time", "flight", "eastward_wind", "northward_wind", "airspeed", "heading", "magnetic_heading",
-    "screening", "reference_eastward_wind", "reference_northward_wind",
+    "screening", "reference_eastward_wind", "reference_northward_wind", "horizontal_field",
 )  # fmt: skip
 """Columns a correction is made from and judged by."""
 
