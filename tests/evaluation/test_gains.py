@@ -55,6 +55,14 @@ def test_agreement_asks_for_the_interval_of_the_difference():
     assert not compared(one, same, [entry("a", 1.9)], draws=50, seed=1)["agree"]
 
 
+def test_one_day_tells_no_interval_and_no_verdict():
+    one = NAMES.isel(aircraft=[0])
+    found = compared(one, [gain([4.0], [2])], [entry("a", 2.0)], draws=50, seed=1)
+    assert found["realised_gain_kt"] == 2.0
+    assert np.isnan(found["realised_gain_ci_kt"]).all()
+    assert found["agree"] is None and found["by_aircraft"][0]["agree"] is None
+
+
 def test_without_a_prediction_there_is_nothing_to_compare():
     found = compared(NAMES.isel(aircraft=[0]), [gain([1.0], [1])], [entry("a", None)],
                      draws=10, seed=1)  # fmt: skip

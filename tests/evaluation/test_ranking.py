@@ -95,6 +95,17 @@ def test_an_aircraft_without_a_fit_is_last_with_its_reason(ranked):
     assert "too_few_reports" in ranking[-1]["why"]
 
 
+@pytest.mark.filterwarnings("error")
+def test_one_day_leaves_the_interval_open(ranked):
+    ds, fits, _ = ranked
+    day = ds["time"].to_numpy().astype("datetime64[D]")
+    few = ds.copy(deep=True)
+    few["screening"][day != day[0]] = 1
+    ranking = rank_aircraft(few, fits, pools={"ruc": ["ruc"]}, reference="ruc")
+    assert np.isfinite(ranking[0]["expected_gain_kt"])
+    assert np.isnan(ranking[0]["expected_gain_ci_kt"]).all()
+
+
 def test_reports_that_do_not_count_are_left_out(ranked):
     ds, _, _ = ranked
     few = ds.copy(deep=True)

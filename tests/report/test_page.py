@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -66,6 +67,19 @@ def test_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
     for name in factories.names(6):
         assert name in text
     assert not list(written.parent.glob(".index*"))
+
+
+def test_page_names_what_did_not_come_in(tmp_path: Path) -> None:
+    headings = factories.headings(aircraft=2, reports=60)
+    skipped = [{"file": name, "reason": f"{name}: is empty"} for name in ("a.csv", "b.csv")]
+    headings.attrs["reading_audit"] = json.dumps(
+        {"files": 3, "files_skipped": skipped, "similar_tails": [["N401", "n401"]]}
+    )
+    broken = {"file": "x.grb", "what": "message", "reason": "truncated message", "count": 2}
+    headings.attrs["reference_audit"] = json.dumps({"ruc": {"skipped": [broken], "notes": []}})
+    text, _ = parsed(write_page(tmp_path, headings=headings, fits=factories.fits(aircraft=2)))
+    for words in ("2 of 5 report files", "a.csv", "b.csv", "truncated message", "x.grb", "n401"):
+        assert words in text
 
 
 def test_page_without_a_single_fit_says_so(tmp_path: Path) -> None:

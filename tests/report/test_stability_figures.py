@@ -83,6 +83,16 @@ def test_the_ranking_names_who_gains_most_and_how_predictions_held(ranking):
     assert "1 without a fit" in ranking_figure(ranking).caption
 
 
+def test_an_interval_that_is_unknown_is_left_away(ranking):
+    ranking[0]["expected_gain_ci_kt"] = [float("nan")] * 2
+    one_day = virtual(True)
+    for part in (one_day["later"], one_day["later"]["by_aircraft"][0]):
+        part |= {"realised_gain_ci_kt": [float("nan")] * 2, "agree": None}
+    section = ranking_section(ranking, one_day)
+    assert section.lead.startswith("N1 would gain most: 3.20 kt of its")
+    assert "gain 3.00 kt; expected were 3.20 kt (2.80" in "".join(map(str, section.parts))
+
+
 def test_what_is_missing_leaves_no_section_and_no_false_figure(ranking):
     assert stability_section(None).parts == []
     assert ranking_section(None, None).parts == []

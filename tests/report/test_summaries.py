@@ -119,6 +119,18 @@ def test_headline_gives_the_rise_too() -> None:
     assert "rises from" in summaries.headline(headings, fits, corrected, "ruc")
 
 
+def test_headline_gives_a_range_only_where_there_is_one() -> None:
+    headings, fits, _ = tiny()
+    one = headings.isel(report=slice(0, 4), aircraft=slice(0, 1)), fits.isel(aircraft=slice(0, 1))
+    text = summaries.headline(*one, None, "ruc")
+    assert (
+        "1 of 1 aircraft" in text and "its compass deviation is" in text and "to" not in text[30:]
+    )
+    fits["status"][:] = 0
+    assert "in all)" in summaries.headline(headings, fits, None, "ruc")
+    assert "nine in ten" in summaries.headline(headings, factories.fits(aircraft=14), None, "ruc")
+
+
 def _first_aircraft(
     headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset
 ) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:

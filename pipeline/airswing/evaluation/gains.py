@@ -155,8 +155,9 @@ def compared(
     Returns
     -------
     dict
-        ``predicted_gain_kt``, ``realised_gain_kt``, their difference with intervals, ``agree``,
-        ``reports``, and the same ``by_aircraft``; None where nothing could be judged.
+        ``predicted_gain_kt``, ``realised_gain_kt``, their difference with intervals, ``agree``
+        (None where one day leaves the intervals unknown), ``reports``, and the same
+        ``by_aircraft``; None where nothing could be judged.
     """
     predicted = {entry["aircraft"]: entry for entry in ranking}
     entries, judged = [], []
@@ -192,6 +193,7 @@ def compared(
 
 
 def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats) -> dict[str, Any]:
+    """Both gains with their intervals; no verdict where an interval cannot be told."""
     own = float(drawn.std())
     difference, wide = realised - predicted, float(np.hypot(error, own))
     return {
@@ -202,15 +204,18 @@ def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats
         "realised_gain_ci_kt": interval_95(drawn),
         "difference_kt": difference,
         "difference_ci_kt": [difference - 1.96 * wide, difference + 1.96 * wide],
-        "agree": bool(abs(difference) <= 1.96 * wide),
+        "agree": bool(abs(difference) <= 1.96 * wide) if np.isfinite(wide) else None,
     }
 
 
 def _bootstrapped(gain: Gain, *, draws: int, seed: int) -> tuple[float, Floats]:
-    """Mean gain and its draws, days drawn again with replacement."""
+    """Mean gain and its draws, days drawn again with replacement; of one day none can be drawn."""
+    mean = float(gain.total.sum() / gain.counts.sum())
+    if gain.day.size < 2:
+        return mean, np.full(draws, np.nan)
     weights = day_weights(np.random.default_rng(seed), draws, gain.day.size)
     drawn = (weights @ gain.total) / np.maximum(weights @ gain.counts, 1.0)
-    return float(gain.total.sum() / gain.counts.sum()), np.asarray(drawn)
+    return mean, np.asarray(drawn)
 
 
 def _together(gains: list[Gain]) -> Gain:

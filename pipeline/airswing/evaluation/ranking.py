@@ -246,7 +246,8 @@ def rank_aircraft(
     list of dict
         Largest expected gain first, aircraft without a fit last: ``rank``, ``aircraft``,
         ``status``, ``reports``, ``disagreement_kt``, ``expected_gain_kt``,
-        ``expected_gain_ci_kt``, ``rank_ci``, ``amplitude_deg`` and ``why`` where there is none.
+        ``expected_gain_ci_kt`` (not a number for reports of one day: nothing tells how days
+        differ), ``rank_ci``, ``amplitude_deg`` and ``why`` where there is none.
 
     Raises
     ------
@@ -286,7 +287,7 @@ def rank_aircraft(
                 "disagreement_kt": before / KNOT,
                 "expected_gain_kt": gain / KNOT,
                 "expected_gain_ci_kt": _interval(spread),
-                "expected_gain_standard_error_kt": float(spread.std() / KNOT),
+                "expected_gain_standard_error_kt": _spread(spread),
                 "amplitude_deg": float(chosen["amplitude"][k]),
             }
         else:
@@ -296,8 +297,14 @@ def rank_aircraft(
 
 
 def _interval(values: Floats) -> list[float]:
-    low, high = np.percentile(values, [2.5, 97.5]) / KNOT
-    return [float(low), float(high)]
+    """95 % interval in knots; not a number where one day leaves the spread between days unknown."""
+    if not np.isfinite(values).all():
+        return [float("nan"), float("nan")]
+    return [float(end / KNOT) for end in np.percentile(values, [2.5, 97.5])]
+
+
+def _spread(values: Floats) -> float:
+    return float(values.std() / KNOT) if np.isfinite(values).all() else float("nan")
 
 
 def _ordered(entries: list[dict[str, Any]], drawn: list[Floats]) -> list[dict[str, Any]]:

@@ -54,6 +54,8 @@ SMALL_PER_FIGURE = 12
 LARGE_FIGURES = 40
 SVG_UP_TO = 16
 """Aircraft up to which the large figures are drawings; beyond, images."""
+FILES_NAMED = 20
+"""Report files left out that are named one by one; the product names all."""
 
 
 def write_page(
@@ -334,8 +336,11 @@ def _audit_section(headings: xr.Dataset) -> Section:
 
 def _on_the_way_in(headings: xr.Dataset) -> list[str]:
     """What did not come in of reports and models, a line each."""
+    reading = tally(headings, "reading_audit")
+    others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:FILES_NAMED]
     return [
-        *reading_warnings(tally(headings, "reading_audit")),
+        *reading_warnings(reading),
+        *(f"also left out: {reason}" for reason in others),
         *(
             f"{name}: {line}"
             for name, entry in tally(headings, "reference_audit").items()

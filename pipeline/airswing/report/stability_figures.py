@@ -178,7 +178,7 @@ def _against(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
         x, y = row["predicted_gain_kt"], row["realised_gain_kt"]
         axes.plot(row["predicted_gain_ci_kt"], [y, y], color=FAINT, linewidth=1.4)
         axes.plot([x, x], row["realised_gain_ci_kt"], color=FAINT, linewidth=1.4)
-        axes.plot(x, y, "o", color=BLUE if row["agree"] else VERMILION, markersize=5.5)
+        axes.plot(x, y, "o", color=VERMILION if row["agree"] is False else BLUE, markersize=5.5)
         if len(rows) <= 12:
             axes.annotate(
                 row["aircraft"],

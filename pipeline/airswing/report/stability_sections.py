@@ -73,10 +73,10 @@ def ranking_section(
     known = [entry for entry in ranking or [] if entry["expected_gain_kt"] is not None]
     if not known or ranking is None:
         return Section("ranking", title)
-    first, (low, high) = known[0], known[0]["expected_gain_ci_kt"]
+    first = known[0]
+    gain = _with_interval(first["expected_gain_kt"], first["expected_gain_ci_kt"])
     lead = (
-        f"{first['aircraft']} would gain most: {number_text(first['expected_gain_kt'])} kt "
-        f"({number_text(low)} to {number_text(high)}) of its "
+        f"{first['aircraft']} would gain most: {gain} of its "
         f"{number_text(first['disagreement_kt'])} kt."
     )
     parts = [embedded(ranking_figure(ranking))]
@@ -97,12 +97,17 @@ def _prediction_words(virtual: Mapping[str, Any]) -> list[str]:
         part = virtual.get(key) or {}
         if part.get("realised_gain_kt") is None:
             continue
-        expected, found = part["predicted_gain_ci_kt"], part["realised_gain_ci_kt"]
+        found = _with_interval(part["realised_gain_kt"], part["realised_gain_ci_kt"])
+        expected = _with_interval(part["predicted_gain_kt"], part["predicted_gain_ci_kt"])
         lines.append(
-            f"{text.format_map(dict(part))}, the winds gain "
-            f"{number_text(part['realised_gain_kt'])} kt "
-            f"({number_text(found[0])} to {number_text(found[1])}); expected were "
-            f"{number_text(part['predicted_gain_kt'])} kt "
-            f"({number_text(expected[0])} to {number_text(expected[1])})."
+            f"{text.format_map(dict(part))}, the winds gain {found}; expected were {expected}."
         )
     return lines
+
+
+def _with_interval(value: float, interval: Sequence[float]) -> str:
+    """Knots, with the interval where there is one."""
+    low, high = (float(end) for end in interval)
+    if not low <= high:
+        return f"{number_text(value)} kt"
+    return f"{number_text(value)} kt ({number_text(low)} to {number_text(high)})"

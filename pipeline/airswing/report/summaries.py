@@ -22,6 +22,8 @@ from airswing.vocabulary import SCREENING
 Floats = NDArray[np.float64]
 KNOT = 1852.0 / 3600.0
 NORMAL_95 = 1.96
+RANGE_FROM = 10
+"""Aircraft from which on nine in ten can be told from all."""
 _WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
           "reference_northward_wind", "screening", "flight")  # fmt: skip
 _MENDED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
@@ -178,11 +180,8 @@ def headline(
             f"None of {fleet} aircraft could be fitted against {reference}: see below what was "
             "left out and why."
         )
-    low, high = np.percentile(amplitude, [5, 95])
-    text = (
-        f"{amplitude.size} of {fleet} aircraft fitted against {reference}: the typical compass "
-        f"deviation is {np.median(amplitude):.1f}° in amplitude "
-        f"({low:.1f}° to {high:.1f}° for nine in ten)"
+    text = f"{amplitude.size} of {fleet} aircraft fitted against {reference}: " + _typical(
+        amplitude
     )
     if corrected is None:
         return text + "."
@@ -195,6 +194,17 @@ def headline(
         f"{text}; correcting it, the wind's mean disagreement {verb} from {total.before:.1f} kt "
         f"to {total.after:.1f} kt (by {abs(total.reduction):.2f}{interval} kt)."
     )
+
+
+def _typical(amplitude: Floats) -> str:
+    """Size of the deviations, with their range where there are enough for one."""
+    size = f"{np.median(amplitude):.1f}° in amplitude"
+    if amplitude.size == 1:
+        return f"its compass deviation is {size}"
+    low, high, words = amplitude.min(), amplitude.max(), "in all"
+    if amplitude.size >= RANGE_FROM:
+        (low, high), words = np.percentile(amplitude, [5, 95]), "for nine in ten"
+    return f"the typical compass deviation is {size} ({low:.1f}° to {high:.1f}° {words})"
 
 
 def correction_rows(fits: xr.Dataset, reference: str) -> list[dict[str, Any]]:
