@@ -16,7 +16,8 @@ from airswing.errors import InputError
 from airswing.reference import sampling, store
 from airswing.reference.catalogue import Catalogue, build_catalogue
 from airswing.reference.collocate import collocate
-from airswing.reference.planning import plan, require_overlap
+from airswing.reference.overlap import require_overlap
+from airswing.reference.planning import plan
 from tests.reference.builders import LATLON, build, write
 
 SIZE = 176
@@ -306,20 +307,6 @@ def test_the_plan_says_who_has_no_model_and_why(tmp_path: Path) -> None:
     assert matched == one.matched
     assert one.as_dict()["matched"] == 2
     require_overlap({"m": one})
-
-
-@pytest.mark.parametrize(
-    ("ds", "said"),
-    [
-        (reports([50.0]), r"no overlap in time.*2009-08-03T02:00Z.*2009-08-01T00:00Z"),
-        (reports([1.0], latitude=-20.0), r"no overlap in space.*-20.*latitude 40 to 60"),
-        (reports([1.0], pressure=101000.0), "no report lies between the model's levels"),
-    ],
-)
-def test_no_overlap_is_told_with_both_spans(ds: xr.Dataset, said: str, tmp_path: Path) -> None:
-    catalogue = hourly(tmp_path)
-    with pytest.raises(InputError, match=said):
-        require_overlap(plan(ds, {"m": catalogue}))
 
 
 def test_names_units_and_dimensions(tmp_path: Path) -> None:

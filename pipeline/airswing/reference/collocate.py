@@ -40,14 +40,13 @@ from airswing.reference.planning import (
     Schedule,
     plan,
     points_of,
-    require_overlap,
     schedule,
 )
 from airswing.reference.sampling import ModelTime, Sample, sample_model_time
 from airswing.reference.store import SampleStore
 from airswing.vocabulary import describe
 
-__all__ = ["Plan", "collocate", "plan", "require_overlap"]
+__all__ = ["Plan", "collocate", "plan"]
 
 Floats = NDArray[np.float64]
 

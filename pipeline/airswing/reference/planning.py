@@ -160,6 +160,8 @@ class Plan:
         First and last time of each.
     report_box, model_box : tuple of float
         South, north, west, east, degrees (of the grids' outlines for the model).
+    model_levels : tuple of float
+        Highest and lowest pressure level, hPa; empty for native levels.
     """
 
     reference: str
@@ -176,6 +178,7 @@ class Plan:
     model_span: tuple[str, str]
     report_box: tuple[float, float, float, float]
     model_box: tuple[float, float, float, float]
+    model_levels: tuple[float, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Plain dictionary, ready for JSON."""
@@ -337,6 +340,7 @@ class Need:
             model_span=_span(catalogue.valid),
             report_box=tuple(round(float(x), 2) for x in self.box),  # type: ignore[arg-type]
             model_box=_outline(catalogue),
+            model_levels=_level_span(catalogue),
         )
 
 
@@ -383,46 +387,13 @@ def _corners(latitude: Floats, longitude: Floats) -> Floats:
     return np.array([lat.min(), lat.max(), lon.min(), lon.max()])
 
 
+def _level_span(catalogue: Catalogue) -> tuple[float, ...]:
+    rows = np.repeat(catalogue.level_kinds == ISOBARIC, np.diff(catalogue.bounds))
+    levels = catalogue.u["level"][rows] / 100.0
+    return (float(levels.min()), float(levels.max())) if levels.size else ()
+
+
 def _outline(catalogue: Catalogue) -> tuple[float, float, float, float]:
     boxes = np.array([catalogue.grids[int(n)].outline() for n in np.unique(catalogue.grid_numbers)])
     low, high = boxes.min(axis=0), boxes.max(axis=0)
     return tuple(round(float(x), 2) for x in (low[0], high[1], low[2], high[3]))  # type: ignore[return-value]
-
-
-def require_overlap(plans: Mapping[str, Plan]) -> None:
-    """Refuse a run in which a reference serves no report at all.
-
-    Parameters
-    ----------
-    plans : mapping of str to Plan
-
-    Raises
-    ------
-    InputError
-        Naming both spans: in time, or in space.
-    """
-    for name, one in plans.items():
-        if one.matched:
-            continue
-        field = f"references.{name}"
-        if one.without_time == one.reports:
-            raise InputError(
-                "no overlap in time between reports and model winds", field=field,
-                found=f"reports {' to '.join(one.report_times)}, "
-                f"model {' to '.join(one.model_span)}",
-                remedy="Two valid times around a report may be at most max_time_gap apart",
-            )  # fmt: skip
-        if one.outside_levels == 0:
-            raise InputError(
-                "no overlap in space between reports and model winds", field=field,
-                found=f"reports {_place(one.report_box)}, model {_place(one.model_box)}",
-            )  # fmt: skip
-        raise InputError(
-            "no report lies between the model's levels", field=field,
-            found=f"{one.outside_levels} reports above the highest or below the lowest level",
-            remedy="Pressures are in Pa inside; check the unit of the reports' altitude column",
-        )  # fmt: skip
-
-
-def _place(box: tuple[float, float, float, float]) -> str:
-    return f"latitude {box[0]:g} to {box[1]:g}, longitude {box[2]:g} to {box[3]:g}"

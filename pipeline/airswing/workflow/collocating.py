@@ -218,7 +218,7 @@ def collocated_blocks(job: Job, *, names: list[str], derivatives: bool = False) 
         ``reading_audit``, ``reference_audit`` and ``ground_vector_evidence`` in the attributes.
     """
     from airswing.compass.headings import derive_headings, sum_of_accounts
-    from airswing.reference.planning import require_overlap
+    from airswing.reference.overlap import require_overlap
 
     archive = read(job, job.store)
     models = catalogues(job, names)
