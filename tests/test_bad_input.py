@@ -276,6 +276,21 @@ def test_effects_that_cannot_be_simulated(archive, tmp_path, capsys, text, says)
     assert not (tmp_path / "s.csv").exists()
 
 
+def test_an_aircraft_with_one_flight_gets_a_status_and_no_table(archive, tmp_path):
+    table = pd.read_csv(archive / "r.csv", dtype={"tail": str})
+    chosen = (table["tail"] != "S1") | (table["flight"] == "S1-3")
+    perfect.write_reports(table[chosen], tmp_path / "r.csv")
+    path = configure(archive, tmp_path, reports={"files": str(tmp_path / "r.csv")})
+    assert call("collocate", path, "--quiet") == 0
+    assert call("fit", path, "--quiet") == 0
+    with xr.open_dataset(tmp_path / "out/fits.nc") as fits:
+        one = fits.sel(reference="model").isel(aircraft=0)
+        assert str(one["aircraft"].item()) == "S1" and int(one["flight_count"]) == 1
+        meanings = str(fits["status"].attrs["flag_meanings"]).split()
+        assert meanings[int(one["status"])] == "too_few_reports"
+        assert bool(one["table_correction"].isnull().all())
+
+
 def test_one_flight_is_too_little_for_a_diagnosis(archive, tmp_path, capsys):
     table = pd.read_csv(archive / "r.csv", dtype={"tail": str})
     perfect.write_reports(table[table["flight"] == "S1-3"], tmp_path / "r.csv")

@@ -27,6 +27,7 @@ START = np.datetime64("2009-08-01T00:00", "ns")
 
 def hourly(folder: Path, hours=(0, 1, 2, 3), *, levels=(300, 500, 700)) -> Catalogue:
     """Hourly files; u is 10 times the hour plus ln p, v its negative."""
+    folder.mkdir(exist_ok=True)
     for hour in hours:
         messages = []
         for level in levels:
@@ -292,6 +293,19 @@ def test_no_reports_and_no_references(tmp_path: Path) -> None:
         collocate(reports([1.0]), {})
     with pytest.raises(InputError, match="lack pressure"):
         collocate(reports([1.0]).drop_vars("pressure"), {"m": catalogue})
+
+
+def test_levels_in_any_order_give_the_same(tmp_path: Path) -> None:
+    ds = random_reports(200)
+    down, up, mixed = (
+        winds(ds, hourly(tmp_path / name, levels=levels))
+        for name, levels in (
+            ("down", (700, 500, 300)), ("up", (300, 500, 700)), ("mixed", (500, 300, 700)),
+        )
+    )  # fmt: skip
+    assert np.isfinite(up.reference_eastward_wind).any()
+    xr.testing.assert_identical(down, up)
+    xr.testing.assert_identical(mixed, up)
 
 
 def test_the_plan_says_who_has_no_model_and_why(tmp_path: Path) -> None:
