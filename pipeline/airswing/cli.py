@@ -200,8 +200,11 @@ def gap_check(
     workers: Annotated[int, typer.Option(help="Diagnoses at a time.", min=1)] = 1,
     fast: Annotated[bool, typer.Option("--fast", help="Small archives, clear effects.")] = False,
     real: Annotated[
-        Path, typer.Option(help="Folder of real data for the fifth rung.", metavar="DIR")
-    ] = Path("../shared/real"),
+        Path | None,
+        typer.Option(
+            help="Folder of real data; without it the fifth rung is left out.", metavar="DIR"
+        ),
+    ] = None,
     rung: Annotated[
         list[int] | None, typer.Option(help="Rung to play; all by default.", min=1, max=5)
     ] = None,

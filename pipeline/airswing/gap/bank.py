@@ -86,22 +86,27 @@ def bank_at_reports(
     lesser = np.where(level, np.abs(lasting), 0.0)
     spread = np.where(flagged | (level & seen), np.abs(chords) - lesser, 0.0) * interval
     whole = np.sum(interval[flagged])
-    turned = np.sum(spread) + _unseen(spread, flagged, level, interval)
+    turned = np.sum(spread) + _unseen(spread, flagged, level, interval, flight)
     mean = float(np.clip(turned / whole, LIMIT, LARGEST)) if whole > 0 else LIMIT
     side = np.where(seen, np.sign(chords), np.sign(bank))
     return np.where(flagged, side * mean, np.where(level, lasting, bank))
 
 
 def _unseen(
-    spread: Floats, flagged: NDArray[np.bool_], level: NDArray[np.bool_], interval: Floats
+    spread: Floats,
+    flagged: NDArray[np.bool_],
+    level: NDArray[np.bool_],
+    interval: Floats,
+    flight: Integers,
 ) -> float:
     """Part of turns near a flight's ends that falls on its first or last report, rad s.
 
     No two chords meet there; it is taken for as much as the report on the turn's other side holds.
     """
     end = interval == 0.0
-    first = end[:-2] & flagged[1:-1] & level[2:]
-    last = end[2:] & flagged[1:-1] & level[:-2]
+    one = (flight[:-2] == flight[1:-1]) & (flight[1:-1] == flight[2:])
+    first = one & end[:-2] & flagged[1:-1] & level[2:]
+    last = one & end[2:] & flagged[1:-1] & level[:-2]
     return float(np.sum(spread[2:][first]) + np.sum(spread[:-2][last]))
 
 
@@ -122,9 +127,11 @@ def _chord_bank(latitude: Floats, longitude: Floats, time: Floats, interval: Flo
     track = np.arctan2(east, north)
     turn = np.zeros(latitude.size)
     turn[1:-1] = np.mod(np.diff(track) + np.pi, 2 * np.pi) - np.pi
-    whole = interval > 0.0
-    path = np.zeros(latitude.size)
     length = METRES_PER_DEGREE * np.hypot(north, east)
+    still = np.zeros(latitude.size, bool)  # a chord of no length has no direction
+    still[1:-1] = (length[1:] == 0.0) | (length[:-1] == 0.0)
+    whole = (interval > 0.0) & ~still
+    path = np.zeros(latitude.size)
     path[1:-1] = 0.5 * (length[1:] + length[:-1])
     half = 0.5 * np.minimum(np.abs(turn), WIDEST)
     path /= np.sinc(half / np.pi)

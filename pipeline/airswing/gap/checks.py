@@ -199,6 +199,11 @@ def _noise_row(noise: NoiseFit) -> dict[str, Any]:
 
 def _calibration_row(after: Calibration) -> dict[str, Any]:
     number = after.pit_count.sum()
+    if not np.isfinite(after.spread):
+        return _row(
+            "the error predicted for a report has the right size and shape",
+            "PIT and CRPS of held-out reports", "too few held-out reports to tell", False,
+        )  # fmt: skip
     share = after.pit_count * after.pit_count.size / max(int(number), 1)
     worst = float(np.abs(share - 1).max())
     excess = after.crps_m_s / after.crps_expected_m_s - 1 if after.crps_expected_m_s else 0.0
@@ -216,7 +221,9 @@ def _neighbours_row(after: Calibration) -> dict[str, Any]:
     return _row(
         "nothing is left between neighbours on a flight",
         "correlation of whitened held-out residuals at lag 1",
-        f"{after.lag_one:.3f} ± {after.lag_one_standard_error:.3f}",
+        f"{after.lag_one:.3f} ± {after.lag_one_standard_error:.3f}"
+        if np.isfinite(after.lag_one)
+        else "too few neighbours to tell",
         abs(after.lag_one) < LIMITS["lag_one"],
     )
 

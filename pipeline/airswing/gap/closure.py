@@ -377,13 +377,18 @@ def _without(frame: Any, errors: Sequence[Floats], sensor: Sequence[bool]) -> Fl
 
 
 def day_interval(values: Floats, day: Integers, seed: int, draws: int = 400) -> tuple[float, float]:
-    """Bootstrap 95 % interval over days of a mean over reports."""
+    """Bootstrap 95 % interval over days of a mean over reports.
+
+    Drawn from n days, means scatter by the root of (n - 1) / n too little: they are drawn apart.
+    """
     count, total = np.bincount(day), np.bincount(day, values)
     used = np.flatnonzero(count)
     rng = np.random.default_rng(seed)
     pick = rng.integers(0, used.size, (draws, used.size))
     means = total[used][pick].sum(axis=1) / count[used][pick].sum(axis=1)
-    low, high = np.quantile(means, [0.025, 0.975])
+    middle = total.sum() / count.sum()
+    apart = np.sqrt(used.size / max(used.size - 1, 1))
+    low, high = np.quantile(middle + apart * (means - middle), [0.025, 0.975])
     return float(low), float(high)
 
 

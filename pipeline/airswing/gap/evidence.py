@@ -233,11 +233,10 @@ def _sizes(stats: Statistics, candidate: Candidate) -> tuple[Floats, Floats]:
     if columns.max() < stats.layout.core:
         second = stats.raw_gram[:, columns[:, None], columns]
         return second, np.maximum(stats.acting[:, columns].max(axis=1), 0.0)
-    k = columns.size
     wide = stats.whole_gram[:, columns[:, None], columns]
     trace = np.trace(wide, axis1=1, axis2=2)[:, None, None]
     second = np.divide(wide, trace, out=np.zeros_like(wide), where=trace > 0)
-    return second * total[:, None, None] * (k / max(k, 1)), total
+    return second * total[:, None, None], total
 
 
 def rms(second: Floats, acting: Floats, coefficients: Floats) -> Floats:

@@ -245,6 +245,7 @@ class Frame:
         excluded: Sequence[str] = EXCLUDED,
         epoch: float | None = None,
         reference_field: float | None = None,
+        meridian: float | None = None,
     ) -> Frame:
         """Build a frame from a headings Dataset.
 
@@ -258,9 +259,9 @@ class Frame:
             Phases of flight kept; reports of unknown phase are kept with ``cruise``.
         excluded : sequence of str
             Names of screening bits whose reports are left out.
-        epoch, reference_field : float, optional
-            Constants of the whole archive (s since 1970, nT), to be given when `ds` is a part of
-            it; by default taken from `ds`.
+        epoch, reference_field, meridian : float, optional
+            Constants of the whole archive (s since 1970, nT, middle longitude in degrees), to be
+            given when `ds` is a part of it; by default taken from `ds`.
 
         Returns
         -------
@@ -272,8 +273,9 @@ class Frame:
             The reference is unknown, or no report is left.
         """
         return _build(
-            cls, ds, reference, phases, excluded, epoch=epoch, reference_field=reference_field
-        )
+            cls, ds, reference, phases, excluded, epoch=epoch, reference_field=reference_field,
+            meridian=meridian,
+        )  # fmt: skip
 
 
 REPORT_FIELDS: tuple[str, ...] = tuple(
@@ -303,8 +305,9 @@ def _build(
     *,
     epoch: float | None,
     reference_field: float | None,
+    meridian: float | None,
 ) -> Frame:
-    tails, values, ds = headings_columns(ds, reference)
+    tails, values, ds = headings_columns(ds, reference, meridian=meridian)
     keep = np.isin(values["phase"], _kept_phases(phases))
     for field in _ESSENTIAL:
         keep &= np.isfinite(values[field])

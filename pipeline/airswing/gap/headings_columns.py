@@ -80,8 +80,19 @@ _VARIABLES = (
 )
 
 
+def wrapped(degrees: FloatArray) -> FloatArray:
+    """Bring degrees into [-180, 180)."""
+    return np.asarray(np.mod(degrees + 180.0, 360.0) - 180.0)
+
+
+def middle_longitude(longitude: FloatArray) -> float:
+    """Direction of the mean of longitudes as unit vectors, degrees; 0 where none is known."""
+    angle = np.radians(longitude[np.isfinite(longitude)])
+    return float(np.degrees(np.arctan2(np.sin(angle).sum(), np.cos(angle).sum())))
+
+
 def headings_columns(
-    ds: xr.Dataset, reference: str | Sequence[str]
+    ds: xr.Dataset, reference: str | Sequence[str], *, meridian: float | None = None
 ) -> tuple[tuple[str, ...], dict[str, Any], xr.Dataset]:
     """Read what a frame holds from a headings Dataset.
 
@@ -91,6 +102,9 @@ def headings_columns(
         Dimensions ``report``, ``reference``, ``aircraft``; angles in degrees.
     reference : str or sequence of str
         One reference, or the members of a pool.
+    meridian : float, optional
+        Middle of the archive, degrees: longitudes run on 180 degrees to either side of it, so that
+        an archive across the antimeridian is of one piece. That of `ds` by default.
 
     Returns
     -------
@@ -122,6 +136,11 @@ def headings_columns(
         values[field] = _column(ds, name, angle=angle)
     for field, (name, angle) in _PER_REFERENCE.items():
         values[field] = _pooled(ds, name, members, angle=angle)
+    middle = middle_longitude(values["longitude"]) if meridian is None else meridian
+    east = values["longitude"] - middle
+    values["longitude"] = np.where(
+        np.abs(east) > 180.0, middle + wrapped(east), values["longitude"]
+    )
     values |= ground_at_fixes(values)
     values["bank"] = bank_at_reports(
         values["bank"], _codes(ds, "roll_flag", ROLL["missing"]), values["flight"], values["time"],

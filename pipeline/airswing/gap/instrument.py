@@ -108,9 +108,10 @@ def readout_factors(
         free = with_large_scale_tendency(columns_frame)
         under, _ = regress(free, x, term, effect)
         found, error = regress(free, rest, term, effect)
+        known = abs(found) > 1e-9
         out[name], doubts[name] = _shrunk(
-            float(coefficients[k][0, 0]) * under / found,
-            error * float(np.sqrt(term.score.factor)) / abs(found),
+            float(coefficients[k][0, 0]) * under / found if known else 0.0,
+            error * float(np.sqrt(term.score.factor)) / abs(found) if known else np.inf,
         )
     return {name: float(np.clip(share, *BOUNDS)) for name, share in out.items()}, doubts
 

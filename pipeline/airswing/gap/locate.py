@@ -23,7 +23,6 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from airswing.gap.candidates import Candidate
 from airswing.gap.clusters import aircraft_factor, fleet_factor
 from airswing.gap.dictionary import DictionaryPlan, unit_vectors
 from airswing.gap.measure import Base, Conditional, beyond
@@ -212,21 +211,6 @@ def _group_slices(
     return out
 
 
-def group_curve(given: Conditional, candidate: Candidate, tails: Sequence[int]) -> Floats:
-    """Fitted coefficients of a group, m s-1, per aircraft (t, k) or one row for the fleet."""
-    columns = candidate.columns
-    pick = np.ix_(columns, columns)
-    if candidate.scope == "fleet":
-        gram, score = given.fleet_gram[pick], given.fleet_score[:, columns].sum(axis=0)
-        return score_test(gram, score, 1.0)[1][None]
-    return np.stack(
-        [
-            score_test(given.gram[a][pick], given.score[a][:, columns].sum(axis=0), 1.0)[1]
-            for a in tails
-        ]
-    )
-
-
 def binned(values: Floats, key: Integers, flight: Integers, size: int) -> tuple[Floats, Floats]:
     """Mean by bin and its standard error clustered by flight.
 
@@ -270,8 +254,9 @@ def residual_maps(frame: Any) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        ``heading_map(aircraft, octant)`` degree, ``level_map(phase, level)``,
-        ``region_map(component, latitude, longitude)`` and ``time_line(aircraft, week)`` m s-1, each
+        ``heading_map(aircraft, octant)`` and ``time_line(aircraft, week)`` degrees,
+        ``level_map_cross`` and ``level_map_along(phase, level)``, ``region_map_u`` and
+        ``region_map_v(latitude, longitude)`` and ``time_line_along(aircraft, week)`` m s-1, each
         with ``*_standard_error``.
     """
     cross, along = unit_vectors(frame.heading)

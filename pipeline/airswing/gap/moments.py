@@ -1,11 +1,11 @@
 """Effects that show in lattices and rates, not in means: coding and gross errors.
 
-Assumptions: winds are sent in whole degrees and whole knots or finer, positions in tenths of a
-minute of arc or finer, times in seconds; coarser is an effect (of an aircraft) unless the whole
-fleet is alike and the step is one that formats use. A value lies on a coarse lattice by chance in
-one of (step / base) cases; the share above chance is the share coded coarsely. Gross errors are
-single reports that stand out from
-both neighbours; a rate under one percent that all aircraft share is ordinary.
+Assumptions: the simulation sends winds in whole degrees and whole knots: coarser is an effect,
+whoever has it. Positions come in tenths of a minute of arc or finer and times in seconds; coarser
+is an effect of an aircraft, unless the whole fleet is alike in steps that formats use. A value lies
+on a coarse lattice by chance in one of (step / base) cases; the share above chance is the share
+coded coarsely. Gross errors are single reports that stand out from both neighbours; a rate under
+one percent that all aircraft share is ordinary.
 
 Validity: at least 100 reports an aircraft. Steps in knots, degrees and minutes of arc.
 
@@ -31,6 +31,8 @@ DIRECTION_STEPS = (2.0, 5.0, 10.0)
 POSITION_STEPS = (0.5, 0.6, 1.0, 2.0, 3.0, 5.0, 6.0, 10.0)
 LEAST_SHARE = 0.15
 ORDINARY_RATE = 0.012
+LOOKED_AT = float(np.log(100.0))
+"""Price of looking at a hundred aircraft and steps for the clearest one, nats."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,9 @@ class MomentVerdict:
     per_tail : dict
         Tail -> parameters.
     period : list or None
+    evidence : float
+        Log likelihood ratio of the clearest aircraft against chance, nats, less what looking at all
+        of them costs.
     """
 
     name: str
@@ -53,6 +58,39 @@ class MomentVerdict:
     standard_errors: dict[str, float]
     per_tail: dict[str, dict[str, Any]]
     period: list[str | None] | None
+    evidence: float
+
+
+def against_chance(count: int, share: float, chance: float) -> float:
+    """Log likelihood ratio of a share of ``count`` draws against the share that chance gives, nats.
+
+    Parameters
+    ----------
+    count : int
+    share, chance : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    float
+        ``count`` times the Kullback-Leibler divergence of the two Bernoulli laws; 0 for a share
+        not above chance.
+    """
+    p, q = (float(np.clip(x, 1e-9, 1 - 1e-9)) for x in (share, chance))
+    return count * (p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q))) if p > q else 0.0
+
+
+def lattice_evidence(values: Floats, step: float, *, base: float) -> float:
+    """Log likelihood ratio of values on a lattice against chance, nats."""
+    on, chance = _on_lattice(values, step, base=base)
+    return against_chance(values.size, on, chance)
+
+
+def _on_lattice(values: Floats, step: float, *, base: float) -> tuple[float, float]:
+    """Share of values on a lattice, and what chance puts there."""
+    offset = np.abs(values - step * np.round(values / step))
+    tolerance = min(0.25 * base, 0.05 * step)
+    return float((offset <= tolerance).mean()), min(0.98, max(base, 2 * tolerance) / step)
 
 
 def lattice_share(values: Floats, step: float, *, base: float) -> float:
@@ -71,10 +109,7 @@ def lattice_share(values: Floats, step: float, *, base: float) -> float:
     """
     if values.size == 0:
         return 0.0
-    offset = np.abs(values - step * np.round(values / step))
-    tolerance = min(0.25 * base, 0.05 * step)
-    on = float((offset <= tolerance).mean())
-    chance = min(0.98, max(base, 2 * tolerance) / step)
+    on, chance = _on_lattice(values, step, base=base)
     return (on - chance) / (1 - chance)
 
 
@@ -107,6 +142,7 @@ def wind_coding(frame: Any) -> MomentVerdict | None:
     direction = np.degrees(np.arctan2(-frame.u_rep, -frame.v_rep)) % 360.0
     moving = speed > 3.0
     per_tail: dict[str, dict[str, Any]] = {}
+    evidence: list[float] = []
     start: list[float] = []
     for a, tail in enumerate(frame.tails):
         own = np.flatnonzero((frame.aircraft == a) & moving)
@@ -118,17 +154,19 @@ def wind_coding(frame: Any) -> MomentVerdict | None:
             continue
         per_tail[tail] = {"step": step if step > 1 else 1.0, "direction_step_deg": turn}
         value, width = (direction[own], turn) if turn > 1 else (speed[own], step)
+        evidence.append(lattice_evidence(value, width, base=1.0))
         if min(share if step > 1 else 1.0, turn_share if turn > 1 else 1.0) < 0.9:
             start.append(_change_time(value, width, frame.time[own]))
     if not per_tail:
         return None
     period = [_date(float(np.median(start))), None] if len(start) == len(per_tail) else None
-    return _verdict("wind_coding", per_tail, period)
+    return _verdict("wind_coding", per_tail, period, evidence)
 
 
 def position_coding(frame: Any) -> MomentVerdict | None:
     """Find aircraft whose positions come in steps coarser than the fleet's."""
     per_tail: dict[str, dict[str, Any]] = {}
+    evidence: dict[str, float] = {}
     steps = []
     for a, tail in enumerate(frame.tails):
         own = np.flatnonzero(frame.aircraft == a)
@@ -141,23 +179,29 @@ def position_coding(frame: Any) -> MomentVerdict | None:
         steps.append(min(found))
         if min(found) > 0.1:
             per_tail[tail] = {"step": min(found)}
+            evidence[tail] = lattice_evidence(60.0 * frame.latitude[own], min(found), base=0.1)
     common = float(np.median(steps)) if steps else 0.1
     if common < 1.0:
         per_tail = {t: v for t, v in per_tail.items() if v["step"] > 1.2 * common}
-    return _verdict("position_coding", per_tail, None) if per_tail else None
+    told = [evidence[tail] for tail in per_tail]
+    return _verdict("position_coding", per_tail, None, told) if per_tail else None
 
 
 def whole_minutes(frame: Any) -> MomentVerdict | None:
     """Find aircraft whose times are cut to the minute while others' are not."""
-    cut = []
+    cut, evidence = [], []
     for a, tail in enumerate(frame.tails):
         seconds = np.mod(frame.time[frame.aircraft == a], 60.0)
-        if seconds.size >= 100 and float((np.minimum(seconds, 60 - seconds) < 0.5).mean()) > 0.95:
+        if seconds.size < 100:
+            continue
+        whole = float((np.minimum(seconds, 60 - seconds) < 0.5).mean())
+        if whole > 0.95:
             cut.append(tail)
+            evidence.append(against_chance(seconds.size, whole, 1 / 60))
     counted = np.bincount(frame.aircraft, minlength=len(frame.tails)) >= 100
     if not cut or len(cut) == int(counted.sum()):
         return None
-    return _verdict("time_lag", {t: {"offset_s": -30.0} for t in cut}, None)
+    return _verdict("time_lag", {t: {"offset_s": -30.0} for t in cut}, None, evidence)
 
 
 def outliers(frame: Any, noise: NoiseFit, *, coarse: tuple[str, ...] = ()) -> MomentVerdict | None:
@@ -195,7 +239,9 @@ def outliers(frame: Any, noise: NoiseFit, *, coarse: tuple[str, ...] = ()) -> Mo
         }
         for a in np.flatnonzero(high)
     }  # fmt: skip
-    verdict = _verdict("outliers", per_tail, None)
+    ordinary = max(common, 1e-3)
+    evidence = [against_chance(int(count[a]), rate[a], ordinary) for a in np.flatnonzero(high)]
+    verdict = _verdict("outliers", per_tail, None, evidence)
     verdict.standard_errors["fraction"] = float(np.median(error[high]))
     return verdict
 
@@ -227,11 +273,15 @@ def _date(seconds: float) -> str:
 
 
 def _verdict(
-    name: str, per_tail: dict[str, dict[str, Any]], period: list[str | None] | None
+    name: str,
+    per_tail: dict[str, dict[str, Any]],
+    period: list[str | None] | None,
+    evidence: list[float],
 ) -> MomentVerdict:
     first = next(iter(per_tail.values()))
     middle = {k: float(np.median([v[k] for v in per_tail.values()])) for k in first}
-    return MomentVerdict(name, tuple(per_tail), middle, {}, per_tail, period)
+    clearest = float(max(evidence) - LOOKED_AT)
+    return MomentVerdict(name, tuple(per_tail), middle, {}, per_tail, period, clearest)
 
 
 def second_moments(frame: Any, noise: NoiseFit) -> list[MomentVerdict]:

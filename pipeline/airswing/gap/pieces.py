@@ -25,6 +25,7 @@ from airswing.errors import InputError
 from airswing.gap.context import LargeScale, centre_of, day_sums, exogenous
 from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
 from airswing.gap.frame import REPORT_FIELDS, Frame
+from airswing.gap.headings_columns import middle_longitude
 from airswing.gap.layout import make_layout
 from airswing.gap.noise import NoiseFit, fit_noise, fitted_gains
 from airswing.gap.statistics import Statistics, add_reports, day_of_report, empty_statistics
@@ -78,8 +79,10 @@ def pieces_of_headings(ds: xr.Dataset, *, reference: str | Sequence[str], **opti
     options = {
         "epoch": float(flown.min().astype("datetime64[ns]").astype(np.int64)) / 1e9
     } | options
+    every = slice(None, None, max(1, int(starts[-1]) // MOST))
+    if "meridian" not in options:
+        options["meridian"] = middle_longitude(ds["longitude"][every].values.astype(float))
     if "horizontal_field" in ds and "reference_field" not in options:
-        every = slice(None, None, max(1, int(starts[-1]) // MOST))
         options["reference_field"] = float(np.nanmedian(ds["horizontal_field"][every].values))
 
     def frame(number: int, first: float, last: float) -> Frame | None:
@@ -236,7 +239,7 @@ def noise_context(frame: Frame, columns: Frame) -> dict[str, Any]:
 def _in_turn(
     pieces: Pieces, work: Callable[[Frame], Result], *, workers: int, share: float = 1.0
 ) -> Iterator[Result]:
-    """Yield what the work makes of every piece, in order, with few pieces under way at once.
+    """Yield what the work makes of every piece, in order, a piece to each thread.
 
     With a share under 1 each piece gives that part of its time, each another part.
     """

@@ -315,8 +315,15 @@ def _measured(state: State, frame: Frame, work: Sequence[_Work]) -> State:
         )
         before = after.heading_error
         after = _applied(clean, view, work, "sensor")
-        if np.max(np.abs(after.heading_error - before), initial=0.0) < TOLERANCE:
+        moved = np.max(np.abs(after.heading_error - before), initial=0.0)
+        if moved < TOLERANCE:
             break
+    else:
+        raise InputError(
+            "effects turn the heading faster than the heading itself: it does not settle",
+            field="effects", found=f"still moving by {np.degrees(moved):.2g} degrees",
+            remedy="give a smaller amplitude (a compass errs by degrees, not tens of them)",
+        )  # fmt: skip
     report_u, report_v = wind_from_triangle(
         frame.ground_u, frame.ground_v, after.airspeed, heading + after.heading_error
     )

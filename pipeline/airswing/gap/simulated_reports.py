@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.gap.effects import ActiveEffect
 from airswing.gap.frame import Frame
+from airswing.gap.headings_columns import wrapped
 from airswing.gap.simulate import Coding, NoiseLike, simulate
 from airswing.physics.triangle import wind_from_direction
 from airswing.products import atomic
@@ -84,7 +85,9 @@ def simulate_reports(
         ),
         "time": headings["time"].values.astype("datetime64[ms]"),
         "latitude": _with(headings["latitude"].values, sent.report, sent.latitude).round(6),
-        "longitude": _with(headings["longitude"].values, sent.report, sent.longitude).round(6),
+        "longitude": _with(
+            headings["longitude"].values, sent.report, wrapped(sent.longitude)
+        ).round(6),
         **_level(headings),
         **_wind(headings.sizes["report"], sent),
     }

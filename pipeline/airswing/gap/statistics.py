@@ -7,9 +7,9 @@ catalogue) G is kept per aircraft and day as well, for dates, drifts and cluster
 residual is winsorised at 5 standard deviations *about a smooth per-aircraft fit*, so that a large
 effect is not clipped with the outliers; the count is kept.
 
-Validity: columns are evaluated in chunks of one aircraft and one week, in single precision, and
-summed in double. Sums of two periods merge (:func:`merge_statistics`). Memory: 8 p^2 bytes per
-aircraft-week and 8 c^2 bytes per aircraft-day (c core columns).
+Validity: columns are evaluated, and their products summed, in chunks of one aircraft and one week,
+in single precision; scores are in double. Sums of two periods merge (:func:`merge_statistics`).
+Memory: 4 p^2 bytes per aircraft-week and 4 c^2 bytes per aircraft-day (c core columns).
 
 Source: GAP.md section 3.
 """
@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -402,19 +402,3 @@ def merge_statistics(first: Statistics, second: Statistics) -> Statistics:
         for name in ("raw_gram", "acting", "clipped", "gross"):
             getattr(out, name)[...] += getattr(part, name)
     return out
-
-
-def rescore(stats: Statistics, day_score: Floats, day_energy: Floats) -> Statistics:
-    """Same columns, another residual.
-
-    Parameters
-    ----------
-    stats : Statistics
-    day_score : (A, D, p) float
-    day_energy : (A, D) float
-
-    Returns
-    -------
-    Statistics
-    """
-    return replace(stats, day_score=day_score, day_energy=day_energy)

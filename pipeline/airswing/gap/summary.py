@@ -143,7 +143,7 @@ def moment_entry(verdict: MomentVerdict) -> dict[str, Any]:
     """Entry of ``effects`` for a second-moment effect: it moves no mean and closes nothing."""
     return _plain_entry(
         verdict.name, verdict.tails, verdict.parameters, verdict.standard_errors, verdict.period,
-        evidence=30.0, energy=0.0, scope="aircraft",
+        evidence=verdict.evidence, energy=0.0, scope="aircraft",
     ) | {"per_tail": {t: {"parameters": p} for t, p in verdict.per_tail.items()}}  # fmt: skip
 
 

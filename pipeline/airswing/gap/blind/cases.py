@@ -25,7 +25,6 @@ import numpy as np
 
 from airswing.gap.blind.draws import (
     CATALOGUE_NAMES,
-    FLEET,
     OUTSIDE_NAMES,
     SIZES,
     Drawn,
@@ -254,8 +253,3 @@ def _draw(name: str, strength: float, rng: np.random.Generator, world: World, si
     return draw_effect(
         name, rng, tails=size.tails, start=START, days=world.days, step=step,
     )  # fmt: skip
-
-
-def is_fleet(name: str) -> bool:
-    """Whether an effect strikes every aircraft by its nature."""
-    return name in FLEET

@@ -63,6 +63,7 @@ def check_and_report(
     )
     command = f"airswing gap-check --cases {cases} --seed {seed}" + (" --fast" if fast else "")
     command += "".join(f" --rung {rung}" for rung in rungs or ())
+    command += "" if real is None else " --real DIR"
     page = write_reports(output, check, command=command, proof=proof)
     summary = {"digest": check.digest, "targets": targets(check.scores), "proof": proof,
                "settings": check.settings}  # fmt: skip

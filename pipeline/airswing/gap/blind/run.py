@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from airswing.fingerprint import code_digest
 from airswing.gap.blind.archives import Archivist
 from airswing.gap.blind.cases import Case, Size, plan_cases
 from airswing.gap.blind.sealing import open_seal, seal
@@ -146,6 +147,7 @@ def gap_check(
         "days": size.days, "aircraft": size.aircraft,
     }  # fmt: skip
     digest = _sealed(output, plan, settings, real, say)
+    _of_this_code(output)
     say(f"labels sealed, sha256 {digest}")
     failures = _diagnose_all(output, plan, diagnoser, workers, say)
     labels = open_seal(output / "sealed", digest=digest)
@@ -187,6 +189,15 @@ def _sealed(
         labels.append(_label(output, archivist, case, say))
     labels.sort(key=lambda label: str(label["name"]))
     return seal(labels, output / "sealed")
+
+
+def _of_this_code(output: Path) -> None:
+    """Throw away what another version of the code has diagnosed in this folder."""
+    note, code = output / "diagnosed" / "code.txt", code_digest("airswing.gap_workflow")
+    if not note.exists() or note.read_text(encoding="utf-8") != code:
+        shutil.rmtree(output / "diagnosed", ignore_errors=True)
+        note.parent.mkdir(parents=True)
+        note.write_text(code, encoding="utf-8")
 
 
 def _label(output: Path, archivist: Archivist, case: Case, say: Say) -> dict[str, Any]:

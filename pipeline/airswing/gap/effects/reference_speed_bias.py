@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from airswing.errors import InputError
 from airswing.gap.effects.base import Effect, Errors, FloatArray, Parameter, Parameters, State
 from airswing.gap.effects.forms import sided, standard_error
 from airswing.gap.frame import Frame
@@ -63,12 +64,18 @@ class ReferenceSpeedBias(Effect):
         self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
     ) -> State:
         """See `Effect.apply`: the wind met is the reference over 1 + bias."""
+        bias = float(values["bias_percent"])
+        if bias <= -100.0:
+            raise InputError(
+                "a model wind cannot be weaker than none", field="bias_percent", found=bias,
+                remedy="give a bias above -100 percent",
+            )  # fmt: skip
         where = np.ones(frame.size, bool)
         if values["above_hPa"] is not None:
             where &= frame.pressure < 100.0 * float(values["above_hPa"])
         if values["below_hPa"] is not None:
             where &= frame.pressure >= 100.0 * float(values["below_hPa"])
-        factor = np.where(where, 1.0 / (1.0 + float(values["bias_percent"]) / 100.0), 1.0)
+        factor = np.where(where, 1.0 / (1.0 + bias / 100.0), 1.0)
         return replace(state, wind_u=state.wind_u * factor, wind_v=state.wind_v * factor)
 
     def to_parameters(
