@@ -22,6 +22,7 @@ Jacobs et al. 2010 (seed paper), eq. 3 and step d; NGA Handbook of Magnetic Comp
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -47,6 +48,9 @@ from airswing.vocabulary import STATUS, describe
 
 COEFFICIENTS = ("A", "B", "C", "D", "E")
 MIN_FLIGHTS = 5
+CHUNKS = 8
+"""Tasks the aircraft are shared between. They run one after the other: the kernel's blocks are
+so short that threads spend more on the interpreter's lock than they gain."""
 _NEEDED = (
     "heading",
     "magnetic_heading",
@@ -294,8 +298,30 @@ def _groups(
     return groups
 
 
+class _Fitter:
+    """The kernel that runs over the aircraft; hashed by identity, not by its columns."""
+
+    def __init__(self, columns: Columns, members: list[int], options: Options) -> None:
+        self.columns, self.members, self.options = columns, members, options
+
+    def __call__(self, aircraft: NDArray[Any]) -> NDArray[Any]:
+        found = np.empty(aircraft.shape, dtype=object)
+        for k, number in enumerate(aircraft):
+            found[k] = _fit_one(self.columns, int(number), self.members, self.options)
+        return found
+
+    def __dask_tokenize__(self) -> str:
+        return uuid.uuid4().hex
+
+
 def _sum_reference(columns: Columns, members: list[int], options: Options) -> list[AircraftSums]:
-    return [_fit_one(columns, k, members, options) for k in range(columns.start.size)]
+    size = columns.start.size
+    index = xr.DataArray(np.arange(size), dims="aircraft")
+    index = index.chunk({"aircraft": max(1, -(-size // CHUNKS))})
+    found = xr.apply_ufunc(
+        _Fitter(columns, members, options), index, dask="parallelized", output_dtypes=[object]
+    ).compute(scheduler="synchronous")
+    return list(found.to_numpy())
 
 
 def _compass_points(angle: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
