@@ -21,6 +21,7 @@ from airswing.gap.evidence import (
     mixture,
 )
 from airswing.gap.locate import cross_fitted, false_discovery, score_test
+from airswing.gap.moments import against_chance
 
 
 def test_gaussian_evidence_is_the_ratio_of_two_densities():
@@ -162,6 +163,12 @@ def test_allowance_is_the_stated_size():
     second = np.array([[200.0, 10.0], [10.0, 300.0]])
     covariance = allowance_covariance(second, 100.0, 0.1, np.ones(2))
     assert np.trace(covariance @ second) / 100 == pytest.approx(0.02, rel=0.03)
+
+
+def test_a_share_against_chance_by_hand():
+    # 10 of 10 where chance gives half: ten times ln 2
+    assert against_chance(10, 1.0, 0.5) == pytest.approx(10 * np.log(2), rel=1e-6)
+    assert against_chance(10, 0.4, 0.5) == 0.0
 
 
 def test_log_mean():

@@ -29,6 +29,26 @@ def test_values_are_si_and_radians(archive):
     )
 
 
+def test_longitudes_run_on_across_the_antimeridian(archive):
+    """Moved by half a turn, an archive has the same distances and the same large-scale fit."""
+    moved = archive.copy(deep=True)
+    turn = 180.0 - float(archive.longitude.mean())
+    moved["longitude"].values[:] = np.mod(archive.longitude + turn + 180.0, 360.0) - 180.0
+    assert moved.longitude.min() < -90 < 90 < moved.longitude.max()
+    here, there = (Frame.from_headings(ds, reference="ruc") for ds in (archive, moved))
+    np.testing.assert_allclose(
+        there.longitude - there.longitude.mean(), here.longitude - here.longitude.mean(), atol=1e-9
+    )
+    part = moved.isel(report=moved.longitude.values < 0)
+    sizes = np.bincount(
+        np.repeat(np.arange(len(TAILS)), archive.row_size)[moved.longitude.values < 0],
+        minlength=len(TAILS),
+    )
+    part["row_size"] = ("aircraft", sizes)
+    of_part = Frame.from_headings(part, reference="ruc", meridian=179.0)
+    assert of_part.longitude.min() > 180.0
+
+
 def test_pool_is_the_mean_of_the_members_that_exist(archive):
     holed = archive.copy(deep=True)
     holed["reference_eastward_wind"][1, :3] = np.nan

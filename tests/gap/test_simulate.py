@@ -218,3 +218,12 @@ def test_other_suffixes_and_closed_folders_are_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot write"):
         write_reports(table, tmp_path / "file" / "sent.csv")
+
+
+def test_a_bias_of_minus_all_and_a_heading_that_never_settles_are_refused(archive):
+    none = ActiveEffect("reference_speed_bias", {"bias_percent": -100.0})
+    with pytest.raises(InputError, match="weaker than none"):
+        simulate(archive, effects=[none])
+    wild = ActiveEffect("hard_iron", {"amplitude_deg": 120.0, "phase_deg": 10.0})
+    with pytest.raises(InputError, match="does not settle"):
+        simulate(archive, effects=[wild])

@@ -173,7 +173,7 @@ def _reported_air(headings: xr.Dataset, sent: Frame) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name, column, values in (
         ("reported_airspeed", "true_airspeed_kt", sent.airspeed / KNOT),
-        ("reported_heading", "heading_deg", np.degrees(sent.heading)),
+        ("reported_heading", "heading_deg", np.degrees(sent.heading).round(3) % 360.0),
     ):
         if name in headings and headings[name].notnull().any():
             there = np.isfinite(np.asarray(headings[name].values, dtype=np.float64))

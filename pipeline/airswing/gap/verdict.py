@@ -187,7 +187,7 @@ def describe_term(
     out: dict[str, Any] = {
         "name": term.candidate.name, "probability": probability(term.score), "tails": tails,
         "parameters": summary([p for p, _ in each]),
-        "standard_errors": summary([e for _, e in each]),
+        "standard_errors": summary([e for _, e in each], angles=False),
         "period": period_of(term, stats), "scope": term.candidate.scope,
         "evidence_nats": round(term.score.tempered, 2),
         "cluster_factor": round(term.score.factor, 2),
@@ -201,8 +201,11 @@ def describe_term(
     return out
 
 
-def summary(values: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Median over aircraft of each parameter (the first where it is not a number)."""
+def summary(values: Sequence[Mapping[str, Any]], *, angles: bool = True) -> dict[str, Any]:
+    """Median over aircraft of each parameter (the first where it is not a number).
+
+    A phase is averaged as the angle it is, its standard error (``angles`` false) is not.
+    """
     if len(values) == 1:
         return dict(values[0])
     out: dict[str, Any] = {}
@@ -210,7 +213,7 @@ def summary(values: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         column = [v[name] for v in values]
         if any(not isinstance(x, int | float) for x in column):
             out[name] = column[0]
-        elif name.startswith("phase"):
+        elif angles and name.startswith("phase"):
             turn = np.exp(1j * np.radians(column)).mean()
             out[name] = float(np.degrees(np.angle(turn)))
         else:

@@ -229,13 +229,17 @@ def _diagnose_all(
         try:
             config = output / "cases" / case.name / "config.yaml"
             found = diagnoser(config, target, case.without)
-        except (RuntimeError, subprocess.TimeoutExpired) as err:
-            failures[case.name] = str(err)
-            say(f"{case.name} failed: {err}")
+        except subprocess.TimeoutExpired as err:
+            failed = f"took longer than {err.timeout:g} s"
+        except RuntimeError as err:
+            failed = str(err)
+        else:
+            if not (target / "gap.json").exists():
+                write_json(target / "gap.json", found)
+            say(f"{case.name} diagnosed, {time.perf_counter() - began:.1f} s")
             return
-        if not (target / "gap.json").exists():
-            write_json(target / "gap.json", found)
-        say(f"{case.name} diagnosed, {time.perf_counter() - began:.1f} s")
+        failures[case.name] = failed
+        say(f"{case.name} failed: {failed}")
 
     with ThreadPoolExecutor(max_workers=workers) as pool:
         list(pool.map(one, plan))
