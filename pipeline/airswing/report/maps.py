@@ -64,11 +64,12 @@ def _places(
         group = np.asarray(group_of(block), dtype=np.int64)
         counts += np.bincount(group[group >= 0], minlength=groups)
         drawn = slice(-start % every, None, every)
+        # Copies: a view of every so manieth report would keep them all.
         parts.append(
             [
-                np.asarray(block["longitude"].to_numpy()[drawn], float),
-                np.asarray(block["latitude"].to_numpy()[drawn], float),
-                group[drawn],
+                np.array(block["longitude"].to_numpy()[drawn], float),
+                np.array(block["latitude"].to_numpy()[drawn], float),
+                group[drawn].copy(),
             ]
         )
         start += block.sizes["report"]
