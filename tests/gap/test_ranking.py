@@ -97,3 +97,13 @@ def test_a_rival_explains_what_the_term_explains():
     (rival,) = ambiguity(term, ranked, left)
     assert rival["name"] == "compass_drift"
     assert rival["difference_nats"] == 1.5
+
+
+def test_together_aircraft_tell_a_drift_that_none_tells_alone():
+    def drifting(context):
+        days = (context["time"] - context["time"].min()) / 86400
+        return np.where(context["aircraft"] < 4, np.radians(0.03) * days, 0.0)
+
+    frame = make_frame(seed=8, aircraft=8, days=20, noise=1.0, heading_error=drifting)
+    made = diagnose(frame, catalogue=DRIFTING, maps=False, dictionary=False).report["effects"]
+    assert [(e["name"], e["tails"]) for e in made] == [("compass_drift", list(frame.tails[:4]))]

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.candidates import Candidate
-from airswing.gap.evidence import Score, evaluate
+from airswing.gap.evidence import Score
 from airswing.gap.measure import (
     Base,
     Conditional,
@@ -33,7 +33,7 @@ from airswing.gap.measure import (
     condition,
     fit_included,
 )
-from airswing.gap.ranking import CHANGE_PENALTY, LEAST_NOVELTY, best_for, evaluate_known, rank
+from airswing.gap.ranking import CHANGE_PENALTY, LEAST_NOVELTY, best_for, evaluate_named, rank
 
 Floats = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class Rules:
         Length of the search.
     """
 
-    evidence: float = 2.0
+    evidence: float = 3.0
     fleet_evidence: float = 2.0
     size: float = 0.2
     unknown_margin: float = 3.0
@@ -370,11 +370,7 @@ def _reassign(base: Base, pool: Sequence[Candidate], terms: list[Term]) -> list[
             others = [*terms[:k], rest, *terms[k + 1 :]]
             given = given_terms(base, others)
             best, old = best_for(base, given, own_pool, a, term.candidate)
-            margin = 3.0 * best.factor
-            if (
-                best.aircraft_evidence[a] > old + margin
-                and best.candidate.key != term.candidate.key
-            ):
+            if best.raw > old + 3.0 * best.factor and best.candidate.key != term.candidate.key:
                 terms = _merge(others, Term(best.candidate, (a,), best.period, best))
     return terms
 
@@ -391,7 +387,7 @@ def _completed(base: Base, terms: Sequence[Term], k: int, rules: Rules) -> Term:
         return term
     taken = {a for t in terms if t.key == term.key for a in t.tails}
     allowed = np.array([a not in taken for a in range(aircraft)])
-    score = evaluate_known(base, given_terms(base, terms), term.candidate, allowed)
+    score = evaluate_named(base, given_terms(base, terms), term.candidate, allowed)
     odds = score.aircraft_evidence + np.log(min(share, 0.93) / (1 - min(share, 0.93)))
     likely = allowed & (score.aircraft_evidence > 0) & (odds > 1) & (score.size > rules.size)
     return replace(term, tails=tuple(sorted({*term.tails, *np.flatnonzero(likely).tolist()})))
@@ -413,11 +409,7 @@ def _prune_tails(base: Base, term: Term, others: list[Term], rules: Rules) -> Te
             break
         given = given_terms(base, [*others, replace(term, tails=rest)])
         allowed = np.arange(aircraft) == a
-        score = (
-            evaluate_known(base, given, candidate, allowed)
-            if candidate.known
-            else evaluate(base.stats, given, candidate, allowed=allowed)
-        )
+        score = evaluate_named(base, given, candidate, allowed)
         share = float(np.clip(len(kept) / aircraft, 0.07, 0.93))
         odds = score.aircraft_evidence[a] + np.log(share / (1 - share))
         if odds < 0 or score.size[a] < rules.size:

@@ -1,9 +1,9 @@
 """All candidates evaluated against one state of the search, best first.
 
 Assumptions: an effect that changes in time has a lasting version of itself among its columns; it is
-evaluated only for aircraft whose change explains clearly more than that (a lasting offset would
-otherwise enter as a drift of no rate, or as a step in the archive's first days). Dictionary groups
-must have something to say beyond the steady sensor errors.
+evaluated only for aircraft whose change, or the fleet's together, explains clearly more than that
+(a lasting offset would otherwise enter as a drift of no rate, or as a step in the archive's first
+days). Dictionary groups must have something to say beyond the steady sensor errors.
 
 Validity: as the evidence it ranks, :mod:`airswing.gap.evidence`.
 
@@ -104,10 +104,32 @@ def evaluate_known(base: Base, given: Conditional, candidate: Candidate, allowed
     score = evaluate(base.stats, given, candidate, allowed=allowed)
     if not candidate.lasting:
         return score
-    steady = evaluate(base.stats, given, _lasting(candidate), allowed=allowed).aircraft_evidence
-    own = score.aircraft_evidence
+    lasting = evaluate(base.stats, given, _lasting(candidate), allowed=allowed)
+    own, steady = score.aircraft_evidence, lasting.aircraft_evidence
     changes = own - steady > np.maximum(DRIFT_GAIN, GAIN_SHARE * own)
+    # together aircraft may tell what none of them tells alone
+    if score.tempered - lasting.tempered > max(DRIFT_GAIN, GAIN_SHARE * score.tempered):
+        changes |= own > steady
     return evaluate(base.stats, given, candidate, allowed=allowed & changes)
+
+
+def evaluate_named(base: Base, given: Conditional, candidate: Candidate, allowed: Mask) -> Score:
+    """Evidence of an effect that was named, for some of its aircraft.
+
+    That it changes in time was shown by all of them together and is not asked of each again.
+
+    Parameters
+    ----------
+    base, given, candidate, allowed
+        As for :func:`evaluate_known`.
+
+    Returns
+    -------
+    Score
+    """
+    if candidate.kind == "step":
+        return evaluate_step(base, given, candidate, allowed=allowed)
+    return evaluate(base.stats, given, candidate, allowed=allowed)
 
 
 def _lasting(candidate: Candidate) -> Candidate:
@@ -135,13 +157,10 @@ def best_for(
     -------
     best : Score
     evidence : float
-        Of the current candidate, nats.
+        Raw evidence of the current candidate, nats. Effects are ranked by raw evidence, of one
+        aircraft as of all: the allowance for model error weighs on a drift more than on a step.
     """
     allowed = np.arange(len(base.stats.tails)) == one
     scores = [evaluate_known(base, given, c, allowed) for c in pool]
-    best = max(
-        scores,
-        key=lambda s: s.aircraft_evidence[one] - CHANGE_PENALTY.get(s.candidate.kind, 0.0),
-    )
-    own = [s.aircraft_evidence[one] for s in scores if s.candidate.key == current.key]
-    return best, float(own[0]) if own else 0.0
+    best = max(scores, key=lambda s: s.raw - CHANGE_PENALTY.get(s.candidate.kind, 0.0))
+    return best, evaluate_named(base, given, current, allowed).raw
