@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.products import atomic, plain, read_product, write_json, write_product
+from airswing.products import as_stored, atomic, plain, read_product, write_json, write_product
 from airswing.vocabulary import SCREENING, VARIABLES, describe, lookup
 
 
@@ -118,3 +118,10 @@ def test_the_two_phases_are_told_apart():
     assert lookup("phase", ("reference", "aircraft")).units == "degree"
     ds = describe(xr.Dataset({"phase": (("reference", "aircraft"), [[1.0]])}))
     assert ds["phase"].attrs["units"] == "degree"
+
+
+def test_a_heading_that_rounds_up_to_a_whole_turn_is_north():
+    ds = xr.Dataset({"heading": ("report", [359.9999, 359.99, np.nan, 0.0])})
+    np.testing.assert_array_equal(
+        as_stored(ds)["heading"], np.array([0.0, 359.990234375, np.nan, 0.0], dtype="f4")
+    )

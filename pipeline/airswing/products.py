@@ -23,7 +23,7 @@ import xarray as xr
 
 import airswing
 from airswing.errors import InputError
-from airswing.vocabulary import STORED_STEP, describe, lookup
+from airswing.vocabulary import DIRECTIONS, STORED_STEP, describe, lookup
 
 INSTITUTION = "airswing"
 REFERENCES = (
@@ -227,7 +227,10 @@ def as_stored(ds: xr.Dataset) -> xr.Dataset:
         dtype = lookup(str(name), variable.dims).dtype
         step = STORED_STEP.get(str(name), 0.0)
         if step:
-            ds[name] = ((variable / step).round() * step).astype(dtype)
+            stored = (variable / step).round() * step
+            if name in DIRECTIONS:
+                stored %= 360.0  # what rounds up to a whole turn is north
+            ds[name] = stored.astype(dtype)
             ds[name].attrs = {**variable.attrs, "stored_step": step}
         elif dtype.startswith("f") and variable.dtype != dtype:
             ds[name] = variable.astype(dtype)

@@ -70,6 +70,9 @@ STORED_STEP = {
 unit: about a thousandth of a degree or of a metre a second, far below what they are known to. The
 bits so left zero halve the file. What was reported is written as it came."""
 
+DIRECTIONS = ("heading", "magnetic_heading", "track")
+"""Those of them that run from 0 to, but not including, 360 degrees."""
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -275,7 +278,7 @@ _FITS = [
     _V(
         "deviation_covariance",
         "degree2",
-        "covariance of the coefficients, clustered by flight",
+        "covariance of the coefficients, clustered by day (by flight without shared error)",
         (*_RAC, "coefficient_2"),
         "f8",
     ),

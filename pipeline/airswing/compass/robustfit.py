@@ -59,17 +59,20 @@ class AircraftFit:
     free : array of int
         Which of them were fitted; the others are zero.
     normal : array, shape (p, p)
+        Normal matrix of all p.
     kappa : float
+        Mean slope of the robust score (Huber), by which steps and spreads are divided.
     flight, day : array, shape (flights | days, p)
         Influence of every cluster.
     day_number : array of int, shape (days,)
         Days since 1970 of the rows of ``day``.
     freedom : array, shape (p,)
-    score_by_day, normal_by_day : array
-        For halves and for adding months.
+        Degrees of freedom of every coefficient's standard error.
     converged : bool
     rms_before, rms_after : float
         Robust rms of the heading error before and after the curve, radians.
+    flight_order : array of int, shape (flights,)
+        Order of the flights in ``flight``.
     blocks : list of Blocks
         One for each reference, where their places were given.
     """
