@@ -3,8 +3,8 @@
     python benchmarks/collocation.py [--hours 48] [--repeats 5] [--json]
 
 Makes its own hours of a RUC-size model (451 x 337 points, 37 levels, u and v)
-in a temporary folder, as GRIB1 simple packing and GRIB2 complex packing, and
-prints ratios measured in the same run:
+in a temporary folder, as GRIB1 simple packing and GRIB2 complex packing, JPEG2000
+and CCSDS, and prints ratios measured in the same run:
 
 * collocating 2,000 reports with one hour, from a cold header scan, against
   decoding the hour's messages with eccodes and doing nothing else;
@@ -48,6 +48,19 @@ LAMBERT = {
 }  # fmt: skip
 
 
+PACKINGS = {
+    "GRIB1 simple": "grid_simple",
+    "GRIB2 complex": "grid_complex_spatial_differencing",
+    "GRIB2 JPEG2000": "grid_jpeg",
+    "GRIB2 CCSDS": "grid_ccsds",
+}
+
+
+def file_of(folder: Path, label: str) -> Path:
+    """File of one hour in a packing; the edition stands in its suffix."""
+    return folder / f"{PACKINGS[label]}.grb{label[4]}"
+
+
 def smooth_field(rng: np.random.Generator) -> np.ndarray:
     """A wind component with waves of many lengths, to 0.1 m/s."""
     y, x = np.mgrid[0:NJ, 0:NI]
@@ -59,11 +72,12 @@ def smooth_field(rng: np.random.Generator) -> np.ndarray:
     return np.round(field + rng.normal(0, 0.3, field.shape), 1).ravel()
 
 
-def write_hour(path: Path, edition: int, fields: list[np.ndarray]) -> None:
+def write_hour(folder: Path, label: str, fields: list[np.ndarray]) -> None:
     """One hour of u and v on every level."""
     import eccodes
 
-    with path.open("wb") as file:
+    edition = int(label[4])
+    with file_of(folder, label).open("wb") as file:
         for number, values in enumerate(fields):
             handle = eccodes.codes_grib_new_from_samples(
                 "GRIB2" if edition == 2 else "regular_ll_pl_grib1"
@@ -79,7 +93,7 @@ def write_hour(path: Path, edition: int, fields: list[np.ndarray]) -> None:
             for key, value in keys.items():
                 eccodes.codes_set(handle, key, value)
             if edition == 2:
-                eccodes.codes_set(handle, "packingType", "grid_complex_spatial_differencing")
+                eccodes.codes_set(handle, "packingType", PACKINGS[label])
             eccodes.codes_set(handle, "bitsPerValue", 12)
             eccodes.codes_set_values(handle, values)
             file.write(eccodes.codes_get_message(handle))
@@ -179,11 +193,21 @@ def interleaved(work: dict[str, Callable[[], Any]], repeats: int) -> list[float]
 
 
 def one_hour(folder: Path, repeats: int) -> list[dict[str, Any]]:
-    """Ratios for one hour in both packings."""
+    """Ratios for one hour in every packing."""
     rows = []
     reports, caches = some_reports(1, exact=True), new_folders(folder)
+    for label in ("GRIB2 JPEG2000", "GRIB2 CCSDS"):
+        path = str(file_of(folder, label))
+        plain, whole = interleaved(
+            {
+                "plain": partial(decode_all, path),
+                "whole": partial(collocate_hour, path, reports, caches, sparse=False),
+            },
+            min(repeats, 3),
+        )
+        rows.append(row(f"{label}: sparse off / plain decoding", whole / plain, "<= 1.5", whole))
     for edition, label in ((1, "GRIB1 simple"), (2, "GRIB2 complex")):
-        path = str(folder / f"hour.grb{edition}")
+        path = str(file_of(folder, label))
         work = {
             "plain": partial(decode_all, path),
             "whole": partial(collocate_hour, path, reports, caches, sparse=False),
@@ -294,11 +318,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         fields = [smooth_field(rng) for _ in range(2 * LEVELS.size)]
-        for edition in (1, 2):
-            write_hour(folder / f"hour.grb{edition}", edition, fields)
+        for label in PACKINGS:
+            write_hour(folder, label, fields)
         rows = one_hour(folder, options.repeats)
         if options.hours:
-            paths = copy_hours(folder / "hour.grb1", options.hours)
+            paths = copy_hours(file_of(folder, "GRIB1 simple"), options.hours)
             rows += many_hours(folder, paths)
             rows += two_workers(folder, paths)
     if options.json:

@@ -214,9 +214,9 @@ def ruc_hour(folder: Path, hours: int = 24) -> dict[str, float]:
     from benchmarks import collocation as one
 
     rng = np.random.default_rng(1)
-    path = folder / "hour.grb1"
-    one.write_hour(path, 1, [one.smooth_field(rng) for _ in range(2 * one.LEVELS.size)])
-    paths = one.copy_hours(path, hours)
+    simple = "GRIB1 simple"
+    one.write_hour(folder, simple, [one.smooth_field(rng) for _ in range(2 * one.LEVELS.size)])
+    paths = one.copy_hours(one.file_of(folder, simple), hours)
     reports, caches = one.some_reports(hours, exact=False), one.new_folders(folder / "caches")
     work = {
         "plain": lambda: [one.decode_all(path) for path in paths],
