@@ -185,3 +185,10 @@ def test_profiles_of_one_row_share_an_axis_that_holds_every_phase() -> None:
         for bars in axes.containers:
             drawn = np.asarray(bars.lines[0].get_xdata(), dtype=float)
             assert drawn.size and drawn.max() < high
+
+
+def test_differences_are_drawn_from_a_file_read_back_too() -> None:
+    """JSON has no NaN: an interval that could not be had is null there."""
+    pair = factories.sensitivity()["pairs"][0]
+    pair["aircraft"][0]["offset"] = {"difference": None, "ci": [None, None]}
+    assert "95 % intervals" in report.aircraft_differences_figure(pair).caption

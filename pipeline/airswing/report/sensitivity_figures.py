@@ -113,7 +113,7 @@ def aircraft_differences_figure(pair: Mapping[str, Any]) -> Figure:
     CaptionedFigure
     """
     known = [entry for entry in pair.get("aircraft", []) if entry.get("amplitude")]
-    rows = sorted(known, key=lambda entry: -abs(float(entry["amplitude"]["difference"])))
+    rows = sorted(known, key=lambda entry: -abs(_number(entry["amplitude"]["difference"])))
     rows = rows[:MOST_AIRCRAFT]
     if not rows:
         figure = new_figure(1.2)
@@ -133,10 +133,15 @@ def aircraft_differences_figure(pair: Mapping[str, Any]) -> Figure:
     )
 
 
+def _number(value: float | None) -> float:
+    """A number that JSON may have made null."""
+    return float("nan") if value is None else float(value)
+
+
 def _differences(axes: Axes, rows: Sequence[Mapping[str, Any]], quantity: str) -> None:
     for row, entry in enumerate(rows):
-        value = float(entry[quantity]["difference"])
-        low, high = (float(bound) for bound in entry[quantity]["ci"])
+        value = _number(entry[quantity]["difference"])
+        low, high = (_number(bound) for bound in entry[quantity]["ci"])
         colour = SOFT if low <= 0 <= high else VERMILION
         axes.plot([low, high], [row, row], color=colour, linewidth=1.3)
         axes.plot(value, row, "o", color=colour, markersize=4)
@@ -144,7 +149,7 @@ def _differences(axes: Axes, rows: Sequence[Mapping[str, Any]], quantity: str) -
     axes.set_title(quantity.capitalize())
     axes.set_xlabel("difference (degree)")
     axes.tick_params(axis="y", length=0)
-    finite = [float(b) for e in rows for b in e[quantity]["ci"] if np.isfinite(float(b))]
+    finite = [b for e in rows for b in map(_number, e[quantity]["ci"]) if np.isfinite(b)]
     if finite:
         reach = 1.1 * float(np.percentile(np.abs(finite), 97)) or 1.0
         axes.set_xlim(-reach, reach)
