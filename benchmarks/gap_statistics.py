@@ -27,7 +27,7 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from airswing.gap import frame as frames
+from airswing.gap import headings_columns as columns
 from airswing.gap.diagnose import usable_effects
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.measure import eliminate_days
@@ -43,7 +43,7 @@ def write_headings(path: Path, reports: int, aircraft: int) -> int:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
     from tests.gap.toy import make_frame
 
-    names = frames._PER_REPORT | frames._PER_REFERENCE
+    names = columns._PER_REPORT | columns._PER_REFERENCE
     rows = []
     with netCDF4.Dataset(path, "w") as file:
         for name, size in (("report", None), ("aircraft", aircraft), ("reference", 1)):

@@ -88,7 +88,11 @@ def test_a_null_has_no_truth_and_every_name_is_false():
 
 def test_gross_errors_of_the_hard_world_are_neither_right_nor_wrong():
     hard = label("null", effects=[], background=["outliers"])
-    assert score_case(hard, gap(claim("outliers")))["false_names"] == []
+    found = score_case(hard, gap(claim("outliers")))
+    assert found["false_names"] == [] and not found["detected"]
+    struck = [{"name": "outliers", "tails": ["N401"], "parameters": {"fraction": 0.04}}]
+    own = label(effects=struck, background=["outliers"])
+    assert score_case(own, gap(claim("outliers")))["detected"]
 
 
 def test_aircraft_overlap_by_hand():

@@ -105,7 +105,7 @@ def score_case(label: Label, gap: Gap | None, *, failure: str | None = None) -> 
     raised = bool(gap["unknown"]["present"])
     score |= {
         "claimed": names,
-        "detected": bool(set(names) - set(label["background"])) or raised,
+        "detected": bool(set(names) - (set(label["background"]) - set(truth))) or raised,
         "first_right": bool(names) and names[0] in truth,
         "all_named": bool(truth) and set(label["focus"]) & set(truth) <= set(names),
         "false_names": false,
