@@ -23,8 +23,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.correction import corrected_wind, curve_standard_error
-from airswing.errors import InputError
 from airswing.evaluation.disagreement import KNOT, reference_mean
+from airswing.evaluation.learning import require_reference
 from airswing.ragged import blocks, row_bounds
 from airswing.vocabulary import STATUS
 
@@ -254,13 +254,7 @@ def rank_aircraft(
     InputError
         If there is no such reference.
     """
-    if reference not in pools:
-        raise InputError(
-            "no such reference or pool",
-            field="reference",
-            found=reference,
-            remedy=f"Known: {', '.join(pools)}",
-        )
+    require_reference(pools, reference)
     chosen = fits.sel(reference=reference)
     flown = flown_reports(
         headings, pools[reference], abscissa=str(fits.attrs.get("abscissa", "magnetic"))

@@ -39,15 +39,7 @@ def day_field_columns(frame: Any, plan: DictionaryPlan) -> Floats:
     -------
     (n, 2, 20) float
     """
-    scaled = []
-    for name, values in (
-        ("longitude", frame.longitude),
-        ("latitude", frame.latitude),
-        ("log_pressure", np.log(frame.pressure)),
-    ):
-        mean, spread = plan.centre[name]
-        scaled.append(np.clip((values - mean) / spread, -3, 3))
-    x, y, z = scaled
+    x, y, z = _places(frame, plan)
     squares = [x * x - 1, x * y, y * y - 1, x * z, y * z, z * z - 1]
     return _by_component(np.stack([np.ones_like(x), x, y, z, *squares], -1))
 
@@ -64,14 +56,7 @@ def climatology_columns(frame: Any, plan: DictionaryPlan) -> Floats:
     -------
     (n, 2, m) float
     """
-    x, y, z = (
-        np.clip((values - plan.centre[name][0]) / plan.centre[name][1], -3, 3)
-        for name, values in (
-            ("longitude", frame.longitude),
-            ("latitude", frame.latitude),
-            ("log_pressure", np.log(frame.pressure)),
-        )
-    )
+    x, y, z = _places(frame, plan)
     angle = 2 * np.pi * frame.time / 86400.0
     terms = [np.ones(frame.size), z, z * z - 1, x, y, x * y, x * x - 1, y * y - 1, x * z, y * z]
     terms += [np.sin(angle), np.cos(angle)]
@@ -93,6 +78,19 @@ def slope_columns(frame: Any) -> Floats:
     """
     wind = np.stack([frame.u_ref, frame.v_ref], -1)
     return np.stack([wind, np.stack([-wind[:, 1], wind[:, 0]], -1)], -1)
+
+
+def _places(frame: Any, plan: DictionaryPlan) -> list[Floats]:
+    """Longitude, latitude and ln p from the archive's middle, in units of its spread."""
+    named = {
+        "longitude": frame.longitude,
+        "latitude": frame.latitude,
+        "log_pressure": np.log(frame.pressure),
+    }
+    return [
+        np.clip((values - plan.centre[name][0]) / plan.centre[name][1], -3, 3)
+        for name, values in named.items()
+    ]
 
 
 def _by_component(terms: Floats) -> Floats:
