@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from pyproj import Proj
 
 from airswing.reference.catalogue import build_catalogue
 from airswing.reference.grids import Grid
@@ -309,7 +310,12 @@ def by_interp(
 def test_rotated_winds_are_nearer_to_geostrophic_balance(
     real: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    """NAM at 500 hPa: vector rms from the geostrophic wind 3.7 m/s rotated, 4.9 when not."""
+    """NAM at 500 hPa, vector rms from the geostrophic wind where the grid is turned by 8 degrees.
+
+    3.0 m/s rotated and 4.9 when not. Over all points north of 25 N it is 3.7 and 4.9: near the
+    grid's middle meridian, where turning does nothing, the jet is far from balance whatever
+    one does, and that is in both.
+    """
     path = str(real("grib/nam_g211_20180917_00z.grib2"))
     model = build_catalogue(path, name="x", cache_dir=tmp_path).model_time(0)
     height = xr.open_dataset(
@@ -338,10 +344,20 @@ def test_rotated_winds_are_nearer_to_geostrophic_balance(
     along = sample_model_time(replace(model, grid=unrotated(model.grid)), *at).table
     rotated = sample_model_time(model, *at).table
 
-    def rms(u: np.ndarray, v: np.ndarray) -> float:
-        return float(np.sqrt(np.mean((u - east[inner]) ** 2 + (v - north[inner]) ** 2)))
+    # The angle by another path: the convergence of meridians in the grid's projection.
+    lambert = Proj("+proj=lcc +lat_1=25 +lat_2=25 +lat_0=25 +lon_0=-95 +R=6371229")
+    meridians = np.radians(lambert.get_factors(at[1], at[0]).meridian_convergence)
+    np.testing.assert_allclose(angle, meridians, atol=1e-9)
+    turned_much = np.abs(angle) > np.radians(8.0)
 
-    assert rms(*rotated) < 3.8 and rms(*along) == pytest.approx(4.9, abs=0.1)
+    def rms(u: np.ndarray, v: np.ndarray, where: Any = slice(None)) -> float:
+        apart = (u - east[inner]) ** 2 + (v - north[inner]) ** 2
+        return float(np.sqrt(np.mean(apart[where])))
+
+    assert rms(*rotated, turned_much) == pytest.approx(3.0, abs=0.05)
+    assert rms(*along, turned_much) == pytest.approx(4.9, abs=0.05)
+    assert rms(*rotated) == pytest.approx(3.7, abs=0.05)
+    assert rms(*along) == pytest.approx(4.9, abs=0.05)
     # Of all multiples of the convergence angle, once is best.
     factors = np.linspace(-1, 2, 31)
     turned = [
