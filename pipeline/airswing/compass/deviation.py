@@ -49,8 +49,9 @@ from airswing.vocabulary import STATUS, describe
 COEFFICIENTS = ("A", "B", "C", "D", "E")
 MIN_FLIGHTS = 5
 CHUNKS = 8
-"""Tasks the aircraft are shared between. They run one after the other: the kernel's blocks are
-so short that threads spend more on the interpreter's lock than they gain."""
+"""Tasks the aircraft are shared between, where there are more of them than that: a task graph costs
+half an aircraft's fit. They run one after the other: the kernel's blocks are so short that threads
+spend more on the interpreter's lock than they gain."""
 _NEEDED = (
     "heading",
     "magnetic_heading",
@@ -317,7 +318,8 @@ class _Fitter:
 def _sum_reference(columns: Columns, members: list[int], options: Options) -> list[AircraftSums]:
     size = columns.start.size
     index = xr.DataArray(np.arange(size), dims="aircraft")
-    index = index.chunk({"aircraft": max(1, -(-size // CHUNKS))})
+    if size > CHUNKS:
+        index = index.chunk({"aircraft": -(-size // CHUNKS)})
     found = xr.apply_ufunc(
         _Fitter(columns, members, options), index, dask="parallelized", output_dtypes=[object]
     ).compute(scheduler="synchronous")
@@ -330,7 +332,7 @@ def _compass_points(angle: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
     for begin in range(0, angle.size, BLOCK):
         # whole turns are added so that cutting the fraction off is rounding to the nearest point
         point = (angle[begin : begin + BLOCK] * (1 / 45.0) + 16.5).astype(np.int8) & 7
-        counts += np.bincount(point, minlength=8)
+        counts += [np.count_nonzero(point == k) for k in range(8)]
     return counts
 
 
