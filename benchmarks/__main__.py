@@ -22,6 +22,7 @@ SHORT = {
     "fault_drill": ["--kills", "6", "--days", "8", "--aircraft", "3"],
     "year": ["--share", "0.05"],
     "coverage": ["--fleets", "40"],
+    "recovery": ["--archives", "2"],
     "evaluation_coverage": ["--seeds", "20"],
     "gap_identification": ["--cases", "8"],
     "gap_statistics": ["--reports", "1000000", "--aircraft", "6"],

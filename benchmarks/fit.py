@@ -21,9 +21,12 @@ time, which a busy machine disturbs less, is beside it.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: both sides on one thread
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 

@@ -13,7 +13,7 @@ from airswing.evaluation.pairs import (
     persistent_covariance,
     regional_bias,
 )
-from airswing.evaluation.sensitivity import compare
+from airswing.evaluation.sensitivity import _verdict, compare
 from airswing.evaluation.threeway import three_cornered_hat
 from tests.compass.flown import Setting
 from tests.evaluation.archives import references
@@ -35,6 +35,16 @@ def test_references_of_equal_truth_are_poolable(equal):
     poolable = [found["pairs"][0]["poolable"] for found in equal]
     # 95 % promised; 20 draws fall below 17 once in 60 (the benchmark holds the rate itself).
     assert sum(poolable) >= 17
+
+
+def test_a_verdict_says_what_was_found_and_not_that_two_are_equal():
+    fleet = {"p_value": 0.027, "curve_rms_deg": 0.31}
+    verdict = _verdict(fleet, [], set())
+    assert verdict["poolable"] and "0.31 degrees rms, not beyond error (p = 0.027" in verdict["why"]
+    verdict = _verdict({"p_value": 0.001, "curve_rms_deg": 0.05}, [], set())
+    assert verdict["poolable"] and "beyond error but less than 0.2 (p = 0.001" in verdict["why"]
+    verdict = _verdict({"p_value": 0.001, "curve_rms_deg": 0.31}, [], set())
+    assert not verdict["poolable"]
 
 
 def covered(found, read) -> float:
@@ -79,7 +89,11 @@ def test_nam_is_compared_and_never_called_poolable():
         assert "never_pool" in pair["why"]
         assert len(pair["aircraft"]) == 8
     assert "never_pool" not in pairs["ruc", "rtfdaa"]["why"]
-    assert ("ruc+rtfdaa", "ruc") in pairs
+    # A pool of two stands half as far from a member as the members from each other: one test.
+    pool, alone = pairs["ruc+rtfdaa", "ruc"], pairs["ruc", "rtfdaa"]
+    assert [one["own_test"] for one in (pool, alone)] == [False, True]
+    assert pool["fleet"]["p_value"] == pytest.approx(alone["fleet"]["p_value"])
+    assert 2 * pool["fleet"]["curve_rms_deg"] == pytest.approx(alone["fleet"]["curve_rms_deg"])
     assert [len(entry["references"]) for entry in found["three_way"]] == [3]
     for name in ("by_lead_time", "by_phase", "by_level", "by_season"):
         assert found[name], name

@@ -300,7 +300,9 @@ def sensitivity(aircraft: int = 6, seed: int = 7) -> dict[str, Any]:
             "aircraft": rows,
             "regions": [],
             "poolable": shift < 0.1,
-            "why": "they agree within error" if shift < 0.1 else "nam is in never_pool",
+            "why": "the curves do not differ beyond error"
+            if shift < 0.1
+            else "nam is in never_pool",
         }
         if slice_name:
             found["slice"] = slice_name

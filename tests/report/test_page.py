@@ -13,6 +13,7 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.report import page, write_page
+from airswing.report.evaluation_sections import sensitivity_section
 from tests.report import factories
 
 
@@ -139,6 +140,17 @@ def test_evaluations_become_sections(tmp_path: Path) -> None:
     assert "2.24 kt (1.90 to 2.60) adding errors in quadrature" in text
     assert "Not poolable: ruc - nam (nam is in never_pool)" in text
     assert "negative variance" in text
+
+
+def test_a_pool_against_its_member_is_no_test_of_its_own() -> None:
+    found = factories.sensitivity()
+    first = found["pairs"][0]
+    second = first | {"references": ["ruc+rtfdaa", "ruc"], "own_test": False}
+    section = sensitivity_section(found | {"pairs": [first, second], "by_phase": []})
+    assert section.lead.startswith("No two references differ both beyond error and by a size")
+    text = "".join(str(part) for part in section.parts)
+    assert text.count("the pool is made of its members") == text.count("none of its own") == 1
+    assert text.count(first["why"]) == 1
 
 
 def test_importing_the_package_does_not_import_matplotlib() -> None:

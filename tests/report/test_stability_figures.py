@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
+import numpy as np
 import pytest
 
 from airswing.report.stability_figures import (
@@ -63,6 +66,18 @@ def test_the_aircraft_that_changed_comes_first_with_its_date(stability):
     assert "1 found" in figure.caption
     lines = len(figure.axes[0].lines), len(figure.axes[2].lines)
     assert lines[0] > lines[1]
+
+
+@pytest.mark.parametrize("months", [1, 2, 12, 30])
+def test_the_months_do_not_run_into_each_other(stability, months):
+    first = np.datetime64("2008-07")
+    stability["windows"] = [window("N1", f"{first + month}-01") for month in range(months)]
+    figure = stability_figure(stability)
+    figure.canvas.draw()
+    for axes in figure.axes[-2:]:
+        boxes = [label.get_window_extent() for label in axes.get_xticklabels() if label.get_text()]
+        assert len(boxes) >= 3
+        assert all(one.x1 < other.x0 for one, other in pairwise(boxes))
 
 
 def test_the_section_tells_the_change_and_that_the_fit_straddles_it(stability):

@@ -71,8 +71,9 @@ def compare(
     -------
     dict
         The content of ``sensitivity.json``: ``reports`` shared, ``pairs`` with differences,
-        intervals and a verdict, the same ``by_lead_time``, ``by_phase``, ``by_level`` and
-        ``by_season``, and ``three_way``.
+        intervals and a verdict (``own_test`` false where a pool stands against its member: their
+        difference is made of the members'), the same ``by_lead_time``, ``by_phase``, ``by_level``
+        and ``by_season``, and ``three_way``.
 
     Raises
     ------
@@ -118,7 +119,10 @@ def compare(
     return {
         "reports": reports,
         "references": list(pools),
-        "pairs": [_judge(sums, fits, barred) for sums in whole.values()],
+        "pairs": [
+            _judge(sums, fits, barred, own_test=set(pair) <= set(singles))
+            for pair, sums in whole.items()
+        ],
         **_strata(slices, singles, barred),
         "three_way": hats_of(hats, singles),
     }
@@ -175,8 +179,14 @@ def _aircraft_rows(
         yield Rows(number + k, **own)
 
 
-def _judge(sums: PairSums, fits: xr.Dataset | None, barred: set[str]) -> dict[str, Any]:
-    """Differences, tests and the verdict of one pair over some reports."""
+def _judge(
+    sums: PairSums, fits: xr.Dataset | None, barred: set[str], *, own_test: bool = True
+) -> dict[str, Any]:
+    """Differences, tests and the verdict of one pair over some reports.
+
+    Without a test of its own: a pool against one of its members, whose difference is made of those
+    of the members.
+    """
     one, two = sums.one, sums.two
     fleet = _fleet(sums)
     regions = regional_bias_of(sums.regions)
@@ -188,6 +198,7 @@ def _judge(sums: PairSums, fits: xr.Dataset | None, barred: set[str]) -> dict[st
         "fleet": fleet,
         "aircraft": [_entry(own, fits, one, two) for own in sums.aircraft],
         "regions": regions,
+        "own_test": own_test,
         **_verdict(fleet, biased, {one.lower(), two.lower()} & barred),
     }
 
@@ -232,7 +243,21 @@ def _verdict(
         )
     if barred:
         why.append(f"{', '.join(sorted(barred))} is in never_pool")
-    return {"poolable": not why, "why": "; ".join(why) or "they agree within error"}
+    return {"poolable": not why, "why": "; ".join(why) or _agreement(fleet)}
+
+
+def _agreement(fleet: dict[str, Any]) -> str:
+    """What was found of a pair that may be pooled: no test shows that two things are equal."""
+    beyond = (
+        f"beyond error but less than {CURVE_RMS_DEG:g}"
+        if fleet["p_value"] < SIGNIFICANCE
+        else "not beyond error"
+    )
+    return (
+        f"the deviation curves differ by {fleet['curve_rms_deg']:.2f} degrees rms, {beyond} "
+        f"(p = {fleet['p_value']:.2g}, judged at {SIGNIFICANCE:g}); no region's wind differs by "
+        f"more than {REGION_BIAS:g} m/s beyond error"
+    )
 
 
 def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> dict[str, Any]:

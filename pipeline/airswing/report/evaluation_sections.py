@@ -147,7 +147,7 @@ def sensitivity_section(sensitivity: Mapping[str, Any] | None) -> Section:
     parts += _three_way(sensitivity.get("three_way") or [])
     apart = [pair for pair in pairs if pair.get("poolable") is False]
     lead = (
-        "All pairs of references agree within error: they may be pooled."
+        "No two references differ both beyond error and by a size that matters: they may be pooled."
         if all(pair.get("poolable") for pair in pairs)
         else _apart_sentence(apart) or "Some pairs cannot be judged on these reports."
     )
@@ -181,9 +181,9 @@ def _verdict_table(pairs: Sequence[Mapping[str, Any]], caption: str) -> Markup:
                     *([pair.get("slice", "")] if sliced else []),
                     pair_name(pair),
                     verdict_word(pair),
-                    str(pair.get("why", "")).replace(" +- ", " ± "),
+                    _why(pair),
                     number_text(fleet.get("curve_rms_deg", float("nan"))),
-                    _p_value(fleet.get("p_value")),
+                    _p_value(fleet.get("p_value")) if _own_test(pair) else "none of its own",
                     number_text(pair.get("mean_vector_difference_m_s", float("nan"))),
                     f"{int(pair.get('reports', 0)):,}",
                 ],
@@ -191,6 +191,17 @@ def _verdict_table(pairs: Sequence[Mapping[str, Any]], caption: str) -> Markup:
             )
         )
     return table(columns, rows, caption=caption)
+
+
+def _own_test(pair: Mapping[str, Any]) -> bool:
+    return bool(pair.get("own_test", True))
+
+
+def _why(pair: Mapping[str, Any]) -> str:
+    """Why a pair may be pooled or not; a pool and its member say nothing new of that."""
+    if not _own_test(pair) and pair.get("poolable"):
+        return "the pool is made of its members: their difference is part of the members' own"
+    return str(pair.get("why", "")).replace(" +- ", " ± ")
 
 
 def _p_value(value: Any) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from airswing.report.style import (
@@ -70,7 +71,9 @@ def stability_figure(stability: Mapping[str, Any], aircraft: Sequence[str] | Non
                 axes.set_title(label)
         grid[row, 0].set_ylabel(name)
     for axes in grid[-1]:
-        axes.tick_params(axis="x", rotation=25)
+        locator = AutoDateLocator(minticks=3, maxticks=7)
+        axes.xaxis.set_major_locator(locator)
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     number = sum(len(changes.get(name, [])) for name in aircraft)
     return figure.say(
         f"Fits by {stability['window']} with 95 % intervals, each from its own reports only, of "

@@ -41,8 +41,8 @@ def reports_summary(
     dict
         ``file, format, reports, aircraft, first, last`` (ISO 8601 UTC), ``bounding_box``
         (``{"south", "north", "west", "east"}`` in degrees), ``columns`` (reports that have a
-        value, per quantity), ``flags`` (reports per code, per field) and ``audit``. Plain types
-        throughout.
+        value, per quantity), ``flags`` (reports per code, per field) and ``audit`` (the rest of
+        it). Plain types throughout.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def reports_summary(
         "bounding_box": _box(corners) if len(corners) else None,
         "columns": {name: number for name, number in present.items() if number},
         "flags": counts["flags"],
-        "audit": counts,
+        "audit": {name: part for name, part in counts.items() if name != "flags"},
     }
 
 
