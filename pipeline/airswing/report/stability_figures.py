@@ -71,9 +71,10 @@ def stability_figure(stability: Mapping[str, Any], aircraft: Sequence[str] | Non
                 axes.set_title(label)
         grid[row, 0].set_ylabel(name)
     for axes in grid[-1]:
-        locator = AutoDateLocator(minticks=3, maxticks=7)
+        locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
         axes.xaxis.set_major_locator(locator)
-        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+        form = ConciseDateFormatter(locator)  # type: ignore[no-untyped-call]
+        axes.xaxis.set_major_formatter(form)
     number = sum(len(changes.get(name, [])) for name in aircraft)
     return figure.say(
         f"Fits by {stability['window']} with 95 % intervals, each from its own reports only, of "
