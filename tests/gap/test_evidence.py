@@ -12,8 +12,9 @@ from airswing.gap import clusters
 from airswing.gap.changepoint import windows
 from airswing.gap.clusters import cluster_factor
 from airswing.gap.evidence import (
-    RAW_FACTOR,
+    BACKGROUND_GRID,
     SCALE_GRID,
+    SIZE_GRID,
     allowance_covariance,
     gaussian_evidence,
     grid_evidence,
@@ -46,20 +47,18 @@ def test_the_grid_of_scales_is_the_evidence_at_each_scale(size):
     information = 40 * half @ np.swapaxes(half, -1, -2)
     score, scales = 30 * rng.normal(size=(6, size)), rng.uniform(0.1, 2, size)
     allowance = 0.01 * np.tile(np.diag(scales**2), (6, 1, 1))
-    tempered, raw, estimate = grid_evidence(
-        information, score, factor=1.4, allowance=allowance, scales=scales
-    )
+    found = grid_evidence(information, score, factor=1.4, allowance=allowance, scales=scales)
     for k, factor in enumerate(SCALE_GRID):
         prior = scales * factor
         value, shrunk = gaussian_evidence(
             information, score, factor=1.4, allowance=allowance, prior=prior
         )
-        np.testing.assert_allclose(tempered[k], value, rtol=1e-7, atol=1e-9)
-        np.testing.assert_allclose(estimate[k], shrunk, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(found.tempered[k], value, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(found.estimate[k], shrunk, rtol=1e-7, atol=1e-9)
         value, _ = gaussian_evidence(
-            information, score, factor=RAW_FACTOR, allowance=0 * allowance, prior=prior
+            information, score, factor=1.0, allowance=0 * allowance, prior=prior
         )
-        np.testing.assert_allclose(raw[k], value, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(found.raw[k], value, rtol=1e-7, atol=1e-9)
 
 
 def test_collinear_columns_carry_the_evidence_of_one():
@@ -80,20 +79,86 @@ def test_more_clustering_never_adds_evidence_where_there_is_some(size, factor):
     assert tempered <= max(plain, 0.0) + 1e-9
 
 
+def test_widths_in_metres_a_second_are_the_evidence_of_their_densities():
+    information = np.array([[50.0, 8.0], [8.0, 30.0]])
+    estimate, scales = np.array([0.4, -0.3]), np.array([0.5, 1.0])
+    unit = np.array([[0.4, 0.1], [0.1, 0.9]])
+    background = np.array([0.0, 0.09])[:, None, None] * unit
+    found = grid_evidence(
+        information, information @ estimate, factor=1.7, allowance=background, scales=scales,
+        unit=unit,
+    )  # fmt: skip
+    for t in range(2):
+        spread = 1.7 * np.linalg.inv(information) + background[t]
+        nothing = multivariate_normal(cov=spread).logpdf(estimate)
+        for k, width in enumerate(SIZE_GRID):
+            expected = multivariate_normal(cov=spread + width**2 * unit).logpdf(estimate) - nothing
+            assert found.tempered[k, t] == pytest.approx(expected, abs=1e-3)
+    # up to one constant for all sizes of the background
+    density = [multivariate_normal(cov=1.7 * np.linalg.inv(information) + b).logpdf(estimate)
+               for b in background]  # fmt: skip
+    assert np.diff(found.nothing) == pytest.approx(np.diff(density), abs=1e-3)
+
+
 def test_mixture_names_the_aircraft_struck_and_stays_quiet_on_nothing():
-    evidence = np.full((2, 14), -2.0)
-    quiet, posterior, _ = mixture(evidence)
-    assert quiet < 0
-    assert posterior.max() < 0.1
-    evidence[0, 3] = 25.0
-    total, posterior, best = mixture(evidence)
-    assert total > 15
-    assert best == 0
-    assert posterior[3] > 0.99
-    assert np.delete(posterior, 3).max() < 0.1
-    whole, posterior, _ = mixture(np.full((2, 14), 1.0))
-    assert whole > 8
-    assert posterior.min() > 0.5
+    evidence = np.full((1, 2, 14), -2.0)
+    quiet = mixture(evidence)
+    assert quiet.total < 0
+    assert quiet.posterior.max() < 0.1
+    evidence[0, 0, 3] = 25.0
+    mixed = mixture(evidence)
+    assert mixed.total > 15
+    assert mixed.best == (0, 0)
+    assert mixed.posterior[3] > 0.99
+    assert np.delete(mixed.posterior, 3).max() < 0.1
+    whole = mixture(np.full((1, 2, 14), 1.0))
+    assert whole.total > 8
+    assert whole.posterior.min() > 0.5
+
+
+def fleet_evidence(values, error=0.03):
+    """Mixture over aircraft whose effects of one column, m/s, are known to within an error."""
+    information = np.full((values.size, 1, 1), 1 / error**2)
+    unit = np.ones((values.size, 1, 1))
+    found = grid_evidence(
+        information, information[..., 0] * values[:, None], factor=1.0, scales=np.ones(1),
+        unit=unit, allowance=(BACKGROUND_GRID**2)[:, None, None, None] * unit,
+    )  # fmt: skip
+    return mixture(found.tempered.swapaxes(0, 1), found.nothing)
+
+
+def test_what_every_aircraft_has_a_little_of_is_background():
+    rng = np.random.default_rng(7)
+    claims, sizes = [], []
+    for _ in range(200):
+        mixed = fleet_evidence(rng.normal(0, np.hypot(0.1, 0.03), 14))
+        claims.append(mixed.total > 3.0)
+        sizes.append(mixed.background)
+    assert np.mean(claims) < 0.02
+    assert np.median(sizes) == pytest.approx(0.1, abs=0.02)
+
+
+def test_a_quiet_fleet_lets_a_weak_effect_of_one_aircraft_be_seen():
+    rng = np.random.default_rng(8)
+    seen, sizes = [], []
+    for background in (0.0, 0.1):
+        found = []
+        for _ in range(100):
+            values = rng.normal(0, np.hypot(background, 0.03), 14)
+            values[5] = 0.3
+            mixed = fleet_evidence(values)
+            found.append(mixed.total > 3.0 and mixed.posterior[5] > 0.5)
+            sizes.append(mixed.background)
+        seen.append(np.mean(found))
+    assert seen[0] > 0.9
+    assert seen[1] < 0.2
+
+
+def test_an_effect_the_whole_fleet_has_is_no_background():
+    rng = np.random.default_rng(9)
+    mixed = [fleet_evidence(rng.choice([-1, 1], 14) * rng.normal(0.5, 0.1, 14)) for _ in range(50)]
+    assert min(m.total for m in mixed) > 3.0
+    assert min(m.posterior.min() for m in mixed) > 0.5
 
 
 def test_cluster_factors_of_many_units_are_those_of_each():

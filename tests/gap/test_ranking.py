@@ -107,3 +107,14 @@ def test_together_aircraft_tell_a_drift_that_none_tells_alone():
     frame = make_frame(seed=8, aircraft=8, days=20, noise=1.0, heading_error=drifting)
     made = diagnose(frame, catalogue=DRIFTING, maps=False, dictionary=False).report["effects"]
     assert [(e["name"], e["tails"]) for e in made] == [("compass_drift", list(frame.tails[:4]))]
+
+
+def test_aircraft_that_change_together_are_dated_together():
+    def swung(context):
+        late = (context["aircraft"] < 4) & (context["time"] > 9.5 * 86400)
+        return np.where(late, np.radians(0.3), 0.0)
+
+    catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
+    frame = make_frame(seed=8, aircraft=8, days=20, noise=1.0, heading_error=swung)
+    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False).report["effects"]
+    assert [(e["name"], e["tails"]) for e in made] == [("compass_step", list(frame.tails[:4]))]

@@ -33,7 +33,7 @@ from airswing.gap.measure import (
     condition,
     fit_included,
 )
-from airswing.gap.ranking import CHANGE_PENALTY, LEAST_NOVELTY, best_for, evaluate_named, rank
+from airswing.gap.ranking import LEAST_NOVELTY, best_for, evaluate_named, rank, ranked_by
 
 Floats = NDArray[np.float64]
 
@@ -211,18 +211,23 @@ def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
     passing = [s for s in ranked if passes(s, rules)]
     known = sorted(
         (s for s in passing if s.candidate.known),
-        key=lambda s: -(s.raw - CHANGE_PENALTY.get(s.candidate.kind, 0.0)),
+        key=lambda s: -ranked_by(s),
     )
-    unknown = sorted((s for s in passing if not s.candidate.known), key=lambda s: -s.tempered)
     best = known[0] if known else None
-    if unknown:
-        margin = rules.unknown_margin * unknown[0].factor
-        effects = [s for s in ranked if s.candidate.known]
-        strongest = max((s.tempered for s in effects), default=0.0)
-        raw = max((s.raw for s in effects), default=0.0)
-        if unknown[0].tempered > strongest + margin and unknown[0].raw > raw + margin:
-            return max(unknown[:4], key=lambda s: s.raw)
-    return best
+    unknown = max((s for s in passing if not s.candidate.known), key=_evened, default=None)
+    if unknown is None:
+        return best
+    effects = [s for s in ranked if s.candidate.known]
+    evened = max((_evened(s) for s in effects), default=0.0)
+    raw = max((s.raw for s in effects), default=0.0)
+    margin = rules.unknown_margin
+    clear = _evened(unknown) > evened + margin and unknown.raw > raw + margin * unknown.factor
+    return unknown if clear else best
+
+
+def _evened(score: Score) -> float:
+    """Raw evidence in cluster factors, which compares fleet-wide candidates with others."""
+    return score.raw / score.factor
 
 
 def enter(score: Score, rules: Rules) -> Term:
@@ -369,8 +374,8 @@ def _reassign(base: Base, pool: Sequence[Candidate], terms: list[Term]) -> list[
                 break
             others = [*terms[:k], rest, *terms[k + 1 :]]
             given = given_terms(base, others)
-            best, old = best_for(base, given, own_pool, a, term.candidate)
-            if best.raw > old + 3.0 * best.factor and best.candidate.key != term.candidate.key:
+            best, gain = best_for(base, given, own_pool, a, term.candidate, term.period)
+            if gain > 3.0 * best.factor and best.candidate.key != term.candidate.key:
                 terms = _merge(others, Term(best.candidate, (a,), best.period, best))
     return terms
 
@@ -387,7 +392,7 @@ def _completed(base: Base, terms: Sequence[Term], k: int, rules: Rules) -> Term:
         return term
     taken = {a for t in terms if t.key == term.key for a in t.tails}
     allowed = np.array([a not in taken for a in range(aircraft)])
-    score = evaluate_named(base, given_terms(base, terms), term.candidate, allowed)
+    score = evaluate_named(base, given_terms(base, terms), term.candidate, allowed, None)
     odds = score.aircraft_evidence + np.log(min(share, 0.93) / (1 - min(share, 0.93)))
     likely = allowed & (score.aircraft_evidence > 0) & (odds > 1) & (score.size > rules.size)
     return replace(term, tails=tuple(sorted({*term.tails, *np.flatnonzero(likely).tolist()})))
@@ -409,7 +414,7 @@ def _prune_tails(base: Base, term: Term, others: list[Term], rules: Rules) -> Te
             break
         given = given_terms(base, [*others, replace(term, tails=rest)])
         allowed = np.arange(aircraft) == a
-        score = evaluate_named(base, given, candidate, allowed)
+        score = evaluate_named(base, given, candidate, allowed, term.period)
         share = float(np.clip(len(kept) / aircraft, 0.07, 0.93))
         odds = score.aircraft_evidence[a] + np.log(share / (1 - share))
         if odds < 0 or score.size[a] < rules.size:

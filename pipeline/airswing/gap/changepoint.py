@@ -1,9 +1,10 @@
 """Dates: the evidence for columns that act only from a date on, or between two dates.
 
 Assumptions: the change happens between two days; before it (and after the end, where there is one)
-the columns do not act. The posterior over dates is exact: every date's Gaussian evidence from
-cumulative sums of the daily sums. What is conditioned on stays conditioned on: its columns of the
-same aircraft are projected out of the window's columns.
+the columns do not act. Aircraft struck together change on one date, each by an amount of its own;
+those that change on another date are another change. The posterior over dates is exact: every
+date's Gaussian evidence from cumulative sums of the daily sums. What is conditioned on stays
+conditioned on: its columns of the same aircraft are projected out of the window's columns.
 
 Validity: about 60 dates are tried (every day of two months, every third of half a year); the
 climatology is conditioned on at its fitted value.
@@ -13,7 +14,9 @@ Source: GAP.md section 6; cumulative-sum change-point posterior (Smith 1975, Bio
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +24,18 @@ from numpy.typing import NDArray
 from airswing.gap.candidates import Candidate
 from airswing.gap.clusters import aircraft_factor
 from airswing.gap.evidence import (
-    AIRCRAFT_ALLOWANCE,
-    SCALE_GRID,
+    SHARE_GRID,
+    GridEvidence,
     Score,
     allowance_covariance,
+    evaluate,
     grid_evidence,
     log_mean,
     mixture,
     rms,
 )
 from airswing.gap.measure import Base, Conditional
+from airswing.gap.statistics import Statistics
 
 Floats = NDArray[np.float64]
 
@@ -42,6 +47,8 @@ GAIN, GAIN_SHARE = 5.0, 0.04
 WORTH_A_LOOK = 1.3
 #: Blocks that a period's start and its coefficients take of the freedom of the scatter.
 SPENT = 2
+#: Days by which the dates of one change may differ.
+NEAR = 3
 #: Prior probability that a change ends again before the archive does.
 ENDING = 0.2
 
@@ -112,8 +119,9 @@ def evaluate_step(
     candidate: Candidate,
     *,
     allowed: NDArray[np.bool_] | None = None,
+    period: tuple[int, int] | None = None,
 ) -> Score:
-    """Evidence that columns act within a period only, per aircraft, all dates averaged.
+    """Evidence that columns act within a period only, all dates averaged.
 
     Parameters
     ----------
@@ -122,51 +130,133 @@ def evaluate_step(
     candidate : Candidate
         Per-aircraft, core columns.
     allowed : (A,) bool, optional
+    period : (int, int), optional
+        Days of a change that has been shown: only windows near it are tried, and it is not asked
+        what the columns explain lasting.
 
     Returns
     -------
     Score
-        With the most probable period of the aircraft with the strongest evidence, and the
-        posterior over windows of every aircraft.
+        With the most probable period of the aircraft together.
     """
     stats = base.stats
-    aircraft = len(stats.tails)
-    tried = windows(stats.days.size)
-    prior = _window_prior(tried, stats.days.size)
+    tried, prior = _tried(stats.days.size, period)
     if "remains" not in given.derived:
         given.derived["remains"] = residual_scores(base, given)
     remains = given.derived["remains"]
     acting = stats.acting[:, candidate.columns].max(axis=1)
-    asked = np.zeros(aircraft, bool) if len(tried) == 0 else acting >= 20
+    asked = np.zeros(acting.size, bool) if len(tried) == 0 else acting >= 20
     if allowed is not None:
         asked &= allowed
+    # of a change nothing tells the background but what the same columns show lasting
+    background = evaluate(stats, given, candidate).background
+    look = partial(_window_evidence, stats, candidate, background)
     sums = {
         int(a): _window_sums(base, given, int(a), candidate.columns, tried, remains)
         for a in np.flatnonzero(asked)
     }
-    factor = _steady_factor(base, given, candidate, tried, sums)
-    tempered = np.full((SCALE_GRID.size, aircraft), 0.0)
-    raw = np.zeros((SCALE_GRID.size, aircraft))
-    table = np.full((aircraft, len(tried)), -np.inf)
-    estimate = np.zeros((aircraft, candidate.columns.size))
-    for a, own in sums.items():
-        values = _window_evidence(stats, a, candidate, own, factor)
-        if not _beats_lasting(base, given, a, candidate, remains, factor, values[0], prior):
-            continue
-        tempered[:, a] = [log_mean_with(row, prior) for row in values[0]]
-        raw[:, a] = [log_mean_with(row, prior) for row in values[1]]
-        table[a] = np.logaddexp.reduce(values[0] + prior, axis=0)
-        at = np.unravel_index(int(np.argmax(values[0] + prior)), values[0].shape)
-        estimate[a] = values[2][at]
-    total, posterior, best = mixture(tempered)
-    whole, _, _ = mixture(raw)
-    top = int(np.argmax(tempered[best]))
-    period = tuple(int(x) for x in tried[int(np.argmax(table[top]))]) if len(tried) else (0, 0)
+    factor = _steady_factor(base, given, candidate, tried, sums, look)
+    always = np.array([[0, stats.days.size]])
+    changing = {a: look(a, own, factor) for a, own in sums.items()}
+    struck = list(sums)
+    if period is None:
+        steady = {
+            a: look(a, _window_sums(base, given, a, candidate.columns, always, remains), factor)
+            for a in sums
+        }
+        struck = _changing(changing, steady, prior)
+    if not struck:
+        nothing = np.zeros((acting.size, candidate.columns.size))
+        return Score(
+            candidate, 0.0, 0.0, factor, np.zeros(acting.size), np.zeros(acting.size), nothing,
+            np.zeros(acting.size), acting, period=(0, 0), background=background,
+        )  # fmt: skip
+    best = _one_date([changing[a] for a in struck], prior)
+    posterior, evidence = np.zeros((2, acting.size))
+    estimate = np.zeros((acting.size, candidate.columns.size))
+    posterior[struck], evidence[struck], estimate[struck] = best.posterior, best.each, best.estimate
     second = stats.raw_gram[:, candidate.columns][:, :, candidate.columns]
+    first, last = tried[best.window]
     return Score(
-        candidate, total, whole, factor, _together(posterior, table, period, tried), tempered[best],
-        estimate, rms(second, acting, estimate), acting, period=(period[0], period[1]), dates=table,
+        candidate, best.total, best.raw, factor, posterior, evidence, estimate,
+        rms(second, acting, estimate), acting, period=(int(first), int(last)),
+        background=background,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _OneDate:
+    """Evidence that some aircraft (n of them) change on one date.
+
+    Attributes
+    ----------
+    total, raw : float
+        Log evidence over all dates.
+    window : int
+        The most probable one.
+    posterior, each : (n,)
+        Probability that each aircraft changes then, and its evidence for it.
+    estimate : (n, k)
+    """
+
+    total: float
+    raw: float
+    window: int
+    posterior: Floats
+    each: Floats
+    estimate: Floats
+
+
+def _one_date(found: list[GridEvidence], prior: Floats) -> _OneDate:
+    """Mix aircraft by window, then average over windows."""
+    tempered = np.stack([x.tempered for x in found], -1)
+    joint = _joint(tempered)
+    by_window = _over_shares(joint) + prior
+    window = int(np.argmax(by_window))
+    _, width = np.unravel_index(int(np.argmax(joint[..., window])), joint.shape[:2])
+    at_best = mixture(tempered[None, :, window])
+    return _OneDate(
+        float(np.logaddexp.reduce(by_window)), _pooled([x.raw for x in found], prior), window,
+        at_best.posterior, tempered[width, window],
+        np.stack([x.estimate[width, window] for x in found]),
+    )  # fmt: skip
+
+
+def _joint(evidence: Floats) -> Floats:
+    """Evidence (S, w, n) of n aircraft as a mixture of each share struck, (P, S, w)."""
+    share = SHARE_GRID[:, None, None, None]
+    return np.asarray(np.logaddexp(np.log1p(-share), np.log(share) + evidence).sum(axis=-1))
+
+
+def _over_shares(joint: Floats) -> Floats:
+    """Mean over shares struck and widths of the prior, (w,)."""
+    count = joint.shape[0] * joint.shape[1]
+    return np.asarray(np.logaddexp.reduce(joint, axis=(0, 1)) - np.log(count))
+
+
+def _pooled(evidence: list[Floats], prior: Floats) -> float:
+    """Log evidence of aircraft that change on one date, from (S, w) of each."""
+    return log_mean_with(_over_shares(_joint(np.stack(evidence, -1))), prior)
+
+
+def _changing(
+    changing: dict[int, GridEvidence], steady: dict[int, GridEvidence], prior: Floats
+) -> list[int]:
+    """Aircraft that a period explains clearly more than the same columns at work all the time.
+
+    A lasting deviation that is not in the model yet would otherwise enter as one that begins in
+    the archive's first days or ends in its last. Together aircraft may tell what none tells alone.
+    """
+    if not changing:
+        return []
+    own = {a: max(log_mean_with(row, prior) for row in x.tempered) for a, x in changing.items()}
+    lasting = {a: float(x.tempered.max()) for a, x in steady.items()}
+    alone = [a for a in own if own[a] - lasting[a] > max(GAIN, GAIN_SHARE * own[a])]
+    whole = _pooled([x.tempered for x in changing.values()], prior)
+    stays = _pooled([x.tempered for x in steady.values()], np.zeros(1))
+    if whole - stays <= max(GAIN, GAIN_SHARE * whole):
+        return alone
+    return sorted({*alone, *(a for a in own if own[a] > max(lasting[a], 0.0))})
 
 
 def _steady_factor(
@@ -175,6 +265,7 @@ def _steady_factor(
     candidate: Candidate,
     tried: NDArray[np.int64],
     sums: dict[int, tuple[Floats, Floats]],
+    look: Callable[[int, tuple[Floats, Floats], float], GridEvidence],
 ) -> float:
     """Cluster factor with every aircraft's likeliest period taken off, where that is smaller.
 
@@ -187,8 +278,8 @@ def _steady_factor(
         return plain
     score = given.score.copy()
     for a, own in sums.items():
-        values = _window_evidence(stats, a, candidate, own, plain)
-        _, w = np.unravel_index(int(np.argmax(values[0])), values[0].shape)
+        values = look(a, own, plain).tempered
+        _, w = np.unravel_index(int(np.argmax(values)), values.shape)
         start, end = tried[w]
         fit = _unshrunk(own, int(w))
         grams = own_day_grams(base, a, columns)[start:end]
@@ -204,39 +295,16 @@ def _unshrunk(sums: tuple[Floats, Floats], window: int) -> Floats:
     return np.asarray(np.linalg.solve(information + ridge * np.eye(score.size), score))
 
 
-def _beats_lasting(
-    base: Base,
-    given: Conditional,
-    aircraft: int,
-    candidate: Candidate,
-    remains: Floats,
-    factor: float,
-    evidence: Floats,
-    prior: Floats,
-) -> bool:
-    """Whether a period explains clearly more than the same columns at work all the time.
-
-    A lasting deviation that is not in the model yet would otherwise enter as one that begins in
-    the archive's first days or ends in its last.
-    """
-    always = np.array([[0, base.stats.days.size]])
-    sums = _window_sums(base, given, aircraft, candidate.columns, always, remains)
-    lasting = float(_window_evidence(base.stats, aircraft, candidate, sums, factor)[0].max())
-    best = max(log_mean_with(row, prior) for row in evidence)
-    return best - lasting > max(GAIN, GAIN_SHARE * best)
-
-
-def _together(
-    posterior: Floats, table: Floats, period: tuple[int, ...], tried: NDArray[np.int64]
-) -> Floats:
-    """Posterior of aircraft whose own dates agree with the strongest one's within three days."""
-    out = posterior.copy()
-    near = (np.abs(tried - np.array(period)) <= 3).all(axis=1)
-    for a in range(out.size):
-        if np.isfinite(table[a]).any():
-            share = np.exp(table[a] - np.logaddexp.reduce(table[a]))
-            out[a] *= share[near].sum() > 0.05
-    return out
+def _tried(days: int, period: tuple[int, int] | None) -> tuple[NDArray[np.int64], Floats]:
+    """Windows and their log prior; only those within some days of a period that is given."""
+    tried = windows(days)
+    prior = _window_prior(tried, days)
+    if period is None:
+        return tried, prior
+    near = (np.abs(tried - np.array(period)) <= NEAR).all(axis=1)
+    if not near.any():  # tried on another grid of days
+        near = np.abs(tried - np.array(period)).sum(axis=1) == np.abs(tried - period).sum(1).min()
+    return tried[near], prior[near] - np.logaddexp.reduce(prior[near])
 
 
 def _window_prior(tried: NDArray[np.int64], days: int) -> Floats:
@@ -290,17 +358,23 @@ def _window_sums(
 
 
 def _window_evidence(
-    stats: object, aircraft: int, candidate: Candidate, sums: tuple[Floats, Floats], factor: float
-) -> tuple[Floats, Floats, Floats]:
-    """Tempered and raw evidence (S, w) and estimates (S, w, k) of every prior scale and window."""
+    stats: Statistics,
+    candidate: Candidate,
+    background: float,
+    aircraft: int,
+    sums: tuple[Floats, Floats],
+    factor: float,
+) -> GridEvidence:
+    """Evidence (S, w) and estimates (S, w, k) of every prior scale and window."""
     information, score = sums
     columns = candidate.columns
-    second = stats.raw_gram[aircraft][np.ix_(columns, columns)]  # type: ignore[attr-defined]
-    acting = stats.acting[aircraft, columns].max()  # type: ignore[attr-defined]
-    allowance = allowance_covariance(second, acting, AIRCRAFT_ALLOWANCE, candidate.scales)
+    second = stats.raw_gram[aircraft][np.ix_(columns, columns)]
+    acting = stats.acting[aircraft, columns].max()
+    unit = allowance_covariance(second, acting, 1.0, candidate.scales)
     return grid_evidence(
-        information, score, factor=factor, allowance=allowance, scales=candidate.scales
-    )
+        information, score, factor=factor, allowance=background**2 * unit, unit=unit,
+        scales=candidate.scales,
+    )  # fmt: skip
 
 
 __all__ = ["evaluate_step", "log_mean", "own_day_grams", "residual_scores", "windows"]

@@ -2,16 +2,22 @@
 
 Assumptions: an estimate of an aircraft's coefficients is normal about the truth with covariance
 ``f I^-1 + P``. ``I`` is the conditional information; ``f`` the cluster factor, estimated from the
-scatter of day and week scores about each aircraft's own fit and pooled over aircraft; ``P`` an
-allowance for model error that persists over the archive, stated in m/s rms where the candidate
-acts. Under the null the coefficients are zero; else normal with the prior scale of the catalogue
-times a factor that is averaged over a grid.
+scatter of day and week scores about each aircraft's own fit and pooled over aircraft; ``P`` the
+background: model error that persists over the archive and the little of every effect that every
+aircraft has, stated in m/s rms where the candidate acts. Under the null the coefficients are zero;
+else normal with a width that is averaged over a grid: of single aircraft in m/s where the candidate
+acts, from the smallest size that matters in practice, so that it is no second background; of the
+fleet, and for raw evidence, the prior scale of the catalogue times a factor.
 
 Per-aircraft candidates are a spike-and-slab mixture: a share pi of aircraft is struck, pi averaged
-over a grid. Fleet candidates have one set of coefficients. Evidence is in nats. *Raw* evidence
-(ranking) takes one common factor for all candidates; *tempered* evidence (gates) the estimated one.
+over a grid. How large the background is the fleet itself tells, candidate by candidate: its size
+has a half-normal prior and is averaged over, in the mixture as in the null, so that a scatter all
+aircraft share is background as far as that is plausible and an effect from there on. Fleet
+candidates have one set of coefficients and a fixed allowance. Evidence is in nats. *Raw* evidence
+(ranking) knows neither factor nor background; *tempered* evidence (gates) takes the estimated ones.
 
-Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (2011).
+Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (2011); random effects
+with a half-normal prior on their size after Gelman (2006), Bayesian Analysis 1, 515-534.
 """
 
 from __future__ import annotations
@@ -32,14 +38,19 @@ Integers = NDArray[np.int64]
 
 #: Factors on the prior scales over which evidence is averaged.
 SCALE_GRID = np.array([0.08, 0.2, 0.5, 1.2, 3.0])
+#: Sizes of an effect of single aircraft, m/s rms in each direction, averaged over likewise.
+SIZE_GRID = np.array([0.2, 0.4, 0.8, 1.6, 3.2])
 #: Shares of aircraft struck over which the mixture is averaged.
 SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
-#: Persistent model error allowed for, m/s rms where the candidate acts, in each direction; for the
-#: fleet, of a column that the climatology takes up wholly.
-AIRCRAFT_ALLOWANCE = 0.08  # and the little of every effect that every aircraft has
+#: Scale of the half-normal prior of an aircraft's background, m/s rms where the candidate acts, in
+#: each direction, and the sizes over which it is averaged.
+BACKGROUND_SCALE = 0.08
+BACKGROUND_GRID = np.array([0.0, 0.02, 0.04, 0.06, 0.08, 0.11, 0.15, 0.2, 0.3])
+#: Probability that an aircraft is struck that is not asked about.
+ELSEWHERE = 0.2
+#: Persistent model error allowed for in the fleet, m/s rms, of a column that the climatology takes
+#: up wholly.
 FLEET_ALLOWANCE = 0.09
-#: Common cluster factor of raw evidence.
-RAW_FACTOR = 1.5
 
 
 @dataclass(frozen=True)
@@ -65,10 +76,10 @@ class Score:
         Reports on which it acts.
     period : (int, int) or None
         Day indices (first, one past the last) between which it acts; None: always.
-    dates : (A, w) or None
-        Log evidence of every window tried, per aircraft.
     novelty : float
         Of a dictionary group: tempered evidence beyond what steady sensor errors explain.
+    background : float
+        Size of the background where it acts, m/s rms in each direction.
     """
 
     candidate: Candidate
@@ -81,8 +92,8 @@ class Score:
     size: Floats
     acting: Floats
     period: tuple[int, int] | None = None
-    dates: Floats | None = None
     novelty: float = np.inf
+    background: float = 0.0
 
 
 def allowance_covariance(
@@ -145,34 +156,66 @@ def gaussian_evidence(
     """
     spread, hat = _own_fit(information, score, prior)
     variance = factor * spread + allowance / np.outer(prior, prior)
-    value, estimate = _over_scales(hat, variance, np.ones(1))
+    value, estimate, _ = _over_scales(hat, variance, np.eye(prior.size), np.ones(1))
     return value[0], prior * estimate[0]
 
 
+@dataclass(frozen=True)
+class GridEvidence:
+    """Evidence of free coefficients at every width of the prior (S of them).
+
+    Attributes
+    ----------
+    tempered, raw : (S, ...) float
+        With the estimated cluster factor and the allowance; with neither.
+    estimate : (S, ..., k) float
+        Posterior means, tempered.
+    nothing : (...) float
+        Log density of the estimates where nothing but errors and the allowance are at work, up to a
+        constant that the allowance does not change.
+    """
+
+    tempered: Floats
+    raw: Floats
+    estimate: Floats
+    nothing: Floats
+
+
 def grid_evidence(
-    information: Floats, score: Floats, *, factor: float, allowance: Floats, scales: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Tempered and raw evidence and estimates at every factor of :data:`SCALE_GRID`.
+    information: Floats,
+    score: Floats,
+    *,
+    factor: float,
+    allowance: Floats,
+    scales: Floats,
+    unit: Floats | None = None,
+) -> GridEvidence:
+    """Tempered and raw evidence and estimates at every width of the prior.
 
     Parameters
     ----------
     information, score, factor, allowance
-        As in :func:`gaussian_evidence`.
+        As in :func:`gaussian_evidence`; the allowance may have further axes in front.
     scales : (k,) float
-        Prior standard deviations at factor 1.
+        Prior standard deviations at factor 1 of :data:`SCALE_GRID`.
+    unit : (..., k, k) float, optional
+        Covariance of coefficients whose effect is 1 m/s: tempered evidence and estimates take
+        :data:`SIZE_GRID` times it instead.
 
     Returns
     -------
-    tempered, raw : (S, ...) float
-        With the estimated cluster factor and the allowance; with the common factor and none.
-    estimate : (S, ..., k) float
-        Posterior means, tempered.
+    GridEvidence
     """
     spread, hat = _own_fit(information, score, scales)
-    variance = factor * spread + allowance / np.outer(scales, scales)
-    tempered, estimate = _over_scales(hat, variance, SCALE_GRID)
-    raw, _ = _over_scales(hat, RAW_FACTOR * spread, SCALE_GRID)
-    return tempered, raw, scales * estimate
+    both, eye = np.outer(scales, scales), np.eye(scales.size)
+    raw, _, _ = _over_scales(hat, spread, eye, SCALE_GRID)
+    tempered, estimate, nothing = _over_scales(
+        hat,
+        factor * spread + allowance / both,
+        eye if unit is None else unit / both,
+        SCALE_GRID if unit is None else SIZE_GRID,
+    )
+    return GridEvidence(tempered, raw, scales * estimate, nothing)
 
 
 def _own_fit(information: Floats, score: Floats, prior: Floats) -> tuple[Floats, Floats]:
@@ -188,17 +231,20 @@ def _own_fit(information: Floats, score: Floats, prior: Floats) -> tuple[Floats,
     return spread, np.einsum("...ij,...j->...i", spread, score * prior)
 
 
-def _over_scales(hat: Floats, variance: Floats, grid: Floats) -> tuple[Floats, Floats]:
-    """Evidence (S, ...) and posterior means (S, ..., k) for priors N(0, g^2) over a grid of g."""
-    k = hat.shape[-1]
-    square = (grid**2).reshape(-1, *([1] * (hat.ndim - 1)))
+def _over_scales(
+    hat: Floats, variance: Floats, unit: Floats, grid: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Evidence (S, ...), posterior means (S, ..., k) for priors N(0, g^2 unit), log density."""
+    square = (grid**2).reshape(-1, *([1] * variance.ndim))
     inverse, logdet = inverse_and_logdet(variance)
     whole = np.einsum("...i,...ij,...j->...", hat, inverse, hat)
-    wide = variance + square[..., None, None] * np.eye(k)
-    inverse, wide_logdet = inverse_and_logdet(wide)
+    slab = square * unit
+    inverse, wide_logdet = inverse_and_logdet(variance + slab)
     solved = np.einsum("...ij,...j->...i", inverse, hat)
     inner = (solved * hat).sum(axis=-1)
-    return 0.5 * (whole - inner - wide_logdet + logdet), square[..., None] * solved
+    evidence = 0.5 * (whole - inner - wide_logdet + logdet)
+    estimate = np.einsum("...ij,...j->...i", slab, solved)
+    return evidence, estimate, -0.5 * (whole + logdet)
 
 
 def evaluate(
@@ -274,13 +320,13 @@ def _evaluate_fleet(stats: Statistics, given: Conditional, candidate: Candidate)
     allowance = allowance_covariance(
         second.sum(axis=0), float(acting.sum()), fleet_allowance(given, columns), candidate.scales
     )
-    tempered, raw, estimates = grid_evidence(
+    found = grid_evidence(
         information, score, factor=factor, allowance=allowance, scales=candidate.scales
     )
-    estimate = np.tile(estimates[int(np.argmax(tempered))], (aircraft, 1))
-    total = log_mean(tempered)
+    estimate = np.tile(found.estimate[int(np.argmax(found.tempered))], (aircraft, 1))
+    total = log_mean(found.tempered)
     return Score(
-        candidate, total, log_mean(raw), factor, np.ones(aircraft),
+        candidate, total, log_mean(found.raw), factor, np.ones(aircraft),
         np.full(aircraft, total), estimate, rms(second, acting, estimate), acting,
     )  # fmt: skip
 
@@ -292,53 +338,110 @@ def _evaluate_aircraft(
     factor = aircraft_factor(stats, given, columns)
     second, acting = _sizes(stats, candidate)
     live = acting >= 20
-    if allowed is not None:
-        live &= allowed
-    tempered, raw = np.zeros((2, SCALE_GRID.size, aircraft))
-    estimates = np.zeros((SCALE_GRID.size, aircraft, columns.size))
-    information = given.gram[:, columns[:, None], columns][live]
-    score = given.score[:, :, columns].sum(axis=1)[live]
-    allowance = allowance_covariance(
-        second[live], acting[live], AIRCRAFT_ALLOWANCE, candidate.scales
-    )
+    asked = live if allowed is None else live & allowed
+    levels, widths = BACKGROUND_GRID.size, SIZE_GRID.size
+    tempered, raw = np.zeros((levels, widths, aircraft)), np.zeros((1, SCALE_GRID.size, aircraft))
+    nothing = np.zeros((levels, aircraft))
+    estimates = np.zeros((levels, widths, aircraft, columns.size))
     if live.any():
-        tempered[:, live], raw[:, live], estimates[:, live] = grid_evidence(
-            information, score, factor=factor, allowance=allowance, scales=candidate.scales
-        )
-    total, posterior, best = mixture(tempered)
-    whole, _, _ = mixture(raw)
-    estimate = estimates[best]
+        unit = allowance_covariance(second[live], acting[live], 1.0, candidate.scales)
+        found = grid_evidence(
+            given.gram[:, columns[:, None], columns][live],
+            given.score[:, :, columns].sum(axis=1)[live],
+            factor=factor, scales=candidate.scales, unit=unit,
+            allowance=(BACKGROUND_GRID**2)[:, None, None, None] * unit,
+        )  # fmt: skip
+        tempered[:, :, live] = found.tempered.swapaxes(0, 1)
+        estimates[:, :, live] = found.estimate.swapaxes(0, 1)
+        raw[0, :, live] = found.raw.T
+        nothing[:, live] = found.nothing
+    # the background is told by all aircraft; those not asked about may be struck or not
+    nothing[:, ~asked] += _either(tempered[..., ~asked])
+    tempered[..., ~asked], raw[..., ~asked] = 0.0, 0.0
+    mixed = mixture(tempered, nothing)
+    estimate = estimates[mixed.best]
     return Score(
-        candidate, total, whole, factor, posterior, tempered[best], estimate,
-        rms(second, acting, estimate), acting,
+        candidate, mixed.total, mixture(raw).total, factor, mixed.posterior, tempered[mixed.best],
+        estimate, rms(second, acting, estimate), acting, background=mixed.background,
     )  # fmt: skip
 
 
-def mixture(evidence: Floats) -> tuple[float, Floats, int]:
-    """Spike-and-slab mixture over aircraft, averaged over prior scale and share struck.
+def _either(evidence: Floats) -> Floats:
+    """Log density of aircraft that may be struck, over that of ones that are not, (T, A)."""
+    struck = np.logaddexp.reduce(evidence, axis=1) - np.log(evidence.shape[1])
+    return np.asarray(np.logaddexp(np.log1p(-ELSEWHERE), np.log(ELSEWHERE) + struck))
 
-    Parameters
+
+def background_prior() -> Floats:
+    """Log prior of the sizes of :data:`BACKGROUND_GRID`, (T,): half-normal."""
+    edges = np.r_[0.0, (BACKGROUND_GRID[1:] + BACKGROUND_GRID[:-1]) / 2, BACKGROUND_GRID[-1]]
+    density = -0.5 * (BACKGROUND_GRID / BACKGROUND_SCALE) ** 2 + np.log(np.diff(edges))
+    return np.asarray(density - np.logaddexp.reduce(density))
+
+
+@dataclass(frozen=True)
+class Mixed:
+    """Spike-and-slab mixture over aircraft.
+
+    Attributes
     ----------
-    evidence : (S, A) float
-        Log Bayes factor per prior scale and aircraft.
-
-    Returns
-    -------
     total : float
         Log evidence against nobody struck.
     posterior : (A,) float
         Probability that each aircraft is struck, given that the candidate is at work.
-    best : int
-        Prior scale of the highest evidence.
+    best : (int, int)
+        Background and prior scale of the highest evidence.
+    background : float
+        Root mean square size of the background, m/s, whether or not anybody is struck.
     """
-    share = SHARE_GRID[:, None, None]
+
+    total: float
+    posterior: Floats
+    best: tuple[int, int]
+    background: float
+
+
+def mixture(evidence: Floats, nothing: Floats | None = None) -> Mixed:
+    """Spike-and-slab mixture over aircraft, averaged over background, prior scale and share struck.
+
+    Parameters
+    ----------
+    evidence : (T, S, A) float
+        Log Bayes factor per size of the background, prior scale and aircraft; 0 for aircraft that
+        cannot be struck.
+    nothing : (T, A) float, optional
+        Log density of each aircraft's estimates if it is not struck. None: the background is no
+        question (T is 1).
+
+    Returns
+    -------
+    Mixed
+    """
+    share = SHARE_GRID[:, None, None, None]
     each = np.logaddexp(np.log1p(-share), np.log(share) + evidence[None])
-    joint = each.sum(axis=2)
+    nobody = np.zeros(1) if nothing is None else background_prior() + nothing.sum(axis=1)
+    joint = each.sum(axis=3) + nobody[None, :, None]
     weight = np.exp(joint - joint.max())
     weight /= weight.sum()
     struck = np.exp(np.log(share) + evidence[None] - each)
-    posterior = np.einsum("ps,psa->a", weight, struck)
-    return log_mean(joint.ravel()), posterior, int(np.argmax(joint.max(axis=0)))
+    posterior = np.einsum("pts,ptsa->a", weight, struck)
+    top = np.unravel_index(int(np.argmax(joint.max(axis=0))), joint.shape[1:])
+    total = log_mean(joint.ravel()) - log_mean(nobody)
+    return Mixed(
+        total,
+        posterior,
+        (int(top[0]), int(top[1])),
+        0.0 if nothing is None else _size(joint, nobody),
+    )
+
+
+def _size(joint: Floats, nobody: Floats) -> float:
+    """Root mean square background, somebody struck as likely as nobody beforehand."""
+    by_level = np.logaddexp(
+        np.logaddexp.reduce(joint, axis=(0, 2)) - np.log(joint[:, 0].size), nobody
+    )
+    weight = np.exp(by_level - by_level.max())
+    return float(np.sqrt((weight * BACKGROUND_GRID**2).sum() / weight.sum()))
 
 
 def log_mean(values: Floats) -> float:

@@ -18,7 +18,7 @@ how the next month turns out, and in trials missed the truth one time in four wh
 was the uncertain thing).
 
 Single aircraft's effects too small to be named are not excluded by silence: the upper limit also
-covers the most that a candidate with evidence in its favour could close.
+covers the most that one of the likeliest candidates left over could close.
 
 Validity: errors of a few degrees about the estimate (linear in the columns). Results in knots.
 """
@@ -264,19 +264,19 @@ def _left_over(
     effects: Mapping[str, Any],
     plan: DictionaryPlan,
 ) -> list[list[Change]]:
-    """Draws of candidates that have evidence in their favour but were not named."""
+    """Draws of the likeliest candidates that were not named, each on its likeliest aircraft."""
     out = []
     likely = [
         s for s in found.left
-        if s.candidate.known and s.candidate.scope == "aircraft" and s.tempered > 0
-        and s.period is None
+        if s.candidate.known and s.candidate.scope == "aircraft" and s.period is None
     ]  # fmt: skip
     for score in sorted(likely, key=lambda s: -s.tempered)[:LEFT_OVER]:
         columns, given = score.candidate.columns, found.given
         term = Term(score.candidate, tuple(range(len(base.stats.tails))), None, score)
         fields = term_fields(frame, term, effects=effects, plan=plan)
         changes: list[Change] = []
-        for a in np.flatnonzero(score.posterior > 0.5).tolist():
+        evidence = score.aircraft_evidence
+        for a in np.flatnonzero((evidence > 0) | (evidence == evidence.max())).tolist():
             own = given.gram[a][np.ix_(columns, columns)] / score.factor
             spread = np.linalg.inv(own + np.diag(1 / score.candidate.scales**2))
             middle = spread @ given.score[a].sum(axis=0)[columns] / score.factor

@@ -108,27 +108,37 @@ def evaluate_known(base: Base, given: Conditional, candidate: Candidate, allowed
     own, steady = score.aircraft_evidence, lasting.aircraft_evidence
     changes = own - steady > np.maximum(DRIFT_GAIN, GAIN_SHARE * own)
     # together aircraft may tell what none of them tells alone
-    if score.tempered - lasting.tempered > max(DRIFT_GAIN, GAIN_SHARE * score.tempered):
+    gain, whole = (score.raw - lasting.raw) / score.factor, score.raw / score.factor
+    if gain > max(DRIFT_GAIN, GAIN_SHARE * whole):
         changes |= own > steady
     return evaluate(base.stats, given, candidate, allowed=allowed & changes)
 
 
-def evaluate_named(base: Base, given: Conditional, candidate: Candidate, allowed: Mask) -> Score:
+def evaluate_named(
+    base: Base,
+    given: Conditional,
+    candidate: Candidate,
+    allowed: Mask,
+    period: tuple[int, int] | None,
+) -> Score:
     """Evidence of an effect that was named, for some of its aircraft.
 
-    That it changes in time was shown by all of them together and is not asked of each again.
+    That it changes in time, and when, was shown by all of them together and is not asked of each
+    again.
 
     Parameters
     ----------
     base, given, candidate, allowed
         As for :func:`evaluate_known`.
+    period : (int, int) or None
+        Days in which it was found to act; None: always.
 
     Returns
     -------
     Score
     """
     if candidate.kind == "step":
-        return evaluate_step(base, given, candidate, allowed=allowed)
+        return evaluate_step(base, given, candidate, allowed=allowed, period=period)
     return evaluate(base.stats, given, candidate, allowed=allowed)
 
 
@@ -139,9 +149,14 @@ def _lasting(candidate: Candidate) -> Candidate:
 
 
 def best_for(
-    base: Base, given: Conditional, pool: Sequence[Candidate], one: int, current: Candidate
+    base: Base,
+    given: Conditional,
+    pool: Sequence[Candidate],
+    one: int,
+    current: Candidate,
+    period: tuple[int, int] | None,
 ) -> tuple[Score, float]:
-    """Find the best candidate for one aircraft, and the evidence of the one it is in.
+    """Find the best candidate for one aircraft, and by how much it beats the one it is in.
 
     Parameters
     ----------
@@ -152,15 +167,23 @@ def best_for(
     one : int
         The aircraft.
     current : Candidate
+    period : (int, int) or None
+        Days in which the current one acts.
 
     Returns
     -------
     best : Score
-    evidence : float
-        Raw evidence of the current candidate, nats. Effects are ranked by raw evidence, of one
-        aircraft as of all: the allowance for model error weighs on a drift more than on a step.
+    gain : float
+        Raw evidence beyond the current candidate's, nats. Effects are ranked by raw evidence, of
+        one aircraft as of all: the background weighs on a drift more than on a step.
     """
     allowed = np.arange(len(base.stats.tails)) == one
     scores = [evaluate_known(base, given, c, allowed) for c in pool]
-    best = max(scores, key=lambda s: s.raw - CHANGE_PENALTY.get(s.candidate.kind, 0.0))
-    return best, evaluate_named(base, given, current, allowed).raw
+    best = max(scores, key=ranked_by)
+    own = evaluate_named(base, given, current, allowed, period)
+    return best, ranked_by(best) - ranked_by(own)
+
+
+def ranked_by(score: Score) -> float:
+    """Raw evidence with the prior odds of effects that change in time, nats."""
+    return score.raw - CHANGE_PENALTY.get(score.candidate.kind, 0.0)

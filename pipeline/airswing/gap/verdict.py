@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from airswing.gap.attribute import Found, Term
 from airswing.gap.evidence import (
-    AIRCRAFT_ALLOWANCE,
     Score,
     allowance_covariance,
     fleet_allowance,
@@ -78,8 +77,9 @@ def term_covariances(
     pick = list(range(len(stats.tails))) if fleet else [term.tails[row]]
     second = stats.raw_gram[pick].sum(axis=0)[np.ix_(columns, columns)]
     acting = float(stats.acting[pick].sum(axis=0)[columns].max())
-    size = fleet_allowance(given, columns) if fleet else AIRCRAFT_ALLOWANCE
-    return formal, 0.25 * allowance_covariance(second, acting, size, scales)
+    # that of the fleet is the most it may be, an aircraft's is what the fleet shows
+    size = 0.5 * fleet_allowance(given, columns) if fleet else term.score.background
+    return formal, allowance_covariance(second, acting, size, scales)
 
 
 def term_covariance(
