@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from tests.gap.toy import make_frame
 
-from airswing.gap.attribute import Rules, Term, _stays, choose
+from airswing.gap.attribute import Rules, Term, _stays, choose, remainder, struck
 from airswing.gap.candidates import Candidate
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
@@ -118,3 +118,13 @@ def test_aircraft_that_change_together_are_dated_together():
     frame = make_frame(seed=8, aircraft=8, days=20, noise=1.0, heading_error=swung)
     made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False).report["effects"]
     assert [(e["name"], e["tails"]) for e in made] == [("compass_step", list(frame.tails[:4]))]
+
+
+def test_what_inferred_columns_cannot_carry_is_nothing_unknown():
+    rules = Rules(size=0.2, unknown_margin=3.0)
+    what = replace(score("acceleration_error", True, 40.0, 1.6).candidate, told_share=0.76)
+    large = Term(what, (1,), None, score("acceleration_error", True, 40.0, 1.6))
+    rest = remainder([large], 2)
+    np.testing.assert_allclose(rest, [0.0, 1.6 * np.sqrt(0.24 / 0.76)])
+    group = replace(score("cross:phase*heading", False, 30.0, 0.5), remainder=rest)
+    np.testing.assert_array_equal(struck(group, rules), [0])

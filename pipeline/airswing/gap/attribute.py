@@ -190,7 +190,8 @@ def struck(score: Score, rules: Rules) -> NDArray[np.int64]:
 
 def _likely(score: Score, rules: Rules) -> NDArray[np.bool_]:
     """Aircraft with a posterior above one half and an effect of practical size."""
-    return np.asarray((score.posterior > 0.5) & (score.size > rules.size))
+    least = np.hypot(rules.size, score.remainder)
+    return np.asarray((score.posterior > 0.5) & (score.size > least))
 
 
 def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
@@ -279,8 +280,35 @@ class _Ranking:
         state = frozenset((t.candidate.key, t.tails, t.period) for t in terms)
         if state not in self._made:
             given = given_terms(self._base, terms)
-            self._made[state] = tuple(rank(self._base, given, self._pool, _taken(terms)))
+            ranked = rank(self._base, given, self._pool, _taken(terms))
+            rest = remainder(terms, len(self._base.stats.tails))
+            self._made[state] = tuple(
+                s if s.candidate.known else replace(s, remainder=rest) for s in ranked
+            )
         return self._made[state]
+
+
+def remainder(terms: Sequence[Term], aircraft: int) -> Floats:
+    """Size of what the columns of some terms cannot carry, per aircraft.
+
+    Bank and acceleration are inferred, gradients are the reference's: a part of such an effect
+    stays in the residual when all its columns explain is taken off, and is nothing unknown.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+    aircraft : int
+
+    Returns
+    -------
+    (A,) float
+        m/s rms where the effects act.
+    """
+    square = np.zeros(aircraft)
+    for term in terms:
+        tails, share = list(term.tails), term.candidate.told_share
+        square[tails] += term.score.size[tails] ** 2 * (1 / share - 1)
+    return np.asarray(np.sqrt(square))
 
 
 def _taken(terms: Sequence[Term]) -> dict[tuple[str, str], set[int]]:

@@ -56,6 +56,8 @@ class Candidate:
     lasting : tuple of (int, float)
         Of an effect that changes steadily in time: columns of the layout that hold it unchanged,
         with their prior scales.
+    told_share : float
+        Share of the effect's energy that its columns carry.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Candidate:
     subset: tuple[int, ...] = ()
     kind: str = "mean"
     lasting: tuple[tuple[int, float], ...] = ()
+    told_share: float = 1.0
 
     @property
     def key(self) -> tuple[str, str, tuple[int, ...]]:
@@ -109,6 +112,7 @@ def candidates(
                 Candidate(
                     name, block[pick], scope, scales[pick], True, tuple(subset), effect.kind,
                     _lasting_columns(effect, block, scales),
+                    float(getattr(effect, "told_share", 1.0)),
                 )
             )  # fmt: skip
             if scope == "aircraft" and _whole_fleet(effect):

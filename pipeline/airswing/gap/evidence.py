@@ -80,6 +80,8 @@ class Score:
         Of a dictionary group: tempered evidence beyond what steady sensor errors explain.
     background : float
         Size of the background where it acts, m/s rms in each direction.
+    remainder : (A,) or 0
+        Of a dictionary group: what the columns of the included effects cannot carry of these, m/s.
     """
 
     candidate: Candidate
@@ -94,6 +96,7 @@ class Score:
     period: tuple[int, int] | None = None
     novelty: float = np.inf
     background: float = 0.0
+    remainder: Floats | float = 0.0
 
 
 def allowance_covariance(
