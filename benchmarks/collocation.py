@@ -11,8 +11,8 @@ and CCSDS, and prints ratios measured in the same run:
   (here and below processor time of one thread, so that other work on the
   machine does not matter);
 * against `xarray.open_dataset(engine="cfgrib")` and `interp`;
-* two worker processes against one, on 48 hours: wall clock, which means
-  something on an idle machine of two cores or more, and how evenly the
+* two worker processes against one, on 48 hours, in turns: wall clock, which
+  means something on an idle machine of two cores or more, and how evenly the
   processor time is shared, which always does.
 """
 
@@ -248,43 +248,38 @@ def many_hours(folder: Path, paths: list[str]) -> list[dict[str, Any]]:
     ]
 
 
-def two_workers(folder: Path, paths: list[str], repeats: int) -> list[dict[str, Any]]:
-    """One and two worker processes on many hours: the least of several runs, taken in turn.
+def two_workers(folder: Path, paths: list[str], turns: int) -> list[dict[str, Any]]:
+    """One worker's time over two workers', turn by turn: the median and the middle half.
 
-    Both clusters stand for the whole of it, the one that waits costing nothing, so that what the
-    machine does beside falls on both alike.
+    Both clusters stand for the whole of it, opened as a run opens them, the one that waits costing
+    nothing. The ratio is of the same turn, so that what the machine does beside falls on both.
     """
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
-    hours = len(paths)
-    reports = some_reports(hours, exact=False)
+    from airswing.compute import local_cluster
+
+    reports = some_reports(len(paths), exact=False)
     catalogue = build_catalogue(paths, name="ruc", cache_dir=folder / "cache")
-    seconds: dict[tuple[int, bool], list[float]] = {}
-    busiest: dict[tuple[int, bool], list[float]] = {}
+    cost: dict[tuple[int, bool], list[tuple[float, float]]] = {}
     results = []
     with contextlib.ExitStack() as open_clusters:
         clients = {}
         for workers in (1, 2):
-            cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None,
-                memory_limit="1GiB",
-            )  # fmt: skip
-            open_clusters.enter_context(cluster)
+            cluster = open_clusters.enter_context(
+                local_cluster(workers, 1, dashboard_address=None, memory_limit="1GiB")
+            )
             clients[workers] = open_clusters.enter_context(Client(cluster, set_as_default=False))
             clients[workers].run(import_heavy)
-        for _, (workers, client), sparse in itertools.product(
-            range(repeats), clients.items(), (False, True)
-        ):
-            used = client.run(time.process_time)
-            start = time.perf_counter()
-            with client.as_current():
-                winds = collocate(reports, {"ruc": catalogue}, sparse=sparse)
-                results.append(winds.compute(scheduler=client))
-            seconds.setdefault((workers, sparse), []).append(time.perf_counter() - start)
-            after = client.run(time.process_time)
-            busiest.setdefault((workers, sparse), []).append(
-                max(after[name] - used[name] for name in after)
-            )
+        for turn, sparse in itertools.product(range(turns), (False, True)):
+            for workers in (1, 2) if turn % 2 else (2, 1):
+                client = clients[workers]
+                used, start = client.run(time.process_time), time.perf_counter()
+                with client.as_current():
+                    winds = collocate(reports, {"ruc": catalogue}, sparse=sparse)
+                    results.append(winds.compute(scheduler=client))
+                wall, after = time.perf_counter() - start, client.run(time.process_time)
+                busiest = max(after[name] - used[name] for name in after)
+                cost.setdefault((workers, sparse), []).append((wall, busiest))
         peaks = {
             name: peak for one in clients.values() for name, peak in one.run(peak_memory).items()
         }
@@ -292,15 +287,18 @@ def two_workers(folder: Path, paths: list[str], repeats: int) -> list[dict[str, 
         raise SystemExit("results differ between schedulers or paths")
     rows = []
     for sparse in (False, True):
-        label = f"{hours} hours, sparse {'on' if sparse else 'off'}"
-        one, two = (1, sparse), (2, sparse)
-        bar = "" if sparse else ">= 1.8"
-        rows.append(row(f"{label}: 1 worker / 2, wall clock",
-                        min(seconds[one]) / min(seconds[two]), bar, min(seconds[two])))  # fmt: skip
-        rows.append(row(f"{label}: 1 worker / busiest of 2, processor",
-                        min(busiest[one]) / min(busiest[two]), bar, min(busiest[two])))  # fmt: skip
-        rows.append(row(f"{label}: wall clock, slowest of 2's runs / least",
-                        max(seconds[two]) / min(seconds[two]), "", max(seconds[two])))  # fmt: skip
+        one, two = (np.array(cost[workers, sparse]).T for workers in (1, 2))
+        label = f"{len(paths)} hours, sparse {'on' if sparse else 'off'}: 1 worker / "
+        for what, bar, row_of in (
+            ("2, wall clock", "" if sparse else ">= 1.8", 0),
+            ("busiest of 2, processor", "" if sparse else ">= 1.8", 1),
+        ):
+            least, middle, most = np.quantile(one[row_of] / two[row_of], (0.25, 0.5, 0.75))
+            rows.append(row(label + what, middle, bar, np.median(two[row_of])))
+            rows.append(row(f"    middle half of {turns} turns, from", least, "", 0.0))
+            rows.append(row("    to", most, "", 0.0))
+        rows.append(row("    2 workers: wall clock / busiest, processor",
+                        np.median(two[0] / two[1]), "", 0.0))  # fmt: skip
     rows.append(row("peak memory of a worker, MiB", max(peaks.values()) / 2**20, "< 1024", 0.0))
     return rows
 
@@ -321,7 +319,10 @@ def peak_memory() -> int:
 
 def row(what: str, value: float, bar: str, seconds: float) -> dict[str, Any]:
     """One line of the table."""
-    return {"what": what, "value": round(value, 3), "bar": bar, "seconds": round(seconds, 4)}
+    return {
+        "what": what, "value": round(float(value), 3), "bar": bar,
+        "seconds": round(float(seconds), 4),
+    }  # fmt: skip
 
 
 def main() -> None:
@@ -341,7 +342,7 @@ def main() -> None:
         if options.hours:
             paths = copy_hours(file_of(folder, "GRIB1 simple"), options.hours)
             rows += many_hours(folder, paths)
-            rows += two_workers(folder, paths, max(3, options.repeats // 2))
+            rows += two_workers(folder, paths, max(7, options.repeats))
     if options.json:
         json.dump(rows, sys.stdout, indent=1)
         return

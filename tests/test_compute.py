@@ -62,6 +62,19 @@ def test_the_whole_collocation_gives_the_same_bits_at_an_address(address, tmp_pa
         np.testing.assert_array_equal(one, other, str(name))
 
 
+def test_workers_keep_their_threads_to_themselves_and_may_keep_memory():
+    """The C library learns which sizes come back only where no threshold is set for it."""
+    names = ("MALLOC_TRIM_THRESHOLD_", "OMP_NUM_THREADS")
+    before = dask.config.get("distributed.nanny.pre-spawn-environ")
+    with (
+        compute.local_cluster(1, 1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        (found,) = client.run(lambda: [os.environ.get(name) for name in names]).values()
+    assert found == [os.environ.get(names[0]), os.environ.get(names[1], "1")]
+    assert dask.config.get("distributed.nanny.pre-spawn-environ") == before
+
+
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
     monkeypatch.setattr(compute, "CONNECT_TIMEOUT", "1s")
     with (

@@ -57,8 +57,37 @@ def scheduler(compute: Compute, progress: Progress) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def local_cluster(workers: int, threads: int, **options: Any) -> Iterator[Any]:
+    """Worker processes on this machine.
+
+    Parameters
+    ----------
+    workers : int
+        Processes.
+    threads : int
+        Of each.
+    **options
+        Further ones of ``distributed.LocalCluster``.
+
+    Yields
+    ------
+    distributed.LocalCluster
+    """
+    from distributed import LocalCluster
+
+    # Dask starts workers with a fixed threshold of the C library (glibc) for giving memory back,
+    # and a fixed threshold also keeps that library from learning which sizes come back: every
+    # decoded field (1 MB) is then mapped, faulted in page by page and unmapped, which takes more
+    # time than decoding it.
+    with dask.config.set({"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}):
+        cluster = LocalCluster(n_workers=workers, threads_per_worker=threads, **options)
+    with cluster:
+        yield cluster
+
+
+@contextlib.contextmanager
 def _client(compute: Compute, cores: int) -> Iterator[Any]:
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
     # A lost scheduler is told in one message by this module, not by the client's tracebacks.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
@@ -66,9 +95,7 @@ def _client(compute: Compute, cores: int) -> Iterator[Any]:
         if compute.scheduler is None:
             workers = int(compute.workers)
             threads = max(1, cores // workers) if compute.threads == "auto" else compute.threads
-            address = stack.enter_context(
-                LocalCluster(n_workers=workers, threads_per_worker=threads, dashboard_address=":0")
-            )
+            address = stack.enter_context(local_cluster(workers, threads, dashboard_address=":0"))
         else:
             address = compute.scheduler
         try:
