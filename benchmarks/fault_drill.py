@@ -34,6 +34,9 @@ IDENTIFIERS = {"uuid", "source_uuids", "history", "fingerprint", "unscreened_fin
 SKIPPED = {".html", ".svg", ".png", ".pdf"}
 """The page is drawn from the products compared here, and carries their identifiers."""
 
+DRAWN = ".collocated/reports/"
+"""Where kept reports lie, under names of no meaning; what is made of them is compared."""
+
 
 def start(config: Path, *words: str) -> subprocess.Popen[bytes]:
     """Start the main job in a process of its own."""
@@ -82,8 +85,9 @@ def kill_at(config: Path, moment: float, pick: random.Random, *words: str) -> st
 
 
 def files_of(folder: Path) -> set[str]:
-    """Names of everything a run left, hidden files included."""
-    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    """Names of everything a run left, hidden files included, but for those drawn by lot."""
+    found = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    return {name for name in found if not name.startswith(DRAWN) or name.endswith(".part")}
 
 
 def differences(one: Path, other: Path) -> list[str]:

@@ -7,10 +7,12 @@ levels, u and v), 10 million reports of 60 aircraft in twelve Parquet files. ``-
 that share of the hours and of the reports; ``--main`` leaves out the evaluation and the page. The
 job runs in a process of its own, every stage with its wall time, processor time and peak memory.
 ``--month`` repeats it with a twelfth of the archive and gives the ratio of the peaks and the
-exponents of the growth. ``--growth`` repeats it with a tenth of the reports and with a tenth of
-the hours and gives the fitted exponents. The full grid is extrapolated from a RUC-size day (451 x
-337 points, 37 levels) measured in the same run: its cost an hour in place of the small grid's, the
-rest as measured.
+exponents of the growth. ``--growth`` repeats it with a tenth of the reports, with a tenth of the
+hours, with a quarter of the aircraft (each reporting four times as much) and with four times the
+grid points, and gives the exponents. With ``--workers 2`` the peak of the busiest worker process is
+told beside that of the process that was started. The full grid is extrapolated from a RUC-size day
+(451 x 337 points, 37 levels) measured in the same run: its cost an hour in place of the small
+grid's, the rest as measured.
 """
 
 from __future__ import annotations
@@ -46,17 +48,18 @@ def wind(latitude: Any, longitude: Any) -> tuple[Any, Any]:
     return 12.0 + 10.0 * y + 4.0 * x, -4.0 + 9.0 * x - 3.0 * y
 
 
-def write_fields(folder: Path, hours: int) -> None:
+def write_fields(folder: Path, hours: int, finer: int = 1) -> None:
     """One file an hour: the date octets of one hour's messages are changed."""
     import eccodes
 
-    lat, lon = np.meshgrid(SOUTH + STEP * np.arange(NJ), WEST + STEP * np.arange(NI), indexing="ij")
+    ni, nj, step = finer * NI, finer * NJ, STEP / finer
+    lat, lon = np.meshgrid(SOUTH + step * np.arange(nj), WEST + step * np.arange(ni), indexing="ij")
     grid = {
-        "Ni": NI, "Nj": NJ, "latitudeOfFirstGridPointInDegrees": SOUTH,
+        "Ni": ni, "Nj": nj, "latitudeOfFirstGridPointInDegrees": SOUTH,
         "longitudeOfFirstGridPointInDegrees": WEST,
-        "latitudeOfLastGridPointInDegrees": SOUTH + STEP * (NJ - 1),
-        "longitudeOfLastGridPointInDegrees": WEST + STEP * (NI - 1),
-        "iDirectionIncrementInDegrees": STEP, "jDirectionIncrementInDegrees": STEP,
+        "latitudeOfLastGridPointInDegrees": SOUTH + step * (nj - 1),
+        "longitudeOfLastGridPointInDegrees": WEST + step * (ni - 1),
+        "iDirectionIncrementInDegrees": step, "jDirectionIncrementInDegrees": step,
         "jScansPositively": 1,
     }  # fmt: skip
     messages, starts = b"", []
@@ -134,7 +137,7 @@ def main_stages(job: Any) -> dict[str, Any]:
     return summarise(job.config, headings, fits, corrected) | {"accounts": job.progress.accounts()}
 
 
-def measured(config: str, *, main: bool) -> None:
+def measured(config: str, *, main: bool, resume: bool) -> None:
     """Run the job in this process; its accounts, with memory by stage, as JSON."""
     import contextlib
 
@@ -155,13 +158,25 @@ def measured(config: str, *, main: bool) -> None:
             used = time.process_time() - began
             peaks.append({"name": name, "processor": used, "peak": memory("VmHWM")})
 
-    job = workflow.Job(load_config(config), Watched())
+    job = workflow.Job(load_config(config), Watched(), resume)
     with scheduler(job.config.compute, job.progress):
         result = main_stages(job) if main else workflow.run(job)
-    accounts = result["accounts"]
-    for stage, peak in zip(accounts["stages"], peaks, strict=True):
-        stage |= peak
+        accounts = result["accounts"]
+        for stage, peak in zip(accounts["stages"], peaks, strict=True):
+            stage |= peak
+        accounts["workers"] = worker_peaks()
     print(json.dumps({key: result[key] for key in ("reports", "status", "accounts")}))
+
+
+def worker_peaks() -> list[int]:
+    """Peak memory of every worker process, bytes; none where threads of this process work."""
+    from benchmarks.collocation import peak_memory
+
+    if "distributed" not in sys.modules:
+        return []
+    from distributed import default_client
+
+    return list(default_client().run(peak_memory).values())
 
 
 def memory(key: str) -> int:
@@ -173,29 +188,40 @@ def memory(key: str) -> int:
 
 
 def run(
-    folder: Path, *, reports: int, hours: int, aircraft: int, workers: int, main: bool
-) -> dict[str, Any]:
+    folder: Path, *, reports: int, hours: int, aircraft: int, finer: int = 1, workers: int,
+    main: bool,
+) -> dict[str, Any]:  # fmt: skip
     """Make an archive, run the job on it, and return its accounts."""
     folder.mkdir()
-    write_fields(folder / "model", hours)
+    write_fields(folder / "model", hours, finer)
     write_reports(folder / "reports", reports, hours, aircraft)
-    config = folder / "config.json"
+    found = run_on(folder, workers=workers, main=main)
+    found["bytes_per_report"] = (folder / "results/headings.nc").stat().st_size / reports
+    found["decoding"] = plain_decoding(folder / "model")
+    return found
+
+
+def run_on(
+    folder: Path, *, output: str = "results", workers: int = 1, main: bool = False,
+    resume: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    """Run the job on an archive in a process of its own, and return its accounts."""
+    config = folder / f"{output}.json"
     content = {
         "reports": {"files": str(folder / "reports/*.parquet")},
         "references": {"small": {"files": str(folder / "model/*.grb")}},
-        "output": str(folder / "results"),
+        "output": str(folder / output),
         "compute": {"workers": workers},
     }
     config.write_text(json.dumps(content))
     command = [sys.executable, "-m", "benchmarks.year", "--measured", str(config)]
     command += ["--main"] if main else []
+    command += ["--resume"] if resume else []
     environment = os.environ | {"AIRSWING_CACHE": str(folder / "cache")}
     began = time.perf_counter()
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
     found: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
     found["wall"] = time.perf_counter() - began
-    found["bytes_per_report"] = (folder / "results/headings.nc").stat().st_size / reports
-    found["decoding"] = plain_decoding(folder / "model")
     return found
 
 
@@ -238,6 +264,8 @@ def shown(found: dict[str, Any], what: str) -> None:
     print(f"peak {peak / 1e9:.2f} GB, {peak / found['reports']['usable']:.0f} bytes a report; "
           f"headings.nc {found['bytes_per_report']:.1f} bytes a report; plain decoding "
           f"{found['decoding']:.1f} s")  # fmt: skip
+    if accounts["workers"]:
+        print(f"peak of a worker process {max(accounts['workers']) / 1e9:.2f} GB")
 
 
 def exponents(whole: dict[str, Any], less: dict[str, Any], ratio: float) -> dict[str, float]:
@@ -257,7 +285,9 @@ def flatness(whole: dict[str, Any], less: dict[str, Any]) -> dict[str, float]:
         stage["name"]: stage["peak"] / small[stage["name"]] for stage in whole["accounts"]["stages"]
     }
     top = max(stage["peak"] for stage in whole["accounts"]["stages"])
-    return found | {"together": top / max(small.values())}
+    found["together"] = top / max(small.values())
+    workers = [run["accounts"]["workers"] for run in (whole, less)]
+    return found | ({"worker": max(workers[0]) / max(workers[1])} if all(workers) else {})
 
 
 def draw(found: dict[str, Any], path: Path) -> None:
@@ -291,9 +321,10 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write the numbers here")
     parser.add_argument("--figure", type=Path, help="draw time and memory by stage here (PNG)")
     parser.add_argument("--measured", help=argparse.SUPPRESS)
+    parser.add_argument("--resume", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.measured:
-        measured(given.measured, main=given.main)
+        measured(given.measured, main=given.main, resume=given.resume)
         return
     hours, reports = round(HOURS * given.share), round(REPORTS * given.share)
     sizes = {"aircraft": AIRCRAFT, "workers": given.workers, "main": given.main}
@@ -313,9 +344,18 @@ def main() -> None:
         if given.growth:
             runs["reports"] = run(folder / "few", reports=reports // 10, hours=hours, **sizes)
             runs["hours"] = run(folder / "short", reports=reports, hours=hours // 10, **sizes)
-            for what in ("reports", "hours"):
-                shown(runs[what], f"a tenth of the {what}")
-                grown = exponents(runs["whole"], runs[what], 10.0)
+            sizes["aircraft"] = AIRCRAFT // 4
+            runs["aircraft"] = run(folder / "fewer", reports=reports, hours=hours, **sizes)
+            sizes |= {"aircraft": AIRCRAFT, "finer": 2}
+            runs["grid"] = run(folder / "finer", reports=reports, hours=hours, **sizes)
+            for what, words, ratio in (
+                ("reports", "a tenth of the reports", 10.0),
+                ("hours", "a tenth of the hours", 10.0),
+                ("aircraft", "a quarter of the aircraft, as many reports", 4.0),
+                ("grid", "four times the grid points", 0.25),
+            ):  # fmt: skip
+                shown(runs[what], words)
+                grown = exponents(runs["whole"], runs[what], ratio)
                 told = ", ".join(f"{stage} {value:.2f}" for stage, value in grown.items())
                 print(f"exponent of processor time: {told}")
         ruc = ruc_hour(folder)

@@ -32,7 +32,7 @@ def real() -> Callable[[str], Path]:
     return find
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def root() -> Path:
     """Top of the repository."""
     return ROOT

@@ -62,6 +62,10 @@ def decoded(job: workflow.Job) -> int:
     return sum(record.messages for record in job.progress.records)
 
 
+def samples_of(job: workflow.Job) -> set[str]:
+    return {path.name for path in job.store.glob("*.npy")}
+
+
 def kill_when(config: Path, reached, *words: str) -> None:
     """Kill a run as soon as a condition on its output folder holds."""
     process = fault_drill.start(config, *words)
@@ -89,7 +93,7 @@ def test_a_killed_run_goes_on_to_the_same_products(tmp_path, root, monkeypatch):
 
 
 def test_finished_model_times_are_not_read_again(tmp_path, root):
-    config = config_in(tmp_path, root, compute={"keep_samples": True})
+    config = config_in(tmp_path, root)
     first = job_of(config)
     workflow.make_headings(first)
     some = sorted(first.store.glob("*.npy"))
@@ -169,7 +173,7 @@ def test_code_of_one_stage_leaves_the_others(tmp_path, root, monkeypatch):
 
 def test_a_month_is_added_at_the_cost_of_its_own_messages(tmp_path, root):
     """The fits equal those from scratch, bit for bit."""
-    config = config_in(tmp_path, root, compute={"keep_samples": True})
+    config = config_in(tmp_path, root)
     later = tmp_path / "later"
     later.mkdir()
     for table in (tmp_path / "reports").glob("*.csv"):
@@ -188,12 +192,30 @@ def test_a_month_is_added_at_the_cost_of_its_own_messages(tmp_path, root):
     tables = [path.read_bytes() for path in (tmp_path / "reports").glob("later_*")]
     new = sum(len(table) for table in tables if table.count(b"\n") > 1)
     assert reading.octets == new  # no file of the first run was read again
+    used = samples_of(added)
     shutil.rmtree(added.output)
     scratch = job_of(config)
     whole = workflow.make_fits(scratch, workflow.make_headings(scratch))
     assert 0 < decoded(added) < 1.1 * (decoded(scratch) - decoded(first)) + 40
+    assert used == samples_of(scratch)  # none is left that no run uses any more
     for name in whole.variables:
         np.testing.assert_array_equal(grown[name].to_numpy(), whole[name].to_numpy(), str(name))
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_what_a_later_run_adds_to_is_kept_or_not(tmp_path, root, kept):
+    job = job_of(config_in(tmp_path, root, compute={"keep_samples": kept}))
+    workflow.make_headings(job)
+    assert bool(samples_of(job)) == job.store.exists() == kept
+    assert not (job.store / "blocks").exists()
+
+
+def test_a_run_from_scratch_takes_nothing_up(tmp_path, root):
+    config = config_in(tmp_path, root)
+    jobs = [job_of(config), job_of(config)]
+    for job in jobs:
+        workflow.make_headings(job)
+    assert decoded(jobs[0]) == decoded(jobs[1]) > 0
 
 
 def test_one_run_at_a_time_holds_a_folder(tmp_path):
@@ -211,12 +233,16 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
 
 
 def test_a_full_disk_ends_collocation_in_one_message(tmp_path, root, monkeypatch):
-    from airswing.reference import store
+    from airswing import durable
 
-    def full(*words: object) -> None:
-        raise OSError(28, "No space left on device")
+    replace = durable.os.replace
 
-    monkeypatch.setattr(store.os, "replace", full)
+    def full(source: Path, target: Path) -> None:
+        if target.suffix == ".npy":
+            raise OSError(28, "No space left on device")
+        replace(source, target)
+
+    monkeypatch.setattr(durable.os, "replace", full)
     # One task at a time: with threads another may be about to clear its own temporary file.
     with (
         dask.config.set(scheduler="synchronous"),

@@ -177,7 +177,7 @@ class Compute(_Section):
     workers: Annotated[int, Field(ge=1)] | Literal["auto"] = "auto"
     threads: Annotated[int, Field(ge=1)] | Literal["auto"] = "auto"
     scheduler: str | None = None
-    keep_samples: bool = False
+    keep_samples: bool = True
 
 
 class Config(_Section):

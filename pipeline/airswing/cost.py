@@ -32,6 +32,12 @@ BYTES_IN_BLOCK = 1500
 BYTES_PER_REPORT = 37
 """For each report of the archive: the sums over stretches of flight that the fleet's part of the
 fit solves together."""
+BYTES_ON_DISK, BYTES_ON_DISK_PER_REFERENCE = 180, 62
+"""For each report while its winds are found: as read, by aircraft, by time, and ``headings.nc``."""
+BYTES_OF_PRODUCTS, BYTES_OF_PRODUCTS_PER_REFERENCE = 60, 22
+"""For each report at the end: ``headings.nc`` and ``corrected.nc``."""
+BYTES_KEPT, BYTES_KEPT_PER_REFERENCE = 73, 32
+"""For each report, of what a later run goes on with: cleaned reports and finished model times."""
 BASE_BYTES = 400_000_000
 """The interpreter with the libraries loaded."""
 
@@ -62,8 +68,10 @@ def stage_seconds(reports: int, plans: Mapping[str, Plan], *, threads: int = 1) 
     return found
 
 
-def estimate(reports: int, plans: Mapping[str, Plan], *, block: int) -> dict[str, float]:
-    """Estimate time and peak memory of a run.
+def estimate(
+    reports: int, plans: Mapping[str, Plan], *, block: int, keep: bool = True
+) -> dict[str, float]:
+    """Estimate time, peak memory and disk space of a run.
 
     Parameters
     ----------
@@ -71,16 +79,28 @@ def estimate(reports: int, plans: Mapping[str, Plan], *, block: int) -> dict[str
     plans : mapping of str to Plan
     block : int
         Reports of the largest block of aircraft.
+    keep : bool, default True
+        Finished work is kept for later runs.
 
     Returns
     -------
     dict
-        ``seconds`` and ``memory_bytes``.
+        ``seconds``, ``memory_bytes``, ``disk_bytes`` while it runs, ``kept_disk_bytes`` after it,
+        products included.
     """
     seconds = sum(stage_seconds(reports, plans).values())
     memory = BASE_BYTES + block * BYTES_IN_BLOCK * max(1.0, len(plans) / 2.0)
     memory += reports * BYTES_PER_REPORT
-    return {"seconds": round(seconds, 1), "memory_bytes": round(memory)}
+    count = len(plans)
+    stays = BYTES_OF_PRODUCTS + count * BYTES_OF_PRODUCTS_PER_REFERENCE
+    stays += keep * (BYTES_KEPT + count * BYTES_KEPT_PER_REFERENCE)
+    most = BYTES_ON_DISK + count * BYTES_ON_DISK_PER_REFERENCE
+    return {
+        "seconds": round(seconds, 1),
+        "memory_bytes": round(memory),
+        "disk_bytes": reports * max(most, stays),
+        "kept_disk_bytes": reports * stays,
+    }
 
 
 def as_text(found: Mapping[str, Any]) -> str:
@@ -106,7 +126,8 @@ def as_text(found: Mapping[str, Any]) -> str:
             f"  model {' to '.join(one['model_span'])}, reports {' to '.join(one['report_times'])}",
         ]
     lines.append(
-        f"expected: about {max(found['seconds'], 1):,.0f} s and "
-        f"{found['memory_bytes'] / 1e9:.1f} GB; nothing was decoded"
+        f"expected: about {max(found['seconds'], 1):,.0f} s, {found['memory_bytes'] / 1e9:.1f} GB "
+        f"of memory, {found['disk_bytes'] / 1e9:.2g} GB of disk "
+        f"({found['kept_disk_bytes'] / 1e9:.2g} GB after it); nothing was decoded"
     )
     return "\n".join(lines)

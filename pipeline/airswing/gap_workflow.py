@@ -34,16 +34,15 @@ def gap_headings(job: Job) -> xr.Dataset:
     Returns
     -------
     Dataset
-        Not written: the store of model times makes a second call cheap under ``resume``.
+        Not written.
     """
     from airswing.compass.screening import screen
 
     config = job.config
-    if not job.resume:
-        job.clear_store()
+    job.begin_store(job.gap_store)
     members = config.pools()[config.gap_reference()]
     headings = collocated_headings(job, names=members, derivatives=True)
-    job.clear_store()
+    job.end_store(job.gap_store)
     return screen(headings, **config.screening.model_dump())
 
 

@@ -1,8 +1,8 @@
 """NetCDF products and every other file airswing leaves behind: whole or not at all.
 
-Assumes the target folder's file system renames atomically within a folder. A product is written
-under a temporary name beside its target and renamed when complete, so that a reader never sees
-half a file and an interruption leaves the earlier product intact.
+A product is written under a temporary name beside its target and renamed when complete
+(:mod:`airswing.durable`), so that a reader never sees half a file and an interruption leaves the
+earlier product intact.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
@@ -22,6 +21,7 @@ import numpy as np
 import xarray as xr
 
 import airswing
+from airswing.durable import replacing
 from airswing.errors import InputError
 from airswing.vocabulary import DIRECTIONS, STORED_STEP, describe, lookup
 
@@ -59,14 +59,9 @@ def atomic(path: Path) -> Iterator[Path]:
     InputError
         If the folder cannot be written to or the disk is full.
     """
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.part")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        with open(temporary, "rb") as written:
-            os.fsync(written.fileno())
-        os.replace(temporary, path)
+        with replacing(path) as temporary:
+            yield temporary
     except (OSError, RuntimeError) as err:
         # The NetCDF library tells a full disk as a RuntimeError of its own.
         if isinstance(err, RuntimeError) and "NetCDF" not in str(err):
@@ -77,9 +72,6 @@ def atomic(path: Path) -> Iterator[Path]:
             found=getattr(err, "strerror", None) or err,
             remedy="Free space or choose another folder with --output",
         ) from err
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def require_writable(folder: Path) -> None:

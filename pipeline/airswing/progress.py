@@ -226,10 +226,13 @@ class Progress:
 
 
 def release_memory() -> None:
-    """Give memory that is free again back to the system, where the C library can (glibc).
+    """Give memory that is free again back to the system, where the libraries can (glibc, Arrow).
 
-    It keeps it otherwise, and what one stage left in pieces adds to the next one's peak.
+    They keep it otherwise, and what one stage left in pieces adds to the next one's peak: Arrow
+    100 MB for the rest of a run after reading Parquet files of a million reports.
     """
+    if "pyarrow" in sys.modules:
+        sys.modules["pyarrow"].default_memory_pool().release_unused()
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
 

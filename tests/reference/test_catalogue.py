@@ -227,10 +227,18 @@ def test_a_damaged_cache_is_made_anew(tmp_path: Path) -> None:
     path = write(tmp_path / "x.grib", *profile())
     first = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
     database = tmp_path / "c" / "grib-headers.sqlite"
-    database.write_bytes(b"rubbish" * 1000)
+    whole = database.read_bytes()
+    # Rubbish, one page of several (a loss of power), and pages that hold nothing.
+    for content in (b"rubbish" * 1000, whole[:4096], whole[:4096] + bytes(len(whole) - 4096)):
+        database.write_bytes(content)
+        with pytest.warns(UserWarning, match="damaged.*begun anew"):
+            again = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+        assert again.fingerprint == first.fingerprint
+    database.write_bytes(b"")  # is a new one
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        again = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+        for _ in range(2):
+            again = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
     assert again.fingerprint == first.fingerprint
 
 

@@ -28,6 +28,7 @@ from airswing.reference.fields import FIELD_DTYPE, Field, FileContents
 from airswing.reference.sampling import SourceFile
 
 _SAMPLE = 256
+_NAME = "grib-headers.sqlite"
 
 
 def default_folder() -> Path:
@@ -93,7 +94,7 @@ class FileCache:
         self._writable = True
 
     def __enter__(self) -> FileCache:
-        path = self.folder / "grib-headers.sqlite"
+        path = self.folder / _NAME
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             self._database = _connect(path)
@@ -139,7 +140,10 @@ class FileCache:
                 "SELECT about, rows FROM contents WHERE key = ?", (_key(file),)
             ).fetchone()
             return None if row is None else _unpack(*row)
-        except (sqlite3.Error, zlib.error, ValueError, KeyError, TypeError):
+        except sqlite3.DatabaseError as error:
+            self._begin_anew(error)
+            return None
+        except (zlib.error, ValueError, KeyError, TypeError):
             return None
 
     def put(self, file: SourceFile, contents: FileContents) -> None:
@@ -158,9 +162,25 @@ class FileCache:
                 self._database.executemany(
                     "INSERT OR REPLACE INTO contents VALUES (?, ?, ?)", self._pending
                 )
-        except sqlite3.Error as error:
-            self._give_up_writing(error)
+        except sqlite3.DatabaseError as error:
+            self._begin_anew(error)
         self._pending = []
+
+    def _begin_anew(self, error: sqlite3.DatabaseError) -> None:
+        """Replace a damaged database, as a loss of power may leave it; without that, write no more.
+
+        Nothing in it cannot be read again.
+        """
+        if isinstance(error, sqlite3.OperationalError) or not self._writable:
+            self._give_up_writing(error)
+            return
+        assert self._database is not None
+        self._database.close()
+        try:
+            self._database = _anew(self.folder / _NAME, error)
+        except (OSError, sqlite3.Error) as again:
+            self._database = None
+            self._give_up_writing(again)
 
 
 def _connect(path: Path) -> sqlite3.Connection:
@@ -170,8 +190,17 @@ def _connect(path: Path) -> sqlite3.Connection:
     except sqlite3.DatabaseError as error:
         if isinstance(error, sqlite3.OperationalError):
             raise
-        path.unlink(missing_ok=True)
-        return _prepared(path)
+        return _anew(path, error)
+
+
+def _anew(path: Path, error: sqlite3.DatabaseError) -> sqlite3.Connection:
+    """A new database in place of a damaged one; its journal goes too."""
+    warnings.warn(
+        f"{path} is damaged ({error}): begun anew, GRIB headers are read again", stacklevel=2
+    )
+    for old in (path, path.with_name(f"{path.name}-journal")):
+        old.unlink(missing_ok=True)
+    return _prepared(path)
 
 
 def _prepared(path: Path) -> sqlite3.Connection:

@@ -2,15 +2,18 @@
 
 One file a model time, named by a hash of everything its values depend on: the
 identity of the files read, the messages, the reports and the code. Files are
-written whole under another name, flushed to the disk and renamed: a file that
-exists is complete. Samples with unreadable messages are not kept.
+written whole under another name, flushed to the disk and renamed
+(`airswing.durable`); one that is cut short all the same is said and made again.
+Samples with unreadable messages are not kept. A sample that is used again is
+marked as of now, so that those no run uses any more can be told.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import logging
 import os
-import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -18,11 +21,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.durable import replacing
 from airswing.errors import InputError
 from airswing.reference import grids, packing, sampling, values
 from airswing.reference.sampling import ModelTime, Sample
 
 Floats = NDArray[np.float64]
+
+_BEGUN = "begun"
+_LOG = logging.getLogger("airswing.reference")
 
 
 @lru_cache(maxsize=1)
@@ -67,24 +74,43 @@ class SampleStore:
         path = self.path(model, places, derivatives)
         known = _load(path, places[0].size)
         if known is not None:
+            with contextlib.suppress(OSError):  # another user's: forgotten at the end of this run
+                os.utime(path)
             return Sample(known, (), 0)
         sample = make()
         if not sample.problems:
             _save(path, sample.table)
         return sample
 
+    def begin(self) -> None:
+        """Note the beginning of a run that uses the folder."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / _BEGUN).touch()
+
+    def forget_unused(self) -> None:
+        """Remove the samples that were neither made nor used since :meth:`begin`."""
+        begun = (self.folder / _BEGUN).stat().st_mtime_ns
+        for path in self.folder.glob("*.npy"):
+            if path.stat().st_mtime_ns < begun:
+                path.unlink(missing_ok=True)
+        (self.folder / _BEGUN).unlink()
+
 
 def _load(path: Path, count: int) -> Floats | None:
     try:
         table = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError):
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, EOFError) as error:
+        _LOG.warning("%s: a kept model time is not whole (%s), read again", path, error)
         return None
     return table if table.ndim == 2 and table.shape[1] == count else None
 
 
 def _save(path: Path, table: Floats) -> None:
     try:
-        _replace(path, table)
+        with replacing(path, lasting=False) as temporary, temporary.open("wb") as file:
+            np.save(file, table, allow_pickle=False)
     except OSError as error:
         raise InputError(
             "cannot keep a finished model time; those kept before are whole",
@@ -92,17 +118,3 @@ def _save(path: Path, table: Floats) -> None:
             found=error.strerror or error,
             remedy="Free space or choose another folder with --output, then --resume",
         ) from error
-
-
-def _replace(path: Path, table: Floats) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            np.save(file, table, allow_pickle=False)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

@@ -7,14 +7,12 @@ beside its place and renamed, so a reader sees the old page or the new one, neve
 from __future__ import annotations
 
 import base64
-import contextlib
-import os
-import tempfile
 from pathlib import Path
 
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from airswing.durable import replacing
 from airswing.errors import InputError
 from airswing.report.style import RASTER_DPI, png_bytes, svg_bytes
 
@@ -73,20 +71,10 @@ def write_whole(path: Path, text: str) -> Path:
         If the folder cannot be made or written; what stood there before is untouched.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        with replacing(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
     except OSError as err:
         raise _unwritable(path, err) from err
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as err:
-        raise _unwritable(path, err) from err
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(temporary)
     return path
 
 

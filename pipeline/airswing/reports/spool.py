@@ -18,7 +18,7 @@ Assumptions
 from __future__ import annotations
 
 import json
-import os
+import logging
 import uuid
 from collections import Counter
 from collections.abc import Sequence
@@ -29,6 +29,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from airswing.durable import replacing
 from airswing.errors import InputError
 from airswing.reports.assemble import Columns, in_alphabetical_order
 from airswing.reports.audit import Audit
@@ -58,6 +59,7 @@ ROW = np.dtype(
 """One report as it is set down."""
 
 Identity = tuple[str, int, int]
+_LOG = logging.getLogger("airswing.reports")
 
 
 class Segment(NamedTuple):
@@ -233,7 +235,11 @@ class Spool:
             return
         held: set[Path] = set()
         for path in sorted(self.folder.glob("*.json")):
-            content = json.loads(path.read_text())
+            try:
+                content = json.loads(path.read_text())
+            except ValueError:
+                _LOG.warning("%s: a note of kept reports is not whole, they are read again", path)
+                continue
             own = {
                 tuple(entry["file"]): entry["skipped"] or Audit.from_dict(entry["audit"])
                 for entry in content["files"]
@@ -243,7 +249,10 @@ class Spool:
                 for entry in content["segments"]
             ]
             holds = content["key"] == self.key and own.keys() <= wanted - self.files.keys()
-            if not holds or not all(_complete(one) for one in segments):
+            if not holds:
+                continue
+            if not all(_complete(one) for one in segments):
+                _LOG.warning("%s: kept reports are not whole, they are read again", path)
                 continue
             self.files |= own
             self.segments += segments
@@ -366,17 +375,11 @@ class _Batch:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write a file whole, flush it to the disk and give it its name, which is new."""
-    temporary = path.with_name(f".{path.name}.part")
+    """Write a file whole or not at all."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.rename(path)
+        with replacing(path) as temporary:
+            temporary.write_bytes(content)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
         raise InputError(
             "cannot keep reports that were read; those kept before are whole",
             file=path.parent,

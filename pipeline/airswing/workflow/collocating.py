@@ -155,6 +155,7 @@ def collocate_places(
     places: Places,
     models: dict[str, Catalogue],
     plans: dict[str, Plan],
+    folder: Path,
     *,
     derivatives: bool,
 ) -> dict[str, int]:
@@ -167,6 +168,8 @@ def collocate_places(
         Takes the winds.
     models : dict of str to Catalogue
     plans : dict of str to Plan
+    folder : Path
+        For the finished model times; those of it that are no longer used are removed.
     derivatives : bool
 
     Returns
@@ -175,20 +178,24 @@ def collocate_places(
         Problems met in reading each reference.
     """
     from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate
+    from airswing.reference.store import SampleStore
 
     asked = job.config.collocation
     problems: dict[str, set[Any]] = {name: set() for name in models}
     with job.progress.stage("collocate") as stage:
         stage.tasks = sum(one.model_times for one in plans.values())
+        store = SampleStore(folder)
+        store.begin()
         for number in range(len(places)):
             winds = collocate(
-                places.reports(number), models, store=job.store, account=True,
+                places.reports(number), models, store=folder, account=True,
                 max_time_gap=asked.max_time_gap, sparse=asked.sparse, derivatives=derivatives,
             ).compute()  # fmt: skip
             _account(stage, winds)
             for name, met in zip(models, winds[PROBLEMS].to_numpy(), strict=True):
                 problems[name] |= met
             places.put(number, winds.drop_vars([*ACCOUNT, PROBLEMS]))
+        store.forget_unused()
         matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
         stage.note = f"reports within the model: {matched}"
         stage.reports = max(one.matched for one in plans.values())
@@ -220,12 +227,13 @@ def collocated_blocks(job: Job, *, names: list[str], derivatives: bool = False) 
     from airswing.compass.headings import derive_headings, sum_of_accounts
     from airswing.reference.overlap import require_overlap
 
-    archive = read(job, job.store)
+    folder = job.gap_store if derivatives else job.store
+    archive = read(job, folder)
     models = catalogues(job, names)
-    places = set_places_down(archive, job.store / "blocks")
+    places = set_places_down(archive, folder / "blocks")
     plans = plans_of(job, places, models, derivatives=derivatives)
     require_overlap(plans)
-    unread = collocate_places(job, places, models, plans, derivatives=derivatives)
+    unread = collocate_places(job, places, models, plans, folder, derivatives=derivatives)
     audit = {
         name: plans[name].as_dict()
         | {"notes": model.notes, "skipped": model.skipped, "unread_messages": unread[name]}

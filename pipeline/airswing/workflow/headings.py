@@ -17,7 +17,7 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.fingerprint import code_digest, file_identities, fingerprint
-from airswing.products import as_stored, read_product
+from airswing.products import as_stored
 from airswing.ragged import blocks
 from airswing.workflow.collocating import (
     catalogues,
@@ -26,7 +26,7 @@ from airswing.workflow.collocating import (
     read,
     set_places_down,
 )
-from airswing.workflow.job import COLLOCATING, HEADINGS, Blocks, Job, ragged_product
+from airswing.workflow.job import COLLOCATING, HEADINGS, Blocks, Job, earlier, ragged_product
 
 if TYPE_CHECKING:
     from airswing.progress import StageRecord
@@ -43,7 +43,8 @@ def plan_run(job: Job) -> dict[str, Any]:
     -------
     dict
         Per reference what :func:`airswing.reference.planning.plan` counts; ``reports``, and
-        estimates ``seconds`` and ``memory_bytes`` from this package's own benchmarks.
+        estimates ``seconds``, ``memory_bytes``, ``disk_bytes`` and ``kept_disk_bytes`` from this
+        package's own benchmarks.
     """
     from airswing.cost import estimate
 
@@ -54,7 +55,9 @@ def plan_run(job: Job) -> dict[str, Any]:
     return {
         "reports": archive.reports,
         "aircraft": archive.aircraft,
-        **estimate(archive.reports, plans, block=archive.largest),
+        **estimate(
+            archive.reports, plans, block=archive.largest, keep=job.config.compute.keep_samples
+        ),
         "references": {name: one.as_dict() for name, one in plans.items()},
     }
 
@@ -88,8 +91,7 @@ def make_headings(job: Job) -> xr.Dataset:
     def make() -> Blocks:
         made = _unscreened(job, unscreened)
         if made is None:
-            if not job.resume:
-                job.clear_store()
+            job.begin_store(job.store)
             made = collocated_blocks(job, names=names)
         made.attrs["unscreened_fingerprint"] = unscreened
         return _screened(job, made)
@@ -105,7 +107,7 @@ def make_headings(job: Job) -> xr.Dataset:
             code_digest("airswing.compass.screening"),
         ),
     )
-    job.clear_store()
+    job.end_store(job.store)
     return headings
 
 
@@ -164,10 +166,9 @@ def nothing_kept(total: xr.DataArray, reports: int) -> InputError:
 
 def _unscreened(job: Job, mark: str) -> Blocks | None:
     """Reports with model winds of an earlier run that still hold, to be screened anew."""
-    path = job.output / HEADINGS
-    if not (job.resume and path.exists()):
+    found = earlier(job, job.output / HEADINGS)
+    if found is None:
         return None
-    found = read_product(path, lazy=True)
     if found.attrs.get("unscreened_fingerprint") != mark:
         found.close()
         return None

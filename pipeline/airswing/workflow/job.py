@@ -15,6 +15,7 @@ from typing import Any
 import xarray as xr
 
 from airswing.config import Config, as_json
+from airswing.errors import InputError
 from airswing.fingerprint import fingerprint
 from airswing.products import provenance, read_product, require_writable, write_product
 from airswing.progress import Progress, StageRecord
@@ -61,13 +62,35 @@ class Job:
 
     @property
     def store(self) -> Path:
-        """Folder of finished work, there while a run is under way, or kept on request."""
+        """Folder of cleaned reports and finished model times, by which a later run goes on."""
         return self.output / ".collocated"
 
-    def clear_store(self) -> None:
-        """Remove finished model times and cleaned reports, unless the configuration keeps them."""
-        kept = self.config.compute.keep_samples
-        shutil.rmtree(self.store / "blocks" if kept else self.store, ignore_errors=True)
+    @property
+    def gap_store(self) -> Path:
+        """The same of the gap, whose model times hold more; never kept when it is through."""
+        return self.output / ".collocated_gap"
+
+    def begin_store(self, folder: Path) -> None:
+        """Remove what an earlier run kept, unless this one goes on with it.
+
+        Parameters
+        ----------
+        folder : Path
+            `store` or `gap_store`.
+        """
+        if not self.resume:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def end_store(self, folder: Path) -> None:
+        """Remove what serves this run alone, or all of it where nothing is to be kept.
+
+        Parameters
+        ----------
+        folder : Path
+            `store` or `gap_store`.
+        """
+        kept = folder == self.store and self.config.compute.keep_samples
+        shutil.rmtree(folder / "blocks" if kept else folder, ignore_errors=True)
 
 
 @dataclass
@@ -202,10 +225,33 @@ def ragged_product(
     return read_product(path, lazy=True)
 
 
+def earlier(job: Job, path: Path) -> xr.Dataset | None:
+    """A product of an earlier run that this one goes on with, whatever it was made from.
+
+    Parameters
+    ----------
+    job : Job
+    path : Path
+
+    Returns
+    -------
+    Dataset or None
+        Read lazily; None without ``resume``, where there is none, and where it cannot be read, as
+        a loss of power may leave it: that is said, and it is made again.
+    """
+    if not (job.resume and path.exists()):
+        return None
+    try:
+        return read_product(path, lazy=True)
+    except InputError:
+        job.progress.say(f"{path.name}: not a product that can be read, made again")
+        return None
+
+
 def _kept(job: Job, path: Path, mark: str) -> xr.Dataset | None:
     """A product that still holds, read lazily."""
-    if job.resume and path.exists():
-        found = read_product(path, lazy=True)
+    found = earlier(job, path)
+    if found is not None:
         if found.attrs.get("fingerprint") == mark:
             job.progress.say(f"{path.name}: nothing changed, kept")
             return found
