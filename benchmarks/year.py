@@ -164,16 +164,13 @@ def measured(config: str, *, main: bool, resume: bool) -> None:
         accounts = result["accounts"]
         for stage, peak in zip(accounts["stages"], peaks, strict=True):
             stage |= peak
-        accounts["workers"] = worker_peaks()
+        accounts["workers"] = worker_peaks() if job.config.compute.workers != 1 else []
     print(json.dumps({key: result[key] for key in ("reports", "status", "accounts")}))
 
 
 def worker_peaks() -> list[int]:
-    """Peak memory of every worker process, bytes; none where threads of this process work."""
+    """Peak memory of every worker process, bytes."""
     from benchmarks.collocation import peak_memory
-
-    if "distributed" not in sys.modules:
-        return []
     from distributed import default_client
 
     return list(default_client().run(peak_memory).values())

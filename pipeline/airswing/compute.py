@@ -23,6 +23,8 @@ from airswing.progress import Progress
 WORKERS_CODE = "airswing.reference.collocate"
 """What workers run; its source must be the same everywhere."""
 CONNECT_TIMEOUT = "15s"
+GRAPH = "200MB"
+"""Size of a task graph that is not worth a warning."""
 
 
 @contextlib.contextmanager
@@ -92,6 +94,10 @@ def _client(compute: Compute, cores: int) -> Iterator[Any]:
     # A lost scheduler is told in one message by this module, not by the client's tracebacks.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
+        # The places of a stretch's reports go with its tasks, some 20 MB: no reason for a warning.
+        stack.enter_context(
+            dask.config.set({"distributed.admin.large-graph-warning-threshold": GRAPH})
+        )
         if compute.scheduler is None:
             workers = int(compute.workers)
             threads = max(1, cores // workers) if compute.threads == "auto" else compute.threads
