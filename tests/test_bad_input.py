@@ -332,7 +332,7 @@ def test_a_sample_where_no_folder_can_be(tmp_path, capsys):
 def test_a_folder_another_run_holds_is_left_to_it(archive, tmp_path, capsys, stage):
     config, before = configure(archive, tmp_path), with_products(archive, tmp_path)
     kept = tmp_path / "out" / ".collocated" / "finished"
-    kept.parent.mkdir()
+    kept.parent.mkdir(exist_ok=True)
     kept.touch()
     with workspace(tmp_path / "out"):
         refused(capsys, stage, config, says=("another run", str(tmp_path / "out")))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
+import time
 
 import dask
 import numpy as np
@@ -96,6 +98,31 @@ def test_a_worker_killed_over_and_over_is_one_message():
         dask.delayed(die)().compute()
 
 
+def test_workers_that_all_wait_for_memory_are_one_message(monkeypatch):
+    """In this process, which is above their limit: they are paused as soon as they look."""
+    monkeypatch.setattr(compute, "PATIENCE", 1.0)
+    options = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "protocol": "tcp://"}
+    with (
+        distributed.LocalCluster(**options, memory_limit="20MB", dashboard_address=None) as cluster,
+        pytest.raises(InputError, match=r"waiting for memory.*more memory.*--resume"),
+        compute.scheduler(Compute(scheduler=cluster.scheduler_address), Progress(quiet=True)),
+    ):
+        worker = cluster.workers[0]
+        while worker.status.name != "paused":
+            time.sleep(0.05)
+        some_work()
+
+
+def test_a_scheduler_without_workers_is_said(capsys):
+    options = {"n_workers": 0, "processes": False, "protocol": "tcp://"}
+    with (
+        distributed.LocalCluster(**options, dashboard_address=None) as cluster,
+        compute.scheduler(Compute(scheduler=cluster.scheduler_address), Progress()),
+    ):
+        pass
+    assert "no workers yet" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("kind", ["CommClosedError", "CancelledError"])
 def test_a_scheduler_lost_on_the_way_is_one_message(kind):
     from concurrent.futures import CancelledError
@@ -106,7 +133,7 @@ def test_a_scheduler_lost_on_the_way_is_one_message(kind):
     place = Compute(scheduler="tcp://host:8786")
     with (
         pytest.raises(InputError, match=r"tcp://host:8786.*--resume"),
-        compute._losses(place),
+        compute._losses(place, threading.Event()),
     ):
         raise lost("gone")
 

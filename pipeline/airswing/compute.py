@@ -10,6 +10,8 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -23,6 +25,8 @@ from airswing.progress import Progress
 WORKERS_CODE = "airswing.reference.collocate"
 """What workers run; its source must be the same everywhere."""
 CONNECT_TIMEOUT = "15s"
+PATIENCE = 60.0
+"""How long every worker may wait for memory, s."""
 GRAPH = "200MB"
 """Size of a task graph that is not worth a warning."""
 
@@ -42,8 +46,8 @@ def scheduler(compute: Compute, progress: Progress) -> Iterator[None]:
     Raises
     ------
     InputError
-        If the scheduler cannot be reached or is lost, if workers have another airswing, or if a
-        piece of work killed several workers.
+        If the scheduler cannot be reached or is lost, if workers have another airswing, if a piece
+        of work killed several workers, or if all of them wait for memory.
     """
     cores = os.cpu_count() or 1
     if compute.scheduler is None and compute.workers in ("auto", 1):
@@ -51,10 +55,12 @@ def scheduler(compute: Compute, progress: Progress) -> Iterator[None]:
         with dask.config.set(scheduler="threads", num_workers=progress.threads):
             yield
         return
-    with _client(compute, cores) as client, _losses(compute):
+    with _client(compute, cores) as client, _watched(client) as stuck, _losses(compute, stuck):
         _require_same_code(client)
         progress.threads = sum(client.nthreads().values()) or 1
         progress.say(f"dask dashboard: {client.dashboard_link}")
+        if not client.nthreads():
+            progress.say("the dask scheduler has no workers yet: waiting for them")
         yield
 
 
@@ -117,7 +123,45 @@ def _client(compute: Compute, cores: int) -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def _losses(compute: Compute) -> Iterator[None]:
+def _watched(client: Any) -> Iterator[threading.Event]:
+    """Give work up, and set the event, where every worker has long been paused for want of memory.
+
+    Dask pauses workers near their limit and waits for them to free some; what the libraries alone
+    take is never freed, and the wait would have no end.
+    """
+    stuck, ended = threading.Event(), threading.Event()
+
+    def watch() -> None:
+        since: float | None = None
+        while not ended.wait(PATIENCE / 10.0):
+            with contextlib.suppress(Exception):  # a lost scheduler is told elsewhere
+                workers = client.scheduler_info(n_workers=-1)["workers"].values()
+                if not workers or any(worker["status"] != "paused" for worker in workers):
+                    since = None
+                    continue
+                since = since or time.monotonic()
+                if time.monotonic() - since > PATIENCE:
+                    stuck.set()
+                    _cancel_all(client)
+                    return
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield stuck
+    finally:
+        ended.set()
+        thread.join(timeout=5.0)
+
+
+def _cancel_all(client: Any) -> None:
+    from distributed import Future
+
+    client.cancel([Future(key, client) for key in list(client.futures)], force=True)
+
+
+@contextlib.contextmanager
+def _losses(compute: Compute, stuck: threading.Event) -> Iterator[None]:
     """Tell the loss of workers or of the scheduler in one message."""
     from concurrent.futures import CancelledError
 
@@ -134,6 +178,12 @@ def _losses(compute: Compute) -> Iterator[None]:
             remedy="Give each worker more memory or fewer threads, then go on with --resume",
         ) from err
     except (CommClosedError, CancelledError) as err:
+        if stuck.is_set():
+            raise InputError(
+                "every worker has been waiting for memory and does nothing",
+                field="compute",
+                remedy="Give each worker more memory or fewer threads, then go on with --resume",
+            ) from err
         raise InputError(
             "the dask scheduler was lost",
             field="scheduler",
