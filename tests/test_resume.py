@@ -202,6 +202,23 @@ def test_a_month_is_added_at_the_cost_of_its_own_messages(tmp_path, root):
         np.testing.assert_array_equal(grown[name].to_numpy(), whole[name].to_numpy(), str(name))
 
 
+def test_a_full_disk_under_the_work_under_way_is_one_message(tmp_path, root, monkeypatch):
+    from airswing.reference.places import Places
+
+    def full(*words: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    config = config_in(tmp_path, root)
+    monkeypatch.setattr(Places, "put", full)
+    with pytest.raises(InputError, match=r"collocated.*work under way.*No space left.*--resume"):
+        workflow.make_headings(job_of(config))
+    monkeypatch.undo()
+    job, scratch = job_of(config, resume=True), job_of(config)
+    workflow.make_headings(job)
+    workflow.make_headings(scratch)
+    assert decoded(job) < decoded(scratch)
+
+
 @pytest.mark.parametrize("kept", [True, False])
 def test_what_a_later_run_adds_to_is_kept_or_not(tmp_path, root, kept):
     job = job_of(config_in(tmp_path, root, compute={"keep_samples": kept}))

@@ -7,6 +7,7 @@ nor a worker ever holds more than a block or a stretch.
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from airswing.errors import InputError
 from airswing.fingerprint import code_digest, fingerprint
 from airswing.leftout import model_warnings, reading_warnings
 from airswing.ragged import joined
@@ -52,7 +54,8 @@ def read(job: Job, folder: Path) -> Archive:
         spool.fill(
             asked.files, format=asked.format, columns=asked.columns, on_bad_file=asked.on_bad_file
         )
-        archive = Archive(spool, folder / "blocks")
+        with _written_to(folder):
+            archive = Archive(spool, folder / "blocks")
         stage.note = f"{archive.reports:,} reports of {archive.aircraft} aircraft"
         stage.reports = archive.reports
         stage.octets = spool.octets_read
@@ -105,10 +108,25 @@ def set_places_down(archive: Archive, folder: Path) -> Places:
     """
     from airswing.reference.places import Places, stretches
 
-    places = Places(folder, stretches(archive.hours))
-    for reports in archive:
-        places.add(reports)
+    with _written_to(folder):
+        places = Places(folder, stretches(archive.hours))
+        for reports in archive:
+            places.add(reports)
     return places
+
+
+@contextlib.contextmanager
+def _written_to(folder: Path) -> Iterator[None]:
+    """Tell in one message that a folder for work under way cannot be written to."""
+    try:
+        yield
+    except OSError as err:
+        raise InputError(
+            "cannot keep the work under way; what was finished before is whole",
+            file=folder,
+            found=err.strerror or err,
+            remedy="Free space or choose another folder with --output, then --resume",
+        ) from err
 
 
 def plans_of(
@@ -185,7 +203,8 @@ def collocate_places(
     with job.progress.stage("collocate") as stage:
         stage.tasks = sum(one.model_times for one in plans.values())
         store = SampleStore(folder)
-        store.begin()
+        with _written_to(folder):
+            store.begin()
         for number in range(len(places)):
             winds = collocate(
                 places.reports(number), models, store=folder, account=True,
@@ -194,7 +213,8 @@ def collocate_places(
             _account(stage, winds)
             for name, met in zip(models, winds[PROBLEMS].to_numpy(), strict=True):
                 problems[name] |= met
-            places.put(number, winds.drop_vars([*ACCOUNT, PROBLEMS]))
+            with _written_to(folder):
+                places.put(number, winds.drop_vars([*ACCOUNT, PROBLEMS]))
         store.forget_unused()
         matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
         stage.note = f"reports within the model: {matched}"
