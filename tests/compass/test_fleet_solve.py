@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from scipy.optimize import minimize
 
 from airswing.compass.deviation import fit_deviation, fit_sums, sum_aircraft
+from airswing.compass.fleet_solve import UNKNOWN_VARIANCE, group_variances
 from tests.compass.flown import Setting, fleet_deviations, fly
 
 
@@ -26,6 +29,38 @@ def test_the_shared_error_is_taken_off_and_intervals_stay_honest():
     score = np.concatenate([(e / s).ravel() for e, s in with_field])
     assert (np.abs(score) < 1.96).mean() >= 0.88
     assert np.abs(score).max() < 4.5
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("small", [0.0, 0.03])
+def test_variances_are_at_the_restricted_likelihoods_top(seed, small):
+    """Against a search over the likelihood itself, also where one of the variances is nothing."""
+    rng = np.random.default_rng(seed)
+    groups = [np.arange(20), 20 + np.arange(60)]
+    effects = np.concatenate([rng.normal(0, 0.5, 20), rng.normal(0, np.sqrt(small), 60), [3.0]])
+    design = rng.normal(size=(200, effects.size))
+    information = design.T @ design / 4.0
+    score = design.T @ (design @ effects + 2.0 * rng.normal(size=200)) / 4.0
+
+    def minus_twice_log_likelihood(logarithms):
+        variance = np.full(effects.size, UNKNOWN_VARIANCE)
+        for group, logarithm in zip(groups, logarithms, strict=True):
+            variance[group] = np.exp(logarithm)
+        total = information + np.diag(1.0 / variance)
+        return (
+            np.linalg.slogdet(total)[1]
+            + np.log(variance).sum()
+            - score @ np.linalg.solve(total, score)
+        )
+
+    best = minimize(
+        minus_twice_log_likelihood, np.log([0.05, 0.05]), method="L-BFGS-B",
+        bounds=[(np.log(1e-4), np.log(9.0))] * 2,
+    )  # fmt: skip
+    found = group_variances(information, score, groups)
+    at = minus_twice_log_likelihood(np.log([found[0], found[20]]))
+    assert at < best.fun + 0.05
+    assert found[-1] == UNKNOWN_VARIANCE
 
 
 def test_the_headings_are_left_as_they_were_and_the_fit_repeats():
