@@ -2,14 +2,14 @@
 
     python -m benchmarks.recovery --archives 20
 
-Every archive is written by ``airswing sample`` with a seed of its own into a temporary folder, then
-``airswing collocate`` and ``airswing fit`` run on it (the stages of ``airswing run`` that lead to
-``fits.nc``) and the fits are held against ``truth/truth.json``. Limits, for amplitudes over 2
-degrees and 3,000 reports that count: offset and amplitude within 0.3 degrees, phase within 5. Each
-such aircraft is a line for the pool, and one for each reference alone that misses a limit; then, over
-all of them, how many are within the limits and how often +-1.96 stated standard errors held the truth,
-for the pool (the last) and for each reference alone. An aircraft whose fit says it is not to be trusted
-has no errors and is counted apart.
+Every archive is written by ``airswing sample`` with a seed of its own into a temporary folder,
+then ``airswing collocate`` and ``airswing fit`` run on it (the stages of ``airswing run`` that
+lead to ``fits.nc``) and the fits are held against ``truth/truth.json``. Limits, for amplitudes
+over 2 degrees and 3,000 reports that count: offset and amplitude within 0.3 degrees, phase within
+5. Each such aircraft is a line for the pool, and one for each reference alone that misses a
+limit; then, over all of them, how many are within the limits and how often +-1.96 stated standard
+errors held the truth, for the pool (the last) and for each reference alone. An aircraft whose fit
+says it is not to be trusted has no errors and is counted apart.
 
 The exit status is 1 where the pool's fit misses a limit.
 """
