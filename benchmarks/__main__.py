@@ -21,6 +21,7 @@ SHORT = {
     "storage": ["--reports", "1000000"],
     "fault_drill": ["--kills", "6", "--days", "8", "--aircraft", "3"],
     "year": ["--share", "0.05"],
+    "adding": ["--share", "0.02", "--main"],
     "coverage": ["--fleets", "40"],
     "recovery": ["--archives", "2"],
     "evaluation_coverage": ["--seeds", "20"],
