@@ -269,6 +269,7 @@ def _left_over(
     likely = [
         s for s in found.left
         if s.candidate.known and s.candidate.scope == "aircraft" and s.period is None
+        and s.aircraft_evidence.any()
     ]  # fmt: skip
     for score in sorted(likely, key=lambda s: -s.tempered)[:LEFT_OVER]:
         columns, given = score.candidate.columns, found.given
