@@ -12,7 +12,7 @@ from airswing.gap import clusters
 from airswing.gap.changepoint import windows
 from airswing.gap.clusters import cluster_factor
 from airswing.gap.evidence import (
-    BACKGROUND_GRID,
+    GRID,
     SCALE_GRID,
     SIZE_GRID,
     allowance_covariance,
@@ -122,7 +122,7 @@ def fleet_evidence(values, error=0.03):
     unit = np.ones((values.size, 1, 1))
     found = grid_evidence(
         information, information[..., 0] * values[:, None], factor=1.0, scales=np.ones(1),
-        unit=unit, allowance=(BACKGROUND_GRID**2)[:, None, None, None] * unit,
+        unit=unit, allowance=(GRID**2)[:, None, None, None] * unit,
     )  # fmt: skip
     return mixture(found.tempered.swapaxes(0, 1), found.nothing)
 

@@ -22,8 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.background import told
 from airswing.gap.candidates import Candidate
-from airswing.gap.evidence import Score
+from airswing.gap.evidence import Score, background_likelihood
 from airswing.gap.measure import (
     Base,
     Conditional,
@@ -144,6 +145,33 @@ def term_columns(term: Term, shape: tuple[int, int]) -> list[Included]:
             for j, w in zip(term.candidate.columns, width, strict=True)
         ]
     return out
+
+
+def with_background(base: Base, pool: Sequence[Candidate]) -> Base:
+    """Base with what the effects of single aircraft tell of the fleet's background.
+
+    Parameters
+    ----------
+    base : Base
+    pool : sequence of Candidate
+        The lasting ones of the catalogue tell, each in its widest form.
+
+    Returns
+    -------
+    Base
+    """
+    widest: dict[str, Candidate] = {}
+    for c in sorted(pool, key=lambda c: len(c.subset)):
+        if c.known and c.scope == "aircraft" and c.kind == "mean":
+            widest[c.name] = c
+    given = given_terms(base, [])
+    rows = [
+        told(
+            [background_likelihood(base.stats, given, c) for c in widest.values() if c.heading == h]
+        )
+        for h in (False, True)
+    ]
+    return replace(base, background=np.stack(rows))
 
 
 def given_terms(base: Base, terms: Sequence[Term]) -> Conditional:
@@ -281,33 +309,36 @@ class _Ranking:
         if state not in self._made:
             given = given_terms(self._base, terms)
             ranked = rank(self._base, given, self._pool, _taken(terms))
-            rest = remainder(terms, len(self._base.stats.tails))
-            self._made[state] = tuple(
-                s if s.candidate.known else replace(s, remainder=rest) for s in ranked
-            )
+            self._made[state] = tuple(replace(s, remainder=remainder(terms, s)) for s in ranked)
         return self._made[state]
 
 
-def remainder(terms: Sequence[Term], aircraft: int) -> Floats:
-    """Size of what the columns of some terms cannot carry, per aircraft.
+def remainder(terms: Sequence[Term], score: Score) -> Floats:
+    """Size of what the columns of some terms cannot carry, as a candidate may take it up.
 
     Bank and acceleration are inferred, gradients are the reference's: a part of such an effect
-    stays in the residual when all its columns explain is taken off, and is nothing unknown.
+    stays in the residual when all its columns explain is taken off, and is nothing else. Across the
+    heading it stays across; over more reports than the effect acts on it is thinned out.
 
     Parameters
     ----------
     terms : sequence of Term
-    aircraft : int
+    score : Score
+        Of the candidate.
 
     Returns
     -------
     (A,) float
-        m/s rms where the effects act.
+        m/s rms where the candidate acts.
     """
-    square = np.zeros(aircraft)
+    square = np.zeros(score.acting.size)
     for term in terms:
-        tails, share = list(term.tails), term.candidate.told_share
-        square[tails] += term.score.size[tails] ** 2 * (1 / share - 1)
+        what = term.candidate
+        if score.candidate.scope == "fleet" or (what.heading and not score.candidate.heading):
+            continue
+        tails = list(term.tails)
+        thinned = np.minimum(1.0, term.score.acting[tails] / np.maximum(score.acting[tails], 1.0))
+        square[tails] += term.score.size[tails] ** 2 * (1 / what.told_share - 1) * thinned
     return np.asarray(np.sqrt(square))
 
 

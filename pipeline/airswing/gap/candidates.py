@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.effects import HeadingEffect
 from airswing.gap.layout import Layout
 
 Floats = NDArray[np.float64]
@@ -58,6 +59,8 @@ class Candidate:
         with their prior scales.
     told_share : float
         Share of the effect's energy that its columns carry.
+    heading : bool
+        True for an effect of the heading and for a dictionary group across it.
     """
 
     name: str
@@ -69,6 +72,7 @@ class Candidate:
     kind: str = "mean"
     lasting: tuple[tuple[int, float], ...] = ()
     told_share: float = 1.0
+    heading: bool = False
 
     @property
     def key(self) -> tuple[str, str, tuple[int, ...]]:
@@ -112,7 +116,7 @@ def candidates(
                 Candidate(
                     name, block[pick], scope, scales[pick], True, tuple(subset), effect.kind,
                     _lasting_columns(effect, block, scales),
-                    float(getattr(effect, "told_share", 1.0)),
+                    float(getattr(effect, "told_share", 1.0)), isinstance(effect, HeadingEffect),
                 )
             )  # fmt: skip
             if scope == "aircraft" and _whole_fleet(effect):
@@ -126,7 +130,8 @@ def candidates(
         for scope in ("aircraft", "fleet"):
             if scope == "aircraft" and name.startswith("wind:") and name not in own:
                 continue
-            out.append(Candidate(name, block, scope, scales, False, tuple(range(block.size))))
+            whole, across = tuple(range(block.size)), name.startswith("cross:")
+            out.append(Candidate(name, block, scope, scales, False, whole, heading=across))
     return out
 
 

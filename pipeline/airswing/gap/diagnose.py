@@ -19,7 +19,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.gap.attribute import Found, Rules, Term, given_terms, search
+from airswing.gap.attribute import Found, Rules, Term, given_terms, search, with_background
 from airswing.gap.candidates import candidates
 from airswing.gap.checks import run_checks, with_aliases
 from airswing.gap.claims import Adjustment, make_adjustment
@@ -279,6 +279,7 @@ def _run(
     tell("search", 0.0)
     base = eliminate_days(stats, day_variances(stats, shared_prior(layout, effects)))
     pool = candidates(layout, effects, dictionary=dictionary)
+    base = with_background(base, pool)
     found = widened(base, search(base, pool, rules=rules), pool)
     return Pass(noise, base, found, columns_frame, plan)
 

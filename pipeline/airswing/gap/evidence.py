@@ -10,14 +10,13 @@ acts, from the smallest size that matters in practice, so that it is no second b
 fleet, and for raw evidence, the prior scale of the catalogue times a factor.
 
 Per-aircraft candidates are a spike-and-slab mixture: a share pi of aircraft is struck, pi averaged
-over a grid. How large the background is the fleet itself tells, candidate by candidate: its size
-has a half-normal prior and is averaged over, in the mixture as in the null, so that a scatter all
+over a grid. How large the background is the fleet itself tells, candidate by candidate: its size is
+averaged over (:mod:`airswing.gap.background`), in the mixture as in the null, so that a scatter all
 aircraft share is background as far as that is plausible and an effect from there on. Fleet
 candidates have one set of coefficients and a fixed allowance. Evidence is in nats. *Raw* evidence
 (ranking) knows neither factor nor background; *tempered* evidence (gates) takes the estimated ones.
 
-Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (2011); random effects
-with a half-normal prior on their size after Gelman (2006), Bayesian Analysis 1, 515-534.
+Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (2011).
 """
 
 from __future__ import annotations
@@ -27,6 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.background import GRID, either, whole_prior
 from airswing.gap.candidates import Candidate
 from airswing.gap.clusters import aircraft_factor, fleet_factor
 from airswing.gap.measure import Conditional
@@ -40,14 +40,10 @@ Integers = NDArray[np.int64]
 SCALE_GRID = np.array([0.08, 0.2, 0.5, 1.2, 3.0])
 #: Sizes of an effect of single aircraft, m/s rms in each direction, averaged over likewise.
 SIZE_GRID = np.array([0.2, 0.4, 0.8, 1.6, 3.2])
+#: Reports on which a candidate must act to be looked at in an aircraft.
+LEAST_ACTING = 20
 #: Shares of aircraft struck over which the mixture is averaged.
 SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
-#: Scale of the half-normal prior of an aircraft's background, m/s rms where the candidate acts, in
-#: each direction, and the sizes over which it is averaged.
-BACKGROUND_SCALE = 0.08
-BACKGROUND_GRID = np.array([0.0, 0.02, 0.04, 0.06, 0.08, 0.11, 0.15, 0.2, 0.3])
-#: Probability that an aircraft is struck that is not asked about.
-ELSEWHERE = 0.2
 #: Persistent model error allowed for in the fleet, m/s rms, of a column that the climatology takes
 #: up wholly.
 FLEET_ALLOWANCE = 0.09
@@ -81,7 +77,7 @@ class Score:
     background : float
         Size of the background where it acts, m/s rms in each direction.
     remainder : (A,) or 0
-        Of a dictionary group: what the columns of the included effects cannot carry of these, m/s.
+        What the columns of the included effects cannot carry of these, m/s where it acts.
     """
 
     candidate: Candidate
@@ -337,12 +333,30 @@ def _evaluate_fleet(stats: Statistics, given: Conditional, candidate: Candidate)
 def _evaluate_aircraft(
     stats: Statistics, given: Conditional, candidate: Candidate, allowed: NDArray[np.bool_] | None
 ) -> Score:
+    tempered, nothing, raw, estimates, factor = _aircraft_evidence(stats, given, candidate)
+    second, acting = _sizes(stats, candidate)
+    asked = acting >= LEAST_ACTING if allowed is None else (acting >= LEAST_ACTING) & allowed
+    # the background is told by all aircraft; those not asked about may be struck or not
+    nothing[:, ~asked] += either(tempered[..., ~asked])
+    tempered[..., ~asked], raw[..., ~asked] = 0.0, 0.0
+    prior = None if given.background is None else given.background[int(candidate.heading)]
+    mixed = mixture(tempered, nothing, prior)
+    estimate = estimates[mixed.best]
+    return Score(
+        candidate, mixed.total, mixture(raw).total, factor, mixed.posterior, tempered[mixed.best],
+        estimate, rms(second, acting, estimate), acting, background=mixed.background,
+    )  # fmt: skip
+
+
+def _aircraft_evidence(
+    stats: Statistics, given: Conditional, candidate: Candidate
+) -> tuple[Floats, Floats, Floats, Floats, float]:
+    """Evidence (T, S, A), density of nothing (T, A), raw (1, S, A), estimates and the factor."""
     columns, aircraft = candidate.columns, len(stats.tails)
     factor = aircraft_factor(stats, given, columns)
     second, acting = _sizes(stats, candidate)
-    live = acting >= 20
-    asked = live if allowed is None else live & allowed
-    levels, widths = BACKGROUND_GRID.size, SIZE_GRID.size
+    live = acting >= LEAST_ACTING
+    levels, widths = GRID.size, SIZE_GRID.size
     tempered, raw = np.zeros((levels, widths, aircraft)), np.zeros((1, SCALE_GRID.size, aircraft))
     nothing = np.zeros((levels, aircraft))
     estimates = np.zeros((levels, widths, aircraft, columns.size))
@@ -352,34 +366,31 @@ def _evaluate_aircraft(
             given.gram[:, columns[:, None], columns][live],
             given.score[:, :, columns].sum(axis=1)[live],
             factor=factor, scales=candidate.scales, unit=unit,
-            allowance=(BACKGROUND_GRID**2)[:, None, None, None] * unit,
+            allowance=(GRID**2)[:, None, None, None] * unit,
         )  # fmt: skip
         tempered[:, :, live] = found.tempered.swapaxes(0, 1)
         estimates[:, :, live] = found.estimate.swapaxes(0, 1)
         raw[0, :, live] = found.raw.T
         nothing[:, live] = found.nothing
-    # the background is told by all aircraft; those not asked about may be struck or not
-    nothing[:, ~asked] += _either(tempered[..., ~asked])
-    tempered[..., ~asked], raw[..., ~asked] = 0.0, 0.0
-    mixed = mixture(tempered, nothing)
-    estimate = estimates[mixed.best]
-    return Score(
-        candidate, mixed.total, mixture(raw).total, factor, mixed.posterior, tempered[mixed.best],
-        estimate, rms(second, acting, estimate), acting, background=mixed.background,
-    )  # fmt: skip
+    return tempered, nothing, raw, estimates, factor
 
 
-def _either(evidence: Floats) -> Floats:
-    """Log density of aircraft that may be struck, over that of ones that are not, (T, A)."""
-    struck = np.logaddexp.reduce(evidence, axis=1) - np.log(evidence.shape[1])
-    return np.asarray(np.logaddexp(np.log1p(-ELSEWHERE), np.log(ELSEWHERE) + struck))
+def background_likelihood(stats: Statistics, given: Conditional, candidate: Candidate) -> Floats:
+    """Log density of all aircraft's estimates at every size of the background, (T,).
 
+    Parameters
+    ----------
+    stats : Statistics
+    given : Conditional
+    candidate : Candidate
+        Of single aircraft.
 
-def background_prior() -> Floats:
-    """Log prior of the sizes of :data:`BACKGROUND_GRID`, (T,): half-normal."""
-    edges = np.r_[0.0, (BACKGROUND_GRID[1:] + BACKGROUND_GRID[:-1]) / 2, BACKGROUND_GRID[-1]]
-    density = -0.5 * (BACKGROUND_GRID / BACKGROUND_SCALE) ** 2 + np.log(np.diff(edges))
-    return np.asarray(density - np.logaddexp.reduce(density))
+    Returns
+    -------
+    (T,) float
+    """
+    tempered, nothing, *_ = _aircraft_evidence(stats, given, candidate)
+    return np.asarray((nothing + either(tempered)).sum(axis=1))
 
 
 @dataclass(frozen=True)
@@ -404,7 +415,7 @@ class Mixed:
     background: float
 
 
-def mixture(evidence: Floats, nothing: Floats | None = None) -> Mixed:
+def mixture(evidence: Floats, nothing: Floats | None = None, prior: Floats | None = None) -> Mixed:
     """Spike-and-slab mixture over aircraft, averaged over background, prior scale and share struck.
 
     Parameters
@@ -415,6 +426,8 @@ def mixture(evidence: Floats, nothing: Floats | None = None) -> Mixed:
     nothing : (T, A) float, optional
         Log density of each aircraft's estimates if it is not struck. None: the background is no
         question (T is 1).
+    prior : (T,) float, optional
+        Log probability of the sizes of the background (:mod:`airswing.gap.background`).
 
     Returns
     -------
@@ -422,7 +435,10 @@ def mixture(evidence: Floats, nothing: Floats | None = None) -> Mixed:
     """
     share = SHARE_GRID[:, None, None, None]
     each = np.logaddexp(np.log1p(-share), np.log(share) + evidence[None])
-    nobody = np.zeros(1) if nothing is None else background_prior() + nothing.sum(axis=1)
+    if nothing is None:
+        nobody = np.zeros(1)
+    else:
+        nobody = (whole_prior() if prior is None else prior) + nothing.sum(axis=1)
     joint = each.sum(axis=3) + nobody[None, :, None]
     weight = np.exp(joint - joint.max())
     weight /= weight.sum()
@@ -444,7 +460,7 @@ def _size(joint: Floats, nobody: Floats) -> float:
         np.logaddexp.reduce(joint, axis=(0, 2)) - np.log(joint[:, 0].size), nobody
     )
     weight = np.exp(by_level - by_level.max())
-    return float(np.sqrt((weight * BACKGROUND_GRID**2).sum() / weight.sum()))
+    return float(np.sqrt((weight * GRID**2).sum() / weight.sum()))
 
 
 def log_mean(values: Floats) -> float:

@@ -64,6 +64,9 @@ class Base:
         ``root`` times Z'X.
     score : (A, D, p)
         X'r with the day fields eliminated.
+    background : (2, T) or None
+        Log probability of the sizes of an aircraft's background (:mod:`airswing.gap.background`),
+        in effects of the heading (second row) and in the others.
     rows, own_sums, products : dict
         What :func:`included_cross` and :func:`included_sums` computed already, by column and
         digest of its weights.
@@ -74,6 +77,7 @@ class Base:
     root: Floats
     cross: Floats
     score: Floats
+    background: Floats | None = None
     rows: dict[Key, Floats] = field(default_factory=dict, repr=False)
     own_sums: dict[Key, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
     products: dict[Key, dict[Key, float]] = field(default_factory=dict, repr=False)
@@ -124,6 +128,8 @@ class Conditional:
     included_score : (D, m)
     lasting_share : (p,)
         See :attr:`Base.lasting_share`.
+    background : (2, T) or None
+        See :class:`Base`.
     fleet_score_override : (D, p) or None
         Fleet scores where they are not the sum over aircraft.
     derived : dict
@@ -139,6 +145,7 @@ class Conditional:
     included_gram: Floats
     included_score: Floats
     lasting_share: Floats
+    background: Floats | None = None
     fleet_score_override: Floats | None = None
     derived: dict[str, Floats] = field(default_factory=dict, repr=False)
 
@@ -214,6 +221,7 @@ def condition(base: Base, included: list[Included]) -> Conditional:
     return Conditional(
         tuple(included), fit.coefficients, fit.covariance, gram, score,
         base.fleet_gram - total.T @ total, fit.gram, fit.score, base.lasting_share,
+        base.background,
     )  # fmt: skip
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.changepoint import own_day_grams, residual_scores
+from airswing.gap.clusters import aircraft_factor
 from airswing.gap.evidence import gaussian_evidence
 from airswing.gap.measure import Base, Conditional
 
@@ -29,8 +30,6 @@ Floats = NDArray[np.float64]
 
 #: Effects whose coefficients mark an airframe.
 MARKS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale")
-#: Cluster factor of the evidence here.
-FACTOR = 1.5
 #: Prior probability of a change in one aircraft.
 CHANGE = 0.1
 
@@ -88,6 +87,7 @@ def find_swap(
     if not names or aircraft < 2 or days < 2 * shortest:
         return None
     columns = np.concatenate([layout.columns(n) for n in names])
+    factor = aircraft_factor(base.stats, given, columns)
     prior = 0.5 * np.concatenate([np.asarray(effects[n].column_scales, float) for n in names])
     cuts = np.arange(shortest, days - shortest + 1)
     scores = residual_scores(base, given)[:, :, columns]
@@ -98,12 +98,16 @@ def find_swap(
         score = np.concatenate([np.zeros((1, prior.size)), np.cumsum(scores[a], axis=0)])
         before.append((gram[cuts], score[cuts]))
         after.append((gram[-1] - gram[cuts], score[-1] - score[cuts]))
-    own = [_own_evidence(b, e, prior) for b, e in zip(before, after, strict=True)]
+    own = [_own_evidence(b, e, prior, factor) for b, e in zip(before, after, strict=True)]
     best, values = None, []
     for a in range(aircraft):
         for b in range(a + 1, aircraft):
-            crossed = _evidence(before[a][0] + after[b][0], before[a][1] + after[b][1], prior)
-            crossed += _evidence(before[b][0] + after[a][0], before[b][1] + after[a][1], prior)
+            crossed = _evidence(
+                before[a][0] + after[b][0], before[a][1] + after[b][1], prior, factor
+            )
+            crossed += _evidence(
+                before[b][0] + after[a][0], before[b][1] + after[a][1], prior, factor
+            )
             gain = crossed - own[a] - own[b]
             values.append(gain)
             top = int(np.argmax(gain))
@@ -116,18 +120,19 @@ def find_swap(
     return Swap(best[0], best[1], evidence, best[2])
 
 
-def _evidence(information: Floats, score: Floats, prior: Floats) -> Floats:
+def _evidence(information: Floats, score: Floats, prior: Floats, factor: float) -> Floats:
     k = prior.size
     nothing = np.zeros((k, k))
-    return gaussian_evidence(information, score, factor=FACTOR, allowance=nothing, prior=prior)[0]
+    return gaussian_evidence(information, score, factor=factor, allowance=nothing, prior=prior)[0]
 
 
 def _own_evidence(
-    before: tuple[Floats, Floats], after: tuple[Floats, Floats], prior: Floats
+    before: tuple[Floats, Floats], after: tuple[Floats, Floats], prior: Floats, factor: float
 ) -> float:
     """Evidence of an aircraft by itself: steady, or changed once."""
-    steady = float(_evidence(before[0][:1] + after[0][:1], before[1][:1] + after[1][:1], prior)[0])
-    changed = _evidence(*before, prior) + _evidence(*after, prior)
+    whole = before[0][:1] + after[0][:1], before[1][:1] + after[1][:1]
+    steady = float(_evidence(*whole, prior, factor)[0])
+    changed = _evidence(*before, prior, factor) + _evidence(*after, prior, factor)
     once = float(np.logaddexp.reduce(changed)) - np.log(changed.size)
     return float(np.logaddexp(np.log1p(-CHANGE) + steady, np.log(CHANGE) + once))
 
