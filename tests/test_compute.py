@@ -77,6 +77,16 @@ def test_workers_keep_their_threads_to_themselves_and_may_keep_memory():
     assert dask.config.get("distributed.nanny.pre-spawn-environ") == before
 
 
+def test_the_scheduler_does_not_keep_the_tasks_it_has_sent():
+    """Each message to a worker holds the places of the reports of its tasks."""
+    before = dask.config.get("distributed.admin.low-level-log-length")
+    with compute.scheduler(Compute(workers=2, threads=1), Progress(quiet=True)):
+        sent = distributed.default_client().cluster.scheduler.stream_comms.values()
+        assert len(sent) == 2
+        assert {one.recent_message_log.maxlen for one in sent} == {compute.LOGGED}
+    assert dask.config.get("distributed.admin.low-level-log-length") == before
+
+
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
     monkeypatch.setattr(compute, "CONNECT_TIMEOUT", "1s")
     with (

@@ -29,6 +29,8 @@ PATIENCE = 60.0
 """How long every worker may wait for memory, s."""
 GRAPH = "200MB"
 """Size of a task graph that is not worth a warning."""
+LOGGED = 10
+"""Messages and transitions dask keeps for whoever looks for a fault in dask."""
 
 
 @contextlib.contextmanager
@@ -101,8 +103,11 @@ def _client(compute: Compute, cores: int) -> Iterator[Any]:
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
         # The places of a stretch's reports go with its tasks, some 20 MB: no reason for a warning.
+        # The scheduler, in this process with local workers, keeps the last thousand messages to
+        # each worker by default, and with them the places of as many tasks: 100 MB in a year.
+        admin = {"large-graph-warning-threshold": GRAPH, "low-level-log-length": LOGGED}
         stack.enter_context(
-            dask.config.set({"distributed.admin.large-graph-warning-threshold": GRAPH})
+            dask.config.set({f"distributed.admin.{name}": value for name, value in admin.items()})
         )
         if compute.scheduler is None:
             workers = int(compute.workers)

@@ -98,8 +98,8 @@ class Blocks:
     freedom : float
         Degrees of freedom of ``within``, both components.
     latitude, longitude, log_pressure : array, shape (blocks,)
-    segment : array of int, shape (blocks,)
-    piece : array of int, shape (blocks,)
+    segment : array of int32, shape (blocks,)
+    piece : array of int32, shape (blocks,)
         0, 1, 2 ... never falling.
     """
 
@@ -109,8 +109,8 @@ class Blocks:
     latitude: Array
     longitude: Array
     log_pressure: Array
-    segment: Index
-    piece: Index
+    segment: NDArray[np.int32]
+    piece: NDArray[np.int32]
 
     @property
     def size(self) -> int:
@@ -231,6 +231,6 @@ def make_blocks(
         at.latitude.astype(np.float64),
         at.longitude.astype(np.float64),
         np.log(at.pressure.astype(np.float64)),
-        edges.segment[keep],
-        np.cumsum(edges.opens)[keep],
+        edges.segment[keep].astype(np.int32),
+        np.cumsum(edges.opens, dtype=np.int32)[keep],
     )
