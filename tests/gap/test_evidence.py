@@ -18,10 +18,9 @@ from airswing.gap.evidence import (
     allowance_covariance,
     gaussian_evidence,
     grid_evidence,
-    log_mean,
-    mixture,
 )
 from airswing.gap.locate import cross_fitted, false_discovery, score_test
+from airswing.gap.mixture import log_mean, mixture
 from airswing.gap.moments import against_chance
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from airswing.gap.attribute import Term
 from airswing.gap.candidates import Candidate
 from airswing.gap.folding import folded
+from airswing.gap.terms import Term
 
 
 def _term(name, tails, *, known=True, period=None):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from tests.gap.toy import make_frame
 
-from airswing.gap.attribute import Term
 from airswing.gap.candidates import candidates
 from airswing.gap.closure import retimed, whole_coefficients
 from airswing.gap.context import exogenous
@@ -21,6 +20,7 @@ from airswing.gap.layout import effect_columns, make_layout
 from airswing.gap.measure import climatology, condition, eliminate_days
 from airswing.gap.noise import fit_noise
 from airswing.gap.statistics import accumulate
+from airswing.gap.terms import Term
 
 EFFECTS = {
     n: CATALOGUE[n]

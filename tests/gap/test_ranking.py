@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 from tests.gap.toy import make_frame
 
-from airswing.gap.attribute import Rules, Term, _stays, choose, remainder, struck
+from airswing.gap.attribute import Rules, _stays, choose, remainder, struck
 from airswing.gap.candidates import Candidate
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence import Score
+from airswing.gap.terms import Term
 from airswing.gap.verdict import ambiguity
 
 DRIFTING = {n: CATALOGUE[n] for n in ("compass_offset", "compass_drift")}

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.attribute import Term, term_weights
 from airswing.gap.measure import Base, climatology, included_sums
+from airswing.gap.terms import Term, term_weights
 from airswing.gap.verdict import SEPARATING
 
 Floats = NDArray[np.float64]

@@ -25,16 +25,9 @@ from numpy.typing import NDArray
 from airswing.gap.background import told
 from airswing.gap.candidates import Candidate
 from airswing.gap.evidence import Score, background_likelihood
-from airswing.gap.measure import (
-    Base,
-    Conditional,
-    Fit,
-    Included,
-    climatology,
-    condition,
-    fit_included,
-)
+from airswing.gap.measure import Base, Conditional
 from airswing.gap.ranking import LEAST_NOVELTY, best_for, evaluate_named, rank, ranked_by
+from airswing.gap.terms import Term, given_terms
 
 Floats = NDArray[np.float64]
 
@@ -71,32 +64,6 @@ class Rules:
 
 
 @dataclass(frozen=True)
-class Term:
-    """One effect at work.
-
-    Attributes
-    ----------
-    candidate : Candidate
-    tails : tuple of int
-        Aircraft struck (all, in fleet scope).
-    period : (int, int) or None
-        First and one past the last day index in force, per term.
-    score : Score
-        Evidence when it entered.
-    """
-
-    candidate: Candidate
-    tails: tuple[int, ...]
-    period: tuple[int, int] | None
-    score: Score
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """Name and scope."""
-        return self.candidate.name, self.candidate.scope
-
-
-@dataclass(frozen=True)
 class Found:
     """Result of the search.
 
@@ -116,35 +83,6 @@ class Found:
     given: Conditional
     rivals: tuple[tuple[Score, ...], ...]
     left: tuple[Score, ...] = ()
-
-
-def term_weights(term: Term, shape: tuple[int, int]) -> Floats:
-    """Factor on a term's columns by aircraft and day, (A, D)."""
-    weights = np.zeros(shape)
-    period = slice(None) if term.period is None else slice(*term.period)
-    for a in term.tails:
-        weights[a, period] = 1.0
-    return weights
-
-
-def term_columns(term: Term, shape: tuple[int, int]) -> list[Included]:
-    """Columns a term conditions on: its own per aircraft, or shared in fleet scope."""
-    whole = term_weights(term, shape)
-    width = 4.0 * np.maximum(term.candidate.scales, 1e-12)
-    out = []
-    if term.candidate.scope == "fleet":
-        return [
-            Included(int(j), whole, 1 / w**2)
-            for j, w in zip(term.candidate.columns, width, strict=True)
-        ]
-    for a in term.tails:
-        weights = np.zeros(shape)
-        weights[a] = whole[a]
-        out += [
-            Included(int(j), weights, 1 / w**2)
-            for j, w in zip(term.candidate.columns, width, strict=True)
-        ]
-    return out
 
 
 def with_background(base: Base, pool: Sequence[Candidate]) -> Base:
@@ -172,25 +110,6 @@ def with_background(base: Base, pool: Sequence[Candidate]) -> Base:
         for h in (False, True)
     ]
     return replace(base, background=np.stack(rows))
-
-
-def given_terms(base: Base, terms: Sequence[Term]) -> Conditional:
-    """Sums conditioned on the climatology and some terms."""
-    return condition(base, all_columns(base, terms))
-
-
-def fit_terms(base: Base, terms: Sequence[Term]) -> Fit:
-    """Fit of the climatology and some terms alone."""
-    return fit_included(base, all_columns(base, terms))
-
-
-def all_columns(base: Base, terms: Sequence[Term]) -> list[Included]:
-    """Columns of the climatology, then of each term in turn."""
-    shape = base.stats.day_count.shape
-    columns = climatology(base)
-    for term in terms:
-        columns += term_columns(term, shape)
-    return columns
 
 
 def passes(score: Score, rules: Rules) -> bool:

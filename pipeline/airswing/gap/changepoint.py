@@ -24,17 +24,15 @@ from numpy.typing import NDArray
 from airswing.gap.candidates import Candidate
 from airswing.gap.clusters import aircraft_factor
 from airswing.gap.evidence import (
-    SHARE_GRID,
     GridEvidence,
     Score,
     allowance_covariance,
     evaluate,
     grid_evidence,
-    log_mean,
-    mixture,
     rms,
 )
 from airswing.gap.measure import Base, Conditional
+from airswing.gap.mixture import SHARE_GRID, mixture
 from airswing.gap.statistics import Statistics
 
 Floats = NDArray[np.float64]
@@ -377,4 +375,4 @@ def _window_evidence(
     )  # fmt: skip
 
 
-__all__ = ["evaluate_step", "log_mean", "own_day_grams", "residual_scores", "windows"]
+__all__ = ["evaluate_step", "own_day_grams", "residual_scores", "windows"]

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.alias import ALIAS, alias_table, separated_by
-from airswing.gap.attribute import Found, Term, fit_terms
+from airswing.gap.attribute import Found
 from airswing.gap.calibration import BINS, Calibration, calibrate
 from airswing.gap.closure import Closure, folds_of_days, restrict_term, select_days
 from airswing.gap.decoy import Decoy, force_decoy
 from airswing.gap.dictionary import DictionaryPlan
 from airswing.gap.measure import Base, climatology, eliminate_days
 from airswing.gap.noise import NoiseFit
+from airswing.gap.terms import Term, fit_terms
 from airswing.gap.weather import climatology_columns, slope_columns
 
 Floats = NDArray[np.float64]

@@ -20,9 +20,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.gap.attribute import Term
 from airswing.gap.closure import is_sensor, take_off, term_error, term_fields
 from airswing.gap.dictionary import DictionaryPlan
+from airswing.gap.terms import Term
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

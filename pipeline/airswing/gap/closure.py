@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.attribute import Term, fit_terms, term_weights
 from airswing.gap.dictionary import DictionaryPlan, dictionary_columns, unit_vectors
 from airswing.gap.layout import effect_columns
 from airswing.gap.measure import Base, Conditional, Fit, eliminate_days
 from airswing.gap.statistics import Statistics
+from airswing.gap.terms import Term, fit_terms, term_weights
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

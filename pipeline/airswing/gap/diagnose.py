@@ -19,7 +19,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.gap.attribute import Found, Rules, Term, given_terms, search, with_background
+from airswing.gap.attribute import Found, Rules, search, with_background
 from airswing.gap.candidates import candidates
 from airswing.gap.checks import run_checks, with_aliases
 from airswing.gap.claims import Adjustment, make_adjustment
@@ -49,6 +49,7 @@ from airswing.gap.noise import NoiseFit, fit_noise
 from airswing.gap.statistics import DAY, accumulate, day_of_report
 from airswing.gap.summary import assemble
 from airswing.gap.swap import exchange, find_swap
+from airswing.gap.terms import Term, given_terms
 from airswing.gap.testability import absorbed, too_short
 from airswing.gap.turning import heading_doubt
 from airswing.gap.widening import widened

@@ -26,10 +26,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.background import GRID, either, whole_prior
+from airswing.gap.background import GRID, either
 from airswing.gap.candidates import Candidate
 from airswing.gap.clusters import aircraft_factor, fleet_factor
 from airswing.gap.measure import Conditional
+from airswing.gap.mixture import log_mean, mixture
 from airswing.gap.small import inverse_and_logdet
 from airswing.gap.statistics import Statistics
 
@@ -42,8 +43,6 @@ SCALE_GRID = np.array([0.08, 0.2, 0.5, 1.2, 3.0])
 SIZE_GRID = np.array([0.2, 0.4, 0.8, 1.6, 3.2])
 #: Reports on which a candidate must act to be looked at in an aircraft.
 LEAST_ACTING = 20
-#: Shares of aircraft struck over which the mixture is averaged.
-SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
 #: Persistent model error allowed for in the fleet, m/s rms, of a column that the climatology takes
 #: up wholly.
 FLEET_ALLOWANCE = 0.09
@@ -391,79 +390,3 @@ def background_likelihood(stats: Statistics, given: Conditional, candidate: Cand
     """
     tempered, nothing, *_ = _aircraft_evidence(stats, given, candidate)
     return np.asarray((nothing + either(tempered)).sum(axis=1))
-
-
-@dataclass(frozen=True)
-class Mixed:
-    """Spike-and-slab mixture over aircraft.
-
-    Attributes
-    ----------
-    total : float
-        Log evidence against nobody struck.
-    posterior : (A,) float
-        Probability that each aircraft is struck, given that the candidate is at work.
-    best : (int, int)
-        Background and prior scale of the highest evidence.
-    background : float
-        Root mean square size of the background, m/s, whether or not anybody is struck.
-    """
-
-    total: float
-    posterior: Floats
-    best: tuple[int, int]
-    background: float
-
-
-def mixture(evidence: Floats, nothing: Floats | None = None, prior: Floats | None = None) -> Mixed:
-    """Spike-and-slab mixture over aircraft, averaged over background, prior scale and share struck.
-
-    Parameters
-    ----------
-    evidence : (T, S, A) float
-        Log Bayes factor per size of the background, prior scale and aircraft; 0 for aircraft that
-        cannot be struck.
-    nothing : (T, A) float, optional
-        Log density of each aircraft's estimates if it is not struck. None: the background is no
-        question (T is 1).
-    prior : (T,) float, optional
-        Log probability of the sizes of the background (:mod:`airswing.gap.background`).
-
-    Returns
-    -------
-    Mixed
-    """
-    share = SHARE_GRID[:, None, None, None]
-    each = np.logaddexp(np.log1p(-share), np.log(share) + evidence[None])
-    if nothing is None:
-        nobody = np.zeros(1)
-    else:
-        nobody = (whole_prior() if prior is None else prior) + nothing.sum(axis=1)
-    joint = each.sum(axis=3) + nobody[None, :, None]
-    weight = np.exp(joint - joint.max())
-    weight /= weight.sum()
-    struck = np.exp(np.log(share) + evidence[None] - each)
-    posterior = np.einsum("pts,ptsa->a", weight, struck)
-    top = np.unravel_index(int(np.argmax(joint.max(axis=0))), joint.shape[1:])
-    total = log_mean(joint.ravel()) - log_mean(nobody)
-    return Mixed(
-        total,
-        posterior,
-        (int(top[0]), int(top[1])),
-        0.0 if nothing is None else _size(joint, nobody),
-    )
-
-
-def _size(joint: Floats, nobody: Floats) -> float:
-    """Root mean square background, somebody struck as likely as nobody beforehand."""
-    by_level = np.logaddexp(
-        np.logaddexp.reduce(joint, axis=(0, 2)) - np.log(joint[:, 0].size), nobody
-    )
-    weight = np.exp(by_level - by_level.max())
-    return float(np.sqrt((weight * GRID**2).sum() / weight.sum()))
-
-
-def log_mean(values: Floats) -> float:
-    """Logarithm of the mean of exponentials."""
-    top = float(values.max())
-    return top + float(np.log(np.mean(np.exp(values - top))))

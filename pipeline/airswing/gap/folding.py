@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.attribute import Term
+from airswing.gap.terms import Term
 
 Floats = NDArray[np.float64]
 

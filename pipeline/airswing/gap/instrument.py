@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.attribute import Term, term_weights
 from airswing.gap.closure import term_error, term_fields
 from airswing.gap.dictionary import DictionaryPlan
 from airswing.gap.layout import effect_columns, make_layout
@@ -34,6 +33,7 @@ from airswing.gap.measure import Base, Included, climatology, eliminate_days, fi
 from airswing.gap.noise import NoiseFit
 from airswing.gap.reliability import lag_reliability
 from airswing.gap.statistics import accumulate, day_of_report
+from airswing.gap.terms import Term, term_weights
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

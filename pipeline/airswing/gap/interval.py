@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.attribute import Found, Term
+from airswing.gap.attribute import Found
 from airswing.gap.closure import (
     KNOT,
     Closure,
@@ -44,6 +44,7 @@ from airswing.gap.closure import (
 )
 from airswing.gap.dictionary import DictionaryPlan
 from airswing.gap.measure import Base
+from airswing.gap.terms import Term
 from airswing.gap.verdict import term_covariances, term_offsets
 
 Floats = NDArray[np.float64]

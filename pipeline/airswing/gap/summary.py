@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.attribute import Found, Term
+from airswing.gap.attribute import Found
 from airswing.gap.closure import Closure
 from airswing.gap.dictionary import DictionaryPlan
 from airswing.gap.locate import Slice
@@ -23,6 +23,7 @@ from airswing.gap.measure import Base
 from airswing.gap.moments import MomentVerdict
 from airswing.gap.noise import NoiseFit
 from airswing.gap.swap import Swap
+from airswing.gap.terms import Term
 from airswing.gap.verdict import ambiguity, day_text, describe_term, term_offsets, unknown_place
 
 Floats = NDArray[np.float64]

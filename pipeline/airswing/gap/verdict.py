@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.attribute import Found, Term
+from airswing.gap.attribute import Found
 from airswing.gap.evidence import (
     Score,
     allowance_covariance,
@@ -28,6 +28,7 @@ from airswing.gap.evidence import (
 )
 from airswing.gap.measure import Base, Conditional
 from airswing.gap.statistics import DAY, Statistics
+from airswing.gap.terms import Term
 
 Floats = NDArray[np.float64]
 

@@ -18,10 +18,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from airswing.gap.attribute import Found, Term, given_terms
+from airswing.gap.attribute import Found
 from airswing.gap.candidates import Candidate
 from airswing.gap.closure import term_coefficients
 from airswing.gap.measure import Base
+from airswing.gap.terms import Term, given_terms
 from airswing.gap.verdict import term_covariance, term_offsets
 
 #: What a coefficient must be worth, in units of its variance.
