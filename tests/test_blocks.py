@@ -69,5 +69,7 @@ def test_any_division_gives_the_same_products_and_reads_no_more(at_once, tmp_pat
     assert len(read) > 100 and max(read) <= LARGEST
     output, whole = at_once
     differences = fault_drill.differences(output, tmp_path / "results")
-    assert [words for words in differences if "airswing_config" not in words] == []
+    # finished work that is kept for a later run lies in pieces of its own, one for each division
+    kept = ("airswing_config", ".collocated/")
+    assert [words for words in differences if not any(k in words for k in kept)] == []
     assert str(summary) == str(whole)
