@@ -20,7 +20,7 @@ from airswing.gap.evidence import (
     grid_evidence,
 )
 from airswing.gap.locate import cross_fitted, false_discovery, score_test
-from airswing.gap.mixture import log_mean, mixture
+from airswing.gap.mixture import SHARE_GRID, by_share, log_mean, mixture
 from airswing.gap.moments import against_chance
 
 
@@ -97,6 +97,12 @@ def test_widths_in_metres_a_second_are_the_evidence_of_their_densities():
     density = [multivariate_normal(cov=1.7 * np.linalg.inv(information) + b).logpdf(estimate)
                for b in background]  # fmt: skip
     assert np.diff(found.nothing) == pytest.approx(np.diff(density), abs=1e-3)
+
+
+def test_aircraft_of_which_a_share_is_struck_by_hand():
+    each = by_share(np.log([[2.0, 5.0]]))
+    assert each.shape == (SHARE_GRID.size, 1, 2)
+    np.testing.assert_allclose(np.exp(each[:, 0, 1]), 1 - SHARE_GRID + 5.0 * SHARE_GRID)
 
 
 def test_mixture_names_the_aircraft_struck_and_stays_quiet_on_nothing():

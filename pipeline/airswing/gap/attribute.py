@@ -50,7 +50,7 @@ class Rules:
         Smallest rms where it acts, m s-1. Real fleets have a little of every effect everywhere;
         what is smaller than this is left to them.
     unknown_margin : float
-        Tempered evidence, in cluster factors, by which a dictionary group must beat the best known
+        Raw evidence, in cluster factors, by which a dictionary group must beat the best known
         effect.
     most_terms : int
         Length of the search.
@@ -157,11 +157,7 @@ def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
     Score or None
     """
     passing = [s for s in ranked if passes(s, rules)]
-    known = sorted(
-        (s for s in passing if s.candidate.known),
-        key=lambda s: -ranked_by(s),
-    )
-    best = known[0] if known else None
+    best = max((s for s in passing if s.candidate.known), key=ranked_by, default=None)
     unknown = max((s for s in passing if not s.candidate.known), key=_evened, default=None)
     if unknown is None:
         return best

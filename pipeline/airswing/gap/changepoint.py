@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from airswing.gap.candidates import Candidate
 from airswing.gap.clusters import aircraft_factor
 from airswing.gap.evidence import (
+    LEAST_ACTING,
     GridEvidence,
     Score,
     allowance_covariance,
@@ -32,7 +33,7 @@ from airswing.gap.evidence import (
     rms,
 )
 from airswing.gap.measure import Base, Conditional
-from airswing.gap.mixture import SHARE_GRID, mixture
+from airswing.gap.mixture import by_share, mixture
 from airswing.gap.statistics import Statistics
 
 Floats = NDArray[np.float64]
@@ -143,7 +144,7 @@ def evaluate_step(
         given.derived["remains"] = residual_scores(base, given)
     remains = given.derived["remains"]
     acting = stats.acting[:, candidate.columns].max(axis=1)
-    asked = np.zeros(acting.size, bool) if len(tried) == 0 else acting >= 20
+    asked = np.zeros(acting.size, bool) if len(tried) == 0 else acting >= LEAST_ACTING
     if allowed is not None:
         asked &= allowed
     # of a change nothing tells the background but what the same columns show lasting
@@ -208,7 +209,7 @@ class _OneDate:
 def _one_date(found: list[GridEvidence], prior: Floats) -> _OneDate:
     """Mix aircraft by window, then average over windows."""
     tempered = np.stack([x.tempered for x in found], -1)
-    joint = _joint(tempered)
+    joint = by_share(tempered).sum(axis=-1)
     by_window = _over_shares(joint) + prior
     window = int(np.argmax(by_window))
     _, width = np.unravel_index(int(np.argmax(joint[..., window])), joint.shape[:2])
@@ -220,21 +221,16 @@ def _one_date(found: list[GridEvidence], prior: Floats) -> _OneDate:
     )  # fmt: skip
 
 
-def _joint(evidence: Floats) -> Floats:
-    """Evidence (S, w, n) of n aircraft as a mixture of each share struck, (P, S, w)."""
-    share = SHARE_GRID[:, None, None, None]
-    return np.asarray(np.logaddexp(np.log1p(-share), np.log(share) + evidence).sum(axis=-1))
-
-
 def _over_shares(joint: Floats) -> Floats:
-    """Mean over shares struck and widths of the prior, (w,)."""
+    """Mean of evidence (P, S, w) over shares struck and widths of the prior, (w,)."""
     count = joint.shape[0] * joint.shape[1]
     return np.asarray(np.logaddexp.reduce(joint, axis=(0, 1)) - np.log(count))
 
 
 def _pooled(evidence: list[Floats], prior: Floats) -> float:
     """Log evidence of aircraft that change on one date, from (S, w) of each."""
-    return log_mean_with(_over_shares(_joint(np.stack(evidence, -1))), prior)
+    joint = by_share(np.stack(evidence, -1)).sum(axis=-1)
+    return log_mean_with(_over_shares(joint), prior)
 
 
 def _changing(
@@ -300,8 +296,6 @@ def _tried(days: int, period: tuple[int, int] | None) -> tuple[NDArray[np.int64]
     if period is None:
         return tried, prior
     near = (np.abs(tried - np.array(period)) <= NEAR).all(axis=1)
-    if not near.any():  # tried on another grid of days
-        near = np.abs(tried - np.array(period)).sum(axis=1) == np.abs(tried - period).sum(1).min()
     return tried[near], prior[near] - np.logaddexp.reduce(prior[near])
 
 

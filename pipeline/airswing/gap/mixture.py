@@ -63,8 +63,7 @@ def mixture(evidence: Floats, nothing: Floats | None = None, prior: Floats | Non
     -------
     Mixed
     """
-    share = SHARE_GRID[:, None, None, None]
-    each = np.logaddexp(np.log1p(-share), np.log(share) + evidence[None])
+    each = by_share(evidence)
     if nothing is None:
         nobody = np.zeros(1)
     else:
@@ -72,7 +71,7 @@ def mixture(evidence: Floats, nothing: Floats | None = None, prior: Floats | Non
     joint = each.sum(axis=3) + nobody[None, :, None]
     weight = np.exp(joint - joint.max())
     weight /= weight.sum()
-    struck = np.exp(np.log(share) + evidence[None] - each)
+    struck = np.exp(np.log(SHARE_GRID)[:, None, None, None] + evidence[None] - each)
     posterior = np.einsum("pts,ptsa->a", weight, struck)
     top = np.unravel_index(int(np.argmax(joint.max(axis=0))), joint.shape[1:])
     total = log_mean(joint.ravel()) - log_mean(nobody)
@@ -82,6 +81,23 @@ def mixture(evidence: Floats, nothing: Floats | None = None, prior: Floats | Non
         (int(top[0]), int(top[1])),
         0.0 if nothing is None else _size(joint, nobody),
     )
+
+
+def by_share(evidence: Floats) -> Floats:
+    """Log density of aircraft of which a share is struck, over that of nobody struck.
+
+    Parameters
+    ----------
+    evidence : (..., A) float
+        Log Bayes factor of each aircraft.
+
+    Returns
+    -------
+    (P, ..., A) float
+        For every share of :data:`SHARE_GRID`.
+    """
+    share = SHARE_GRID.reshape(-1, *([1] * evidence.ndim))
+    return np.asarray(np.logaddexp(np.log1p(-share), np.log(share) + evidence))
 
 
 def _size(joint: Floats, nobody: Floats) -> float:
