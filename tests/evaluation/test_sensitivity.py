@@ -7,6 +7,8 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.evaluation.pairs import (
+    common_difference,
+    common_equations,
     day_blocks,
     holm,
     paired_design,
@@ -15,8 +17,9 @@ from airswing.evaluation.pairs import (
 )
 from airswing.evaluation.sensitivity import _verdict, compare
 from airswing.evaluation.threeway import three_cornered_hat
+from airswing.ragged import aircraft_of_report
 from tests.compass.flown import Setting
-from tests.evaluation.archives import references
+from tests.evaluation.archives import day_number, references
 
 SETTING = Setting(
     aircraft=8, days=90, references=2, bias_spread=0.0, day_error=0.3, flights_a_day=3,
@@ -198,3 +201,37 @@ def test_a_report_without_a_magnetic_heading_is_left_out():
     holed = ds.assign(magnetic_heading=("report", heading))
     whole, left = (compare(one, pools=TWO, joint=False)["reports"] for one in (ds, holed))
     assert left == whole - np.isnan(heading).sum()
+
+
+def test_an_aircraft_of_one_day_decides_nothing():
+    """Its day leaves no scatter about its own eight coefficients: it is no sure difference."""
+    ds = references(3, Setting(**{**SETTING.__dict__, "days": 40, "reports_a_flight": 30}))
+    late = (aircraft_of_report(ds) == 7) & (day_number(ds) > 0)
+    short = ds.assign(screening=("report", late.astype(np.int32)))
+    without = ds.isel(report=aircraft_of_report(ds) < 7, aircraft=slice(7))
+    one, two = (compare(part, pools=TWO, joint=False)["pairs"][0] for part in (short, without))
+    assert [one["fleet"]["aircraft"], two["fleet"]["aircraft"]] == [8, 7]
+    assert len(one["aircraft"]) == 7
+    for name in "ABCDE":
+        apart = one["fleet"]["difference"][name] - two["fleet"]["difference"][name]
+        assert abs(apart) < 0.5 * two["fleet"]["standard_error"][name]
+
+
+def test_the_common_difference_is_least_squares_with_own_scales_and_biases():
+    rng = np.random.default_rng(1)
+    total, rows, right = np.zeros((6, 5, 6)), [], []
+    for k in range(3):
+        m, v = rng.uniform(0, 2 * np.pi, 200), rng.normal(120, 5, 200)
+        cross, along = paired_design(m, m + 0.1, v)
+        y = rng.normal(size=(2, 200))
+        day, equations = common_equations(cross, along, *y, rng.integers(0, 6, 200))
+        total[day] += equations
+        wide = np.zeros((400, 5 + 9))
+        wide[:, :5] = np.vstack([cross, along])[:, :5]
+        wide[:, 5 + 3 * k : 8 + 3 * k] = np.vstack([cross, along])[:, 5:]
+        rows.append(wide)
+        right.append(y.ravel())
+    found, influence = common_difference(total)
+    expected = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
+    np.testing.assert_allclose(found, expected[:5], rtol=1e-9)
+    np.testing.assert_allclose(influence.sum(axis=0), 0.0, atol=1e-12)

@@ -75,6 +75,65 @@ def clustered_difference(
     return coefficients, influence, clusters
 
 
+def common_equations(
+    cross: Floats, along: Floats, y_cross: Floats, y_along: Floats, cluster: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], Floats]:
+    """Equations of one aircraft for a difference of A to E that a fleet has in common.
+
+    The aircraft's own airspeed scale and bias are taken out. Those of all aircraft add up, cluster
+    by cluster: what an aircraft does not tell (few reports, few headings) has no weight in the sum.
+
+    Parameters
+    ----------
+    cross, along : arrays of float, shape (report, 8)
+    y_cross, y_along : arrays of float, shape (report,), m/s
+    cluster : array of int, shape (report,)
+
+    Returns
+    -------
+    clusters : array of int, shape (cluster,)
+    equations : array of float, shape (cluster, 5, 6)
+        Normal matrix and, last, right side.
+    """
+    order = np.argsort(cluster, kind="stable")
+    clusters, start = np.unique(cluster[order], return_index=True)
+    stop = np.append(start[1:], order.size)
+    parts = [np.column_stack(part)[order] for part in ((cross, y_cross), (along, y_along))]
+    sums = np.array(
+        [
+            sum(part[i:j, :-1].T @ part[i:j] for part in parts)
+            for i, j in zip(start, stop, strict=True)
+        ]
+    )
+    own = np.linalg.pinv(sums[:, COEFFICIENTS:, COEFFICIENTS:-1].sum(axis=0), hermitian=True)
+    rest = own @ sums[:, COEFFICIENTS:].sum(axis=0)
+    keep = np.vstack([np.eye(COEFFICIENTS), -rest[:, :COEFFICIENTS]])
+    right = sums[:, :, -1] - sums[:, :, COEFFICIENTS:-1] @ rest[:, -1]
+    square = keep.T @ sums[:, :, :-1] @ keep
+    return clusters, np.concatenate([square, (right @ keep)[:, :, np.newaxis]], axis=2)
+
+
+def common_difference(equations: Floats) -> tuple[Floats, Floats]:
+    """Difference of A to E that a fleet has in common, by least squares.
+
+    Parameters
+    ----------
+    equations : array of float, shape (cluster, 5, 6)
+        Of :func:`common_equations`, added up over the fleet.
+
+    Returns
+    -------
+    coefficients : array of float, shape (5,)
+    influence : array of float, shape (cluster, 5)
+        What each cluster moves the coefficients by.
+    """
+    clusters = equations.shape[0]
+    inverse = np.linalg.pinv(equations[:, :, :-1].sum(axis=0), hermitian=True)
+    coefficients = inverse @ equations[:, :, -1].sum(axis=0)
+    score = equations[:, :, -1] - equations[:, :, :-1] @ coefficients
+    return coefficients, score @ inverse * np.sqrt(clusters / max(clusters - 1.0, 1.0))
+
+
 def wald(values: Floats, covariance: Floats, clusters: int) -> float:
     """P value that some values differ from zero, for a covariance from few clusters.
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from airswing.evaluation.pairs import (
     COEFFICIENTS,
     clustered_difference,
+    common_equations,
     paired_design,
     region_sums,
 )
@@ -32,6 +33,9 @@ STEP = 0.01
 """degrees"""
 LEAST_REPORTS = 50
 """Reports below which an aircraft says nothing of a difference."""
+LEAST_DAYS = 10
+"""Days below which an aircraft cannot tell how far its own difference is to be trusted: eight
+coefficients leave no scatter to so few, and one day none at all."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,15 @@ class PairSums:
     one, two : str
     days : int
         Of the archive.
+
+    Attributes
+    ----------
+    counted : int
+        Aircraft in ``common``.
+    aircraft : list of AircraftPair
+        Those of them that have days enough for a difference of their own.
+    common : array, shape (days, 5, 6)
+        Equations of the difference the fleet has in common.
     """
 
     one: str
@@ -93,10 +106,12 @@ class PairSums:
     days: int
     reports: int = 0
     distance: float = 0.0
+    counted: int = 0
     aircraft: list[AircraftPair] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.regions = np.zeros((3, REGIONS, self.days))
+        self.common = np.zeros((self.days, COEFFICIENTS, COEFFICIENTS + 1))
 
     def add(self, rows: Rows, chosen: Mask) -> None:
         """Take up some reports of the next aircraft.
@@ -121,11 +136,14 @@ class PairSums:
         # psi_err is n . (W_ref - W_rep) / V, and |V_A| - |V'_A| is h . (W_ref - W_rep).
         cross = du * np.cos(heading) - dv * np.sin(heading)
         along = du * np.sin(heading) + dv * np.cos(heading)
+        days, equations = common_equations(*design, cross, along, day)
+        self.common[days] += equations
+        self.counted += 1
+        if days.size < LEAST_DAYS:
+            return
         values, moved, _ = clustered_difference(*design, cross, along, day)
         self.aircraft.append(
-            AircraftPair(
-                rows.number, values[:COEFFICIENTS], np.unique(day), moved[:, :COEFFICIENTS]
-            )
+            AircraftPair(rows.number, values[:COEFFICIENTS], days, moved[:, :COEFFICIENTS])
         )
 
 

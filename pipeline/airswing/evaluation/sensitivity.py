@@ -24,7 +24,7 @@ from airswing.errors import InputError
 from airswing.evaluation.disagreement import reference_mean
 from airswing.evaluation.folds import only
 from airswing.evaluation.pairs import (
-    COEFFICIENTS,
+    common_difference,
     holm,
     persistent_covariance,
     regional_bias_of,
@@ -309,23 +309,16 @@ def _sinusoid_difference(
 
 
 def _fleet(sums: PairSums) -> dict[str, Any]:
-    """Mean difference over the fleet, honouring that aircraft share the days' errors."""
-    if not sums.aircraft:
+    """Difference the fleet has in common, honouring that aircraft share the days' errors."""
+    days = np.flatnonzero(sums.common.any(axis=(1, 2)))
+    if not days.size:
         return {"aircraft": 0, "p_value": float("nan"), "curve_rms_deg": float("nan")}
-    total = sums.aircraft
-    days = np.flatnonzero(sums.regions[0].any(axis=0))
-    mean, moved = (
-        np.mean([own.values for own in total], axis=0),
-        np.zeros((days.size, COEFFICIENTS)),
-    )
-    for own in total:
-        moved[np.searchsorted(days, own.days)] += own.influence
-    moved /= len(total)
+    mean, moved = common_difference(sums.common[days])
     covariance = persistent_covariance(moved, days)
     # rms over the compass of A + B sin + C cos + D sin 2 + E cos 2.
     rms = np.degrees(np.sqrt(mean[0] ** 2 + (mean[1:] ** 2).sum() / 2.0))
     return {
-        "aircraft": len(total),
+        "aircraft": sums.counted,
         "difference": dict(zip(NAMES, np.degrees(mean), strict=True)),
         "standard_error": dict(zip(NAMES, np.degrees(np.sqrt(np.diag(covariance))), strict=True)),
         "curve_rms_deg": float(rms),

@@ -50,7 +50,7 @@ def _verdict_colour(pair: Mapping[str, Any]) -> str:
 
 @styled
 def pair_differences_figure(pairs: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw the fleet's mean difference of each coefficient for every pair of references.
+    """Draw the fleet's common difference of each coefficient for every pair of references.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def pair_differences_figure(pairs: Sequence[Mapping[str, Any]]) -> Figure:
     reports = max(int(pair.get("reports", 0)) for pair in shown)
     aircraft = max(int(pair["fleet"].get("aircraft", 0)) for pair in shown)
     return figure.say(
-        "Fleet mean difference of the deviation coefficients between references fitted on the "
+        "Common difference of the fleet's deviation coefficients between references fitted on the "
         f"same reports, 95 % intervals (n = {plural(reports, 'report')}, "
         f"{plural(aircraft, 'aircraft', 'aircraft')}). Blue: poolable, orange: not."
     )
