@@ -34,8 +34,9 @@ IDENTIFIERS = {"uuid", "source_uuids", "history", "fingerprint", "unscreened_fin
 SKIPPED = {".html", ".svg", ".png", ".pdf"}
 """The page is drawn from the products compared here, and carries their identifiers."""
 
-DRAWN = ".collocated/reports/"
-"""Where kept reports lie, under names of no meaning; what is made of them is compared."""
+DRAWN = (".collocated/reports/", ".collocated/headings.json")
+"""Where kept reports lie, under names of no meaning, and a note that names the headings by their
+identifier; what is made of them is compared."""
 
 
 def start(config: Path, *words: str) -> subprocess.Popen[bytes]:

@@ -42,7 +42,7 @@ from airswing.ragged import aircraft_of_report
 from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
 from airswing.vocabulary import VARIABLES, describe
 
-__all__ = ["derive_headings", "heading_error_sensitivity"]
+__all__ = ["derive_columns", "derive_headings", "heading_error_sensitivity", "with_columns"]
 
 Array = NDArray[np.float64]
 
@@ -50,6 +50,13 @@ _NEEDED = (
     "time", "latitude", "longitude", "pressure_altitude", "eastward_wind", "northward_wind",
     "flight", "row_size",
 )  # fmt: skip
+DERIVED = (
+    "ground_eastward_velocity", "ground_northward_velocity", "ground_speed", "track",
+    "ground_velocity_error", "turn", "longitudinal_acceleration", "climb_rate", "bank", "heading",
+    "airspeed", "magnetic_heading", "declination", "horizontal_field", "dip", "heading_error",
+    "heading_error_standard_error", "airspeed_error",
+)  # fmt: skip
+"""What is added to reports and winds."""
 _WIND_NAMES = ("reference_eastward_wind", "reference_northward_wind")
 
 
@@ -101,18 +108,67 @@ def derive_headings(
     ----------
     Jacobs et al. 2010, steps a-c and equation 3.
     """
-    _check(reports, winds)
     reports = reports.compute()
+    derived, accounts = derive_columns(
+        reports, winds, acceleration_density=acceleration_density, widen=widen
+    )
+    found = with_columns(reports, winds, derived)
+    found.attrs["ground_vector_evidence"] = json.dumps(sum_of_accounts(accounts))
+    return found
+
+
+def derive_columns(
+    reports: xr.Dataset,
+    winds: xr.Dataset,
+    *,
+    acceleration_density: float = ACCELERATION_DENSITY,
+    widen: bool = True,
+) -> tuple[dict[str, xr.DataArray], list[dict[str, Any]]]:
+    """What :func:`derive_headings` adds to the reports and the winds, alone.
+
+    Parameters
+    ----------
+    reports, winds, acceleration_density, widen
+        As for :func:`derive_headings`, the reports in memory.
+
+    Returns
+    -------
+    columns : dict of str to DataArray
+        (report) or (reference, report), of the type they have on disk: a stage run from the
+        product gives the same bits.
+    accounts : list of dict
+        Of ``ground_vector_evidence``, one an aircraft.
+
+    Raises
+    ------
+    InputError
+        As for :func:`derive_headings`.
+    """
+    _check(reports, winds)
     motion = _motion(reports, acceleration_density=acceleration_density, widen=widen)
-    columns = _report_columns(motion) | _field_columns(reports, motion)
+    own = _report_columns(motion) | _field_columns(reports, motion)
+    columns = {name: xr.DataArray(values, dims="report") for name, values in own.items()}
+    columns |= _reference_columns(winds, motion)
+    typed = {name: values.astype(VARIABLES[name].dtype) for name, values in columns.items()}
+    return typed, _accounts(reports, motion)
+
+
+def with_columns(reports: xr.Dataset, winds: xr.Dataset, columns: Mapping[str, Any]) -> xr.Dataset:
+    """Reports, winds and what is derived of them as one described Dataset.
+
+    Parameters
+    ----------
+    reports, winds : Dataset
+    columns : mapping of str to DataArray, or to (dims, values)
+        Of :func:`derive_columns`.
+
+    Returns
+    -------
+    Dataset
+    """
     found = reports.merge(winds, compat="override", combine_attrs="override")
-    found = found.assign({name: ("report", values) for name, values in columns.items()})
-    found = found.assign(_reference_columns(winds, motion))
-    for name in (*columns, "heading_error", "heading_error_standard_error", "airspeed_error"):
-        # the type it has on disk: a stage run from the product gives the same bits
-        found[name] = found[name].astype(VARIABLES[name].dtype)
+    found = found.assign(columns)
     found.attrs = {**winds.attrs, **reports.attrs}
-    found.attrs["ground_vector_evidence"] = json.dumps(_account(reports, motion))
     return describe(found)
 
 
@@ -320,23 +376,30 @@ def _compare(
     return np.degrees(error), np.degrees(standard_error), speed_error
 
 
-def _account(reports: xr.Dataset, motion: _Motion) -> dict[str, Any]:
-    """Which ground vector was believed, and how the chords reached."""
+def _accounts(reports: xr.Dataset, motion: _Motion) -> list[dict[str, Any]]:
+    """Which ground vector was believed, and how the chords reached, aircraft by aircraft."""
     ground, path = motion.ground, motion.path
     known = np.isfinite(ground.eastward)
-    tails = [str(name) for name in reports["aircraft"].to_numpy()]
-    refused = {
-        tail: str(why)
-        for tail, why in zip(tails, ground.reason, strict=True)
-        if why not in ("own", "absent")
-    }
     chord = known & ~ground.own
-    return {
-        "reported_heading_and_airspeed": int(ground.own.sum()),
-        "chords": int(chord.sum()),
-        "none": int((~known).sum()),
-        "one_sided": int((chord & ((path.before == 0) | (path.after == 0))).sum()),
-        "widened": int((chord & (np.maximum(path.before, path.after) > 1)).sum()),
-        "aircraft_with_own_vector": int((ground.reason == "own").sum()),
-        "aircraft_whose_own_vector_was_not_believed": refused,
+    marked = {
+        "reported_heading_and_airspeed": ground.own,
+        "chords": chord,
+        "none": ~known,
+        "one_sided": chord & ((path.before == 0) | (path.after == 0)),
+        "widened": chord & (np.maximum(path.before, path.after) > 1),
     }
+    aircraft, number = aircraft_of_report(reports), reports.sizes["aircraft"]
+    counts = {
+        name: np.bincount(aircraft[values], minlength=number) for name, values in marked.items()
+    }
+    tails = [str(name) for name in reports["aircraft"].to_numpy()]
+    return [
+        {name: int(values[row]) for name, values in counts.items()}
+        | {
+            "aircraft_with_own_vector": int(why == "own"),
+            "aircraft_whose_own_vector_was_not_believed": (
+                {} if why in ("own", "absent") else {tail: str(why)}
+            ),
+        }
+        for row, (tail, why) in enumerate(zip(tails, ground.reason, strict=True))
+    ]

@@ -22,6 +22,7 @@ from airswing.ragged import joined
 from airswing.workflow.job import Blocks, Job
 
 if TYPE_CHECKING:
+    from airswing.compass.pieces import KeptHeadings
     from airswing.progress import StageRecord
     from airswing.reference.catalogue import Catalogue
     from airswing.reference.places import Places
@@ -54,7 +55,7 @@ def read(job: Job, folder: Path) -> Archive:
         spool.fill(
             asked.files, format=asked.format, columns=asked.columns, on_bad_file=asked.on_bad_file
         )
-        with _written_to(folder):
+        with written_to(folder):
             archive = Archive(spool, folder / "blocks")
         stage.note = f"{archive.reports:,} reports of {archive.aircraft} aircraft"
         stage.reports = archive.reports
@@ -108,7 +109,7 @@ def set_places_down(archive: Archive, folder: Path) -> Places:
     """
     from airswing.reference.places import Places, stretches
 
-    with _written_to(folder):
+    with written_to(folder):
         places = Places(folder, stretches(archive.hours))
         for reports in archive:
             places.add(reports)
@@ -116,8 +117,17 @@ def set_places_down(archive: Archive, folder: Path) -> Places:
 
 
 @contextlib.contextmanager
-def _written_to(folder: Path) -> Iterator[None]:
-    """Tell in one message that a folder for work under way cannot be written to."""
+def written_to(folder: Path) -> Iterator[None]:
+    """Tell in one message that a folder for work under way cannot be written to.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Raises
+    ------
+    InputError
+    """
     try:
         yield
     except OSError as err:
@@ -203,7 +213,7 @@ def collocate_places(
     with job.progress.stage("collocate") as stage:
         stage.tasks = sum(one.model_times for one in plans.values())
         store = SampleStore(folder)
-        with _written_to(folder):
+        with written_to(folder):
             store.begin()
         for number in range(len(places)):
             winds = collocate(
@@ -213,7 +223,7 @@ def collocate_places(
             _account(stage, winds)
             for name, met in zip(models, winds[PROBLEMS].to_numpy(), strict=True):
                 problems[name] |= met
-            with _written_to(folder):
+            with written_to(folder):
                 places.put(number, winds.drop_vars([*ACCOUNT, PROBLEMS]))
         store.forget_unused()
         matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
@@ -228,7 +238,13 @@ def _account(stage: StageRecord, winds: xr.Dataset) -> None:
     stage.decoding += float(winds["decoding_seconds"].sum())
 
 
-def collocated_blocks(job: Job, *, names: list[str], derivatives: bool = False) -> Blocks:
+def collocated_blocks(
+    job: Job,
+    *,
+    names: list[str],
+    derivatives: bool = False,
+    kept: KeptHeadings | None = None,
+) -> Blocks:
     """Reports with model winds and headings, some aircraft at a time; not screened or written.
 
     Parameters
@@ -238,13 +254,15 @@ def collocated_blocks(job: Job, *, names: list[str], derivatives: bool = False) 
         References to sample.
     derivatives : bool, default False
         Also sample the reference wind's derivatives, which the gap diagnosis needs.
+    kept : KeptHeadings, optional
+        What an earlier run derived.
 
     Returns
     -------
     Blocks
         ``reading_audit``, ``reference_audit`` and ``ground_vector_evidence`` in the attributes.
     """
-    from airswing.compass.headings import derive_headings, sum_of_accounts
+    from airswing.compass.pieces import KeptHeadings
     from airswing.reference.overlap import require_overlap
 
     folder = job.gap_store if derivatives else job.store
@@ -265,13 +283,12 @@ def collocated_blocks(job: Job, *, names: list[str], derivatives: bool = False) 
         "reference_audit": audit,
     }
 
+    found = kept or KeptHeadings()
+
     def each(stage: StageRecord) -> Iterator[xr.Dataset]:
-        accounts = []
         for number, reports in enumerate(archive):
-            headings = derive_headings(reports, places.winds(number, reports))
-            accounts.append(json.loads(headings.attrs.pop("ground_vector_evidence")))
-            yield headings
-        attrs["ground_vector_evidence"] = json.dumps(sum_of_accounts(accounts))
+            yield found.derive(reports, places.winds(number, reports))
+        attrs["ground_vector_evidence"] = json.dumps(found.evidence)
 
     return Blocks(archive.reports, archive.aircraft, each, "headings", attrs)
 

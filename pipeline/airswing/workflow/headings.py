@@ -6,6 +6,7 @@ writes it as it comes.
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -25,6 +26,7 @@ from airswing.workflow.collocating import (
     plans_of,
     read,
     set_places_down,
+    written_to,
 )
 from airswing.workflow.job import COLLOCATING, HEADINGS, Blocks, Job, earlier, ragged_product
 
@@ -92,7 +94,7 @@ def make_headings(job: Job) -> xr.Dataset:
         made = _unscreened(job, unscreened)
         if made is None:
             job.begin_store(job.store)
-            made = collocated_blocks(job, names=names)
+            made = _collocated(job, names)
         made.attrs["unscreened_fingerprint"] = unscreened
         return _screened(job, made)
 
@@ -109,6 +111,30 @@ def make_headings(job: Job) -> xr.Dataset:
     )
     job.end_store(job.store)
     return headings
+
+
+def _collocated(job: Job, names: list[str]) -> Blocks:
+    """Headings against some references; those of an earlier run that still hold are taken up."""
+    from airswing.compass.pieces import KeptHeadings, Record
+
+    found = earlier(job, job.output / HEADINGS)
+    kept = KeptHeadings(found, Record.read(job.record))
+    made = collocated_blocks(job, names=names, kept=kept)
+
+    def each(stage: StageRecord) -> Iterator[xr.Dataset]:
+        with contextlib.closing(found) if found is not None else contextlib.nullcontext():
+            yield from made.each(stage)
+        if kept.taken_up:
+            job.progress.say(
+                f"  headings of {kept.taken_up:,} reports are those of the earlier run"
+            )
+
+    def written(uuid: str) -> None:
+        if job.config.compute.keep_samples:
+            with written_to(job.store):
+                kept.record(uuid).write(job.record)
+
+    return replace(made, each=each, written=written)
 
 
 def _screened(job: Job, made: Blocks) -> Blocks:
@@ -166,6 +192,8 @@ def nothing_kept(total: xr.DataArray, reports: int) -> InputError:
 
 def _unscreened(job: Job, mark: str) -> Blocks | None:
     """Reports with model winds of an earlier run that still hold, to be screened anew."""
+    from airswing.compass.pieces import Record
+
     found = earlier(job, job.output / HEADINGS)
     if found is None:
         return None
@@ -173,8 +201,14 @@ def _unscreened(job: Job, mark: str) -> Blocks | None:
         found.close()
         return None
     job.progress.say(f"{HEADINGS}: model winds kept, screened anew")
-    kept = found.drop_vars("screening")
+    kept, record = found.drop_vars("screening"), Record.read(job.record)
+
+    def written(uuid: str) -> None:
+        if record is not None and record.product == found.attrs["uuid"]:
+            with written_to(job.store):
+                record._replace(product=uuid).write(job.record)
+
     return Blocks(
         found.sizes["report"], found.sizes["aircraft"], lambda _: blocks(kept), "screen",
-        dict(found.attrs),
+        dict(found.attrs), written,
     )  # fmt: skip

@@ -66,6 +66,11 @@ class Job:
         return self.output / ".collocated"
 
     @property
+    def record(self) -> Path:
+        """Which of the headings' rows a later run can take up, and for what."""
+        return self.store / "headings.json"
+
+    @property
     def gap_store(self) -> Path:
         """The same of the gap, whose model times hold more; never kept when it is through."""
         return self.output / ".collocated_gap"
@@ -107,6 +112,9 @@ class Blocks:
         What a person reads while they are made.
     attrs : dict
         Attributes of the whole; complete when the last block was given.
+    written : callable, optional
+        Called with the product's ``uuid`` when all is written, before it takes its name: whatever
+        it notes stands wherever the product does.
     """
 
     reports: int
@@ -114,6 +122,7 @@ class Blocks:
     each: Callable[[StageRecord], Iterator[xr.Dataset]]
     stage: str
     attrs: dict[str, Any] = field(default_factory=dict)
+    written: Callable[[str], None] = lambda uuid: None
 
 
 def main_reference(config: Config) -> str:
@@ -222,6 +231,7 @@ def ragged_product(
             writer.append(block)
         told = provenance(**_told(job, title, sources))
         writer.describe({**made.attrs, "fingerprint": mark, **told})
+        made.written(told["uuid"])
     return read_product(path, lazy=True)
 
 
