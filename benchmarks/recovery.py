@@ -22,6 +22,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,8 @@ LIMITS = {"offset": 0.3, "amplitude": 0.3, "phase": 5.0}
 """Degrees."""
 LEAST_AMPLITUDE, LEAST_REPORTS = 2.0, 3000
 """Degrees; reports that count in the fit."""
+CLASSES = (2.0, 2.5, 4.0, 9.0)
+"""Degrees: amplitudes are judged between these too."""
 
 
 def make(folder: Path, seed: int, days: int, aircraft: int) -> None:
@@ -102,7 +105,23 @@ def summary(lines: list[dict[str, Any]]) -> tuple[str, bool]:
             f" {np.abs(apart).max():.2f}; rms standard error {np.sqrt(np.mean(error**2)):.3f},"
             f" +-1.96 of it held {100 * np.mean(np.abs(apart) <= 1.96 * error):.1f} %"
         )
+    words += [classed(trusted, low, high) for low, high in pairwise(CLASSES)]
     return "\n".join(words), good
+
+
+def classed(lines: list[dict[str, Any]], low: float, high: float) -> str:
+    """Errors of the amplitudes between two sizes: their mean, and how often they were held."""
+    some = [line for line in lines if low < line["true_amplitude"] <= high]
+    apart, error = (
+        np.array([line[name] for line in some]) for name in ("amplitude", "amplitude_error")
+    )
+    if apart.size < 2:
+        return f"  amplitudes of {low} to {high} degrees: {apart.size}"
+    spread = apart.std(ddof=1) / np.sqrt(apart.size)
+    return (
+        f"  amplitudes of {low} to {high} degrees: {apart.size}, mean error {apart.mean():+.3f} +-"
+        f" {spread:.3f}, held {100 * np.mean(np.abs(apart) <= 1.96 * error):.1f} %"
+    )
 
 
 def main() -> int:

@@ -33,7 +33,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.columns import Columns
-from airswing.compass.kernel import BLOCK, plain_sinusoid
+from airswing.compass.kernel import plain_sinusoid
 from airswing.compass.publication import (
     MAX_CONDITION,
     AircraftSums,
@@ -42,6 +42,7 @@ from airswing.compass.publication import (
     publish,
 )
 from airswing.compass.robustfit import fit_aircraft
+from airswing.compass.rows import BLOCK
 from airswing.errors import InputError
 from airswing.ragged import blocks, row_bounds
 from airswing.vocabulary import STATUS, describe
@@ -148,7 +149,14 @@ def fit_deviation(
         "shared_error": shared_error, "min_reports": min_reports,
         "min_compass_points": min_compass_points, "alone": alone,
     }  # fmt: skip
-    return fit_sums([sum_aircraft(part, **options) for part in blocks(headings, FITTED_FROM)])
+    parts = [headings] if _in_memory(headings) else blocks(headings, FITTED_FROM)
+    return fit_sums([sum_aircraft(part, **options) for part in parts])
+
+
+def _in_memory(headings: xr.Dataset) -> bool:
+    """Whether nothing is left to read: cutting such a fleet in parts saves no memory."""
+    names = [name for name in FITTED_FROM if name in headings.variables]
+    return all(headings.variables[name]._in_memory for name in names)
 
 
 def sum_aircraft(
@@ -326,14 +334,17 @@ def _sum_reference(columns: Columns, members: list[int], options: Options) -> li
     return list(found.to_numpy())
 
 
-def _compass_points(angle: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
-    """Number of angles (degrees) nearest to each of the eight compass points."""
+def _compass_points(angle: NDArray[np.floating[Any]]) -> int:
+    """Compass points that angles (degrees) are nearest to: three of them, or one in 500."""
+    least = max(3, 0.002 * angle.size)
     counts = np.zeros(8, dtype=np.int64)
     for begin in range(0, angle.size, BLOCK):
         # whole turns are added so that cutting the fraction off is rounding to the nearest point
         point = (angle[begin : begin + BLOCK] * (1 / 45.0) + 16.5).astype(np.int8) & 7
         counts += [np.count_nonzero(point == k) for k in range(8)]
-    return counts
+        if counts.min() >= least:
+            break
+    return int(np.count_nonzero(counts >= least))
 
 
 def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Options) -> AircraftSums:
@@ -342,8 +353,7 @@ def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Optio
         fit_aircraft, sets, flight_day, joint=options.joint,
         places=places if options.joint and options.shared_error else None,
     )  # fmt: skip
-    counts = _compass_points(abscissa)
-    points = int(np.sum(counts >= max(3, 0.002 * abscissa.size)))
+    points = _compass_points(abscissa)
     found = AircraftSums(
         int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"], field
     )

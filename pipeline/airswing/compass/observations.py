@@ -49,8 +49,8 @@ class Observations:
 
     Attributes
     ----------
-    sin_m, cos_m : array, shape (n,)
-        Of the abscissa.
+    turned : array, shape (2, n)
+        Sine and cosine of the abscissa.
     heading, error : array, shape (n,)
         Indicated true heading and its error, radians.
     airspeed, implied : array, shape (n,)
@@ -63,8 +63,7 @@ class Observations:
         What the one-cycle part of the deviation is multiplied by.
     """
 
-    sin_m: Single
-    cos_m: Single
+    turned: Single
     heading: Single
     error: Single
     airspeed: Single
@@ -85,7 +84,7 @@ class Observations:
 
     def take(self, keep: slice, room: Single | None = None) -> Observations:
         """Part of the reports (the flight numbers are kept); needs no room."""
-        return Observations(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+        return Observations(*(getattr(self, name)[..., keep] for name in self.__dataclass_fields__))
 
 
 @dataclass(frozen=True)
@@ -155,7 +154,7 @@ class Reports:
         Parameters
         ----------
         keep : slice
-        room : array of float32, shape (8, as many reports or more), optional
+        room : array of float32, shape (8, as many reports), optional
             Where to put them: new memory costs more than the work.
 
         Returns
@@ -165,17 +164,14 @@ class Reports:
         flight = self.flight[keep]
         if room is None:
             room = np.empty((ROOM, flight.size), dtype=np.float32)
-        sin_m, cos_m, heading, error, airspeed, implied, known, gain = room[:, : flight.size]
-        for row, degrees in (
-            (cos_m, self.abscissa),
-            (heading, self.heading),
-            (error, self.heading_error),
-            (known, self.standard_error),
-        ):
-            row[:] = degrees[keep]
-            row *= np.float32(np.pi / 180.0)
-        np.sin(cos_m, out=sin_m)
-        np.cos(cos_m, out=cos_m)
+        sine, cosine, heading, error, known, airspeed, implied, gain = room
+        cosine[:] = self.abscissa[keep]
+        heading[:] = self.heading[keep]
+        error[:] = self.heading_error[keep]
+        known[:] = self.standard_error[keep]
+        room[1:5] *= np.float32(np.pi / 180.0)
+        np.sin(cosine, out=sine)
+        np.cos(cosine, out=cosine)
         airspeed[:] = self.airspeed[keep]
         implied[:] = self.airspeed_error[keep]
         np.subtract(airspeed, implied, out=implied)
@@ -184,4 +180,4 @@ class Reports:
         if not np.isfinite(known.sum()):
             np.nan_to_num(known, copy=False, posinf=0.0)
         gain[:] = self.gain[keep]
-        return Observations(sin_m, cos_m, heading, error, airspeed, implied, known, flight, gain)
+        return Observations(room[:2], heading, error, airspeed, implied, known, flight, gain)

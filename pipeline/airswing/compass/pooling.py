@@ -138,7 +138,7 @@ def pool(fits: list[AircraftFit], *, joint: bool) -> Fleet:
     raw = [fit.covariance for fit in fits]
     ratio = day_ratio(
         [np.diagonal(one) for one in raw],
-        [np.diagonal(fit.day.T @ fit.day) for fit in fits],
+        [np.diagonal(fit.day_covariance) for fit in fits],
         freedom,
     )
     wide = [widened(one, ratio) for one in raw]
@@ -178,6 +178,8 @@ def _second_pass(fits: list[AircraftFit], wide: list[Array], prior: Array, tau: 
     common_day = np.zeros((days.size, prior.size))
     for fit, w in zip(fits, share, strict=True):
         common_day[np.searchsorted(days, fit.day_number)] += fit.day[:, b] @ w.T
+    # scatter between aircraft in what an aircraft's own bias and the mean are apart
+    total_random = np.einsum("aij,j,akj->ik", share, prior, share)
     by_flight, by_day, random = [], [], []
     for k, fit in enumerate(fits):
         own = np.eye(fit.theta.size)
@@ -187,8 +189,8 @@ def _second_pass(fits: list[AircraftFit], wide: list[Array], prior: Array, tau: 
         daily = common_day @ gain[k].T
         daily[np.searchsorted(days, fit.day_number)] += fit.day - fit.day[:, b] @ gain[k].T
         by_day.append(daily.T @ daily)
-        off = share - np.eye(prior.size) * (np.arange(len(fits)) == k)[:, np.newaxis, np.newaxis]
-        random.append(gain[k] @ np.einsum("aij,j,akj->ik", off, prior, off) @ gain[k].T)
+        twice = share[k] * prior
+        random.append(gain[k] @ (total_random + between - twice - twice.T) @ gain[k].T)
     freedom = [max(fit.day_number.size - 1, 1) for fit in fits]
     ratio = day_ratio(
         [np.diagonal(one) for one in by_flight], [np.diagonal(one) for one in by_day], freedom
@@ -197,6 +199,6 @@ def _second_pass(fits: list[AircraftFit], wide: list[Array], prior: Array, tau: 
         [widened(one, ratio) + two for one, two in zip(by_flight, random, strict=True)]
     )
     mean_covariance = np.linalg.inv(inverse.sum(axis=0))
-    day_part = common_day.T @ common_day + np.einsum("aij,j,akj->ik", share, prior, share)
+    day_part = common_day.T @ common_day + total_random
     wider = np.maximum(np.diagonal(day_part) / np.diagonal(mean_covariance), 1.0)
     return Fleet(theta, covariance, mean, widened(mean_covariance, wider), tau)

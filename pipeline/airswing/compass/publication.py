@@ -158,7 +158,7 @@ def _publish_fits(
 ) -> None:
     ratio = day_ratio(
         [np.diagonal(fit.covariance) for fit in fits],
-        [np.diagonal(fit.day.T @ fit.day) for fit in fits],
+        [np.diagonal(fit.day_covariance) for fit in fits],
         [max(fit.day_number.size - 1, 1) for fit in fits],
     )
     wide = [widened(fit.covariance, ratio) for fit in fits]

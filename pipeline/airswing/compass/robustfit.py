@@ -13,6 +13,8 @@ is below three standard errors (clustered): one pass where reports are many.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,10 +93,15 @@ class AircraftFit:
     flight_order: Index = field(repr=False)
     blocks: list[Blocks] = field(repr=False, default_factory=list)
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
         """Clustered by flight."""
         return np.asarray(self.flight.T @ self.flight)
+
+    @cached_property
+    def day_covariance(self) -> Array:
+        """Clustered by day."""
+        return np.asarray(self.day.T @ self.day)
 
 
 def fit_aircraft(
@@ -136,7 +143,6 @@ def fit_aircraft(
     days = _days(flight_day)
     theta = np.zeros(size)
     middle = [obs.take(slice(None, None, max(obs.size // MIDDLE, 1))) for obs in members]
-    middle = [replace(obs, flight=np.zeros_like(obs.flight)) for obs in middle]
     thin = [obs.take(slice(None, None, max(obs.size // THIN, 1))) for obs in middle]
     theta, _ = _start(thin, theta, free, joint, False)
     theta, scatters = _start(middle, theta, free, joint, True)
@@ -211,10 +217,15 @@ def _days(flight_day: NDArray[np.integer]) -> tuple[Index, Index]:
 
 def _spread(normal: Array, parts: list[PassSums], free: Index, kappa: float) -> Array:
     """Standard errors clustered by flight, as good as a stopping rule needs."""
-    score = _flight_score(parts, normal.shape[0])[:, free]
+    score = _flight_score(parts, normal.shape[0])[:, _kept(free, normal.shape[0])]
     square = normal[np.ix_(free, free)]
     half = _solve(square, score.T @ score)
     return np.asarray(np.sqrt(np.maximum(np.diagonal(_solve(square, half.T)), 0.0)) / kappa)
+
+
+def _kept(free: Index, size: int) -> Any:
+    """Places of the free parameters; all of them as a slice, which copies nothing."""
+    return slice(None) if free.size == size else free
 
 
 def _flight_score(parts: list[PassSums], size: int) -> Array:
@@ -252,7 +263,7 @@ def _start(
                 for k, obs in enumerate(few)
             ]
         parts = [
-            accumulate(obs, _local(theta, k), scatters[k], 1, joint=joint)
+            accumulate(obs, _local(theta, k), scatters[k], 0, joint=joint)
             for k, obs in enumerate(few)
         ]
         normal, score, kappa = _joined(parts, theta.size)
@@ -303,13 +314,14 @@ def _finish(
         if normals is not None and part.flight_normal is not None:
             normals[:, place[:, np.newaxis], place] += part.flight_normal
     square = normal[np.ix_(free, free)]
-    score = score[:, free] - score[:, free].mean(axis=0)
+    kept = _kept(free, size)
+    score = score[:, kept] - score[:, kept].mean(axis=0)
     if normals is not None:
         normals = normals[:, free[:, np.newaxis], free]
     day_normals = None if normals is None else group_sums(normals, day, day_number.size)
     influence = [np.zeros((count, size)) for count in (flights, day_number.size)]
-    influence[0][:, free] = influences(score, square, normals, kappa)
-    influence[1][:, free] = influences(
+    influence[0][:, kept] = influences(score, square, normals, kappa)
+    influence[1][:, kept] = influences(
         group_sums(score, day, day_number.size), square, day_normals, kappa
     )
     freedom = np.full(size, np.inf)
