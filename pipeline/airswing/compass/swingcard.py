@@ -42,6 +42,11 @@ COLUMNS = (
     "standard_error_deg",
     "sign",
 )
+Box = tuple[float, float, float, float]
+"""Left, bottom, width and height, shares of the page."""
+LEFT: Box = (0.015, 0.04, 0.475, 0.89)
+UPPER: Box = (0.585, 0.525, 0.40, 0.405)
+LOWER: Box = (0.585, 0.055, 0.40, 0.405)
 _STATUS_TEXT = {code: name for name, code in STATUS.items()}
 
 
@@ -147,13 +152,14 @@ def swing_card(fits: xr.Dataset, *, aircraft: str, reference: str | None = None)
     from matplotlib.figure import Figure
 
     one = _select(fits, aircraft, reference)
-    figure = Figure(figsize=(8.27, 5.83), layout="constrained")
-    halves: Any = figure.subfigures(1, 2, width_ratios=(1.05, 1.0))
-    left, right = halves
-    _draw_card(left, one)
+    figure = Figure(figsize=(8.27, 5.83))
+    _draw_card(figure, one)
     if int(one["status"]) == STATUS["ok"]:
-        _draw_curve(right, one)
-    figure.suptitle(f"Compass swing in flight: {aircraft}", fontweight="bold")
+        _draw_curve(figure, one)
+    figure.text(
+        0.5, 0.985, f"Compass swing in flight: {aircraft}", fontsize=12, fontweight="bold",
+        ha="center", va="top",
+    )  # fmt: skip
     return figure
 
 
@@ -260,23 +266,26 @@ def card_rows(table_error: ArrayLike) -> list[tuple[str, str]]:
     ]
 
 
-def _draw_card(panel: Any, one: xr.Dataset) -> None:
-    axes = panel.subplots()
-    axes.axis("off")
+def _draw_card(figure: Any, one: xr.Dataset) -> None:
+    # Places are given: the page has one size, and finding them by measuring every word and
+    # drawing twice takes several times what the drawing does.
     status = _STATUS_TEXT[int(one["status"])]
     if status != "ok":
+        axes = figure.add_axes(LEFT)
+        axes.axis("off")
         axes.text(0.5, 0.6, "NO CARD", ha="center", fontsize=20)
         axes.text(0.5, 0.5, f"fit refused: {status.replace('_', ' ')}", ha="center")
     else:
         rows = card_rows(one["table_error"].to_numpy())
         cells = [[*rows[k], *rows[k + 6]] for k in range(6)]
-        _grid(axes, cells, ("FOR", "STEER", "FOR", "STEER"), (0.02, 0.56, 0.96, 0.42))
-        _grid(axes, _node_cells(one), ("node", "", "correction", "±"), (0.02, 0.0, 0.96, 0.5))
-    panel.supxlabel(
+        _grid(figure, cells, ("FOR", "STEER", "FOR", "STEER"), (0.015, 0.545, 0.475, 0.385))
+        _grid(figure, _node_cells(one), ("node", "", "correction", "±"), (0.015, 0.04, 0.475, 0.46))
+    figure.text(
+        0.2525, 0.012,
         f"against {one['reference'].item()}; {int(one['report_count'])} reports, "
         f"{int(one['flight_count'])} flights, {int(one['compass_points'])} of 8 compass points",
-        fontsize=7,
-    )
+        fontsize=7, ha="center",
+    )  # fmt: skip
 
 
 def _node_cells(one: xr.Dataset) -> list[list[str]]:
@@ -287,16 +296,25 @@ def _node_cells(one: xr.Dataset) -> list[list[str]]:
     ]
 
 
-def _grid(axes: Any, cells: list[list[str]], head: Sequence[str], box: tuple[float, ...]) -> None:
-    table = axes.table(cellText=cells, colLabels=list(head), bbox=box, cellLoc="center")
-    table.auto_set_font_size(False)
-    table.set_fontsize(9)
+def _grid(figure: Any, cells: list[list[str]], head: Sequence[str], box: Box) -> None:
+    axes = figure.add_axes(box)
+    axes.axis("off")
+    rows = [list(head), *cells]
+    across, down = len(head), len(rows)
+    axes.set(xlim=(0, across), ylim=(down, 0))
+    line: dict[str, Any] = {"colors": "black", "linewidth": 1.0, "clip_on": False}
+    axes.hlines(np.arange(down + 1), 0, across, **line)
+    axes.vlines(np.arange(across + 1), 0, down, **line)
+    for row, words in enumerate(rows):
+        for column, word in enumerate(words):
+            axes.text(column + 0.5, row + 0.5, word, fontsize=9, ha="center", va="center_baseline")
 
 
-def _draw_curve(panel: Any, one: xr.Dataset) -> None:
+def _draw_curve(figure: Any, one: xr.Dataset) -> None:
     from airswing.compass.correction import curve_standard_error
 
-    upper, lower = panel.subplots(2, 1, sharey=True)
+    upper = figure.add_axes(UPPER)
+    lower = figure.add_axes(LOWER, sharey=upper)
     curve = deviation_curve(one["deviation"].to_numpy(), FINE)
     wide = 1.96 * curve_standard_error(one["deviation_covariance"].to_numpy(), FINE)
     nodes = one["table_error"].to_numpy()

@@ -163,15 +163,25 @@ def _drawn_gains(
     left_u, left_v = u - flown.u_reference, v - flown.v_reference
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    found = np.empty(draws)
+    # Were the deviation larger by x, both winds would hold -x V across the heading: only what is
+    # left across it changes, what is left along it stays.
     east, north = np.cos(flown.heading), -np.sin(flown.heading)
+    across = left_u * east + left_v * north
+    along = (left_u * north - left_v * east) ** 2
+    turned = flown.airspeed * np.sin(fitted) - across
+    basis *= flown.airspeed[:, np.newaxis]
+    found, work = np.empty(draws), np.empty_like(across)
+
+    def mean_length(off: Floats, from_: Floats) -> float:
+        np.add(off, from_, out=work)
+        np.multiply(work, work, out=work)
+        np.add(work, along, out=work)
+        return float(np.sqrt(work, out=work).mean())
+
+    across = -across
     for k in range(draws):
-        off = flown.airspeed * (basis @ (root @ rng.standard_normal(deviation.size)))
-        # Were the deviation larger by x, both winds would hold -x V across the heading.
-        turned = flown.airspeed * np.sin(fitted)
-        before = np.hypot(left_u - (turned + off) * east, left_v - (turned + off) * north)
-        after = np.hypot(left_u - off * east, left_v - off * north)
-        found[k] = before.mean() - after.mean()
+        off = basis @ (root @ rng.standard_normal(deviation.size))
+        found[k] = mean_length(off, turned) - mean_length(off, across)
     return found
 
 

@@ -75,8 +75,12 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
         ),
         sources=(screened,),
     )
-    write_tables_csv(fits, job.output / "tables.csv")
-    write_swing_cards(fits, job.output / "swing_cards", reference=main_reference(config))
+    with job.progress.stage("swing cards") as stage:
+        write_tables_csv(fits, job.output / "tables.csv")
+        cards = write_swing_cards(
+            fits, job.output / "swing_cards", reference=main_reference(config)
+        )
+        stage.note = f"{len(cards)} aircraft"
     return fits
 
 
