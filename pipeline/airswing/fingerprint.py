@@ -102,6 +102,7 @@ def _source(name: str, package: Path) -> Path | None:
     return next((path for path in (file, folder) if path.is_file()), None)
 
 
+@functools.cache
 def _imported(path: Path, package: str) -> set[str]:
     """Modules of the package, and names in them that may be modules, that a file imports."""
     found: set[str] = set()
