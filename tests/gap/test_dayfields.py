@@ -1,4 +1,4 @@
-"""Variances of the day fields: recovered, and not raised by what lasts or by an effect."""
+"""Variances of day fields and climatology: recovered, not raised by what lasts or by an effect."""
 
 from __future__ import annotations
 
@@ -9,7 +9,12 @@ import pytest
 from tests.gap.toy import make_frame
 
 from airswing.gap.context import exogenous
-from airswing.gap.dayfields import day_variances, lasting_prior, shared_prior
+from airswing.gap.dayfields import (
+    LEAST_CLIMATOLOGY,
+    lasting_prior,
+    shared_prior,
+    shared_variances,
+)
 from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.layout import build_columns, make_layout
@@ -60,7 +65,8 @@ def _drawn(made, seed):
 
 
 def test_variances_are_recovered(made):
-    ratios = np.mean([day_variances(_with_residual(made, _drawn(made, s))) for s in range(6)], 0)
+    drawn = [shared_variances(_with_residual(made, _drawn(made, s))) for s in range(6)]
+    ratios = np.mean([v.day for v in drawn], 0)
     assert np.mean(ratios / TRUE) == pytest.approx(1.0, abs=0.15)
     np.testing.assert_allclose(ratios[[0, 10]], TRUE[[0, 10]], rtol=0.4)
 
@@ -68,14 +74,15 @@ def test_variances_are_recovered(made):
 def test_a_lasting_error_and_an_effect_do_not_pass_for_weather(made):
     _, layout, _, white, _ = made
     drawn = _drawn(made, 3)
-    bare = day_variances(_with_residual(made, drawn))
+    bare = shared_variances(_with_residual(made, drawn)).day
     bias = white[:, layout.columns("climatology")[0]] * 3.0
-    np.testing.assert_allclose(day_variances(_with_residual(made, drawn + bias)), bare, rtol=0.05)
+    biased = shared_variances(_with_residual(made, drawn + bias)).day
+    np.testing.assert_allclose(biased, bare, rtol=0.1)
     effect = white[:, layout.columns("reference_speed_bias")[4]] * 0.2
     stats = _with_residual(made, drawn + effect)
     beside = shared_prior(layout, EFFECTS)
-    assert np.max(day_variances(stats) / bare) > 1.5
-    np.testing.assert_allclose(day_variances(stats, beside), bare, rtol=0.3, atol=0.02)
+    assert np.max(shared_variances(stats).day / bare) > 1.5
+    np.testing.assert_allclose(shared_variances(stats, beside).day, bare, rtol=0.3, atol=0.02)
 
 
 def test_which_columns_may_be_taken_for_weather(made):
@@ -85,5 +92,27 @@ def test_which_columns_may_be_taken_for_weather(made):
     assert columns.tolist() == [int(j) for j in expected]
     scale = CATALOGUE["reference_speed_bias"].column_scales[0]
     assert precision[-1] == pytest.approx(1 / scale**2)
-    lasting, _ = lasting_prior(layout)
+    many = layout.columns("climatology").size
+    lasting, precision = lasting_prior(layout, np.full(many, 0.25))
     assert lasting.size == layout.columns("climatology").size + 2
+    assert precision[0] == pytest.approx(4.0)
+
+
+def test_the_size_of_the_climatology_is_recovered(made):
+    _, layout, _, white, _ = made
+    columns = layout.columns("climatology")
+    found = []
+    for seed in range(8):
+        rng = np.random.default_rng(100 + seed)
+        drawn = _drawn(made, seed) + white[:, columns] @ rng.normal(0, 1.0, columns.size)
+        variances = shared_variances(_with_residual(made, drawn)).climatology
+        found.append(np.sqrt(1 / np.mean(1 / variances)))
+    assert np.mean(found) == pytest.approx(1.0, rel=0.25)
+
+
+def test_a_reference_without_climatology_is_not_given_much(made):
+    found = [
+        np.median(shared_variances(_with_residual(made, _drawn(made, seed))).climatology)
+        for seed in range(6)
+    ]
+    assert LEAST_CLIMATOLOGY**2 <= np.median(found) < 0.15**2

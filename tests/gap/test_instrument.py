@@ -11,7 +11,7 @@ from tests.gap.toy import make_frame
 from airswing.gap.candidates import candidates
 from airswing.gap.closure import retimed, whole_coefficients
 from airswing.gap.context import exogenous
-from airswing.gap.dayfields import day_variances
+from airswing.gap.dayfields import shared_variances
 from airswing.gap.dictionary import plan_dictionary
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence import evaluate, fleet_allowance
@@ -43,7 +43,7 @@ def made():
     stats = accumulate(
         columns_frame, frame.residual, noise=noise, layout=layout, effects=EFFECTS, plan=plan
     )
-    return frame, columns_frame, noise, plan, eliminate_days(stats, day_variances(stats))
+    return frame, columns_frame, noise, plan, eliminate_days(stats, shared_variances(stats))
 
 
 def _term(base, name, subset, tails):

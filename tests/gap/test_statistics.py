@@ -80,7 +80,7 @@ def test_day_fields_and_conditioning_equal_dense_mixed_model(made):
     z = np.zeros((x.shape[0], q * stats.days.size))
     for d in range(stats.days.size):
         z[day == d, d * q : (d + 1) * q] = x[day == d, :q]
-    inner = z.T @ z + np.diag(np.tile(1 / base.day_variance, stats.days.size))
+    inner = z.T @ z + np.diag(np.tile(1 / base.variances.day, stats.days.size))
 
     def out(y):
         return y - z @ np.linalg.solve(inner, z.T @ y)

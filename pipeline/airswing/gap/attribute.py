@@ -44,8 +44,6 @@ class Rules:
     ----------
     evidence : float
         Smallest tempered evidence of a term, nats.
-    fleet_evidence : float
-        The same for fleet-wide terms.
     size : float
         Smallest rms where it acts, m s-1. Real fleets have a little of every effect everywhere;
         what is smaller than this is left to them.
@@ -57,7 +55,6 @@ class Rules:
     """
 
     evidence: float = 3.0
-    fleet_evidence: float = 2.0
     size: float = 0.2
     unknown_margin: float = 3.0
     most_terms: int = 12
@@ -114,10 +111,9 @@ def with_background(base: Base, pool: Sequence[Candidate]) -> Base:
 
 def passes(score: Score, rules: Rules) -> bool:
     """Whether a candidate may enter: tempered evidence and practical size."""
-    bound = rules.fleet_evidence if score.candidate.scope == "fleet" else rules.evidence
     if not score.candidate.known and score.novelty < LEAST_NOVELTY:
         return False
-    return score.tempered > bound and bool(struck(score, rules).size)
+    return score.tempered > rules.evidence and bool(struck(score, rules).size)
 
 
 def struck(score: Score, rules: Rules) -> NDArray[np.int64]:

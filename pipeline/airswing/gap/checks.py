@@ -146,7 +146,7 @@ def held_out_climatology(
     theta = np.zeros((int(fold.max()) + 1, number))
     for f in range(theta.shape[0]):
         keep = fold != f
-        part = eliminate_days(select_days(base.stats, keep), base.day_variance)
+        part = eliminate_days(select_days(base.stats, keep), base.variances)
         theta[f] = fit_terms(part, [restrict_term(t, keep) for t in terms]).coefficients[:number]
     columns = np.concatenate(
         [climatology_columns(columns_frame, plan), slope_columns(columns_frame)], axis=-1

@@ -184,7 +184,7 @@ def fold_coefficients(base: Base, terms: Sequence[Term], fold: Integers) -> list
     out = []
     for f in range(int(fold.max()) + 1):
         keep = fold != f
-        part = eliminate_days(select_days(base.stats, keep), base.day_variance)
+        part = eliminate_days(select_days(base.stats, keep), base.variances)
         own = [restrict_term(t, keep) for t in terms]
         out.append(term_coefficients(fit_terms(part, own), own))
     return out
@@ -413,10 +413,10 @@ def held_out_energy(base: Base, terms: Sequence[Term]) -> tuple[Floats, Floats]:
     for f in range(number):
         keep = fold != f
         own = [restrict_term(t, keep) for t in terms]
-        part = eliminate_days(select_days(stats, keep), base.day_variance)
+        part = eliminate_days(select_days(stats, keep), base.variances)
         train = fit_terms(part, own)
         there = [restrict_term(t, ~keep) for t in terms]
-        test = fit_terms(eliminate_days(select_days(stats, ~keep), base.day_variance), there)
+        test = fit_terms(eliminate_days(select_days(stats, ~keep), base.variances), there)
         energy[f] = _energies(train, test, terms)
     spread = energy.std(axis=0, ddof=1) * np.sqrt(number) if number > 1 else energy.sum(axis=0)
     return energy.sum(axis=0), spread

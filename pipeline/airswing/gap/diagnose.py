@@ -19,14 +19,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.gap.attribute import Found, Rules, search, with_background
+from airswing.gap.attribute import Found, Rules, with_background
 from airswing.gap.candidates import candidates
 from airswing.gap.checks import run_checks, with_aliases
 from airswing.gap.claims import Adjustment, make_adjustment
 from airswing.gap.closure import (
     Closure,
     close,
-    held_out_energy,
     is_sensor,
     take_off,
     term_coefficients,
@@ -35,7 +34,7 @@ from airswing.gap.closure import (
     whole_coefficients,
 )
 from airswing.gap.context import exogenous
-from airswing.gap.dayfields import day_variances, shared_prior
+from airswing.gap.dayfields import shared_prior, shared_variances
 from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.folding import folded
@@ -46,13 +45,13 @@ from airswing.gap.locate import residual_maps, slices
 from airswing.gap.measure import Base, eliminate_days
 from airswing.gap.moments import second_moments
 from airswing.gap.noise import NoiseFit, fit_noise
+from airswing.gap.standing import Standing, settle
 from airswing.gap.statistics import DAY, accumulate, day_of_report
 from airswing.gap.summary import assemble
 from airswing.gap.swap import exchange, find_swap
 from airswing.gap.terms import Term, given_terms
 from airswing.gap.testability import absorbed, too_short
 from airswing.gap.turning import heading_doubt
-from airswing.gap.widening import widened
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -90,7 +89,7 @@ class Pass:
 
     noise: NoiseFit
     base: Base
-    found: Found
+    standing: Standing
     columns_frame: Any
     plan: DictionaryPlan
 
@@ -178,16 +177,16 @@ def diagnose(
         )
     final = first
     parts = _parts(frame, columns_frame, first, effects)
-    if parts.peak > PEAK or any(_large(t) for t in first.found.terms):
+    if parts.peak > PEAK or any(_large(t) for t in first.standing.found.terms):
         quiet = take_off(frame, parts.sensor, parts.other)
         final = _run(
             frame, columns_frame, quiet + parts.linear, effects, rules, dictionary, seed, tell,
             quiet,
         )  # fmt: skip
-    found, base = final.found, final.base
+    found, base = final.standing.found, final.base
+    energy, energy_error = final.standing.energy, final.standing.error
     days, _ = day_of_report(frame)
     day = np.searchsorted(base.stats.days, days)
-    found, energy, energy_error = _stand(base, found)
     tell("closure", 0.0)
     means = folded(found.terms, energy, energy_error)
     stated = [k for k, t in enumerate(found.terms) if t.candidate.known and k not in means]
@@ -278,11 +277,10 @@ def _run(
         progress=lambda done: tell("statistics", done),
     )  # fmt: skip
     tell("search", 0.0)
-    base = eliminate_days(stats, day_variances(stats, shared_prior(layout, effects)))
+    base = eliminate_days(stats, shared_variances(stats, shared_prior(layout, effects)))
     pool = candidates(layout, effects, dictionary=dictionary)
     base = with_background(base, pool)
-    found = widened(base, search(base, pool, rules=rules), pool)
-    return Pass(noise, base, found, columns_frame, plan)
+    return Pass(noise, base, settle(base, pool, rules), columns_frame, plan)
 
 
 def _quantile(size: Floats) -> float:
@@ -305,11 +303,11 @@ class _Parts:
 
 def _parts(frame: Any, columns_frame: Any, first: Pass, effects: Mapping[str, Any]) -> _Parts:
     """Evaluate the terms of a pass on every report."""
-    base, terms = first.base, first.found.terms
+    base, terms = first.base, first.standing.found.terms
     days, _ = day_of_report(frame)
     day = np.searchsorted(base.stats.days, days)
     shape = base.stats.day_count.shape
-    values = term_coefficients(first.found.given, terms)
+    values = term_coefficients(first.standing.found.given, terms)
     sensor, other, linear = (np.zeros((frame.size, 2)) for _ in range(3))
     nothing = np.zeros(frame.size, np.int64)
     peak = 0.0
@@ -327,29 +325,6 @@ def _parts(frame: Any, columns_frame: Any, first: Pass, effects: Mapping[str, An
             else:
                 other += part
     return _Parts(sensor, other, linear, peak)
-
-
-def _stand(base: Base, found: Found) -> tuple[Found, Floats, Floats]:
-    """Keep the terms whose held-out energy exceeds two standard errors.
-
-    What changes with the date is not asked: weeks left out do not tell of their own change.
-    """
-    while found.terms:
-        energy, error = held_out_energy(base, found.terms)
-        weak = np.flatnonzero(energy <= 2 * error)
-        lasting = [k for k in weak if not _dated(found.terms[k])]
-        if not lasting:
-            return found, energy, error
-        drop = lasting[int(np.argmin(energy[lasting]))]
-        terms = tuple(t for k, t in enumerate(found.terms) if k != drop)
-        rivals = tuple(r for k, r in enumerate(found.rivals) if k != drop)
-        found = Found(terms, given_terms(base, terms), rivals, found.left)
-    return found, np.zeros(0), np.zeros(0)
-
-
-def _dated(term: Term) -> bool:
-    """Whether a term is in force for a part of the archive, or a curve by date."""
-    return term.period is not None or ":date" in term.candidate.name
 
 
 def _dataset(frame: Any, final: Pass, found: Found, closure: Closure, maps: bool) -> xr.Dataset:

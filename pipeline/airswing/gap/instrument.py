@@ -163,7 +163,7 @@ def _regressed(
         columns_frame, target, noise=noise, layout=layout, effects=own, plan=bare, clip=np.inf,
         day_shift=base.stats.day_shift,
     )  # fmt: skip
-    part = eliminate_days(stats, base.day_variance)
+    part = eliminate_days(stats, base.variances)
     column = int(layout.columns(effect.name)[term.candidate.subset[0]])
     weights = term_weights(term, stats.day_count.shape)
     fit = fit_included(part, [*climatology(part), Included(column, weights, 1e-12)])

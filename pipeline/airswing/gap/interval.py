@@ -17,8 +17,9 @@ closure is then higher by an amount drawn between nothing and twice what that pa
 how the next month turns out, and in trials missed the truth one time in four where the coefficient
 was the uncertain thing).
 
-Single aircraft's effects too small to be named are not excluded by silence: the upper limit also
-covers the most that one of the likeliest candidates left over could close.
+Effects that were not named are not excluded by silence: the upper limit holds what they could close
+(:mod:`airswing.gap.leftover`), and what the curve of something unknown closes; the lower limit
+leaves both out.
 
 Validity: errors of a few degrees about the estimate (linear in the columns). Results in knots.
 """
@@ -26,6 +27,7 @@ Validity: errors of a few degrees about the estimate (linear in the columns). Re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -43,6 +45,7 @@ from airswing.gap.closure import (
     whole_coefficients,
 )
 from airswing.gap.dictionary import DictionaryPlan
+from airswing.gap.leftover import left_over
 from airswing.gap.measure import Base
 from airswing.gap.terms import Term
 from airswing.gap.verdict import term_covariances, term_offsets
@@ -52,8 +55,6 @@ Integers = NDArray[np.int64]
 
 #: Quantiles of the interval stated.
 LIMITS = (0.025, 0.975)
-#: Candidates left over whose closure is looked at, best evidence first.
-LEFT_OVER = 3
 
 
 def with_interval(
@@ -98,31 +99,54 @@ def with_interval(
         With ``reduction_ci`` and ``after_ci`` that hold what is stated.
     """
     rng = np.random.default_rng(seed)
-    low = high = 0.0
-    residual = frame.residual
-    if known:
-        residual, changes = _about_estimate(
-            frame, base, found, known, rng, draws, effects=effects, plan=plan, day=day,
-            factors=factors or {}, doubts=doubts or {},
-        )  # fmt: skip
-        if any(found.terms[k].candidate.name == "reference_time_offset" for k in known):
-            residual = closure.residual  # taken off by more than its column
-        gained = float(np.hypot(*frame.residual.T).mean() - np.hypot(*residual.T).mean())
-        drawn = gained + reductions(residual, changes, draws)
-        drawn += rounding_error(frame, changes) * rng.standard_normal(draws)
-        for k, alone in zip(known, closure.alone, strict=True):
-            share = _told_share(found.terms[k], effects, factors or {})
-            more = max(closure.before - alone, 0.0) * KNOT * (1 / share - 1)
-            drawn += more * rng.uniform(0.0, 2.0, draws)
-        low, high = np.quantile(drawn, LIMITS)
-    left = [
-        float(np.quantile(reductions(residual, part, draws), LIMITS[1]))
-        for part in _left_over(frame, base, found, rng, draws, effects=effects, plan=plan)
-    ]
-    high += max([0.0, *left])
+    alone = dict(zip(known, closure.alone, strict=True))
+    draw = partial(
+        _drawn, closure, frame, base, found, alone, rng, draws, effects=effects, plan=plan,
+        day=day, factors=factors or {}, doubts=doubts or {},
+    )  # fmt: skip
+    drawn = draw(known)
+    more = left_over(frame, found, rng, draws, effects=effects, plan=plan, day=day)
+    everything = range(len(found.terms))
+    most = drawn if len(known) == len(everything) else np.maximum(drawn, draw(everything))
     stated = closure.before - closure.after
-    low, high = min(low / KNOT, stated), max(high / KNOT, stated)
-    return closure.with_interval(float(low), float(high))
+    low = float(np.quantile(drawn, LIMITS[0])) / KNOT
+    high = float(np.quantile(most + more, LIMITS[1])) / KNOT
+    return closure.with_interval(min(low, stated), max(high, stated))
+
+
+def _drawn(
+    closure: Closure,
+    frame: Any,
+    base: Base,
+    found: Found,
+    alone: Mapping[int, float],
+    rng: np.random.Generator,
+    draws: int,
+    terms: Sequence[int],
+    *,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    day: Integers,
+    factors: Mapping[str, float],
+    doubts: Mapping[str, float],
+) -> Floats:
+    """Reduction by some terms, by draw, m s-1; ``alone`` holds what each known one leaves, kt."""
+    if not terms:
+        return np.zeros(draws)
+    residual, changes = _about_estimate(
+        frame, base, found, terms, rng, draws, effects=effects, plan=plan, day=day,
+        factors=factors, doubts=doubts,
+    )  # fmt: skip
+    if any(found.terms[k].candidate.name == "reference_time_offset" for k in terms):
+        residual = closure.residual  # taken off by more than its column
+    gained = float(np.hypot(*frame.residual.T).mean() - np.hypot(*residual.T).mean())
+    drawn = gained + reductions(residual, changes, draws)
+    drawn += rounding_error(frame, changes) * rng.standard_normal(draws)
+    for k in alone:
+        share = _told_share(found.terms[k], effects, factors)
+        more = max(closure.before - alone[k], 0.0) * KNOT * (1 / share - 1)
+        drawn += more * rng.uniform(0.0, 2.0, draws)
+    return np.asarray(drawn)
 
 
 def _told_share(term: Term, effects: Mapping[str, Any], factors: Mapping[str, float]) -> float:
@@ -253,36 +277,3 @@ def _root(spread: Floats) -> Floats:
 def _draw(spread: Floats, rng: np.random.Generator, draws: int) -> Floats:
     """Draw normal deviations of a covariance, (draws, k)."""
     return np.asarray(rng.standard_normal((draws, spread.shape[0])) @ _root(spread).T)
-
-
-def _left_over(
-    frame: Any,
-    base: Base,
-    found: Found,
-    rng: np.random.Generator,
-    draws: int,
-    *,
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
-) -> list[list[Change]]:
-    """Draws of the likeliest candidates that were not named, each on its likeliest aircraft."""
-    out = []
-    likely = [
-        s for s in found.left
-        if s.candidate.known and s.candidate.scope == "aircraft" and s.period is None
-        and s.aircraft_evidence.any()
-    ]  # fmt: skip
-    for score in sorted(likely, key=lambda s: -s.tempered)[:LEFT_OVER]:
-        columns, given = score.candidate.columns, found.given
-        term = Term(score.candidate, tuple(range(len(base.stats.tails))), None, score)
-        fields = term_fields(frame, term, effects=effects, plan=plan)
-        changes: list[Change] = []
-        evidence = score.aircraft_evidence
-        for a in np.flatnonzero((evidence > 0) | (evidence == evidence.max())).tolist():
-            own = given.gram[a][np.ix_(columns, columns)] / score.factor
-            spread = np.linalg.inv(own + np.diag(1 / score.candidate.scales**2))
-            middle = spread @ given.score[a].sum(axis=0)[columns] / score.factor
-            index = np.flatnonzero(frame.aircraft == a)
-            changes.append((index, fields[index], middle + _draw(spread, rng, draws)))
-        out.append(changes)
-    return out

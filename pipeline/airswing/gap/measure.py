@@ -21,7 +21,7 @@ from hashlib import blake2b
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.dayfields import day_variances, lasting_prior
+from airswing.gap.dayfields import Variances, lasting_prior, shared_variances
 from airswing.gap.statistics import Statistics
 
 Floats = NDArray[np.float64]
@@ -56,8 +56,8 @@ class Base:
     Attributes
     ----------
     stats : Statistics
-    day_variance : (q,)
-        Variances of the day fields' coefficients, m2 s-2.
+    variances : Variances
+        Of the day fields' coefficients and of the climatology's.
     root : (D, q, q)
         Inverse Cholesky factor of the day fields' normal matrix, per day.
     cross : (A, D, q, p)
@@ -73,7 +73,7 @@ class Base:
     """
 
     stats: Statistics
-    day_variance: Floats
+    variances: Variances
     root: Floats
     cross: Floats
     score: Floats
@@ -157,33 +157,33 @@ class Conditional:
         return np.asarray(self.score.sum(axis=0))
 
 
-def eliminate_days(stats: Statistics, variance: Floats | None = None) -> Base:
+def eliminate_days(stats: Statistics, variances: Variances | None = None) -> Base:
     """Eliminate the day fields from all sums.
 
     Parameters
     ----------
     stats : Statistics
-    variance : (q,) float, optional
-        Variances of the day fields; estimated when not given.
+    variances : Variances, optional
+        Estimated when not given.
 
     Returns
     -------
     Base
     """
-    variance = day_variances(stats) if variance is None else variance
+    variances = shared_variances(stats) if variances is None else variances
     fields = stats.layout.blocks["day_fields"]
-    normal = stats.day_cross[..., fields].sum(axis=0, dtype=float) + np.diag(1 / variance)
+    normal = stats.day_cross[..., fields].sum(axis=0, dtype=float) + np.diag(1 / variances.day)
     root = np.linalg.inv(np.linalg.cholesky(normal))
     shared = np.einsum("dij,dj->di", root, stats.day_score[:, :, fields].sum(axis=0))
     cross, score = np.empty(stats.day_cross.shape), stats.day_score.copy()
     for own, out, left in zip(stats.day_cross, cross, score, strict=True):
         np.matmul(root, own, out=out)  # an aircraft at a time, for memory
         left -= (shared[:, None] @ out)[:, 0]
-    return Base(stats, variance, root, cross, score)
+    return Base(stats, variances, root, cross, score)
 
 
 def climatology(base: Base) -> list[Included]:
-    """Included columns of the reference's climatology: fleet-wide, with a wide prior.
+    """Included columns of the reference's climatology: fleet-wide, with the archive's prior.
 
     Parameters
     ----------
@@ -194,7 +194,8 @@ def climatology(base: Base) -> list[Included]:
     list of Included
     """
     ones = np.ones(base.stats.day_count.shape)
-    pairs = zip(*lasting_prior(base.stats.layout), strict=True)
+    prior = lasting_prior(base.stats.layout, base.variances.climatology)
+    pairs = zip(*prior, strict=True)
     return [Included(int(column), ones, float(precision)) for column, precision in pairs]
 
 
