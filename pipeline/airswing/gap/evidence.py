@@ -22,15 +22,17 @@ Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (20
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.background import GRID, either
+from airswing.gap.background import GRID, either, whole_prior
 from airswing.gap.candidates import Candidate
 from airswing.gap.clusters import aircraft_factor, fleet_factor
 from airswing.gap.measure import Conditional
 from airswing.gap.mixture import log_mean, mixture
+from airswing.gap.sharing import shifts
 from airswing.gap.small import inverse_and_logdet
 from airswing.gap.statistics import Statistics
 
@@ -332,46 +334,95 @@ def _evaluate_fleet(stats: Statistics, given: Conditional, candidate: Candidate)
 def _evaluate_aircraft(
     stats: Statistics, given: Conditional, candidate: Candidate, allowed: NDArray[np.bool_] | None
 ) -> Score:
-    tempered, nothing, raw, estimates, factor = _aircraft_evidence(stats, given, candidate)
+    found = _aircraft_evidence(stats, given, candidate)
     second, acting = _sizes(stats, candidate)
     asked = acting >= LEAST_ACTING if allowed is None else (acting >= LEAST_ACTING) & allowed
     # the background is told by all aircraft; those not asked about may be struck or not
-    nothing[:, ~asked] += either(tempered[..., ~asked])
-    tempered[..., ~asked], raw[..., ~asked] = 0.0, 0.0
-    prior = None if given.background is None else given.background[int(candidate.heading)]
-    mixed = mixture(tempered, nothing, prior)
-    estimate = estimates[mixed.best]
+    found.nothing[:, ~asked] += either(found.tempered[..., ~asked])
+    found.tempered[..., ~asked], found.raw[..., ~asked] = 0.0, 0.0
+    mixed = mixture(
+        found.tempered, found.nothing, found.prior(given, candidate), found.levels
+    )  # fmt: skip
+    estimate = found.estimates[mixed.best]
     return Score(
-        candidate, mixed.total, mixture(raw).total, factor, mixed.posterior, tempered[mixed.best],
-        estimate, rms(second, acting, estimate), acting, background=mixed.background,
+        candidate, mixed.total, mixture(found.raw).total, found.factor, mixed.posterior,
+        found.tempered[mixed.best], estimate, rms(second, acting, estimate), acting,
+        background=mixed.background,
     )  # fmt: skip
 
 
-def _aircraft_evidence(
-    stats: Statistics, given: Conditional, candidate: Candidate
-) -> tuple[Floats, Floats, Floats, Floats, float]:
-    """Evidence (T, S, A), density of nothing (T, A), raw (1, S, A), estimates and the factor."""
+@dataclass(frozen=True)
+class _Aircraft:
+    """Evidence about single aircraft at every state (T of them): background times shift.
+
+    Attributes
+    ----------
+    tempered : (T, S, A) float
+    nothing : (T, A) float
+    raw : (1, S, A) float
+    estimates : (T, S, A, k) float
+    factor : float
+    shift_weight : (C,) float
+        Log weight of each shift of the fleet; one of 0 where aircraft share nothing.
+    """
+
+    tempered: Floats
+    nothing: Floats
+    raw: Floats
+    estimates: Floats
+    factor: float
+    shift_weight: Floats
+
+    @property
+    def levels(self) -> Floats:
+        """Size of the background in every state, (T,)."""
+        return np.tile(GRID, self.shift_weight.size)
+
+    def prior(self, given: Conditional, candidate: Candidate) -> Floats:
+        """Log weight of every state, (T,)."""
+        told = whole_prior() if given.background is None else None
+        if told is None:
+            told = given.background[int(candidate.heading)]  # type: ignore[index]
+        return np.asarray((self.shift_weight[:, None] + told).ravel())
+
+
+def _aircraft_evidence(stats: Statistics, given: Conditional, candidate: Candidate) -> _Aircraft:
+    """Evidence of each aircraft by background and, where aircraft share much, by shift."""
     columns, aircraft = candidate.columns, len(stats.tails)
+    pick = np.ix_(columns, columns)
     factor = aircraft_factor(stats, given, columns)
     second, acting = _sizes(stats, candidate)
     live = acting >= LEAST_ACTING
-    levels, widths = GRID.size, SIZE_GRID.size
-    tempered, raw = np.zeros((levels, widths, aircraft)), np.zeros((1, SCALE_GRID.size, aircraft))
-    nothing = np.zeros((levels, aircraft))
-    estimates = np.zeros((levels, widths, aircraft, columns.size))
-    if live.any():
-        unit = allowance_covariance(second[live], acting[live], 1.0, candidate.scales)
-        found = grid_evidence(
-            given.gram[:, columns[:, None], columns][live],
-            given.score[:, :, columns].sum(axis=1)[live],
-            factor=factor, scales=candidate.scales, unit=unit,
-            allowance=(GRID**2)[:, None, None, None] * unit,
-        )  # fmt: skip
-        tempered[:, :, live] = found.tempered.swapaxes(0, 1)
-        estimates[:, :, live] = found.estimate.swapaxes(0, 1)
-        raw[0, :, live] = found.raw.T
-        nothing[:, live] = found.nothing
-    return tempered, nothing, raw, estimates, factor
+    information = given.gram[:, columns[:, None], columns]
+    score = given.score[:, :, columns].sum(axis=1)
+    shared = None
+    if columns.size == 1:
+        own = np.where(live, information[:, 0, 0], 0.0)
+        shared = shifts(own, score[:, 0], float(given.fleet_gram[pick][0, 0]), factor)
+    values = np.zeros(1) if shared is None else shared.values
+    weight = np.zeros(1) if shared is None else shared.log_weight
+    states, widths = values.size * GRID.size, SIZE_GRID.size
+    out = _Aircraft(
+        np.zeros((states, widths, aircraft)), np.zeros((states, aircraft)),
+        np.zeros((1, SCALE_GRID.size, aircraft)),
+        np.zeros((states, widths, aircraft, columns.size)), factor, weight,
+    )  # fmt: skip
+    if not live.any():
+        return out
+    unit = allowance_covariance(second[live], acting[live], 1.0, candidate.scales)
+    allowance = (GRID**2)[:, None, None, None] * unit
+    tempering = partial(
+        grid_evidence, factor=factor, scales=candidate.scales, unit=unit, allowance=allowance
+    )
+    out.raw[0][:, live] = tempering(information[live], score[live]).raw
+    own = information if shared is None else shared.own[:, None, None]
+    for c, value in enumerate(values):
+        state = slice(c * GRID.size, (c + 1) * GRID.size)
+        found = tempering(own[live], score[live] + value * own[live][..., 0])
+        out.tempered[state][:, :, live] = found.tempered.swapaxes(0, 1)
+        out.estimates[state][:, :, live] = found.estimate.swapaxes(0, 1)
+        out.nothing[state][:, live] = found.nothing
+    return out
 
 
 def background_likelihood(stats: Statistics, given: Conditional, candidate: Candidate) -> Floats:
@@ -388,5 +439,6 @@ def background_likelihood(stats: Statistics, given: Conditional, candidate: Cand
     -------
     (T,) float
     """
-    tempered, nothing, *_ = _aircraft_evidence(stats, given, candidate)
-    return np.asarray((nothing + either(tempered)).sum(axis=1))
+    found = _aircraft_evidence(stats, given, candidate)
+    each = (found.nothing + either(found.tempered)).sum(axis=1).reshape(-1, GRID.size)
+    return np.asarray(np.logaddexp.reduce(each + found.shift_weight[:, None], axis=0))

@@ -14,6 +14,7 @@ Source: GAP.md section 7; posterior of a spike-and-slab mixture.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -65,23 +66,63 @@ def left_over(
         Mean reduction over all reports, m s-1.
     """
     total = np.zeros(draws)
+    silent = [s for s in _silent(found) if s.chance >= LEAST_CHANCE and s.units.any()]
+    for own in _by_aircraft(frame):
+        part, when = frame.take(own), day[own]
+        for one in silent:
+            _add_slopes(one, part, when, effects=effects, plan=plan)
+    for one in silent:
+        steps = _drawn(found, one.score, one.units, rng, draws)
+        steps *= (rng.uniform(size=draws) < one.chance)[:, None, None]
+        total += np.einsum("dak,ak->d", steps, one.slope)
+        total -= 0.5 * np.einsum("dak,akl,dal->d", steps, one.curve, steps, optimize=True)
+    return np.asarray(total / frame.size)
+
+
+@dataclass(frozen=True)
+class _Silent:
+    """An effect that was not named: chance that it is at work, and where; what it would close."""
+
+    score: Score
+    chance: float
+    units: NDArray[np.bool_]
+    slope: Floats
+    curve: Floats
+
+
+def _silent(found: Found) -> list[_Silent]:
+    """All effects that were not named."""
+    out = []
     for score in alternatives(found):
         odds = score.tempered + np.log(BESIDE / (1 - BESIDE))
-        chance = 1 / (1 + np.exp(-odds))
-        units = _units(found, score)
-        if chance < LEAST_CHANCE or not units.any():
-            continue
-        term = Term(score.candidate, tuple(range(units.size)), score.period, score)
-        fields = term_fields(frame, term, effects=effects, plan=plan)
-        acts = _acting(frame, score, units, day)
-        owner = np.zeros_like(frame.aircraft) if _of_fleet(score) else frame.aircraft
-        slope, curve = closure_slopes(frame.residual[acts], fields[acts], owner[acts], units.size)
-        steps = _drawn(found, score, units, rng, draws)
-        steps *= (rng.uniform(size=draws) < chance)[:, None, None]
-        closed = np.einsum("dak,ak->d", steps, slope)
-        closed -= 0.5 * np.einsum("dak,akl,dal->d", steps, curve, steps, optimize=True)
-        total += closed / frame.size
-    return total
+        units, k = _units(found, score), score.candidate.columns.size
+        slope, curve = np.zeros((units.size, k)), np.zeros((units.size, k, k))
+        out.append(_Silent(score, float(1 / (1 + np.exp(-odds))), units, slope, curve))
+    return out
+
+
+def _by_aircraft(frame: Any) -> list[Integers]:
+    """Reports of each aircraft: columns of one at a time fit in memory."""
+    order = np.argsort(frame.aircraft, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(frame.aircraft[order])) + 1)
+
+
+def _add_slopes(
+    one: _Silent, part: Any, day: Integers, *, effects: Mapping[str, Any], plan: DictionaryPlan
+) -> None:
+    """Add an aircraft's reports to the slopes of an effect."""
+    score = one.score
+    unit = 0 if _of_fleet(score) else int(part.aircraft[0])
+    if not one.units[unit]:
+        return
+    term = Term(score.candidate, (unit,), score.period, score)
+    fields, residual = term_fields(part, term, effects=effects, plan=plan), part.residual
+    if score.period is not None:
+        acts = (day >= score.period[0]) & (day < score.period[1])
+        fields, residual = fields[acts], residual[acts]
+    slope, curve = closure_slopes(residual, fields)
+    one.slope[unit] += slope
+    one.curve[unit] += curve
 
 
 def alternatives(found: Found) -> list[Score]:
@@ -94,10 +135,8 @@ def alternatives(found: Found) -> list[Score]:
     return list(best.values())
 
 
-def closure_slopes(
-    residual: Floats, fields: Floats, owner: Integers, units: int
-) -> tuple[Floats, Floats]:
-    """First and second derivative of the summed disagreement by the coefficients of each unit.
+def closure_slopes(residual: Floats, fields: Floats) -> tuple[Floats, Floats]:
+    """First and second derivative of the summed disagreement by coefficients taken off.
 
     Parameters
     ----------
@@ -105,25 +144,19 @@ def closure_slopes(
         m s-1.
     fields : (n, 2, k) float
         Wind error per unit of each coefficient.
-    owner : (n,) int
-        Unit whose coefficients act on the report.
-    units : int
 
     Returns
     -------
-    slope : (units, k) float
-    curve : (units, k, k) float
-        Taken off, coefficients c close ``slope c - c' curve c / 2``, summed over reports, m s-1.
+    slope : (k,) float
+    curve : (k, k) float
+        Coefficients c close ``slope c - c' curve c / 2``, summed over reports, m s-1.
     """
     speed = np.hypot(*residual.T)
     along = np.einsum("nc,nck->nk", residual / np.maximum(speed, 1e-9)[:, None], fields)
-    inner = np.einsum("nck,ncl->nkl", fields, fields) - along[:, :, None] * along[:, None, :]
-    inner /= np.maximum(speed, LEAST_SPEED)[:, None, None]
-    k = fields.shape[-1]
-    slope, curve = np.zeros((units, k)), np.zeros((units, k, k))
-    np.add.at(slope, owner, along)
-    np.add.at(curve, owner, inner)
-    return slope, curve
+    weight = 1 / np.maximum(speed, LEAST_SPEED)
+    curve = np.einsum("nck,ncl,n->kl", fields, fields, weight, optimize=True)
+    curve -= np.einsum("nk,nl,n->kl", along, along, weight, optimize=True)
+    return along.sum(axis=0), curve
 
 
 def _of_fleet(score: Score) -> bool:
@@ -138,14 +171,6 @@ def _units(found: Found, score: Score) -> NDArray[np.bool_]:
         return np.array([not taken])
     out = score.acting >= LEAST_ACTING
     out[taken] = False
-    return np.asarray(out)
-
-
-def _acting(frame: Any, score: Score, units: NDArray[np.bool_], day: Integers) -> NDArray[np.bool_]:
-    """Reports on which the effect may act."""
-    out = np.ones(frame.size, bool) if _of_fleet(score) else units[frame.aircraft]
-    if score.period is not None:
-        out &= (day >= score.period[0]) & (day < score.period[1])
     return np.asarray(out)
 
 

@@ -45,7 +45,12 @@ class Mixed:
     background: float
 
 
-def mixture(evidence: Floats, nothing: Floats | None = None, prior: Floats | None = None) -> Mixed:
+def mixture(
+    evidence: Floats,
+    nothing: Floats | None = None,
+    prior: Floats | None = None,
+    levels: Floats = GRID,
+) -> Mixed:
     """Spike-and-slab mixture over aircraft, averaged over background, prior scale and share struck.
 
     Parameters
@@ -58,6 +63,8 @@ def mixture(evidence: Floats, nothing: Floats | None = None, prior: Floats | Non
         question (T is 1).
     prior : (T,) float, optional
         Log probability of the sizes of the background (:mod:`airswing.gap.background`).
+    levels : (T,) float
+        The sizes, m/s.
 
     Returns
     -------
@@ -79,7 +86,7 @@ def mixture(evidence: Floats, nothing: Floats | None = None, prior: Floats | Non
         total,
         posterior,
         (int(top[0]), int(top[1])),
-        0.0 if nothing is None else _size(joint, nobody),
+        0.0 if nothing is None else _size(joint, nobody, levels),
     )
 
 
@@ -100,13 +107,13 @@ def by_share(evidence: Floats) -> Floats:
     return np.asarray(np.logaddexp(np.log1p(-share), np.log(share) + evidence))
 
 
-def _size(joint: Floats, nobody: Floats) -> float:
+def _size(joint: Floats, nobody: Floats, levels: Floats) -> float:
     """Root mean square background, somebody struck as likely as nobody beforehand."""
     by_level = np.logaddexp(
         np.logaddexp.reduce(joint, axis=(0, 2)) - np.log(joint[:, 0].size), nobody
     )
     weight = np.exp(by_level - by_level.max())
-    return float(np.sqrt((weight * GRID**2).sum() / weight.sum()))
+    return float(np.sqrt((weight * levels**2).sum() / weight.sum()))
 
 
 def log_mean(values: Floats) -> float:

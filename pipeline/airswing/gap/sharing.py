@@ -1,0 +1,109 @@
+"""What the aircraft of a fleet share of an effect, and therefore cannot each be blamed for.
+
+Assumptions: where the weather of the day, or an effect of the reference already found, takes up
+what all aircraft have in common, an effect of a few shows in all the others with the opposite sign:
+three of fourteen with an altitude 700 ft too high leave the rest 150 ft too low. The coupling of
+the aircraft is of rank one: the information about coefficients t is ``D - r d d' / sum(d)`` with
+D = diag(d) and r the share of the common part taken up. Then exactly (Gaussian integral)
+
+    exp(-t'Dt/2 + s't + r (sum d t)^2 / (2 sum d))
+        = E_c exp(sum_a -d_a t_a^2 / 2 + (s_a + c d_a) t_a),   c ~ N(0, r / sum(d))
+
+so that, given the shift c of all estimates, aircraft are independent. The shift is averaged over.
+
+Validity: effects of one coefficient; r from the sums of the fleet against those of its aircraft.
+
+Source: the augmentation is that of Hubbard (1959, Phys. Rev. Lett. 3, 77) and Stratonovich.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: Share of the common part taken up from which the shift is averaged over.
+LEAST_SHARED = 0.3
+#: Shifts between the largest estimates either way, beside those that bring an aircraft to zero.
+EVEN = 25
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """Shifts that are averaged over (C of them).
+
+    Attributes
+    ----------
+    own : (A,) float
+        Information about each aircraft's coefficient with the shift known.
+    values : (C,) float
+        In units of the coefficient.
+    log_weight : (C,) float
+        Of each, with its part of the aircraft's likelihood that no hypothesis changes.
+    """
+
+    own: Floats
+    values: Floats
+    log_weight: Floats
+
+
+def shared_part(information: Floats, fleet: float) -> tuple[Floats, float]:
+    """Information with the common part known, and the share of the common part taken up.
+
+    Parameters
+    ----------
+    information : (A,) float
+        About each aircraft's own coefficient.
+    fleet : float
+        About one coefficient of all.
+
+    Returns
+    -------
+    own : (A,) float
+    share : float
+        0 to just under 1.
+    """
+    own, share = information.copy(), 0.0
+    for _ in range(8):
+        total = float(own.sum())
+        if total <= 0.0:
+            return information, 0.0
+        share = float(np.clip(1 - fleet / total, 0.0, 1 - 1e-6))
+        own = information / (1 - np.minimum(share * own / total, 0.9))
+    return own, share
+
+
+def shifts(information: Floats, score: Floats, fleet: float, factor: float) -> Shifts | None:
+    """Shifts to average over.
+
+    Parameters
+    ----------
+    information, score : (A,) float
+        Of each aircraft's own coefficient.
+    fleet : float
+        Information about one coefficient of all.
+    factor : float
+        Cluster factor.
+
+    Returns
+    -------
+    Shifts or None
+        None where aircraft share too little of it to matter.
+    """
+    live = information > 1e-9 * information.max(initial=1e-30)
+    if live.sum() < 3:
+        return None
+    own, share = shared_part(np.where(live, information, 0.0), fleet)
+    if share < LEAST_SHARED:
+        return None
+    d, estimate = own[live] / factor, score[live] / own[live]
+    reach = max(float(np.abs(estimate).max()), float(d.max()) ** -0.5)
+    even = np.linspace(-reach, reach, EVEN)
+    values = np.unique(np.r_[0.0, -estimate, even])
+    spacing = np.gradient(values)
+    log = np.log(spacing) - 0.5 * values**2 * d.sum() / share
+    log += 0.5 * (d * (estimate + values[:, None]) ** 2).sum(axis=1)
+    return Shifts(own, values, np.asarray(log - log.max()))
