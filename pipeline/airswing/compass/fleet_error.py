@@ -23,7 +23,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,10 +150,13 @@ def _product(values: tuple[Floats, ...], nodes: tuple[Floats, ...]) -> tuple[Sho
     index, value = np.zeros((size, 1), dtype=np.int32), np.ones((size, 1))
     for one, knots in zip(values, nodes, strict=True):
         left, share = _hats(one, knots)
-        index = (index[:, :, np.newaxis] * np.int32(knots.size) + left[:, np.newaxis]).reshape(
-            size, -1
-        )
-        value = (value[:, :, np.newaxis] * share[:, np.newaxis]).reshape(size, -1)
+        old, each = index.shape[1], left.shape[1]
+        first, factor = index * np.int32(knots.size), value
+        index, value = np.empty((size, old * each), np.int32), np.empty((size, old * each))
+        # column by column: loops over the few functions of one place are slow
+        for k, j in np.ndindex(old, each):
+            np.add(first[:, k], left[:, j], out=index[:, k * each + j])
+            np.multiply(factor[:, k], share[:, j], out=value[:, k * each + j])
     return index, value
 
 
@@ -282,12 +284,6 @@ def counted(numbers: Ints) -> tuple[Ints, Ints, Ints]:
     return found + first, count[found], place[shifted]
 
 
-def bounds_of(group: Ints, groups: int) -> list[tuple[int, int]]:
-    """Where each group of a never falling array begins and ends."""
-    edges = np.searchsorted(group, np.arange(groups + 1))
-    return [(int(i), int(j)) for i, j in pairwise(edges)]
-
-
 def as_sparse(index: NDArray[np.integer], value: Floats, columns: int) -> sparse.csr_matrix:
     """Sparse matrix of ``columns`` columns from the values and places of every row."""
     rows, each = index.shape
@@ -302,15 +298,17 @@ class Precision:
     ----------
     stretch : Stretch
     variances : Variances
+    inverse : array of float, shape (segment, nodes, nodes), optional
+        Posterior covariance of the nodes, where it is known already.
     """
 
-    def __init__(self, stretch: Stretch, variances: Variances) -> None:
+    def __init__(self, stretch: Stretch, variances: Variances, inverse: Floats | None = None):
         self.stretch = stretch
         white = variances.white[stretch.aircraft] / stretch.weight
         self.weight = 1.0 / (white + variances.block)
         total = np.add.reduceat(self.weight, stretch.opens)
         self.tied = variances.piece / (1.0 + variances.piece * total)
-        self.inverse = self._node_inverse(variances.passing)
+        self.inverse = self._node_inverse(variances.passing) if inverse is None else inverse
 
     def within_pieces(self, values: Floats) -> Floats:
         """Apply the inverse covariance where the field is known.

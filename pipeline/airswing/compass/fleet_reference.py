@@ -18,6 +18,7 @@ import numpy as np
 from scipy import sparse
 
 from airswing.compass.blocks import SLOPES, Blocks
+from airswing.compass.clusters import bounds_of
 from airswing.compass.fleet_error import (
     FieldBasis,
     Flags,
@@ -26,7 +27,6 @@ from airswing.compass.fleet_error import (
     Precision,
     Stretch,
     as_sparse,
-    bounds_of,
     counted,
     estimate_variances,
 )
@@ -35,6 +35,8 @@ MOST_BLOCKS = 50_000
 """Blocks laid out at once, about; and those the variances and the Newton matrix are made from."""
 LEAST_FREEDOM = 30
 """Degrees of freedom within blocks that tell an aircraft's white noise."""
+MOST_KEPT = 4_000_000
+"""Numbers of the passing part's covariances that are kept between two rounds over the blocks."""
 
 
 class Reference:
@@ -69,6 +71,8 @@ class Reference:
         self.variances = estimate_variances(some, white)
         self.some = Precision(some, self.variances)
         self.runs = _runs(segments, count, self._day_of(segments))
+        self.inverses: dict[tuple[int, int], Floats] = {}
+        self.keeps = self.thinned and segments.size * self.basis.passing_size**2 <= MOST_KEPT
         self.worth, self.lasting_worth = np.zeros(self.aircraft), np.zeros(self.lasting)
         self.precise, self.direct = 0.0, np.zeros((self.aircraft, 8, 8))
         self.start = self._survey()
@@ -86,7 +90,11 @@ class Reference:
             yield self.some
             return
         for segments in self.runs:
-            yield Precision(self._stretch(segments), self.variances)
+            run = int(segments[0]), segments.size
+            part = Precision(self._stretch(segments), self.variances, self.inverses.get(run))
+            if self.keeps:
+                self.inverses[run] = part.inverse
+            yield part
 
     def _day_of(self, segments: Ints) -> Ints:
         """Place of the day of each of some segments."""
@@ -123,10 +131,11 @@ class Reference:
         """Information about every unknown, from the blocks."""
         total = self.aircraft * SLOPES + self.size
         found = np.zeros((total, total))
+        lasting = self.some.within_pieces(self.some.stretch.lasting_design.toarray().T)
         for component in range(2):
             place = self.columns(component)
             found[np.ix_(place, place)] += _information(
-                self.some, component, self.aircraft, self.lasting
+                self.some, component, self.aircraft, lasting
             )
         if self.thinned:
             direct = np.stack([_direct(self.some, self.aircraft), self.direct])
@@ -289,16 +298,18 @@ def _direct(precision: Precision, aircraft: int) -> Floats:
     return found
 
 
-def _information(precision: Precision, component: int, aircraft: int, lasting: int) -> Floats:
-    """Information of one component's unknowns, the passing part unknown."""
-    one = precision.stretch
+def _information(precision: Precision, component: int, aircraft: int, dense: Floats) -> Floats:
+    """Information of one component's unknowns, the passing part unknown.
+
+    ``dense`` is the lasting part's design times the inverse covariance, (functions, n).
+    """
+    one, lasting = precision.stretch, dense.shape[0]
     own = _own(one, component)
     columns = one.aircraft[:, np.newaxis] * (SLOPES + 1) + np.arange(SLOPES + 1)
     width = aircraft * (SLOPES + 1)
     left = sparse.hstack([as_sparse(columns, own.T, width), one.lasting_design]).tocsr()
     weighted = precision.within_pieces(own)
     fixed = as_sparse(columns, weighted.T, width)
-    dense = precision.within_pieces(one.lasting_design.toarray().T)
     direct = np.empty((width + lasting, width + lasting))
     direct[:, :width] = (left.T @ fixed).toarray()
     direct[:, width:] = left.T @ dense.T

@@ -34,6 +34,8 @@ SEGMENTS_A_DAY = 4
 FEW_DAYS = 15
 """Below so many days their scatter may widen what the model says, not narrow it."""
 PRIOR_ROUNDS = 20
+PRIOR_STEP = 1e-8
+"""Relative change of every variance that ends the rounds before."""
 FIRST_VARIANCE, SMALLEST_VARIANCE = 0.05, 1e-4
 """(m/s)2."""
 UNKNOWN_VARIANCE = 1e6
@@ -179,12 +181,15 @@ def group_variances(information: Floats, score: Floats, groups: list[Ints]) -> F
     for group in groups:
         variance[group] = FIRST_VARIANCE
     for _ in range(PRIOR_ROUNDS):
+        before = variance.copy()
         covariance = np.linalg.inv(information + np.diag(1.0 / variance))
         energy, unknown = (covariance @ score) ** 2, np.diagonal(covariance)
         for group in groups:
             told = group.size - float(unknown[group].sum()) / variance[group[0]]
             found = float(energy[group].sum()) / max(told, 1e-9 * group.size)
             variance[group] = np.clip(found, SMALLEST_VARIANCE, LARGEST_VARIANCE)
+        if np.all(np.abs(variance - before) <= PRIOR_STEP * before):
+            break
     return variance
 
 
