@@ -22,6 +22,9 @@ BLOCK = 12800
 class Rows:
     """What a block of reports is worked in, one row for each quantity.
 
+    What is weighted, and then what is summed by blocks, takes the place of ``obs``, ``turn`` and
+    ``trig``, which are not needed any more: fewer rows stay in the cache.
+
     Attributes
     ----------
     obs : array, shape (8, n)
@@ -36,8 +39,8 @@ class Rows:
         The residual, the airspeed, sin and cos of the fitted true heading.
     residual : array, shape (2, n)
         Across and along.
-    weighted, weighted_cross, weighted_along : array
-        ``both``, ``cross`` and ``along`` times the weights.
+    weighted_cross, weighted_along : array
+        ``cross`` and ``along`` times the weights.
     turn : array, shape (2, n)
         Fitted true heading; delta(m) less the heading error, radians.
     trig : array, shape (2, 2, n)
@@ -51,7 +54,7 @@ class Rows:
     """
 
     def __init__(self, size: int) -> None:
-        self.memory = np.empty((ROOM + 5 + 12 + 12 + 2 + 4 + 2 + 2 + 1 + ROWS) * size, np.float32)
+        self.memory = np.empty((ROWS + 5 + 12 + 2 + 2 + 1) * size, np.float32)
         self.size = -1
         self.cut(size)
 
@@ -60,13 +63,13 @@ class Rows:
         if size == self.size:
             return
         self.size, self.taken = size, 0
-        self.obs, self.unit, self.both = self._next(ROOM), self._next(5), self._next(12)
+        shared = self._next(ROWS)
+        self.obs, self.turn = shared[:ROOM], shared[ROOM : ROOM + 2]
+        self.trig = shared[ROOM + 2 : ROOM + 6].reshape(2, 2, size)
+        self.weighted_cross, self.weighted_along, self.sums = shared[:8], shared[8:12], shared
+        self.unit, self.both = self._next(5), self._next(12)
         self.cross, self.along, self.residual = self.both[:8], self.both[8:], self.both[7:9]
-        self.weighted, self.turn = self._next(12), self._next(2)
-        self.weighted_cross, self.weighted_along = self.weighted[:8], self.weighted[8:]
-        self.trig = self._next(4).reshape(2, 2, size)
         self.weight, self.part, self.speed = self._next(2), self._next(2), self._next(1)[0]
-        self.sums = self._next(ROWS)
         self.unit[0] = 1.0
 
     def _next(self, rows: int) -> Single:
