@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.optimize import curve_fit, least_squares
 
 import airswing  # noqa: F401
-from airswing.compass.clusters import covariance, degrees_of_freedom, influences
+from airswing.compass.clusters import covariance, degrees_of_freedom, influences, inverse_root
 from airswing.compass.kernel import (
     LOCAL,
     Scatter,
@@ -159,7 +159,8 @@ def test_scatter_tells_known_from_unknown_variance():
         np.degrees(known / reports.airspeed),
         reports.flight,
     )
-    scatter = robust_scatter(made.take(slice(None)), np.zeros(8), joint=True)
+    obs = made.take(slice(None))
+    scatter = robust_scatter(*residuals(obs, np.zeros(8), True), obs.variance)
     assert scatter.part == pytest.approx(1.0, abs=0.1)
     assert scatter.cross == pytest.approx(4.0, rel=0.15)
     assert scatter.along == pytest.approx(4.0 - 1.0, rel=0.15)  # the known part is in both
@@ -229,7 +230,7 @@ def test_cr2_is_unbiased_where_the_working_model_holds():
         y = rng.normal(size=60)
         residual = y - x @ np.linalg.solve(normal, x.T @ y)
         score = np.array([x[cluster == g].T @ residual[cluster == g] for g in range(6)])
-        found += covariance(influences(score, normal, normals, 1.0)) / 3000
+        found += covariance(influences(score, inverse_root(normal), normals, 1.0)) / 3000
     assert np.diag(found) == pytest.approx(np.diag(np.linalg.inv(normal)), rel=0.06)
     assert np.all(degrees_of_freedom(normal, normals, 6) <= 5)
     even = np.array([np.eye(2)] * 6)

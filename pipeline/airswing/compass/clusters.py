@@ -73,15 +73,30 @@ def bounds_of(group: Index, groups: int) -> list[tuple[int, int]]:
     return [(int(i), int(j)) for i, j in pairwise(edges)]
 
 
-def influences(score: Array, normal: Array, normals: Array | None, kappa: float) -> Array:
+def inverse_root(normal: Array) -> Array:
+    """Matrix whose product with its own transpose is the inverse of a normal matrix.
+
+    Parameters
+    ----------
+    normal : array, shape (p, p)
+
+    Returns
+    -------
+    array, shape (p, p)
+    """
+    values, vectors = np.linalg.eigh(normal)
+    return np.asarray(vectors / np.sqrt(np.maximum(values, values[-1] * 1e-14)))
+
+
+def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: float) -> Array:
     """Share of every cluster in the parameter error.
 
     Parameters
     ----------
     score : array, shape (g, p)
         Score of every cluster.
-    normal : array, shape (p, p)
-        Weighted normal matrix of all.
+    inverse_root : array, shape (p, p)
+        Of the weighted normal matrix of all.
     normals : array, shape (g, p, p), optional
         That of every cluster; without it a common factor g / (g - p) stands for the leverage.
     kappa : float
@@ -92,9 +107,6 @@ def influences(score: Array, normal: Array, normals: Array | None, kappa: float)
     array, shape (g, p)
         Rows whose outer products sum to the covariance.
     """
-    values, vectors = np.linalg.eigh(normal)
-    root = np.sqrt(np.maximum(values, values[-1] * 1e-14))
-    inverse_root = vectors / root
     clusters, size = score.shape
     if normals is None:
         factor = clusters / max(clusters - size, 1)
@@ -112,7 +124,9 @@ def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> A
 
     Parameters
     ----------
-    normal, normals
+    normal : array, shape (p, p)
+        Weighted normal matrix of all.
+    normals : array, shape (g, p, p), optional
         As in :func:`influences`.
     clusters : int
 

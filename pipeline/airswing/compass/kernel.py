@@ -44,7 +44,7 @@ from airswing.compass.observations import (
     Values,
     radians32,
 )
-from airswing.compass.rows import BLOCK, Rows, fill, residuals, rows_for
+from airswing.compass.rows import BLOCK, Rows, fill, rows_for
 
 COMPASS = 5
 """A, B, C, D, E come first in every parameter vector, then s, then b_u, b_v a reference."""
@@ -89,6 +89,7 @@ class PassSums:
     after2: float = 0.0
     block: Array | None = None
     square: float = 0.0
+    scatter: Scatter | None = None
 
     @property
     def kappa(self) -> float:
@@ -99,10 +100,11 @@ class PassSums:
 def accumulate(
     obs: Observations | Reports,
     theta: Array,
-    scatter: Scatter,
+    scatter: Scatter | None,
     flights: int,
     *,
     joint: bool,
+    parted: bool = True,
     by_flight: bool = False,
     starts: Index | None = None,
 ) -> PassSums:
@@ -114,11 +116,14 @@ def accumulate(
         Sorted by flight; reports are made ready a block at a time.
     theta : array, shape (8,)
         A, B, C, D, E (radians), s, b_u, b_v (m/s).
-    scatter : Scatter
+    scatter : Scatter, optional
+        By default what the reports of the first block show at ``theta`` (`robust_scatter`).
     flights : int
         Number of the aircraft's flights; 0 for no sums by flight.
     joint : bool
         False: the cross-track row alone, without s and b.
+    parted : bool
+        As for `robust_scatter`.
     by_flight : bool
         Keep the normal matrix of every flight too (needed where flights are few).
     starts : array of int, optional
@@ -146,7 +151,10 @@ def accumulate(
         rows = rows_for(min(length, obs.size - begin))
         part = obs.take(slice(begin, begin + length), rows.obs)
         place, first = runs[k]
-        _weigh(part, theta, scatter, joint, rows, sums)
+        fill(part, theta, joint, rows)
+        if scatter is None:
+            scatter = robust_scatter(rows.along[0], rows.cross[7], part.variance, parted=parted)
+        _weigh(part, scatter, joint, rows, sums)
         np.multiply(rows.cross, rows.weight[0], out=rows.weighted_cross)
         np.multiply(rows.along, rows.weight[1], out=rows.weighted_along)
         cross += rows.weighted_cross @ rows.cross.T
@@ -157,6 +165,7 @@ def accumulate(
             own[:, place] += np.add.reduceat(_scores(rows), first, axis=1)
         if cuts is not None:
             _add_blocks(rows, cuts[k], sums)
+    sums.scatter = scatter
     sums.normal += _CROSS @ cross[:7, :7] @ _CROSS.T + _ALONG @ along[1:, 1:] @ _ALONG.T
     sums.score -= _CROSS @ cross[:7, 7] + _ALONG @ along[1:, 0]
     sums.flight_score[obs.flight[opens]] = -(_SCORE @ own).T
@@ -180,16 +189,8 @@ def _runs(starts: Index, begins: Index, length: int) -> list[tuple[slice, Index]
     ]
 
 
-def _weigh(
-    obs: Observations,
-    theta: Array,
-    scatter: Scatter,
-    joint: bool,
-    rows: Rows,
-    sums: PassSums,
-) -> None:
-    """Fill one block's rows and find its weights, robust; add up the robust averages."""
-    fill(obs, theta, joint, rows)
+def _weigh(obs: Observations, scatter: Scatter, joint: bool, rows: Rows, sums: PassSums) -> None:
+    """Find the weights of one block's rows, robust; add up the robust averages."""
     np.multiply(rows.unit, rows.speed, out=rows.cross[:COMPASS])
     rows.along[1] = obs.airspeed
     weight, part = rows.weight, rows.part
@@ -254,14 +255,17 @@ def _add_by_flight(rows: Rows, flight: Index, starts: Index, normals: Array) -> 
         normals[number] += cross + along
 
 
-def robust_scatter(obs: Observations, theta: Array, *, joint: bool, parted: bool = True) -> Scatter:
+def robust_scatter(
+    r_along: Single, r_cross: Single, variance: Single, *, parted: bool = True
+) -> Scatter:
     """Find the residual's variance a component from medians, so that gross errors do not count.
 
     Parameters
     ----------
-    obs : Observations
-    theta : array, shape (8,)
-    joint : bool
+    r_along, r_cross : array, shape (n,)
+        Residuals, m/s.
+    variance : array, shape (n,)
+        Known variance, m2/s2.
     parted : bool
         False: one variance for all reports (``part`` 0), enough for a start.
 
@@ -271,17 +275,15 @@ def robust_scatter(obs: Observations, theta: Array, *, joint: bool, parted: bool
         ``part`` is the share of the known variance that the residuals show (it may cancel in the
         difference of the two air vectors), found from the halves of low and high known variance.
     """
-    along, cross = residuals(obs, theta, joint)
-    along *= along
-    cross *= cross
+    along, cross = r_along * r_along, r_cross * r_cross
     part, known = 0.0, 0.0
-    if parted and obs.variance.size > 1:
+    if parted and variance.size > 1:
         # sorted, not partitioned: the known variance takes few values, and that is slow with ties
-        below = obs.variance < np.sort(obs.variance)[obs.variance.size // 2]
+        below = variance < np.sort(variance)[variance.size // 2]
         # places rather than flags: several times faster to take by
         low, high = np.flatnonzero(below), np.flatnonzero(~below)
-        small = float(obs.variance[low].mean()) if low.size else np.inf
-        spread = float(obs.variance[high].mean()) - small
+        small = float(variance[low].mean()) if low.size else np.inf
+        spread = float(variance[high].mean()) - small
         if spread > 1e-9:
             above, along, cross = _median(cross[high]), along[low], cross[low]
             part = min(max((above - _median(cross)) / MEDIAN_CHI2 / spread, 0.0), 1.0)

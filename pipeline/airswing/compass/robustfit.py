@@ -27,13 +27,13 @@ from airswing.compass.clusters import (
     degrees_of_freedom,
     group_sums,
     influences,
+    inverse_root,
 )
 from airswing.compass.kernel import (
     COMPASS,
     PassSums,
     Scatter,
     accumulate,
-    robust_scatter,
 )
 from airswing.compass.observations import Observations, Reports
 
@@ -257,15 +257,12 @@ def _start(
     scatters: list[Scatter] = []
     square = np.ix_(free, free)
     for number in range(START_STEPS):
-        if not hold or not scatters:
-            scatters = [
-                robust_scatter(obs, _local(theta, k), joint=joint, parted=hold)
-                for k, obs in enumerate(few)
-            ]
+        known = scatters if hold and scatters else [None] * len(few)
         parts = [
-            accumulate(obs, _local(theta, k), scatters[k], 0, joint=joint)
-            for k, obs in enumerate(few)
+            accumulate(obs, _local(theta, k), one, 0, joint=joint, parted=hold)
+            for k, (obs, one) in enumerate(zip(few, known, strict=True))
         ]
+        scatters = [part.scatter for part in parts if part.scatter]
         normal, score, kappa = _joined(parts, theta.size)
         step = _solve(normal[square], score[free]) / max(kappa, 0.6)
         theta[free] += step
@@ -316,14 +313,19 @@ def _finish(
     square = normal[np.ix_(free, free)]
     kept = _kept(free, size)
     score = score[:, kept] - score[:, kept].mean(axis=0)
+    root = inverse_root(square)
     if normals is not None:
         normals = normals[:, free[:, np.newaxis], free]
     day_normals = None if normals is None else group_sums(normals, day, day_number.size)
-    influence = [np.zeros((count, size)) for count in (flights, day_number.size)]
-    influence[0][:, kept] = influences(score, square, normals, kappa)
-    influence[1][:, kept] = influences(
-        group_sums(score, day, day_number.size), square, day_normals, kappa
-    )
+    by_day = group_sums(score, day, day_number.size)
+    influence = [
+        influences(score, root, normals, kappa),
+        influences(by_day, root, day_normals, kappa),
+    ]
+    if free.size < size:
+        for k, own in enumerate(influence):
+            influence[k] = np.zeros((own.shape[0], size))
+            influence[k][:, free] = own
     freedom = np.full(size, np.inf)
     freedom[free] = degrees_of_freedom(square, normals, flights)
     weight = sum(part.weight for part in parts) or 1.0
