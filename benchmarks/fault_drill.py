@@ -6,6 +6,8 @@ run's time, and continued with ``--resume``, until the asked number of kills is 
 run that comes to its end is compared: each variable of each product bit for bit, their
 attributes apart from identifiers and history, and every other file octet for octet. With
 ``--workers`` the work runs in processes, and the victim is drawn among them and the main process.
+With ``--adding`` every run begins from a finished one of the first two thirds of the reports, to
+which the last third is added, and is compared with the run of all of them from scratch.
 
     python -m benchmarks.fault_drill --kills 20
 """
@@ -24,6 +26,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 import yaml
 
@@ -121,12 +124,29 @@ def product_differences(one: Path, other: Path) -> list[str]:
         return found + [f"attribute {key}" for key in keys if a.attrs.get(key) != b.attrs.get(key)]
 
 
-def drill(config: Path, *, kills: int, seed: int, longest: float | None = None) -> dict[str, float]:
+def run_of_the_first(config: Path, output: Path) -> Path:
+    """Run the first two thirds of the reports; where its results are, the others put beside."""
+    later = {}
+    for table in sorted((config.parent / "reports").glob("*.csv")):
+        frame = pd.read_csv(table, dtype=str, keep_default_na=False)
+        last = frame["time"].sort_values().iloc[2 * len(frame) // 3]
+        later[table.with_stem(f"{table.stem}_later")] = frame[frame["time"] >= last]
+        frame[frame["time"] < last].to_csv(table, index=False)
+    finish(config)
+    for path, rows in later.items():
+        rows.to_csv(path, index=False)
+    return output.rename(output.with_name("first"))
+
+
+def drill(
+    config: Path, *, kills: int, seed: int, longest: float | None = None, adding: bool = False
+) -> dict[str, float]:
     """Kill, continue and compare until enough kills are done.
 
     Returns the undisturbed run's time, the number of kills, of compared runs and of differences.
     """
     output, pick = Path(yaml.safe_load(config.read_text())["output"]), random.Random(seed)
+    first = run_of_the_first(config, output) if adding else None
     undisturbed = finish(config)
     truth = output.with_name("undisturbed")
     output.rename(truth)
@@ -137,6 +157,9 @@ def drill(config: Path, *, kills: int, seed: int, longest: float | None = None) 
         shutil.rmtree(output, ignore_errors=True)
         shutil.rmtree(config.parent / "cache", ignore_errors=True)
         words: tuple[str, ...] = ()
+        if first is not None:
+            shutil.copytree(first, output)
+            words = ("--resume",)
         for _ in range(min(PER_RUN, kills - done)):
             moment = pick.uniform(0.0, longest)
             what = kill_at(config, moment, pick, *words)
@@ -159,6 +182,7 @@ def main() -> None:
     parser.add_argument("--aircraft", type=int, default=6)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--adding", action="store_true", help="kill additions to a finished run")
     options = parser.parse_args()
     from airswing.sample.archive import write_archive
 
@@ -168,7 +192,7 @@ def main() -> None:
         config = folder / "config.yaml"
         content = yaml.safe_load(config.read_text()) | {"compute": {"workers": options.workers}}
         config.write_text(yaml.safe_dump(content))
-        found = drill(config, kills=options.kills, seed=options.seed)
+        found = drill(config, kills=options.kills, seed=options.seed, adding=options.adding)
     print(
         f"fault drill: {found['kills']} kills over {found['runs']} runs of {options.days} days "
         f"({found['seconds']:.0f} s undisturbed): {found['differences']} differences"

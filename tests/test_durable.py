@@ -74,7 +74,15 @@ def again(finished, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize(
     ("suffix", "before"),
-    [("cache", 0), (".rows", 0), (".json", 0), (".npy", 50), ("headings.nc", 0), ("fits.nc", 0)],
+    [
+        ("cache", 0),
+        (".rows", 0),
+        (".json", 0),
+        (".npy", 50),
+        ("headings.json", 0),
+        ("headings.nc", 0),
+        ("fits.nc", 0),
+    ],
 )
 def test_ended_between_write_and_rename(again, suffix, before):
     config, truth, count = again
@@ -100,6 +108,7 @@ def torn(path: Path, share: float) -> None:
     [
         (["fits.nc", "corrected.nc"], "made again"),
         (["headings.nc", ".collocated/*.npy"], "not whole"),
+        (["headings.nc", ".collocated/headings.json"], "not whole"),
         (["headings.nc", ".collocated/reports/*.rows"], "not whole"),
         (["headings.nc", ".collocated/reports/*.json"], "not whole"),
     ],

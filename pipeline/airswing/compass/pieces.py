@@ -159,7 +159,7 @@ def marks_of(reports: xr.Dataset, winds: xr.Dataset, pieces: Pieces) -> list[str
     common = fingerprint(
         [(name, str(values.dtype)) for name, values in [*of_report, *of_aircraft]],
         [str(name) for name in winds["reference"].to_numpy()],
-        code_digest("airswing.compass.headings", "airswing.products"),
+        code_digest("airswing.compass.pieces", "airswing.products"),
     )
     found = []
     for start, stop, row in zip(*pieces, strict=True):
