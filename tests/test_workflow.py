@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import netCDF4
@@ -198,6 +199,36 @@ def test_the_page_and_the_tables_are_there(finished):
     kept = {path.name for path in (output / ".collocated").iterdir() if path.suffix != ".npy"}
     # what a later run adds to, and nothing that served this one alone
     assert kept == {"reports", "headings.json"}
+
+
+def test_cards_of_the_same_fits_are_not_drawn_again(finished, tmp_path, monkeypatch):
+    from airswing.compass import swingcard
+    from airswing.workflow.fits import draw_cards
+
+    job = replace(finished[0], config=finished[0].config.model_copy(update={"output": tmp_path}))
+    assert job.output == tmp_path
+    fits = read_product(finished[0].output / workflow.FITS).isel(aircraft=slice(0, 2)).load()
+    drawn = []
+
+    def counted(*args, **options):
+        drawn.append(swing_cards(*args, **options))
+        return drawn[-1]
+
+    swing_cards = swingcard.write_swing_cards
+    monkeypatch.setattr(swingcard, "write_swing_cards", counted)
+    folder = tmp_path / "swing_cards"
+    for times in (1, 1):
+        draw_cards(job, fits)
+        assert len(drawn) == times
+    first, second = drawn[0]
+    first.unlink()
+    draw_cards(job, fits)
+    assert len(drawn) == 2 and first.is_file()
+    (folder / ".drawn_of.json").write_text('{"mark": ')  # cut off by a loss of power
+    draw_cards(job, fits)
+    assert len(drawn) == 3
+    draw_cards(job, fits.isel(aircraft=[1]).assign_attrs(uuid="of another fit"))
+    assert second.is_file() and not first.exists()
 
 
 def test_resume_keeps_what_holds_and_remakes_what_does_not(finished, root):

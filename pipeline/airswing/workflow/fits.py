@@ -5,13 +5,16 @@ Takes ``headings.nc`` and writes ``fits.nc``, the tables and swing cards, and ``
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from airswing.fingerprint import code_digest
+from airswing.durable import replacing
+from airswing.fingerprint import code_digest, fingerprint
 from airswing.ragged import blocks
 from airswing.workflow.job import (
     CORRECTED,
@@ -44,7 +47,6 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     Dataset
     """
     from airswing.compass.deviation import fit_deviation
-    from airswing.compass.swingcard import write_swing_cards, write_tables_csv
     from airswing.compass.table import add_tables
     from airswing.evaluation.stability import add_changes, find_changes
 
@@ -75,13 +77,45 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
         ),
         sources=(screened,),
     )
+    draw_cards(job, fits)
+    return fits
+
+
+def draw_cards(job: Job, fits: xr.Dataset) -> None:
+    """Tables as CSV and a swing card an aircraft, unless those of these fits are there.
+
+    Parameters
+    ----------
+    job : Job
+    fits : Dataset
+        With tables.
+    """
+    from airswing.compass.swingcard import write_swing_cards, write_tables_csv
+
+    folder, reference = job.output / "swing_cards", main_reference(job.config)
+    note = folder / ".drawn_of.json"
+    mark = fingerprint(fits.attrs["uuid"], reference, code_digest("airswing.compass.swingcard"))
     with job.progress.stage("swing cards") as stage:
         write_tables_csv(fits, job.output / "tables.csv")
-        cards = write_swing_cards(
-            fits, job.output / "swing_cards", reference=main_reference(config)
-        )
+        before, drawn = _noted(note)
+        if before == mark and all((folder / name).is_file() for name in drawn):
+            stage.note = f"{len(drawn)} aircraft, as drawn before"
+            return
+        cards = [c.name for c in write_swing_cards(fits, folder, reference=reference)]
+        for name in set(drawn) - set(cards):
+            (folder / name).unlink(missing_ok=True)  # of aircraft that are gone
+        with replacing(note) as temporary:
+            temporary.write_text(json.dumps({"mark": mark, "cards": cards}))
         stage.note = f"{len(cards)} aircraft"
-    return fits
+
+
+def _noted(note: Path) -> tuple[str, list[str]]:
+    """Mark and names of the cards an earlier run drew; nothing where that is not whole."""
+    try:
+        told = json.loads(note.read_text())
+        return str(told["mark"]), [str(name) for name in told["cards"]]
+    except (OSError, ValueError, TypeError, KeyError):
+        return "", []
 
 
 def make_corrected(
