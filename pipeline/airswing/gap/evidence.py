@@ -46,8 +46,9 @@ SIZE_GRID = np.array([0.2, 0.4, 0.8, 1.6, 3.2])
 #: Reports on which a candidate must act to be looked at in an aircraft.
 LEAST_ACTING = 20
 #: Persistent model error allowed for in the fleet, m/s rms, of a column that the climatology takes
-#: up wholly.
-FLEET_ALLOWANCE = 0.09
+#: up wholly. Of winds along the grid, of which it takes three quarters, 88 simulated archives
+#: without scattered by 0.10 m/s more than the noise made them.
+FLEET_ALLOWANCE = 0.12
 
 
 @dataclass(frozen=True)
