@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from airswing.gap import clusters
+from airswing.gap.background import GRID
 from airswing.gap.changepoint import windows
 from airswing.gap.clusters import cluster_factor
 from airswing.gap.evidence import (
-    GRID,
     SCALE_GRID,
     SIZE_GRID,
     allowance_covariance,

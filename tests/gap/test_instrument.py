@@ -14,7 +14,7 @@ from airswing.gap.context import exogenous
 from airswing.gap.dayfields import shared_variances
 from airswing.gap.dictionary import plan_dictionary
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.evidence import evaluate, fleet_allowance
+from airswing.gap.evaluate import evaluate, fleet_allowance
 from airswing.gap.instrument import _regressed, _shrunk, readout_factors, with_large_scale_tendency
 from airswing.gap.layout import effect_columns, make_layout
 from airswing.gap.measure import climatology, condition, eliminate_days

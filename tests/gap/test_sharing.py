@@ -25,9 +25,10 @@ def test_the_common_part_is_read_off_the_sums():
 
 def test_nothing_shared_is_nothing_to_average():
     d = np.full(6, 50.0)
-    assert shifts(d, np.zeros(6), float(d.sum()), 1.0) is None
-    assert shifts(d, np.zeros(6), float(d.sum() * (1 - 0.7 * LEAST_SHARED)), 1.0) is None
-    assert shifts(np.zeros(6), np.zeros(6), 0.0, 1.0) is None
+    for own, fleet in ((d, d.sum()), (d, d.sum() * (1 - 0.7 * LEAST_SHARED)), (0 * d, 0.0)):
+        found = shifts(own, np.zeros(6), float(fleet), 1.0)
+        np.testing.assert_array_equal(found.own, own)
+        assert found.values.tolist() == found.log_weight.tolist() == [0.0]
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.7])

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from airswing.gap.background import told
 from airswing.gap.candidates import Candidate
-from airswing.gap.evidence import Score, background_likelihood
+from airswing.gap.evaluate import background_likelihood
+from airswing.gap.evidence import Score
 from airswing.gap.measure import Base, Conditional
 from airswing.gap.ranking import LEAST_NOVELTY, best_for, evaluate_named, rank, ranked_by
 from airswing.gap.terms import Term, given_terms

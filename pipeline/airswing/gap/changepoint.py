@@ -23,12 +23,11 @@ from numpy.typing import NDArray
 
 from airswing.gap.candidates import Candidate
 from airswing.gap.clusters import aircraft_factor
+from airswing.gap.evaluate import LEAST_ACTING, evaluate
 from airswing.gap.evidence import (
-    LEAST_ACTING,
     GridEvidence,
     Score,
     allowance_covariance,
-    evaluate,
     grid_evidence,
     rms,
 )

@@ -9,12 +9,9 @@ else normal with a width that is averaged over a grid: of single aircraft in m/s
 acts, from the smallest size that matters in practice, so that it is no second background; of the
 fleet, and for raw evidence, the prior scale of the catalogue times a factor.
 
-Per-aircraft candidates are a spike-and-slab mixture: a share pi of aircraft is struck, pi averaged
-over a grid. How large the background is the fleet itself tells, candidate by candidate: its size is
-averaged over (:mod:`airswing.gap.background`), in the mixture as in the null, so that a scatter all
-aircraft share is background as far as that is plausible and an effect from there on. Fleet
-candidates have one set of coefficients and a fixed allowance. Evidence is in nats. *Raw* evidence
-(ranking) knows neither factor nor background; *tempered* evidence (gates) takes the estimated ones.
+Evidence is in nats. *Raw* evidence (ranking) knows neither factor nor background; *tempered*
+evidence (gates) takes the estimated ones. Who is struck, and by how much of a background,
+:mod:`airswing.gap.evaluate` puts together.
 
 Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (2011).
 """
@@ -22,17 +19,11 @@ Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (20
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.background import GRID, either, whole_prior
 from airswing.gap.candidates import Candidate
-from airswing.gap.clusters import aircraft_factor, fleet_factor
-from airswing.gap.measure import Conditional
-from airswing.gap.mixture import log_mean, mixture
-from airswing.gap.sharing import shifts
 from airswing.gap.small import inverse_and_logdet
 from airswing.gap.statistics import Statistics
 
@@ -43,12 +34,6 @@ Integers = NDArray[np.int64]
 SCALE_GRID = np.array([0.08, 0.2, 0.5, 1.2, 3.0])
 #: Sizes of an effect of single aircraft, m/s rms in each direction, averaged over likewise.
 SIZE_GRID = np.array([0.2, 0.4, 0.8, 1.6, 3.2])
-#: Reports on which a candidate must act to be looked at in an aircraft.
-LEAST_ACTING = 20
-#: Persistent model error allowed for in the fleet, m/s rms, of a column that the climatology takes
-#: up wholly. Of winds along the grid, of which it takes three quarters, 88 simulated archives
-#: without scattered by 0.10 m/s more than the noise made them.
-FLEET_ALLOWANCE = 0.12
 
 
 @dataclass(frozen=True)
@@ -248,34 +233,19 @@ def _over_scales(
     return evidence, estimate, -0.5 * (whole + logdet)
 
 
-def evaluate(
-    stats: Statistics,
-    given: Conditional,
-    candidate: Candidate,
-    *,
-    allowed: NDArray[np.bool_] | None = None,
-) -> Score:
-    """Evidence of one candidate given the included columns.
+def sizes(stats: Statistics, candidate: Candidate) -> tuple[Floats, Floats]:
+    """Unwhitened second moments of a candidate's columns, and the reports on which it acts.
 
     Parameters
     ----------
     stats : Statistics
-    given : Conditional
     candidate : Candidate
-    allowed : (A,) bool, optional
-        Aircraft it may still strike; all by default.
 
     Returns
     -------
-    Score
+    second : (A, k, k) float
+    acting : (A,) float
     """
-    if candidate.scope == "fleet":
-        return _evaluate_fleet(stats, given, candidate)
-    return _evaluate_aircraft(stats, given, candidate, allowed)
-
-
-def _sizes(stats: Statistics, candidate: Candidate) -> tuple[Floats, Floats]:
-    """Unwhitened second moments (A, k, k) and acting counts (A,) of a candidate."""
     columns, total = candidate.columns, stats.day_count.sum(axis=1)
     if columns.max() < stats.layout.core:
         second = stats.raw_gram[:, columns[:, None], columns]
@@ -290,156 +260,3 @@ def rms(second: Floats, acting: Floats, coefficients: Floats) -> Floats:
     """Root mean square (m/s) of effects with these coefficients (A, k), where they act."""
     energy = np.einsum("ak,akl,al->a", coefficients, second, coefficients)
     return np.asarray(np.sqrt(np.maximum(energy, 0) / np.maximum(acting, 1.0)))
-
-
-def fleet_allowance(given: Conditional, columns: Integers) -> float:
-    """Persistent model error allowed for in a fleet-wide effect, m/s rms where it acts.
-
-    What the climatology does not hold of the persistent error has its structure: it is met by a
-    column in the measure in which the climatology itself takes the column up. An effect that
-    changes sign with the heading or with the passing of weather averages it out.
-
-    Parameters
-    ----------
-    given : Conditional
-    columns : (k,) int
-
-    Returns
-    -------
-    float
-        :data:`FLEET_ALLOWANCE` times the root of the share of the columns' X'X taken.
-    """
-    return FLEET_ALLOWANCE * float(np.sqrt(given.lasting_share[columns].mean()))
-
-
-def _evaluate_fleet(stats: Statistics, given: Conditional, candidate: Candidate) -> Score:
-    columns, aircraft = candidate.columns, len(stats.tails)
-    pick = np.ix_(columns, columns)
-    information, score = given.fleet_gram[pick], given.fleet_score[:, columns].sum(axis=0)
-    factor = fleet_factor(stats, given, columns)
-    second, acting = _sizes(stats, candidate)
-    allowance = allowance_covariance(
-        second.sum(axis=0), float(acting.sum()), fleet_allowance(given, columns), candidate.scales
-    )
-    found = grid_evidence(
-        information, score, factor=factor, allowance=allowance, scales=candidate.scales
-    )
-    estimate = np.tile(found.estimate[int(np.argmax(found.tempered))], (aircraft, 1))
-    total = log_mean(found.tempered)
-    return Score(
-        candidate, total, log_mean(found.raw), factor, np.ones(aircraft),
-        np.full(aircraft, total), estimate, rms(second, acting, estimate), acting,
-    )  # fmt: skip
-
-
-def _evaluate_aircraft(
-    stats: Statistics, given: Conditional, candidate: Candidate, allowed: NDArray[np.bool_] | None
-) -> Score:
-    found = _aircraft_evidence(stats, given, candidate)
-    second, acting = _sizes(stats, candidate)
-    asked = acting >= LEAST_ACTING if allowed is None else (acting >= LEAST_ACTING) & allowed
-    # the background is told by all aircraft; those not asked about may be struck or not
-    found.nothing[:, ~asked] += either(found.tempered[..., ~asked])
-    found.tempered[..., ~asked], found.raw[..., ~asked] = 0.0, 0.0
-    mixed = mixture(
-        found.tempered, found.nothing, found.prior(given, candidate), found.levels
-    )  # fmt: skip
-    estimate = found.estimates[mixed.best]
-    return Score(
-        candidate, mixed.total, mixture(found.raw).total, found.factor, mixed.posterior,
-        found.tempered[mixed.best], estimate, rms(second, acting, estimate), acting,
-        background=mixed.background,
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Aircraft:
-    """Evidence about single aircraft at every state (T of them): background times shift.
-
-    Attributes
-    ----------
-    tempered : (T, S, A) float
-    nothing : (T, A) float
-    raw : (1, S, A) float
-    estimates : (T, S, A, k) float
-    factor : float
-    shift_weight : (C,) float
-        Log weight of each shift of the fleet; one of 0 where aircraft share nothing.
-    """
-
-    tempered: Floats
-    nothing: Floats
-    raw: Floats
-    estimates: Floats
-    factor: float
-    shift_weight: Floats
-
-    @property
-    def levels(self) -> Floats:
-        """Size of the background in every state, (T,)."""
-        return np.tile(GRID, self.shift_weight.size)
-
-    def prior(self, given: Conditional, candidate: Candidate) -> Floats:
-        """Log weight of every state, (T,)."""
-        told = whole_prior() if given.background is None else None
-        if told is None:
-            told = given.background[int(candidate.heading)]  # type: ignore[index]
-        return np.asarray((self.shift_weight[:, None] + told).ravel())
-
-
-def _aircraft_evidence(stats: Statistics, given: Conditional, candidate: Candidate) -> _Aircraft:
-    """Evidence of each aircraft by background and, where aircraft share much, by shift."""
-    columns, aircraft = candidate.columns, len(stats.tails)
-    pick = np.ix_(columns, columns)
-    factor = aircraft_factor(stats, given, columns)
-    second, acting = _sizes(stats, candidate)
-    live = acting >= LEAST_ACTING
-    information = given.gram[:, columns[:, None], columns]
-    score = given.score[:, :, columns].sum(axis=1)
-    shared = None
-    if columns.size == 1:
-        own = np.where(live, information[:, 0, 0], 0.0)
-        shared = shifts(own, score[:, 0], float(given.fleet_gram[pick][0, 0]), factor)
-    values = np.zeros(1) if shared is None else shared.values
-    weight = np.zeros(1) if shared is None else shared.log_weight
-    states, widths = values.size * GRID.size, SIZE_GRID.size
-    out = _Aircraft(
-        np.zeros((states, widths, aircraft)), np.zeros((states, aircraft)),
-        np.zeros((1, SCALE_GRID.size, aircraft)),
-        np.zeros((states, widths, aircraft, columns.size)), factor, weight,
-    )  # fmt: skip
-    if not live.any():
-        return out
-    unit = allowance_covariance(second[live], acting[live], 1.0, candidate.scales)
-    allowance = (GRID**2)[:, None, None, None] * unit
-    tempering = partial(
-        grid_evidence, factor=factor, scales=candidate.scales, unit=unit, allowance=allowance
-    )
-    out.raw[0][:, live] = tempering(information[live], score[live]).raw
-    own = information if shared is None else shared.own[:, None, None]
-    for c, value in enumerate(values):
-        state = slice(c * GRID.size, (c + 1) * GRID.size)
-        found = tempering(own[live], score[live] + value * own[live][..., 0])
-        out.tempered[state][:, :, live] = found.tempered.swapaxes(0, 1)
-        out.estimates[state][:, :, live] = found.estimate.swapaxes(0, 1)
-        out.nothing[state][:, live] = found.nothing
-    return out
-
-
-def background_likelihood(stats: Statistics, given: Conditional, candidate: Candidate) -> Floats:
-    """Log density of all aircraft's estimates at every size of the background, (T,).
-
-    Parameters
-    ----------
-    stats : Statistics
-    given : Conditional
-    candidate : Candidate
-        Of single aircraft.
-
-    Returns
-    -------
-    (T,) float
-    """
-    found = _aircraft_evidence(stats, given, candidate)
-    each = (found.nothing + either(found.tempered)).sum(axis=1).reshape(-1, GRID.size)
-    return np.asarray(np.logaddexp.reduce(each + found.shift_weight[:, None], axis=0))

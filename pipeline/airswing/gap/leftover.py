@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from airswing.gap.attribute import Found
 from airswing.gap.closure import term_fields
 from airswing.gap.dictionary import DictionaryPlan
-from airswing.gap.evidence import LEAST_ACTING, Score
+from airswing.gap.evaluate import LEAST_ACTING
+from airswing.gap.evidence import Score
 from airswing.gap.terms import Term
 
 Floats = NDArray[np.float64]

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from airswing.gap.candidates import Candidate
 from airswing.gap.changepoint import GAIN_SHARE, evaluate_step
-from airswing.gap.evidence import Score, evaluate
+from airswing.gap.evaluate import evaluate
+from airswing.gap.evidence import Score
 from airswing.gap.measure import Base, Conditional, beyond
 
 Mask = NDArray[np.bool_]

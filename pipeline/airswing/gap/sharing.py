@@ -76,7 +76,12 @@ def shared_part(information: Floats, fleet: float) -> tuple[Floats, float]:
     return own, share
 
 
-def shifts(information: Floats, score: Floats, fleet: float, factor: float) -> Shifts | None:
+def no_shift(information: Floats) -> Shifts:
+    """Nothing to average over: aircraft are independent as they are, (A,) information."""
+    return Shifts(information, np.zeros(1), np.zeros(1))
+
+
+def shifts(information: Floats, score: Floats, fleet: float, factor: float) -> Shifts:
     """Shifts to average over.
 
     Parameters
@@ -90,15 +95,15 @@ def shifts(information: Floats, score: Floats, fleet: float, factor: float) -> S
 
     Returns
     -------
-    Shifts or None
-        None where aircraft share too little of it to matter.
+    Shifts
+        Only none where aircraft share too little of it to matter.
     """
     live = information > 1e-9 * information.max(initial=1e-30)
     if live.sum() < 3:
-        return None
+        return no_shift(information)
     own, share = shared_part(np.where(live, information, 0.0), fleet)
     if share < LEAST_SHARED:
-        return None
+        return no_shift(information)
     d, estimate = own[live] / factor, score[live] / own[live]
     reach = max(float(np.abs(estimate).max()), float(d.max()) ** -0.5)
     even = np.linspace(-reach, reach, EVEN)

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.attribute import Found
+from airswing.gap.evaluate import fleet_allowance
 from airswing.gap.evidence import (
     Score,
     allowance_covariance,
-    fleet_allowance,
 )
 from airswing.gap.measure import Base, Conditional
 from airswing.gap.statistics import DAY, Statistics
