@@ -17,6 +17,7 @@ from airswing.report.gap_words import (
     period_text,
     small_text,
     verdict,
+    who_text,
 )
 from tests.report import gap_factories
 from tests.report.test_page import parsed
@@ -82,6 +83,10 @@ def test_words() -> None:
     assert period_text({"period": None}) == ""
     assert effect_sentence({"name": "reference_time_offset"}).startswith("The reference: ")
     assert effect_sentence({"name": "declination_error", "tails": []}).startswith("The whole fleet")
+    everybody = {"tails": ["N1", "N2", "N3"], "scope": "fleet"}
+    assert who_text({"name": "declination_error"} | everybody) == "the whole fleet"
+    assert who_text({"name": "reference_speed_bias"} | everybody) == "the reference"
+    assert who_text({"name": "tas_scale"} | everybody | {"scope": "aircraft"}) == "N1, N2 and N3"
 
 
 def test_page_with_everything(tmp_path: Path) -> None:

@@ -189,11 +189,10 @@ def rival_advice(effect: Mapping[str, Any]) -> list[str]:
 
 def who_text(effect: Mapping[str, Any]) -> str:
     """Return whom an effect concerns: its aircraft, the whole fleet, or the reference."""
-    tails = list(effect.get("tails") or [])
-    if tails:
-        return joined(tails)
-    reference = str(effect.get("name", "")).startswith("reference_")
-    return "the reference" if reference or effect.get("scope") == "reference" else "the whole fleet"
+    scope, tails = effect.get("scope"), list(effect.get("tails") or [])
+    if scope == "reference" or str(effect.get("name", "")).startswith("reference_"):
+        return "the reference"
+    return joined(tails) if tails and scope != "fleet" else "the whole fleet"
 
 
 def effect_sentence(effect: Mapping[str, Any]) -> str:
@@ -248,6 +247,7 @@ def verdict(gap: Mapping[str, Any], *, most: int = 3) -> str:
             )
         return _nothing_missing(gap)
     text = "; ".join(effect_sentence(effect) for effect in effects[:most])
+    text = text.replace("; The ", "; the ")
     if len(effects) > most:
         rest = len(effects) - most
         text += f"; and {rest} smaller effect{'s' if rest > 1 else ''}"
