@@ -5,6 +5,7 @@ Takes ``headings.nc`` and writes ``fits.nc``, the tables and swing cards, and ``
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Iterator
@@ -94,7 +95,7 @@ def draw_cards(job: Job, fits: xr.Dataset) -> None:
 
     folder, reference = job.output / "swing_cards", main_reference(job.config)
     note = folder / ".drawn_of.json"
-    mark = fingerprint(fits.attrs["uuid"], reference, code_digest("airswing.compass.swingcard"))
+    mark = fingerprint(_content(fits), reference, code_digest("airswing.compass.swingcard"))
     with job.progress.stage("swing cards") as stage:
         write_tables_csv(fits, job.output / "tables.csv")
         before, drawn = _noted(note)
@@ -107,6 +108,18 @@ def draw_cards(job: Job, fits: xr.Dataset) -> None:
         with replacing(note) as temporary:
             temporary.write_text(json.dumps({"mark": mark, "cards": cards}))
         stage.note = f"{len(cards)} aircraft"
+
+
+def _content(fits: xr.Dataset) -> str:
+    """Hash of what the fits say, whichever run they are of."""
+    digest = hashlib.blake2b(repr(fits.attrs.get("table_sign")).encode(), digest_size=16)
+    for name in sorted(str(name) for name in fits.variables):
+        values = fits[name].to_numpy()
+        digest.update(f"{name} {values.dtype} {values.shape}".encode())
+        digest.update(
+            repr(values.tolist()).encode() if values.dtype == object else values.tobytes()
+        )
+    return digest.hexdigest()
 
 
 def _noted(note: Path) -> tuple[str, list[str]]:
