@@ -143,14 +143,16 @@ def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
     ):  # fmt: skip
         own = [s for s in done if s["kind"] in kind]
         if own:
-            half = [0.5 * (s.get("closure_width") or 0.0) for s in own]
+            stated = np.array([s["closure_stated"] for s in own])
+            ends = [s.get("closure_interval") or [s["closure_stated"]] * 2 for s in own]
+            reach = np.abs(np.array(ends).T - stated)  # below and above, which differ
             axes.errorbar(
-                [s["closure_true"] for s in own], [s["closure_stated"] for s in own], yerr=half,
+                [s["closure_true"] for s in own], stated, yerr=reach,
                 color=colour, marker=marker, linestyle="none", markersize=4, elinewidth=0.6,
                 label=" or ".join(kind),
             )  # fmt: skip
-    ends = [min(s["closure_true"] for s in done), max(s["closure_true"] for s in done)]
-    axes.plot(ends, ends, color=SOFT, linewidth=1)
+    span = [min(s["closure_true"] for s in done), max(s["closure_true"] for s in done)]
+    axes.plot(span, span, color=SOFT, linewidth=1)
     axes.set_xlabel("true, kt")
     axes.set_ylabel("stated, kt")
     axes.legend(loc="upper left")

@@ -186,7 +186,7 @@ def _closure_scores(label: Label, gap: Gap) -> dict[str, Any]:
         "closure_stated": stated,
         "closure_error": abs(stated - true),
         "closure_covered": covered,
-        "closure_width": None if interval is None else interval[1] - interval[0],
+        "closure_interval": None if interval is None else [float(end) for end in interval],
     }
 
 
