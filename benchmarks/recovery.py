@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from airswing.vocabulary import STATUS
+from airswing.flags import STATUS
 
 LIMITS = {"offset": 0.3, "amplitude": 0.3, "phase": 5.0}
 """Degrees."""

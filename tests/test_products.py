@@ -11,8 +11,9 @@ import pytest
 import xarray as xr
 
 from airswing.errors import InputError
+from airswing.flags import SCREENING
 from airswing.products import as_stored, atomic, plain, read_product, write_json, write_product
-from airswing.vocabulary import SCREENING, VARIABLES, describe, lookup
+from airswing.vocabulary import VARIABLES, describe, lookup
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from benchmarks import __main__ as benchmarks
 
-from airswing.products import REPORTS_A_CHUNK, as_stored, read_product, write_product
-from airswing.vocabulary import STORED_STEP, VARIABLES
+from airswing.products import REPORTS_A_CHUNK, STORED_STEP, as_stored, read_product, write_product
+from airswing.vocabulary import VARIABLES
 
 
 def fleet(count: int) -> xr.Dataset:

@@ -16,9 +16,10 @@ import yaml
 from airswing import workflow
 from airswing.config import load_config
 from airswing.errors import InputError
+from airswing.flags import STATUS
 from airswing.products import read_product
 from airswing.progress import Progress
-from airswing.vocabulary import STATUS, lookup
+from airswing.vocabulary import lookup
 
 PRODUCTS = (workflow.HEADINGS, workflow.FITS, workflow.CORRECTED, workflow.PROFILES)
 GLOBAL = [

@@ -23,7 +23,7 @@ import xarray as xr
 import airswing
 from airswing.durable import replacing
 from airswing.errors import InputError
-from airswing.vocabulary import DIRECTIONS, STORED_STEP, describe, lookup
+from airswing.vocabulary import describe, lookup
 
 INSTITUTION = "airswing"
 REFERENCES = (
@@ -38,6 +38,34 @@ _TIME_ATTRIBUTES = {
 _CHUNK_CACHE = 2**20
 REPORTS_A_CHUNK = 65_536
 """Few enough that one aircraft of ten million reports is read in well under a second."""
+STORED_STEP = {
+    "reference_eastward_wind": 2.0**-10,
+    "reference_northward_wind": 2.0**-10,
+    "ground_speed": 2.0**-10,
+    "ground_eastward_velocity": 2.0**-10,
+    "ground_northward_velocity": 2.0**-10,
+    "ground_velocity_error": 2.0**-10,
+    "airspeed": 2.0**-10,
+    "airspeed_error": 2.0**-10,
+    "climb_rate": 2.0**-10,
+    "longitudinal_acceleration": 2.0**-14,
+    "track": 2.0**-10,
+    "turn": 2.0**-10,
+    "bank": 2.0**-10,
+    "heading": 2.0**-10,
+    "magnetic_heading": 2.0**-10,
+    "heading_error": 2.0**-10,
+    "heading_error_standard_error": 2.0**-10,
+    "declination": 2.0**-10,
+    "dip": 2.0**-10,
+    "horizontal_field": 2.0**-4,
+}
+"""Step that derived variables of every report are rounded to before they are written, in their
+unit: about a thousandth of a degree or of a metre a second, far below what they are known to. The
+bits so left zero halve the file. What was reported is written as it came."""
+
+DIRECTIONS = ("heading", "magnetic_heading", "track")
+"""Those of them that run from 0 to, but not including, 360 degrees."""
 
 
 @contextlib.contextmanager

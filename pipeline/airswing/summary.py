@@ -17,9 +17,9 @@ from airswing.compass.derived import NORMAL_95
 from airswing.config import Config
 from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
 from airswing.evaluation.stability import change_warnings
+from airswing.flags import CORRECTION, STATUS
 from airswing.leftout import reading_warnings, tally
 from airswing.ragged import aircraft_of_report, blocks
-from airswing.vocabulary import CORRECTION, STATUS
 
 _WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
           "reference_northward_wind", "screening")  # fmt: skip

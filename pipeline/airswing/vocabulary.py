@@ -16,62 +16,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-PHASE = {"unknown": 0, "ascent": 1, "cruise": 2, "descent": 3}
-ROLL = {"missing": 0, "good": 1, "bad": 2, "not_available": 3}
-TEMPERATURE_QC = {"missing": 0, "pass": 1, "fail": 2}
-WIND_QC = {"missing": 0, "pass": 1, "fail": 2}
-ICING = {"missing": -1, "off": 0, "on": 1}
-STATUS = {"ok": 0, "too_few_reports": 1, "poor_heading_coverage": 2, "unstable_fit": 3}
-CORRECTION = {
-    "corrected": 0,
-    "no_fit": 1,
-    "no_heading": 2,
-    "missing_wind": 3,
-    "already_corrected": 4,
-}
-SCREENING = {
-    "phase": 1,
-    "roll": 2,
-    "temperature_qc": 4,
-    "turn": 8,
-    "ground_speed": 16,
-    "no_ground_vector": 32,
-    "no_reference": 64,
-    "missing_wind": 128,
-    "wind_qc": 256,
-    "gross_error": 512,
-    "field_test": 1024,
-}
-"""Bits of ``screening``; their names are the rules of the audit table."""
-
-STORED_STEP = {
-    "reference_eastward_wind": 2.0**-10,
-    "reference_northward_wind": 2.0**-10,
-    "ground_speed": 2.0**-10,
-    "ground_eastward_velocity": 2.0**-10,
-    "ground_northward_velocity": 2.0**-10,
-    "ground_velocity_error": 2.0**-10,
-    "airspeed": 2.0**-10,
-    "airspeed_error": 2.0**-10,
-    "climb_rate": 2.0**-10,
-    "longitudinal_acceleration": 2.0**-14,
-    "track": 2.0**-10,
-    "turn": 2.0**-10,
-    "bank": 2.0**-10,
-    "heading": 2.0**-10,
-    "magnetic_heading": 2.0**-10,
-    "heading_error": 2.0**-10,
-    "heading_error_standard_error": 2.0**-10,
-    "declination": 2.0**-10,
-    "dip": 2.0**-10,
-    "horizontal_field": 2.0**-4,
-}
-"""Step that derived variables of every report are rounded to before they are written, in their
-unit: about a thousandth of a degree or of a metre a second, far below what they are known to. The
-bits so left zero halve the file. What was reported is written as it came."""
-
-DIRECTIONS = ("heading", "magnetic_heading", "track")
-"""Those of them that run from 0 to, but not including, 360 degrees."""
+from airswing.flags import (
+    CORRECTION,
+    ICING,
+    PHASE,
+    ROLL,
+    SCREENING,
+    STATUS,
+    TEMPERATURE_QC,
+    WIND_QC,
+)
 
 
 @dataclass(frozen=True)

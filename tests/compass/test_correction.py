@@ -9,7 +9,7 @@ from airswing.compass.correction import correct, corrected_wind, curve_standard_
 from airswing.compass.deviation import fit_deviation
 from airswing.compass.table import add_tables
 from airswing.errors import InputError
-from airswing.vocabulary import CORRECTION
+from airswing.flags import CORRECTION
 from tests.compass.flown import Setting, fleet_deviations, fly
 
 

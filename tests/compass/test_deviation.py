@@ -19,7 +19,7 @@ from airswing.compass.pooling import between_scatter, day_ratio
 from airswing.compass.publication import condition_number
 from airswing.compass.robustfit import fit_aircraft, merged
 from airswing.errors import InputError
-from airswing.vocabulary import STATUS
+from airswing.flags import STATUS
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
 QUIET = Setting(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from airswing.compass.screening import audit, kept, screen
 from airswing.errors import ConfigError
-from airswing.vocabulary import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC
+from airswing.flags import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC
 
 GOOD: dict[str, Any] = {
     "phase": PHASE["cruise"],

@@ -15,7 +15,7 @@ import xarray as xr
 from scipy.stats import rice
 
 from airswing.evaluation.disagreement import KNOT
-from airswing.vocabulary import ROLL, TEMPERATURE_QC
+from airswing.flags import ROLL, TEMPERATURE_QC
 
 BEFORE_START = date(2009, 7, 20)
 START = date(2009, 10, 20)

@@ -8,7 +8,8 @@ import xarray as xr
 
 from airswing.evaluation.disagreement import disagreement, reference_mean, vector_difference
 from airswing.evaluation.profiles import clustered_rms, error_profiles
-from airswing.vocabulary import PHASE, SCREENING, describe
+from airswing.flags import PHASE, SCREENING
+from airswing.vocabulary import describe
 
 CRUISE, ASCENT = PHASE["cruise"], PHASE["ascent"]
 

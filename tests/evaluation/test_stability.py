@@ -14,7 +14,7 @@ from airswing.evaluation.stability import (
     fit_by_window,
     since_last_change,
 )
-from airswing.vocabulary import STATUS
+from airswing.flags import STATUS
 from tests.compass.flown import Setting
 from tests.evaluation.archives import (
     ORIGIN,

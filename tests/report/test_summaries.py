@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 
 from airswing.errors import InputError
+from airswing.flags import SCREENING
 from airswing.report import selection, summaries
-from airswing.vocabulary import SCREENING
 from tests.report import factories
 
 KNOT = 1852 / 3600

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.reports.audit import Audit
 from airswing.reports.codes import TABLES, decode_flags
-from airswing.vocabulary import ICING, PHASE, ROLL, TEMPERATURE_QC
 
 
 def decoded(name: str, values: list[object]) -> tuple[list[int], Audit]:

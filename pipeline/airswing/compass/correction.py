@@ -34,8 +34,9 @@ from numpy.typing import ArrayLike, NDArray
 from airswing.compass.clusters import Array
 from airswing.compass.table import deviation_curve, error_from_table, unit_interpolation
 from airswing.errors import InputError
+from airswing.flags import CORRECTION, SCREENING, STATUS
 from airswing.ragged import aircraft_of_report
-from airswing.vocabulary import CORRECTION, SCREENING, STATUS, describe
+from airswing.vocabulary import describe
 
 KEPT = (
     "time",

@@ -44,8 +44,9 @@ from airswing.compass.publication import (
 from airswing.compass.robustfit import fit_aircraft
 from airswing.compass.rows import BLOCK
 from airswing.errors import InputError
+from airswing.flags import STATUS
 from airswing.ragged import blocks, row_bounds
-from airswing.vocabulary import STATUS, describe
+from airswing.vocabulary import describe
 
 COEFFICIENTS = ("A", "B", "C", "D", "E")
 MIN_FLIGHTS = 5

@@ -32,7 +32,7 @@ from airswing.compass.fleet_solve import solve_fleet
 from airswing.compass.kernel import COMPASS
 from airswing.compass.pooling import day_ratio, pool, widened
 from airswing.compass.robustfit import AircraftFit
-from airswing.vocabulary import STATUS
+from airswing.flags import STATUS
 
 MAX_CONDITION = 12.0
 MAX_STANDARD_ERROR = 1.5
@@ -65,7 +65,7 @@ class AircraftSums:
     fit : AircraftFit or None
         Its own fit, with the sums of its blocks.
     status : int
-        Code of :data:`airswing.vocabulary.STATUS`.
+        Code of :data:`airswing.flags.STATUS`.
     field : float
         Mean horizontal field of the reports that count, nT; NaN where none is known.
     """

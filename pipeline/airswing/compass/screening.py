@@ -29,8 +29,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import ConfigError
+from airswing.flags import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC
 from airswing.ragged import aircraft_of_report, blocks
-from airswing.vocabulary import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC, describe
+from airswing.vocabulary import describe
 
 __all__ = ["audit", "kept", "screen"]
 
@@ -82,7 +83,7 @@ def screen(
     Returns
     -------
     Dataset
-        The same with ``screening`` (report), int32 bits of `airswing.vocabulary.SCREENING`; dask
+        The same with ``screening`` (report), int32 bits of `airswing.flags.SCREENING`; dask
         arrays stay lazy.
 
     Raises

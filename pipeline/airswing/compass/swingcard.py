@@ -28,8 +28,8 @@ from airswing.compass.table import (
     unit_interpolation,
 )
 from airswing.errors import InputError
+from airswing.flags import STATUS
 from airswing.products import atomic
-from airswing.vocabulary import STATUS
 
 CARDINALS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 CARD_HEADINGS = np.arange(0.0, 360.0, 30.0)

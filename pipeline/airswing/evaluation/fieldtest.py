@@ -40,8 +40,8 @@ from airswing.evaluation.disagreement import (
     vector_difference,
 )
 from airswing.evaluation.scrutiny import scrutinise
+from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.ragged import aircraft_of_report, blocks, time_span
-from airswing.vocabulary import ROLL, SCREENING, TEMPERATURE_QC
 
 _COLUMNS = ("time", "screening", "roll_flag", "temperature_qc", "heading", "eastward_wind",
             "northward_wind", "reference_eastward_wind", "reference_northward_wind")  # fmt: skip

@@ -17,8 +17,8 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from airswing.errors import InputError
+from airswing.flags import SCREENING
 from airswing.ragged import blocks, row_bounds
-from airswing.vocabulary import SCREENING
 
 Choice = Callable[[xr.Dataset], NDArray[np.bool_]]
 """From some reports (their columns and ``aircraft_number``) to whether each is chosen."""

@@ -16,8 +16,8 @@ from airswing.compass.correction import correct
 from airswing.errors import InputError
 from airswing.evaluation.daysums import day_weights, interval_95
 from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
+from airswing.flags import CORRECTION
 from airswing.ragged import row_bounds
-from airswing.vocabulary import CORRECTION
 
 Floats = NDArray[np.float64]
 

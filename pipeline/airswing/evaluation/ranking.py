@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from airswing.compass.correction import corrected_wind, curve_standard_error
 from airswing.evaluation.disagreement import KNOT, reference_mean
 from airswing.evaluation.learning import require_reference
+from airswing.flags import STATUS
 from airswing.ragged import blocks, row_bounds
-from airswing.vocabulary import STATUS
 
 Floats = NDArray[np.float64]
 _FLOWN = ("eastward_wind", "northward_wind", "reference_eastward_wind",

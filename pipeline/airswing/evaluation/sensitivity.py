@@ -32,8 +32,8 @@ from airswing.evaluation.pairs import (
 )
 from airswing.evaluation.pairsums import AircraftPair, PairSums, Regions, Rows
 from airswing.evaluation.threeway import hat_sums, hats_of
+from airswing.flags import PHASE, SCREENING
 from airswing.ragged import blocks, row_bounds, time_span
-from airswing.vocabulary import PHASE, SCREENING
 
 SIGNIFICANCE = 0.02
 """Of each of the two tests, curves and winds: equal references pass both 95 times of 100."""

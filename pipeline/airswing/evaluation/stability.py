@@ -30,8 +30,9 @@ from airswing.evaluation.changes import (
     without_changes,
 )
 from airswing.evaluation.folds import only
+from airswing.flags import STATUS
 from airswing.ragged import blocks, row_bounds, some_reports
-from airswing.vocabulary import STATUS, describe
+from airswing.vocabulary import describe
 
 FALSE_ALARMS = 0.02
 """Probability of any false change in the fleet."""

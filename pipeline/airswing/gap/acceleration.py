@@ -23,10 +23,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.flags import PHASE
 from airswing.gap.dictionary import hats
 from airswing.gap.whitening import flight_order, flight_steps
 from airswing.physics.atmosphere import altitude_from_pressure
-from airswing.vocabulary import PHASE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -26,8 +26,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.flags import ROLL
 from airswing.physics.atmosphere import GRAVITY
-from airswing.vocabulary import ROLL
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -62,7 +62,7 @@ def bank_at_reports(
     bank : (n,) float
         Of a coordinated turn through three fixes, rad, right wing down positive; NaN unknown.
     roll_flag : (n,) int
-        Codes of `airswing.vocabulary`.
+        Codes of `airswing.flags`.
     flight : (n,) int
         In order of flight and time.
     time : (n,) float

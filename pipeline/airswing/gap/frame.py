@@ -21,9 +21,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.flags import PHASE, SCREENING
 from airswing.gap.acceleration import acceleration_at_reports
 from airswing.gap.headings_columns import AIRCRAFT_FIELDS, headings_columns
-from airswing.vocabulary import PHASE, SCREENING
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -81,7 +81,7 @@ class Frame:
     temperature : (n,) float
         K; NaN where not reported.
     phase, icing : (n,) int
-        Codes of `airswing.vocabulary`; icing -1 where not reported.
+        Codes of `airswing.flags`; icing -1 where not reported.
     dudt, dvdt : (n,) float
         Tendency of the reference wind, m s-2.
     dudlnp, dvdlnp : (n,) float

@@ -17,9 +17,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.flags import PHASE, ROLL
 from airswing.gap.bank import bank_at_reports
 from airswing.gap.turning import ground_at_fixes
-from airswing.vocabulary import PHASE, ROLL
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -20,13 +20,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.gap.effects import ActiveEffect
 from airswing.gap.frame import Frame
 from airswing.gap.headings_columns import wrapped
 from airswing.gap.simulate import Coding, NoiseLike, simulate
 from airswing.physics.triangle import wind_from_direction
 from airswing.products import atomic
-from airswing.vocabulary import ICING, PHASE, ROLL, TEMPERATURE_QC
 
 KNOT = 1852.0 / 3600.0
 FOOT = 0.3048

@@ -17,6 +17,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from airswing.flags import PHASE
 from airswing.ragged import blocks
 from airswing.report.outline import View, draw_map, view_of
 from airswing.report.style import (
@@ -31,7 +32,6 @@ from airswing.report.style import (
     styled,
     thousands,
 )
-from airswing.vocabulary import PHASE
 
 LEVELS_HPA: tuple[tuple[float, float], ...] = ((0, 400), (400, 600), (600, 800), (800, 1100))
 

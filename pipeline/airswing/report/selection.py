@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.vocabulary import STATUS
+from airswing.flags import STATUS
 
 Floats = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.evaluation.clustersums import cluster_sums, clustered_mean
+from airswing.flags import SCREENING
 from airswing.ragged import aircraft_of_report, blocks
 from airswing.report.selection import pooled, status_words, tails, used
-from airswing.vocabulary import SCREENING
 
 Floats = NDArray[np.float64]
 KNOT = 1852.0 / 3600.0

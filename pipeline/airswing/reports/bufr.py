@@ -27,9 +27,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.flags import ICING, PHASE, ROLL
 from airswing.reports.audit import Audit
 from airswing.reports.tabular import Mapped
-from airswing.vocabulary import ICING, PHASE, ROLL
 
 _TIME = ("year", "month", "day", "hour", "minute", "second")
 _TAILS = (

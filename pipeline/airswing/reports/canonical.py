@@ -25,10 +25,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC, WIND_QC
 from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
 from airswing.reports.audit import Audit
 from airswing.reports.times import EARLIEST, LATEST
-from airswing.vocabulary import ICING, PHASE, ROLL, TEMPERATURE_QC, WIND_QC
 
 FLAGS = {
     "roll_flag": ROLL["missing"],

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.reports.audit import Audit
-from airswing.vocabulary import ICING, PHASE, ROLL, TEMPERATURE_QC
 
 BLANK = ""
 

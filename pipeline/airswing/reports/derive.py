@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.vocabulary import PHASE
+from airswing.flags import PHASE
 
 LABELLED_GAP = 6 * 3600.0
 """s that one flight number may fall silent."""
@@ -169,7 +169,7 @@ def derive_phase(columns: dict[str, NDArray[Any]], flight: NDArray[Any]) -> NDAr
     Returns
     -------
     array of int8, shape (report,)
-        Codes of :data:`airswing.vocabulary.PHASE`.
+        Codes of :data:`airswing.flags.PHASE`.
     """
     phase = np.full(flight.size, PHASE["unknown"], dtype=np.int8)
     altitude = columns["pressure_altitude"].astype(np.float64)

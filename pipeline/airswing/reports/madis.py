@@ -37,10 +37,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.flags import ROLL, TEMPERATURE_QC
 from airswing.reports.audit import Audit
 from airswing.reports.codes import BLANK, ROLL_CODES, decode_flags
 from airswing.reports.tabular import Mapped
-from airswing.vocabulary import ROLL, TEMPERATURE_QC
 
 DIMENSION = "recNum"
 TAILS = ("en_tailNumber", "tailNumber")

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.flags import PHASE
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
 from airswing.gap.frame import Frame
 from airswing.physics.atmosphere import GRAVITY
-from airswing.vocabulary import PHASE
 
 STEADY = 0.02
 """Acceleration (m s-2) that is noise of the positions in cruise."""

@@ -1,0 +1,33 @@
+"""Values of the flags in Datasets and products, and the words they are told by.
+
+Assumes what FORMATS says of each flag; a value that is in no table does not occur. Valid for all
+stages: whoever sets a flag or asks for one does it by its word here.
+"""
+
+PHASE = {"unknown": 0, "ascent": 1, "cruise": 2, "descent": 3}
+ROLL = {"missing": 0, "good": 1, "bad": 2, "not_available": 3}
+TEMPERATURE_QC = {"missing": 0, "pass": 1, "fail": 2}
+WIND_QC = {"missing": 0, "pass": 1, "fail": 2}
+ICING = {"missing": -1, "off": 0, "on": 1}
+STATUS = {"ok": 0, "too_few_reports": 1, "poor_heading_coverage": 2, "unstable_fit": 3}
+CORRECTION = {
+    "corrected": 0,
+    "no_fit": 1,
+    "no_heading": 2,
+    "missing_wind": 3,
+    "already_corrected": 4,
+}
+SCREENING = {
+    "phase": 1,
+    "roll": 2,
+    "temperature_qc": 4,
+    "turn": 8,
+    "ground_speed": 16,
+    "no_ground_vector": 32,
+    "no_reference": 64,
+    "missing_wind": 128,
+    "wind_qc": 256,
+    "gross_error": 512,
+    "field_test": 1024,
+}
+"""Bits of ``screening``; their names are the rules of the audit table."""
