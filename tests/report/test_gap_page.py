@@ -86,7 +86,12 @@ def test_words() -> None:
     everybody = {"tails": ["N1", "N2", "N3"], "scope": "fleet"}
     assert who_text({"name": "declination_error"} | everybody) == "the whole fleet"
     assert who_text({"name": "reference_speed_bias"} | everybody) == "the reference"
-    assert who_text({"name": "tas_scale"} | everybody | {"scope": "aircraft"}) == "N1, N2 and N3"
+    single = {"name": "tas_scale", "tails": ["n1x"], "scope": "aircraft"}
+    assert who_text(single) == "n1x"
+    shared = {"name": "reference_speed_bias"} | everybody
+    assert verdict({"effects": [single, shared]}).startswith("n1x: ")
+    assert "; the reference: " in verdict({"effects": [single, shared]})
+    assert verdict({"effects": [shared, single]}).startswith("The reference: ")
 
 
 def test_page_with_everything(tmp_path: Path) -> None:

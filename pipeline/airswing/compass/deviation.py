@@ -156,8 +156,9 @@ def fit_deviation(
 
 def _in_memory(headings: xr.Dataset) -> bool:
     """Whether nothing is left to read: cutting such a fleet in parts saves no memory."""
-    names = [name for name in FITTED_FROM if name in headings.variables]
-    return all(headings.variables[name]._in_memory for name in names)
+    own = [headings.variables[name] for name in FITTED_FROM if name in headings.variables]
+    # no public name tells; where a later xarray has none, the fleet is cut, to the same end
+    return all(getattr(variable, "_in_memory", False) for variable in own)
 
 
 def sum_aircraft(

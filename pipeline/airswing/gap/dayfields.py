@@ -151,7 +151,7 @@ def shared_variances(
 
 def _drawn_together(square: Floats, variance: Floats) -> Floats:
     """Variances of coefficients with these expected squares (m,), from those of the last round."""
-    common = max(1 / float(np.mean(1 / variance)), LEAST_CLIMATOLOGY**2)
+    common = 1 / float(np.mean(1 / variance))
     drawn = (FREEDOM * common + square) / (FREEDOM + 1)
     return np.asarray(np.maximum(drawn, LEAST_CLIMATOLOGY**2))
 

@@ -45,8 +45,8 @@ Integers = NDArray[np.int64]
 #: Reports on which a candidate must act to be looked at in an aircraft.
 LEAST_ACTING = 20
 #: Persistent model error allowed for in the fleet, m/s rms, of a column that the climatology takes
-#: up wholly. Of winds along the grid, of which it takes three quarters, 88 simulated archives
-#: without scattered by 0.10 m/s more than the noise made them.
+#: up wholly. Chosen on simulated archives: those without an effect of the fleet scatter about none
+#: by more than their noise.
 FLEET_ALLOWANCE = 0.12
 
 

@@ -197,13 +197,23 @@ def who_text(effect: Mapping[str, Any]) -> str:
 
 def effect_sentence(effect: Mapping[str, Any]) -> str:
     """Return one effect as a sentence without its stop."""
+    return capitalised(effect_clause(effect))
+
+
+def capitalised(text: str) -> str:
+    """Return a text that begins a sentence; names of aircraft stay as they are."""
+    return f"The {text[4:]}" if text.startswith("the ") else text
+
+
+def effect_clause(effect: Mapping[str, Any]) -> str:
+    """Return one effect as it stands within a sentence."""
     text = f"{who_text(effect)}: {plain_name(str(effect['name']))}"
     details = [part for part in (parameters_text(effect, brief=True), period_text(effect)) if part]
     text += "".join(f", {part}" for part in details)
     share = effect.get("share_of_gap")
     if share is not None and float(share) >= 0.005:
         text += f"; explains {100 * float(share):.0f} % of the gap"
-    return text[0].upper() + text[1:] if text.startswith("the ") else text
+    return text
 
 
 def closure_sentence(gap: Mapping[str, Any]) -> str:
@@ -246,8 +256,7 @@ def verdict(gap: Mapping[str, Any], *, most: int = 3) -> str:
                 f"{_unknown_place(gap)}: no known effect explains it."
             )
         return _nothing_missing(gap)
-    text = "; ".join(effect_sentence(effect) for effect in effects[:most])
-    text = text.replace("; The ", "; the ")
+    text = capitalised("; ".join(effect_clause(effect) for effect in effects[:most]))
     if len(effects) > most:
         rest = len(effects) - most
         text += f"; and {rest} smaller effect{'s' if rest > 1 else ''}"
