@@ -1,11 +1,15 @@
 import csv
+import io
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.lines import Line2D
 
 import airswing  # noqa: F401
+from airswing.compass.cardpage import CardPage, Curves
 from airswing.compass.deviation import fit_deviation
 from airswing.compass.swingcard import (
     card_rows,
@@ -14,7 +18,7 @@ from airswing.compass.swingcard import (
     write_swing_cards,
     write_tables_csv,
 )
-from airswing.compass.table import NODES, add_tables, unit_interpolation
+from airswing.compass.table import NODES, add_tables, error_from_table, unit_interpolation
 from airswing.errors import InputError
 from tests.compass.flown import Setting, fly
 
@@ -73,6 +77,59 @@ def test_a_refused_card_says_why(fits):
     figure = swing_card(fits, aircraft="N001")
     words = [text.get_text() for axes in figure.axes for text in axes.texts]
     assert words == ["NO CARD", "fit refused: too few reports"]
+
+
+def pixels(figure):
+    stream = io.BytesIO()
+    figure.savefig(stream, format="rgba", dpi=50)
+    return stream.getvalue()
+
+
+def test_a_page_drawn_over_again_keeps_nothing_of_the_aircraft_before(fits, tmp_path):
+    changed = fits.copy(deep=True)
+    changed["aircraft"] = ["N002", "N003"]
+    for name in ("deviation", "table_correction"):
+        changed[name] = -3.0 * changed[name]
+    both = xr.concat([fits, changed], "aircraft", data_vars="minimal")
+    write_swing_cards(both, tmp_path / "both", suffix="png")
+    write_swing_cards(changed, tmp_path / "alone", suffix="png")
+    for name in ("N002.png", "N003.png"):  # one with a table, one refused
+        drawn = [(tmp_path / place / name).read_bytes() for place in ("both", "alone")]
+        assert drawn[0] == drawn[1]
+    assert (tmp_path / "both/N000.png").read_bytes() != drawn[0]
+
+
+def test_a_card_shows_its_words_and_its_curve(fits):
+    page = swing_card(fits, aircraft="N000")
+    words = [word for artist in page.artists for word in getattr(artist, "words", [])]
+    nodes = fits["table_correction"][0, 0].to_numpy()
+    assert [w for w in words if w.startswith(("+", "-"))] == [f"{value:+.1f}" for value in nodes]
+    for aim, held in card_rows(error_from_table(fits.isel(aircraft=0, reference=0))):
+        assert held in words and aim in words
+    assert {"fit, 95 %", "table", "FOR", "STEER"} <= set(words)
+    assert page.texts[-2].get_text().endswith("N000")
+    blank = pixels(CardPage(("",) * 4, 6, ("",) * 4, 8).figure)
+    assert pixels(page) != blank
+
+
+def test_the_marks_of_a_page_lie_where_the_numbers_say():
+    rising = np.linspace(-2.0, 2.0, 181)
+    both = [rising, rising]
+    page = CardPage(("",) * 4, 6, ("",) * 4, 8)
+    words = [("",) * 4]
+    figure = page.show("", "", words * 6, words * 8, Curves(both, both, both, both, both))
+    numbers = next(a for a in figure.artists if "\N{MINUS SIGN}1" in getattr(a, "words", []))
+    height = {word: y for word, (_, y) in zip(numbers.words, numbers.places, strict=True)}
+    fit = next(a for a in figure.artists if isinstance(a, Line2D) and a.get_lw() == 1.5)
+    drawn = np.asarray(fit.get_ydata())[-181:]  # of the lower panel, as the last numbers are
+    for word, wanted in (("\N{MINUS SIGN}2", -2.0), ("0", 0.0), ("1", 1.0)):
+        assert height[word] == pytest.approx(np.interp(wanted, rising, drawn), abs=1e-12)
+
+
+def test_a_unit_without_any_error_has_a_card_too():
+    none = [np.zeros(181), np.zeros(181)]
+    page, words = CardPage(("",) * 4, 6, ("",) * 4, 8), [("",) * 4]
+    assert pixels(page.show("", "", words * 6, words * 8, Curves(none, none, none, none, none)))
 
 
 def test_unknown_aircraft_or_no_table(fits):

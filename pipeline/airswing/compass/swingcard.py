@@ -11,7 +11,6 @@ m - psi_err(m) = wanted, with the table's own interpolation.
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from airswing.compass.cardpage import FIRST, CardPage, Curves, refused_page
 from airswing.compass.clusters import Array
 from airswing.compass.table import (
     FINE,
@@ -42,11 +42,6 @@ COLUMNS = (
     "standard_error_deg",
     "sign",
 )
-Box = tuple[float, float, float, float]
-"""Left, bottom, width and height, shares of the page."""
-LEFT: Box = (0.015, 0.04, 0.475, 0.89)
-UPPER: Box = (0.585, 0.525, 0.40, 0.405)
-LOWER: Box = (0.585, 0.055, 0.40, 0.405)
 _STATUS_TEXT = {code: name for name, code in STATUS.items()}
 
 
@@ -149,18 +144,7 @@ def swing_card(fits: xr.Dataset, *, aircraft: str, reference: str | None = None)
     InputError
         If the aircraft or reference is not there, or there are no tables.
     """
-    from matplotlib.figure import Figure
-
-    one = _select(fits, aircraft, reference)
-    figure = Figure(figsize=(8.27, 5.83))
-    _draw_card(figure, one)
-    if int(one["status"]) == STATUS["ok"]:
-        _draw_curve(figure, one)
-    figure.text(
-        0.5, 0.985, f"Compass swing in flight: {aircraft}", fontsize=12, fontweight="bold",
-        ha="center", va="top",
-    )  # fmt: skip
-    return figure
+    return _Drawing().of(_select(fits, aircraft, reference))
 
 
 def write_swing_cards(
@@ -185,15 +169,14 @@ def write_swing_cards(
         The cards, in the order of the aircraft; the index stands beside them.
     """
     _need_tables(fits)
-    place = Path(folder)
+    place, drawing = Path(folder), _Drawing()
     cards, rows = [], []
     taken: set[str] = set()
     for name in (str(value) for value in fits["aircraft"].to_numpy()):
         card = place / f"{_safe(name, taken)}.{suffix}"
-        with atomic(card) as temporary:
-            figure = swing_card(fits, aircraft=name, reference=reference)
-            figure.savefig(temporary, dpi=120, format=suffix)
         one = _select(fits, name, reference)
+        with atomic(card) as temporary:
+            drawing.of(one).savefig(temporary, dpi=120, format=suffix)
         rows.append(
             (
                 name,
@@ -266,26 +249,27 @@ def card_rows(table_error: ArrayLike) -> list[tuple[str, str]]:
     ]
 
 
-def _draw_card(figure: Any, one: xr.Dataset) -> None:
-    # Places are given: the page has one size, and finding them by measuring every word and
-    # drawing twice takes several times what the drawing does.
-    status = _STATUS_TEXT[int(one["status"])]
-    if status != "ok":
-        axes = figure.add_axes(LEFT)
-        axes.axis("off")
-        axes.text(0.5, 0.6, "NO CARD", ha="center", fontsize=20)
-        axes.text(0.5, 0.5, f"fit refused: {status.replace('_', ' ')}", ha="center")
-    else:
+class _Drawing:
+    """Cards of one aircraft after the other, those with a table on one page drawn over again."""
+
+    def __init__(self) -> None:
+        self._page = CardPage(
+            ("FOR", "STEER", "FOR", "STEER"), 6, ("node", "", "correction", "±"), NODES.size
+        )
+
+    def of(self, one: xr.Dataset) -> Any:
+        """Figure of a card, until the next is drawn."""
+        title = f"Compass swing in flight: {one['aircraft'].item()}"
+        foot = (
+            f"against {one['reference'].item()}; {int(one['report_count'])} reports, "
+            f"{int(one['flight_count'])} flights, {int(one['compass_points'])} of 8 compass points"
+        )
+        status = _STATUS_TEXT[int(one["status"])]
+        if status != "ok":
+            return refused_page(title, foot, f"fit refused: {status.replace('_', ' ')}")
         rows = card_rows(one["table_error"].to_numpy())
         cells = [[*rows[k], *rows[k + 6]] for k in range(6)]
-        _grid(figure, cells, ("FOR", "STEER", "FOR", "STEER"), (0.015, 0.545, 0.475, 0.385))
-        _grid(figure, _node_cells(one), ("node", "", "correction", "±"), (0.015, 0.04, 0.475, 0.46))
-    figure.text(
-        0.2525, 0.012,
-        f"against {one['reference'].item()}; {int(one['report_count'])} reports, "
-        f"{int(one['flight_count'])} flights, {int(one['compass_points'])} of 8 compass points",
-        fontsize=7, ha="center",
-    )  # fmt: skip
+        return self._page.show(title, foot, cells, _node_cells(one), _curves(one))
 
 
 def _node_cells(one: xr.Dataset) -> list[list[str]]:
@@ -296,42 +280,16 @@ def _node_cells(one: xr.Dataset) -> list[list[str]]:
     ]
 
 
-def _grid(figure: Any, cells: list[list[str]], head: Sequence[str], box: Box) -> None:
-    axes = figure.add_axes(box)
-    axes.axis("off")
-    rows = [list(head), *cells]
-    across, down = len(head), len(rows)
-    axes.set(xlim=(0, across), ylim=(down, 0))
-    line: dict[str, Any] = {"colors": "black", "linewidth": 1.0, "clip_on": False}
-    axes.hlines(np.arange(down + 1), 0, across, **line)
-    axes.vlines(np.arange(across + 1), 0, down, **line)
-    for row, words in enumerate(rows):
-        for column, word in enumerate(words):
-            axes.text(column + 0.5, row + 0.5, word, fontsize=9, ha="center", va="center_baseline")
-
-
-def _draw_curve(figure: Any, one: xr.Dataset) -> None:
+def _curves(one: xr.Dataset) -> Curves:
     from airswing.compass.correction import curve_standard_error
 
-    upper = figure.add_axes(UPPER)
-    lower = figure.add_axes(LOWER, sharey=upper)
     curve = deviation_curve(one["deviation"].to_numpy(), FINE)
     wide = 1.96 * curve_standard_error(one["deviation_covariance"].to_numpy(), FINE)
     nodes = one["table_error"].to_numpy()
-    for axes, first, names in ((upper, 270.0, "W N E"), (lower, 90.0, "E S W")):
-        at = np.arange(first, first + 181.0)
-        place = np.mod(at, 360.0)
-        axes.fill_between(
-            at,
-            np.interp(place, FINE, curve - wide, period=360),
-            np.interp(place, FINE, curve + wide, period=360),
-            alpha=0.3,
-        )
-        axes.plot(at, np.interp(place, FINE, curve, period=360), label="fit, 95 %")
-        axes.plot(at, unit_interpolation(nodes, at), lw=1, label="table")
-        marks = np.arange(first, first + 181.0, 45.0)
-        axes.plot(marks, unit_interpolation(nodes, marks), "o", ms=4, color="C1")
-        axes.axhline(0, color="0.6", lw=0.6)
-        axes.set_xticks(np.arange(first, first + 181.0, 90.0), names.split())
-        axes.set_ylabel("heading error (°)")
-    upper.legend(fontsize=7)
+    at = [np.arange(first, first + 181.0) for first in FIRST]
+    low, high, fit = (
+        [np.interp(np.mod(place, 360.0), FINE, values, period=360) for place in at]
+        for values in (curve - wide, curve + wide, curve)
+    )
+    table = [unit_interpolation(nodes, place) for place in at]
+    return Curves(low, high, fit, table, [values[::45] for values in table])
