@@ -242,19 +242,26 @@ def as_stored(ds: xr.Dataset) -> xr.Dataset:
     -------
     Dataset
     """
-    ds = ds.copy()
-    for name, variable in ds.data_vars.items():
-        dtype = lookup(str(name), variable.dims).dtype
-        step = STORED_STEP.get(str(name), 0.0)
+    changed: dict[Any, Any] = {}
+    for name, variable in ds.variables.items():
+        if name in ds.coords:
+            continue
+        dtype, values = lookup(str(name), variable.dims).dtype, variable.to_numpy()
+        step, attrs = STORED_STEP.get(str(name), 0.0), variable.attrs
         if step:
-            stored = (variable / step).round() * step
+            stored = values * (1.0 / step)  # a power of two: nothing is lost
+            np.rint(stored, out=stored)
+            stored *= step
             if name in DIRECTIONS:
                 stored %= 360.0  # what rounds up to a whole turn is north
-            ds[name] = stored.astype(dtype)
-            ds[name].attrs = {**variable.attrs, "stored_step": step}
+            changed[name] = (
+                variable.dims,
+                stored.astype(dtype, copy=False),
+                {**attrs, "stored_step": step},
+            )
         elif dtype.startswith("f") and variable.dtype != dtype:
-            ds[name] = variable.astype(dtype)
-    return ds
+            changed[name] = variable.dims, values.astype(dtype), attrs
+    return ds.assign(changed)
 
 
 def provenance(
