@@ -44,6 +44,17 @@ def test_nothing_is_named_where_nothing_is(quiet):
     assert report["closure"]["before"] == report["closure"]["after"]
 
 
+def test_one_day_bounds_no_closure():
+    closure = diagnose(make_frame(seed=5, aircraft=6, days=1), catalogue=SMALL).report["closure"]
+    assert closure["ci"] is None and closure["reduction_ci"] is None
+    assert closure["before"] == closure["after"]
+
+
+def test_silence_excludes_a_small_loss_as_little_as_a_gain(quiet):
+    low, high = diagnose(quiet, catalogue=SMALL, maps=False).report["closure"]["reduction_ci"]
+    assert low <= 0.0 <= high
+
+
 def test_one_cycle_on_two_aircraft(struck, quiet):
     frame, made = struck
     report = made.report

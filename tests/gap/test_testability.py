@@ -48,7 +48,9 @@ def test_an_effect_that_acts_nowhere_or_survives_gives_no_reason():
 
 
 def test_one_day_tells_nothing():
-    base = SimpleNamespace(stats=SimpleNamespace(days=np.array([14000])))
+    base = SimpleNamespace(stats=SimpleNamespace(day_count=np.array([[900.0], [600.0]])))
     assert set(too_short(base, EFFECTS)) == {"bias"}
-    base.stats.days = np.array([14000, 14001])
+    base.stats.day_count = np.array([[30.0, 900.0], [0.0, 600.0]])  # flights past midnight
+    assert set(too_short(base, EFFECTS)) == {"bias"}
+    base.stats.day_count = np.array([[900.0, 0.0], [0.0, 600.0]])
     assert too_short(base, EFFECTS) == {}

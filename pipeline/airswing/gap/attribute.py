@@ -48,6 +48,9 @@ class Rules:
     size : float
         Smallest rms where it acts, m s-1. Real fleets have a little of every effect everywhere;
         what is smaller than this is left to them.
+    curve_size : float
+        The same of a dictionary group on single aircraft. Its curve is sized over all reports, the
+        quiet ones as well, and flattened where its variable is inferred.
     unknown_margin : float
         Raw evidence, in cluster factors, by which a dictionary group must beat the best known
         effect.
@@ -57,8 +60,14 @@ class Rules:
 
     evidence: float = 3.0
     size: float = 0.2
+    curve_size: float = 0.1
     unknown_margin: float = 3.0
     most_terms: int = 12
+
+    def least(self, candidate: Candidate) -> float:
+        """Smallest size of a candidate that may enter, m s-1."""
+        curve = not candidate.known and candidate.scope == "aircraft"
+        return self.curve_size if curve else self.size
 
 
 @dataclass(frozen=True)
@@ -134,7 +143,7 @@ def struck(score: Score, rules: Rules) -> NDArray[np.int64]:
 
 def _likely(score: Score, rules: Rules) -> NDArray[np.bool_]:
     """Aircraft with a posterior above one half and an effect of practical size."""
-    least = np.hypot(rules.size, score.remainder)
+    least = np.hypot(rules.least(score.candidate), score.remainder)
     return np.asarray((score.posterior > 0.5) & (score.size > least))
 
 
@@ -388,6 +397,6 @@ def _prune_tails(base: Base, term: Term, others: list[Term], rules: Rules) -> Te
         score = evaluate_named(base, given, candidate, allowed, term.period)
         share = float(np.clip(len(kept) / aircraft, 0.07, 0.93))
         odds = score.aircraft_evidence[a] + np.log(share / (1 - share))
-        if odds < 0 or score.size[a] < rules.size:
+        if odds < 0 or score.size[a] < rules.least(candidate):
             kept = list(rest)
     return replace(term, tails=tuple(sorted(kept)))

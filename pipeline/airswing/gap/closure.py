@@ -39,8 +39,8 @@ class Closure:
     Attributes
     ----------
     before, after : float
-    reduction_ci, after_ci : (float, float)
-        95 % intervals.
+    reduction_ci, after_ci : (float, float) or None
+        95 % intervals; None where they cannot be had.
     sequence : tuple of (str, float, float, float)
         Label, disagreement after the terms up to this one, and the interval of this step.
     alone : tuple of float
@@ -51,8 +51,8 @@ class Closure:
 
     before: float
     after: float
-    reduction_ci: tuple[float, float]
-    after_ci: tuple[float, float]
+    reduction_ci: tuple[float, float] | None
+    after_ci: tuple[float, float] | None
     sequence: tuple[tuple[str, float, float, float], ...]
     alone: tuple[float, ...]
     residual: Floats

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.candidates import GROUP_SCALE
 from airswing.gap.layout import Layout
 from airswing.gap.statistics import Statistics
 
@@ -81,7 +82,7 @@ def lasting_prior(layout: Layout, variance: Floats) -> Prior:
 
 
 def shared_prior(layout: Layout, effects: Mapping[str, Any]) -> Prior:
-    """Columns of the effects that could be taken for weather, with their precisions.
+    """Columns of what could be taken for weather, with their precisions.
 
     Parameters
     ----------
@@ -103,6 +104,10 @@ def shared_prior(layout: Layout, effects: Mapping[str, Any]) -> Prior:
         if effect.scope in ("fleet", "reference") or stage == "atmosphere":
             columns.append(layout.columns(name))
             scales.append(np.asarray(effect.column_scales, float))
+    for name in layout.groups:
+        if name.startswith("wind:"):
+            columns.append(layout.columns(name))
+            scales.append(np.full(columns[-1].size, GROUP_SCALE))
     return np.concatenate(columns), 1 / np.concatenate(scales) ** 2
 
 

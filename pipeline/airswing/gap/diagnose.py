@@ -45,6 +45,7 @@ from airswing.gap.locate import residual_maps, slices
 from airswing.gap.measure import Base, eliminate_days
 from airswing.gap.moments import second_moments
 from airswing.gap.noise import NoiseFit, fit_noise
+from airswing.gap.scatter import scattering
 from airswing.gap.standing import Standing, settle
 from airswing.gap.statistics import DAY, accumulate, day_of_report
 from airswing.gap.summary import assemble
@@ -212,12 +213,15 @@ def diagnose(
     tell("where", 0.0)
     where = slices(base, bare, final.plan) if dictionary else []
     known_names = set(CATALOGUE if catalogue is None else catalogue)
+    moments = [m for m in second_moments(frame, final.noise) if m.name in known_names]
+    jittery = scattering(
+        frame, whole.residual, final.noise, explained={t for m in moments for t in m.tails}
+    )
     report, details = assemble(
         frame, base=base, noise=final.noise, found=found, closure=closure, whole=whole,
         where=where, effects=effects, untestable=untestable, plan=final.plan,
         energy=(energy, energy_error), means=means, factors=factors, doubts=doubts,
-        seed=seed, swap=swap,
-        moments=[m for m in second_moments(frame, final.noise) if m.name in known_names],
+        seed=seed, swap=swap, moments=moments, jittery=jittery if dictionary else None,
     )  # fmt: skip
     tell("checks", 0.0)
     checks = run_checks(

@@ -41,13 +41,19 @@ VARIABLES: dict[str, tuple[int, bool]] = {
 }
 
 
+#: Levels at which a wind of the reference may begin to be too strong or too weak, hPa.
+LAYERS = (850, 700, 500)
+#: Width of their edges in ln p: what begins at a level begins between two of the model's.
+LAYER_EDGE = 0.16
+
 #: Groups that say what effects of the catalogue say -> those effects.
 STANDS_FOR: dict[str, tuple[str, ...]] = {
     "cross:constant": ("compass_offset",),
     "cross:magnetic_heading 1 cycles": ("hard_iron",),
     "cross:magnetic_heading 2 cycles": ("soft_iron",),
     "along:constant": ("tas_offset", "tas_scale"),
-    "wind:wind_by_longitude": ("reference_grid_relative",),
+    "wind:stretched": ("reference_speed_bias",),
+    **{f"wind:stretched_above_{level}_hPa": ("reference_speed_bias",) for level in LAYERS},
 }
 
 
@@ -134,6 +140,27 @@ def variable(frame: Any, name: str) -> Floats:
         "magnetic_heading": lambda: np.mod(np.degrees(frame.magnetic_heading), 360.0),
     }
     return getters[name]()
+
+
+def variables(name: str) -> list[str]:
+    """Variables that a group depends on, the first its own.
+
+    Parameters
+    ----------
+    name : str
+        Name of the group.
+
+    Returns
+    -------
+    list of str
+    """
+    own = name.partition(":")[2].split(" ")[0]
+    if own == "turned":
+        return [own, "wind_direction"]
+    if own.startswith(("stretched", "wind_by_height")):
+        return [own, "wind_speed", *(["altitude"] if own != "stretched" else [])]
+    stem = own.removesuffix("*heading")
+    return [stem, "magnetic_heading"] if stem != own else [stem]
 
 
 def hats(values: Floats, knots: Floats) -> Floats:
@@ -241,8 +268,10 @@ def _groups(knots: dict[str, Floats], flags: set[str]) -> tuple[Group, ...]:
         ("tendency", ("dw/dt",)),
         ("advection", ("V.grad w",)),
         ("shear", ("dw/dlnp",)),
+        ("turned", ("across wind",)),
         ("wind_by_height", ("along wind", "across wind")),
-        ("wind_by_longitude", ("along wind", "across wind")),
+        ("stretched", ("along wind",)),
+        *((f"stretched_above_{level}_hPa", ("along wind",)) for level in LAYERS),
     )
     out += [Group(f"wind:{name}", "wind", name, labels) for name, labels in taylor]
     return tuple(out)
@@ -356,13 +385,13 @@ def _taylor(frame: Any, plan: DictionaryPlan, group: Group) -> Floats:
     """Columns (n, 2, k) made of the reference wind and its derivatives, of order 1."""
     wind = np.stack([frame.u_ref, frame.v_ref], -1) / 10.0
     turned = np.stack([-wind[:, 1], wind[:, 0]], -1)
+    if group.variable == "turned":
+        return turned[..., None]
+    if group.variable.startswith("stretched"):
+        return (wind * _above(frame.pressure, group.variable))[..., None]
     if group.variable == "wind_by_height":
         high = np.clip((np.log(7e4) - np.log(frame.pressure)) / 0.4, 0, 1)[:, None] - 0.5
         return np.stack([wind * high, turned * high], -1)
-    if group.variable == "wind_by_longitude":
-        mean, spread = plan.centre["longitude"]
-        east = np.clip((frame.longitude - mean) / spread, -3, 3)[:, None] / 2
-        return np.stack([wind * east, turned * east], -1)
     if group.variable == "tendency":
         return (np.stack([frame.dudt, frame.dvdt], -1) * 3600.0)[..., None]
     if group.variable == "shear":
@@ -370,3 +399,11 @@ def _taylor(frame: Any, plan: DictionaryPlan, group: Group) -> Floats:
     move_u = frame.ground_u * frame.dudx + frame.ground_v * frame.dudy
     move_v = frame.ground_u * frame.dvdx + frame.ground_v * frame.dvdy
     return (np.stack([move_u, move_v], -1) * 60.0)[..., None]
+
+
+def _above(pressure: Floats, name: str) -> Floats:
+    """Factor (n, 1): 1 above the level that ends a group's name, 0 below; 1 where it names none."""
+    found = [level for level in LAYERS if f"_{level}_" in name]
+    if not found:
+        return np.ones((pressure.size, 1))
+    return np.clip(0.5 + np.log(100.0 * found[0] / pressure) / LAYER_EDGE, 0, 1)[:, None]

@@ -17,16 +17,20 @@ closure is then higher by an amount drawn between nothing and twice what that pa
 how the next month turns out, and in trials missed the truth one time in four where the coefficient
 was the uncertain thing).
 
-Effects that were not named are not excluded by silence: the upper limit holds what they could close
-(:mod:`airswing.gap.leftover`), and what the curve of something unknown closes; the lower limit
-leaves both out.
+Effects that were not named are not excluded by silence: both limits hold what they could close
+(:mod:`airswing.gap.leftover`), which may be less than nothing: a small effect can lie against the
+model's error on these very reports. The upper limit holds what the curve of something unknown
+closes.
 
-Validity: errors of a few degrees about the estimate (linear in the columns). Results in knots.
+Validity: errors of a few degrees about the estimate (linear in the columns); two days and more: of
+one day nothing tells an effect from weather, so neither can what an effect would close be bounded.
+Results in knots.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -48,6 +52,7 @@ from airswing.gap.dictionary import DictionaryPlan
 from airswing.gap.leftover import left_over
 from airswing.gap.measure import Base
 from airswing.gap.terms import Term
+from airswing.gap.testability import single_day
 from airswing.gap.verdict import term_covariances, term_offsets
 
 Floats = NDArray[np.float64]
@@ -96,8 +101,10 @@ def with_interval(
     Returns
     -------
     Closure
-        With ``reduction_ci`` and ``after_ci`` that hold what is stated.
+        With ``reduction_ci`` and ``after_ci`` that hold what is stated; None from one day.
     """
+    if single_day(base.stats):
+        return replace(closure, reduction_ci=None, after_ci=None)
     rng = np.random.default_rng(seed)
     alone = dict(zip(known, closure.alone, strict=True))
     draw = partial(
@@ -109,7 +116,7 @@ def with_interval(
     everything = range(len(found.terms))
     most = drawn if len(known) == len(everything) else np.maximum(drawn, draw(everything))
     stated = closure.before - closure.after
-    low = float(np.quantile(drawn, LIMITS[0])) / KNOT
+    low = float(np.quantile(np.minimum(drawn, drawn + more), LIMITS[0])) / KNOT
     high = float(np.quantile(most + more, LIMITS[1])) / KNOT
     return closure.with_interval(min(low, stated), max(high, stated))
 

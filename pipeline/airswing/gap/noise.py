@@ -117,7 +117,7 @@ def gross_errors(
     (n,) bool
     """
     n = residual.shape[0]
-    before, after = _previous_and_next(order, n)
+    before, after = previous_and_next(order, n)
     first = np.where(before >= 0, before, after[np.maximum(after, 0)])
     second = np.where(after >= 0, after, before[np.maximum(before, 0)])
     known = (first >= 0) & (second >= 0) & (first != second)
@@ -132,8 +132,19 @@ def gross_errors(
     return np.asarray((np.abs(departure) > threshold * spread).any(axis=1) & known)
 
 
-def _previous_and_next(order: FlightOrder, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Index of the previous and next report of the same flight, -1 where there is none."""
+def previous_and_next(order: FlightOrder, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Index of the previous and next report of the same flight, -1 where there is none.
+
+    Parameters
+    ----------
+    order : FlightOrder
+    n : int
+        Number of reports.
+
+    Returns
+    -------
+    before, after : (n,) int
+    """
     before, after = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
     for j in range(1, order.starts.size - 1):
         now = order.index[order.starts[j] : order.starts[j + 1]]

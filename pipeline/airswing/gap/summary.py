@@ -22,6 +22,7 @@ from airswing.gap.locate import Slice
 from airswing.gap.measure import Base
 from airswing.gap.moments import MomentVerdict
 from airswing.gap.noise import NoiseFit
+from airswing.gap.scatter import Scattering
 from airswing.gap.swap import Swap
 from airswing.gap.terms import Term
 from airswing.gap.verdict import ambiguity, day_text, describe_term, term_offsets, unknown_place
@@ -48,6 +49,7 @@ def assemble(
     seed: int,
     swap: Swap | None,
     moments: Sequence[MomentVerdict],
+    jittery: Scattering | None,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Make the content of gap.json and the details.
 
@@ -63,6 +65,8 @@ def assemble(
     factors, doubts : mapping
         Reliabilities of the gradient effects, and their relative standard errors.
     seed : int
+    moments : sequence of MomentVerdict
+    jittery : Scattering or None
 
     Returns
     -------
@@ -103,6 +107,8 @@ def assemble(
     for entry in entries:
         entry["share_of_energy"] = max(entry["held_out_energy"], 0) / total
     entries += [moment_entry(m) for m in moments]
+    if jittery is not None:
+        unknown.append(scatter_place(jittery))
     if swap is not None:
         entries.append(swap_entry(swap, base))
     entries.sort(key=lambda e: -e["held_out_energy"])
@@ -120,9 +126,9 @@ def assemble(
         "effects": entries,
         "unknown": {"present": bool(unknown), "where": unknown},
         "closure": {
-            "before": closure.before, "after": closure.after, "ci": list(closure.after_ci),
+            "before": closure.before, "after": closure.after, "ci": _bounds(closure.after_ci),
             "fraction_of_excess": fraction, "held_out": True,
-            "reduction": explained, "reduction_ci": list(closure.reduction_ci),
+            "reduction": explained, "reduction_ci": _bounds(closure.reduction_ci),
         },
     }  # fmt: skip
     details = {
@@ -146,6 +152,18 @@ def moment_entry(verdict: MomentVerdict) -> dict[str, Any]:
         verdict.name, verdict.tails, verdict.parameters, verdict.standard_errors, verdict.period,
         evidence=verdict.evidence, energy=0.0, scope="aircraft",
     ) | {"per_tail": {t: {"parameters": p} for t, p in verdict.per_tail.items()}}  # fmt: skip
+
+
+def scatter_place(found: Scattering) -> dict[str, Any]:
+    """Place of an unknown effect that shows in the scatter of single reports: it moves no mean."""
+    return {
+        "equally_good": [], "component": "scatter", "variable": "scatter",
+        "variables": ["scatter"], "group": "scatter", "tails": list(found.tails),
+        "scope": "aircraft", "evidence_nats": round(found.evidence, 2),
+        "size_m_s": float(np.median(found.excess)),
+        "curve": {"labels": list(found.tails), "m_s": list(found.excess)},
+        "held_out_energy": 0.0, "held_out_energy_standard_error": 0.0,
+    }  # fmt: skip
 
 
 def swap_entry(swap: Swap, base: Base) -> dict[str, Any]:
@@ -187,6 +205,10 @@ def _shares(terms: Sequence[Term], closure: Closure) -> list[float]:
         out.append(float(np.clip((before - after) / total, 0, 1)) if total > 1e-6 else 0.0)
         before = after
     return out or [0.0] * len(terms)
+
+
+def _bounds(interval: tuple[float, float] | None) -> list[float] | None:
+    return None if interval is None else list(interval)
 
 
 def _slice_entry(piece: Slice) -> dict[str, Any]:

@@ -20,9 +20,12 @@ import numpy as np
 
 from airswing.gap.candidates import Candidate
 from airswing.gap.measure import Base, Conditional
+from airswing.gap.statistics import Statistics
 
 #: Share of an effect's energy that must remain for silence about it to mean something.
 LEAST_SHARE = 0.2
+#: Share of the fullest day's reports under which a day is an edge of another.
+EDGE = 0.25
 
 
 def surviving_share(base: Base, bare: Conditional, candidate: Candidate) -> float:
@@ -49,6 +52,21 @@ def surviving_share(base: Base, bare: Conditional, candidate: Candidate) -> floa
     return float(np.clip(left @ weight / total, 0.0, 1.0)) if total > 0 else float("nan")
 
 
+def single_day(stats: Statistics) -> bool:
+    """Whether an archive holds one day, and of others no more than an edge.
+
+    Parameters
+    ----------
+    stats : Statistics
+
+    Returns
+    -------
+    bool
+    """
+    reports = stats.day_count.sum(axis=0)
+    return bool(np.count_nonzero(reports >= EDGE * reports.max()) < 2)
+
+
 def too_short(base: Base, names: Iterable[str]) -> dict[str, str]:
     """Effects that an archive of a single day cannot tell: all, with the reason in words.
 
@@ -63,7 +81,7 @@ def too_short(base: Base, names: Iterable[str]) -> dict[str, str]:
     dict
         Name -> reason; empty for two days and more.
     """
-    if base.stats.days.size > 1:
+    if not single_day(base.stats):
         return {}
     reason = (
         "one day of reports: nothing can be fitted on some days and checked on others, and a day's "

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.attribute import Found
+from airswing.gap.dictionary import variables
 from airswing.gap.evaluate import fleet_allowance
 from airswing.gap.evidence import (
     Score,
@@ -312,17 +313,14 @@ def unknown_place(
     k = term.candidate.columns.size
     rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
     curve = given.coefficients[start : start + rows * k].reshape(rows, k).mean(axis=0)
-    component, _, variable = term.candidate.name.partition(":")
-    variable = variable.split(" ")[0]
+    told = variables(term.candidate.name)
     groups = [s for s in ranked if not s.candidate.known and s.novelty > 0]
     best = max((s.tempered for s in groups), default=0.0)
     near = [s.candidate.name for s in sorted(groups, key=lambda s: -s.tempered)
             if s.tempered > best - 3.0 * term.score.factor]  # fmt: skip
     return {
         "equally_good": [n for n in dict.fromkeys(near) if n != term.candidate.name],
-        "component": component, "variable": variable.removesuffix("*heading"),
-        "variables": [variable.removesuffix("*heading")]
-        + (["magnetic_heading"] if variable.endswith("*heading") else []),
+        "component": term.candidate.component, "variable": told[0], "variables": told,
         "group": term.candidate.name, "tails": [stats.tails[a] for a in term.tails],
         "scope": term.candidate.scope, "evidence_nats": round(term.score.tempered, 2),
         "size_m_s": float(np.median(term.score.size[list(term.tails)])),

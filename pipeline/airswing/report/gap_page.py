@@ -311,7 +311,10 @@ def _far_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
             f"disagreement goes from {_number(closure['before'])} to "
             f"{_number(closure['after'])} kt"
         )
-        text += f" (95 % interval {_number(bounds[0])} to {_number(bounds[1])})." if bounds else "."
+        interval = "no interval can be had from one day"
+        if bounds:
+            interval = f"95 % interval {_number(bounds[0])} to {_number(bounds[1])}"
+        text += f" ({interval})."
         parts.append(paragraph(text))
     rest = {
         key: value

@@ -298,7 +298,9 @@ COMPONENTS = {
 def slice_words(entry: Mapping[str, Any], *, most: int = 4) -> str:
     """Return a slice of the archive in words: variable, component and at most a few values."""
     variables = entry.get("variables") or [entry.get("variable", "")]
-    text = " by ".join(str(name).replace("_", " ") for name in variables)
+    of_wind = entry.get("component") == "wind"
+    names = [str(name).replace("_", " ") for name in (variables[:1] if of_wind else variables)]
+    text = ("the reference's wind, " if of_wind else "") + " by ".join(names)
     component = COMPONENTS.get(str(entry.get("component", "")))
     text += f", {component}" if component else ""
     values = entry.get("values", entry.get("tails", []))

@@ -70,6 +70,7 @@ PLACES: dict[str, tuple[str, ...]] = {
     "reference_time_offset": ("tendency",),
     "altitude_offset": ("shear", "altitude"),
     "reference_speed_bias": ("wind_by_height", "wind_speed", "wind"),
+    "reference_grid_relative": ("turned", "wind_direction"),
 }
 """Variables that place an effect for which there is no name."""
 
