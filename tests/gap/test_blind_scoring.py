@@ -18,7 +18,7 @@ from airswing.gap.blind.scoring import (
     score_case,
 )
 from airswing.gap.blind.sealing import digest_of, open_seal, seal
-from airswing.gap.blind.summary import baseline_rows, grouped, summarise, targets
+from airswing.gap.blind.summary import baseline_rows, grouped, of_default, summarise, targets
 
 
 def label(kind="single", effects=None, **changes):
@@ -193,6 +193,7 @@ def test_summary_and_targets_by_hand():
     first = reached["first name right, single effects of 0.4 m/s and more"]
     assert (first["reached"], first["cases"], first["met"]) == (0.5, 2, False)
     assert reached["claims on nulls (a name or an unknown)"]["met"] is None
+    assert of_default([right, silent | {"world": "hard"}, silent | {"world": "model"}]) == [right]
     assert set(grouped([right, silent], "effect")) == {"hard_iron"}
 
 

@@ -46,6 +46,11 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     },
     **{f"gap which {i}": lambda i=i: list(gap_parts.which_figures(MAPS, GAP))[i] for i in range(2)},
     "unknown": lambda: report.unknown_curve_figure(gap_factories.unknown_place()),
+    "scatter": lambda: report.unknown_curve_figure(
+        gap_factories.unknown_place()
+        | {"component": "scatter", "variables": ["scatter"]}
+        | {"curve": {"labels": ["N403"], "m_s": [0.4]}}
+    ),
     "heading cells": lambda: report.aircraft_heading_figure(
         ["N1"], [90.0, 270.0], [[1, 2]], [[99, 9]]
     ),

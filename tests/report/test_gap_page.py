@@ -15,6 +15,7 @@ from airswing.report.gap_words import (
     parameter_text,
     parameters_text,
     period_text,
+    slice_words,
     small_text,
     verdict,
     who_text,
@@ -83,6 +84,10 @@ def test_words() -> None:
     assert period_text({"period": None}) == ""
     assert effect_sentence({"name": "reference_time_offset"}).startswith("The reference: ")
     assert effect_sentence({"name": "declination_error", "tails": []}).startswith("The whole fleet")
+    place = {"component": "scatter", "variables": ["scatter"], "tails": ["N1"]}
+    assert slice_words(place) == "scatter, of single reports: N1"
+    place = {"component": "wind", "variables": ["stretched_above_700_hPa", "wind_speed"]}
+    assert slice_words(place) == "the reference's wind, stretched above 700 hPa"
     everybody = {"tails": ["N1", "N2", "N3"], "scope": "fleet"}
     assert who_text({"name": "declination_error"} | everybody) == "the whole fleet"
     assert who_text({"name": "reference_speed_bias"} | everybody) == "the reference"

@@ -371,8 +371,13 @@ def unknown_curve_figure(place: Mapping[str, Any]) -> Figure:
         ha="right" if turned else "center",
         fontsize=8.5,
     )
-    axes.set_ylabel("fitted residual (m/s)")
     axes.grid(axis="x", visible=False)
+    if place.get("component") == "scatter":
+        axes.set_ylabel("beyond the fleet's (m/s)")
+        return figure.say(
+            f"What aircraft scatter more than the fleet: {slice_words(place)} (n = {value.size})."
+        )
+    axes.set_ylabel("fitted residual (m/s)")
     return figure.say(
         f"The unknown effect, as fitted without physics: {slice_words(place)} (n = "
         f"{plural(int(value.size), 'coefficient')})."

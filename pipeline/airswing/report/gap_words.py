@@ -292,6 +292,7 @@ COMPONENTS = {
     "cross": "across the heading",
     "across": "across the heading",
     "along": "along the heading",
+    "scatter": "of single reports",
 }
 
 

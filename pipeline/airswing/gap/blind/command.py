@@ -44,7 +44,7 @@ def check_and_report(
     from airswing.gap.blind.proof import prove_generator
     from airswing.gap.blind.report import short_text, write_reports
     from airswing.gap.blind.run import gap_check
-    from airswing.gap.blind.summary import targets
+    from airswing.gap.blind.summary import of_default, targets
     from airswing.products import require_writable
     from airswing.progress import Progress
 
@@ -65,6 +65,8 @@ def check_and_report(
     command += "".join(f" --rung {rung}" for rung in rungs or ())
     command += "" if real is None else " --real DIR"
     page = write_reports(output, check, command=command, proof=proof)
-    summary = {"digest": check.digest, "targets": targets(check.scores), "proof": proof,
-               "settings": check.settings}  # fmt: skip
+    summary = {
+        "digest": check.digest, "targets": targets(of_default(check.scores)),
+        "every_rung": targets(check.scores), "proof": proof, "settings": check.settings,
+    }  # fmt: skip
     return summary, f"{short_text(check)}\npage: {page}"

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["BY", "TARGETS", "baseline_rows", "grouped", "summarise", "targets"]
+__all__ = ["BY", "TARGETS", "baseline_rows", "grouped", "of_default", "summarise", "targets"]
 
 Score = Mapping[str, Any]
 DETECTABLE = 0.4
@@ -148,6 +148,20 @@ TARGETS = (
      lambda s: _share(_detectable(s), "closure_covered")),
 )  # fmt: skip
 """What is measured, which way is good, the target, how it is computed (and from how many cases)."""
+
+
+def of_default(scores: Sequence[Score]) -> list[Score]:
+    """Scores of default archives: neither of the hard world nor with real errors.
+
+    Parameters
+    ----------
+    scores : sequence of mapping
+
+    Returns
+    -------
+    list of mapping
+    """
+    return [score for score in scores if score["world"] == "default"]
 
 
 def targets(scores: Sequence[Score]) -> list[dict[str, Any]]:
