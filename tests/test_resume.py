@@ -18,6 +18,7 @@ from airswing import workflow
 from airswing.config import load_config
 from airswing.errors import InputError
 from airswing.progress import Progress
+from airswing.workflow import collocating
 from airswing.workflow import fits as fits_stage
 from airswing.workflow import headings as stages
 from airswing.workspace import LOCK, workspace
@@ -103,6 +104,41 @@ def test_finished_model_times_are_not_read_again(tmp_path, root):
     second = job_of(config, resume=True)
     workflow.make_headings(second)
     assert 0 < decoded(second) < 0.5 * decoded(first)
+
+
+@pytest.mark.parametrize("comes_back", [True, False])
+def test_a_model_file_lost_during_the_run_is_read_by_the_next(
+    tmp_path, root, monkeypatch, capsys, comes_back
+):
+    """Away while it was to be read and back as it was: nothing but the problem met tells it."""
+    config = config_in(tmp_path, root)
+    whole = workflow.make_headings(job_of(config)).load()
+    lost = sorted((tmp_path / "ruc").glob("*.grb"))[3::5]
+    find, aside = collocating.collocate_places, tmp_path / "aside"
+    aside.mkdir()
+
+    def meanwhile(*args, **options):
+        for path in lost:
+            path.rename(aside / path.name)
+        return find(*args, **options)
+
+    monkeypatch.setattr(collocating, "collocate_places", meanwhile)
+    first = workflow.Job(load_config(config), Progress())
+    holed = workflow.make_headings(first)
+    assert int(holed["reference_eastward_wind"].isnull().sum()) > 0
+    assert "model files that vanished or changed before" in capsys.readouterr().err
+    monkeypatch.undo()
+    if comes_back:
+        for path in aside.iterdir():
+            path.rename(tmp_path / "ruc" / path.name)
+    again = job_of(config, resume=True)
+    mended = workflow.make_headings(again).load()
+    expected = whole if comes_back else workflow.make_headings(job_of(config))
+    for name in expected.variables:
+        np.testing.assert_array_equal(mended[name].to_numpy(), expected[name].to_numpy(), str(name))
+    third = job_of(config, resume=True)
+    workflow.make_headings(third)
+    assert not third.progress.records  # whole now, and kept
 
 
 def test_a_changed_screening_keeps_the_model_winds(tmp_path, root, monkeypatch):

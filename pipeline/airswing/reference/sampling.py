@@ -83,6 +83,25 @@ class ModelTime:
     files: tuple[SourceFile, ...]
 
 
+NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"
+
+
+def of_a_lost_file(reason: str) -> bool:
+    """Whether a problem is of a file that vanished or changed, not of what stands in it.
+
+    Parameters
+    ----------
+    reason : str
+        Of `Sample.problems`.
+
+    Returns
+    -------
+    bool
+        Such a problem may be gone when the file is there again, though nothing tells it is another.
+    """
+    return reason.startswith((NOT_OPENED, REPLACED))
+
+
 class Sample(NamedTuple):
     """Winds of one model time at its reports.
 
@@ -123,12 +142,12 @@ class _Reader:
         try:
             descriptor = os.open(file.path, os.O_RDONLY)
         except OSError as error:
-            self.problems[file.path, f"cannot be opened: {error.strerror}"] = None
+            self.problems[file.path, f"{NOT_OPENED}: {error.strerror}"] = None
             return -1
         status = os.fstat(descriptor)
         if (status.st_size, status.st_mtime_ns) != (file.size, file.mtime_ns):
             os.close(descriptor)
-            self.problems[file.path, "replaced since it was catalogued"] = None
+            self.problems[file.path, REPLACED] = None
             return -1
         return descriptor
 

@@ -186,7 +186,7 @@ def collocate_places(
     folder: Path,
     *,
     derivatives: bool,
-) -> dict[str, int]:
+) -> dict[str, set[Any]]:
     """Find the model winds of every stretch of time.
 
     Parameters
@@ -202,8 +202,8 @@ def collocate_places(
 
     Returns
     -------
-    dict of str to int
-        Problems met in reading each reference.
+    dict of str to set
+        Problems met in reading each reference: valid time, file and reason.
     """
     from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate
     from airswing.reference.store import SampleStore
@@ -229,7 +229,7 @@ def collocate_places(
         matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
         stage.note = f"reports within the model: {matched}"
         stage.reports = max(one.matched for one in plans.values())
-    return {name: len(met) for name, met in problems.items()}
+    return problems
 
 
 def _account(stage: StageRecord, winds: xr.Dataset) -> None:
@@ -264,6 +264,7 @@ def collocated_blocks(
     """
     from airswing.compass.pieces import KeptHeadings
     from airswing.reference.overlap import require_overlap
+    from airswing.reference.sampling import of_a_lost_file
 
     folder = job.gap_store if derivatives else job.store
     archive = read(job, folder)
@@ -272,9 +273,15 @@ def collocated_blocks(
     plans = plans_of(job, places, models, derivatives=derivatives)
     require_overlap(plans)
     unread = collocate_places(job, places, models, plans, folder, derivatives=derivatives)
+    lost = {file for met in unread.values() for _, file, reason in met if of_a_lost_file(reason)}
+    if lost:
+        job.progress.say(
+            f"  model files that vanished or changed before they were read: {len(lost):,}; their "
+            "reports have no wind, --resume reads them again"
+        )
     audit = {
         name: plans[name].as_dict()
-        | {"notes": model.notes, "skipped": model.skipped, "unread_messages": unread[name]}
+        | {"notes": model.notes, "skipped": model.skipped, "unread_messages": len(unread[name])}
         for name, model in models.items()
     }
     attrs: dict[str, Any] = {
@@ -290,7 +297,7 @@ def collocated_blocks(
             yield found.derive(reports, places.winds(number, reports))
         attrs["ground_vector_evidence"] = json.dumps(found.evidence)
 
-    return Blocks(archive.reports, archive.aircraft, each, "headings", attrs)
+    return Blocks(archive.reports, archive.aircraft, each, "headings", attrs, whole=not lost)
 
 
 def collocated_headings(job: Job, *, names: list[str], derivatives: bool = False) -> xr.Dataset:

@@ -95,7 +95,7 @@ def make_headings(job: Job) -> xr.Dataset:
         if made is None:
             job.begin_store(job.store)
             made = _collocated(job, names)
-        made.attrs["unscreened_fingerprint"] = unscreened
+        made.attrs["unscreened_fingerprint"] = unscreened if made.whole else ""
         return _screened(job, made)
 
     headings = ragged_product(

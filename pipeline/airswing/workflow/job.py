@@ -115,6 +115,9 @@ class Blocks:
     written : callable, optional
         Called with the product's ``uuid`` when all is written, before it takes its name: whatever
         it notes stands wherever the product does.
+    whole : bool, default True
+        False where a file it is made from vanished or changed meanwhile: the product is written,
+        and a run with ``resume`` makes it again though its inputs look the same as before.
     """
 
     reports: int
@@ -123,6 +126,7 @@ class Blocks:
     stage: str
     attrs: dict[str, Any] = field(default_factory=dict)
     written: Callable[[str], None] = lambda uuid: None
+    whole: bool = True
 
 
 def main_reference(config: Config) -> str:
@@ -230,7 +234,7 @@ def ragged_product(
         for block in made.each(stage):
             writer.append(block)
         told = provenance(**_told(job, title, sources))
-        writer.describe({**made.attrs, "fingerprint": mark, **told})
+        writer.describe({**made.attrs, "fingerprint": mark if made.whole else "", **told})
         made.written(told["uuid"])
     return read_product(path, lazy=True)
 
