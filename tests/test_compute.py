@@ -108,6 +108,18 @@ def test_a_worker_killed_over_and_over_is_one_message():
         dask.delayed(die)().compute()
 
 
+def test_what_fails_in_a_worker_is_raised_and_not_printed_there(capfd):
+    def fail() -> None:
+        raise InputError("nothing works", remedy="Try again")
+
+    with (
+        pytest.raises(InputError, match="nothing works"),
+        compute.scheduler(Compute(workers=2, threads=1), Progress(quiet=True)),
+    ):
+        dask.delayed(fail)().compute()
+    assert "nothing works" not in "".join(capfd.readouterr())
+
+
 def test_workers_that_all_wait_for_memory_are_one_message(monkeypatch):
     """In this process, which is above their limit: they are paused as soon as they look."""
     monkeypatch.setattr(compute, "PATIENCE", 1.0)

@@ -124,7 +124,16 @@ def _client(compute: Compute, cores: int) -> Iterator[Any]:
                 found=compute.scheduler,
                 remedy="Start it with `dask scheduler`, or leave --scheduler away",
             ) from err
+        if compute.scheduler is None:
+            client.register_worker_callbacks(setup=_tell_no_failures)
         yield client
+
+
+def _tell_no_failures() -> None:
+    """Keep a worker from printing what failed in it: it is raised where the work was asked for."""
+    logging.getLogger("distributed.worker").addFilter(
+        lambda record: not str(record.msg).startswith("Compute Failed")
+    )
 
 
 @contextlib.contextmanager

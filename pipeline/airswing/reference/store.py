@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import logging
 import os
 from collections.abc import Callable
@@ -108,9 +109,11 @@ def _load(path: Path, count: int) -> Floats | None:
 
 
 def _save(path: Path, table: Floats) -> None:
+    whole = io.BytesIO()
+    np.save(whole, table, allow_pickle=False)  # to a file it does not say why it cannot be written
     try:
-        with replacing(path, lasting=False) as temporary, temporary.open("wb") as file:
-            np.save(file, table, allow_pickle=False)
+        with replacing(path, lasting=False) as temporary:
+            temporary.write_bytes(whole.getbuffer())
     except OSError as error:
         raise InputError(
             "cannot keep a finished model time; those kept before are whole",
