@@ -151,6 +151,10 @@ CONFIGURATIONS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
         },
         ("pool.both", "'NAM'", "never_pool"),
     ),
+    "no such lead": (
+        {"references": {"model": {"files": "later/*", "lead": "shortest"}}},
+        ("references.model.lead", "'shortest'", ">= 1 h"),
+    ),
     "no workers": ({"compute": {"workers": 0}}, ("compute.workers:", "greater than", "0")),
     "no table resolution": ({"table": {"resolution": "0 deg"}}, ("table.resolution", "0")),
     "time gap below nothing": (

@@ -16,9 +16,17 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
-from airswing.errors import ConfigError
+from airswing.errors import ConfigError, InputError
 
 
 @functools.cache
@@ -74,6 +82,17 @@ _QUANTITY = re.compile(
 _EXAMPLE = {"second": "min", "radian": "deg", "meter / second": "kt"}
 """Unit to show where one is missing."""
 
+
+def _checked_lead(text: str) -> str:
+    from airswing.reference.leads import lead_condition
+
+    try:
+        lead_condition(text)
+    except InputError as err:
+        raise ValueError(f"{err.what}; write {str(err.remedy).removeprefix('Write ')}") from err
+    return text
+
+
 Seconds = Annotated[float, BeforeValidator(lambda text: quantity(text, "second"))]
 Radians = Annotated[float, BeforeValidator(lambda text: quantity(text, "radian"))]
 MetresPerSecond = Annotated[float, BeforeValidator(lambda text: quantity(text, "meter / second"))]
@@ -97,10 +116,11 @@ class Reports(_Section):
 
 
 class Reference(_Section):
-    """Where one model's winds are, and which lead times of it count."""
+    """Where one model's winds are, and which lead times and ensemble member of it count."""
 
     files: Strings
-    lead: str = "any"
+    lead: Annotated[str, AfterValidator(_checked_lead)] = "any"
+    member: int | None = Field(None, ge=0)
     on_bad_file: Literal["skip", "fail"] = "skip"
 
 

@@ -13,7 +13,8 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.reference import filecache
-from airswing.reference.catalogue import build_catalogue, lead_condition
+from airswing.reference.catalogue import build_catalogue
+from airswing.reference.leads import lead_condition
 from tests.reference.builders import LAMBERT, LATLON, build, write
 
 LEVELS = (300, 500, 700)
@@ -159,6 +160,9 @@ def test_lead_conditions() -> None:
         ("<30 min", [1, 0, 0, 0]), ("== 2 h", [0, 0, 0, 1]), ("> 3600 s", [0, 0, 0, 1]),
     ]:  # fmt: skip
         np.testing.assert_array_equal(lead_condition(text)(leads), np.array(expected, bool))
+    for text in (">= 1..2 h", ">= . h", ">= 1 fortnight", "=> 1 h", ""):
+        with pytest.raises(InputError, match="not understood"):
+            lead_condition(text)
 
 
 def test_second_look_reads_no_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -270,6 +274,13 @@ def test_ensemble_members_are_not_mixed(tmp_path: Path) -> None:
     )
     assert list(catalogue.members) == [1] and len(catalogue.levels(0)) == 1
     assert any("lowest number" in note for note in catalogue.notes)
+    for member in (1, 3):
+        one = build_catalogue(
+            str(tmp_path / "x.grib"), name="x", member=member, cache_dir=tmp_path / "c"
+        )
+        assert list(one.members) == [member] and not one.notes
+    with pytest.raises(InputError, match=r"references\.x.*ensemble member 2.*members 1, 3"):
+        build_catalogue(str(tmp_path / "x.grib"), name="x", member=2, cache_dir=tmp_path / "c")
 
 
 def test_hybrid_levels_need_a_pressure(tmp_path: Path) -> None:

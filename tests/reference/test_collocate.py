@@ -207,6 +207,26 @@ def test_tendencies_need_both_valid_times(tmp_path: Path) -> None:
         np.testing.assert_array_equal(plain[name], got[name])
 
 
+def test_members_of_an_ensemble_are_references_of_one_pass(tmp_path: Path) -> None:
+    """All members in the same files; a message's value is its member's number."""
+    for hour in (0, 1):
+        messages = [
+            build(LATLON, np.full(SIZE, float(member)), parameter=name, level=level,
+                  when=(20090801, 100 * hour),
+                  extra={"productDefinitionTemplateNumber": 1, "perturbationNumber": member})
+            for member in (3, 1, 2) for level in (300, 700) for name in "uv"
+        ]  # fmt: skip
+        write(tmp_path / f"h{hour:02d}.grib", *messages)
+    catalogues = {
+        f"m{member}": build_catalogue(
+            str(tmp_path / "h*.grib"), name=f"m{member}", member=member, cache_dir=tmp_path / "c"
+        )
+        for member in (1, 2, 3)
+    }
+    got = collocate(reports([0.2, 0.7]), catalogues).compute(scheduler="synchronous")
+    assert got.reference_eastward_wind.values.tolist() == [[1, 1], [2, 2], [3, 3]]
+
+
 def test_a_vanished_and_a_replaced_file_are_counted_gaps(tmp_path: Path) -> None:
     catalogue = hourly(tmp_path)
     ds = reports([0.5, 1.5, 2.5, 3.0])

@@ -15,11 +15,9 @@ from __future__ import annotations
 
 import glob
 import hashlib
-import operator
 import os
-import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,47 +29,11 @@ from airswing.reference.fields import FIELD_DTYPE, HYBRID, FileContents
 from airswing.reference.filecache import FileCache, contents_of, identify
 from airswing.reference.grids import Grid
 from airswing.reference.gridsections import read_grid
+from airswing.reference.leads import Wanted, lead_condition
 from airswing.reference.sampling import ModelTime, SourceFile
 
 Table = NDArray[Any]
 Skipped = list[dict[str, Any]]
-
-_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
-    ">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt, "==": operator.eq,
-}  # fmt: skip
-_TIME_UNITS = {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "min": 60.0, "s": 1.0, "d": 86400.0}
-
-
-def lead_condition(text: str) -> Callable[[NDArray[Any]], NDArray[np.bool_]]:
-    """Turn ``any``, ``analysis`` or a comparison such as ``>= 1 h`` into a test of leads in s.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    callable
-        From an array of leads (s) to booleans.
-
-    Raises
-    ------
-    InputError
-        Where the text is none of these.
-    """
-    words = text.strip().lower()
-    if words == "any":
-        return lambda lead: np.ones(np.shape(lead), dtype=bool)
-    if words == "analysis":
-        return lambda lead: np.asarray(lead) == 0
-    match = re.fullmatch(r"(>=|<=|==|>|<)\s*([0-9.]+)\s*([a-z]+)", words)
-    if match is None or match[3] not in _TIME_UNITS:
-        raise InputError(
-            "lead condition not understood", field="lead", found=text,
-            remedy='Write any, analysis, or a comparison such as ">= 1 h"',
-        )  # fmt: skip
-    compare, limit = _OPERATORS[match[1]], float(match[2]) * _TIME_UNITS[match[3]]
-    return lambda lead: np.asarray(compare(lead, limit))
 
 
 @dataclass(eq=False)
@@ -177,6 +139,7 @@ def build_catalogue(
     *,
     name: str,
     lead: str = "any",
+    member: int | None = None,
     cache_dir: str | os.PathLike[str] | None = None,
     on_bad_file: str = "skip",
 ) -> Catalogue:
@@ -190,6 +153,8 @@ def build_catalogue(
         The reference's name.
     lead : str
         ``any``, ``analysis`` or a comparison such as ``>= 1 h``.
+    member : int, optional
+        Number of the ensemble member whose winds count; any where not given.
     cache_dir : path-like, optional
         Folder for the header cache; default the user's cache folder.
     on_bad_file : {"skip", "fail"}
@@ -207,14 +172,14 @@ def build_catalogue(
     """
     if on_bad_file not in ("skip", "fail"):
         raise InputError("must be skip or fail", field="on_bad_file", found=on_bad_file)
-    meets = lead_condition(lead)
+    lead_condition(lead)  # a fault of it is told before any file is read
     skipped: Skipped = []
     sources = _identified(_find(files, name), skipped)
     table, grids, count = _read_all(sources, cache_dir, skipped)
     pairs = _pair(table, sources, skipped)
     if on_bad_file == "fail":
         _refuse(skipped)
-    return _select(name, lead, meets, sources, grids, pairs, skipped, count)
+    return _select(name, Wanted(lead, member), sources, grids, pairs, skipped, count)
 
 
 def _skip(file: str, what: str, reason: str, count: int = 1) -> dict[str, Any]:
@@ -366,8 +331,7 @@ def _refuse(skipped: Skipped) -> None:
 
 def _select(
     name: str,
-    lead: str,
-    meets: Callable[[NDArray[Any]], NDArray[np.bool_]],
+    wanted: Wanted,
     sources: Sequence[SourceFile],
     grids: tuple[Grid, ...],
     pairs: tuple[Table, Table, Table, list[str]],
@@ -379,9 +343,9 @@ def _select(
     starts = np.flatnonzero(_changes(u, _PROFILE))
     sizes = np.diff(np.append(starts, u.size))
     heads = u[starts]
-    meeting = np.flatnonzero(meets(heads["lead"])) if heads.size else np.empty(0, dtype=int)
+    meeting = np.flatnonzero(wanted.of(heads))
     if meeting.size == 0:
-        _no_winds(name, lead, heads, skipped, sources)
+        _no_winds(name, wanted, heads, skipped, sources)
     starts, sizes, heads = starts[meeting], sizes[meeting], heads[meeting]
     preference = ("level_kind", "member", "lead", "valid")
     order = np.lexsort([heads["grid"], -sizes, *(heads[c] for c in preference)])
@@ -392,7 +356,7 @@ def _select(
     bounds = np.concatenate([[0], np.cumsum(sizes[chosen])]).astype(np.int64)
     columns = {c: heads[c][chosen].astype(np.int64) for c in _PROFILE}
     return Catalogue(
-        name=name, lead=lead, files=tuple(sources), grids=grids, valid=columns["valid"],
+        name=name, lead=wanted.lead, files=tuple(sources), grids=grids, valid=columns["valid"],
         leads=columns["lead"], members=columns["member"], grid_numbers=columns["grid"],
         level_kinds=columns["level_kind"], bounds=bounds, u=u[rows], v=v[rows],
         pressure=pressure[rows], skipped=skipped, notes=notes, messages=count,
@@ -415,15 +379,11 @@ def _note_choices(heads: Table, first: NDArray[np.bool_], notes: list[str]) -> N
 
 
 def _no_winds(
-    name: str, lead: str, heads: Table, skipped: Skipped, sources: Sequence[SourceFile]
+    name: str, wanted: Wanted, heads: Table, skipped: Skipped, sources: Sequence[SourceFile]
 ) -> None:
     where = f"references.{name}"
     if heads.size:
-        hours = sorted({int(s) / 3600 for s in heads["lead"]})
-        raise InputError(
-            f"no wind meets the lead condition {lead!r}", field=where,
-            found="leads " + ", ".join(f"{h:g} h" for h in hours),
-        )  # fmt: skip
+        raise wanted.none_met(heads, where)
     reasons: Counter[str] = Counter()
     for skip in skipped:
         reasons[f"{skip['what']}: {skip['reason']}"] += skip["count"]

@@ -84,8 +84,9 @@ def catalogues(job: Job, names: list[str]) -> dict[str, Catalogue]:
         for name in names:
             asked = job.config.references[name]
             found[name] = build_catalogue(
-                asked.files, name=name, lead=asked.lead, on_bad_file=asked.on_bad_file
-            )
+                asked.files, name=name, lead=asked.lead, member=asked.member,
+                on_bad_file=asked.on_bad_file,
+            )  # fmt: skip
         stage.note = ", ".join(
             f"{name} {len(model):,} model times" for name, model in found.items()
         )

@@ -1,0 +1,110 @@
+"""Which lead times and which ensemble member of a model count as one reference.
+
+Assumes leads in seconds and members by the number the message gives; GRIB edition 1 gives none, and
+a message without one is member 0.
+"""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+
+_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
+    ">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt, "==": operator.eq,
+}  # fmt: skip
+_TIME_UNITS = {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "min": 60.0, "s": 1.0, "d": 86400.0}
+
+
+def lead_condition(text: str) -> Callable[[NDArray[Any]], NDArray[np.bool_]]:
+    """Turn ``any``, ``analysis`` or a comparison such as ``>= 1 h`` into a test of leads in s.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    callable
+        From an array of leads (s) to booleans.
+
+    Raises
+    ------
+    InputError
+        Where the text is none of these.
+    """
+    words = text.strip().lower()
+    if words == "any":
+        return lambda lead: np.ones(np.shape(lead), dtype=bool)
+    if words == "analysis":
+        return lambda lead: np.asarray(lead) == 0
+    match = re.fullmatch(r"(>=|<=|==|>|<)\s*(\d+\.?\d*|\.\d+)\s*([a-z]+)", words)
+    if match is None or match[3] not in _TIME_UNITS:
+        raise InputError(
+            "lead condition not understood", field="lead", found=text,
+            remedy='Write any, analysis, or a comparison such as ">= 1 h"',
+        )  # fmt: skip
+    compare, limit = _OPERATORS[match[1]], float(match[2]) * _TIME_UNITS[match[3]]
+    return lambda lead: np.asarray(compare(lead, limit))
+
+
+class Wanted(NamedTuple):
+    """Which profiles of a model's files are a reference's.
+
+    Parameters
+    ----------
+    lead : str
+        As for :func:`lead_condition`.
+    member : int, optional
+        Number of the ensemble member; any where not given.
+    """
+
+    lead: str = "any"
+    member: int | None = None
+
+    def of(self, heads: NDArray[Any]) -> NDArray[np.bool_]:
+        """Tell them apart.
+
+        Parameters
+        ----------
+        heads : structured array, shape (n,)
+            With ``lead`` (s) and ``member``.
+
+        Returns
+        -------
+        array of bool, shape (n,)
+        """
+        meets = lead_condition(self.lead)(heads["lead"])
+        return meets if self.member is None else meets & (heads["member"] == self.member)
+
+    def none_met(self, heads: NDArray[Any], where: str) -> InputError:
+        """Say that no profile is one of them.
+
+        Parameters
+        ----------
+        heads : structured array, shape (n,)
+            Those there are.
+        where : str
+            Key of the configuration.
+
+        Returns
+        -------
+        InputError
+        """
+        members = sorted({int(number) for number in heads["member"]})
+        if self.member is not None and self.member not in members:
+            return InputError(
+                f"no wind of ensemble member {self.member}", field=where,
+                found="members " + ", ".join(map(str, members)),
+            )  # fmt: skip
+        hours = sorted({int(s) / 3600 for s in heads["lead"]})
+        return InputError(
+            f"no wind meets the lead condition {self.lead!r}", field=where,
+            found="leads " + ", ".join(f"{h:g} h" for h in hours),
+        )  # fmt: skip
