@@ -224,7 +224,8 @@ def test_members_of_an_ensemble_are_references_of_one_pass(tmp_path: Path) -> No
         for member in (1, 2, 3)
     }
     got = collocate(reports([0.2, 0.7]), catalogues).compute(scheduler="synchronous")
-    assert got.reference_eastward_wind.values.tolist() == [[1, 1], [2, 2], [3, 3]]
+    expected = [[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]]
+    np.testing.assert_allclose(got.reference_eastward_wind, expected, rtol=1e-12)
 
 
 def test_a_vanished_and_a_replaced_file_are_counted_gaps(tmp_path: Path) -> None:
