@@ -203,6 +203,17 @@ def test_the_remaining_time_is_that_of_this_stage_and_the_later_ones():
     assert left == pytest.approx(20.0 + 40.0)
 
 
+def test_the_libraries_start_is_not_taken_for_the_pace_of_the_work():
+    """Seven thousand reports read in a second, most of it imports: a run of 15 s in all."""
+    from airswing.cost import stage_seconds
+    from airswing.progress import StageRecord
+
+    progress = Progress(quiet=True, expected=stage_seconds(7000, {}))
+    progress.records.append(StageRecord("reports", 1.0))
+    left = progress.remaining("collocate", 0.3, Tasks(done=73, total=101))
+    assert left is not None and left < 60.0
+
+
 def test_the_accounts_tell_the_share_of_decoding():
     from airswing.progress import StageRecord
 
