@@ -208,10 +208,21 @@ def test_the_libraries_start_is_not_taken_for_the_pace_of_the_work():
     from airswing.cost import stage_seconds
     from airswing.progress import StageRecord
 
-    progress = Progress(quiet=True, expected=stage_seconds(7000, {}))
+    progress = Progress(quiet=True, expected=stage_seconds(7000, 4, {}))
     progress.records.append(StageRecord("reports", 1.0))
     left = progress.remaining("collocate", 0.3, Tasks(done=73, total=101))
     assert left is not None and left < 60.0
+
+
+def test_a_fleet_of_many_aircraft_is_foretold_to_cost_more():
+    """Measured: 600 aircraft of 600,000 reports, fit 24 s, peak 1.43 GB, cards 42 s."""
+    from airswing.cost import estimate, stage_seconds
+
+    seconds = stage_seconds(592_800, 600, {})
+    assert 12.0 < seconds["fit"] < 48.0 and 20.0 < seconds["swing cards"] < 80.0
+    found = estimate(592_800, 600, {}, block=200_000)
+    assert 1.2e9 < found["memory_bytes"] < 2.0e9
+    assert estimate(592_800, 60, {}, block=200_000)["memory_bytes"] < 0.8e9
 
 
 def test_the_accounts_tell_the_share_of_decoding():

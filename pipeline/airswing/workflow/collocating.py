@@ -141,7 +141,12 @@ def written_to(folder: Path) -> Iterator[None]:
 
 
 def plans_of(
-    job: Job, places: Places, models: dict[str, Catalogue], *, derivatives: bool = False
+    job: Job,
+    places: Places,
+    models: dict[str, Catalogue],
+    *,
+    aircraft: int,
+    derivatives: bool = False,
 ) -> dict[str, Plan]:
     """What the collocation will read, and which reports have no model.
 
@@ -150,6 +155,8 @@ def plans_of(
     job : Job
     places : Places
     models : dict of str to Catalogue
+    aircraft : int
+        How many there are.
     derivatives : bool
 
     Returns
@@ -175,7 +182,8 @@ def plans_of(
         messages = sum(one.messages for one in plans.values())
         stage.note = f"{messages:,} messages to read"
     reports = max(one.reports for one in plans.values())
-    job.progress.expected = stage_seconds(reports, plans, threads=job.progress.threads)
+    threads = job.progress.threads
+    job.progress.expected = stage_seconds(reports, aircraft, plans, threads=threads)
     return plans
 
 
@@ -271,7 +279,7 @@ def collocated_blocks(
     archive = read(job, folder)
     models = catalogues(job, names)
     places = set_places_down(archive, folder / "blocks")
-    plans = plans_of(job, places, models, derivatives=derivatives)
+    plans = plans_of(job, places, models, aircraft=archive.aircraft, derivatives=derivatives)
     require_overlap(plans)
     unread = collocate_places(job, places, models, plans, folder, derivatives=derivatives)
     lost = {file for met in unread.values() for _, file, reason in met if of_a_lost_file(reason)}

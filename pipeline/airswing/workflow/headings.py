@@ -53,12 +53,17 @@ def plan_run(job: Job) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
         archive = read(job, Path(name))
         models = catalogues(job, list(job.config.references))
-        plans = plans_of(job, set_places_down(archive, Path(name) / "blocks"), models)
+        places = set_places_down(archive, Path(name) / "blocks")
+        plans = plans_of(job, places, models, aircraft=archive.aircraft)
     return {
         "reports": archive.reports,
         "aircraft": archive.aircraft,
         **estimate(
-            archive.reports, plans, block=archive.largest, keep=job.config.compute.keep_samples
+            archive.reports,
+            archive.aircraft,
+            plans,
+            block=archive.largest,
+            keep=job.config.compute.keep_samples,
         ),
         "references": {name: one.as_dict() for name, one in plans.items()},
     }
