@@ -64,8 +64,9 @@ def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -
         The file written.
     """
     from airswing.gap.effects_file import read_effects
-    from airswing.gap.simulated_reports import simulate_reports, write_reports
+    from airswing.gap.simulated_reports import report_path, simulate_reports, write_reports
 
+    output = report_path(output)  # before an archive is read for nothing
     active = read_effects(effects) if effects is not None else []
     headings = gap_headings(job)
     members = job.config.pools()[job.config.gap_reference()]

@@ -11,6 +11,7 @@ from airswing.errors import InputError
 from airswing.gap.effects import CATALOGUE, ActiveEffect
 from airswing.gap.simulate import Coding, Noise, check_effects, draw_noise, simulate
 from airswing.gap.simulated_reports import simulate_reports, write_reports
+from airswing.gap_workflow import simulation
 from airswing.reports.read import read_reports
 
 KNOT = 1852.0 / 3600.0
@@ -215,6 +216,8 @@ def test_other_suffixes_and_closed_folders_are_refused(tmp_path):
     table = pd.DataFrame({"tail": ["N1"], "time": [np.datetime64("2009-07-01", "ms")]})
     with pytest.raises(InputError, match=r"\.csv or \.parquet"):
         write_reports(table, tmp_path / "sent.xlsx")
+    with pytest.raises(InputError, match="found: no suffix"):
+        simulation(None, None, tmp_path / "sent")  # refused before the archive is touched
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot write"):
         write_reports(table, tmp_path / "file" / "sent.csv")

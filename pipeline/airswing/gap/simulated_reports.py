@@ -105,6 +105,30 @@ def simulate_reports(
     return pd.DataFrame(table)
 
 
+def report_path(path: Path | str) -> Path:
+    """Path of a file of reports, whose suffix says how it is written.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        A suffix other than ``.csv`` and ``.parquet``.
+    """
+    path = Path(path)
+    if path.suffix not in {".csv", ".parquet"}:
+        raise InputError(
+            "reports are written as .csv or .parquet", file=path, found=path.suffix or "no suffix"
+        )
+    return path
+
+
 def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
     """Write a report table by the suffix of the file, atomically.
 
@@ -125,11 +149,7 @@ def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
     InputError
         Another suffix, a missing extra, or a folder that cannot be written to.
     """
-    path = Path(path)
-    if path.suffix not in {".csv", ".parquet"}:
-        raise InputError(
-            "reports are written as .csv or .parquet", file=path, found=path.suffix or "no suffix"
-        )
+    path = report_path(path)
     with atomic(path) as temporary:
         if path.suffix == ".csv":
             text = table.assign(time=_iso(table["time"]))
