@@ -185,7 +185,13 @@ def enter(score: Score, rules: Rules) -> Term:
     return Term(score.candidate, tuple(int(a) for a in struck(score, rules)), score.period, score)
 
 
-def search(base: Base, pool: Sequence[Candidate], *, rules: Rules | None = None) -> Found:
+def search(
+    base: Base,
+    pool: Sequence[Candidate],
+    *,
+    rules: Rules | None = None,
+    start: Sequence[Term] = (),
+) -> Found:
     """Search the terms that explain the residual.
 
     Parameters
@@ -193,13 +199,15 @@ def search(base: Base, pool: Sequence[Candidate], *, rules: Rules | None = None)
     base : Base
     pool : sequence of Candidate
     rules : Rules, optional
+    start : sequence of Term
+        Terms to begin with; each must stand against all candidates as those that are found.
 
     Returns
     -------
     Found
     """
     rules, ranking = rules or Rules(), _Ranking(base, pool)
-    terms: list[Term] = []
+    terms = _swap(ranking, list(start), rules)
     seen = set()
     for _ in range(rules.most_terms):
         state = frozenset((t.candidate.key, t.tails, t.period) for t in terms)

@@ -9,7 +9,7 @@ Validity: at least two aircraft-weeks and some thousand reports for anything but
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -182,7 +182,7 @@ def diagnose(
         quiet = take_off(frame, parts.sensor, parts.other)
         final = _run(
             frame, columns_frame, quiet + parts.linear, effects, rules, dictionary, seed, tell,
-            quiet,
+            quiet, first.standing.found.terms,
         )  # fmt: skip
     found, base = final.standing.found, final.base
     energy, energy_error = final.standing.energy, final.standing.error
@@ -262,8 +262,13 @@ def _run(
     seed: int,
     tell: Progress,
     quiet: Floats | None,
+    start: Sequence[Term] = (),
 ) -> Pass:
-    """Fit the noise, accumulate and search; the noise on ``quiet`` residuals where given."""
+    """Fit the noise, accumulate and search; the noise on ``quiet`` residuals where given.
+
+    Beside that noise all that is at work stands out, most of all what is not conditioned on yet: a
+    second search begins with the terms of the first.
+    """
     tell("noise", 0.0)
     noise = fit_noise(
         residual if quiet is None else quiet, aircraft=frame.aircraft, flight=frame.flight,
@@ -284,7 +289,7 @@ def _run(
     base = eliminate_days(stats, shared_variances(stats, shared_prior(layout, effects)))
     pool = candidates(layout, effects, dictionary=dictionary)
     base = with_background(base, pool)
-    return Pass(noise, base, settle(base, pool, rules), columns_frame, plan)
+    return Pass(noise, base, settle(base, pool, rules, start), columns_frame, plan)
 
 
 def _quantile(size: Floats) -> float:

@@ -47,7 +47,9 @@ class Standing:
     error: Floats
 
 
-def settle(base: Base, pool: Sequence[Candidate], rules: Rules) -> Standing:
+def settle(
+    base: Base, pool: Sequence[Candidate], rules: Rules, start: Sequence[Term] = ()
+) -> Standing:
     """Search until every term stands on weeks left out.
 
     Parameters
@@ -55,19 +57,22 @@ def settle(base: Base, pool: Sequence[Candidate], rules: Rules) -> Standing:
     base : Base
     pool : sequence of Candidate
     rules : Rules
+    start : sequence of Term
+        Terms to begin the search with.
 
     Returns
     -------
     Standing
     """
     while True:
-        found = widened(base, search(base, pool, rules=rules), pool)
+        found = widened(base, search(base, pool, rules=rules, start=start), pool)
         energy, error = held_out_energy(base, found.terms)
         weak = [k for k in np.flatnonzero(energy <= LEAST * error) if not _dated(found.terms[k])]
         if not weak:
             return Standing(found, energy, error)
         key = found.terms[min(weak, key=lambda k: energy[k])].key
         pool = [c for c in pool if (c.name, c.scope) != key]
+        start = [term for term in start if term.key != key]
 
 
 def _dated(term: Term) -> bool:
