@@ -10,11 +10,15 @@ import pytest
 from tests.gap.toy import make_frame
 
 from airswing.errors import InputError
+from airswing.gap.attribute import Rules
+from airswing.gap.candidates import candidates
 from airswing.gap.closure import take_off
-from airswing.gap.diagnose import diagnose
+from airswing.gap.context import exogenous
+from airswing.gap.diagnose import _run, diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.moments import coarsest, lattice_share
 from airswing.gap.reliability import path_derivative
+from airswing.gap.standing import settle
 
 SMALL = {
     n: CATALOGUE[n]
@@ -88,6 +92,19 @@ def test_products_are_complete_and_serialise(struck):
     assert heading.sizes["aircraft"] == len(frame.tails)
     strong = np.abs(heading / made.dataset["heading_map_standard_error"]).max("octant")
     assert set(strong.argsort().values[-2:]) == {1, 4}
+
+
+def test_a_search_ends_alike_from_nothing_from_its_result_and_from_a_wrong_start(struck):
+    frame, _ = struck
+    first = _run(
+        frame, exogenous(frame), frame.residual, SMALL, Rules(), False, 0, lambda *_: None, None
+    )
+    pool = candidates(first.base.stats.layout, SMALL, dictionary=False)
+    (right,) = first.standing.found.terms
+    wrong = replace(right, candidate=next(c for c in pool if c.name == "tas_scale"), tails=(0,))
+    for start in ([right], [wrong]):
+        (term,) = settle(first.base, pool, Rules(), start).found.terms
+        assert (term.key, term.tails) == (right.key, (1, 4))
 
 
 def test_step_is_dated():
