@@ -99,6 +99,11 @@ def test_a_page_drawn_over_again_keeps_nothing_of_the_aircraft_before(fits, tmp_
     assert (tmp_path / "both/N000.png").read_bytes() != drawn[0]
 
 
+def test_an_aircraft_may_have_any_name(fits, tmp_path):
+    named = fits.assign_coords(aircraft=[r"$\frac{1$", "N_1^$"])
+    assert all(card.is_file() for card in write_swing_cards(named, tmp_path))
+
+
 def test_a_card_shows_its_words_and_its_curve(fits):
     page = swing_card(fits, aircraft="N000")
     words = [word for artist in page.artists for word in getattr(artist, "words", [])]

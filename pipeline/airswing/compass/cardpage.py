@@ -231,10 +231,10 @@ def refused_page(title: str, foot: str, why: str) -> Figure:
 
 
 def _title_and_foot(figure: Figure, title: str, foot: str) -> tuple[Any, Any]:
-    style: dict[str, Any] = {"fontsize": 12, "fontweight": "bold", "ha": "center", "va": "top"}
+    plain: dict[str, Any] = {"ha": "center", "parse_math": False}  # a name may hold any letter
     return (
-        figure.text(0.5, 0.985, title, **style),
-        figure.text(0.2525, 0.012, foot, fontsize=7, ha="center"),
+        figure.text(0.5, 0.985, title, fontsize=12, fontweight="bold", va="top", **plain),
+        figure.text(0.2525, 0.012, foot, fontsize=7, **plain),
     )
 
 
