@@ -99,6 +99,18 @@ def test_names_from_files_are_escaped(tmp_path: Path) -> None:
     assert found.open == []
 
 
+def test_a_dollar_sign_in_a_name_begins_no_formula(tmp_path: Path) -> None:
+    headings, fits = factories.headings(), factories.fits()
+    odd = headings["aircraft"].to_numpy().astype(object)
+    odd[0], odd[1] = r"$\frac{1$", "N_1^$2$"
+    page = write_page(
+        tmp_path,
+        headings=headings.assign_coords(aircraft=odd),
+        fits=fits.assign_coords(aircraft=odd),
+    )
+    assert "N_1^$2$" in page.read_text("utf-8")
+
+
 def test_unwritable_folder_leaves_the_old_page(tmp_path: Path) -> None:
     headings, fits = factories.headings(aircraft=1, reports=60), factories.fits(aircraft=1)
     (tmp_path / "report").write_text("a file where the folder should be")

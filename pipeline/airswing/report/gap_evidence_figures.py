@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 from airswing.report.gap_words import slice_words
 from airswing.report.style import (
@@ -68,6 +69,7 @@ def evidence_figure(
     y = np.arange(len(order))
     axes.barh(y, positive, color=colours, height=0.72)
     axes.set_xscale("symlog", linthresh=10.0)
+    axes.xaxis.set_major_formatter(LogFormatter(linthresh=10.0))
     for row, index in enumerate(order):
         axes.annotate(
             f"{value[index]:,.0f}",

@@ -15,6 +15,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
 from airswing.flags import PHASE
@@ -169,7 +170,8 @@ def reports_figure(headings: xr.Dataset, *, keep: Mask | None = None, title: str
     drawn = draw_places(axes, view, places.longitude[shown], places.latitude[shown], cells=64)
     if drawn is not None:
         label = f"one in {places.every} reports" if places.every > 1 else "reports"
-        figure.colorbar(drawn, ax=axes, label=f"{label} in a cell", shrink=0.8, pad=0.01)
+        bar = figure.colorbar(drawn, ax=axes, label=f"{label} in a cell", shrink=0.8, pad=0.01)
+        bar.formatter = bar.minorformatter = LogFormatter()
     axes.set_title(title)
     how = "as a density of hexagons, darker where reports are many" if drawn else "one dot each"
     return figure.say(

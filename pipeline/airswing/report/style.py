@@ -60,6 +60,8 @@ RC: Any = {
     "grid.color": "#e3e7ec",
     "grid.linewidth": 0.7,
     "text.color": INK,
+    # Names of aircraft and references may hold any letter; a dollar sign begins no formula.
+    "text.parse_math": False,
     "xtick.color": SOFT,
     "ytick.color": SOFT,
     "xtick.labelcolor": INK,
