@@ -5,7 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import airswing  # noqa: F401
-from airswing.compass.correction import correct, corrected_wind, curve_standard_error
+from airswing.compass.correction import (
+    _error_of_each,
+    correct,
+    corrected_wind,
+    curve_standard_error,
+)
 from airswing.compass.deviation import fit_deviation
 from airswing.compass.table import add_tables
 from airswing.errors import InputError
@@ -45,6 +50,20 @@ def test_standard_error_of_the_curve():
     assert curve_standard_error(covariance, [0, 90]) == pytest.approx(
         [np.sqrt(0.01 + 0.09 + 0.25), np.sqrt(0.01 + 0.04 + 0.25)]
     )
+
+
+def test_standard_error_is_the_quadratic_form_of_each_report_s_own_aircraft():
+    rng = np.random.default_rng(4)
+    root = rng.normal(size=(3, 5, 5))
+    covariance, own = root @ root.transpose(0, 2, 1), np.array([0, 0, 2, 2, 1, 0])
+    heading, gain = rng.uniform(0, 360, own.size), rng.uniform(0.5, 2, own.size)
+    angle = np.radians(heading)
+    slope = np.stack([angle**0, gain * np.sin(angle), gain * np.cos(angle), np.sin(2 * angle),
+                      np.cos(2 * angle)], axis=1)  # fmt: skip
+    expected = [np.sqrt(row @ covariance[k] @ row) for row, k in zip(slope, own, strict=True)]
+    assert curve_standard_error(covariance[own], heading, gain) == pytest.approx(expected)
+    assert _error_of_each(covariance, own, heading, gain) == pytest.approx(expected)
+    assert _error_of_each(covariance, own[:0], heading[:0], gain[:0]).size == 0
 
 
 @pytest.mark.parametrize("method", ["table", "curve"])
