@@ -108,6 +108,15 @@ def test_a_worker_killed_over_and_over_is_one_message():
         dask.delayed(die)().compute()
 
 
+def test_a_worker_that_ends_while_it_starts_is_one_message():
+    with (
+        dask.config.set({"distributed.worker.preload": ["import os; os._exit(1)"]}),
+        pytest.raises(InputError, match=r"compute\.workers.*ended while it was started.*--resume"),
+        compute.scheduler(Compute(workers=2, threads=1), Progress(quiet=True)),
+    ):
+        pass
+
+
 def test_what_fails_in_a_worker_is_raised_and_not_printed_there(capfd):
     def fail() -> None:
         raise InputError("nothing works", remedy="Try again")

@@ -82,6 +82,11 @@ def local_cluster(workers: int, threads: int, **options: Any) -> Iterator[Any]:
     Yields
     ------
     distributed.LocalCluster
+
+    Raises
+    ------
+    InputError
+        If a worker ends while it starts.
     """
     from distributed import LocalCluster
 
@@ -90,7 +95,15 @@ def local_cluster(workers: int, threads: int, **options: Any) -> Iterator[Any]:
     # decoded field (1 MB) is then mapped, faulted in page by page and unmapped, which takes more
     # time than decoding it.
     with dask.config.set({"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}):
-        cluster = LocalCluster(n_workers=workers, threads_per_worker=threads, **options)
+        try:
+            cluster = LocalCluster(n_workers=workers, threads_per_worker=threads, **options)
+        except (RuntimeError, OSError) as err:
+            raise InputError(
+                "a worker process ended while it was started",
+                field="compute.workers",
+                found=err.__cause__ or err,
+                remedy="Take fewer workers where memory is short, then go on with --resume",
+            ) from err
     with cluster:
         yield cluster
 
