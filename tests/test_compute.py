@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import threading
@@ -180,11 +181,30 @@ def test_workers_with_another_airswing_are_refused(address, monkeypatch):
     monkeypatch.setattr(compute, "WORKERS_CODE", "airswing.ragged")
 
     class Pretend:
-        def run(self, *words: object) -> dict[str, str]:
+        def run(self, *words: object, on_error: str) -> dict[str, str]:
             return {"tcp://worker:1": "own"}
 
     with pytest.raises(InputError, match=r"another version.*worker:1"):
         compute._require_same_code(Pretend())
+
+
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (ModuleNotFoundError("No module named 'airswing'"), "no airswing of this version"),
+        (AttributeError("no code_digest"), "no airswing of this version"),
+        ("another", "another version"),
+        (OSError("in <TCP>: stream is closed"), None),
+    ],
+)
+def test_only_workers_that_answer_are_held_against_this_version(answer, says):
+    class Asked:
+        def run(self, function, *words, on_error):
+            assert on_error == "return"
+            return {"tcp://a": function(*words), "tcp://b": answer}
+
+    with pytest.raises(InputError, match=says) if says else contextlib.nullcontext():
+        compute._require_same_code(Asked())
 
 
 def test_tasks_are_counted_at_a_scheduler(address):

@@ -138,7 +138,8 @@ def _client(compute: Compute, cores: int) -> Iterator[Any]:
                 remedy="Start it with `dask scheduler`, or leave --scheduler away",
             ) from err
         if compute.scheduler is None:
-            client.register_worker_callbacks(setup=_tell_no_failures)
+            with contextlib.suppress(OSError):  # a worker lost just now: its successor is told
+                client.register_worker_callbacks(setup=_tell_no_failures)
         yield client
 
 
@@ -222,16 +223,20 @@ def _losses(compute: Compute, stuck: threading.Event) -> Iterator[None]:
 def _require_same_code(client: Any) -> None:
     """Refuse workers whose airswing would give other values; workers to come are not asked."""
     own = code_digest(WORKERS_CODE)
-    try:
-        theirs = client.run(code_digest, WORKERS_CODE)
-    except (ImportError, AttributeError) as err:
-        raise InputError(
-            "the workers have no airswing of this version",
-            field="scheduler",
-            found=err,
-            remedy="Install the same airswing where the workers run",
-        ) from err
-    other = [worker for worker, digest in theirs.items() if digest != own]
+    theirs = client.run(code_digest, WORKERS_CODE, on_error="return")
+    for err in theirs.values():
+        if isinstance(err, (ImportError, AttributeError)):
+            raise InputError(
+                "the workers have no airswing of this version",
+                field="scheduler",
+                found=err,
+                remedy="Install the same airswing where the workers run",
+            ) from err
+    other = [
+        worker
+        for worker, digest in theirs.items()
+        if digest != own and not isinstance(digest, OSError)  # lost just now: it does no work
+    ]
     if other:
         raise InputError(
             "workers run another version of airswing",
