@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from tests.gap.toy import make_frame
 
 import airswing.gap.diagnose as stages
-from airswing.gap.alias import alias_table, explained, project
+from airswing.gap.alias import alias_table, explained, hidden_shares, project
 from airswing.gap.checks import with_aliases
 from airswing.gap.effects import CATALOGUE
 
@@ -83,3 +85,24 @@ def test_an_alias_is_a_rival_whatever_the_evidence_says():
     assert [r["alias_share"] for r in entries[0]["ambiguity"]] == [0.3, 0.95]
     assert entries[0]["ambiguity"][1]["separated_by"] == "reports over a wider range of airspeeds"
     assert entries[1]["ambiguous_with"] == []
+
+
+def test_what_weather_takes_up_is_not_excluded_by_its_silence():
+    columns = {"bias": np.array([0]), "shear": np.array([1]), "turn": np.array([2])}
+    one = np.array([[4.0, 3.0, 0.2], [3.0, 3.0, 0.0], [0.2, 0.0, 1.0]])
+    stats = SimpleNamespace(
+        whole_gram=np.stack([one, one]), layout=SimpleNamespace(columns=columns.__getitem__)
+    )
+    what = SimpleNamespace(
+        name="bias", known=True, scope="fleet", columns=np.array([0]), scales=np.array([0.1])
+    )
+    terms = [SimpleNamespace(candidate=what)]
+    shares = hidden_shares(stats, terms, ["shear", "turn"])
+    assert shares["bias"]["shear"] == pytest.approx(0.75)  # 3 * 3 / (4 * 3)
+    assert shares["bias"]["turn"] == pytest.approx(0.01)
+    entries = [{"name": "bias", "ambiguity": [], "ambiguous_with": []}]
+    with_aliases(entries, {}, shares)
+    assert entries[0]["ambiguous_with"] == ["shear"]
+    assert entries[0]["ambiguity"][0]["alias_share"] == pytest.approx(0.75)
+    what.scope = "aircraft"
+    assert hidden_shares(stats, terms, ["shear"]) == {}

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.measure import Base, climatology, included_sums
+from airswing.gap.statistics import Statistics
 from airswing.gap.terms import Term, term_weights
 from airswing.gap.verdict import SEPARATING
 
@@ -31,6 +32,10 @@ Floats = NDArray[np.float64]
 LISTED = 0.8
 #: Share from which the other is always in the ambiguity set.
 ALIAS = 0.9
+#: Share from which an effect that weather takes up is in the set of a fleet-wide one.
+HIDDEN_ALIAS = 0.5
+#: What would tell those apart.
+MORE_REGION = "aircraft over a wider region and more days"
 #: Aircraft over which the share of an effect of single aircraft is averaged.
 MOST_AIRCRAFT = 4
 
@@ -69,6 +74,43 @@ def alias_shares(base: Base, term: Term, effects: Mapping[str, Any]) -> dict[str
     shares = np.clip(top / bottom, 0.0, 1.0)
     pairs = zip(names, shares.tolist(), strict=True)
     return dict(sorted(pairs, key=lambda pair: -pair[1]))
+
+
+def hidden_shares(
+    stats: Statistics, terms: Sequence[Term], hidden: Sequence[str]
+) -> dict[str, dict[str, float]]:
+    """Share of fleet-wide terms' energy in common with effects that weather takes up.
+
+    What is taken up says nothing by its silence: before weather is eliminated it may look like the
+    term, and be its cause.
+
+    Parameters
+    ----------
+    stats : Statistics
+    terms : sequence of Term
+    hidden : sequence of str
+        Effects of which too little is left to test them.
+
+    Returns
+    -------
+    dict
+        Effect -> hidden effect -> share of the whitened energy, day fields and climatology in it.
+    """
+    gram = stats.whole_gram.sum(axis=0)
+    out: dict[str, dict[str, float]] = {}
+    for term in terms:
+        own, scales = term.candidate.columns, term.candidate.scales
+        if not term.candidate.known or term.candidate.scope != "fleet":
+            continue
+        energy = float(np.diagonal(gram)[own] @ scales**2)
+        for name in hidden:
+            block = stats.layout.columns(name)
+            if name == term.candidate.name or energy <= 0.0:
+                continue
+            cross = gram[np.ix_(own, block)] * scales[:, None]
+            shared = explained(cross, gram[np.ix_(block, block)])
+            out.setdefault(term.candidate.name, {})[name] = min(1.0, shared / energy)
+    return out
 
 
 def _holds(effect: Any, name: str) -> bool:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.alias import ALIAS, alias_table, separated_by
+from airswing.gap.alias import ALIAS, HIDDEN_ALIAS, MORE_REGION, alias_table, separated_by
 from airswing.gap.attribute import Found
 from airswing.gap.calibration import BINS, Calibration, calibrate
 from airswing.gap.closure import Closure, folds_of_days, restrict_term, select_days
@@ -286,7 +286,9 @@ def _decoy_row(decoy: Decoy) -> dict[str, Any]:
 
 
 def with_aliases(
-    entries: Sequence[dict[str, Any]], shares: Mapping[str, Mapping[str, float]]
+    entries: Sequence[dict[str, Any]],
+    shares: Mapping[str, Mapping[str, float]],
+    hidden: Mapping[str, Mapping[str, float]] | None = None,
 ) -> None:
     """Write the share of energy in common to each entry's rivals, and add its aliases, in place.
 
@@ -298,20 +300,22 @@ def with_aliases(
         because a model error of a few hundredths decides between them.
     shares : mapping
         Effect -> other effect -> share.
+    hidden : mapping, optional
+        The same of effects that weather takes up; from
+        :data:`~airswing.gap.alias.HIDDEN_ALIAS` they are rivals: silence does not exclude them.
     """
     for entry in entries:
         own = shares.get(entry["name"], {})
+        unseen = (hidden or {}).get(entry["name"], {})
         told = {rival["name"] for rival in entry["ambiguity"]}
+        alike = {name: separated_by(entry["name"], name) for name in own if own[name] >= ALIAS}
+        alike |= {name: MORE_REGION for name in unseen if unseen[name] >= HIDDEN_ALIAS}
         entry["ambiguity"] += [
-            {
-                "name": name,
-                "difference_nats": None,
-                "separated_by": separated_by(entry["name"], name),
-            }
-            for name, share in own.items()
-            if share >= ALIAS and name not in told
+            {"name": name, "difference_nats": None, "separated_by": data}
+            for name, data in alike.items()
+            if name not in told
         ]
         for rival in entry["ambiguity"]:
-            if rival["name"] in own:
-                rival["alias_share"] = own[rival["name"]]
+            if rival["name"] in {**own, **unseen}:
+                rival["alias_share"] = {**own, **unseen}[rival["name"]]
         entry["ambiguous_with"] = [rival["name"] for rival in entry["ambiguity"]]

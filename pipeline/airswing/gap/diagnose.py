@@ -19,6 +19,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.gap.alias import hidden_shares
 from airswing.gap.attribute import Found, Rules, with_background
 from airswing.gap.candidates import candidates
 from airswing.gap.checks import run_checks, with_aliases
@@ -228,7 +229,8 @@ def diagnose(
         frame, final.columns_frame, base=base, noise=final.noise, plan=final.plan, found=found,
         closure=closure, effects=effects, day=day, seed=seed,
     )  # fmt: skip
-    with_aliases(report["effects"], checks.shares)
+    unseen = [name for name, reason in hidden.items() if not reason.startswith("in part")]
+    with_aliases(report["effects"], checks.shares, hidden_shares(base.stats, found.terms, unseen))
     dataset = _dataset(frame, final, found, closure, maps)
     adjustment = make_adjustment(
         frame, found.terms, whole_coefficients(fitted, found.terms, factors), effects=effects,
