@@ -9,7 +9,8 @@ import pytest
 from tests.gap.toy import make_frame
 
 from airswing.gap.context import exogenous
-from airswing.gap.diagnose import heading_doubt
+from airswing.gap.diagnose import diagnose, heading_doubt
+from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise import NoiseModel, fit_noise
 from airswing.gap.scatter import expected_departure, scattering
 
@@ -59,6 +60,17 @@ def test_aircraft_that_jitter_are_found_with_their_size(archive, seed):
     assert found.tails == (frame.tails[2], frame.tails[5])
     np.testing.assert_allclose(found.excess, 1.2, rtol=0.3)
     assert found.evidence > 3
+
+
+def test_scatter_is_an_unknown_of_the_diagnosis(archive):
+    frame, _ = archive
+    jitter = jittered(frame, [2], 1.5, 3) - frame.residual
+    struck = replace(frame, u_rep=frame.u_rep + jitter[:, 0], v_rep=frame.v_rep + jitter[:, 1])
+    effects = {"compass_offset": CATALOGUE["compass_offset"]}
+    report = diagnose(struck, catalogue=effects, maps=False).report
+    (place,) = report["unknown"]["where"]
+    assert (place["group"], place["tails"]) == ("scatter", [frame.tails[2]])
+    assert report["effects"] == [] and report["gap"]["significance"] < 0.01
 
 
 def test_what_has_a_name_is_not_unknown(archive):

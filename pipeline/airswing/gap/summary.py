@@ -116,7 +116,7 @@ def assemble(
     explained = closure.before - closure.after
     fraction = float(np.clip(explained / everything, 0, 1)) if everything > 1e-6 else None
     best = max((t.score.tempered for t in found.terms), default=0.0)
-    best = max([best, *(e["evidence_nats"] for e in entries)])
+    best = max([best, *(e["evidence_nats"] for e in [*entries, *unknown])])
     report = {
         "gap": {
             "mean_vector_disagreement_kt": closure.before, "noise_floor_kt": whole.after,
