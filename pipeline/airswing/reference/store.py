@@ -15,9 +15,11 @@ import hashlib
 import io
 import logging
 import os
+import re
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,12 @@ from airswing.reference.sampling import ModelTime, Sample
 Floats = NDArray[np.float64]
 
 _BEGUN = "begun"
+_HEADER_BYTES = 256
+_HEADER = re.compile(
+    rb"\x93NUMPY.{4}\{'descr': '<f8', 'fortran_order': False, 'shape': \((\d+), (\d+)\), \} *\n",
+    re.S,
+)
+"""What `numpy.save` writes before a table of doubles."""
 _LOG = logging.getLogger("airswing.reference")
 
 
@@ -99,18 +107,38 @@ class SampleStore:
 
 def _load(path: Path, count: int) -> Floats | None:
     try:
-        table = np.load(path, allow_pickle=False)
+        with path.open("rb") as file:
+            table = _read_table(file)
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError) as error:
         _LOG.warning("%s: a kept model time is not whole (%s), read again", path, error)
         return None
-    return table if table.ndim == 2 and table.shape[1] == count else None
+    return table if table.shape[1] == count else None
+
+
+def _read_table(file: BinaryIO) -> Floats:
+    """Table that `numpy.save` wrote.
+
+    numpy takes the header for Python and has it parsed, which in several threads at a time fails
+    now and then (CPython 3.11, issue 106905).
+    """
+    found = _HEADER.match(file.read(_HEADER_BYTES))
+    if found is None:
+        raise ValueError("no header of a table")
+    shape = int(found[1]), int(found[2])
+    file.seek(found.end())
+    values = np.fromfile(file, np.float64)
+    if values.size != shape[0] * shape[1]:
+        raise ValueError(f"{values.size} of {shape[0] * shape[1]} values")
+    return values.reshape(shape)
 
 
 def _save(path: Path, table: Floats) -> None:
     whole = io.BytesIO()
-    np.save(whole, table, allow_pickle=False)  # to a file it does not say why it cannot be written
+    np.save(
+        whole, np.ascontiguousarray(table, np.float64)
+    )  # to a file it does not say why it cannot be written
     try:
         with replacing(path, lasting=False) as temporary:
             temporary.write_bytes(whole.getbuffer())
