@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.gap.toy import make_frame
+from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.context import exogenous
 from airswing.gap.dayfields import (
@@ -18,7 +18,6 @@ from airswing.gap.dayfields import (
 from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.layout import build_columns, make_layout
-from airswing.gap.noise import fit_noise
 from airswing.gap.statistics import accumulate, day_of_report
 from airswing.gap.whitening import whiten
 
@@ -29,11 +28,7 @@ TRUE = np.tile([0.6, 0.3, 0.3, 0.2, 0.05, 0.05, 0.05, 0.1, 0.1, 0.05], 2)
 @pytest.fixture(scope="module")
 def made():
     frame = exogenous(make_frame(seed=4, aircraft=5, days=24))
-    noise = fit_noise(
-        frame.residual, aircraft=frame.aircraft, flight=frame.flight, time=frame.time,
-        latitude=frame.latitude, longitude=frame.longitude, pressure=frame.pressure,
-        heading=frame.heading, airspeed=frame.airspeed,
-    )  # fmt: skip
+    noise = noise_of(frame)
     plan = plan_dictionary(frame)
     plan = DictionaryPlan(plan.knots, (), plan.centre, plan.means, plan.flags)
     layout = make_layout(EFFECTS, plan, frame)

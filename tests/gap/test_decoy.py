@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.gap.toy import make_frame
+from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.decoy import Decoy, decoy_columns, decoy_errors, force_decoy
-from airswing.gap.noise import fit_noise
 from airswing.gap.whitening import whiten
 
 
@@ -18,11 +17,7 @@ def struck():
         seed=3, aircraft=4, days=12, noise=0.3,
         heading_error=lambda context: np.radians(3.0) * np.sin(context["magnetic_heading"]),
     )  # fmt: skip
-    noise = fit_noise(
-        frame.residual, aircraft=frame.aircraft, flight=frame.flight, time=frame.time,
-        latitude=frame.latitude, longitude=frame.longitude, pressure=frame.pressure,
-        heading=frame.heading, airspeed=frame.airspeed,
-    )  # fmt: skip
+    noise = noise_of(frame)
     return frame, noise
 
 

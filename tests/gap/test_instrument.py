@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.gap.toy import make_frame
+from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.candidates import candidates
 from airswing.gap.closure import retimed, whole_coefficients
@@ -18,7 +18,6 @@ from airswing.gap.evaluate import evaluate, fleet_allowance
 from airswing.gap.instrument import _regressed, _shrunk, readout_factors, with_large_scale_tendency
 from airswing.gap.layout import effect_columns, make_layout
 from airswing.gap.measure import climatology, condition, eliminate_days
-from airswing.gap.noise import fit_noise
 from airswing.gap.statistics import accumulate
 from airswing.gap.terms import Term
 
@@ -32,11 +31,7 @@ EFFECTS = {
 def made():
     frame = make_frame(seed=6, aircraft=5, days=14)
     columns_frame = exogenous(frame)
-    noise = fit_noise(
-        frame.residual, aircraft=frame.aircraft, flight=frame.flight, time=frame.time,
-        latitude=frame.latitude, longitude=frame.longitude, pressure=frame.pressure,
-        heading=columns_frame.heading, airspeed=columns_frame.airspeed,
-    )  # fmt: skip
+    noise = noise_of(frame, columns_frame)
     plan = plan_dictionary(columns_frame)
     plan = replace(plan, groups=())
     layout = make_layout(EFFECTS, plan, columns_frame)

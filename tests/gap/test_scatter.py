@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.gap.toy import make_frame
+from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.context import exogenous
-from airswing.gap.diagnose import diagnose, heading_doubt
+from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.noise import NoiseModel, fit_noise
+from airswing.gap.noise import NoiseModel
 from airswing.gap.scatter import expected_departure, scattering
 
 
@@ -19,12 +19,7 @@ from airswing.gap.scatter import expected_departure, scattering
 def archive():
     frame = make_frame(seed=11, aircraft=8, days=20)
     columns = exogenous(frame)
-    noise = fit_noise(
-        frame.residual, aircraft=frame.aircraft, flight=frame.flight, time=frame.time,
-        latitude=frame.latitude, longitude=frame.longitude, pressure=frame.pressure,
-        heading=columns.heading, airspeed=columns.airspeed,
-        doubt=heading_doubt(frame, columns), seed=0,
-    )  # fmt: skip
+    noise = noise_of(frame, columns)
     return frame, noise
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.gap.toy import make_frame
+from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.context import exogenous
 from airswing.gap.dictionary import hats, plan_dictionary
@@ -20,25 +20,17 @@ from airswing.gap.measure import (
     eliminate_days,
     fit_included,
 )
-from airswing.gap.noise import NoiseFit, fit_noise
+from airswing.gap.noise import NoiseFit
 from airswing.gap.statistics import accumulate, day_of_report, merge_statistics
 from airswing.gap.whitening import flight_order, take_gains, whiten
 
 EFFECTS = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "tas_scale")}
 
 
-def _noise(frame):
-    return fit_noise(
-        frame.residual, aircraft=frame.aircraft, flight=frame.flight, time=frame.time,
-        latitude=frame.latitude, longitude=frame.longitude, pressure=frame.pressure,
-        heading=frame.heading, airspeed=frame.airspeed,
-    )  # fmt: skip
-
-
 @pytest.fixture(scope="module")
 def made():
     frame = exogenous(make_frame(seed=3, aircraft=3, days=9))
-    noise, plan = _noise(frame), plan_dictionary(frame)
+    noise, plan = noise_of(frame), plan_dictionary(frame)
     layout = make_layout(EFFECTS, plan, frame)
     stats = accumulate(
         frame, frame.residual, noise=noise, layout=layout, effects=EFFECTS, plan=plan, clip=50.0

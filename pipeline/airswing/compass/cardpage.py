@@ -3,7 +3,7 @@
 Assumes a page of one size (A5 landscape) on which every place is known beforehand, and curves in
 degrees that are finite. The page is laid out once and takes the next aircraft's words and curves:
 making the artists anew, and letting axes look for their ticks, margins and the legend's place,
-takes two and a half times what is left. Places are shares of the page.
+takes most of the time. Places are shares of the page.
 """
 
 from __future__ import annotations

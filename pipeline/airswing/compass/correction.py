@@ -131,7 +131,7 @@ def curve_standard_error(covariance: ArrayLike, heading: ArrayLike, gain: ArrayL
 def _error_of_each(covariance: Array, own: NDArray[np.int64], heading: Array, gain: Array) -> Array:
     """Standard error of each report's own curve, aircraft by aircraft: one matrix at a time.
 
-    A matrix for each report is 200 bytes a report, and takes three times as long.
+    A matrix for each report is 200 bytes a report, and takes longer.
     """
     found = np.empty(own.size)
     start = np.flatnonzero(np.diff(own, prepend=-1))

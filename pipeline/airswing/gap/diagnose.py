@@ -215,14 +215,15 @@ def diagnose(
     where = slices(base, bare, final.plan) if dictionary else []
     known_names = set(CATALOGUE if catalogue is None else catalogue)
     moments = [m for m in second_moments(frame, final.noise) if m.name in known_names]
-    jittery = scattering(
-        frame, whole.residual, final.noise, explained={t for m in moments for t in m.tails}
-    )
+    told = {tail for moment in moments for tail in moment.tails}
+    jittery = None
+    if dictionary:
+        jittery = scattering(frame, whole.residual, final.noise, explained=told)
     report, details = assemble(
         frame, base=base, noise=final.noise, found=found, closure=closure, whole=whole,
         where=where, effects=effects, untestable=untestable, plan=final.plan,
         energy=(energy, energy_error), means=means, factors=factors, doubts=doubts,
-        seed=seed, swap=swap, moments=moments, jittery=jittery if dictionary else None,
+        seed=seed, swap=swap, moments=moments, jittery=jittery,
     )  # fmt: skip
     tell("checks", 0.0)
     checks = run_checks(
