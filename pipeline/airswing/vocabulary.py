@@ -373,7 +373,13 @@ _GAP = [
     _V("clipped_count", "1", "residuals clipped at five robust standard deviations", _A, "f8"),
     _V("gross_error_count", "1", "residuals taken as gross errors", _A, "f8"),
     _V("effect", "", "candidate effect", ("effect",), "str"),
-    _V("log_evidence", "1", "logarithm of the evidence for the effect", ("effect",), "f8"),
+    _V(
+        "log_evidence",
+        "1",
+        "log evidence at its best, each effect found taken out in turn",
+        ("effect",),
+        "f8",
+    ),
     _V(
         "aircraft_probability",
         "1",

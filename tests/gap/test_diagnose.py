@@ -92,6 +92,11 @@ def test_products_are_complete_and_serialise(struck):
     heading = made.dataset["heading_map"]
     assert heading.dims == ("aircraft", "octant")
     assert heading.sizes["aircraft"] == len(frame.tails)
+    evidence = made.dataset["log_evidence"]
+    assert set(evidence["effect"].values) == set(SMALL)
+    assert evidence["effect"].values[0] == "hard_iron" and evidence.values[0] > 10
+    own = made.dataset["aircraft_probability"].sel(effect="hard_iron").values
+    assert own[[1, 4]].min() > 0.95 and own[[0, 2, 3, 5]].max() < 0.5
     strong = np.abs(heading / made.dataset["heading_map_standard_error"]).max("octant")
     assert set(strong.argsort().values[-2:]) == {1, 4}
 

@@ -49,7 +49,7 @@ from airswing.gap.noise import NoiseFit, fit_noise
 from airswing.gap.scatter import scattering
 from airswing.gap.standing import Standing, settle
 from airswing.gap.statistics import DAY, accumulate, day_of_report
-from airswing.gap.summary import assemble
+from airswing.gap.summary import aircraft_probability, assemble, best_scores
 from airswing.gap.swap import exchange, find_swap
 from airswing.gap.terms import Term, given_terms
 from airswing.gap.testability import absorbed, too_short
@@ -356,6 +356,13 @@ def _dataset(frame: Any, final: Pass, found: Found, closure: Closure, maps: bool
     out["report_count"] = (("aircraft", "day"), stats.day_count)
     out["clipped_count"] = (("aircraft",), stats.clipped)
     out["gross_error_count"] = (("aircraft",), stats.gross)
+    best = best_scores(found)
+    out["effect"] = ("effect", np.array([s.candidate.name for s in best], dtype=object))
+    out["log_evidence"] = ("effect", np.array([s.tempered for s in best], float))
+    shares = [aircraft_probability(s) for s in best]
+    out["aircraft_probability"] = (
+        ("effect", "aircraft"), np.reshape(shares, (len(best), len(frame.tails)))
+    )  # fmt: skip
     noise = final.noise
     out["noise_distance"] = (("distance",), noise.distance_km)
     out["noise_autocovariance"] = (("distance",), noise.autocovariance)

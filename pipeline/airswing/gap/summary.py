@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from airswing.gap.attribute import Found
 from airswing.gap.closure import Closure
 from airswing.gap.dictionary import DictionaryPlan
+from airswing.gap.evidence import Score
 from airswing.gap.locate import Slice
 from airswing.gap.measure import Base
 from airswing.gap.moments import MomentVerdict
@@ -25,7 +26,14 @@ from airswing.gap.noise import NoiseFit
 from airswing.gap.scatter import Scattering
 from airswing.gap.swap import Swap
 from airswing.gap.terms import Term
-from airswing.gap.verdict import ambiguity, day_text, describe_term, term_offsets, unknown_place
+from airswing.gap.verdict import (
+    ambiguity,
+    day_text,
+    describe_term,
+    probability,
+    term_offsets,
+    unknown_place,
+)
 
 Floats = NDArray[np.float64]
 
@@ -265,3 +273,31 @@ def evidence_table(found: Found) -> list[dict[str, Any]]:
             "cluster_factor": score.factor, "posterior": [float(x) for x in score.posterior],
         })  # fmt: skip
     return out
+
+
+def best_scores(found: Found) -> list[Score]:
+    """Best score of every effect of the catalogue: with each term taken out, and with all in.
+
+    Parameters
+    ----------
+    found : Found
+
+    Returns
+    -------
+    list of Score
+        Best first.
+    """
+    best: dict[str, Score] = {}
+    for ranked in (*found.rivals, found.left):
+        for score in ranked:
+            name = score.candidate.name
+            if score.candidate.known and (name not in best or score.tempered > best[name].tempered):
+                best[name] = score
+    return sorted(best.values(), key=lambda score: -score.tempered)
+
+
+def aircraft_probability(score: Score) -> Floats:
+    """Probability that an effect acts on each aircraft, (A,); the fleet's acts on all or none."""
+    if score.candidate.scope == "fleet":
+        return np.full(score.posterior.size, probability(score))
+    return score.posterior
