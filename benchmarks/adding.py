@@ -75,7 +75,7 @@ def copying(product: Path) -> float:
         with ragged_writer(product.with_name("copied.nc"), **sizes) as writer:
             for block in blocks(found):
                 writer.append(block)
-            writer.describe(found.attrs)
+            writer.finish(found.attrs)
     return time.process_time() - began
 
 

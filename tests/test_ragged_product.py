@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import resource
+import signal
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -9,7 +12,7 @@ import xarray as xr
 from airswing.errors import InputError
 from airswing.products import provenance, read_product, write_product
 from airswing.ragged import blocks, joined
-from airswing.ragged_product import ragged_writer
+from airswing.ragged_product import ragged_writer, still_in_file
 
 SIZES = [3, 0, 4, 1, 5]
 
@@ -40,7 +43,7 @@ def written(path, limit: int) -> xr.Dataset:
     with ragged_writer(path, **sizes) as writer:
         for block in blocks(whole, limit=limit):
             writer.append(block)
-        writer.describe(provenance("test") | {"reference_audit": {"ruc": [1, 2]}})
+        writer.finish(provenance("test") | {"reference_audit": {"ruc": [1, 2]}})
     return whole
 
 
@@ -97,3 +100,63 @@ def test_a_failure_leaves_the_earlier_product(tmp_path):
         raise InputError("stopped")
     assert (tmp_path / "a.nc").read_bytes() == before
     assert not list(tmp_path.glob(".*"))
+
+
+def carried_on(tmp_path, columns: list[str]) -> xr.Dataset:
+    """The archive written once, and again with some of its columns carried on."""
+    whole = written(tmp_path / "first.nc", 1000)
+    kept = read_product(tmp_path / "first.nc", lazy=True)[columns]
+    sizes = {"reports": whole.sizes["report"], "aircraft": whole.sizes["aircraft"]}
+    with ragged_writer(tmp_path / "second.nc", **sizes, carried=kept) as writer:
+        for block in blocks(whole, limit=5):
+            writer.append(block.drop_vars("time"))
+        writer.finish(provenance("test"))
+    return whole
+
+
+def test_columns_carried_on_are_those_of_the_first_product(tmp_path):
+    carried_on(tmp_path, ["time", "heading", "heading_error"])
+    options = {"engine": "netcdf4", "decode_cf": False}
+    with (
+        xr.open_dataset(tmp_path / "first.nc", **options) as one,
+        xr.open_dataset(tmp_path / "second.nc", **options) as other,
+    ):
+        assert set(one.variables) == set(other.variables)
+        for name in one.variables:
+            xr.testing.assert_identical(one[name], other[name])
+            assert one[name].encoding["dtype"] == other[name].encoding["dtype"]
+
+
+def test_what_was_taken_into_memory_is_not_carried_on(tmp_path):
+    whole = written(tmp_path / "a.nc", 1000)
+    found = read_product(tmp_path / "a.nc", lazy=True)
+    assert still_in_file(found[["time", "heading"]])
+    assert not still_in_file(found.assign(heading=whole["heading"])[["time", "heading"]])
+    assert not still_in_file(read_product(tmp_path / "a.nc")[["time", "heading"]])
+    assert not still_in_file(whole[["time", "heading"]])
+
+
+@pytest.mark.parametrize("limit", [0, 1_000, 20_000, 200_000, 400_000])
+def test_a_full_disk_is_one_clear_error(tmp_path, limit):
+    """A limit on file size stands for the full disk, at the first octet, in the middle, late."""
+    rng = np.random.default_rng(0)
+    sizes = {"reports": 60_000, "aircraft": 2}
+    half = xr.Dataset(
+        {"row_size": ("aircraft", [30_000]), "latitude": ("report", rng.random(30_000))},
+        coords={"aircraft": np.array(["N1"], dtype=object)},
+    )
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limits[1]))
+        with (
+            pytest.raises(InputError, match="cannot write the product"),
+            ragged_writer(tmp_path / "a.nc", **sizes) as writer,
+        ):
+            writer.append(half)
+            writer.append(half)
+            writer.finish(provenance("test"))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert not list(tmp_path.iterdir())

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import re
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
@@ -91,13 +92,14 @@ def atomic(path: Path) -> Iterator[Path]:
         with replacing(path) as temporary:
             yield temporary
     except (OSError, RuntimeError) as err:
-        # The NetCDF library tells a full disk as a RuntimeError of its own.
-        if isinstance(err, RuntimeError) and "NetCDF" not in str(err):
+        # The NetCDF and HDF5 libraries tell a full disk as a RuntimeError of their own.
+        told = re.search(r"error message = '([^']*)'", str(err))
+        if isinstance(err, RuntimeError) and "NetCDF" not in str(err) and told is None:
             raise
         raise InputError(
             "cannot write the product; nothing was changed",
             file=path,
-            found=getattr(err, "strerror", None) or err,
+            found=told[1] if told else getattr(err, "strerror", None) or err,
             remedy="Free space or choose another folder with --output",
         ) from err
 

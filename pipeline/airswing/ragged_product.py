@@ -2,7 +2,8 @@
 
 Assumes blocks of whole aircraft in order, each with the same variables; what is not on the
 ``report`` or ``aircraft`` dimension is the same in every block. Encodings, names and attributes are
-those of :func:`airswing.products.write_product`.
+those of :func:`airswing.products.write_product`; columns of reports go into the file as chunks
+(:mod:`airswing.chunks`), all else is small and is written at the end.
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import h5py
 import netCDF4
 import numpy as np
 import xarray as xr
 
+from airswing.chunks import GrowingColumn, copy_column
 from airswing.products import (
     atomic,
     attribute_value,
@@ -28,7 +31,9 @@ from airswing.vocabulary import describe
 
 
 @contextlib.contextmanager
-def ragged_writer(path: Path, *, reports: int, aircraft: int) -> Iterator[RaggedWriter]:
+def ragged_writer(
+    path: Path, *, reports: int, aircraft: int, carried: xr.Dataset | None = None
+) -> Iterator[RaggedWriter]:
     """Open a product to be written block by block; it takes its name when all went well.
 
     Parameters
@@ -36,6 +41,9 @@ def ragged_writer(path: Path, *, reports: int, aircraft: int) -> Iterator[Ragged
     path : Path
     reports, aircraft : int
         Of all blocks together.
+    carried : Dataset, optional
+        Columns of the same reports that the product carries on from another, read lazily from it:
+        they are copied as they are stored, and no block needs them.
 
     Yields
     ------
@@ -47,8 +55,27 @@ def ragged_writer(path: Path, *, reports: int, aircraft: int) -> Iterator[Ragged
         If the file cannot be written.
     """
     limit_chunk_cache()
-    with atomic(path) as temporary, netCDF4.Dataset(temporary, "w", format="NETCDF4") as file:
-        yield RaggedWriter(file, reports=reports, aircraft=aircraft)
+    with atomic(path) as temporary:
+        writer = RaggedWriter(temporary, reports=reports, aircraft=aircraft, carried=carried)
+        with contextlib.closing(writer):
+            yield writer
+
+
+def still_in_file(columns: xr.Dataset) -> bool:
+    """Whether columns are those of the product they were opened from, none taken into memory.
+
+    Parameters
+    ----------
+    columns : Dataset
+        As :func:`airswing.products.read_product` gave them, some left out.
+
+    Returns
+    -------
+    bool
+    """
+    # no public name tells what is in memory; where a later xarray has none, nothing is carried
+    held = [getattr(variable.variable, "_in_memory", True) for variable in columns.values()]
+    return "source" in columns.encoding and not any(held)
 
 
 class RaggedWriter:
@@ -56,16 +83,20 @@ class RaggedWriter:
 
     Parameters
     ----------
-    file : netCDF4.Dataset
+    path : Path
     reports, aircraft : int
+    carried : Dataset, optional
+        As for :func:`ragged_writer`.
     """
 
-    def __init__(self, file: Any, *, reports: int, aircraft: int) -> None:
-        self._file = file
+    def __init__(
+        self, path: Path, *, reports: int, aircraft: int, carried: xr.Dataset | None = None
+    ) -> None:
+        self._path, self._carried = path, carried
         self._sizes = {"report": reports, "aircraft": aircraft}
-        self._written = {"report": 0, "aircraft": 0}
-        self._names: dict[str, list[xr.DataArray]] = {}
-        file.set_auto_mask(False)
+        self._file: Any = None
+        self._columns: dict[str, GrowingColumn] = {}
+        self._small: dict[str, list[xr.DataArray]] = {}
 
     def append(self, block: xr.Dataset) -> None:
         """Write the next block.
@@ -75,74 +106,115 @@ class RaggedWriter:
         block : Dataset
             Every variable must be in the vocabulary.
         """
-        ready = with_plain_times(describe(block).drop_encoding())
-        if not self._file.variables:
-            self._create(ready)
-        for name, variable in ready.variables.items():
-            known = bool(self._written["aircraft"]) and not set(variable.dims) & set(self._sizes)
-            if not known and is_text(ready[name]):
-                self._names.setdefault(str(name), []).append(ready[name])
-            if known or is_text(ready[name]):
-                continue
-            place = tuple(self._next(dim, size) for dim, size in variable.sizes.items())
-            self._file[str(name)][place if place else ...] = variable.to_numpy()
-        for dim in self._written:
-            self._written[dim] += ready.sizes.get(dim, 0)
+        known = [] if self._carried is None else self._carried.data_vars
+        ready = _plain(block.drop_vars([name for name in known if name in block]))
+        if self._file is None:
+            self._begin(ready)
+        for name in map(str, ready.variables):
+            if name in self._columns:
+                self._columns[name].append(ready[name].to_numpy())
+            elif "aircraft" in ready[name].dims or name not in self._small:
+                self._small.setdefault(name, []).append(ready[name])
 
-    def describe(self, attributes: Mapping[str, Any]) -> None:
-        """Write the global attributes, and the names: how long they are is known at the end.
+    def finish(self, attributes: Mapping[str, Any]) -> None:
+        """Copy what is carried on; write all that is not a column of reports.
 
         Parameters
         ----------
         attributes : mapping
+            Global ones.
         """
-        for parts in self._names.values():
-            self._write_names(parts)
-        for name, value in attributes.items():
-            self._file.setncattr(str(name), attribute_value(value))
+        if self._carried is not None:
+            with h5py.File(self._carried.encoding["source"], "r") as source:
+                for name in map(str, self._carried.data_vars):
+                    copy_column(source[name], self._file[name])
+        self.close()
+        with self._defined("a") as file:
+            for parts in self._small.values():
+                if is_text(parts[0]):
+                    _write_names(file, parts)
+                else:
+                    self._write_small(file, parts)
+            for name, value in attributes.items():
+                file.setncattr(str(name), attribute_value(value))
 
-    def _next(self, dim: Any, size: int) -> slice:
-        start = self._written.get(str(dim), 0)
-        return slice(start, start + size)
+    def close(self) -> None:
+        """Close the file, whole or not."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
 
-    def _create(self, first: xr.Dataset) -> None:
-        for dim, size in first.sizes.items():
-            self._file.createDimension(str(dim), self._sizes.get(str(dim), size))
-        for name in first.variables:
-            if not is_text(first[name]):
-                self._create_variable(first[name])
+    def _begin(self, first: xr.Dataset) -> None:
+        """Create every column of reports, and take the file up where columns are written."""
+        with self._defined("w") as file:
+            for name in _of_reports(first):
+                self._create(file, first[name])
+            if self._carried is not None:
+                described = _plain(self._carried.isel(report=slice(0, 0)))
+                for name in _of_reports(described):
+                    self._create(file, described[name])
+                self._small |= {str(name): [described[name]] for name in described.coords}
+        self._file = h5py.File(self._path, "r+")
+        self._columns = {name: GrowingColumn(self._file[name]) for name in _of_reports(first)}
 
-    def _create_variable(self, variable: xr.DataArray) -> None:
+    @contextlib.contextmanager
+    def _defined(self, mode: Literal["w", "a"]) -> Iterator[Any]:
+        """Open the file to define variables in it and to write small ones."""
+        with netCDF4.Dataset(self._path, mode, format="NETCDF4") as file:
+            file.set_auto_mask(False)
+            yield file
+
+    def _create(self, file: Any, variable: xr.DataArray) -> Any:
         sizes = {dim: self._sizes.get(str(dim), size) for dim, size in variable.sizes.items()}
         options = encoding_of(variable, sizes)
         kind = np.dtype(options.pop("dtype"))
         fill = options.pop("_FillValue", variable.attrs.get("_FillValue"))
-        self._create_array(variable, kind, tuple(map(str, variable.dims)), fill, options)
+        return _create_array(file, variable, kind, {str(k): n for k, n in sizes.items()},
+                             fill, options)  # fmt: skip
 
-    def _write_names(self, parts: list[xr.DataArray]) -> None:
-        first = parts[0]
-        words = np.concatenate([np.char.encode(part.to_numpy().astype(str)) for part in parts])
-        words = words.astype(f"S{max(words.dtype.itemsize, 1)}")
-        length = f"string{words.dtype.itemsize}"
-        if length not in self._file.dimensions:
-            self._file.createDimension(length, words.dtype.itemsize)
-        made = self._create_array(first, np.dtype("S1"), (*map(str, first.dims), length))
-        made.setncattr("_Encoding", "utf-8")
-        made.set_auto_chartostring(False)
-        made[:] = words.view("S1").reshape(len(words), -1)
+    def _write_small(self, file: Any, parts: list[xr.DataArray]) -> None:
+        first, made = parts[0], self._create(file, parts[0])
+        axis = first.dims.index("aircraft") if "aircraft" in first.dims else None
+        values = [part.to_numpy() for part in parts]
+        made[...] = values[0] if axis is None else np.concatenate(values, axis=axis)
 
-    def _create_array(
-        self,
-        variable: xr.DataArray,
-        kind: np.dtype[Any],
-        dims: tuple[str, ...],
-        fill: Any = None,
-        options: Mapping[str, Any] | None = None,
-    ) -> Any:
-        made = self._file.createVariable(
-            str(variable.name), kind, dims, fill_value=fill, **(options or {})
-        )
-        made.set_auto_maskandscale(False)
-        attributes = {k: v for k, v in variable.attrs.items() if k != "_FillValue"}
-        made.setncatts({key: attribute_value(value) for key, value in attributes.items()})
-        return made
+
+def _plain(block: xr.Dataset) -> xr.Dataset:
+    """A block as it is stored."""
+    return with_plain_times(describe(block).drop_encoding())
+
+
+def _of_reports(block: xr.Dataset) -> list[str]:
+    """Names of its columns of reports."""
+    return [str(name) for name, variable in block.variables.items() if "report" in variable.dims]
+
+
+def _write_names(file: Any, parts: list[xr.DataArray]) -> None:
+    words = np.concatenate([np.char.encode(part.to_numpy().astype(str)) for part in parts])
+    words = words.astype(f"S{max(words.dtype.itemsize, 1)}")
+    width = words.dtype.itemsize
+    sizes = {str(parts[0].dims[0]): words.size, f"string{width}": width}
+    made = _create_array(file, parts[0], np.dtype("S1"), sizes)
+    made.setncattr("_Encoding", "utf-8")
+    made.set_auto_chartostring(False)
+    made[:] = words.view("S1").reshape(len(words), -1)
+
+
+def _create_array(
+    file: Any,
+    variable: xr.DataArray,
+    kind: np.dtype[Any],
+    sizes: Mapping[str, int],
+    fill: Any = None,
+    options: Mapping[str, Any] | None = None,
+) -> Any:
+    for dim, size in sizes.items():
+        if dim not in file.dimensions:
+            file.createDimension(dim, size)
+    made = file.createVariable(
+        str(variable.name), kind, tuple(sizes), fill_value=fill, **(options or {})
+    )
+    made.set_auto_maskandscale(False)
+    attributes = {k: v for k, v in variable.attrs.items() if k != "_FillValue"}
+    made.setncatts({key: attribute_value(value) for key, value in attributes.items()})
+    return made

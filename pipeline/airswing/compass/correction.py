@@ -60,6 +60,16 @@ KEPT = (
     "temperature_qc",
 )
 """Variables of the reports that the corrected product carries on, where they are there."""
+NEEDED = (
+    "eastward_wind",
+    "northward_wind",
+    "heading",
+    "magnetic_heading",
+    "airspeed",
+    "screening",
+    "row_size",
+)
+"""Those of them that are looked at."""
 
 
 def corrected_wind(
@@ -205,25 +215,6 @@ def correct(
     ds["correction_applied"] = ("report", flag)
     ds.attrs.update(correction_reference=str(fit["reference"].item()), correction_method=method)
     return describe(ds)
-
-
-def correction_columns(
-    headings: xr.Dataset, method: Literal["table", "curve"] = "table"
-) -> list[str]:
-    """Name the variables that :func:`correct` reads, so that no others need be read.
-
-    Parameters
-    ----------
-    headings : Dataset
-    method : {"table", "curve"}
-        The curve is scaled by the horizontal field.
-
-    Returns
-    -------
-    list of str
-    """
-    wanted = KEPT if method == "table" else (*KEPT, "horizontal_field")
-    return [name for name in wanted if name in headings]
 
 
 def _chosen(fits: xr.Dataset, reference: str | None, method: str) -> xr.Dataset:

@@ -17,6 +17,7 @@ import xarray as xr
 from airswing.durable import replacing
 from airswing.fingerprint import code_digest, fingerprint
 from airswing.ragged import blocks
+from airswing.ragged_product import still_in_file
 from airswing.workflow.job import (
     CORRECTED,
     FITS,
@@ -146,23 +147,25 @@ def make_corrected(
     -------
     Dataset
     """
-    from airswing.compass.correction import correct, correction_columns
+    from airswing.compass.correction import KEPT, NEEDED, correct
 
     screened, fitted = ready(job, headings, HEADINGS), ready(job, fits, FITS)
     reference = main_reference(job.config)
+    kept = screened[[name for name in KEPT if name in screened and name != "row_size"]]
 
     def make() -> Blocks:
         attrs: dict[str, Any] = {}
+        carried = kept if still_in_file(kept) else None
 
         def each(stage: StageRecord) -> Iterator[xr.Dataset]:
-            for block in blocks(screened, correction_columns(screened)):
+            for block in blocks(screened, NEEDED if carried is not None else KEPT):
                 mended = correct(block, fitted, reference=reference)
                 attrs.update(mended.attrs)
                 yield mended
             stage.reports = screened.sizes["report"]
 
         sizes = screened.sizes
-        return Blocks(sizes["report"], sizes["aircraft"], each, "correct", attrs)
+        return Blocks(sizes["report"], sizes["aircraft"], each, "correct", attrs, carried=carried)
 
     return ragged_product(
         job,

@@ -115,6 +115,9 @@ class Blocks:
     written : callable, optional
         Called with the product's ``uuid`` when all is written, before it takes its name: whatever
         it notes stands wherever the product does.
+    carried : Dataset, optional
+        Columns carried on from an earlier product as they are stored there, see
+        :func:`airswing.ragged_product.ragged_writer`.
     whole : bool, default True
         False where a file it is made from vanished or changed meanwhile: the product is written,
         and a run with ``resume`` makes it again though its inputs look the same as before.
@@ -126,6 +129,7 @@ class Blocks:
     stage: str
     attrs: dict[str, Any] = field(default_factory=dict)
     written: Callable[[str], None] = lambda uuid: None
+    carried: xr.Dataset | None = None
     whole: bool = True
 
 
@@ -229,12 +233,14 @@ def ragged_product(
     made = make()
     with (
         job.progress.stage(made.stage) as stage,
-        ragged_writer(path, reports=made.reports, aircraft=made.aircraft) as writer,
+        ragged_writer(
+            path, reports=made.reports, aircraft=made.aircraft, carried=made.carried
+        ) as writer,
     ):
         for block in made.each(stage):
             writer.append(block)
         told = provenance(**_told(job, title, sources))
-        writer.describe({**made.attrs, "fingerprint": mark if made.whole else "", **told})
+        writer.finish({**made.attrs, "fingerprint": mark if made.whole else "", **told})
         made.written(told["uuid"])
     return read_product(path, lazy=True)
 
