@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from airswing.compass.deviation import fit_deviation
+from airswing.compass.table import add_tables
 from airswing.errors import InputError
+from airswing.evaluation import crossvalidation
 from airswing.evaluation.crossvalidation import cross_validate
+from airswing.evaluation.learning import fitted
+from airswing.evaluation.ranking import rank_aircraft
 from tests.compass.flown import Setting
 from tests.evaluation.archives import fleet, flown
 
@@ -34,6 +39,21 @@ def test_held_out_flights_agree_with_the_prediction(headings):
     assert found["agree"]
     assert found["realised_gain_kt"] > 1.0
     assert found["in_sample_gain_kt"] >= found["realised_gain_kt"] - 0.02
+
+
+def test_fits_at_hand_are_not_made_again(headings, monkeypatch):
+    options = {"folds": 3, "draws": 50, "resolution": 1.0}
+    alone = cross_validate(headings, **options, **QUICK)
+    fits = add_tables(fit_deviation(headings, joint=False), headings, resolution=1.0)
+    ranking = rank_aircraft(headings, fits, **AGAINST)
+    made = []
+    monkeypatch.setattr(
+        crossvalidation, "fitted", lambda *args, **kw: made.append(1) or fitted(*args, **kw)
+    )
+    assert cross_validate(headings, fits=fits, ranking=ranking, **options, **QUICK) == alone
+    assert len(made) == 3
+    finer = cross_validate(headings, folds=3, draws=50, **QUICK)
+    assert finer["realised_gain_kt"] > alone["realised_gain_kt"]  # whole degrees cost something
 
 
 @pytest.mark.parametrize("folds", [1, 100_000])

@@ -12,6 +12,7 @@ from airswing.evaluation.stability import (
     change_warnings,
     find_changes,
     fit_by_window,
+    noted_changes,
     since_last_change,
 )
 from airswing.flags import STATUS
@@ -109,6 +110,14 @@ def test_a_fit_that_straddles_a_change_says_so(changed):
     assert len(lines) == 1
     assert all(word in lines[0] for word in ("N001", "2008-08-05", "straddles"))
     assert change_warnings(fit_deviation(ds)) == []
+
+
+def test_the_changes_are_noted_beside_the_fits_as_they_were_found(changed):
+    ds, entries = changed
+    fits = fit_deviation(ds)
+    assert noted_changes(add_changes(fits, entries)) == entries
+    with pytest.raises(InputError, match="which compasses changed"):
+        noted_changes(fits)
 
 
 def test_the_fit_since_the_change_is_of_the_present_compass(changed):

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from airswing.compass.deviation import fit_deviation
+from airswing.compass.table import add_tables
 from airswing.config import Config, load_config
+from airswing.evaluation.stability import add_changes, find_changes
 from airswing.progress import Progress
 from airswing.workflow import prospects as stages
 from tests.compass.flown import Setting
@@ -24,6 +26,12 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.fixture(scope="module")
 def headings():
     return fleet(8, Setting(aircraft=3, days=40), amplitude=5.0)[0]
+
+
+@pytest.fixture(scope="module")
+def fits(headings):
+    found = add_tables(fit_deviation(headings), headings)
+    return add_changes(found, find_changes(headings, members=["ruc"], draws=99))
 
 
 @pytest.fixture
@@ -55,8 +63,8 @@ def test_the_cases_the_seed_names_are_there(name):
         assert config.field_test.roll == "require_good"
 
 
-def test_stability_is_a_product_with_windows_and_changes(job, headings):
-    found = stages.make_stability(job, headings)
+def test_stability_is_a_product_with_windows_and_changes(job, headings, fits):
+    found = stages.make_stability(job, headings, fits)
     written = json.loads((job.output / stages.STABILITY).read_text())
     assert written["window"] == "month"
     assert [entry["aircraft"] for entry in written["changes"]] == ["N000", "N001", "N002"]
@@ -74,14 +82,15 @@ def test_the_ranking_is_a_table_a_spreadsheet_reads(job, headings):
     assert float(rows[0]["expected_gain_low_kt"]) < float(rows[0]["expected_gain_high_kt"])
 
 
-def test_the_virtual_field_test_is_a_product_and_says_why_where_it_cannot_be(job, headings):
-    found = stages.make_virtual(job, headings)
+def test_the_virtual_field_test_is_a_product_and_says_why_where_it_cannot_be(job, headings, fits):
+    ranking = stages.make_ranking(job, headings, fits)
+    found = stages.make_virtual(job, headings, fits, ranking)
     assert found["later"]["learned_until"] == str(stages.later_date(headings))
     assert found["held_out"]["folds"] == stages.FOLDS
     assert abs(found["later"]["difference_kt"]) < 1.5
     assert json.loads((job.output / stages.VIRTUAL).read_text())["held_out"]["agree"]
     none = headings.assign(screening=("report", np.ones(headings.sizes["report"], np.int32)))
-    assert "no screened report" in stages.make_virtual(job, none)["later"]["why"]
+    assert "no screened report" in stages.make_virtual(job, none, fits, ranking)["later"]["why"]
 
 
 def test_two_thirds_of_the_days_are_learned_from(headings):

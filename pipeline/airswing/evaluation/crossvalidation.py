@@ -28,6 +28,9 @@ def cross_validate(
     reference: str,
     folds: int = 5,
     method: str = "table",
+    resolution: float = 0.1,
+    fits: xr.Dataset | None = None,
+    ranking: list[dict[str, Any]] | None = None,
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Any,
@@ -44,6 +47,12 @@ def cross_validate(
     folds : int, default 5
         Parts the flights are dealt into, day by day and aircraft by aircraft.
     method : {"table", "curve"}
+    resolution : float, default 0.1
+        Of the tables, degrees.
+    fits : Dataset, optional
+        Of all reports with the same options, and their tables; made when not given.
+    ranking : list of dict, optional
+        Of :func:`airswing.evaluation.ranking.rank_aircraft` by these fits; made when not given.
     draws : int, default 1000
     seed : int, default 0
     **fit_options
@@ -66,12 +75,16 @@ def cross_validate(
     def without(fold: int) -> xr.Dataset:
         return only(headings, lambda reports: dealt.of(reports) != fold)
 
-    fits = [fitted(without(fold), pools, reference, fit_options) for fold in range(folds)]
-    whole = fitted(headings, pools, reference, fit_options)
-    ranking = rank_aircraft(headings, whole, pools=pools, reference=reference, seed=seed)
+    def learned(part: xr.Dataset) -> xr.Dataset:
+        return fitted(part, pools, reference, fit_options, resolution=resolution)
+
+    apart = [learned(without(fold)) for fold in range(folds)]
+    whole = learned(headings) if fits is None else fits
+    if ranking is None:
+        ranking = rank_aircraft(headings, whole, pools=pools, reference=reference, seed=seed)
     gains, own_gains = [], []
     for block, _ in judged_blocks(headings):
-        before, after, done = _held_out(block, dealt, fits, pools[reference], reference, method)
+        before, after, done = _held_out(block, dealt, apart, pools[reference], reference, method)
         own = Apart.of(block, whole, pools[reference], reference, method)
         judged = (block["screening"].to_numpy() == 0) & np.isfinite(before + after) & done
         gains += gains_of(block, before - after, judged)

@@ -24,7 +24,12 @@ _JUDGED = (
 
 
 def fitted(
-    headings: xr.Dataset, pools: Mapping[str, list[str]], reference: str, options: dict[str, Any]
+    headings: xr.Dataset,
+    pools: Mapping[str, list[str]],
+    reference: str,
+    options: dict[str, Any],
+    *,
+    resolution: float = 0.1,
 ) -> xr.Dataset:
     """Fit and tabulate against one reference or pool.
 
@@ -37,6 +42,8 @@ def fitted(
         Key of ``pools``.
     options : dict
         As for :func:`airswing.compass.deviation.fit_deviation`.
+    resolution : float, default 0.1
+        Of the tables, degrees.
 
     Returns
     -------
@@ -49,7 +56,7 @@ def fitted(
     attributes = fits.attrs
     fits = fits.sel(reference=[reference])
     fits.attrs = {**attributes, "reference_count": 1}
-    return add_tables(fits, part)
+    return add_tables(fits, part, resolution=resolution)
 
 
 def require_reference(pools: Mapping[str, list[str]], reference: str) -> None:

@@ -10,6 +10,7 @@ Dates are days, UTC; angles in degrees.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -217,7 +218,8 @@ def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
     Dataset
         With ``change_count``, ``change_p_value`` (NaN with too few days to tell), and of the
         largest change ``change_rms``, ``change_date``, ``change_date_low``,
-        ``change_date_high`` (NaT where there is none).
+        ``change_date_high`` (NaT where there is none); all of them in the attribute
+        ``compass_changes`` (see :func:`noted_changes`).
     """
     known = {entry["aircraft"]: entry for entry in changes}
     rows = [known.get(str(name), {"changes": []}) for name in fits["aircraft"].to_numpy()]
@@ -240,7 +242,35 @@ def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
         "change_date_low": dates(lambda one: one["date_ci"][0]),
         "change_date_high": dates(lambda one: one["date_ci"][1]),
     }
-    return describe(fits.assign({name: ("aircraft", v) for name, v in columns.items()}))
+    found = fits.assign({name: ("aircraft", v) for name, v in columns.items()})
+    return describe(found.assign_attrs(compass_changes=json.dumps(changes)))
+
+
+def noted_changes(fits: xr.Dataset) -> list[dict[str, Any]]:
+    """All changes that :func:`add_changes` wrote beside the fits.
+
+    Parameters
+    ----------
+    fits : Dataset
+
+    Returns
+    -------
+    list of dict
+        As of :func:`find_changes`.
+
+    Raises
+    ------
+    InputError
+        If nothing was written there.
+    """
+    if "compass_changes" not in fits.attrs:
+        raise InputError(
+            "the fits do not say which compasses changed",
+            field="compass_changes",
+            remedy="Make them again: `airswing fit`",
+        )
+    found: list[dict[str, Any]] = json.loads(fits.attrs["compass_changes"])
+    return found
 
 
 def change_warnings(fits: xr.Dataset) -> list[str]:

@@ -34,6 +34,7 @@ def virtual_field_test(
     learned_from: date | None = None,
     end: date | None = None,
     method: str = "table",
+    resolution: float = 0.1,
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Any,
@@ -56,6 +57,8 @@ def virtual_field_test(
         Start of the learning and end of the judging; the archive's by default.
     method : {"table", "curve"}
         What is applied: the unit's table or the curve itself.
+    resolution : float, default 0.1
+        Of the tables, degrees.
     draws : int, default 1000
     seed : int, default 0
     **fit_options
@@ -92,7 +95,7 @@ def virtual_field_test(
 
     _require_reports(headings, learn, judge, learned_until)
     part = only(headings, learn)
-    fits = fitted(part, pools, reference, fit_options)
+    fits = fitted(part, pools, reference, fit_options, resolution=resolution)
     ranking = rank_aircraft(part, fits, pools=pools, reference=reference, seed=seed)
     windows, gains = [], []
     for block, aircraft in judged_blocks(headings):

@@ -43,10 +43,10 @@ def make_evaluation(
     """
     found: dict[str, Any] = {
         "profiles": make_profiles(job, headings, corrected),
-        "stability": make_stability(job, headings),
+        "stability": make_stability(job, headings, fits),
         "ranking": make_ranking(job, headings, fits),
-        "virtual": make_virtual(job, headings),
     }
+    found["virtual"] = make_virtual(job, headings, fits, found["ranking"])
     if job.config.field_test is not None:
         found["field_test"] = make_field_test(job, headings)
     if len(job.config.references) > 1:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from datetime import date
 from typing import Any
 
@@ -24,13 +25,13 @@ LEARNED_SHARE = 2.0 / 3.0
 """Share of the archive's days that is learned from where no field test gives a date."""
 
 
-def make_stability(job: Job, headings: xr.Dataset) -> dict[str, Any]:
+def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str, Any]:
     """Fits by month, or by quarter in archives over a year, and changes: ``stability.json``.
 
     Parameters
     ----------
     job : Job
-    headings : Dataset
+    headings, fits : Dataset
 
     Returns
     -------
@@ -38,7 +39,7 @@ def make_stability(job: Job, headings: xr.Dataset) -> dict[str, Any]:
         ``reference``, ``changes`` of :func:`airswing.evaluation.stability.find_changes` and
         ``windows`` of :func:`~airswing.evaluation.stability.fit_by_window`.
     """
-    from airswing.evaluation.stability import find_changes, fit_by_window
+    from airswing.evaluation.stability import fit_by_window, noted_changes
 
     config, reference = job.config, main_reference(job.config)
     pools = config.pools()
@@ -46,7 +47,7 @@ def make_stability(job: Job, headings: xr.Dataset) -> dict[str, Any]:
         first, last = (day.astype("datetime64[D]") for day in time_span(headings))
         days = (last - first).astype(int)
         window: Any = "month" if days <= 400 else "quarter"
-        changes = find_changes(headings, members=pools[reference], abscissa=config.fit.abscissa)
+        changes = noted_changes(fits)
         windows = fit_by_window(
             headings, pools=pools, reference=reference, window=window, **config.fit.model_dump()
         )
@@ -124,7 +125,9 @@ def ranking_table(ranking: list[dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-def make_virtual(job: Job, headings: xr.Dataset) -> dict[str, Any]:
+def make_virtual(
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[dict[str, Any]]
+) -> dict[str, Any]:
     """Corrections learned from one part and judged on another: ``virtual_field_test.json``.
 
     Learned up to the start of the field test, where there is one, and applied to the aircraft
@@ -133,7 +136,9 @@ def make_virtual(job: Job, headings: xr.Dataset) -> dict[str, Any]:
     Parameters
     ----------
     job : Job
-    headings : Dataset
+    headings, fits : Dataset
+    ranking : list of dict
+        Of :func:`make_ranking`.
 
     Returns
     -------
@@ -149,6 +154,7 @@ def make_virtual(job: Job, headings: xr.Dataset) -> dict[str, Any]:
     options: dict[str, Any] = {
         "pools": config.pools(),
         "reference": main_reference(config),
+        "resolution": math.degrees(config.table.resolution),
         **config.fit.model_dump(),
     }
     test = config.field_test
@@ -164,7 +170,9 @@ def make_virtual(job: Job, headings: xr.Dataset) -> dict[str, Any]:
                     headings, learned_until=until, corrected=corrected, **options
                 )
             ),
-            "held_out": _tried(lambda: cross_validate(headings, folds=FOLDS, **options)),
+            "held_out": _tried(
+                lambda: cross_validate(headings, folds=FOLDS, fits=fits, ranking=ranking, **options)
+            ),
         }
         write_json(job.output / VIRTUAL, result)
         told = [
