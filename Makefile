@@ -14,8 +14,8 @@ test: $(VENV)/test.done lint
 	$(BIN)/python -m pytest --nbmake --nbmake-timeout=300 notebooks
 
 lint: $(VENV)/test.done
-	$(BIN)/ruff check pipeline tests benchmarks docs
-	$(BIN)/ruff format --check pipeline tests benchmarks docs
+	$(BIN)/ruff check pipeline tests benchmarks configs docs
+	$(BIN)/ruff format --check pipeline tests benchmarks configs docs
 	$(BIN)/mypy
 
 benchmarks: $(VENV)/test.done

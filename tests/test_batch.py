@@ -1,0 +1,86 @@
+"""The shipped recipe for a batch system, run by a stand-in for Slurm on this machine.
+
+`sbatch` and `scancel` of the stand-in start and end a job's script as Slurm does; the recipe, what
+dask-jobqueue makes of it, the worker processes and the run are the real ones.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airswing.products import read_product
+
+pytest.importorskip("dask_jobqueue")
+
+SBATCH = """#!/bin/bash
+cp "$1" {folder}/job.sh  # Slurm keeps a copy of its own: the caller's is gone soon
+setsid bash {folder}/job.sh > {folder}/job.log 2>&1 &
+echo $! >> {folder}/submitted
+echo "Submitted batch job $!"
+"""
+SCANCEL = """#!/bin/bash
+echo "$1" >> {folder}/cancelled
+kill -- "-$1"
+"""
+
+
+@pytest.fixture
+def slurm(tmp_path):
+    """A folder with the stand-in's commands, first in the path; two small workers a job."""
+    folder = tmp_path / "slurm"
+    folder.mkdir()
+    for name, text in (("sbatch", SBATCH), ("scancel", SCANCEL)):
+        (folder / name).write_text(text.format(folder=folder))
+        (folder / name).chmod(0o755)
+    yield folder
+    for number in (folder / "submitted").read_text().split():
+        subprocess.run(["kill", "--", f"-{number}"], check=False, stderr=subprocess.DEVNULL)
+
+
+@pytest.mark.xdist_group("batch")
+def test_the_recipe_runs_the_main_job_on_workers_of_the_batch_system(slurm, tmp_path, root):
+    config = tmp_path / "config.yaml"
+    config.write_text(
+        f"reports: {{files: {root}/data_samples/reports/N401.csv}}\n"
+        f"references: {{ruc: {{files: {root}/data_samples/ruc/*.grb}}}}\n"
+        f"output: {tmp_path}/batch\n"
+    )
+    environment = os.environ | {
+        "PATH": f"{slurm}:{os.environ['PATH']}",
+        "DASK_JOBQUEUE__SLURM__CORES": "2",
+        "DASK_JOBQUEUE__SLURM__PROCESSES": "2",
+        "DASK_JOBQUEUE__SLURM__MEMORY": "4GiB",
+    }
+    recipe = [sys.executable, str(root / "configs/batch/slurm.py"), str(config), "1"]
+    done = subprocess.run(
+        recipe, env=environment, capture_output=True, text=True, timeout=240, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "dask dashboard" in done.stderr + done.stdout
+    assert (slurm / "cancelled").read_text() == (slurm / "submitted").read_text()
+    script = (slurm / "job.sh").read_text()
+    assert re.search(r"#SBATCH --cpus-per-task=2\b", script)
+    assert "--lifetime 110m" in script and "--nthreads 1" in script
+    log = (slurm / "job.log").read_text()
+    assert log.count("Start worker at") == 2 and "Traceback" not in log
+
+    here = [
+        sys.executable,
+        "-m",
+        "airswing",
+        "collocate",
+        str(config),
+        "--output",
+        str(tmp_path / "here"),
+    ]
+    subprocess.run(here, check=True, capture_output=True, timeout=120)
+    one, other = (read_product(Path(tmp_path / name / "headings.nc")) for name in ("batch", "here"))
+    for name in one.variables:
+        np.testing.assert_array_equal(one[name].to_numpy(), other[name].to_numpy(), str(name))
