@@ -61,11 +61,11 @@ class GrowingColumn:
 
     def _write_chunks(self, values: NDArray[Any], begin: int) -> None:
         """Write one chunk for every index of the other dimensions."""
-        # A chunk at the end is as long as the others in the file.
-        full = np.zeros((*values.shape[:-1], self._length), dtype=values.dtype)
-        full[..., : values.shape[-1]] = values
+        missing = self._length - values.shape[-1]
+        if missing:  # a chunk at the end is as long as the others in the file
+            values = np.pad(values, [*((0, 0) for _ in values.shape[:-1]), (0, missing)])
         for index in itertools.product(*(range(size) for size in values.shape[:-1])):
-            stored = isal_zlib.compress(shuffled(full[index]), _LEVEL)
+            stored = isal_zlib.compress(shuffled(values[index]), _LEVEL)
             self._dataset.id.write_direct_chunk((*index, self._written + begin), stored)
 
 

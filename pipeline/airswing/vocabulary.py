@@ -460,7 +460,6 @@ def describe(ds: xr.Dataset) -> xr.Dataset:
         If a variable is not in the table.
     """
     ds = ds.copy()
-    for name in list(ds.variables):
-        entry = lookup(str(name), ds[name].dims)
-        ds[name].attrs = {**ds[name].attrs, **entry.attributes()}
+    for name, variable in ds.variables.items():
+        variable.attrs = {**variable.attrs, **lookup(str(name), variable.dims).attributes()}
     return ds
