@@ -14,12 +14,15 @@ import tempfile
 import time
 from pathlib import Path
 
+import h5py
 import numpy as np
 import xarray as xr
 from benchmarks.year import AIRCRAFT, run
 
 import airswing  # noqa: F401  (imports pyproj before eccodes can be)
-from airswing.products import as_stored, write_product
+from airswing.products import as_stored, provenance
+from airswing.ragged import blocks
+from airswing.ragged_product import ragged_writer
 
 SHOWN = 12
 """Largest variables to print."""
@@ -50,19 +53,14 @@ def repeated(headings: xr.Dataset, reports: int) -> xr.Dataset:
 
 
 def variable_bytes(path: Path) -> dict[str, float]:
-    """Bytes of each variable when it is written alone."""
-    found = {}
-    with xr.open_dataset(path, engine="netcdf4", decode_cf=False) as ds:
-        for name, variable in ds.variables.items():
-            if "report" in variable.dims:
-                alone = path.with_name("alone.nc")
-                kept = ("zlib", "complevel", "shuffle", "chunksizes")
-                encoding = {key: variable.encoding[key] for key in kept}
-                ds[[name]].drop_attrs().to_netcdf(
-                    alone, engine="netcdf4", encoding={name: encoding}
-                )
-                found[str(name)] = alone.stat().st_size / ds.sizes["report"]
-    return found
+    """Bytes a report that each variable takes in the file."""
+    with h5py.File(path) as file:
+        columns = {name: one for name, one in file.items() if one.chunks is not None}
+        return {
+            name: one.id.get_storage_size() / one.shape[-1]
+            for name, one in columns.items()
+            if one.shape[-1] == file["report"].shape[0]
+        }
 
 
 def one_aircraft(path: Path, number: int) -> float:
@@ -89,7 +87,11 @@ def main() -> None:
             headings = ds.load()
         path = folder / "headings.nc"
         grown = repeated(headings, given.reports)
-        write_product(grown, path, title="Storage benchmark")
+        sizes = {"reports": grown.sizes["report"], "aircraft": grown.sizes["aircraft"]}
+        with ragged_writer(path, **sizes) as writer:
+            for block in blocks(grown):
+                writer.append(block)
+            writer.finish(provenance("Storage benchmark"))
         count, size = grown.sizes["report"], path.stat().st_size
         del grown
         print(f"{count:,} reports, one reference: {size / 1e6:,.0f} MB, "
