@@ -17,6 +17,7 @@ from airswing import workflow
 from airswing.compass import pieces
 from airswing.config import load_config
 from airswing.progress import Progress
+from airswing.workflow import collocating
 from airswing.workflow import headings as stages
 
 HOURS, REPORTS, AIRCRAFT = 24 * 66, 6_000, 5
@@ -68,8 +69,7 @@ def derived(monkeypatch) -> list[np.ndarray]:
     return times
 
 
-def run(folder: Path, *, resume: bool = False, **changes) -> None:
-    """The stages that write the main products."""
+def job_in(folder: Path, *, resume: bool = False, **changes) -> workflow.Job:
     content = {
         "reports": {"files": str(folder / "reports/*.parquet")},
         "references": {"small": {"files": str(folder / "model/*.grb")}},
@@ -77,7 +77,12 @@ def run(folder: Path, *, resume: bool = False, **changes) -> None:
     }
     path = folder / "config.json"
     path.write_text(json.dumps(content | OPTIONS | changes))
-    job = workflow.Job(load_config(path), Progress(quiet=True), resume)
+    return workflow.Job(load_config(path), Progress(quiet=True), resume)
+
+
+def run(folder: Path, **changes) -> None:
+    """The stages that write the main products."""
+    job = job_in(folder, **changes)
     headings = workflow.make_headings(job)
     workflow.make_corrected(job, headings, workflow.make_fits(job, headings)).close()
     headings.close()
@@ -118,6 +123,26 @@ def test_a_month_added_costs_its_own_headings(archive, derived, month):
     # besides its own: flights that cross into the next month, at most one an aircraft and seam
     assert reports_of(archive, month) <= new <= reports_of(archive, month) + 2 * AIRCRAFT * year.LEG
     assert different(archive) == []
+
+
+def test_the_plan_of_an_addition_tells_what_it_will_read(archive, monkeypatch):
+    def planned(resume: bool) -> tuple[int, int, float]:
+        found = workflow.plan_run(job_in(archive, resume=resume))
+        one = found["references"]["small"]
+        return one["messages"], one["messages"] - one["kept_messages"], found["seconds"]
+
+    add(archive, 1, 2)
+    run(archive)
+    assert planned(resume=True)[1] == 0
+    add(archive, 3)
+    whole, left, seconds = planned(resume=True)
+    everything = planned(resume=False)
+    assert everything[:2] == (whole, whole) and seconds < everything[2]
+    read = []
+    monkeypatch.setattr(collocating, "_account", lambda stage, winds: read.append(winds))
+    run(archive, resume=True)
+    assert sum(int(winds["decoded_messages"].sum()) for winds in read) == left
+    assert 0 < left < whole / 2
 
 
 def test_a_month_taken_away_costs_nothing(archive, derived):

@@ -12,7 +12,7 @@ Assumptions and validity
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -23,10 +23,13 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.reference.catalogue import Catalogue
 from airswing.reference.fields import ISOBARIC
-from airswing.reference.sampling import level_brackets
+from airswing.reference.sampling import ModelTime, level_brackets
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+Finished = Callable[[ModelTime, tuple[Floats, Floats, Floats]], bool]
+"""Whether a model time was sampled before at these latitudes, longitudes and pressures."""
 
 _NEVER = int(np.iinfo(np.int64).max)
 COLUMNS = ("time", "latitude", "longitude", "pressure")
@@ -228,6 +231,8 @@ class Need:
         Levels of model times that are needed, as the catalogue numbers them.
     times : (time,) bool array
         Model times with reports around them.
+    finished : (time,) bool array
+        Those of them that need not be read again.
     reports, matched, without_time, outside_grid, outside_levels : int
     first, last : int
         Times of the reports, ns since 1970.
@@ -237,6 +242,7 @@ class Need:
 
     rows: NDArray[np.bool_]
     times: NDArray[np.bool_]
+    finished: NDArray[np.bool_]
     reports: int
     matched: int
     without_time: int
@@ -248,7 +254,13 @@ class Need:
 
     @classmethod
     def of(
-        cls, points: Points, catalogue: Catalogue, *, max_time_gap: float, derivatives: bool
+        cls,
+        points: Points,
+        catalogue: Catalogue,
+        *,
+        max_time_gap: float,
+        derivatives: bool,
+        finished: Finished | None = None,
     ) -> Need:
         """Find what reports need.
 
@@ -258,6 +270,9 @@ class Need:
         catalogue : Catalogue
         max_time_gap : float
         derivatives : bool
+        finished : callable, optional
+            Whether a model time (with the latitudes, longitudes and pressures of the reports
+            around it) was finished by an earlier run; nothing was by default.
 
         Returns
         -------
@@ -268,6 +283,7 @@ class Need:
         placed = np.zeros(points.time.size, dtype=bool)
         leveled = np.zeros(points.time.size, dtype=bool)
         rows = np.zeros(int(catalogue.bounds[-1]), dtype=bool)
+        done = np.zeros(times.start.size, dtype=bool)
         for number in np.flatnonzero(times.stop > times.start):
             run = slice(int(times.start[number]), int(times.stop[number]))
             inside, on_level, needed = _needs(catalogue, int(number), points, run, derivatives)
@@ -275,9 +291,13 @@ class Need:
             placed[run] |= inside & mine
             leveled[run] |= inside & on_level & mine
             rows[catalogue.bounds[number] : catalogue.bounds[number + 1]] = needed
+            if finished is not None:
+                at = (points.latitude[run], points.longitude[run], points.pressure[run])
+                done[number] = finished(catalogue.model_time(int(number)), at)
         return cls(
             rows=rows,
             times=times.stop > times.start,
+            finished=done,
             reports=points.size,
             matched=int(leveled.sum()),
             without_time=points.size - int(timed.sum()),
@@ -295,13 +315,19 @@ class Need:
         return Need(
             rows=self.rows | other.rows,
             times=self.times | other.times,
+            # A model time at the seam of two parts is finished where it is for both.
+            finished=(self.finished | other.finished)
+            & (self.finished | ~self.times)
+            & (other.finished | ~other.times),
             first=min(self.first, other.first),
             last=max(self.last, other.last),
             box=np.where([True, False, True, False], low, high),
             **{name: getattr(self, name) + getattr(other, name) for name in counts},
         )
 
-    def plan(self, reference: str, catalogue: Catalogue, *, sparse: bool) -> Plan:
+    def plan(
+        self, reference: str, catalogue: Catalogue, *, sparse: bool, left: bool = False
+    ) -> Plan:
         """Count what will be read.
 
         Parameters
@@ -310,13 +336,15 @@ class Need:
         catalogue : Catalogue
             The one the need was found with.
         sparse : bool
+        left : bool, default False
+            Count only what is not finished.
 
         Returns
         -------
         Plan
         """
         counts = np.zeros(4, dtype=np.int64)
-        for number in np.flatnonzero(self.times):
+        for number in np.flatnonzero(self.times & ~self.finished if left else self.times):
             bounds = slice(int(catalogue.bounds[number]), int(catalogue.bounds[number + 1]))
             needed = self.rows[bounds]
             tables = [catalogue.u[bounds][needed], catalogue.v[bounds][needed]]

@@ -72,6 +72,12 @@ class SampleStore:
             digest.update(np.ascontiguousarray(array).tobytes())
         return self.folder / f"{digest.hexdigest()}.npy"
 
+    def holds(
+        self, model: ModelTime, places: tuple[Floats, Floats, Floats], derivatives: bool
+    ) -> bool:
+        """Whether the sample is there; that it is whole shows when it is taken."""
+        return self.path(model, places, derivatives).is_file()
+
     def get_or_make(
         self,
         model: ModelTime,

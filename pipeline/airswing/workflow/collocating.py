@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
     from airswing.progress import StageRecord
     from airswing.reference.catalogue import Catalogue
     from airswing.reference.places import Places
-    from airswing.reference.planning import Plan
+    from airswing.reference.planning import Need, Plan
+    from airswing.reference.store import SampleStore
     from airswing.reports.archive import Archive
 
 
@@ -140,6 +142,43 @@ def written_to(folder: Path) -> Iterator[None]:
         ) from err
 
 
+def needs_of(
+    job: Job,
+    places: Places,
+    models: dict[str, Catalogue],
+    *,
+    derivatives: bool = False,
+    kept: SampleStore | None = None,
+) -> dict[str, Need]:
+    """What all reports need of each reference.
+
+    Parameters
+    ----------
+    job : Job
+    places : Places
+    models : dict of str to Catalogue
+    derivatives : bool
+    kept : SampleStore, optional
+        Of an earlier run: says what need not be read again.
+
+    Returns
+    -------
+    dict of str to Need
+    """
+    from airswing.reference.planning import Need, points_of
+
+    gap, needs = job.config.collocation.max_time_gap, dict[str, Need]()
+    finished = None if kept is None else partial(kept.holds, derivatives=derivatives)
+    for number in range(len(places)):
+        points = points_of(places.reports(number))
+        for name, model in models.items():
+            own = Need.of(
+                points, model, max_time_gap=gap, derivatives=derivatives, finished=finished
+            )
+            needs[name] = needs[name] + own if name in needs else own
+    return needs
+
+
 def plans_of(
     job: Job,
     places: Places,
@@ -164,20 +203,11 @@ def plans_of(
     dict of str to Plan
     """
     from airswing.cost import stage_seconds
-    from airswing.reference.planning import Need, points_of
 
-    asked = job.config.collocation
-    needs: dict[str, Need] = {}
     with job.progress.stage("plan") as stage:
-        for number in range(len(places)):
-            points = points_of(places.reports(number))
-            for name, model in models.items():
-                own = Need.of(
-                    points, model, max_time_gap=asked.max_time_gap, derivatives=derivatives
-                )
-                needs[name] = needs[name] + own if name in needs else own
         plans = {
-            name: need.plan(name, models[name], sparse=asked.sparse) for name, need in needs.items()
+            name: need.plan(name, models[name], sparse=job.config.collocation.sparse)
+            for name, need in needs_of(job, places, models, derivatives=derivatives).items()
         }
         messages = sum(one.messages for one in plans.values())
         stage.note = f"{messages:,} messages to read"

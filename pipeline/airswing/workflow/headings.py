@@ -23,7 +23,7 @@ from airswing.ragged import blocks
 from airswing.workflow.collocating import (
     catalogues,
     collocated_blocks,
-    plans_of,
+    needs_of,
     read,
     set_places_down,
     written_to,
@@ -46,15 +46,25 @@ def plan_run(job: Job) -> dict[str, Any]:
     dict
         Per reference what :func:`airswing.reference.planning.plan` counts; ``reports``, and
         estimates ``seconds``, ``memory_bytes``, ``disk_bytes`` and ``kept_disk_bytes`` from this
-        package's own benchmarks.
+        package's own benchmarks. With ``resume`` the cost is of what an earlier run left to do, and
+        ``kept_messages`` of each reference are not read again.
     """
     from airswing.cost import estimate
+    from airswing.reference.store import SampleStore
 
+    kept = SampleStore(job.store) if job.resume else None
     with tempfile.TemporaryDirectory() as name:
         archive = read(job, Path(name))
         models = catalogues(job, list(job.config.references))
         places = set_places_down(archive, Path(name) / "blocks")
-        plans = plans_of(job, places, models, aircraft=archive.aircraft)
+        with job.progress.stage("plan"):
+            needs = needs_of(job, places, models, kept=kept)
+    sparse = job.config.collocation.sparse
+    plans = {name: need.plan(name, models[name], sparse=sparse) for name, need in needs.items()}
+    left = {
+        name: need.plan(name, models[name], sparse=sparse, left=True)
+        for name, need in needs.items()
+    }
     return {
         "reports": archive.reports,
         "aircraft": archive.aircraft,
@@ -62,10 +72,14 @@ def plan_run(job: Job) -> dict[str, Any]:
             archive.reports,
             archive.aircraft,
             plans,
+            left=left,
             block=archive.largest,
             keep=job.config.compute.keep_samples,
         ),
-        "references": {name: one.as_dict() for name, one in plans.items()},
+        "references": {
+            name: one.as_dict() | {"kept_messages": one.messages - left[name].messages}
+            for name, one in plans.items()
+        },
     }
 
 
