@@ -112,10 +112,10 @@ def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: 
         factor = clusters / max(clusters - size, 1)
         return np.asarray(score @ (inverse_root @ inverse_root.T * (np.sqrt(factor) / kappa)))
     whitened = score @ inverse_root
-    share = np.einsum("ia,gij,jb->gab", inverse_root, normals, inverse_root)
-    part, axes = np.linalg.eigh(share)
+    part, axes = np.linalg.eigh(inverse_root.T @ normals @ inverse_root)
     gain = 1.0 / np.sqrt(np.clip(1.0 - part, 0.05, 1.0))
-    whitened = np.einsum("gab,gb,gcb,gc->ga", axes, gain, axes, whitened)
+    turned = (whitened[:, np.newaxis, :] @ axes)[:, 0, :] * gain
+    whitened = (axes @ turned[..., np.newaxis])[..., 0]
     return np.asarray(whitened @ inverse_root.T / kappa)
 
 
@@ -137,7 +137,7 @@ def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> A
     if normals is None:
         return np.full(normal.shape[0], max(clusters / 3.0, 1.0))
     inverse = np.linalg.pinv(normal, hermitian=True)
-    part = np.einsum("ji,gik,kj->gj", inverse, normals, inverse)
+    part = ((inverse @ normals) * inverse.T).sum(axis=2)
     share = part / np.maximum(part.sum(axis=0), 1e-300)
     pieces = 1.0 / np.maximum((share**2).sum(axis=0), 1e-12)
     return np.asarray(np.maximum(pieces - 1.0, 1.0))

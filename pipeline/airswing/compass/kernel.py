@@ -31,6 +31,7 @@ Compass Adjustment; Maronna, Martin & Yohai, Robust Statistics (2006), ch. 6 (bi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise, starmap
 
 import numpy as np
 
@@ -133,12 +134,8 @@ def accumulate(
     -------
     PassSums
     """
-    sums = PassSums(
-        np.zeros((LOCAL, LOCAL)),
-        np.zeros(LOCAL),
-        np.zeros((flights, LOCAL)),
-        np.zeros((flights, LOCAL, LOCAL)) if by_flight else None,
-    )
+    sums = PassSums(np.zeros((LOCAL, LOCAL)), np.zeros(LOCAL), np.zeros((flights, LOCAL)), None)
+    apart = (np.zeros((flights, 7, 7)), np.zeros((flights, 3, 3))) if by_flight else None
     if starts is not None:
         sums.block = np.zeros((ROWS, starts.size))
     cross, along = np.zeros((8, 8)), np.zeros((4, 4))
@@ -159,14 +156,16 @@ def accumulate(
         np.multiply(rows.along, rows.weight[1], out=rows.weighted_along)
         cross += rows.weighted_cross @ rows.cross.T
         along += rows.weighted_along @ rows.along.T
-        if sums.flight_normal is not None:
-            _add_by_flight(rows, part.flight, first, sums.flight_normal)
+        if apart is not None:
+            _add_by_flight(rows, part.flight, first, *apart)
         if flights:
             own[:, place] += np.add.reduceat(_scores(rows), first, axis=1)
         if cuts is not None:
             _add_blocks(rows, cuts[k], sums)
     sums.scatter = scatter
-    sums.normal += _CROSS @ cross[:7, :7] @ _CROSS.T + _ALONG @ along[1:, 1:] @ _ALONG.T
+    sums.normal += _of_all(cross[:7, :7], along[1:, 1:])
+    if apart is not None:
+        sums.flight_normal = _of_all(*apart)
     sums.score -= _CROSS @ cross[:7, 7] + _ALONG @ along[1:, 0]
     sums.flight_score[obs.flight[opens]] = -(_SCORE @ own).T
     if sums.block is not None:
@@ -246,13 +245,19 @@ def _add_blocks(rows: Rows, cuts: tuple[slice, Index], sums: PassSums) -> None:
     sums.block[:, place] += np.add.reduceat(out, starts, axis=1)
 
 
-def _add_by_flight(rows: Rows, flight: Index, starts: Index, normals: Array) -> None:
-    stops = np.append(starts[1:], flight.size)
-    for number, begin, end in zip(flight[starts], starts, stops, strict=True):
-        one = slice(begin, end)
-        cross = _CROSS @ (rows.weighted_cross[:7, one] @ rows.cross[:7, one].T) @ _CROSS.T
-        along = _ALONG @ (rows.weighted_along[1:, one] @ rows.along[1:, one].T) @ _ALONG.T
-        normals[number] += cross + along
+def _of_all(cross: Array, along: Array) -> Array:
+    """Normal matrix of all parameters from those of the rows, shapes (..., 7, 7), (..., 3, 3)."""
+    return np.asarray(_CROSS @ cross @ _CROSS.T + _ALONG @ along @ _ALONG.T)
+
+
+def _add_by_flight(rows: Rows, flight: Index, starts: Index, cross: Array, along: Array) -> None:
+    """Add up the rows' normal matrices of every flight."""
+    weighted_cross, own_cross = rows.weighted_cross[:7], rows.cross[:7].T
+    weighted_along, own_along = rows.weighted_along[1:], rows.along[1:].T
+    edges = [*starts.tolist(), flight.size]
+    for number, one in zip(flight[starts].tolist(), starmap(slice, pairwise(edges)), strict=True):
+        cross[number] += weighted_cross[:, one] @ own_cross[one]
+        along[number] += weighted_along[:, one] @ own_along[one]
 
 
 def robust_scatter(

@@ -88,13 +88,11 @@ def day_sums(
     DaySums
     """
     rows_cross, rows_along = paired_design(magnetic, heading, airspeed)
-    keep = _not_gross(rows_cross, rows_along, cross, along)
-    rows_cross, rows_along = rows_cross[keep], rows_along[keep]
-    cross, along, day = cross[keep], along[keep], day[keep]
-    order = np.argsort(day, kind="stable")
+    kept = np.flatnonzero(_not_gross(rows_cross, rows_along, cross, along))
+    order = kept[np.argsort(day[kept], kind="stable")]
     rows_cross, rows_along = rows_cross[order], rows_along[order]
-    cross, along = cross[order], along[order]
-    days, start = np.unique(day[order], return_index=True)
+    cross, along, day = cross[order], along[order], day[order]
+    days, start = np.unique(day, return_index=True)
     stop = np.append(start[1:], day.size)
     size = rows_cross.shape[1]
     normal, right = np.empty((days.size, size, size)), np.empty((days.size, size))
@@ -112,7 +110,8 @@ def _not_gross(
     """Reports within a wide robust limit of a first fit."""
     keep = np.isfinite(cross + along)
     for _ in range(2):
-        one, two = rows_cross[keep], rows_along[keep]
+        # nothing is copied before anything is gross
+        one, two = (rows if keep.all() else rows[keep] for rows in (rows_cross, rows_along))
         theta = np.linalg.pinv(one.T @ one + two.T @ two, hermitian=True) @ (
             one.T @ cross[keep] + two.T @ along[keep]
         )
