@@ -102,6 +102,15 @@ def test_a_failure_leaves_the_earlier_product(tmp_path):
     assert not list(tmp_path.glob(".*"))
 
 
+def test_what_was_not_finished_takes_no_name(tmp_path):
+    with (
+        pytest.raises(ValueError, match=r"a\.nc: the product was not finished"),
+        ragged_writer(tmp_path / "a.nc", reports=13, aircraft=5) as writer,
+    ):
+        writer.append(archive())
+    assert not list(tmp_path.iterdir())
+
+
 def carried_on(tmp_path, columns: list[str]) -> xr.Dataset:
     """The archive written once, and again with some of its columns carried on."""
     whole = written(tmp_path / "first.nc", 1000)

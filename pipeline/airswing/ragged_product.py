@@ -48,17 +48,22 @@ def ragged_writer(
     Yields
     ------
     RaggedWriter
+        To be told when all is written (:meth:`RaggedWriter.finish`).
 
     Raises
     ------
     InputError
         If the file cannot be written.
+    ValueError
+        If it was not finished: nothing takes the name of a product that is not whole.
     """
     limit_chunk_cache()
     with atomic(path) as temporary:
         writer = RaggedWriter(temporary, reports=reports, aircraft=aircraft, carried=carried)
         with contextlib.closing(writer):
             yield writer
+            if not writer.finished:
+                raise ValueError(f"{path}: the product was not finished")
 
 
 def still_in_file(columns: xr.Dataset) -> bool:
@@ -87,7 +92,14 @@ class RaggedWriter:
     reports, aircraft : int
     carried : Dataset, optional
         As for :func:`ragged_writer`.
+
+    Attributes
+    ----------
+    finished : bool
+        Whether the file is whole.
     """
+
+    finished = False
 
     def __init__(
         self, path: Path, *, reports: int, aircraft: int, carried: xr.Dataset | None = None
@@ -137,6 +149,7 @@ class RaggedWriter:
                     self._write_small(file, parts)
             for name, value in attributes.items():
                 file.setncattr(str(name), attribute_value(value))
+        self.finished = True
 
     def close(self) -> None:
         """Close the file, whole or not."""
