@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 
 import h5py
@@ -11,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airswing.chunks import GrowingColumn, copy_column, shuffled
+from airswing.chunks import GrowingColumn, copy_column, deflated, shuffled
 
 KINDS = ("i1", "i4", "i8", "f4", "f8")
 
@@ -73,6 +74,11 @@ def test_what_is_written_is_smaller_and_says_how_it_is_stored(tmp_path):
 def test_the_shuffle_worked_by_hand():
     values = np.array([0x04030201, 0x14131211], dtype="<i4")
     assert shuffled(values).tolist() == [[0x01, 0x11], [0x02, 0x12], [0x03, 0x13], [0x04, 0x14]]
+
+
+def test_the_stream_is_one_that_zlib_takes():
+    octets = np.arange(1000, dtype="u1")
+    assert zlib.decompress(deflated(octets)) == octets.tobytes()
 
 
 @pytest.mark.parametrize("sizes", [(100,), (3, 100), (1,)])

@@ -243,6 +243,15 @@ def test_the_libraries_start_is_not_taken_for_the_pace_of_the_work():
     assert left is not None and left < 60.0
 
 
+def test_the_page_is_foretold_by_the_figures_it_draws():
+    from airswing import cost
+    from airswing.report import page
+
+    assert cost.LARGE_FIGURES == page.LARGE_FIGURES
+    few, more, most = (cost.stage_seconds(0, count, {})["page"] for count in (6, 40, 80))
+    assert few < 0.3 * more and most - more < more
+
+
 def test_a_fleet_of_many_aircraft_is_foretold_to_cost_more():
     """Measured: 600 aircraft of 600,000 reports, fit 24 s, peak 1.43 GB, cards 42 s."""
     from airswing.cost import estimate, stage_seconds

@@ -3,8 +3,9 @@
 Assumes variables whose last dimension is ``report``, one index of the others a chunk, stored with
 the byte shuffle and deflate (:func:`airswing.products.encoding_of`): any reader of NetCDF-4 reads
 them. The library compresses with zlib, one variable after the other; ISA-L makes deflate streams
-of 5 % more octets in a sixth of the time, and most of the time of writing a product went there.
-What a product carries on unchanged from the one it is made from is not even decompressed.
+of 4 % more octets in a sixth of the time or less (``benchmarks/storage.py``), and most of the time
+of writing a product went there. What a product carries on unchanged from the one it is made from is
+not even decompressed.
 """
 
 from __future__ import annotations
@@ -65,8 +66,8 @@ class GrowingColumn:
         if missing:  # a chunk at the end is as long as the others in the file
             values = np.pad(values, [*((0, 0) for _ in values.shape[:-1]), (0, missing)])
         for index in itertools.product(*(range(size) for size in values.shape[:-1])):
-            stored = isal_zlib.compress(shuffled(values[index]), _LEVEL)
-            self._dataset.id.write_direct_chunk((*index, self._written + begin), stored)
+            place = (*index, self._written + begin)
+            self._dataset.id.write_direct_chunk(place, deflated(shuffled(values[index])))
 
 
 def shuffled(values: NDArray[Any]) -> NDArray[np.uint8]:
@@ -82,6 +83,21 @@ def shuffled(values: NDArray[Any]) -> NDArray[np.uint8]:
     """
     octets = np.ascontiguousarray(values).view(np.uint8).reshape(values.size, values.itemsize)
     return np.ascontiguousarray(octets.T)
+
+
+def deflated(octets: NDArray[np.uint8]) -> bytes:
+    """Octets as a deflate stream.
+
+    Parameters
+    ----------
+    octets : array of uint8
+
+    Returns
+    -------
+    bytes
+        As ``zlib.decompress`` takes it.
+    """
+    return bytes(isal_zlib.compress(octets, _LEVEL))
 
 
 def copy_column(source: Any, target: Any) -> None:
