@@ -69,7 +69,7 @@ NEEDED = (
     "screening",
     "row_size",
 )
-"""Those of them that are looked at."""
+"""Those of them that a correction by the table looks at (the curve, at ``horizontal_field`` too)."""
 
 
 def corrected_wind(
