@@ -69,7 +69,8 @@ NEEDED = (
     "screening",
     "row_size",
 )
-"""Those of them that a correction by the table looks at (the curve, at ``horizontal_field`` too)."""
+"""Those of them that a correction by the table looks at; one by the curve scales it to the
+``horizontal_field`` besides."""
 
 
 def corrected_wind(
