@@ -17,16 +17,10 @@ from pyproj import Proj
 from airswing.reference.catalogue import build_catalogue
 from airswing.reference.grids import Grid
 from airswing.reference.gridsections import read_grid
+from airswing.reference.interpolation import bilinear, bilinear_slopes, corners, level_brackets
 from airswing.reference.messages import scan_file
-from airswing.reference.sampling import (
-    EARTH_RADIUS,
-    ModelTime,
-    bilinear,
-    bilinear_slopes,
-    corners,
-    level_brackets,
-    sample_model_time,
-)
+from airswing.reference.sampling import ModelTime, sample_model_time
+from airswing.reference.winds import EARTH_RADIUS
 from tests.reference.builders import LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
 
 SHAPE = (LATLON["Nj"], LATLON["Ni"])
@@ -377,3 +371,19 @@ def test_corners_of_a_globe_wrap() -> None:
     cell = corners(grid, np.array([35.5]), np.array([18.0]))
     np.testing.assert_array_equal(cell.points[:, 0], [17 * 36 + 35, 17 * 36, 18 * 36 + 35, 18 * 36])
     assert (cell.x[0], cell.y[0]) == (0.5, 1.0)
+
+
+def test_native_levels_are_joined_in_each_column(tmp_path: Path) -> None:
+    """Linear in ln p in every column of the model, then across the columns."""
+    bases = {1: 30000.0, 2: 45000.0, 3: 60000.0, 4: 90000.0}
+    model = build_catalogue(
+        hybrid_file(tmp_path, bases), name="x", cache_dir=tmp_path / "c"
+    ).model_time(0)
+    p = 50000.0
+    # Half way between the columns x = 5 and x = 6, where levels lie at 1.05 and 1.06 of their base.
+    columns = [2 + np.log(p / (45000 * f)) / np.log(60 / 45) for f in (1.05, 1.06)]
+    _, v = sample_model_time(model, np.array([50.0]), np.array([16.0]), np.array([p])).table
+    assert v[0] == pytest.approx(np.mean(columns), abs=2e-6)
+    # A level that one of the columns does not reach gives no value.
+    top = np.array([30000.0 * 1.055])
+    assert np.isnan(sample_model_time(model, np.array([50.0]), np.array([16.0]), top).table).all()

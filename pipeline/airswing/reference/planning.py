@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.reference.catalogue import Catalogue
 from airswing.reference.fields import ISOBARIC
-from airswing.reference.sampling import ModelTime, level_brackets
+from airswing.reference.interpolation import level_brackets
+from airswing.reference.sampling import ModelTime
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

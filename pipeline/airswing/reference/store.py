@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from airswing.durable import replacing
 from airswing.errors import InputError
-from airswing.reference import grids, packing, sampling, values
+from airswing.reference import grids, interpolation, packing, sampling, values, winds
 from airswing.reference.sampling import ModelTime, Sample
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,7 @@ _LOG = logging.getLogger("airswing.reference")
 @lru_cache(maxsize=1)
 def _code_version() -> bytes:
     digest = hashlib.blake2b(digest_size=12)
-    for module in (grids, packing, values, sampling):
+    for module in (grids, packing, values, interpolation, winds, sampling):
         digest.update(Path(str(module.__file__)).read_bytes())
     return digest.digest()
 
