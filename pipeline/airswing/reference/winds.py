@@ -62,7 +62,7 @@ class Profile(Protocol):
 
     @property
     def native(self) -> bool:
-        """Levels have a pressure field; else `level` of the rows is the pressure, Pa, increasing."""
+        """Levels have a pressure field; else `level` of the rows is the pressure, Pa."""
 
     @property
     def u(self) -> NDArray[Any]:
