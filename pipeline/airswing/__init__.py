@@ -34,6 +34,7 @@ _STAGES = {
     "simulate_reports": "airswing.gap.simulated_reports",
     "Frame": "airswing.gap.frame",
     "diagnose": "airswing.gap.diagnose",
+    "export": "airswing.handover.export",
     "read_product": "airswing.products",
     "write_product": "airswing.products",
     "load_config": "airswing.config",

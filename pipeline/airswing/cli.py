@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -150,6 +151,66 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 
     job = _job(config, output=output, quiet=quiet)
     _print(workflow.make_sensitivity(job), as_json=True, text="")
+
+
+class _WithFormats(TyperCommand):
+    """Lists the export formats at the end of its help; they are looked up only then."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help."""
+        from airswing.handover.registry import formats
+
+        # a blank line between, else the lines are joined to a paragraph
+        known = (f"{name}: {found.summary}." for name, found in formats().items())
+        self.epilog = "\n\n".join(["FORMAT is one of", *known])
+        super().format_help(ctx, formatter)
+
+
+@app.command(cls=_WithFormats)
+def export(
+    config: ConfigPath,
+    to: Annotated[str, typer.Option(help="What to write; see below.", metavar="FORMAT")],
+    output: Annotated[
+        str, typer.Option("-o", "--output", help="File or folder to write.", metavar="PATH")
+    ],
+    winds: Annotated[str, typer.Option(help="corrected or reported.")] = "corrected",
+    window: Annotated[
+        str | None, typer.Option(help="A folder for every so long, such as '1 h'.")
+    ] = None,
+    soundings: Annotated[
+        bool, typer.Option("--soundings", help="Join ascents and descents into one report each.")
+    ] = False,
+    domain: Annotated[int | None, typer.Option(help="Nest of WRF, for OBS_DOMAIN.")] = None,
+    platform: Annotated[
+        str | None, typer.Option(help="TAMDAR, AMDAR, ACARS or AIREP; else by source.")
+    ] = None,
+    start: Annotated[str | None, typer.Option(help="First time (ISO 8601, UTC).")] = None,
+    end: Annotated[str | None, typer.Option(help="First time no longer taken.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Hand over corrected winds, from corrected.nc: to WRF, WRFDA, GSI or JEDI."""
+    from airswing import workflow
+    from airswing.config import with_handover
+    from airswing.handover.export import as_text
+    from airswing.handover.export import export as hand_over
+
+    job = _job(config, quiet=quiet)
+    given = {"domain": domain, "platform": platform, "start": start, "end": end}
+    with job.progress.stage("export") as stage:
+        result = hand_over(
+            job.output / workflow.CORRECTED,
+            to=to,
+            path=output,
+            winds=winds,  # type: ignore[arg-type]
+            window=window,
+            soundings=soundings,
+            overwrite=overwrite,
+            settings=with_handover(job.config, given),
+        )
+        stage.note = f"{len(result['files']):,} files"
+    _print(result, as_json=json, text=as_text(result))
 
 
 @app.command()

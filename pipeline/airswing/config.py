@@ -11,7 +11,8 @@ import difflib
 import functools
 import math
 import re
-from datetime import date
+from collections.abc import Mapping
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -100,6 +101,17 @@ Strings = Annotated[
     list[str], BeforeValidator(lambda value: [value] if isinstance(value, str) else value)
 ]
 Phase = Literal["ascent", "cruise", "descent", "unknown"]
+Platform = Literal["TAMDAR", "AMDAR", "ACARS", "AIREP"]
+Moment = Annotated[
+    datetime,
+    AfterValidator(lambda time: time.astimezone(UTC) if time.tzinfo else time.replace(tzinfo=UTC)),
+]
+"""A time; UTC where no zone is given."""
+Screened = Literal[
+    "phase", "turn", "ground_speed", "no_ground_vector", "no_reference", "temperature_qc",
+    "field_test",
+]  # fmt: skip
+"""Screening rules whose reports may be handed over all the same."""
 
 
 class _Section(BaseModel):
@@ -191,6 +203,23 @@ class Gap(_Section):
     phases: list[Phase] = Field(["ascent", "cruise", "descent"], min_length=1)
 
 
+class Handover(_Section):
+    """How corrected winds are handed over (`airswing export`)."""
+
+    platform: Literal["auto"] | Platform = "auto"
+    aircraft: dict[Platform, list[str]] = {}
+    accept: list[Screened] = ["phase", "field_test"]
+    domain: int = Field(1, ge=1, le=9)
+    start: Moment | None = None
+    end: Moment | None = None
+
+    @model_validator(mode="after")
+    def _period_holds(self) -> Handover:
+        if self.start is not None and self.end is not None and self.end <= self.start:
+            raise ValueError("end must be later than start")
+        return self
+
+
 class Compute(_Section):
     """Where the work runs."""
 
@@ -213,6 +242,7 @@ class Config(_Section):
     table: Table = Table()
     field_test: FieldTest | None = None
     gap: Gap = Gap()
+    handover: Handover = Handover()
     output: Path
     compute: Compute = Compute()
 
@@ -288,6 +318,34 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
         raise _explain(err, path) from err
 
 
+def with_handover(config: Config, given: Mapping[str, object]) -> Handover:
+    """Section ``handover`` with what a command says over it.
+
+    Parameters
+    ----------
+    config : Config
+    given : mapping
+        Keys of the section; None is not said.
+
+    Returns
+    -------
+    Handover
+
+    Raises
+    ------
+    ConfigError
+        If the two do not go together.
+    """
+    said = {key: value for key, value in given.items() if value is not None}
+    try:
+        return Handover.model_validate(config.handover.model_dump() | said)
+    except ValidationError as err:
+        fault = err.errors()[0]
+        place = f"--{fault['loc'][0]}" if fault["loc"] else "handover"
+        what = str(fault["msg"]).removeprefix("Value error, ")
+        raise ConfigError(what, field=place, found=said.get(str((*fault["loc"], "")[0]))) from err
+
+
 class _Loader(yaml.SafeLoader):
     """Plain YAML, but a key given twice is a fault: one of its values would go unheard."""
 
@@ -334,6 +392,7 @@ def _keys_at(location: tuple[int | str, ...]) -> list[str]:
         "table": Table,
         "field_test": FieldTest,
         "gap": Gap,
+        "handover": Handover,
         "compute": Compute,
     }
     section = sections.get(str(location[0])) if location else Config

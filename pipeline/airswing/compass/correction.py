@@ -46,6 +46,7 @@ KEPT = (
     "pressure_altitude",
     "eastward_wind",
     "northward_wind",
+    "air_temperature",
     "reference_eastward_wind",
     "reference_northward_wind",
     "lead_time",

@@ -1,0 +1,1 @@
+"""What formats that write reports share: which reports, in which order, in which columns."""

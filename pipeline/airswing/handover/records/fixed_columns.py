@@ -1,0 +1,158 @@
+"""Lines of fixed columns, many at a time, as Fortran's formats write them.
+
+Assumes ASCII text and columns counted from 1, as format documents count them. A batch of lines is
+an array of octets (line, column); numbers are set digit by digit over all lines at once, so that a
+million reports take seconds. A number too wide for its field is a ``ValueError``: Fortran would
+write asterisks, which no reader takes; so is one that is not finite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Lines = NDArray[np.uint8]
+
+MISSING = -888888.0
+"""A missing value in every format of WRF and WRFDA that is read by columns."""
+_ZERO, _SPACE, _MINUS, _POINT = 48, 32, 45, 46
+
+
+def lines_of(template: str, count: int) -> Lines:
+    """Equal lines.
+
+    Parameters
+    ----------
+    template : str
+        ASCII; several lines with a newline each where a record has several.
+    count : int
+
+    Returns
+    -------
+    array of uint8, shape (count, len(template))
+    """
+    octets = np.frombuffer(template.encode("ascii"), dtype=np.uint8)
+    return np.tile(octets, (count, 1))
+
+
+def line_starts(template: str) -> list[int]:
+    """Where the lines of a record begin.
+
+    Parameters
+    ----------
+    template : str
+        Of :func:`lines_of`.
+
+    Returns
+    -------
+    list of int
+        Octets before each line: add them to a column to find it in the record.
+    """
+    lengths = [len(line) for line in template.splitlines(keepends=True)]
+    return [sum(lengths[:number]) for number in range(len(lengths))]
+
+
+def put_number(
+    lines: Lines, column: int, width: int, values: ArrayLike, *, decimals: int = 0
+) -> None:
+    """Write numbers right-justified, as F or I of a Fortran format.
+
+    Parameters
+    ----------
+    lines : array of uint8, shape (n, columns)
+        Changed.
+    column : int
+        First column of the field, from 1.
+    width : int
+    values : array_like, shape (n,)
+    decimals : int, default 0
+        Behind the point; 0 writes a whole number without a point.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite or too wide for the field.
+    """
+    numbers = np.broadcast_to(np.asarray(values, dtype=np.float64), lines.shape[:1])
+    if not np.isfinite(numbers).all() or (np.abs(numbers) >= 10.0**width).any():
+        raise ValueError(f"a number cannot stand in {width} columns")
+    rest = np.rint(np.abs(numbers) * 10.0**decimals).astype(np.int64)
+    sign = (numbers < 0) & (rest > 0)
+    place = column + width - 2
+    for _ in range(decimals):
+        rest = _put_digit(lines, place, rest)
+        place -= 1
+    if decimals:
+        lines[:, place] = _POINT
+        place -= 1
+    rest = _put_digit(lines, place, rest)
+    for here in range(place - 1, column - 2, -1):
+        open_still = rest > 0
+        after = _put_digit(lines, here, rest)
+        lines[~open_still, here] = np.where(sign[~open_still], _MINUS, _SPACE)
+        sign &= open_still
+        rest = after
+    if rest.any() or sign.any():
+        raise ValueError(f"a number is wider than {width} columns")
+
+
+def _put_digit(lines: Lines, place: int, rest: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Write the last digit; what is left of the number."""
+    left = rest // 10
+    lines[:, place] = rest - 10 * left + _ZERO
+    return left
+
+
+def put_text(lines: Lines, column: int, texts: Lines) -> None:
+    """Write texts of one width.
+
+    Parameters
+    ----------
+    lines : array of uint8, shape (n, columns)
+        Changed.
+    column : int
+        First column, from 1.
+    texts : array of uint8, shape (n, width)
+        Of :func:`text_table`, one row chosen for each line.
+    """
+    lines[:, column - 1 : column - 1 + texts.shape[1]] = texts
+
+
+def text_table(texts: Sequence[str], width: int) -> Lines:
+    """Texts as rows of octets, padded with blanks.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        ASCII, none longer than the width.
+    width : int
+
+    Returns
+    -------
+    array of uint8, shape (len(texts), width)
+    """
+    padded = b"".join(text.ljust(width).encode("ascii") for text in texts)
+    return np.frombuffer(padded, dtype=np.uint8).reshape(len(texts), width)
+
+
+def put_time(lines: Lines, column: int, seconds: NDArray[np.int64], *, pattern: str) -> None:
+    """Write dates.
+
+    Parameters
+    ----------
+    lines : array of uint8, shape (n, columns)
+        Changed.
+    column : int
+        First column, from 1.
+    seconds : array of int64, shape (n,)
+        Since 1970, UTC.
+    pattern : str
+        Such as ``yyyymmddhhmmss``: letters stand for digits, marks for themselves.
+    """
+    text = np.datetime_as_string(seconds.astype("datetime64[s]")).astype("S19")
+    octets = text.view(np.uint8).reshape(-1, 19)
+    source = iter([0, 1, 2, 3, 5, 6, 8, 9, 11, 12, 14, 15, 17, 18])
+    for place, mark in enumerate(pattern, start=column - 1):
+        lines[:, place] = octets[:, next(source)] if mark.isalpha() else ord(mark)

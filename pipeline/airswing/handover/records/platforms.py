@@ -1,0 +1,121 @@
+"""Aircraft as the readers know them: identifier, and platform by the source of the reports.
+
+Assumes that what a report's file was tells its platform: FSL/MADIS files hold ACARS, BUFR files
+AMDAR, and tables the reports of the units this package is about, TAMDAR. Where an archive was read
+from several kinds of file its Dataset does not tell which aircraft came from which; then the
+configuration or the command has to (``handover: {platform: ..., aircraft: {AMDAR: ["EU*"]}}``).
+
+The code behind ``FM-`` decides what a reader does: OBSPROC and WRFDA take 101 as ``tamdar``, 42, 96
+and 97 as ``airep`` (var/obsproc/src/fm_decoder.F90), each with error tables and rules of its own.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.handover.records.fixed_columns import Lines, text_table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from airswing.config import Handover
+
+PLATFORMS = ("TAMDAR", "AMDAR", "ACARS", "AIREP")
+CODES = {
+    "TAMDAR": "FM-101 TAMDAR", "AMDAR": "FM-42 AMDAR", "ACARS": "FM-97 ACARS",
+    "AIREP": "FM-97 AIREP",
+}  # fmt: skip
+"""What stands in LITTLE_R and ob.ascii."""
+LONGEST_IDENTIFIER = 40
+_OF_FORMAT = {"csv": "TAMDAR", "parquet": "TAMDAR", "madis": "ACARS", "bufr": "AMDAR"}
+
+
+def identifiers(corrected: xr.Dataset) -> Lines:
+    """Identifiers of all aircraft, as every format holds them.
+
+    Parameters
+    ----------
+    corrected : Dataset
+
+    Returns
+    -------
+    array of uint8, shape (aircraft, 40)
+
+    Raises
+    ------
+    InputError
+        If one is longer, or not plain text: cut or changed it could be another aircraft's.
+    """
+    names = _names(corrected)
+    for name in names:
+        if len(name) > LONGEST_IDENTIFIER or not (name.isascii() and name.isprintable() and name):
+            raise InputError(
+                f"an aircraft's identifier is not 1 to {LONGEST_IDENTIFIER} characters of plain "
+                "text, and the format has no room for it",
+                field="aircraft",
+                found=ascii(name[:120]),
+                remedy="Give the aircraft a shorter name in the reports and run again",
+            )
+    return text_table(names, LONGEST_IDENTIFIER)
+
+
+def platforms(corrected: xr.Dataset, settings: Handover) -> NDArray[np.int8]:
+    """Platform of every aircraft.
+
+    Parameters
+    ----------
+    corrected : Dataset
+    settings : Handover
+        ``platform``, and ``aircraft`` with patterns by platform, which come first.
+
+    Returns
+    -------
+    array of int8, shape (aircraft,)
+        Numbers of `PLATFORMS`.
+
+    Raises
+    ------
+    InputError
+        If the source does not tell and nobody else does.
+    """
+    names, found = _names(corrected), []
+    default = "" if settings.platform == "auto" else str(settings.platform)
+    for name in names:
+        matched = (
+            platform
+            for platform, patterns in settings.aircraft.items()
+            if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
+        )
+        platform = next(matched, default)
+        if not platform:
+            default = platform = _of_source(corrected)
+        found.append(PLATFORMS.index(platform))
+    return np.array(found, dtype=np.int8)
+
+
+def _of_source(corrected: xr.Dataset) -> str:
+    """Platform the files the reports were read from stand for."""
+    audit = corrected.attrs.get("reading_audit", "{}")
+    told = json.loads(audit) if isinstance(audit, str) else audit
+    found = sorted({_OF_FORMAT.get(kind, "TAMDAR") for kind in told.get("formats", {})})
+    if len(found) > 1:
+        raise InputError(
+            "the reports came from files of several kinds, which do not tell each aircraft's "
+            "platform",
+            field="--platform",
+            found=f"{', '.join(told['formats'])}: {' or '.join(found)}",
+            remedy="Give --platform, or handover: {aircraft: {AMDAR: ['EU*'], ...}} in the "
+            "configuration",
+        )
+    return found[0] if found else "TAMDAR"
+
+
+def _names(corrected: xr.Dataset) -> Sequence[str]:
+    return [str(name) for name in corrected["aircraft"].to_numpy()]

@@ -1,0 +1,47 @@
+"""Small archives of corrected reports, in memory: what the exports are held against."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from airswing.flags import CORRECTION, PHASE
+from airswing.vocabulary import describe
+
+NOON = np.datetime64("2008-07-15T12:00:00", "ns")
+SECOND = np.timedelta64(1, "s")
+
+
+def corrected(sizes: dict[str, int], **columns: Any) -> xr.Dataset:
+    """Corrected reports of some aircraft, every one fit to be handed over unless columns say else.
+
+    ``sizes`` are reports by aircraft; a column is one value for all reports, or one for each.
+    """
+    count = sum(sizes.values())
+    ds: dict[str, Any] = {
+        "time": NOON + 60 * SECOND * np.arange(count),
+        "latitude": np.linspace(40.0, 45.0, count),
+        "longitude": np.linspace(-95.0, -85.0, count),
+        "pressure": np.full(count, 50000.0),
+        "air_temperature": np.full(count, 258.15),
+        "eastward_wind": np.full(count, 19.0),
+        "northward_wind": np.full(count, 1.0),
+        "corrected_eastward_wind": np.full(count, 20.0),
+        "corrected_northward_wind": np.full(count, -3.0),
+        "corrected_wind_standard_error": np.full(count, 0.3),
+        "correction_applied": np.full(count, CORRECTION["corrected"], dtype=np.int8),
+        "phase": np.full(count, PHASE["cruise"], dtype=np.int8),
+        "flight": np.repeat(np.arange(len(sizes)), list(sizes.values())).astype(np.int32),
+        "screening": np.zeros(count, dtype=np.int32),
+    }
+    for name, values in columns.items():
+        ds[name] = np.broadcast_to(np.asarray(values, dtype=ds[name].dtype), (count,)).copy()
+    return describe(
+        xr.Dataset(
+            {name: ("report", values) for name, values in ds.items()}
+            | {"row_size": ("aircraft", np.array(list(sizes.values()), dtype=np.int32))},
+            coords={"aircraft": ("aircraft", np.array(list(sizes), dtype=object))},
+        )
+    )
