@@ -54,6 +54,7 @@ STORED_STEP = {
     "turn": 2.0**-10,
     "bank": 2.0**-10,
     "heading": 2.0**-10,
+    "heading_standard_error": 2.0**-6,
     "magnetic_heading": 2.0**-10,
     "heading_error": 2.0**-10,
     "heading_error_standard_error": 2.0**-10,

@@ -192,6 +192,12 @@ _HEADINGS = [
         "f4",
         "platform_orientation",
     ),
+    _V(
+        "heading_standard_error",
+        "degree",
+        "standard error of the indicated heading at the report",
+        _R,
+    ),
     _V("magnetic_heading", "degree", "indicated magnetic heading", _R),
     _V("airspeed", "m s-1", "true airspeed the unit used", _R, "f4", "platform_speed_wrt_air"),
     _V("heading_error", "degree", "indicated minus reference heading", _RR),
@@ -298,7 +304,7 @@ _CORRECTED = [
     _V(
         "corrected_wind_standard_error",
         "m s-1",
-        "standard error that the correction's own uncertainty leaves in the wind",
+        "standard error of the corrected wind, as a vector, against a right compass's report",
         _R,
     ),
     _V("corrected_heading", "degree", "corrected heading, clockwise from true north", _R),

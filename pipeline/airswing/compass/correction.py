@@ -12,9 +12,10 @@ The curve's one cycle (B, C) is that at the mean horizontal field of the reports
 and grows as the field weakens; it is scaled to the field of every report where both are known. A
 unit's table is one for all places: it is applied as it stands.
 
-The standard error is what the uncertainty of the fit leaves in the vector wind: V times the
-curve's standard error at that heading (and V times that of the scale where it is applied), plus
-the table's own residual where the table is used; the random error of the report is not in it.
+The standard error is that of the vector wind against the report a right compass would have sent
+(:mod:`airswing.compass.correction_error`): what is uncertain of the fit, what the table differs
+from the fitted curve, the doubt of heading and airspeed at the report, coding. Gusts and noise of
+the sensors, which are in either report, are not in it.
 
 Degrees in the Datasets, radians and m/s inside.
 
@@ -32,6 +33,13 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from airswing.compass.clusters import Array
+from airswing.compass.correction_error import (
+    At,
+    coding_variance,
+    correction_error,
+    curve_slope,
+    table_slope,
+)
 from airswing.compass.table import deviation_curve, error_from_table, unit_interpolation
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, SCREENING, STATUS
@@ -69,9 +77,14 @@ NEEDED = (
     "airspeed",
     "screening",
     "row_size",
+    "horizontal_field",
+    "heading_standard_error",
+    "ground_velocity_error",
+    "wind_speed_resolution",
+    "wind_direction_resolution",
 )
-"""Those of them that a correction by the table looks at; one by the curve scales it to the
-``horizontal_field`` besides."""
+"""Variables a correction looks at; without the last five it is made for the mean field, and its
+standard error is that of the fit and the table alone."""
 
 
 def corrected_wind(
@@ -209,8 +222,8 @@ def correct(
         CORRECTION["corrected"],
     ).astype(np.int8)
     done = flag == CORRECTION["corrected"]
-    if method == "curve":
-        column["gain"] = _gain(headings, fit, row)
+    column["gain"] = _gain(headings, fit, row)
+    column |= _doubts(headings, column)
     found = _corrected(column, m, fit, row, done, method, apply_airspeed_scale)
     kept = headings[[name for name in KEPT if name in headings]]
     ds = kept.assign({name: ("report", values) for name, values in found.items()})
@@ -258,6 +271,30 @@ def _gain(headings: xr.Dataset, fit: xr.Dataset, row: NDArray[np.int64]) -> Arra
     return np.divide(mean, field, out=found, where=np.isfinite(mean) & (field > 0))
 
 
+def _doubts(headings: xr.Dataset, column: dict[str, Array]) -> dict[str, Array]:
+    """Errors of heading (radians) and airspeed and what coding leaves; zero where not known."""
+    speed = column["airspeed"]
+    heading_error = np.radians(_known(headings, "heading_standard_error", speed))
+    ground = _known(headings, "ground_velocity_error", speed)
+    along = np.maximum(2.0 * ground**2 - (speed * heading_error) ** 2, 0.0)
+    own = aircraft_of_report(headings)
+    steps = [
+        _known(headings, f"wind_{name}_resolution", own)[own] for name in ("speed", "direction")
+    ]
+    wind = np.hypot(column["eastward_wind"], column["northward_wind"])
+    return {
+        "heading_error": heading_error,
+        "airspeed_error": np.sqrt(along),
+        "coding": coding_variance(wind, steps[0], np.radians(steps[1])),
+    }
+
+
+def _known(headings: xr.Dataset, name: str, like: NDArray[Any]) -> Array:
+    if name not in headings:
+        return np.zeros(like.size)
+    return np.nan_to_num(headings[name].to_numpy().astype(np.float64))
+
+
 def _corrected(
     column: dict[str, Any],
     m: Array,
@@ -267,23 +304,25 @@ def _corrected(
     method: str,
     apply_scale: bool,
 ) -> dict[str, Array]:
-    at, own = m[done], row[done]
+    at, own, gain = m[done], row[done], column["gain"][done]
     speed, heading = column["airspeed"][done], column["heading"][done]
-    covariance = fit["deviation_covariance"].to_numpy()
+    coefficients = fit["deviation"].to_numpy()[own]
+    coefficients[:, 1:3] *= gain[:, np.newaxis]
+    error = deviation_curve(coefficients, at[:, np.newaxis])[:, 0]
+    slope = curve_slope(coefficients, at)
+    known = _error_of_each(fit["deviation_covariance"].to_numpy(), own, at, gain)
     if method == "table":
-        known = _error_of_each(covariance, own, at, np.ones(own.size))
-        error = unit_interpolation(fit["table_error"].to_numpy()[own], at)
-        known = np.hypot(known, fit["table_residual_rms"].to_numpy()[own])
-    else:
-        gain = column["gain"][done]
-        coefficients = fit["deviation"].to_numpy()[own]
-        coefficients[:, 1:3] *= gain[:, np.newaxis]
-        error = deviation_curve(coefficients, at[:, np.newaxis])[:, 0]
-        known = _error_of_each(covariance, own, at, gain)
+        table = fit["table_error"].to_numpy()[own]
+        by_table = unit_interpolation(table, at)
+        known, error, slope = np.hypot(known, by_table - error), by_table, table_slope(table, at)
     scale = fit["airspeed_scale"].to_numpy()[own] if apply_scale else np.zeros(own.size)
     scale_error = (
         fit["airspeed_scale_standard_error"].to_numpy()[own] if apply_scale else np.zeros(own.size)
     )
+    where = At(
+        speed, column["airspeed_error"][done], column["heading_error"][done], np.radians(error),
+        slope,
+    )  # fmt: skip
     u, v = corrected_wind(
         column["eastward_wind"][done],
         column["northward_wind"][done],
@@ -296,7 +335,9 @@ def _corrected(
         "corrected_eastward_wind": u,
         "corrected_northward_wind": v,
         "corrected_heading": np.mod(heading - error, 360.0),
-        "corrected_wind_standard_error": speed * np.hypot(np.radians(known), scale_error),
+        "corrected_wind_standard_error": correction_error(
+            where, np.hypot(np.radians(known), scale_error), column["coding"][done]
+        ),
     }
     plain = {
         "corrected_eastward_wind": column["eastward_wind"],

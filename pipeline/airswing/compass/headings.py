@@ -9,11 +9,15 @@ V_A = V_G - V_W,reported: it is derived, and needs no heading column. Where an a
 true heading and airspeed, and they agree with its fixes, they are believed before the chords
 (`airswing.compass.evidence`).
 
+Where the path turns, chords tell neither heading nor speed at the report: they are then those of
+the legs around it (`airswing.physics.heading_in_turns`), and the ground vector follows from them,
+so that V_G = V_A + W holds everywhere and the standard errors say how much a turn leaves open.
+
 What the standard errors mean
 -----------------------------
 ``ground_velocity_error`` is one standard error of each component of V_G: rounding of positions
 and times, and wandering between fixes. ``heading_error_standard_error`` is that error carried
-through psi_err to first order: V_G enters both air vectors, so an error of it nearly cancels and
+through psi_err to first order, ``heading_standard_error`` carried to the indicated heading: V_G enters both air vectors, so an error of it nearly cancels and
 only the part that scales or shears the difference of the two winds is left. It says nothing about
 the model's error nor the unit's coding of its wind: the fit estimates that scatter itself.
 
@@ -37,6 +41,7 @@ from airswing.compass.evidence import Evidence, choose_ground_vector
 from airswing.errors import InputError
 from airswing.physics import triangle
 from airswing.physics.geomagnetism import FieldLattice
+from airswing.physics.heading_in_turns import beside_turns
 from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, ground_track
 from airswing.ragged import aircraft_of_report
 from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
@@ -53,10 +58,12 @@ _NEEDED = (
 DERIVED = (
     "ground_eastward_velocity", "ground_northward_velocity", "ground_speed", "track",
     "ground_velocity_error", "turn", "longitudinal_acceleration", "climb_rate", "bank", "heading",
-    "airspeed", "magnetic_heading", "declination", "horizontal_field", "dip", "heading_error",
-    "heading_error_standard_error", "airspeed_error",
+    "heading_standard_error", "airspeed", "magnetic_heading", "declination", "horizontal_field",
+    "dip", "heading_error", "heading_error_standard_error", "airspeed_error",
 )  # fmt: skip
 """What is added to reports and winds."""
+LARGEST_ERROR = float(np.pi / np.sqrt(3.0))
+"""Standard error of a heading of which nothing is known, rad."""
 _WIND_NAMES = ("reference_eastward_wind", "reference_northward_wind")
 
 
@@ -94,7 +101,7 @@ def derive_headings(
     Dataset
         Reports and winds with ``ground_speed, track, ground_eastward_velocity,
         ground_northward_velocity, ground_velocity_error, turn, longitudinal_acceleration,
-        climb_rate, bank, heading, magnetic_heading, airspeed, declination, horizontal_field, dip``
+        climb_rate, bank, heading, heading_standard_error, magnetic_heading, airspeed, declination, horizontal_field, dip``
         (report) and ``heading_error, heading_error_standard_error, airspeed_error`` (reference,
         report); angles in degrees. The attribute ``ground_vector_evidence`` (JSON) counts which
         ground vector was believed and says why an aircraft's own was not.
@@ -272,13 +279,37 @@ def _motion(reports: xr.Dataset, *, acceleration_density: float, widen: bool) ->
         widen=widen,
     )
     wind = _column(reports, "eastward_wind"), _column(reports, "northward_wind")
-    ground = _believed(reports, path, wind, aircraft)
+    ground = _believed(reports, _beside_turns(reports, path, wind), wind, aircraft)
     air_east, air_north = triangle.air_vector(ground.eastward, ground.northward, *wind)
     return _Motion(ground, path, air_east, air_north)
 
 
+def _beside_turns(
+    reports: xr.Dataset, path: GroundTrack, wind: tuple[Array, Array]
+) -> tuple[Array, Array, Array, Array]:
+    """Ground velocity and its errors along and across, of the legs around where the path turns."""
+    chord = path.eastward, path.northward, path.along_error, path.cross_error
+    found = beside_turns(
+        (path.leg_eastward, path.leg_northward, path.leg_error), wind, chord, _seconds(reports),
+        reports["flight"].to_numpy(),
+        roll_flag=reports["roll_flag"].to_numpy() if "roll_flag" in reports else None,
+    )  # fmt: skip
+    air = triangle.vector_from_bearing(found.airspeed, found.heading)
+    new = (
+        air[0] + wind[0][found.report], air[1] + wind[1][found.report],
+        found.airspeed_error, found.airspeed * found.heading_error,
+    )  # fmt: skip
+    out = tuple(values.copy() for values in chord)
+    for values, better in zip(out, new, strict=True):
+        values[found.report] = better
+    return out[0], out[1], out[2], out[3]
+
+
 def _believed(
-    reports: xr.Dataset, path: GroundTrack, wind: tuple[Array, Array], aircraft: NDArray[np.int64]
+    reports: xr.Dataset,
+    chord: tuple[Array, Array, Array, Array],
+    wind: tuple[Array, Array],
+    aircraft: NDArray[np.int64],
 ) -> Evidence:
     number = reports.sizes["aircraft"]
     airspeed, heading = _column(reports, "reported_airspeed"), _column(reports, "reported_heading")
@@ -288,7 +319,7 @@ def _believed(
         for values, steps in ((airspeed, SPEED_STEPS), (heading, DIRECTION_STEPS))
     )
     return choose_ground_vector(
-        (path.eastward, path.northward, path.along_error, path.cross_error),
+        chord,
         wind,
         (airspeed, np.radians(heading)),
         (
@@ -314,8 +345,21 @@ def _report_columns(motion: _Motion) -> dict[str, Array]:
         "climb_rate": path.climb_rate,
         "bank": np.degrees(path.bank),
         "heading": np.degrees(triangle.bearing(motion.air_east, motion.air_north)),
+        "heading_standard_error": _heading_error(motion),
         "airspeed": triangle.speed_of_vector(motion.air_east, motion.air_north),
     }
+
+
+def _heading_error(motion: _Motion) -> Array:
+    """Standard error of the indicated heading, degrees: that of the ground vector across it."""
+    ground = motion.ground
+    track = triangle.bearing(ground.eastward, ground.northward)
+    along, cross = triangle.along_cross(motion.air_east, motion.air_north, track)
+    speed = triangle.speed_of_vector(motion.air_east, motion.air_north)
+    # across the heading stands -cross of the ground's direction along, and along of that across
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = np.hypot(cross * ground.along_error, along * ground.cross_error) / speed
+        return np.asarray(np.degrees(np.minimum(across / speed, LARGEST_ERROR)))
 
 
 def _field_columns(reports: xr.Dataset, motion: _Motion) -> dict[str, Array]:

@@ -94,6 +94,11 @@ class GroundTrack(NamedTuple):
     before, after : ndarray of int8
         How many fixes back and forward the window reaches; 0 on the missing side of a flight's
         end, and both 0 where there is no value.
+    leg_eastward, leg_northward : ndarray
+        Mean ground velocity from each report to the next of its flight, in the directions at the
+        middle of that leg, m s-1; NaN where there is no sound chord.
+    leg_error : ndarray
+        Standard error of a component of it across the leg, from the rounding of positions, m s-1.
     """
 
     eastward: Array
@@ -107,6 +112,9 @@ class GroundTrack(NamedTuple):
     bank: Array
     before: NDArray[np.int8]
     after: NDArray[np.int8]
+    leg_eastward: Array
+    leg_northward: Array
+    leg_error: Array
 
 
 class _Fixes(NamedTuple):
@@ -365,8 +373,21 @@ def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> Groun
         np.sqrt(np.where(np.isfinite(east), cross, np.nan)),
         np.sqrt(np.where(np.isfinite(east), 0.5 * (along + cross), np.nan)),
         turn, (speed_2 - speed_1) / interval, climb, np.arctan(rate / GRAVITY),
-        before.astype(np.int8), after.astype(np.int8),
+        before.astype(np.int8), after.astype(np.int8), *_legs(fixes),
     )  # fmt: skip
+
+
+def _legs(fixes: _Fixes) -> tuple[Array, Array, Array]:
+    """Mean velocity of every chord to the next fix, and its standard error across."""
+    duration = np.full(fixes.seconds.shape, np.nan)
+    duration[:-1] = np.diff(fixes.seconds)
+    sound = _same(fixes.segment, 1) & (duration > 0.0)
+    bend = wrap_signed(fixes.backward + np.pi - fixes.forward)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = np.where(sound, fixes.distance / duration, np.nan)
+        error = np.where(sound, np.sqrt(2.0 * fixes.position_variance) / duration, np.nan)
+    east, north = vector_from_bearing(speed, fixes.forward + 0.5 * bend)
+    return east, north, error
 
 
 def _blend(share: Array, one: Array, two: Array) -> Array:
