@@ -16,10 +16,11 @@ so that V_G = V_A + W holds everywhere and the standard errors say how much a tu
 What the standard errors mean
 -----------------------------
 ``ground_velocity_error`` is one standard error of each component of V_G: rounding of positions
-and times, and wandering between fixes. ``heading_error_standard_error`` is that error carried
-through psi_err to first order, ``heading_standard_error`` carried to the indicated heading: V_G enters both air vectors, so an error of it nearly cancels and
-only the part that scales or shears the difference of the two winds is left. It says nothing about
-the model's error nor the unit's coding of its wind: the fit estimates that scatter itself.
+and times, and wandering between fixes. ``heading_standard_error`` is that error carried to the
+indicated heading, ``heading_error_standard_error`` through psi_err to first order: V_G enters both
+air vectors, so an error of it nearly cancels and only the part that scales or shears the difference
+of the two winds is left. It says nothing about the model's error nor the unit's coding of its wind:
+the fit estimates that scatter itself.
 
 Laziness
 --------
@@ -101,7 +102,8 @@ def derive_headings(
     Dataset
         Reports and winds with ``ground_speed, track, ground_eastward_velocity,
         ground_northward_velocity, ground_velocity_error, turn, longitudinal_acceleration,
-        climb_rate, bank, heading, heading_standard_error, magnetic_heading, airspeed, declination, horizontal_field, dip``
+        climb_rate, bank, heading, heading_standard_error, magnetic_heading, airspeed, declination,
+        horizontal_field, dip``
         (report) and ``heading_error, heading_error_standard_error, airspeed_error`` (reference,
         report); angles in degrees. The attribute ``ground_vector_evidence`` (JSON) counts which
         ground vector was believed and says why an aircraft's own was not.
