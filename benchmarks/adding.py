@@ -65,9 +65,9 @@ def four_runs(folder: Path, *, hours: int, reports: int, main: bool) -> dict[str
 
 def copying(product: Path) -> float:
     """Processor time of reading a product and writing it again block by block, s."""
-    from airswing.products import read_product
-    from airswing.ragged import blocks
-    from airswing.ragged_product import ragged_writer
+    from airswing.products.netcdf import read_product
+    from airswing.products.ragged import blocks
+    from airswing.products.ragged_product import ragged_writer
 
     began = time.process_time()
     with read_product(product, lazy=True) as found:

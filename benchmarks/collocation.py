@@ -34,8 +34,8 @@ import numpy as np
 import xarray as xr
 
 import airswing  # noqa: F401  (imports pyproj before eccodes can be)
-from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import collocate
+from airswing.reference.grib.catalogue import build_catalogue
 
 NI, NJ = 451, 337
 LEVELS = np.arange(100, 1001, 25)
@@ -160,8 +160,8 @@ def new_folders(folder: Path) -> Iterator[str]:
 
 def cfgrib_hour(path: str, reports: xr.Dataset) -> xr.Dataset:
     """The same through cfgrib and xarray's interp, grid-relative, in index space."""
-    from airswing.reference.gridsections import read_grid
-    from airswing.reference.messages import scan_file
+    from airswing.reference.grib.gridsections import read_grid
+    from airswing.reference.grib.messages import scan_file
 
     grid = read_grid(*scan_file(path).grids[0])
     keys = {"indexpath": "", "filter_by_keys": {"typeOfLevel": "isobaricInhPa"}}
@@ -256,7 +256,7 @@ def two_workers(folder: Path, paths: list[str], turns: int) -> list[dict[str, An
     """
     from distributed import Client
 
-    from airswing.compute import local_cluster
+    from airswing.workflow.compute import local_cluster
 
     reports = some_reports(len(paths), exact=False)
     catalogue = build_catalogue(paths, name="ruc", cache_dir=folder / "cache")

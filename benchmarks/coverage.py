@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
-from airswing.compass.deviation import COEFFICIENTS, fit_deviation
+from airswing.compass.fit.deviation import COEFFICIENTS, fit_deviation
 
 NAMES = (*COEFFICIENTS, "offset", "amplitude", "phase")
 

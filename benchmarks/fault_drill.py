@@ -184,7 +184,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--adding", action="store_true", help="kill additions to a finished run")
     options = parser.parse_args()
-    from airswing.sample.archive import write_archive
+    from airswing.synthetic.sample.sample_archive import write_archive
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

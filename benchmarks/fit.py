@@ -36,7 +36,7 @@ import numpy as np
 from scipy.optimize import curve_fit
 from tests.compass.flown import Setting, fleet_deviations, fly
 
-from airswing.compass.deviation import fit_deviation, fit_sinusoid
+from airswing.compass.fit.deviation import fit_deviation, fit_sinusoid
 
 PLAIN, SAME = "plain loop", "loop of the same model"
 BARS = {"plain sinusoid": 20, "full fit, default": 5, "full fit, no shared error": 5}

@@ -2,10 +2,10 @@
 
     python benchmarks/gap_identification.py --cases 60 --seed 1 --output results.jsonl
 
-The archives come from `airswing.sample` (which shares no code with the effects' design columns); no
-file is written and read back, so this measures the statistics alone. Every case is a line of JSON:
-what was put in, its rms where it acts (from the paired archive without it), what was found. The
-summary prints first names right, ambiguity sets, aircraft, parameters, dates, closure and false
+The archives come from `airswing.synthetic` (which shares no code with the effects' design columns);
+no file is written and read back, so this measures the statistics alone. Every case is a line of
+JSON: what was put in, its rms where it acts (from the paired archive without it), what was found.
+The summary prints first names right, ambiguity sets, aircraft, parameters, dates, closure and false
 claims, and with ``--score FILE`` only that.
 """
 
@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 import airswing  # noqa: F401
+from airswing.gap.archive.frame import Frame
 from airswing.gap.diagnose import diagnose
-from airswing.gap.frame import Frame
-from airswing.sample.archive import simulate_arrays
+from airswing.synthetic.sample.sample_archive import simulate_arrays
 
 KNOT = 1852 / 3600
 START = np.datetime64("2009-03-01")

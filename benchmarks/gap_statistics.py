@@ -27,11 +27,11 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from airswing.gap import headings_columns as columns
+from airswing.gap.archive import headings_columns as columns
 from airswing.gap.diagnose import usable_effects
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.measure import eliminate_days
-from airswing.gap.pieces import pieces_of_headings, prepare, statistics_of_pieces
+from airswing.gap.sums.elimination import eliminate_days
+from airswing.gap.sums.pieces import pieces_of_headings, prepare, statistics_of_pieces
 
 SECONDS, MEMORY, REPORTS = 120.0, 4.0, 10_000_000
 WEEK = 7

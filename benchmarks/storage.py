@@ -21,10 +21,10 @@ import xarray as xr
 from benchmarks.year import AIRCRAFT, run
 
 import airswing  # noqa: F401  (imports pyproj before eccodes can be)
-from airswing.chunks import deflated, shuffled
-from airswing.products import as_stored, provenance
-from airswing.ragged import blocks
-from airswing.ragged_product import ragged_writer
+from airswing.products.chunks import deflated, shuffled
+from airswing.products.netcdf import as_stored, provenance
+from airswing.products.ragged import blocks
+from airswing.products.ragged_product import ragged_writer
 
 SHOWN = 12
 """Largest variables to print."""

@@ -129,7 +129,7 @@ def write_reports(folder: Path, reports: int, hours: int, aircraft: int) -> None
 def main_stages(job: Any) -> dict[str, Any]:
     """Headings, fits and corrected winds alone."""
     from airswing import workflow
-    from airswing.summary import summarise
+    from airswing.workflow.closing_summary import summarise
 
     headings = workflow.make_headings(job)
     fits = workflow.make_fits(job, headings)
@@ -142,9 +142,9 @@ def measured(config: str, *, main: bool, resume: bool) -> None:
     import contextlib
 
     from airswing import workflow
-    from airswing.compute import scheduler
     from airswing.config import load_config
-    from airswing.progress import Progress
+    from airswing.workflow.compute import scheduler
+    from airswing.workflow.progress import Progress
 
     peaks: list[dict[str, Any]] = []
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airswing.products import read_product
-from airswing.report.compass import heading_error_figure
+from airswing.products.netcdf import read_product
+from airswing.report.run.compass_figures import heading_error_figure
 
 RESULTS = Path("results/quickstart")
 IMAGES = Path("docs/images")

@@ -14,11 +14,11 @@ from benchmarks import year
 from benchmarks.fault_drill import product_differences
 
 from airswing import workflow
-from airswing.compass import pieces
+from airswing.compass import kept_headings as pieces
 from airswing.config import load_config
-from airswing.progress import Progress
 from airswing.workflow import collocating
-from airswing.workflow import headings as stages
+from airswing.workflow import headings_stage as stages
+from airswing.workflow.progress import Progress
 
 HOURS, REPORTS, AIRCRAFT = 24 * 66, 6_000, 5
 NEW = "N104"

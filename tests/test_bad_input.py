@@ -23,7 +23,7 @@ import xarray as xr
 import yaml
 
 from airswing import cli
-from airswing.workspace import workspace
+from airswing.products.workspace import workspace
 from tests import perfect
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]

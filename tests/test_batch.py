@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airswing.products import read_product
+from airswing.products.netcdf import read_product
 
 pytest.importorskip("dask_jobqueue")
 

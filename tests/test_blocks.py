@@ -9,12 +9,14 @@ import yaml
 from benchmarks import fault_drill
 from xarray.backends.netCDF4_ import NetCDF4ArrayWrapper
 
-from airswing import ragged, workflow
+from airswing import workflow
 from airswing.config import load_config
-from airswing.progress import Progress
+from airswing.products import ragged
 from airswing.reference import places
-from airswing.reports import archive, spool
-from airswing.summary import summarise
+from airswing.reports import report_blocks as archive
+from airswing.reports import staging_store as spool
+from airswing.workflow.closing_summary import summarise
+from airswing.workflow.progress import Progress
 
 LARGEST = 6600
 """Reports of the sample's largest aircraft, and a few."""

@@ -19,7 +19,7 @@ import yaml
 
 from airswing import workflow
 from airswing.config import load_config
-from airswing.progress import Progress
+from airswing.workflow.progress import Progress
 from tests import perfect
 
 

@@ -17,20 +17,20 @@ from benchmarks import fault_drill
 from airswing import workflow
 from airswing.config import load_config
 from airswing.errors import InputError
-from airswing.progress import Progress
+from airswing.products.workspace import LOCK, workspace
 from airswing.workflow import collocating
 from airswing.workflow import fits as fits_stage
-from airswing.workflow import headings as stages
-from airswing.workspace import LOCK, workspace
+from airswing.workflow import headings_stage as stages
+from airswing.workflow.progress import Progress
 
 STAGES = """
 import sys
 from pathlib import Path
 from airswing import workflow
-from airswing.compute import scheduler
+from airswing.workflow.compute import scheduler
 from airswing.config import load_config
-from airswing.progress import Progress
-from airswing.workspace import workspace
+from airswing.workflow.progress import Progress
+from airswing.products.workspace import workspace
 job = workflow.Job(load_config(Path(sys.argv[1])), Progress(quiet=True), "--resume" in sys.argv)
 with scheduler(job.config.compute, job.progress), workspace(job.output):
     headings = workflow.make_headings(job)
@@ -286,7 +286,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
 
 
 def test_a_full_disk_ends_collocation_in_one_message(tmp_path, root, monkeypatch):
-    from airswing import durable
+    from airswing.products import atomic as durable
 
     replace = durable.os.replace
 

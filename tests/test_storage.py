@@ -8,7 +8,13 @@ import numpy as np
 import xarray as xr
 from benchmarks import __main__ as benchmarks
 
-from airswing.products import REPORTS_A_CHUNK, STORED_STEP, as_stored, read_product, write_product
+from airswing.products.netcdf import (
+    REPORTS_A_CHUNK,
+    STORED_STEP,
+    as_stored,
+    read_product,
+    write_product,
+)
 from airswing.vocabulary import VARIABLES
 
 

@@ -17,9 +17,9 @@ from airswing import workflow
 from airswing.config import load_config
 from airswing.errors import InputError
 from airswing.flags import STATUS
-from airswing.products import read_product
-from airswing.progress import Progress
+from airswing.products.netcdf import read_product
 from airswing.vocabulary import lookup
+from airswing.workflow.progress import Progress
 
 PRODUCTS = (workflow.HEADINGS, workflow.FITS, workflow.CORRECTED, workflow.PROFILES)
 GLOBAL = [
@@ -203,7 +203,7 @@ def test_the_page_and_the_tables_are_there(finished):
 
 
 def test_cards_of_the_same_fits_are_not_drawn_again(finished, tmp_path, monkeypatch):
-    from airswing.compass import swingcard
+    from airswing.compass import tables_csv as swingcard
     from airswing.workflow.fits import draw_cards
 
     job = replace(finished[0], config=finished[0].config.model_copy(update={"output": tmp_path}))
@@ -249,7 +249,7 @@ def test_resume_keeps_what_holds_and_remakes_what_does_not(finished, root):
 
 def test_a_corrected_archive_has_nothing_left_to_correct(finished):
     """Round trip: the corrected winds, fitted again, show hardly any deviation."""
-    from airswing.compass.deviation import fit_deviation
+    from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.headings import derive_headings
     from airswing.compass.screening import screen
 
@@ -283,7 +283,7 @@ def test_an_output_folder_that_cannot_be_made_is_named(tmp_path, root):
 
 
 def test_threads_and_processes_give_the_same_bits(finished, root, tmp_path):
-    from airswing.compute import scheduler
+    from airswing.workflow.compute import scheduler
 
     job = job_of(root, tmp_path / "out", compute={"workers": 2, "threads": 1})
     with scheduler(job.config.compute, job.progress):

@@ -49,8 +49,8 @@ def _job(
     scheduler: str | None = None,
 ) -> Any:
     from airswing.config import load_config
-    from airswing.progress import Progress
     from airswing.workflow import Job
+    from airswing.workflow.progress import Progress
 
     loaded = load_config(config, output=output)
     if scheduler is not None:
@@ -61,7 +61,7 @@ def _job(
 
 def _inside(job: Any, stage: Any) -> Any:
     """Run a stage on the scheduler the configuration asks for."""
-    from airswing.compute import scheduler
+    from airswing.workflow.compute import scheduler
 
     with scheduler(job.config.compute, job.progress):
         return stage(job)
@@ -69,7 +69,7 @@ def _inside(job: Any, stage: Any) -> Any:
 
 def _alone(job: Any, stage: Any) -> Any:
     """Run a stage likewise, with no other run in its output folder."""
-    from airswing.workspace import workspace
+    from airswing.products.workspace import workspace
 
     with workspace(job.output):
         return _inside(job, stage)
@@ -78,7 +78,7 @@ def _alone(job: Any, stage: Any) -> Any:
 def _print(content: Any, *, as_json: bool, text: str) -> None:
     import json
 
-    from airswing.products import plain
+    from airswing.products.netcdf import plain
 
     print(json.dumps(plain(content), indent=2) if as_json else text)
 
@@ -94,7 +94,9 @@ def run(
     json: Json = False,
 ) -> None:
     """Do the main job: every stage, every product, the page."""
-    from airswing import cost, summary, workflow
+    from airswing import workflow
+    from airswing.workflow import closing_summary as summary
+    from airswing.workflow import cost
 
     job = _job(config, output=output, resume=resume, quiet=quiet, scheduler=scheduler)
     if plan:
@@ -158,7 +160,7 @@ class _WithFormats(TyperCommand):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help."""
-        from airswing.handover.registry import formats
+        from airswing.handover.records.registry import formats
 
         # a blank line between, else the lines are joined to a paragraph
         known = (f"{name}: {found.summary}." for name, found in formats().items())
@@ -222,7 +224,7 @@ def simulate(
     quiet: Quiet = False,
 ) -> None:
     """Simulate the reports forward: what the units should have sent."""
-    from airswing import gap_workflow
+    from airswing.workflow import gap_stage as gap_workflow
 
     job = _job(config, quiet=quiet)
     print(_alone(job, lambda job: gap_workflow.simulation(job, effects, output, seed=seed)))
@@ -242,8 +244,8 @@ def gap(
     json: Json = False,
 ) -> None:
     """Diagnose the gap to the simulation: where, which effect, how far it closes."""
-    from airswing import gap_workflow
-    from airswing.report.gap_words import verdict
+    from airswing.report.gap.words import verdict
+    from airswing.workflow import gap_stage as gap_workflow
 
     job = _job(config, output=output, resume=resume, quiet=quiet, scheduler=scheduler)
     result = _alone(job, lambda job: gap_workflow.diagnosis(job, without=without or ()))
@@ -273,7 +275,7 @@ def gap_check(
     json: Json = False,
 ) -> None:
     """Check the diagnosis blindly: archives with sealed effects, diagnosed, opened, scored."""
-    from airswing.gap.blind.command import check_and_report
+    from airswing.blind_check.command import check_and_report
 
     summary, text = check_and_report(
         output,
@@ -299,7 +301,7 @@ def sample(
 
     Of five aircraft or more the last flies to and fro on one route: too few headings for a fit.
     """
-    from airswing.sample.archive import write_archive
+    from airswing.synthetic.sample.sample_archive import write_archive
 
     shuttles = int(aircraft >= 5)
     print(write_archive(directory, days=days, aircraft=aircraft, seed=seed, shuttles=shuttles))
@@ -311,7 +313,7 @@ def inspect(
     json: Json = False,
 ) -> None:
     """Say what GRIB files, report files or products hold."""
-    from airswing.inspection import as_text, inspect_file
+    from airswing.workflow.inspection import as_text, inspect_file
 
     found = [inspect_file(file) for file in files]
     _print(found, as_json=json, text="\n\n".join(as_text(entry) for entry in found))

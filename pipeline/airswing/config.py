@@ -85,7 +85,7 @@ _EXAMPLE = {"second": "min", "radian": "deg", "meter / second": "kt"}
 
 
 def _checked_lead(text: str) -> str:
-    from airswing.reference.leads import lead_condition
+    from airswing.lead_times import lead_condition
 
     try:
         lead_condition(text)

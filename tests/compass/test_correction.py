@@ -11,7 +11,7 @@ from airswing.compass.correction import (
     corrected_wind,
     curve_standard_error,
 )
-from airswing.compass.deviation import fit_deviation
+from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables
 from airswing.errors import InputError
 from airswing.flags import CORRECTION

@@ -15,12 +15,12 @@ from airswing.compass.correction_error import (
     curve_slope,
     table_slope,
 )
-from airswing.compass.deviation import fit_deviation
+from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.headings import derive_headings
 from airswing.compass.screening import screen
 from airswing.compass.table import add_tables, deviation_curve
 from airswing.reports.read import read_reports
-from airswing.sample.archive import simulate_arrays, write_reports
+from airswing.synthetic.sample.sample_archive import simulate_arrays, write_reports
 
 ARCHIVE = {"days": 16, "aircraft": 6, "seed": 11, "references": ("ruc",), "derivatives": False}
 

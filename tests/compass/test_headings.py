@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Geod
 
-from airswing.compass.evidence import group_median
+from airswing.compass.ground_vector import group_median
 from airswing.compass.headings import derive_headings, heading_error_sensitivity
 from airswing.errors import InputError
 from airswing.physics.triangle import (

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from airswing import cli
-from airswing.products import write_product
+from airswing.products.netcdf import write_product
 from tests.evaluation.fleets import simulate_fleet
 
 GROUPS = {

@@ -11,12 +11,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from airswing.compass.deviation import fit_deviation
+from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables
 from airswing.config import Config, load_config
-from airswing.evaluation.stability import add_changes, find_changes
-from airswing.progress import Progress
-from airswing.workflow import prospects as stages
+from airswing.evaluation.compass_changes.stability import add_changes, find_changes
+from airswing.workflow import ranking_stage as stages
+from airswing.workflow.progress import Progress
 from tests.compass.flown import Setting
 from tests.evaluation.archives import fleet
 

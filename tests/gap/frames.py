@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from airswing.gap.frame import Frame
+from airswing.gap.archive.frame import Frame
 
 START = np.datetime64("2009-07-01T00:00:00", "ns")
 TAILS = ("N401", "N402", "N403")

@@ -10,15 +10,15 @@ import pytest
 from tests.gap.toy import make_frame
 
 from airswing.errors import InputError
-from airswing.gap.attribute import Rules
-from airswing.gap.candidates import candidates
-from airswing.gap.closure import take_off
-from airswing.gap.context import exogenous
+from airswing.gap.design.candidates import candidates
+from airswing.gap.design.exogenous import exogenous
 from airswing.gap.diagnose import _run, diagnose
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.moments import coarsest, lattice_share
-from airswing.gap.reliability import path_derivative
-from airswing.gap.standing import settle
+from airswing.gap.held_out.gradient_reliability import path_derivative
+from airswing.gap.held_out.reduction import take_off
+from airswing.gap.search.coding_and_outliers import coarsest, lattice_share
+from airswing.gap.search.cross_validated import settle
+from airswing.gap.search.stepwise import Rules
 
 SMALL = {
     n: CATALOGUE[n]
@@ -56,7 +56,7 @@ def test_one_day_bounds_no_closure():
 
 def test_silence_excludes_a_small_loss_as_little_as_a_gain(quiet, monkeypatch):
     both = np.tile([-0.05, 0.08], 150)  # m/s
-    monkeypatch.setattr("airswing.gap.interval.left_over", lambda *_, **__: both)
+    monkeypatch.setattr("airswing.gap.closure.interval.left_over", lambda *_, **__: both)
     bounds = diagnose(quiet, catalogue=SMALL, maps=False).report["closure"]["reduction_ci"]
     np.testing.assert_allclose(bounds, np.array([-0.05, 0.08]) * 3600 / 1852)
 

@@ -12,6 +12,7 @@ from tests.gap import frames
 
 from airswing.config import quantity
 from airswing.errors import InputError
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import (
     CATALOGUE,
     ActiveEffect,
@@ -25,9 +26,8 @@ from airswing.gap.effects import (
 from airswing.gap.effects.base import STAGES
 from airswing.gap.effects.forms import DEGREE, amplitude_phase, told
 from airswing.gap.effects.secular import declination_change
-from airswing.gap.effects_file import parse_effects
-from airswing.gap.frame import Frame
-from airswing.gap.simulate import simulate
+from airswing.gap.simulation.effects_file import parse_effects
+from airswing.gap.simulation.forward import simulate
 
 KNOT = 1852.0 / 3600.0
 NAMES = {

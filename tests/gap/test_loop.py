@@ -10,11 +10,11 @@ from pyproj import Geod
 from tests.gap import frames
 
 from airswing.compass.headings import derive_headings
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import CATALOGUE, ActiveEffect
-from airswing.gap.effects_file import read_effects, write_effects
-from airswing.gap.frame import Frame
-from airswing.gap.simulate import simulate
-from airswing.gap.simulated_reports import simulate_reports, write_reports
+from airswing.gap.simulation.effects_file import read_effects, write_effects
+from airswing.gap.simulation.forward import simulate
+from airswing.gap.simulation.report_table import simulate_reports, write_reports
 from airswing.reports.read import read_reports
 
 KNOT = 1852.0 / 3600.0

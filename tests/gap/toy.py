@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from airswing.gap.frame import Frame
-from airswing.gap.noise import NoiseFit, fit_noise
+from airswing.gap.archive.frame import Frame
+from airswing.gap.noise.model import NoiseFit, fit_noise
 
 AIRPORTS = np.array(
     [[41.98, -87.9], [44.88, -93.2], [42.2, -83.4], [39.0, -84.7], [35.0, -90.0], [38.7, -90.4],

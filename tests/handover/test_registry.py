@@ -10,12 +10,12 @@ import pytest
 import airswing
 from airswing import cli, handover
 from airswing.errors import InputError
-from airswing.handover import registry
-from airswing.products import write_product
+from airswing.handover.records import registry
+from airswing.products.netcdf import write_product
 from tests.handover.archives import corrected
 
 MODULE = """
-from airswing.handover.registry import ExportFormat, register
+from airswing.handover.records.registry import ExportFormat, register
 
 
 def write(request):

@@ -76,7 +76,7 @@ def test_winds_come_back_to_their_reports(tmp_path_factory, hours, cuts, limit):
 
 def test_needs_of_parts_add_up_to_the_plan_of_the_whole(tmp_path, root):
     from airswing.reference import planning
-    from airswing.reference.catalogue import build_catalogue
+    from airswing.reference.grib.catalogue import build_catalogue
     from airswing.reports import read_reports
 
     reports = read_reports(str(root / "data_samples/reports/*.csv"))

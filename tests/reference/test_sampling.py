@@ -14,12 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Proj
 
-from airswing.reference.catalogue import build_catalogue
-from airswing.reference.grids import Grid
-from airswing.reference.gridsections import read_grid
+from airswing.reference.geometry.grids import Grid
+from airswing.reference.geometry.model_time import ModelTime
+from airswing.reference.grib.catalogue import build_catalogue
+from airswing.reference.grib.gridsections import read_grid
+from airswing.reference.grib.messages import scan_file
 from airswing.reference.interpolation import bilinear, bilinear_slopes, corners, level_brackets
-from airswing.reference.messages import scan_file
-from airswing.reference.sampling import ModelTime, sample_model_time
+from airswing.reference.sampling import sample_model_time
 from airswing.reference.winds import EARTH_RADIUS
 from tests.reference.builders import LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
 
@@ -28,7 +29,7 @@ SHAPE = (LATLON["Nj"], LATLON["Ni"])
 
 def lattice(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Latitude and longitude of every point in message order, by eccodes' iterator."""
-    from tests.reference.test_grids import eccodes_points
+    from tests.reference.geometry.test_grids import eccodes_points
 
     keys = {g["gridType"]: g for g in (LAMBERT, LATLON, ROTATED, POLAR, MERCATOR)}[grid.kind]
     lat, lon, _ = eccodes_points(build(keys))

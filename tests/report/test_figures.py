@@ -12,7 +12,11 @@ import pytest
 from matplotlib.figure import Figure
 
 import airswing.report as report
-from airswing.report import compass, embed, gap_evidence_figures, gap_parts, overview, style
+from airswing.report.gap import parts as gap_parts
+from airswing.report.gap import which_figures as gap_evidence_figures
+from airswing.report.html import embed, style
+from airswing.report.run import compass_figures as compass
+from airswing.report.run import overview
 from tests.report import factories, gap_factories
 
 HEADINGS = factories.headings()

@@ -13,11 +13,10 @@ import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from airswing.ragged import aircraft_of_report
+from airswing.products.ragged import aircraft_of_report
 from airswing.reports import assemble, read_reports
 from airswing.vocabulary import VARIABLES
-
-from .tables import flight, row, write
+from tests.reports.tables import flight, row, write
 
 
 def read(path: Path, rows: Any) -> tuple[xr.Dataset, dict[str, Any]]:

@@ -12,8 +12,7 @@ import pytest
 from airswing.errors import InputError
 from airswing.reports import iter_frames, read_reports
 from airswing.reports.files import detect_format, expand
-
-from .tables import flight, row, write
+from tests.reports.tables import flight, row, write
 
 
 def test_an_empty_glob_says_pattern_and_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

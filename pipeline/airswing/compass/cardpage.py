@@ -19,7 +19,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from airswing.compass.clusters import Array
+from airswing.compass.fit.sandwich import Array
 
 SIZE = (8.27, 5.83)
 """Inches."""

@@ -32,7 +32,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.compass.clusters import Array
 from airswing.compass.correction_error import (
     At,
     coding_variance,
@@ -40,10 +39,11 @@ from airswing.compass.correction_error import (
     curve_slope,
     table_slope,
 )
+from airswing.compass.fit.sandwich import Array
 from airswing.compass.table import deviation_curve, error_from_table, unit_interpolation
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, SCREENING, STATUS
-from airswing.ragged import aircraft_of_report
+from airswing.products.ragged import aircraft_of_report
 from airswing.vocabulary import describe
 
 KEPT = (
@@ -181,7 +181,8 @@ def correct(
     headings : Dataset
         The reports with their headings, screened or not.
     fits : Dataset
-        From :func:`~airswing.compass.deviation.fit_deviation`, with tables for ``method="table"``.
+        From :func:`~airswing.compass.fit.deviation.fit_deviation`, with tables for
+        ``method="table"``.
     reference : str, optional
         Whose fit to apply; the first pool, else the first reference, when not given.
     method : {"table", "curve"}

@@ -7,7 +7,7 @@ winds relative to true north at the same reports. The unit computed its wind as 
 minus true airspeed along its indicated heading, so that the indicated heading is the argument of
 V_A = V_G - V_W,reported: it is derived, and needs no heading column. Where an aircraft does report
 true heading and airspeed, and they agree with its fixes, they are believed before the chords
-(`airswing.compass.evidence`).
+(`airswing.compass.ground_vector`).
 
 Where the path turns, chords tell neither heading nor speed at the report: they are then those of
 the legs around it (`airswing.physics.heading_in_turns`), and the ground vector follows from them,
@@ -38,13 +38,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.evidence import Evidence, choose_ground_vector
+from airswing.compass.ground_vector import Evidence, choose_ground_vector
 from airswing.errors import InputError
 from airswing.physics import triangle
 from airswing.physics.geomagnetism import FieldLattice
 from airswing.physics.heading_in_turns import beside_turns
 from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, ground_track
-from airswing.ragged import aircraft_of_report
+from airswing.products.ragged import aircraft_of_report
 from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
 from airswing.vocabulary import VARIABLES, describe
 

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import ConfigError
 from airswing.flags import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC
-from airswing.ragged import aircraft_of_report, blocks
+from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.vocabulary import describe
 
 __all__ = ["audit", "kept", "screen"]

@@ -30,9 +30,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.compass.clusters import Array
+from airswing.compass.fit.sandwich import Array
 from airswing.errors import InputError
-from airswing.ragged import aircraft_of_report, blocks
+from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.vocabulary import describe
 
 NODES = np.arange(0.0, 360.0, 45.0)

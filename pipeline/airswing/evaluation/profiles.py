@@ -14,10 +14,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.clustersums import SUMS, cluster_sums, clustered_mean
+from airswing.evaluation.clustered_mean import SUMS, cluster_sums, clustered_mean
 from airswing.evaluation.disagreement import reference_mean
 from airswing.flags import PHASE, SCREENING
-from airswing.ragged import aircraft_of_report, blocks
+from airswing.products.ragged import aircraft_of_report, blocks
 
 STATES = ("reported", "corrected")
 LEVEL_EDGES_HPA = (1100.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0)

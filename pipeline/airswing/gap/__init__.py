@@ -1,24 +1,17 @@
 """The gap between simulated and real reports: where, which effect, how far it closes.
 
-Where to look, in the order in which data flow (:mod:`airswing.gap.diagnose` calls them so):
+The rooms in the order in which data flow (:mod:`airswing.gap.diagnose` calls them so):
 
-* what is simulated: ``effects/`` (one file an effect), ``simulate``, ``simulated_reports``,
-  ``effects_file``;
-* an archive's reports as arrays: ``frame``, ``headings_columns``; what is inferred about each of
-  them: ``context``, ``bank``, ``turning``, ``acceleration``;
-* noise along flights: ``noise``, ``whitening``;
-* the columns: ``weather`` (no one's fault), ``effects/``, ``dictionary`` (no physics), numbered by
-  ``layout``; summed in one pass by ``statistics``, aircraft after aircraft by ``pieces``;
-* on the sums: days and climatology out (``dayfields``, ``measure``), how far scores scatter
-  (``clusters``), how large the background is (``background``);
-* which: ``candidates`` weighed (``evidence``, ``evaluate``, ``mixture``, ``sharing``,
-  ``changepoint`` for dates, ``swap`` for tails), ranked (``ranking``), searched (``attribute``,
-  ``terms``, ``widening``), held against other weeks (``standing``); what shows in no mean:
-  ``moments``, ``scatter``;
-* where: ``locate``;
-* how far: ``closure``, its ``interval`` with what was not named (``leftover``), the share of an
-  effect its columns hold (``instrument``, ``reliability``), a cause that is none (``decoy``);
-* what is said: ``verdict``, ``alias``, ``folding``, ``testability``, ``summary``; what it rests on:
-  ``checks``, ``calibration``, ``claims``;
-* whether it is right on sealed archives: ``blind/``.
+* ``noise/``: noise along flights, and the whitening by it;
+* ``archive/``: an archive's reports as arrays, with what is inferred about each of them;
+* ``effects/``: the catalogue, one file an effect; ``simulation/``: the reports forward, with them;
+* ``design/``: the columns: weather's (no one's fault), effects', the nonparametric basis;
+* ``sums/``: one pass over the reports, and the algebra on its sums: days and climatology out;
+* ``evidence/``: how much the data speak for a candidate: whom, from which day on, where;
+* ``held_out/``: what terms explain of weeks that had no part in them;
+* ``search/``: which effects are at work; what shows in no mean;
+* ``closure/``: how sure the closure is, and what effects without a claim could still close;
+* ``checks/``: what the diagnosis rests on; ``result/``: what is said.
+
+Whether it is right on sealed archives: :mod:`airswing.blind_check`.
 """

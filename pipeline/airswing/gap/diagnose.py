@@ -19,12 +19,19 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.gap.alias import hidden_shares
-from airswing.gap.attribute import Found, Rules, with_background
-from airswing.gap.candidates import candidates
-from airswing.gap.checks import run_checks, with_aliases
-from airswing.gap.claims import Adjustment, make_adjustment
-from airswing.gap.closure import (
+from airswing.gap.checks.aliases import hidden_shares
+from airswing.gap.checks.assumptions import run_checks, with_aliases
+from airswing.gap.checks.refit_claims import Adjustment, make_adjustment
+from airswing.gap.closure.interval import with_interval
+from airswing.gap.design.basis import DictionaryPlan, plan_dictionary
+from airswing.gap.design.candidates import candidates
+from airswing.gap.design.exogenous import exogenous
+from airswing.gap.design.layout import make_layout
+from airswing.gap.effects import CATALOGUE
+from airswing.gap.evidence.localisation import residual_maps, slices
+from airswing.gap.evidence.terms import Term, given_terms
+from airswing.gap.held_out.attenuation import readout_factors
+from airswing.gap.held_out.reduction import (
     Closure,
     close,
     is_sensor,
@@ -34,26 +41,19 @@ from airswing.gap.closure import (
     term_fields,
     whole_coefficients,
 )
-from airswing.gap.context import exogenous
-from airswing.gap.dayfields import shared_prior, shared_variances
-from airswing.gap.dictionary import DictionaryPlan, plan_dictionary
-from airswing.gap.effects import CATALOGUE
-from airswing.gap.folding import folded
-from airswing.gap.instrument import readout_factors
-from airswing.gap.interval import with_interval
-from airswing.gap.layout import make_layout
-from airswing.gap.locate import residual_maps, slices
-from airswing.gap.measure import Base, eliminate_days
-from airswing.gap.moments import second_moments
-from airswing.gap.noise import NoiseFit, fit_noise
-from airswing.gap.scatter import scattering
-from airswing.gap.standing import Standing, settle
-from airswing.gap.statistics import DAY, accumulate, day_of_report
-from airswing.gap.summary import aircraft_probability, assemble, best_scores
-from airswing.gap.swap import exchange, find_swap
-from airswing.gap.terms import Term, given_terms
-from airswing.gap.testability import absorbed, too_short
-from airswing.gap.turning import heading_doubt
+from airswing.gap.noise.model import NoiseFit, fit_noise
+from airswing.gap.result.assembled import aircraft_probability, assemble, best_scores
+from airswing.gap.search.absorbed_by_unknown import folded
+from airswing.gap.search.coding_and_outliers import second_moments
+from airswing.gap.search.cross_validated import Standing, settle
+from airswing.gap.search.excess_scatter import scattering
+from airswing.gap.search.stepwise import Found, Rules, with_background
+from airswing.gap.search.tail_swaps import exchange, find_swap
+from airswing.gap.search.testability import absorbed, too_short
+from airswing.gap.sums.accumulate import DAY, accumulate, day_of_report
+from airswing.gap.sums.elimination import Base, eliminate_days
+from airswing.gap.sums.variance_components import shared_prior, shared_variances
+from airswing.physics.turns import heading_doubt
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]

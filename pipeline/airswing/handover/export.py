@@ -1,6 +1,7 @@
 """Hand over corrected winds in the format an assimilation system reads.
 
-Assumes ``corrected.nc`` or its Dataset; formats are those of :mod:`airswing.handover.registry`.
+Assumes ``corrected.nc`` or its Dataset; formats are those of
+:mod:`airswing.handover.records.registry`.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airswing.errors import InputError
-from airswing.handover.registry import WINDS, Request, Winds, format_of
+from airswing.handover.records.registry import WINDS, Request, Winds, format_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,7 +70,7 @@ def export(
         On an unknown format, missing variables, a file that is there already, or nothing to write.
     """
     from airswing.config import Handover
-    from airswing.products import read_product
+    from airswing.products.netcdf import read_product
 
     chosen = format_of(to)
     if winds not in WINDS:

@@ -43,7 +43,7 @@ from airswing.handover.records.record_files import (
     names,
     write_records,
 )
-from airswing.handover.registry import ExportFormat, Request, register
+from airswing.handover.records.registry import ExportFormat, Request, register
 
 HIGHEST = 8000.0
 """Pa: at this pressure and above WRF takes no wind."""

@@ -1,7 +1,7 @@
 """What sampling asks of a model's grid, wherever the grid was read.
 
-:class:`airswing.reference.grids.Grid` is the grid of a GRIB message; what comes as an xarray
-Dataset has grids of its own (:mod:`airswing.reference.gridded.axes_grid`).
+:class:`airswing.reference.geometry.grids.Grid` is the grid of a GRIB message; what comes as an
+xarray Dataset has grids of its own (:mod:`airswing.reference.gridded.axes_grid`).
 """
 
 from __future__ import annotations

@@ -21,10 +21,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.reference.catalogue import Catalogue
-from airswing.reference.fields import ISOBARIC
+from airswing.reference.geometry.model_time import ISOBARIC, ModelTime
+from airswing.reference.grib.catalogue import Catalogue
 from airswing.reference.interpolation import level_brackets
-from airswing.reference.sampling import ModelTime
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,63 +13,18 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.fields import ISOBARIC
-from airswing.reference.grids import Grid
-from airswing.reference.packing import UnreadableMessageError
-from airswing.reference.values import field_values
+from airswing.reference.geometry.model_time import ModelTime, SourceFile
+from airswing.reference.grib.packing import UnreadableMessageError
+from airswing.reference.grib.values import field_values
 from airswing.reference.winds import winds_at
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-
-class SourceFile(NamedTuple):
-    """A file as the catalogue saw it."""
-
-    path: str
-    size: int
-    mtime_ns: int
-    sample: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ModelTime:
-    """One reference's wind profile at one valid time: where it lies, nothing decoded.
-
-    Parameters
-    ----------
-    valid : int
-        Valid time, ns since 1970.
-    lead : int
-        Lead time, s.
-    grid : Grid
-    level_kind : int
-        `fields.ISOBARIC` or `fields.HYBRID`.
-    u, v, pressure : (level,) arrays of `fields.FIELD_DTYPE`
-        One row a level, isobaric levels by increasing pressure; `pressure` is
-        empty for isobaric levels. ``file`` numbers `files`.
-    files : tuple of SourceFile
-    """
-
-    valid: int
-    lead: int
-    grid: Grid
-    level_kind: int
-    u: NDArray[Any]
-    v: NDArray[Any]
-    pressure: NDArray[Any]
-    files: tuple[SourceFile, ...]
-
-    @property
-    def native(self) -> bool:
-        """Levels are native ones, with a pressure field."""
-        return self.level_kind != ISOBARIC
 
 
 NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"

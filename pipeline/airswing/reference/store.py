@@ -3,7 +3,7 @@
 One file a model time, named by a hash of everything its values depend on: the
 identity of the files read, the messages, the reports and the code. Files are
 written whole under another name, flushed to the disk and renamed
-(`airswing.durable`); one that is cut short all the same is said and made again.
+(`airswing.products.atomic`); one that is cut short all the same is said and made again.
 Samples with unreadable messages are not kept. A sample that is used again is
 marked as of now, so that those no run uses any more can be told.
 """
@@ -24,10 +24,13 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.durable import replacing
 from airswing.errors import InputError
-from airswing.reference import grids, interpolation, packing, sampling, values, winds
-from airswing.reference.sampling import ModelTime, Sample
+from airswing.products.atomic import replacing
+from airswing.reference import interpolation, sampling, winds
+from airswing.reference.geometry import grids
+from airswing.reference.geometry.model_time import ModelTime
+from airswing.reference.grib import packing, values
+from airswing.reference.sampling import Sample
 
 Floats = NDArray[np.float64]
 

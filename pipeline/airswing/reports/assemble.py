@@ -1,11 +1,11 @@
 """From canonical columns to the reports Dataset: order, duplicates, ragged layout.
 
-Assumes columns of :func:`airswing.reports.canonical.clean`, tails and flight labels as integers
-in alphabetical order. What becomes of an aircraft's reports depends on that aircraft's reports
-alone, but for two things a fleet shares: the numbers its flights begin at, and the resolutions
-that stand in for aircraft with too few reports. So a fleet may be assembled in blocks of whole
-aircraft (:func:`assembled`) and completed afterwards (:func:`completed`), with the same result
-bit for bit however it is divided.
+Assumes columns of :func:`airswing.reports.canonical.cleaning.clean`, tails and flight labels as
+integers in alphabetical order. What becomes of an aircraft's reports depends on that aircraft's
+reports alone, but for two things a fleet shares: the numbers its flights begin at, and the
+resolutions that stand in for aircraft with too few reports. So a fleet may be assembled in blocks
+of whole aircraft (:func:`assembled`) and completed afterwards (:func:`completed`), with the same
+result bit for bit however it is divided.
 
 Duplicates
 ----------
@@ -25,7 +25,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.reports.audit import Audit
+from airswing.reports.canonical.audit import Audit
 from airswing.reports.derive import derive_flight, derive_phase, seconds_since_1970
 from airswing.reports.resolution import count_on_steps, resolutions
 from airswing.vocabulary import describe

@@ -15,9 +15,9 @@ from typing import Literal
 import pandas as pd
 
 from airswing.errors import InputError
-from airswing.reports.audit import Audit
-from airswing.reports.canonical import clean
-from airswing.reports.tabular import Mapped, csv_pieces, parquet_pieces
+from airswing.reports.canonical.audit import Audit
+from airswing.reports.canonical.cleaning import clean
+from airswing.reports.formats.tabular import Mapped, csv_pieces, parquet_pieces
 
 Format = Literal["auto", "csv", "parquet", "madis", "bufr"]
 Policy = Literal["skip", "fail"]
@@ -102,7 +102,7 @@ def file_frames(path: Path, format: str, mapping: Mapped, audit: Audit) -> Itera
     path : Path
     format : str
     mapping : mapping
-        Of :func:`airswing.reports.columns.parse_mapping`.
+        Of :func:`airswing.reports.canonical.columns.parse_mapping`.
     audit : Audit
         Takes the counts; not to be used where the file cannot be read to its end.
 
@@ -131,10 +131,10 @@ def _reader(kind: str) -> Pieces:
     if kind == "parquet":
         return parquet_pieces
     if kind == "madis":
-        from airswing.reports.madis import madis_pieces
+        from airswing.reports.formats.madis import madis_pieces
 
         return madis_pieces
-    from airswing.reports.bufr import bufr_pieces
+    from airswing.reports.formats.bufr import bufr_pieces
 
     return bufr_pieces
 

@@ -14,10 +14,10 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.reports.assemble import assembled, completed
-from airswing.reports.audit import Audit, similar
-from airswing.reports.columns import ColumnMapping, parse_mapping
+from airswing.reports.canonical.audit import Audit, similar
+from airswing.reports.canonical.columns import ColumnMapping, parse_mapping
 from airswing.reports.files import Format, Policy, expand, file_frames, none_read, require_format
-from airswing.reports.spool import Spool
+from airswing.reports.staging_store import Spool
 
 
 def read_reports(
@@ -86,7 +86,7 @@ def iter_frames(
     ------
     DataFrame
         Cleaned reports of (a piece of) one file, not yet ordered nor free of duplicates; see
-        :func:`airswing.reports.canonical.clean`.
+        :func:`airswing.reports.canonical.cleaning.clean`.
 
     Raises
     ------

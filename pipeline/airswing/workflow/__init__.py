@@ -1,18 +1,18 @@
 """The stages in order, each a function of the job and what the stage before made.
 
-``main`` tells the whole job; ``collocating``, ``headings``, ``fits``, ``evaluation`` and
-``prospects`` hold its stages; ``job`` what they share.
+``main`` tells the whole job; ``collocating``, ``headings_stage``, ``fits``, ``evaluation_stage``
+and ``ranking_stage`` hold its stages, ``gap_stage`` those of the gap; ``job`` what they share.
 """
 
 from airswing.workflow.collocating import collocated_headings
-from airswing.workflow.evaluation import (
+from airswing.workflow.evaluation_stage import (
     make_evaluation,
     make_field_test,
     make_profiles,
     make_sensitivity,
 )
 from airswing.workflow.fits import make_corrected, make_fits
-from airswing.workflow.headings import make_headings, plan_run
+from airswing.workflow.headings_stage import make_headings, plan_run
 from airswing.workflow.job import (
     COLLOCATING,
     CORRECTED,
@@ -26,7 +26,7 @@ from airswing.workflow.job import (
     main_reference,
 )
 from airswing.workflow.main import make_page, run
-from airswing.workflow.prospects import make_ranking, make_stability, make_virtual
+from airswing.workflow.ranking_stage import make_ranking, make_stability, make_virtual
 
 __all__ = [
     "COLLOCATING",

@@ -17,19 +17,19 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.fingerprint import code_digest, fingerprint
-from airswing.leftout import model_warnings, reading_warnings
-from airswing.ragged import joined
+from airswing.products.fingerprint import code_digest, fingerprint
+from airswing.products.ragged import joined
+from airswing.report.run.reading_warnings import model_warnings, reading_warnings
 from airswing.workflow.job import Blocks, Job
 
 if TYPE_CHECKING:
-    from airswing.compass.pieces import KeptHeadings
-    from airswing.progress import StageRecord
-    from airswing.reference.catalogue import Catalogue
+    from airswing.compass.kept_headings import KeptHeadings
+    from airswing.reference.grib.catalogue import Catalogue
     from airswing.reference.places import Places
     from airswing.reference.planning import Need, Plan
     from airswing.reference.store import SampleStore
-    from airswing.reports.archive import Archive
+    from airswing.reports.report_blocks import Archive
+    from airswing.workflow.progress import StageRecord
 
 
 def read(job: Job, folder: Path) -> Archive:
@@ -45,14 +45,15 @@ def read(job: Job, folder: Path) -> Archive:
     -------
     Archive
     """
-    from airswing.reports.archive import Archive
-    from airswing.reports.spool import Spool
+    from airswing.reports.report_blocks import Archive
+    from airswing.reports.staging_store import Spool
 
     asked = job.config.reports
     options = asked.model_dump(include={"format", "columns", "on_bad_file"})
     with job.progress.stage("reports") as stage:
         spool = Spool(
-            folder / "reports", key=fingerprint(options, code_digest("airswing.reports.spool"))
+            folder / "reports",
+            key=fingerprint(options, code_digest("airswing.reports.staging_store")),
         )
         spool.fill(
             asked.files, format=asked.format, columns=asked.columns, on_bad_file=asked.on_bad_file
@@ -79,7 +80,7 @@ def catalogues(job: Job, names: list[str]) -> dict[str, Catalogue]:
     -------
     dict of str to Catalogue
     """
-    from airswing.reference.catalogue import build_catalogue
+    from airswing.reference.grib.catalogue import build_catalogue
 
     found = {}
     with job.progress.stage("catalogue") as stage:
@@ -202,7 +203,7 @@ def plans_of(
     -------
     dict of str to Plan
     """
-    from airswing.cost import stage_seconds
+    from airswing.workflow.cost import stage_seconds
 
     with job.progress.stage("plan") as stage:
         plans = {
@@ -301,7 +302,7 @@ def collocated_blocks(
     Blocks
         ``reading_audit``, ``reference_audit`` and ``ground_vector_evidence`` in the attributes.
     """
-    from airswing.compass.pieces import KeptHeadings
+    from airswing.compass.kept_headings import KeptHeadings
     from airswing.reference.overlap import require_overlap
     from airswing.reference.sampling import of_a_lost_file
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from airswing.durable import replacing
-from airswing.fingerprint import code_digest, fingerprint
-from airswing.ragged import blocks
-from airswing.ragged_product import still_in_file
+from airswing.products.atomic import replacing
+from airswing.products.fingerprint import code_digest, fingerprint
+from airswing.products.ragged import blocks
+from airswing.products.ragged_product import still_in_file
 from airswing.workflow.job import (
     CORRECTED,
     FITS,
@@ -32,7 +32,7 @@ from airswing.workflow.job import (
 )
 
 if TYPE_CHECKING:
-    from airswing.progress import StageRecord
+    from airswing.workflow.progress import StageRecord
 
 
 def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
@@ -48,9 +48,9 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     -------
     Dataset
     """
-    from airswing.compass.deviation import fit_deviation
+    from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.table import add_tables
-    from airswing.evaluation.stability import add_changes, find_changes
+    from airswing.evaluation.compass_changes.stability import add_changes, find_changes
 
     config, screened = job.config, ready(job, headings, HEADINGS)
 
@@ -92,11 +92,11 @@ def draw_cards(job: Job, fits: xr.Dataset) -> None:
     fits : Dataset
         With tables.
     """
-    from airswing.compass.swingcard import write_swing_cards, write_tables_csv
+    from airswing.compass.tables_csv import write_swing_cards, write_tables_csv
 
     folder, reference = job.output / "swing_cards", main_reference(job.config)
     note = folder / ".drawn_of.json"
-    mark = fingerprint(_content(fits), reference, code_digest("airswing.compass.swingcard"))
+    mark = fingerprint(_content(fits), reference, code_digest("airswing.compass.tables_csv"))
     with job.progress.stage("swing cards") as stage:
         write_tables_csv(fits, job.output / "tables.csv")
         before, drawn = _noted(note)

@@ -16,25 +16,25 @@ import xarray as xr
 
 from airswing.config import Config, as_json
 from airswing.errors import InputError
-from airswing.fingerprint import fingerprint
-from airswing.products import provenance, read_product, require_writable, write_product
-from airswing.progress import Progress, StageRecord
-from airswing.ragged_product import ragged_writer
+from airswing.products.fingerprint import fingerprint
+from airswing.products.netcdf import provenance, read_product, require_writable, write_product
+from airswing.products.ragged_product import ragged_writer
+from airswing.workflow.progress import Progress, StageRecord
 
 HEADINGS, FITS, CORRECTED = "headings.nc", "fits.nc", "corrected.nc"
 PROFILES, FIELD_TEST, SENSITIVITY = "error_profiles.nc", "field_test.json", "sensitivity.json"
 
 COLLOCATING = (
-    "airswing.reports.archive",
+    "airswing.reports.report_blocks",
     "airswing.reference.places",
-    "airswing.reference.catalogue",
+    "airswing.reference.grib.catalogue",
     "airswing.reference.collocate",
     "airswing.compass.headings",
 )
 FITTING = (
-    "airswing.compass.deviation",
+    "airswing.compass.fit.deviation",
     "airswing.compass.table",
-    "airswing.evaluation.stability",
+    "airswing.evaluation.compass_changes.stability",
 )
 """Modules whose source, with all they use, a product depends on."""
 
@@ -117,7 +117,7 @@ class Blocks:
         it notes stands wherever the product does.
     carried : Dataset, optional
         Columns carried on from an earlier product as they are stored there, see
-        :func:`airswing.ragged_product.ragged_writer`.
+        :func:`airswing.products.ragged_product.ragged_writer`.
     whole : bool, default True
         False where a file it is made from vanished or changed meanwhile: the product is written,
         and a run with ``resume`` makes it again though its inputs look the same as before.
@@ -184,7 +184,7 @@ def product(
         Makes the Dataset.
     title : str
     depends : tuple
-        All it depends on beside its name; see :func:`airswing.fingerprint.fingerprint`.
+        All it depends on beside its name; see :func:`airswing.products.fingerprint.fingerprint`.
     sources : tuple of Dataset
         Products it is made from.
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import xarray as xr
 
-from airswing.workflow.evaluation import make_evaluation
+from airswing.products.workspace import workspace
+from airswing.workflow.evaluation_stage import make_evaluation
 from airswing.workflow.fits import make_corrected, make_fits
-from airswing.workflow.headings import make_headings
+from airswing.workflow.headings_stage import make_headings
 from airswing.workflow.job import Job
-from airswing.workspace import workspace
 
 
 def run(job: Job) -> dict[str, Any]:
@@ -27,10 +27,11 @@ def run(job: Job) -> dict[str, Any]:
     Returns
     -------
     dict
-        The closing summary (see :func:`airswing.summary.summarise`), and as ``accounts`` what
-        each stage cost (see :meth:`airswing.progress.Progress.accounts`).
+        The closing summary (see :func:`airswing.workflow.closing_summary.summarise`), and as
+        ``accounts`` what each stage cost (see
+        :meth:`airswing.workflow.progress.Progress.accounts`).
     """
-    from airswing.summary import summarise
+    from airswing.workflow.closing_summary import summarise
 
     with workspace(job.output):
         headings = make_headings(job)
@@ -58,7 +59,7 @@ def make_page(
     job : Job
     headings, fits, corrected : Dataset
     summary : dict
-        Of :func:`airswing.summary.summarise`.
+        Of :func:`airswing.workflow.closing_summary.summarise`.
     evaluation : dict
         Of :func:`make_evaluation`.
 
@@ -67,7 +68,7 @@ def make_page(
     Path
     """
     from airswing.compass.screening import audit
-    from airswing.report.page import write_page
+    from airswing.report.run.page import write_page
 
     with job.progress.stage("page") as stage:
         page = write_page(

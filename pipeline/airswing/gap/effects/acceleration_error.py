@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.flags import PHASE
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
-from airswing.gap.frame import Frame
 from airswing.physics.atmosphere import GRAVITY
 
 STEADY = 0.02

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse, sided
-from airswing.gap.frame import Frame
 
 
 class AltitudeOffset(OneCoefficient, WindEffect):

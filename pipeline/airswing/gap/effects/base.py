@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.gap.frame import Frame
+from airswing.gap.archive.frame import Frame
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error, told
-from airswing.gap.frame import Frame
 
 DAY = 86400.0
 

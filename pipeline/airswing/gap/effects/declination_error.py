@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State
 from airswing.gap.effects.forms import HeadingEffect, known, standard_error, told
 from airswing.gap.effects.secular import declination_change, project, year_matching
-from airswing.gap.frame import Frame
 
 
 class DeclinationError(HeadingEffect):

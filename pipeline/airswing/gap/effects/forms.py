@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import (
     Effect,
     Errors,
@@ -23,7 +24,6 @@ from airswing.gap.effects.base import (
     Stage,
     State,
 )
-from airswing.gap.frame import Frame
 from airswing.physics.atmosphere import (
     GAS_CONSTANT,
     GRAVITY,

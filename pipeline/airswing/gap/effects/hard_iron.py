@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
 from airswing.gap.effects.forms import HeadingEffect, amplitude_phase, cycles, sine_cosine, told
-from airswing.gap.frame import Frame
 
 
 class HardIron(HeadingEffect):

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray
 from airswing.gap.effects.forms import OffsetAndCycle, told
-from airswing.gap.frame import Frame
 
 
 class HeaterCurrent(OffsetAndCycle):

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Parameter, Parameters, State
 from airswing.gap.effects.forms import MomentEffect, told
-from airswing.gap.frame import Frame
 
 
 class PositionCoding(MomentEffect):

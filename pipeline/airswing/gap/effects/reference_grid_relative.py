@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
 from airswing.gap.effects.forms import OneCoefficient, known, told
-from airswing.gap.frame import Frame
 
 
 class ReferenceGridRelative(OneCoefficient):

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from airswing.errors import InputError
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Effect, Errors, FloatArray, Parameter, Parameters, State
 from airswing.gap.effects.forms import sided, standard_error
-from airswing.gap.frame import Frame
 
 LEVELS = (850.0, 700.0, 600.0, 500.0, 400.0, 300.0, 250.0)
 """hPa at which a bias may begin; each makes a candidate above and one below."""

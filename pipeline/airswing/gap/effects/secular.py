@@ -12,9 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray
 from airswing.gap.effects.forms import known
-from airswing.gap.frame import Frame
 from airswing.physics.geomagnetism import FieldLattice
 
 YEAR = 365.25 * 86400.0

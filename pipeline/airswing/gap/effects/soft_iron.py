@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
 from airswing.gap.effects.forms import (
     DEGREE,
@@ -16,7 +17,6 @@ from airswing.gap.effects.forms import (
     sine_cosine,
     told,
 )
-from airswing.gap.frame import Frame
 
 
 class SoftIron(HeadingEffect):

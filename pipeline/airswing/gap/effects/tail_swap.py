@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from airswing.errors import InputError
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Parameter, Parameters, State
 from airswing.gap.effects.forms import MomentEffect
-from airswing.gap.frame import Frame
 
 
 class TailSwap(MomentEffect):

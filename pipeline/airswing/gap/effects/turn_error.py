@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
-from airswing.gap.frame import Frame
 
 BANKED = float(np.radians(2.0))
 """Bank above which an aircraft turns, rad."""

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Parameter, Parameters, State
 from airswing.gap.effects.forms import MomentEffect, told
-from airswing.gap.frame import Frame
 from airswing.physics.triangle import wind_components, wind_from_direction
 
 KNOT = 1852.0 / 3600.0

@@ -7,8 +7,8 @@ A report no model wind could be held against (``no_reference``) is not screened 
 stays out too, unless the configuration accepts it (``handover: {accept: [...]}``). Of corrected
 winds, those that could not be corrected stay out.
 
-Limits of what a value can be are those of the reading (:mod:`airswing.reports.canonical`): WRF and
-WRFDA take whatever number stands in a column, NaN included.
+Limits of what a value can be are those of the reading (:mod:`airswing.reports.canonical.cleaning`):
+WRF and WRFDA take whatever number stands in a column, NaN included.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, SCREENING
-from airswing.handover.registry import Request
+from airswing.handover.records.registry import Request
 from airswing.physics.atmosphere import pressure_from_altitude
 
 if TYPE_CHECKING:
@@ -101,8 +101,8 @@ def eligible_rows(
     chosen : array of int64
         Their places in the block.
     """
-    from airswing.ragged import aircraft_of_report
-    from airswing.reports.canonical import LIMITS
+    from airswing.products.ragged import aircraft_of_report
+    from airswing.reports.canonical.cleaning import LIMITS
 
     rows = _all_rows(block, request)
     reasons = _reasons(rows, block, request)
@@ -145,7 +145,7 @@ def _reasons(
     rows: NDArray[np.void], block: xr.Dataset, request: Request
 ) -> list[tuple[str, NDArray[np.bool_]]]:
     """Why a report may stay out, in the order the reasons are asked for."""
-    from airswing.reports.canonical import LIMITS
+    from airswing.reports.canonical.cleaning import LIMITS
 
     speed = np.hypot(rows["u"], rows["v"])
     low, high = LIMITS["pressure"]

@@ -29,9 +29,9 @@ from airswing.handover.records.fixed_columns import (
     text_table,
 )
 from airswing.handover.records.platforms import PLATFORMS, identifiers, platforms
+from airswing.handover.records.registry import Request
 from airswing.handover.records.soundings import joined_soundings
 from airswing.handover.records.time_order import TimeOrder
-from airswing.handover.registry import Request
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def write_records(request: Request, layout: Layout) -> dict[str, Any]:
 
 
 def _write(request: Request, layout: Layout, folder: Path) -> dict[str, Any]:
-    from airswing.ragged import blocks
+    from airswing.products.ragged import blocks
 
     ds = request.corrected
     fleet = identifiers(ds), platforms(ds, request.settings)
@@ -177,7 +177,7 @@ def _write(request: Request, layout: Layout, folder: Path) -> dict[str, Any]:
 
 def _rows(request: Request, layout: Layout, left_out: Counter[str]) -> Iterator[NDArray[np.void]]:
     """What is handed over, block by block."""
-    from airswing.ragged import blocks
+    from airswing.products.ragged import blocks
 
     aircraft = reports = 0
     for block in blocks(request.corrected, NEEDED):

@@ -1,0 +1,405 @@
+"""Simple methods beside ours: least squares with BIC, a tree on slices, a two-sample classifier.
+
+Assumptions
+-----------
+Each gets the same collocated reports as the diagnosis, the catalogue's design columns included, and
+does what a careful person without a noise model would: reports are taken as independent.
+
+* **Least squares**: forward selection over the catalogue (each effect per aircraft or for the
+  fleet), a term enters while the Bayesian information criterion falls.
+* **Tree**: a regression tree on slices (aircraft, magnetic heading, height, phase, icing, date,
+  hour, longitude, bank) of the heading error and of the airspeed error, grown on two thirds of the
+  flights; claims a gap where it explains any of the rest (lower bound of three standard errors);
+  what it splits on is read as an effect by the rules a person would use.
+* **Classifier**: logistic, on the innovation and its products with the context, real reports
+  against simulated ones (the same context, innovations of other reports' size and random
+  direction), split by flight; claims a gap where the held-out area under its curve exceeds one
+  half by three standard errors; it names nothing.
+
+Validity: a yardstick, not a method to use. Units: m/s, radians.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.frame import Frame
+from airswing.products.netcdf import write_json
+
+__all__ = ["classifier", "least_squares_bic", "run_baselines", "slice_tree"]
+
+Array = NDArray[np.float64]
+Claim = dict[str, Any]
+MOST_TERMS = 6
+LEAF = 400
+DEPTH = 4
+_GRID = 24
+
+
+def collocated(config: Path, output: Path) -> Frame:
+    """Return the frame the diagnosis works on.
+
+    Parameters
+    ----------
+    config, output : Path
+        Configuration and a folder for what is written on the way.
+
+    Returns
+    -------
+    Frame
+    """
+    from airswing.config import load_config
+    from airswing.workflow import Job
+    from airswing.workflow.gap_stage import gap_headings
+    from airswing.workflow.progress import Progress
+
+    job = Job(load_config(config, output=output), Progress(quiet=True), False)
+    members = job.config.pools()[job.config.gap_reference()]
+    return Frame.from_headings(gap_headings(job), reference=members, phases=job.config.gap.phases)
+
+
+def run_baselines(
+    output: Path, labels: Sequence[Mapping[str, Any]], *, say: Callable[[str], None]
+) -> dict[str, list[dict[str, Any]]]:
+    """Run every baseline on every case and score the names it claims.
+
+    Parameters
+    ----------
+    output : Path
+        Folder of the check.
+    labels : sequence of mapping
+        Truth of the cases.
+    say : callable
+        Told what goes on.
+
+    Returns
+    -------
+    dict
+        Baseline to one mapping per case: ``claimed, detected, first_right, false_alarm``.
+    """
+    out: dict[str, list[dict[str, Any]]] = {name: [] for name in BASELINES}
+    for label in labels:
+        target = output / "diagnosed" / label["name"]
+        kept = target / "baselines.json"
+        if kept.exists():
+            found = json.loads(kept.read_text(encoding="utf-8"))
+        else:
+            frame = collocated(output / "cases" / label["name"] / "config.yaml", target)
+            found = {name: method(frame, label["without"]) for name, method in BASELINES.items()}
+            write_json(kept, found)
+            say(f"{label['name']} baselines done")
+        truth = set(label["names"]) - set(label["without"])
+        for name, claim in found.items():
+            told = claim["names"]
+            out[name].append(
+                {
+                    "name": label["name"],
+                    "kind": label["kind"],
+                    "rung": label["rung"],
+                    "size": label["size"],
+                    "claimed": told,
+                    "detected": claim["detected"],
+                    "first_right": bool(told) and told[0] in truth,
+                    "false_names": [one for one in told if one not in truth],
+                }
+            )
+    return out
+
+
+def least_squares_bic(frame: Frame, without: Sequence[str] = ()) -> Claim:
+    """Select effects by ordinary least squares and BIC.
+
+    Parameters
+    ----------
+    frame : Frame
+        Reports.
+    without : sequence of str
+        Effects to do without.
+
+    Returns
+    -------
+    dict
+        ``names`` in the order they entered, ``detected``.
+    """
+    from airswing.gap.effects import CATALOGUE
+
+    columns = {
+        name: effect.columns(frame).transpose(0, 2, 1)
+        for name, effect in CATALOGUE.items()
+        if name not in without and effect.testable(frame) is None and effect.column_names
+        and effect.kind in ("mean", "drift")
+    }  # fmt: skip
+    per_fleet = {n for n in columns if CATALOGUE[n].scope != "aircraft"}
+    left = frame.residual.T.copy()
+    left -= left.mean(axis=1, keepdims=True)
+    size = 2 * frame.size
+    names: list[str] = []
+    while len(names) < MOST_TERMS:
+        total = float((left**2).sum())
+        best, gain, fit = "", 0.0, np.zeros_like(left)
+        for name, design in columns.items():
+            if name in names:
+                continue
+            value, trial = _least_squares_gain(frame, left, design, name in per_fleet, total, size)
+            if value > gain:
+                best, gain, fit = name, value, trial
+        if not best:
+            break
+        names.append(best)
+        left = left - fit
+    return {"names": names, "detected": bool(names)}
+
+
+def _least_squares_gain(
+    frame: Frame, left: Array, design: Array, fleet: bool, total: float, size: int
+) -> tuple[float, Array]:
+    """Return how far BIC falls when an effect enters, and its fitted part (2, n)."""
+    fit = np.zeros_like(left)
+    groups = [np.ones(frame.size, bool)]
+    if not fleet:
+        groups = [frame.aircraft == index for index in range(len(frame.tails))]
+    gain = 0.0
+    for rows in groups:
+        x = design[:, :, rows].reshape(design.shape[0], -1)
+        y = left[:, rows].ravel()
+        keep = np.isfinite(x).all(axis=0)
+        gram = x[:, keep] @ x[:, keep].T
+        if not keep.any() or np.linalg.matrix_rank(gram) < len(gram):
+            continue
+        solution = np.linalg.solve(gram, x[:, keep] @ y[keep])
+        part = np.where(keep, np.nan_to_num(x).T @ solution, 0.0)
+        drop = float((y**2).sum() - ((y - part) ** 2).sum())
+        fall = size * drop / total - len(gram) * np.log(size)
+        if fall > 0:
+            gain += fall
+            fit[:, rows] = part.reshape(2, -1)
+    return gain, fit
+
+
+def _targets(frame: Frame) -> tuple[Array, Array]:
+    """Return innovation across (right of) and along the heading, (n,) m/s each."""
+    u, v = frame.residual.T
+    sine, cosine = np.sin(frame.heading), np.cos(frame.heading)
+    return u * cosine - v * sine, u * sine + v * cosine
+
+
+def _features(frame: Frame) -> dict[str, Array]:
+    """Return the slices a person would look at."""
+    return {
+        "aircraft": frame.aircraft.astype(float),
+        "heading": np.mod(np.degrees(frame.magnetic_heading), 360.0),
+        "pressure": frame.pressure,
+        "phase": frame.phase.astype(float),
+        "icing": (frame.icing > 0).astype(float),
+        "date": frame.time - frame.epoch,
+        "hour": np.mod(frame.time / 3600.0, 24.0),
+        "longitude": frame.longitude,
+        "bank": np.nan_to_num(frame.bank),
+    }
+
+
+def _training(frame: Frame) -> NDArray[np.bool_]:
+    """Return two thirds of the flights."""
+    flights, which = np.unique(frame.flight, return_inverse=True)
+    return np.asarray((np.random.default_rng(0).permutation(flights.size) % 3 > 0)[which])
+
+
+_READING: dict[tuple[str, frozenset[str]], str] = {
+    ("across", frozenset({"aircraft"})): "compass_offset",
+    ("across", frozenset({"heading"})): "hard_iron",
+    ("across", frozenset({"icing"})): "heater_current",
+    ("across", frozenset({"date"})): "compass_step",
+    ("across", frozenset({"phase"})): "acceleration_error",
+    ("across", frozenset({"bank"})): "turn_error",
+    ("across", frozenset({"longitude"})): "declination_error",
+    ("along", frozenset({"aircraft"})): "tas_scale",
+    ("along", frozenset({"pressure"})): "altitude_offset",
+    ("along", frozenset({"phase"})): "altitude_offset",
+    ("along", frozenset({"heading"})): "reference_speed_bias",
+}
+"""How a person reads the variable a tree splits on most, beside the aircraft."""
+
+
+def slice_tree(frame: Frame, without: Sequence[str] = ()) -> Claim:
+    """Grow a regression tree on slices and read it.
+
+    Parameters
+    ----------
+    frame : Frame
+        Reports.
+    without : sequence of str
+        Names not to be used.
+
+    Returns
+    -------
+    dict
+        ``names``, ``detected``, ``importance`` by variable.
+    """
+    features, train = _features(frame), _training(frame)
+    best: tuple[float, str, dict[str, float]] = (0.0, "", {})
+    for component, target in zip(("across", "along"), _targets(frame), strict=True):
+        nodes: list[tuple[NDArray[np.bool_], float]] = []
+        importance: dict[str, float] = {}
+        _grow(features, target, np.ones(frame.size, bool), train, 0, nodes, importance)
+        fitted = np.zeros(frame.size)
+        for rows, value in nodes:
+            fitted[rows] = value
+        test = ~train
+        saved = (target**2 - (target - fitted) ** 2)[test]
+        flights = np.unique(frame.flight[test], return_inverse=True)[1]
+        by_flight = np.bincount(flights, saved)
+        error = float(by_flight.std() * np.sqrt(by_flight.size))
+        ratio = float(by_flight.sum()) / max(error, 1e-9)
+        if ratio > max(3.0, best[0]):
+            best = ratio, component, importance
+    if not best[1]:
+        return {"names": [], "detected": False, "importance": {}}
+    weights = best[2]
+    other = {name: value for name, value in weights.items() if name != "aircraft"}
+    lead = "aircraft"
+    if other and max(other.values()) > 0.5 * weights.get("aircraft", 0.0):
+        lead = max(other, key=lambda name: other[name])
+    name = _READING.get((best[1], frozenset({lead})))
+    told = [name] if name is not None and name not in without else []
+    return {"names": told, "detected": True, "importance": weights}
+
+
+def _grow(
+    features: Mapping[str, Array],
+    target: Array,
+    rows: NDArray[np.bool_],
+    train: NDArray[np.bool_],
+    depth: int,
+    leaves: list[tuple[NDArray[np.bool_], float]],
+    importance: dict[str, float],
+) -> None:
+    """Split greedily by the sum of squares; an aircraft is split off by its mean's rank."""
+    inside = rows & train
+    mean = float(target[inside].mean()) if inside.any() else 0.0
+    split = _best_split(features, target, inside) if depth < DEPTH else None
+    if split is None:
+        leaves.append((rows, mean))
+        return
+    name, gain, goes_left = split
+    importance[name] = importance.get(name, 0.0) + gain
+    for side in (rows & goes_left, rows & ~goes_left):
+        _grow(features, target, side, train, depth + 1, leaves, importance)
+
+
+def _best_split(
+    features: Mapping[str, Array], target: Array, inside: NDArray[np.bool_]
+) -> tuple[str, float, NDArray[np.bool_]] | None:
+    """Return variable, gain and left-hand rows of the best split; None where none is worth it."""
+    y = target[inside]
+    best: tuple[str, float, NDArray[np.bool_]] | None = None
+    for name, values in features.items():
+        key = values
+        if name == "aircraft":
+            index = values.astype(int)
+            number = np.bincount(index[inside], minlength=index.max() + 1)
+            total = np.bincount(index[inside], y, minlength=index.max() + 1)
+            key = (total / np.maximum(number, 1))[index]
+        x = key[inside]
+        if x.size < 2 * LEAF:
+            continue
+        for edge in np.unique(np.quantile(x, np.linspace(0, 1, _GRID + 1)[1:-1])):
+            left = x <= edge
+            count = int(left.sum())
+            if min(count, x.size - count) < LEAF:
+                continue
+            gap = y[left].mean() - y[~left].mean()
+            gain = float(count * (x.size - count) / x.size * gap**2)
+            if best is None or gain > best[1]:
+                best = name, gain, key <= edge
+    noise = float(y.var()) if y.size else 0.0
+    return best if best is not None and best[1] > 12.0 * noise else None
+
+
+def classifier(frame: Frame, without: Sequence[str] = ()) -> Claim:
+    """Tell real reports from simulated ones.
+
+    Parameters
+    ----------
+    frame : Frame
+        Reports.
+    without : sequence of str
+        Not used.
+
+    Returns
+    -------
+    dict
+        ``names`` (empty), ``detected``, ``area`` under the held-out curve.
+    """
+    del without
+    rng = np.random.default_rng(0)
+    across, along = _targets(frame)
+    length = rng.permutation(np.hypot(across, along))
+    turn = rng.uniform(0, 2 * np.pi, frame.size)
+    train = _training(frame)
+    context = _context(frame)
+    real, simulated = (
+        _design(a, b, context)
+        for a, b in ((across, along), (length * np.cos(turn), length * np.sin(turn)))
+    )
+    x = np.concatenate([real[train], simulated[train]])
+    y = np.repeat([1.0, 0.0], train.sum())
+    weights = _logistic(x, y)
+    test = ~train
+    area = _area(real[test] @ weights, simulated[test] @ weights)
+    flights = np.unique(frame.flight[test]).size
+    error = 0.29 * np.sqrt(2.0 / max(flights, 1))
+    return {"names": [], "detected": bool(area > 0.5 + 3.0 * error), "area": area}
+
+
+def _context(frame: Frame) -> Array:
+    """Return standardised context, (n, c)."""
+    m = frame.magnetic_heading
+    own = np.eye(len(frame.tails))[frame.aircraft]
+    shared = np.stack(
+        [np.sin(m), np.cos(m), np.sin(2 * m), np.cos(2 * m), np.log(frame.pressure / 6e4),
+         frame.phase == 1, frame.phase == 3, frame.icing > 0], axis=1,
+    ).astype(float)  # fmt: skip
+    return np.concatenate([own, shared], axis=1)
+
+
+def _design(across: Array, along: Array, context: Array) -> Array:
+    """Return innovation, its square and its products with the context."""
+    scale = 3.0
+    a, b = across[:, None] / scale, along[:, None] / scale
+    return np.concatenate([np.ones_like(a), a, b, a**2, b**2, a * context, b * context], axis=1)
+
+
+def _logistic(x: Array, y: Array, *, ridge: float = 1.0, steps: int = 12) -> Array:
+    """Return logistic regression weights by Newton's method."""
+    weights = np.zeros(x.shape[1])
+    for _ in range(steps):
+        p = 1.0 / (1.0 + np.exp(-np.clip(x @ weights, -30, 30)))
+        curvature = (x * (p * (1 - p))[:, None]).T @ x + ridge * np.eye(x.shape[1])
+        change = np.linalg.solve(curvature, x.T @ (y - p) - ridge * weights)
+        weights = weights + change
+        if np.abs(change).max() < 1e-6:
+            break
+    return weights
+
+
+def _area(real: Array, simulated: Array) -> float:
+    """Return the chance that a real report scores above a simulated one."""
+    order = np.argsort(np.concatenate([real, simulated]), kind="stable")
+    ranks = np.empty(order.size)
+    ranks[order] = np.arange(1, order.size + 1)
+    total = ranks[: real.size].sum() - real.size * (real.size + 1) / 2
+    return float(total / (real.size * simulated.size))
+
+
+BASELINES: dict[str, Callable[[Frame, Sequence[str]], Claim]] = {
+    "least squares with BIC": least_squares_bic,
+    "regression tree on slices": slice_tree,
+    "two-sample classifier": classifier,
+}
+"""Name to method."""

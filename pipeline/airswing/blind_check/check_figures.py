@@ -1,0 +1,177 @@
+"""The check in one picture: identification against size, what is taken for what, closure.
+
+Assumes the scores of finished cases. Shares are drawn with Wilson 68 % intervals.
+Units: m/s, kt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from airswing.report.html.style import (
+    BLUE,
+    GREEN,
+    SOFT,
+    VERMILION,
+    CaptionedFigure,
+    blank,
+    new_figure,
+    styled,
+)
+
+__all__ = ["check_figure", "confusion", "wilson"]
+
+Score = Mapping[str, Any]
+
+
+def wilson(right: int, number: int) -> tuple[float, float]:
+    """Return the 68 % Wilson interval of a share (Wilson 1927)."""
+    if number == 0:
+        return 0.0, 1.0
+    share, z2 = right / number, 1.0
+    centre = (share + z2 / (2 * number)) / (1 + z2 / number)
+    half = np.sqrt(share * (1 - share) / number + z2 / (4 * number**2)) / (1 + z2 / number)
+    return float(centre - half), float(centre + half)
+
+
+def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray[Any, Any]]:
+    """Return what was taken for what.
+
+    Parameters
+    ----------
+    scores : sequence of mapping
+        Of all cases.
+
+    Returns
+    -------
+    truths, told : list of str
+        Rows: effects of single cases (and ``nothing``). Columns: first name claimed, ``unknown``,
+        ``nothing``.
+    counts : ndarray (rows, columns)
+    """
+    pairs = []
+    for score in scores:
+        if score.get("failure") or score["kind"] == "pair":
+            continue
+        truth = score["focus"][0] if score["focus"] else "nothing"
+        truth += " (removed)" if score["kind"] == "removed" else ""
+        right = score["first_right"] and truth in score["claimed"]
+        told = (
+            truth
+            if right
+            else (score["claimed"] or ["unknown" if score["unknown"] else "nothing"])[0]
+        )
+        pairs.append((truth, told))
+    truths = sorted({truth for truth, _ in pairs}, key=lambda name: (name == "nothing", name))
+    told = sorted({t for _, t in pairs}, key=lambda n: (n == "nothing", n == "unknown", n))
+    counts = np.zeros((len(truths), len(told)))
+    for truth, name in pairs:
+        counts[truths.index(truth), told.index(name)] += 1
+    return truths, told, counts
+
+
+@styled
+def check_figure(scores: Sequence[Score]) -> CaptionedFigure:
+    """Draw the check.
+
+    Parameters
+    ----------
+    scores : sequence of mapping
+        Of all cases.
+
+    Returns
+    -------
+    CaptionedFigure
+    """
+    figure = new_figure(10.5)
+    axes = figure.subplot_mosaic([["size", "closure"], ["confusion", "confusion"]],
+                                 height_ratios=[1, 2.2])  # fmt: skip
+    _size_panel(axes["size"], scores)
+    _closure_panel(axes["closure"], scores)
+    _confusion_panel(axes["confusion"], scores)
+    return figure.say(
+        f"Sealed cases: {len(scores)}. Above left, share of single effects detected, named first, "
+        "and in the ambiguity set, by their size where they act. Above right, closure stated "
+        "against closure true, kt, with its interval. Below, what each effect was taken for first.",
+        alternative="Scores of the blind check",
+    )
+
+
+def _size_panel(axes: Axes, scores: Sequence[Score]) -> None:
+    singles = [s for s in scores if s["kind"] == "single" and not s.get("failure")]
+    sizes = sorted({s["size"] for s in singles})
+    axes.set_title("Identification against size")
+    if not sizes:
+        blank(axes, "no single effects")
+        return
+    place = np.arange(len(sizes), dtype=float)
+    for shift, (key, name, colour, marker) in enumerate(
+        (("detected", "detected", SOFT, "o"), ("first_right", "first name right", BLUE, "s"),
+         ("in_set", "truth in the set", GREEN, "^"))
+    ):  # fmt: skip
+        share, low, high = [], [], []
+        for size in sizes:
+            values = [bool(s[key]) for s in singles if s["size"] == size and s[key] is not None]
+            bounds = wilson(sum(values), len(values))
+            share.append(sum(values) / max(len(values), 1))
+            low.append(max(share[-1] - bounds[0], 0.0))
+            high.append(max(bounds[1] - share[-1], 0.0))
+        axes.errorbar(place + 0.06 * (shift - 1), share, yerr=[low, high], color=colour,
+                      marker=marker, label=name, capsize=2)  # fmt: skip
+    number = [sum(s["size"] == size for s in singles) for size in sizes]
+    labels = [f"{size:g}\n({count})" for size, count in zip(sizes, number, strict=True)]
+    axes.set_xticks(place, labels)
+    axes.set_xlabel("effect where it acts, m/s rms (cases)")
+    axes.set_ylabel("share of cases")
+    axes.set_ylim(-0.03, 1.05)
+    axes.legend(loc="lower right")
+
+
+def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
+    done = [s for s in scores if not s.get("failure") and s.get("closure_stated") is not None]
+    axes.set_title("Closure, stated against true")
+    if not done:
+        blank(axes, "no closure stated")
+        return
+    for kind, colour, marker in (
+        (("single", "pair"), BLUE, "o"), (("outside", "removed"), VERMILION, "^"),
+        (("null",), SOFT, "s"),
+    ):  # fmt: skip
+        own = [s for s in done if s["kind"] in kind]
+        if own:
+            stated = np.array([s["closure_stated"] for s in own])
+            ends = [s.get("closure_interval") or [s["closure_stated"]] * 2 for s in own]
+            reach = np.abs(np.array(ends).T - stated)  # below and above, which differ
+            axes.errorbar(
+                [s["closure_true"] for s in own], stated, yerr=reach,
+                color=colour, marker=marker, linestyle="none", markersize=4, elinewidth=0.6,
+                label=" or ".join(kind),
+            )  # fmt: skip
+    span = [min(s["closure_true"] for s in done), max(s["closure_true"] for s in done)]
+    axes.plot(span, span, color=SOFT, linewidth=1)
+    axes.set_xlabel("true, kt")
+    axes.set_ylabel("stated, kt")
+    axes.legend(loc="upper left")
+
+
+def _confusion_panel(axes: Axes, scores: Sequence[Score]) -> None:
+    axes.set_title("What each effect was taken for first")
+    truths, told, counts = confusion(scores)
+    if not truths:
+        blank(axes, "no cases")
+        return
+    share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    axes.imshow(share, cmap="Blues", vmin=0, vmax=1.2, aspect="auto")
+    for (row, column), count in np.ndenumerate(counts):
+        if count:
+            axes.text(column, row, f"{count:.0f}", ha="center", va="center", fontsize=7.5,
+                      color="white" if share[row, column] > 0.7 else "black")  # fmt: skip
+    axes.set_xticks(range(len(told)), told, rotation=55, ha="right", fontsize=7.5)
+    axes.set_yticks(range(len(truths)), truths, fontsize=7.5)
+    axes.set_xlabel("named first")
+    axes.set_ylabel("truth")
+    axes.grid(False)

@@ -1,0 +1,266 @@
+"""The check as a document: Markdown for the record, an HTML page with its figure.
+
+Assumes a finished `Check`. Every number is shown, met or not; shares with the number of cases
+behind them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from airswing.blind_check.check_summary import (
+    baseline_rows,
+    grouped,
+    of_default,
+    summarise,
+    targets,
+)
+
+__all__ = ["as_markdown", "short_text", "write_reports"]
+
+_COLUMNS = (
+    ("cases", "cases", "d"),
+    ("detected", "detected", "%"),
+    ("first_right", "first name right", "%"),
+    ("all_named", "named at all", "%"),
+    ("in_set", "truth in set", "%"),
+    ("set_size", "set size", ".2f"),
+    ("extra_names", "false name beside", "%"),
+    ("precision", "aircraft precision", ".2f"),
+    ("recall", "recall", ".2f"),
+    ("jaccard", "Jaccard", ".2f"),
+    ("parameter_error", "parameter error", "%"),
+    ("date_error", "date error, d", ".1f"),
+    ("closure_error", "closure error, kt", ".3f"),
+    ("closure_covered", "interval covers", "%"),
+    ("unknown", "unknown raised", "%"),
+    ("log_score", "log score, bit", ".3f"),
+)
+
+
+def _text(value: Any, form: str) -> str:
+    if value is None:
+        return "–"
+    if form == "%":
+        return f"{100 * value:.0f} %"
+    return format(value, form)
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    lines += ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def _group_table(title: str, groups: Mapping[Any, Mapping[str, Any]]) -> str:
+    rows = [
+        [str(name), *(_text(found[key], form) for key, _, form in _COLUMNS)]
+        for name, found in groups.items()
+    ]
+    return _table([title, *(name for _, name, _ in _COLUMNS)], rows)
+
+
+_TARGET_COLUMNS = ("", "target", "default archives", "cases", "", "every rung", "cases")
+
+
+def _target_rows(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Targets by row: they are set for default archives; every rung together beside them."""
+    rows = []
+    for entry, whole in zip(targets(of_default(scores)), targets(scores), strict=True):
+        share = entry["target"] <= 1.0 and ("kt" not in entry["what"])
+        form = "%" if share else ".3g"
+        sense = "at least" if entry["sense"] == ">=" else "at most"
+        met = {True: "met", False: "not met", None: "no case"}[entry["met"]]
+        rows.append(
+            [entry["what"], f"{sense} {_text(entry['target'], form)}",
+             _text(entry["reached"], form), str(entry["cases"]), met,
+             _text(whole["reached"], form), str(whole["cases"])]
+        )  # fmt: skip
+    return rows
+
+
+def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None = None) -> str:
+    """Return the record of a check.
+
+    Parameters
+    ----------
+    check : Check
+        From `airswing.blind_check.gap_check`.
+    command : str
+        What repeats it.
+    proof : mapping, optional
+        Numerical errors of the generator (rung 0), m/s.
+
+    Returns
+    -------
+    str
+    """
+    scores, settings = check.scores, check.settings
+    withheld = [s for s in scores if s["kind"] in ("single", "pair")]
+    unnamed = [s for s in scores if s["kind"] in ("outside", "removed") and not s["failure"]]
+    parts = [
+        "# Blind check of the gap diagnosis",
+        f"`{command}`: {len(scores)} sealed archives of {settings['aircraft']} aircraft and "
+        f"{settings['days']} days (one day on the real forecast), diagnosed through `airswing gap` "
+        f"alone. Digest of the labels, published before the first diagnosis: `{check.digest}`.",
+        "Rungs: 1 ordinary world, 2 hard world, 3 pairs, 4 outside or removed from the catalogue, "
+        "5 real sensor or forecast errors with an effect added. Sizes are m/s root mean square "
+        "where the effect acts. A quarter of each rung holds nothing.",
+        "## Against the targets",
+        "The targets are set for default archives: the ordinary world, no real errors. Beside them "
+        "stand all cases, the hard world's and real errors' among them.",
+        _table(_TARGET_COLUMNS, _target_rows(scores)),
+    ]
+    if proof:
+        parts += ["## Rung 0: the generator's own numerical error, m/s",
+                  _table(["", "rms"], [[k, f"{v:.4f}"] for k, v in proof.items()])]  # fmt: skip
+    parts += ["## Beside simple methods", _baseline_table(check)]
+    parts += ["## By effect", _group_table("effect", grouped(withheld, "effect"))]
+    singles = [s for s in withheld if s["kind"] == "single"]
+    parts += ["## By size", _group_table("m/s", grouped(singles, "size"))]
+    parts += ["## By rung", _group_table("rung", grouped(withheld, "rung"))]
+    parts += ["All of them: " + _one_line(summarise(withheld))]
+    parts += ["## Without a name for it", _unnamed_table(unnamed)]
+    parts += ["## Nulls", _null_text(scores)]
+    parts += ["## Every case", _case_table(check)]
+    if check.failures:
+        parts += ["## Diagnoses that failed"]
+        parts += ["\n".join(f"- {name}: {text}" for name, text in check.failures.items())]
+    return "\n\n".join(parts) + "\n"
+
+
+def _one_line(found: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {_text(found[key], form)}" for key, name, form in _COLUMNS) + "."
+
+
+def _baseline_table(check: Any) -> str:
+    rows = [
+        [row["method"], *(_text(row[k], "%") for k in
+                          ("detected", "first_right", "extra_names", "false_alarms")),
+         f"{row['singles']} / {row['nulls']}"]
+        for row in baseline_rows(check.scores, check.baselines)
+    ]  # fmt: skip
+    return _table(
+        ["method", "detected", "first name right", "false name beside", "claims on nulls",
+         "singles / nulls"], rows,
+    )  # fmt: skip
+
+
+def _unnamed_table(scores: Sequence[Mapping[str, Any]]) -> str:
+    rows = [
+        [", ".join(s["focus"]), s["kind"], f"{s['size']:g}", "yes" if s["unknown"] else "no",
+         "yes" if s["unknown_first"] else "no", "yes" if s["placed"] else "no",
+         ", ".join(s["claimed"]) or "–", _text(s["closure_stated"], ".2f"),
+         _text(s["closure_true"], ".2f")]
+        for s in sorted(scores, key=lambda s: (s["kind"], s["focus"], s["size"]))
+    ]  # fmt: skip
+    return _table(
+        ["effect", "", "m/s", "unknown", "no false name ahead", "placed", "named instead",
+         "closure stated, kt", "true, kt"], rows,
+    )  # fmt: skip
+
+
+def _null_text(scores: Sequence[Mapping[str, Any]]) -> str:
+    nulls = [s for s in scores if s["kind"] == "null" and not s["failure"]]
+    loud = [s for s in nulls if s["false_names"] or s["unknown"]]
+    lines = [f"{len(loud)} of {len(nulls)} nulls raised a claim."]
+    lines += [
+        f"- {s['name']} (rung {s['rung']}, {s['world']}): "
+        + (", ".join(s["claimed"]) or "no name") + (", unknown" if s["unknown"] else "")
+        for s in loud
+    ]  # fmt: skip
+    return "\n".join(lines)
+
+
+def _case_table(check: Any) -> str:
+    rows = []
+    for label, score in zip(check.labels, check.scores, strict=True):
+        told = score.get("failure") or (
+            ", ".join(score["claimed"]) + (" + unknown" if score["unknown"] else "") or "nothing"
+        )
+        right = "–" if label["kind"] in ("null", "outside") else _yes(score.get("first_right"))
+        rows.append(
+            [label["name"], str(label["rung"]), label["kind"], label["world"],
+             ", ".join(label["focus"]) or "–", ", ".join(f"{v:g}" for v in label["sizes"]),
+             str(told), right, _text(score.get("jaccard"), ".2f"),
+             _text(score.get("parameter_error"), "%")]
+        )  # fmt: skip
+    return _table(
+        ["case", "rung", "kind", "world", "truth", "m/s", "diagnosis", "first right", "Jaccard",
+         "parameter error"], rows,
+    )  # fmt: skip
+
+
+def _yes(value: Any) -> str:
+    return "yes" if value else "no"
+
+
+def short_text(check: Any) -> str:
+    """Return the targets as lines for a terminal."""
+    return "\n".join(
+        f"{row[4]:>8}  {row[0]}: {row[2]} (target {row[1]}; {row[3]} cases; every rung "
+        f"{row[5]}, {row[6]})"
+        for row in _target_rows(check.scores)
+    )
+
+
+def write_reports(
+    output: Path, check: Any, *, command: str, proof: Mapping[str, float] | None = None
+) -> Path:
+    """Write ``gap_check.md``, ``gap_check.html`` and ``gap_check.png``.
+
+    Parameters
+    ----------
+    output : Path
+        Folder.
+    check : Check
+        A finished check.
+    command : str
+        What repeats it.
+    proof : mapping, optional
+        Rung 0.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    from airswing.blind_check.check_figures import check_figure
+    from airswing.report.html.document import Column, Row, Section, document, table
+    from airswing.report.html.embed import embedded, write_whole
+    from airswing.report.html.style import png_bytes
+
+    figure = check_figure(check.scores)
+    (output / "gap_check.png").write_bytes(png_bytes(figure))
+    write_whole(output / "gap_check.md", as_markdown(check, command=command, proof=proof))
+    words = [Column("", "words"), *(Column(name) for name in _TARGET_COLUMNS[1:])]
+    groups = [
+        Section(
+            f"by-{by}", f"By {by}", parts=[
+                table(
+                    [Column(by, "words"), *(Column(name) for _, name, _ in _COLUMNS)],
+                    [Row([str(name), *(_text(found[key], form) for key, _, form in _COLUMNS)])
+                     for name, found in grouped(check.scores, by).items()],
+                )
+            ],
+        )
+        for by in ("effect", "size", "rung")
+    ]  # fmt: skip
+    reached = targets(of_default(check.scores))
+    met = [entry["met"] for entry in reached if entry["met"] is not None]
+    page = document(
+        title="Blind check of the gap diagnosis",
+        kicker="airswing gap-check",
+        headline=f"{sum(met)} of {len(met)} targets met on default archives, "
+        f"{len(check.scores)} sealed cases in all.",
+        facts=[("Command", command), ("Digest of the labels", check.digest)],
+        sections=[
+            Section("figure", "At a glance", parts=[embedded(figure)]),
+            Section("targets", "Against the targets",
+                    parts=[table(words, [Row(row) for row in _target_rows(check.scores)])]),
+            *groups,
+        ],
+    )  # fmt: skip
+    return write_whole(output / "gap_check.html", page)

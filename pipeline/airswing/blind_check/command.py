@@ -1,0 +1,72 @@
+"""What ``airswing gap-check`` does: check, report, and say what was reached.
+
+Assumes nothing but a folder to write to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+__all__ = ["check_and_report"]
+
+
+def check_and_report(
+    output: Path,
+    *,
+    cases: int,
+    seed: int,
+    fast: bool,
+    workers: int,
+    real: Path | None,
+    rungs: Sequence[int] | None = None,
+    quiet: bool = False,
+) -> tuple[dict[str, Any], str]:
+    """Run a blind check and write its table, figure and page.
+
+    Parameters
+    ----------
+    output : Path
+        Folder for everything.
+    cases, seed, fast, workers, real, rungs
+        See `airswing.blind_check.check_run.gap_check`.
+    quiet : bool
+        Say nothing on the way; the digest is then only in ``sealed.sha256``.
+
+    Returns
+    -------
+    summary : dict
+        ``digest, targets, settings``.
+    text : str
+        The same for a terminal.
+    """
+    from airswing.blind_check.check_report import short_text, write_reports
+    from airswing.blind_check.check_run import gap_check
+    from airswing.blind_check.check_summary import of_default, targets
+    from airswing.blind_check.proof import prove_generator
+    from airswing.products.netcdf import require_writable
+    from airswing.workflow.progress import Progress
+
+    require_writable(output)
+    progress = Progress(quiet=quiet)
+    proof = prove_generator(output / "rung_0", seed=seed)
+    check = gap_check(
+        output,
+        cases=cases,
+        seed=seed,
+        fast=fast,
+        workers=workers,
+        real=real,
+        rungs=rungs,
+        say=progress.say,
+    )
+    command = f"airswing gap-check --cases {cases} --seed {seed}" + (" --fast" if fast else "")
+    command += "".join(f" --rung {rung}" for rung in rungs or ())
+    command += "" if real is None else " --real DIR"
+    page = write_reports(output, check, command=command, proof=proof)
+    summary = {
+        "digest": check.digest, "targets": targets(of_default(check.scores)),
+        "every_rung": targets(check.scores), "proof": proof, "settings": check.settings,
+    }  # fmt: skip
+    return summary, f"{short_text(check)}\npage: {page}"

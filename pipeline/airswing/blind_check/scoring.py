@@ -1,0 +1,341 @@
+"""What a diagnosis got right, case by case, against the label of a sealed case.
+
+Assumptions
+-----------
+* ``gap.json`` is the binding form; entries beyond it (per-aircraft parameters, an interval of the
+  reduction) are used where present and never required.
+* A name is *claimed* when it stands among ``effects``. The ambiguity set of a claim is its name and
+  its ``ambiguous_with``.
+* In the hard world gross errors are really there: naming them is neither right nor wrong.
+* Log score: the mean over all catalogue names of log2 of the probability given to what is true
+  (each name at work or not), probabilities held in [0.001, 0.999]; 0 is perfect.
+* A false name is *ahead* of a raised unknown when it is claimed and closes more held-out energy
+  (or, where that is not told, a larger share of the gap) than the unknown; with nothing told,
+  whenever it is claimed.
+
+Units: kt, days, fractions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from airswing.synthetic.sealed.draws import CATALOGUE_NAMES, FLEET
+
+__all__ = ["PLACES", "PRIMARY", "aircraft_overlap", "parameter_errors", "score_case"]
+
+Label = Mapping[str, Any]
+Gap = Mapping[str, Any]
+
+PRIMARY: dict[str, tuple[str, ...]] = {
+    "compass_offset": ("offset_deg",),
+    "hard_iron": ("amplitude_deg", "phase_deg"),
+    "soft_iron": ("amplitude_deg", "phase_deg"),
+    "compass_step": ("offset_deg", "amplitude_deg", "phase_deg"),
+    "compass_drift": ("rate_deg_per_day",),
+    "heater_current": ("offset_deg", "amplitude_deg", "phase_deg"),
+    "acceleration_error": ("amplitude_deg",),
+    "turn_error": ("amplitude_deg",),
+    "declination_error": ("mean_deg",),
+    "tas_scale": ("scale_percent",),
+    "tas_offset": ("offset_m_s",),
+    "reference_speed_bias": ("bias_percent",),
+    "reference_time_offset": ("offset_h",),
+    "reference_grid_relative": ("fraction",),
+    "altitude_offset": ("offset_ft",),
+    "time_lag": ("offset_s",),
+    "wind_coding": ("step",),
+    "position_coding": ("step",),
+    "outliers": ("fraction",),
+}
+"""Parameters compared with the truth; an amplitude and its phase are compared as one vector."""
+
+PLACES: dict[str, tuple[str, ...]] = {
+    "heading_by_temperature": ("temperature", "altitude", "pressure", "level"),
+    "heading_by_longitude": ("longitude", "region"),
+    "heading_by_hour": ("hour",),
+    "three_cycle": ("magnetic_heading", "heading"),
+    "pitot_icing": ("icing",),
+    "tas_by_altitude": ("altitude", "pressure", "level", "temperature"),
+    "heading_by_crosswind": ("wind_speed", "wind", "wind_direction", "crosswind", "drift"),
+    "compass_drift": ("date", "time"),
+    "compass_step": ("date", "time"),
+    "heater_current": ("icing",),
+    "acceleration_error": ("acceleration", "phase"),
+    "turn_error": ("bank",),
+    "reference_time_offset": ("tendency",),
+    "altitude_offset": ("shear", "altitude"),
+    "reference_speed_bias": ("wind_by_height", "wind_speed", "wind"),
+    "reference_grid_relative": ("turned", "wind_direction"),
+}
+"""Variables that place an effect for which there is no name."""
+
+
+def score_case(label: Label, gap: Gap | None, *, failure: str | None = None) -> dict[str, Any]:
+    """Score one diagnosis.
+
+    Parameters
+    ----------
+    label : mapping
+        Truth of the case (`airswing.synthetic.sealed.sealed_archives.Archivist.write`).
+    gap : mapping or None
+        Content of gap.json; None where the diagnosis failed.
+    failure : str, optional
+        Its message.
+
+    Returns
+    -------
+    dict
+        Plain values; None where a score does not apply.
+    """
+    score: dict[str, Any] = {
+        key: label[key] for key in ("name", "rung", "kind", "world", "size", "focus")
+    }
+    score["failure"] = failure if gap is None else None
+    if gap is None:
+        return score
+    claims = [dict(effect) for effect in gap["effects"]]
+    names = list(dict.fromkeys(str(claim["name"]) for claim in claims))
+    truth = [name for name in label["names"] if name not in label["without"]]
+    truth = [name for name in truth if name in CATALOGUE_NAMES]
+    false = [n for n in names if n not in truth and n not in label["background"]]
+    raised = bool(gap["unknown"]["present"])
+    score |= {
+        "claimed": names,
+        "detected": bool(set(names) - (set(label["background"]) - set(truth))) or raised,
+        "first_right": bool(names) and names[0] in truth,
+        "all_named": bool(truth) and set(label["focus"]) & set(truth) <= set(names),
+        "false_names": false,
+        "log_score": log_score(claims, truth, skip=[*label["background"], *label["without"]]),
+        "unknown": raised,
+        "unknown_first": raised and not _ahead(claims, false, gap["unknown"]),
+        "placed": _placed(label, gap["unknown"]) if raised else False,
+        "stated_before": gap["closure"].get("before"),
+    }
+    score |= _set_scores(claims, truth) | _closure_scores(label, gap)
+    if label["kind"] in ("single", "pair"):
+        score |= _match_scores(label, claims)
+    return score
+
+
+def log_score(
+    claims: Sequence[Mapping[str, Any]], truth: Sequence[str], *, skip: Sequence[str] = ()
+) -> float:
+    """Return the mean log2 probability given to what is true, over the catalogue's names.
+
+    Parameters
+    ----------
+    claims : sequence of mapping
+        With ``name, probability``.
+    truth, skip : sequence of str
+        Names at work; names not judged.
+
+    Returns
+    -------
+    float
+        Zero is perfect, -1 a coin for every name.
+    """
+    stated = {name: 0.0 for name in CATALOGUE_NAMES if name not in skip}
+    for claim in claims:
+        if claim["name"] in stated:
+            stated[claim["name"]] = max(stated[claim["name"]], float(claim["probability"]))
+    total = 0.0
+    for name, probability in stated.items():
+        given = probability if name in truth else 1.0 - probability
+        total += float(np.log2(np.clip(given, 1e-3, 1 - 1e-3)))
+    return total / len(stated)
+
+
+def _set_scores(claims: Sequence[Mapping[str, Any]], truth: Sequence[str]) -> dict[str, Any]:
+    """Return whether the first claim's ambiguity set holds a truth, and how large it is."""
+    if not claims or not truth:
+        return {"in_set": None if not truth else False, "set_size": None}
+    first = {str(claims[0]["name"]), *_rivals(claims[0])}
+    everyone = {str(claim["name"]) for claim in claims}.union(*map(_rivals, claims))
+    return {
+        "in_set": bool(first & set(truth)),
+        "in_any_set": set(truth) <= everyone,
+        "set_size": len(first),
+    }
+
+
+def _rivals(claim: Mapping[str, Any]) -> set[str]:
+    return {
+        str(rival["name"] if isinstance(rival, Mapping) else rival)
+        for rival in claim.get("ambiguous_with", ())
+    }
+
+
+def _closure_scores(label: Label, gap: Gap) -> dict[str, Any]:
+    """Return the error of the stated closure and whether its interval holds the truth, kt."""
+    closure, truth = gap["closure"], label["closure"]
+    true = truth["before"] - truth["after"]
+    if closure.get("before") is None or closure.get("after") is None:
+        return {"closure_error": None, "closure_covered": None, "closure_true": true,
+                "closure_stated": None}  # fmt: skip
+    stated = closure["before"] - closure["after"]
+    interval = closure.get("reduction_ci")
+    if interval is None and closure.get("ci") is not None:
+        interval = [closure["before"] - closure["ci"][1], closure["before"] - closure["ci"][0]]
+    covered = None if interval is None else bool(interval[0] <= true <= interval[1])
+    return {
+        "closure_true": true,
+        "closure_stated": stated,
+        "closure_error": abs(stated - true),
+        "closure_covered": covered,
+        "closure_interval": None if interval is None else [float(end) for end in interval],
+    }
+
+
+def _ahead(
+    claims: Sequence[Mapping[str, Any]], false: Sequence[str], unknown: Mapping[str, Any]
+) -> bool:
+    """Whether a false name stands before the unknown."""
+    wrong = [claim for claim in claims if claim["name"] in false]
+    if not wrong:
+        return False
+    for key in ("held_out_energy", "share_of_gap"):
+        own = _numbers(unknown["where"], key)
+        rival = _numbers(wrong, key)
+        if own and rival:
+            return max(rival) > max(own)
+    return True
+
+
+def _numbers(entries: Sequence[Mapping[str, Any]], key: str) -> list[float]:
+    """Return one number of every entry, or nothing where one of them lacks it."""
+    values = [entry.get(key) for entry in entries]
+    numbers = [float(value) for value in values if isinstance(value, int | float)]
+    return numbers if len(numbers) == len(values) else []
+
+
+def _placed(label: Label, unknown: Mapping[str, Any]) -> bool:
+    """Whether the unknown's place names a variable of the effect, or exactly its aircraft."""
+    wanted = {name for focus in label["focus"] for name in PLACES.get(focus, ())}
+    tails = {tail for effect in label["effects"] for tail in effect["tails"] or ()}
+    for place in unknown["where"]:
+        told = {str(place.get("variable")), *map(str, place.get("variables", ()))}
+        if told & wanted:
+            return True
+        named = set(place.get("tails") or ())
+        if not wanted and tails and named and len(tails & named) / len(tails | named) >= 0.5:
+            return True
+    return False
+
+
+def _match_scores(label: Label, claims: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return aircraft, parameter and date scores of the effects that were named."""
+    overlaps, errors, dates = [], [], []
+    for name in label["focus"]:
+        own = [effect for effect in label["effects"] if effect["name"] == name]
+        found = [claim for claim in claims if claim["name"] == name]
+        if not found:
+            continue
+        if name not in FLEET and own[0]["tails"] is not None:
+            overlaps.append(aircraft_overlap(own, found))
+        errors += parameter_errors(name, own, found)
+        if own[0].get("period"):
+            dates.append(date_error(own[0]["period"], [claim.get("period") for claim in found]))
+    known = [value for value in dates if value is not None]
+    mean = [float(np.mean([o[k] for o in overlaps])) if overlaps else None for k in range(3)]
+    return {
+        "precision": mean[0],
+        "recall": mean[1],
+        "jaccard": mean[2],
+        "parameter_error": float(np.median(errors)) if errors else None,
+        "date_error": float(np.median(known)) if known else None,
+    }
+
+
+def aircraft_overlap(
+    own: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]
+) -> tuple[float, float, float]:
+    """Return precision, recall and Jaccard index of the aircraft named.
+
+    Parameters
+    ----------
+    own, found : sequence of mapping
+        True and claimed entries of one name, each with ``tails``.
+
+    Returns
+    -------
+    tuple of float
+    """
+    true = {tail for effect in own for tail in effect["tails"] or ()}
+    told = {tail for claim in found for tail in claim["tails"] or ()}
+    both = len(true & told)
+    return (
+        both / len(told) if told else 0.0,
+        both / len(true) if true else 0.0,
+        both / len(true | told) if true | told else 0.0,
+    )
+
+
+def parameter_errors(
+    name: str, own: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]
+) -> list[float]:
+    """Return the relative errors of the stated parameters.
+
+    Parameters
+    ----------
+    name : str
+        Effect.
+    own, found : sequence of mapping
+        True and claimed entries.
+
+    Returns
+    -------
+    list of float
+        One per aircraft that was named rightly and has parameters of its own, else one: the
+        length of the difference over the length of the truth, where offset and cycle are
+        orthogonal components (a cycle counts by its root mean square).
+    """
+    true = own[0]["parameters"]
+    stated: list[Mapping[str, Any]] = []
+    for claim in found:
+        tails = own[0]["tails"]
+        each = claim.get("per_tail") or {}
+        chosen = [each[tail]["parameters"] for tail in each if tails is None or tail in tails]
+        stated += chosen or [claim["parameters"]]
+    wanted = _vector(name, true)
+    size = float(np.linalg.norm(wanted))
+    if size == 0.0:
+        return []
+    return [float(np.linalg.norm(_vector(name, one) - wanted)) / size for one in stated]
+
+
+def _vector(name: str, parameters: Mapping[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return the primary parameters as orthogonal components."""
+    out = []
+    for key in PRIMARY.get(name, ()):
+        if key == "phase_deg":
+            continue
+        value = float(parameters.get(key) or 0.0)
+        if key == "amplitude_deg" and "phase_deg" in PRIMARY[name]:
+            angle = np.radians(float(parameters.get("phase_deg") or 0.0))
+            out += [value * np.cos(angle) / np.sqrt(2), value * np.sin(angle) / np.sqrt(2)]
+        else:
+            out.append(value)
+    return np.array(out, float)
+
+
+def date_error(period: Sequence[Any], told: Sequence[Any]) -> float | None:
+    """Return the distance in days between the true start and the nearest one told; None if none."""
+    true = _date(period[0])
+    starts = [_date(one[0]) for one in told if one]
+    apart = [
+        abs((start - true).total_seconds()) / 86400.0
+        for start in starts
+        if start is not None and true is not None
+    ]
+    return min(apart) if apart else None
+
+
+def _date(text: Any) -> datetime | None:
+    if text is None:
+        return None
+    return datetime.fromisoformat(str(text).replace("Z", "")).replace(tzinfo=None)

@@ -1,0 +1,1 @@
+"""The deviation of every aircraft: sums, robust fit, fleet, acceptance."""

@@ -1,0 +1,411 @@
+"""Robust joint fit of one aircraft to one reference or a pool of them.
+
+Assumes the vector equation of :mod:`airswing.compass.fit.normal_equations`. A pool's fit uses the
+observations of all its members, each with a bias b and a scatter of its own; flights (and days) as
+clusters answer for the members sharing the aircraft's own errors. Valid where a few flights or more
+are there; :mod:`airswing.compass.fit.deviation` decides what to publish.
+
+The steps: a start from a thin sample of the reports (two steps at least, a new scatter each), one
+from a larger sample with its first scatter held, then full passes with that scatter, until a step
+is below three standard errors (clustered): one pass where reports are many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.compass.fit.flight_segments import (
+    SLOPES,
+    Blocks,
+    Edges,
+    Places,
+    find_edges,
+    make_blocks,
+)
+from airswing.compass.fit.normal_equations import (
+    COMPASS,
+    PassSums,
+    Scatter,
+    accumulate,
+)
+from airswing.compass.fit.observations import Observations, Reports
+from airswing.compass.fit.sandwich import (
+    MANY,
+    Array,
+    Index,
+    degrees_of_freedom,
+    group_sums,
+    influences,
+    inverse_root,
+)
+
+THIN, MIDDLE = 1000, 4000
+"""Reports a start takes: first to find the place, then to be near enough for one full pass."""
+START_STEP = 15.0
+"""Standard errors of the sample (reports taken as independent) that end a start: Newton's step with
+robust weights leaves two or three hundredths of itself, less than the sample is off."""
+FINAL_STEP = 3.0
+"""Standard errors (clustered) that end the full passes: the estimate is settled to a tenth of its
+error or better."""
+START_STEPS, PASSES = 25, 12
+ENOUGH = 2e-6
+"""Radians: a smaller step is rounding in single precision."""
+
+
+@dataclass(frozen=True)
+class AircraftFit:
+    """One aircraft's fit before the fleet is looked at; radians and m/s.
+
+    Attributes
+    ----------
+    theta : array, shape (p,)
+        A, B, C, D, E, s, then b_u, b_v of every member.
+    free : array of int
+        Which of them were fitted; the others are zero.
+    normal : array, shape (p, p)
+        Normal matrix of all p.
+    kappa : float
+        Mean slope of the robust score (Huber), by which steps and spreads are divided.
+    flight, day : array, shape (flights | days, p)
+        Influence of every cluster.
+    day_number : array of int, shape (days,)
+        Days since 1970 of the rows of ``day``.
+    freedom : array, shape (p,)
+        Degrees of freedom of every coefficient's standard error.
+    converged : bool
+    rms_before, rms_after : float
+        Robust rms of the heading error before and after the curve, radians.
+    flight_order : array of int, shape (flights,)
+        Order of the flights in ``flight``.
+    blocks : list of Blocks
+        One for each reference, where their places were given.
+    """
+
+    theta: Array
+    free: Index
+    normal: Array
+    kappa: float
+    flight: Array
+    day: Array
+    day_number: Index
+    freedom: Array
+    converged: bool
+    rms_before: float
+    rms_after: float
+    flight_order: Index = field(repr=False)
+    blocks: list[Blocks] = field(repr=False, default_factory=list)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Clustered by flight."""
+        return np.asarray(self.flight.T @ self.flight)
+
+    @cached_property
+    def day_covariance(self) -> Array:
+        """Clustered by day."""
+        return np.asarray(self.day.T @ self.day)
+
+
+def fit_aircraft(
+    members: list[Reports],
+    flight_day: NDArray[np.integer],
+    *,
+    joint: bool = True,
+    harmonics: int = 2,
+    places: list[Places] | None = None,
+) -> AircraftFit | None:
+    """Fit A..E, airspeed scale and reference bias of one aircraft.
+
+    Parameters
+    ----------
+    members : list of Reports
+        One for each reference of the pool; flights numbered alike in all.
+    flight_day : array of int, shape (flights,)
+        Day on which each flight began.
+    joint : bool
+        Fit along and cross components together; else the heading error alone.
+    harmonics : int
+        1 or 2 cycles.
+    places : list of Places, optional
+        Of the reports of every member: keeps the sums the fleet's part of the fit is made from.
+
+    Returns
+    -------
+    AircraftFit or None
+        None where there is no report at all.
+    """
+    if not members or not all(obs.size for obs in members):
+        return None
+    members, places = _in_order(members, places)
+    edges = _edges(members, places)
+    size = COMPASS + 1 + 2 * len(members)
+    compass = np.arange(1 + 2 * harmonics)
+    free = np.concatenate([compass, np.arange(COMPASS, size)]) if joint else compass
+    flights = flight_day.size
+    days = _days(flight_day)
+    theta = np.zeros(size)
+    middle = [obs.take(slice(None, None, max(obs.size // MIDDLE, 1))) for obs in members]
+    thin = [obs.take(slice(None, None, max(obs.size // THIN, 1))) for obs in middle]
+    theta, _ = _start(thin, theta, free, joint, False)
+    theta, scatters = _start(middle, theta, free, joint, True)
+    by_flight = min(flights, days[0].size) < MANY
+    for _ in range(PASSES):
+        parts = [
+            accumulate(
+                obs,
+                _local(theta, k),
+                scatters[k],
+                flights,
+                joint=joint,
+                by_flight=by_flight,
+                starts=edges[k].start if edges else None,
+            )
+            for k, obs in enumerate(members)
+        ]
+        normal, score, kappa = _joined(parts, size)
+        step = _solve(normal[np.ix_(free, free)], score[free]) / kappa
+        theta[free] += step
+        converged = bool(
+            np.all(np.abs(step) <= FINAL_STEP * _spread(normal, parts, free, kappa) + ENOUGH)
+        )
+        if converged:
+            break
+    move = np.zeros(size)
+    move[free] = step
+    blocks = [
+        make_blocks(
+            part.block, part.square, edge, place, (theta - move)[_bias(k)], move[:SLOPES], kappa
+        )
+        for k, (part, edge, place) in enumerate(zip(parts, edges, places or [], strict=False))
+        if part.block is not None
+    ]
+    found = _finish(theta, free, normal, kappa, parts, days, converged, by_flight)
+    return replace(found, blocks=blocks)
+
+
+def _in_order(
+    members: list[Reports], places: list[Places] | None
+) -> tuple[list[Reports], list[Places] | None]:
+    """Reports flight by flight and, where their times are known, in the order of time."""
+    if places is None:
+        return [obs.sorted() for obs in members], None
+    ordered = []
+    for obs, place in zip(members, places, strict=True):
+        order = np.lexsort((place.time, obs.flight)) if not obs.in_order else None
+        ordered.append((obs, place) if order is None else (obs.at(order), place.at(order)))
+    return [one for one, _ in ordered], [one for _, one in ordered]
+
+
+def _edges(members: list[Reports], places: list[Places] | None) -> list[Edges]:
+    """Where the blocks of every member begin; none where no places are known."""
+    return [
+        find_edges(
+            obs.flight, place.time, float(np.median(obs.airspeed[:: max(1, obs.size // THIN)]))
+        )
+        for obs, place in zip(members, places or [], strict=False)
+    ]
+
+
+def _days(flight_day: NDArray[np.integer]) -> tuple[Index, Index]:
+    """Days flown, and the place of each flight's day among them."""
+    day = np.asarray(flight_day, dtype=np.int64)
+    if np.any(day[1:] < day[:-1]):
+        number, place = np.unique(day, return_inverse=True)
+        return number, place
+    new = np.ones(day.size, dtype=np.bool_)
+    np.not_equal(day[1:], day[:-1], out=new[1:])
+    return day[new], np.cumsum(new) - 1
+
+
+def _spread(normal: Array, parts: list[PassSums], free: Index, kappa: float) -> Array:
+    """Standard errors clustered by flight, as good as a stopping rule needs."""
+    score = _flight_score(parts, normal.shape[0])[:, _kept(free, normal.shape[0])]
+    square = normal[np.ix_(free, free)]
+    half = _solve(square, score.T @ score)
+    return np.asarray(np.sqrt(np.maximum(np.diagonal(_solve(square, half.T)), 0.0)) / kappa)
+
+
+def _kept(free: Index, size: int) -> Any:
+    """Places of the free parameters; all of them as a slice, which copies nothing."""
+    return slice(None) if free.size == size else free
+
+
+def _flight_score(parts: list[PassSums], size: int) -> Array:
+    """Score by flight of every parameter, all members together."""
+    if len(parts) == 1:
+        return parts[0].flight_score
+    score = np.zeros((parts[0].flight_score.shape[0], size))
+    for k, part in enumerate(parts):
+        score[:, _place(k)] += part.flight_score
+    return score
+
+
+def _local(theta: Array, member: int) -> Array:
+    return np.concatenate([theta[: COMPASS + 1], theta[_bias(member)]])
+
+
+def _bias(member: int) -> Index:
+    return COMPASS + 1 + 2 * member + np.arange(2)
+
+
+def _place(member: int) -> Index:
+    return np.concatenate([np.arange(COMPASS + 1), _bias(member)])
+
+
+def _start(
+    few: list[Observations], theta: Array, free: Index, joint: bool, hold: bool
+) -> tuple[Array, list[Scatter]]:
+    theta = theta.copy()
+    scatters: list[Scatter] = []
+    square = np.ix_(free, free)
+    for number in range(START_STEPS):
+        known = scatters if hold and scatters else [None] * len(few)
+        parts = [
+            accumulate(obs, _local(theta, k), one, 0, joint=joint, parted=hold)
+            for k, (obs, one) in enumerate(zip(few, known, strict=True))
+        ]
+        scatters = [part.scatter for part in parts if part.scatter]
+        normal, score, kappa = _joined(parts, theta.size)
+        step = _solve(normal[square], score[free]) / max(kappa, 0.6)
+        theta[free] += step
+        small = np.all(np.abs(step) * np.sqrt(np.diagonal(normal)[free]) < START_STEP)
+        if small and (hold or number):
+            break
+    return theta, scatters
+
+
+def _joined(parts: list[PassSums], size: int) -> tuple[Array, Array, float]:
+    normal, score = parts[0].normal, parts[0].score
+    if len(parts) > 1:
+        normal, score = np.zeros((size, size)), np.zeros(size)
+        for k, part in enumerate(parts):
+            place = _place(k)
+            normal[np.ix_(place, place)] += part.normal
+            score[place] += part.score
+    weight = sum(part.weight for part in parts)
+    slope = sum(part.slope for part in parts)
+    return normal, score, max(slope / weight, 0.2) if weight > 0 else 1.0
+
+
+def _solve(normal: Array, score: Array) -> Array:
+    scale = np.sqrt(np.maximum(normal.diagonal(), 1e-30))
+    square = normal / (scale * scale[:, np.newaxis])
+    square.flat[:: scale.size + 1] += 1e-9
+    return np.asarray((np.linalg.solve(square, (score.T / scale).T).T / scale).T)
+
+
+def _finish(
+    theta: Array,
+    free: Index,
+    normal: Array,
+    kappa: float,
+    parts: list[PassSums],
+    days: tuple[Index, Index],
+    converged: bool,
+    by_flight: bool,
+) -> AircraftFit:
+    day_number, day = days
+    size, flights = theta.size, day.size
+    score = _flight_score(parts, size)
+    normals = np.zeros((flights, size, size)) if by_flight else None
+    for k, part in enumerate(parts):
+        place = _place(k)
+        if normals is not None and part.flight_normal is not None:
+            normals[:, place[:, np.newaxis], place] += part.flight_normal
+    square = normal[np.ix_(free, free)]
+    kept = _kept(free, size)
+    score = score[:, kept] - score[:, kept].mean(axis=0)
+    root = inverse_root(square)
+    if normals is not None:
+        normals = normals[:, free[:, np.newaxis], free]
+    day_normals = None if normals is None else group_sums(normals, day, day_number.size)
+    by_day = group_sums(score, day, day_number.size)
+    influence = [
+        influences(score, root, normals, kappa),
+        influences(by_day, root, day_normals, kappa),
+    ]
+    if free.size < size:
+        for k, own in enumerate(influence):
+            influence[k] = np.zeros((own.shape[0], size))
+            influence[k][:, free] = own
+    freedom = np.full(size, np.inf)
+    freedom[free] = degrees_of_freedom(square, normals, flights)
+    weight = sum(part.weight for part in parts) or 1.0
+    return AircraftFit(
+        theta,
+        free,
+        normal,
+        kappa,
+        influence[0],
+        influence[1],
+        day_number,
+        freedom,
+        converged,
+        float(np.sqrt(sum(part.before2 for part in parts) / weight)),
+        float(np.sqrt(sum(part.after2 for part in parts) / weight)),
+        np.argsort(day, kind="stable"),
+    )
+
+
+def merged(parts: list[AircraftFit]) -> AircraftFit:
+    """Add the sums of separate periods: last month's fit and this month's make one.
+
+    Parameters
+    ----------
+    parts : list of AircraftFit
+        Of one aircraft and reference, the periods in order, none sharing a flight, all with the
+        same free parameters.
+
+    Returns
+    -------
+    AircraftFit
+        As if fitted together, but for each period keeping its own robust weights.
+
+    Raises
+    ------
+    ValueError
+        If the free parameters differ.
+    """
+    free = parts[0].free
+    if any(not np.array_equal(part.free, free) for part in parts):
+        raise ValueError("the periods were fitted with different parameters")
+    square = np.ix_(free, free)
+    slopes = [part.kappa * part.normal[square] for part in parts]
+    total = np.sum(slopes, axis=0)
+    shares = [_solve(total, slope) for slope in slopes]
+    theta = np.zeros_like(parts[0].theta)
+    rows: list[Array] = []
+    for part, share in zip(parts, shares, strict=True):
+        theta[free] += share @ part.theta[free]
+        moved = np.zeros_like(part.flight)
+        moved[:, free] = part.flight[:, free] @ share.T
+        rows.append(moved)
+    days = np.unique(np.concatenate([part.day_number for part in parts]))
+    day = np.zeros((days.size, theta.size))
+    for part, share in zip(parts, shares, strict=True):
+        day[np.ix_(np.searchsorted(days, part.day_number), free)] += part.day[:, free] @ share.T
+    first = np.cumsum([0, *[part.flight.shape[0] for part in parts[:-1]]])
+    normal = np.sum([part.normal for part in parts], axis=0)
+    weight = np.array([part.normal[0, 0] for part in parts])
+    weight = weight / weight.sum()
+    return replace(
+        parts[0],
+        theta=theta,
+        normal=normal,
+        kappa=float(np.trace(total) / np.trace(normal[square])),
+        flight=np.concatenate(rows),
+        day=day,
+        day_number=days,
+        freedom=np.sum([part.freedom for part in parts], axis=0),
+        converged=all(part.converged for part in parts),
+        rms_before=float(np.sqrt(weight @ [part.rms_before**2 for part in parts])),
+        rms_after=float(np.sqrt(weight @ [part.rms_after**2 for part in parts])),
+        flight_order=np.concatenate(
+            [part.flight_order + shift for part, shift in zip(parts, first, strict=True)]
+        ),
+    )

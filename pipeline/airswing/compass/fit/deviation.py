@@ -1,0 +1,378 @@
+"""Deviation of every aircraft's compass from its headings' errors: the fit and its status.
+
+Assumptions
+-----------
+One deviation curve an aircraft over the whole period, a function of the indicated magnetic heading
+(A constant, one or two cycles: Archibald Smith's coefficients); one airspeed scale an aircraft; a
+reference wind whose bias is shared by the fleet in part. See
+:mod:`airswing.compass.fit.normal_equations` for the equations and
+:mod:`airswing.compass.fit.pooled_bias` for the bias. B and C are those at the mean horizontal field
+of the aircraft's reports that count, ``mean_horizontal_field``: they scale with 1/H. Where the
+headings say no ``horizontal_field`` they are taken as constant.
+
+Standard errors allow for flights' and days' common errors, for the number of clusters (they are
+made wider so that +-1.96 of them is a 95 % interval) and for the choice of one or two cycles
+(where one was chosen, what that may have cost is in the covariance, D and E included).
+
+Inside degrees; NaN coefficients wherever the status is not ``ok``.
+
+References
+----------
+Jacobs et al. 2010 (seed paper), eq. 3 and step d; NGA Handbook of Magnetic Compass Adjustment.
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.compass.fit.acceptance import (
+    MAX_CONDITION,
+    AircraftSums,
+    Options,
+    condition_number,
+    publish,
+)
+from airswing.compass.fit.aircraft import fit_aircraft
+from airswing.compass.fit.normal_equations import plain_sinusoid
+from airswing.compass.fit.report_columns import Columns
+from airswing.compass.fit.row_blocks import BLOCK
+from airswing.errors import InputError
+from airswing.flags import STATUS
+from airswing.products.ragged import blocks, row_bounds
+from airswing.vocabulary import describe
+
+COEFFICIENTS = ("A", "B", "C", "D", "E")
+MIN_FLIGHTS = 5
+CHUNKS = 8
+"""Tasks the aircraft are shared between, where there are more of them than that: a task graph costs
+half an aircraft's fit. They run one after the other: the kernel's blocks are so short that threads
+spend more on the interpreter's lock than they gain."""
+_NEEDED = (
+    "heading",
+    "magnetic_heading",
+    "airspeed",
+    "heading_error",
+    "airspeed_error",
+    "heading_error_standard_error",
+    "screening",
+    "flight",
+    "time",
+    "row_size",
+    "latitude",
+    "longitude",
+    "pressure",
+)
+_USEFUL = ("horizontal_field",)
+"""Read where they are there."""
+FITTED_FROM = (*_NEEDED, *_USEFUL)
+"""Variables a fit reads."""
+
+
+@dataclass(frozen=True)
+class FleetSums:
+    """What the fit of a fleet needs of some of its aircraft: their own fits and block sums.
+
+    Attributes
+    ----------
+    aircraft : array of str, shape (aircraft,)
+    groups : dict of str to list of AircraftSums
+        Per reference and pool, one an aircraft.
+    members : dict of str to int
+        References in each.
+    options : Options
+    attributes : dict
+        What the fits say about themselves.
+    """
+
+    aircraft: NDArray[Any]
+    groups: dict[str, list[AircraftSums]]
+    members: dict[str, int]
+    options: Options
+    attributes: dict[str, Any]
+
+
+def fit_deviation(
+    headings: xr.Dataset,
+    *,
+    pools: Mapping[str, Sequence[str]] | None = None,
+    harmonics: Literal["auto", 1, 2] = "auto",
+    abscissa: Literal["magnetic", "true"] = "magnetic",
+    joint: bool = True,
+    shared_error: bool = True,
+    min_reports: int = 200,
+    min_compass_points: int = 6,
+    alone: bool = True,
+) -> xr.Dataset:
+    """Fit the deviation of every aircraft against every reference and every pool.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Headings of every report (``report``, ``reference``, ``aircraft``), in memory or opened
+        lazily; only reports with ``screening`` 0 and finite values count.
+    pools : mapping of str to list of str, optional
+        Name of a pool -> its references, fitted together.
+    harmonics : {"auto", 1, 2}
+        Cycles of the curve; "auto" keeps the second where the data show it.
+    abscissa : {"magnetic", "true"}
+        Argument of the curve: indicated magnetic heading, or (the seed's) true heading.
+    joint : bool
+        Fit airspeed errors jointly, with airspeed scale and reference bias; else the heading
+        error alone.
+    shared_error : bool
+        With ``joint``, also fit the reference's error that the fleet shares, as a field (see
+        :mod:`airswing.compass.fit.reference_error`).
+    min_reports, min_compass_points : int
+        Fewer give status ``too_few_reports``, ``poor_heading_coverage``.
+    alone : bool
+        Also fit each reference alone, beside the pools; without pools always.
+
+    Returns
+    -------
+    Dataset
+        Every variable of ``fits.nc`` except the table's.
+
+    Raises
+    ------
+    InputError
+        If a variable is missing or a pool names an unknown reference.
+    """
+    _groups(headings, pools or {}, alone=True)
+    options: dict[str, Any] = {
+        "pools": pools, "harmonics": harmonics, "abscissa": abscissa, "joint": joint,
+        "shared_error": shared_error, "min_reports": min_reports,
+        "min_compass_points": min_compass_points, "alone": alone,
+    }  # fmt: skip
+    parts = [headings] if _in_memory(headings) else blocks(headings, FITTED_FROM)
+    return fit_sums([sum_aircraft(part, **options) for part in parts])
+
+
+def _in_memory(headings: xr.Dataset) -> bool:
+    """Whether nothing is left to read: cutting such a fleet in parts saves no memory."""
+    own = [headings.variables[name] for name in FITTED_FROM if name in headings.variables]
+    # no public name tells; where a later xarray has none, the fleet is cut, to the same end
+    return all(getattr(variable, "_in_memory", False) for variable in own)
+
+
+def sum_aircraft(
+    headings: xr.Dataset,
+    *,
+    pools: Mapping[str, Sequence[str]] | None = None,
+    harmonics: Literal["auto", 1, 2] = "auto",
+    abscissa: Literal["magnetic", "true"] = "magnetic",
+    joint: bool = True,
+    shared_error: bool = True,
+    min_reports: int = 200,
+    min_compass_points: int = 6,
+    alone: bool = True,
+) -> FleetSums:
+    """Fit every aircraft by itself and sum its blocks: all that looks at reports.
+
+    An aircraft's sums depend on its own reports alone, so a fleet may be summed in any parts.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Of a fleet, or of some of its aircraft.
+    pools, harmonics, abscissa, joint, shared_error, min_reports, min_compass_points, alone
+        As for :func:`fit_deviation`.
+
+    Returns
+    -------
+    FleetSums
+
+    Raises
+    ------
+    InputError
+        If a variable is missing or a pool names an unknown reference.
+    """
+    groups = _groups(headings, pools or {}, alone=alone or not pools)
+    options = Options(harmonics, joint, shared_error, min_reports, min_compass_points)
+    columns = Columns(headings, abscissa)
+    found = {}
+    for name, members in groups.items():
+        columns.use(members)
+        found[name] = _sum_reference(columns, members, options)
+    return FleetSums(
+        headings["aircraft"].to_numpy().astype(object),
+        found,
+        {name: len(members) for name, members in groups.items()},
+        options,
+        {
+            "abscissa": abscissa,
+            "joint": int(joint),
+            "harmonics_asked": str(harmonics),
+            "reference_count": headings.sizes["reference"],
+        },
+    )
+
+
+def fit_sums(parts: Sequence[FleetSums]) -> xr.Dataset:
+    """Fit the fleet on the sums of its aircraft.
+
+    Parameters
+    ----------
+    parts : list of FleetSums
+        Of different aircraft, made with the same options.
+
+    Returns
+    -------
+    Dataset
+        As of :func:`fit_deviation`.
+    """
+    first = parts[0]
+    fits = xr.concat(
+        [
+            publish([one for part in parts for one in part.groups[name]], members, first.options)
+            for name, members in first.members.items()
+        ],
+        dim="reference",
+        join="override",
+        combine_attrs="override",
+    )
+    fits = fits.assign_coords(
+        reference=("reference", np.array(list(first.members), dtype=object)),
+        aircraft=("aircraft", np.concatenate([part.aircraft for part in parts])),
+        coefficient=("coefficient", np.array(COEFFICIENTS, dtype=object)),
+        coefficient_2=("coefficient_2", np.array(COEFFICIENTS, dtype=object)),
+        component=("component", np.array(["eastward", "northward"], dtype=object)),
+    )
+    fits.attrs.update(first.attributes)
+    return describe(fits)
+
+
+def fit_sinusoid(
+    headings: xr.Dataset, *, abscissa: Literal["magnetic", "true"] = "magnetic"
+) -> xr.Dataset:
+    """Fit the seed's plain sinusoid: ordinary least squares of the heading error, nothing more.
+
+    Parameters
+    ----------
+    headings : Dataset
+        As for :func:`fit_deviation`; only screened reports with finite values count.
+    abscissa : {"magnetic", "true"}
+
+    Returns
+    -------
+    Dataset
+        ``offset``, ``amplitude``, ``phase`` (reference, aircraft), degrees; NaN with fewer than
+        three reports.
+    """
+    start, stop = row_bounds(headings["row_size"].to_numpy())
+    m = headings["magnetic_heading" if abscissa == "magnetic" else "heading"].to_numpy()
+    kept = headings["screening"].to_numpy() == 0
+    error = headings["heading_error"].transpose("reference", "report")
+    curves = np.full((error.shape[0], start.size, 3), np.nan)
+    for k in range(error.shape[0]):
+        values = error[k].to_numpy()
+        for row, (begin, end) in enumerate(zip(start, stop, strict=True)):
+            one, other = values[begin:end], m[begin:end]
+            good = kept[begin:end] & np.isfinite(one) & np.isfinite(other)
+            if not good.all():
+                one, other = one[good], other[good]
+            if one.size >= 3:
+                curves[k, row] = plain_sinusoid(one, other)[0]
+    names = ("offset", "amplitude", "phase")
+    return describe(
+        xr.Dataset(
+            {name: (("reference", "aircraft"), curves[..., j]) for j, name in enumerate(names)},
+            coords={name: headings[name] for name in ("reference", "aircraft")},
+        )
+    )
+
+
+def _groups(
+    headings: xr.Dataset, pools: Mapping[str, Sequence[str]], *, alone: bool
+) -> dict[str, list[int]]:
+    for name in _NEEDED:
+        if name not in headings:
+            raise InputError("the headings lack a variable the fit needs", field=name)
+    names = [str(name) for name in headings["reference"].to_numpy()]
+    groups = {name: [k] for k, name in enumerate(names)} if alone else {}
+    for pool_name, members in pools.items():
+        unknown = [name for name in members if name not in names]
+        if unknown or not members:
+            raise InputError(
+                "the pool names a reference that is not there",
+                field=pool_name,
+                found=", ".join(unknown) or "no member",
+                remedy=f"References: {', '.join(names)}",
+            )
+        groups[pool_name] = [names.index(name) for name in members]
+    return groups
+
+
+class _Fitter:
+    """The kernel that runs over the aircraft; hashed by identity, not by its columns."""
+
+    def __init__(self, columns: Columns, members: list[int], options: Options) -> None:
+        self.columns, self.members, self.options = columns, members, options
+
+    def __call__(self, aircraft: NDArray[Any]) -> NDArray[Any]:
+        found = np.empty(aircraft.shape, dtype=object)
+        for k, number in enumerate(aircraft):
+            found[k] = _fit_one(self.columns, int(number), self.members, self.options)
+        return found
+
+    def __dask_tokenize__(self) -> str:
+        return uuid.uuid4().hex
+
+
+def _sum_reference(columns: Columns, members: list[int], options: Options) -> list[AircraftSums]:
+    size = columns.start.size
+    index = xr.DataArray(np.arange(size), dims="aircraft")
+    if size > CHUNKS:
+        index = index.chunk({"aircraft": -(-size // CHUNKS)})
+    found = xr.apply_ufunc(
+        _Fitter(columns, members, options), index, dask="parallelized", output_dtypes=[object]
+    ).compute(scheduler="synchronous")
+    return list(found.to_numpy())
+
+
+def _compass_points(angle: NDArray[np.floating[Any]]) -> int:
+    """Compass points that angles (degrees) are nearest to: three of them, or one in 500."""
+    least = max(3, 0.002 * angle.size)
+    counts = np.zeros(8, dtype=np.int64)
+    for begin in range(0, angle.size, BLOCK):
+        # whole turns are added so that cutting the fraction off is rounding to the nearest point
+        point = (angle[begin : begin + BLOCK] * (1 / 45.0) + 16.5).astype(np.int8) & 7
+        counts += [np.count_nonzero(point == k) for k in range(8)]
+        if counts.min() >= least:
+            break
+    return int(np.count_nonzero(counts >= least))
+
+
+def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Options) -> AircraftSums:
+    sets, flight_day, abscissa, places, field = columns.observations(aircraft, members)
+    fit = partial(
+        fit_aircraft, sets, flight_day, joint=options.joint,
+        places=places if options.joint and options.shared_error else None,
+    )  # fmt: skip
+    points = _compass_points(abscissa)
+    found = AircraftSums(
+        int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"], field
+    )
+    if abscissa.size < options.min_reports or flight_day.size < MIN_FLIGHTS:
+        found.status = STATUS["too_few_reports"]
+    elif points < options.min_compass_points:
+        found.status = STATUS["poor_heading_coverage"]
+    cycles = 1 if options.harmonics == 1 else 2
+    if points >= 3 and flight_day.size >= 2 and abscissa.size >= 20:
+        found.fit = fit(harmonics=cycles)
+        if (
+            found.fit is not None
+            and options.harmonics == "auto"
+            and condition_number(found.fit.normal, 2) > MAX_CONDITION
+        ):
+            found.fit = fit(harmonics=1)
+    if found.status == STATUS["ok"] and found.fit is None:
+        found.status = STATUS["too_few_reports"]
+    return found

@@ -1,0 +1,238 @@
+"""Reports summed over short stretches of flight: all the fleet's part of the fit needs to know.
+
+Assumes that the reference's error hardly changes over a block (half an hour of a turboprop's
+flight, a quarter of a jet's: about 200 km, half the distance of the field's nodes), so that the
+reports of a block can stand at the place of the middle one. The sums themselves are exact: of the
+weights, of the residual of the vector equation (:mod:`airswing.compass.fit.normal_equations`) and
+of its derivatives by A to E and the airspeed scale, each with the report's robust weight. Blocks
+end with their flight and with their six-hour segment; what a flight flew in one segment is a
+*piece*.
+
+What differs inside a block is used for the size of the noise only: the headings of one leg differ
+by little more than the noise of the reported wind, which turns the indicated heading and its error
+alike, so a curve through them would follow the noise (errors in variables).
+
+Made aircraft by aircraft, so any split of a fleet gives the same blocks, bit for bit. Radians,
+m/s; an array of some 15 numbers a block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.compass.fit.sandwich import Array, Index
+
+LENGTH = 240e3
+"""Metres a block may be long at the aircraft's airspeed."""
+DURATIONS = (1800, 1200, 900, 600)
+"""Seconds a block may last: parts of a segment, so that no block crosses its end."""
+SEGMENT_SECONDS = 6 * 3600
+"""Time for which a passing error of the reference is taken as standing still."""
+SLOPES = 6
+"""A to E and the airspeed scale."""
+ROWS = 1 + 2 + 2 * SLOPES
+"""Weight; residual eastward, northward; slopes eastward, slopes northward."""
+LEAST_WEIGHT = 0.3
+"""Reports' worth of weight below which a block is left out: gross errors."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where and when the reports of one aircraft are.
+
+    Attributes
+    ----------
+    latitude, longitude : array, shape (n,), degrees
+    pressure : array, shape (n,), Pa
+    time : array of datetime64, shape (n,)
+    """
+
+    latitude: NDArray[np.floating[Any]]
+    longitude: NDArray[np.floating[Any]]
+    pressure: NDArray[np.floating[Any]]
+    time: NDArray[np.datetime64]
+
+    def at(self, index: Any) -> Places:
+        """Those of some reports."""
+        return Places(
+            self.latitude[index], self.longitude[index], self.pressure[index], self.time[index]
+        )
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Where the blocks of one aircraft's reports begin.
+
+    Attributes
+    ----------
+    start : array of int, shape (blocks,)
+        First report of each.
+    segment : array of int, shape (blocks,)
+        Six-hour segments since 1970.
+    opens : array of bool, shape (blocks,)
+        Whether the block is the first of its piece.
+    """
+
+    start: Index
+    segment: Index
+    opens: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Sums of one aircraft's reports against one reference, at its own fit without bias.
+
+    Attributes
+    ----------
+    sums : array of float32, shape (15, blocks)
+        Weight (a report's is one on average), weighted residual and slopes, see :data:`ROWS`. The
+        residual is the reference's wind minus the corrected one; minus the slopes are its
+        derivatives.
+    within : float
+        Sum of the squared residual (times its weight, which is what the means are made of) less
+        what the blocks' means hold, (m/s)2.
+    freedom : float
+        Degrees of freedom of ``within``, both components.
+    latitude, longitude, log_pressure : array, shape (blocks,)
+    segment : array of int32, shape (blocks,)
+    piece : array of int32, shape (blocks,)
+        0, 1, 2 ... never falling.
+    """
+
+    sums: NDArray[np.float32]
+    within: float
+    freedom: float
+    latitude: Array
+    longitude: Array
+    log_pressure: Array
+    segment: NDArray[np.int32]
+    piece: NDArray[np.int32]
+
+    @property
+    def size(self) -> int:
+        """Number of blocks."""
+        return int(self.segment.size)
+
+    def of(self, segments: Index) -> Blocks:
+        """Those of some segments; ``within`` and ``freedom`` stay those of all.
+
+        Parameters
+        ----------
+        segments : array of int
+            Rising.
+
+        Returns
+        -------
+        Blocks
+            Views where all the blocks between the first and the last of the segments are asked for
+            and their segments never fall.
+        """
+        low, high = np.searchsorted(self.segment, (segments[0], segments[-1] + 1))
+        keep: Any = slice(int(low), int(high))
+        if segments[-1] - segments[0] >= segments.size or self.falls:
+            keep = np.isin(self.segment, segments)
+        return replace(
+            self,
+            sums=self.sums[:, keep],
+            latitude=self.latitude[keep],
+            longitude=self.longitude[keep],
+            log_pressure=self.log_pressure[keep],
+            segment=self.segment[keep],
+            piece=self.piece[keep],
+        )
+
+    @cached_property
+    def falls(self) -> bool:
+        """Whether the number of the segment falls anywhere: flights numbered out of time."""
+        return bool(np.any(self.segment[1:] < self.segment[:-1]))
+
+
+def find_edges(flight: NDArray[np.integer], time: NDArray[np.datetime64], airspeed: float) -> Edges:
+    """Cut one aircraft's reports into blocks.
+
+    Parameters
+    ----------
+    flight : array of int, shape (n,)
+        Never falling.
+    time : array of datetime64, shape (n,)
+    airspeed : float
+        A usual one, m/s.
+
+    Returns
+    -------
+    Edges
+    """
+    seconds = next((one for one in DURATIONS if one * airspeed <= LENGTH), DURATIONS[-1])
+    ticks = np.array(seconds, dtype="timedelta64[s]").astype(time.dtype.str.replace("M8", "m8"))
+    number = time.view(np.int64) // int(ticks.astype(np.int64))
+    change = np.ones(number.size, dtype=np.bool_)
+    np.not_equal(number[1:], number[:-1], out=change[1:])
+    change[1:] |= flight[1:] != flight[:-1]
+    start = np.flatnonzero(change)
+    segment = number[start] // (SEGMENT_SECONDS // seconds)
+    opens = np.ones(start.size, dtype=np.bool_)
+    first = flight[start]
+    opens[1:] = (segment[1:] != segment[:-1]) | (first[1:] != first[:-1])
+    return Edges(start, segment, opens)
+
+
+def make_blocks(
+    sums: Array,
+    square: float,
+    edges: Edges,
+    places: Places,
+    bias: Array,
+    step: Array,
+    kappa: float,
+) -> Blocks:
+    """Blocks of one aircraft and reference from what the last pass left.
+
+    Parameters
+    ----------
+    sums : array, shape (15, blocks)
+        Of the pass, at its own parameters.
+    square : float
+        Sum over all reports of the square of weight times residual.
+    edges : Edges
+    places : Places
+        Of the reports, in the order of the pass.
+    bias : array, shape (2,)
+        Reference bias the pass took off, m/s: put back.
+    step : array, shape (6,)
+        Step of A to E and the scale after the pass.
+    kappa : float
+        Mean derivative of the robust score over the mean weight: robust residuals are that much
+        smaller than what shifts them.
+
+    Returns
+    -------
+    Blocks
+    """
+    unit = places.time.size / max(float(sums[0].sum()), 1e-30)
+    sums = sums * unit
+    sums[1:3] /= kappa
+    stop = np.append(edges.start[1:], places.time.size)
+    count = stop - edges.start
+    within = square * (unit / kappa) ** 2 - float(((sums[1] ** 2 + sums[2] ** 2) / count).sum())
+    for row, slopes in ((1, sums[3 : 3 + SLOPES]), (2, sums[3 + SLOPES :])):
+        sums[row] += bias[row - 1] * sums[0] - step @ slopes
+    middle = (edges.start + stop) // 2
+    at = places.at(middle)
+    heavy = (sums[0] > LEAST_WEIGHT) & np.isfinite(at.latitude + at.longitude + at.pressure)
+    keep: Any = slice(None) if heavy.all() else heavy  # mostly all: nothing to copy
+    at = at.at(keep)
+    return Blocks(
+        sums[:, keep].astype(np.float32),
+        within,
+        2.0 * float(count.sum() - count.size),
+        at.latitude.astype(np.float64),
+        at.longitude.astype(np.float64),
+        np.log(at.pressure.astype(np.float64)),
+        edges.segment[keep].astype(np.int32),
+        np.cumsum(edges.opens, dtype=np.int32)[keep],
+    )

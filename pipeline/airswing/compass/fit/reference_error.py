@@ -1,0 +1,445 @@
+"""The reference's error as the whole fleet sees it: a field, and what is known of it per segment.
+
+Assumes the error of the reference wind is a smooth field shared by every aircraft that flies
+through it: a part that lasts over the archive (hat functions in latitude, longitude and ln p)
+and a part that changes every six hours (hat functions about 400 km apart). Both are Gaussian
+random effects whose variances are estimated from the data, so that a reference without error
+leaves the fits as they were. What a flight meets beside it is an error of its own (a *piece* of a
+flight shares one), an error of each block of some 200 km and white noise. An aircraft's deviation
+turns with its heading and is its own; the field does neither, and that is how the two are told
+apart.
+
+Valid for any number of aircraft; the more of them share the air, the more it helps. Works on
+blocks (:mod:`airswing.compass.fit.flight_segments`), not reports. SI units and radians inside;
+latitude and longitude in degrees.
+
+References
+----------
+Henderson 1975, Biometrics 31, 423-447 (mixed model equations); Laird & Ware 1982, Biometrics 38,
+963-974 (variances by expectation-maximization).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from airswing.compass.fit.flight_segments import Blocks
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Short = NDArray[np.int32]
+Single = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+SPACING_KM = 400.0
+"""Distance of the passing part's nodes: the reach of a model's synoptic error."""
+STATIC_NODES = (4, 5, 3)
+"""Nodes of the lasting part in latitude, longitude and ln p, at quantiles of the blocks."""
+LARGEST_VARIANCE = 9.0
+"""(m/s)2: more than this is not the reference's error."""
+ROUNDS = 6
+
+
+@dataclass(frozen=True)
+class FieldBasis:
+    """Which functions make up the field.
+
+    Attributes
+    ----------
+    lasting : tuple of arrays of float
+        Nodes in latitude, eastward degrees and ln p.
+    passing : tuple of arrays of float
+        Nodes in latitude and eastward degrees.
+    origin : tuple of float
+        Longitude of the middle, cosine of the middle latitude.
+    """
+
+    lasting: tuple[Floats, ...]
+    passing: tuple[Floats, ...]
+    origin: tuple[float, float]
+
+    @classmethod
+    def of(cls, latitude: Floats, longitude: Floats, log_pressure: Floats) -> FieldBasis:
+        """Choose the functions for some places.
+
+        Parameters
+        ----------
+        latitude, longitude : arrays of float, shape (n,), degrees
+        log_pressure : array of float, shape (n,)
+
+        Returns
+        -------
+        FieldBasis
+        """
+        angle = np.radians(longitude)
+        middle = float(np.degrees(np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())))
+        origin = (middle, float(np.cos(np.radians(np.median(latitude)))))
+        east = _eastward(longitude, origin)
+        lasting = tuple(
+            np.unique(np.quantile(values, np.linspace(0, 1, nodes)))
+            for values, nodes in zip((latitude, east, log_pressure), STATIC_NODES, strict=True)
+        )
+        return cls(lasting, tuple(_even(v, SPACING_KM / 111.2) for v in (latitude, east)), origin)
+
+    @property
+    def lasting_size(self) -> int:
+        """Number of functions of the lasting part."""
+        return int(np.prod([nodes.size for nodes in self.lasting]))
+
+    @property
+    def passing_size(self) -> int:
+        """Number of functions of the passing part in one segment."""
+        return int(np.prod([nodes.size for nodes in self.passing]))
+
+    def lasting_at(
+        self, latitude: Floats, longitude: Floats, log_pressure: Floats
+    ) -> tuple[Short, Floats]:
+        """Functions of the lasting part that are not zero at some places.
+
+        Returns
+        -------
+        index, value : arrays, shape (n, up to 8)
+            The values of a place sum to one.
+        """
+        values = (latitude, _eastward(longitude, self.origin), log_pressure)
+        return _product(values, self.lasting)
+
+    def passing_at(self, latitude: Floats, longitude: Floats) -> tuple[Short, Floats]:
+        """Functions of the passing part that are not zero at some places.
+
+        Returns
+        -------
+        index, value : arrays, shape (n, up to 4)
+            The values of a place sum to one.
+        """
+        return _product((latitude, _eastward(longitude, self.origin)), self.passing)
+
+
+def _eastward(longitude: Floats, origin: tuple[float, float]) -> Floats:
+    """Degrees of great circle east of the middle, without a jump at the antimeridian."""
+    return np.asarray(((longitude - origin[0] + 180.0) % 360.0 - 180.0) * origin[1])
+
+
+def _even(values: Floats, step: float) -> Floats:
+    low, high = float(values.min()), float(values.max())
+    count = max(2, round((high - low) / step) + 1)
+    return np.linspace(low, high, count) if high > low else np.array([low])
+
+
+def _hats(values: Floats, nodes: Floats) -> tuple[Short, Floats]:
+    """The one or two piecewise linear functions that are not zero at each value, (n, 1 or 2)."""
+    if nodes.size == 1:
+        return np.zeros((values.size, 1), dtype=np.int32), np.ones((values.size, 1))
+    left = np.zeros(values.size, dtype=np.int32)
+    for node in nodes[1:-1]:
+        left += values >= node
+    found = np.empty((values.size, 2))
+    np.clip((values - nodes[left]) / np.diff(nodes)[left], 0.0, 1.0, out=found[:, 1])
+    np.subtract(1.0, found[:, 1], out=found[:, 0])
+    return np.stack([left, left + np.int32(1)], axis=1), found
+
+
+def _product(values: tuple[Floats, ...], nodes: tuple[Floats, ...]) -> tuple[Short, Floats]:
+    """Products of the hats of every coordinate."""
+    size = values[0].size
+    index, value = np.zeros((size, 1), dtype=np.int32), np.ones((size, 1))
+    for one, knots in zip(values, nodes, strict=True):
+        left, share = _hats(one, knots)
+        old, each = index.shape[1], left.shape[1]
+        first, factor = index * np.int32(knots.size), value
+        index, value = np.empty((size, old * each), np.int32), np.empty((size, old * each))
+        # column by column: loops over the few functions of one place are slow
+        for k, j in np.ndindex(old, each):
+            np.add(first[:, k], left[:, j], out=index[:, k * each + j])
+            np.multiply(factor[:, k], share[:, j], out=value[:, k * each + j])
+    return index, value
+
+
+@dataclass(frozen=True)
+class Variances:
+    """Variances of what a block's mean residual is made of, (m/s)2 a component.
+
+    Attributes
+    ----------
+    white : array of float, shape (aircraft,)
+        Of one report's weight.
+    block, piece, passing : float
+    """
+
+    white: Floats
+    block: float
+    piece: float
+    passing: float
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Blocks of a fleet against one reference, end to end.
+
+    Attributes
+    ----------
+    weight : array of float, shape (n,)
+        Reports' worth.
+    residual : array of float, shape (2, n)
+        Mean of each block, m/s.
+    slopes : array of float32, shape (2, 6, n)
+        Mean of each block.
+    aircraft : array of int, shape (n,)
+        Never falling.
+    opens : array of int, shape (pieces,)
+        First block of each piece.
+    piece : array of int, shape (n,)
+    node, share : arrays, shape (n, up to 4)
+        Nodes of the passing part among all segments', and their values.
+    lasting, lasting_share : arrays, shape (n, up to 9)
+        Functions of the lasting part and, last, its mean.
+    segment : array of int, shape (n,)
+        Place among the segments.
+    segments : array of int
+        Their numbers.
+    nodes : int
+        Nodes of a segment.
+    """
+
+    weight: Floats
+    residual: Floats
+    slopes: Single
+    aircraft: Ints
+    opens: Ints
+    piece: Ints
+    node: Short
+    share: Floats
+    lasting: Short
+    lasting_share: Floats
+    segment: Ints
+    segments: Ints
+    nodes: int
+
+    @classmethod
+    def of(cls, parts: list[Blocks], basis: FieldBasis) -> Stretch:
+        """Put the blocks of a fleet end to end.
+
+        Parameters
+        ----------
+        parts : list of Blocks
+            One an aircraft.
+        basis : FieldBasis
+
+        Returns
+        -------
+        Stretch
+        """
+        count = np.array([part.size for part in parts])
+        means = np.concatenate([part.sums for part in parts], axis=1)
+        weight = means[0].astype(np.float64)
+        means[1:] *= (1.0 / weight).astype(np.float32)
+        latitude, longitude, log_pressure, number = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("latitude", "longitude", "log_pressure", "segment")
+        )
+        aircraft = np.repeat(np.arange(count.size), count)
+        piece = np.concatenate([part.piece for part in parts])
+        change = np.ones(piece.size, dtype=np.bool_)
+        change[1:] = (piece[1:] != piece[:-1]) | (aircraft[1:] != aircraft[:-1])
+        segments, _, segment = counted(number)
+        node, share = basis.passing_at(latitude, longitude)
+        lasting, lasting_share = basis.lasting_at(latitude, longitude, log_pressure)
+        every = np.ones((piece.size, 1))
+        lasting = np.hstack([lasting, every.astype(np.int32) * np.int32(basis.lasting_size)])
+        lasting_share = np.hstack([lasting_share, every])
+        node += (segment * basis.passing_size).astype(np.int32)[:, np.newaxis]
+        return cls(
+            weight, means[1:3].astype(np.float64), means[3:].reshape(2, -1, piece.size), aircraft,
+            np.flatnonzero(change), np.cumsum(change) - 1, node, share, lasting, lasting_share,
+            segment, segments, basis.passing_size,
+        )  # fmt: skip
+
+    @cached_property
+    def lasting_design(self) -> sparse.csr_matrix:
+        """Lasting part's functions at every block, shape (n, functions)."""
+        return as_sparse(self.lasting, self.lasting_share, int(self.lasting[0, -1]) + 1)
+
+    @cached_property
+    def passing_design(self) -> sparse.csr_matrix:
+        """Passing part's functions at every block, shape (n, segment * nodes)."""
+        return as_sparse(self.node, self.share, self.segments.size * self.nodes)
+
+
+def counted(numbers: Ints) -> tuple[Ints, Ints, Ints]:
+    """Numbers that occur, how often each does, and the place of every one among them.
+
+    As :func:`numpy.unique` gives them, without sorting: for numbers that lie close together.
+    """
+    first = int(numbers.min())
+    shifted = numbers - first
+    count = np.bincount(shifted)
+    found = np.flatnonzero(count)
+    place = np.zeros(count.size, dtype=np.int64)
+    place[found] = np.arange(found.size)
+    return found + first, count[found], place[shifted]
+
+
+def as_sparse(index: NDArray[np.integer], value: Floats, columns: int) -> sparse.csr_matrix:
+    """Sparse matrix of ``columns`` columns from the values and places of every row."""
+    rows, each = index.shape
+    start = np.arange(0, (rows + 1) * each, each, dtype=index.dtype)
+    return sparse.csr_matrix((value.ravel(), index.ravel(), start), shape=(rows, columns))
+
+
+class Precision:
+    """Inverse covariance of the blocks' means: the field unknown, a piece's error shared by it.
+
+    Parameters
+    ----------
+    stretch : Stretch
+    variances : Variances
+    inverse : array of float, shape (segment, nodes, nodes), optional
+        Posterior covariance of the nodes, where it is known already.
+    """
+
+    def __init__(self, stretch: Stretch, variances: Variances, inverse: Floats | None = None):
+        self.stretch = stretch
+        white = variances.white[stretch.aircraft] / stretch.weight
+        self.weight = 1.0 / (white + variances.block)
+        total = np.add.reduceat(self.weight, stretch.opens)
+        self.tied = variances.piece / (1.0 + variances.piece * total)
+        self.inverse = self._node_inverse(variances.passing) if inverse is None else inverse
+
+    def within_pieces(self, values: Floats) -> Floats:
+        """Apply the inverse covariance where the field is known.
+
+        Parameters
+        ----------
+        values : array of float, shape (..., n)
+
+        Returns
+        -------
+        array of float, shape (..., n)
+        """
+        found = values * self.weight
+        mean = np.add.reduceat(found, self.stretch.opens, axis=-1) * self.tied
+        found -= self.weight * mean[..., self.stretch.piece]
+        return np.asarray(found)
+
+    def passing(self, weighted: Floats) -> Floats:
+        """Most likely passing part.
+
+        Parameters
+        ----------
+        weighted : array of float, shape (k, n)
+            Of :meth:`within_pieces`.
+
+        Returns
+        -------
+        array of float, shape (segment * nodes, k)
+        """
+        right = self.stretch.passing_design.T @ weighted.T
+        shape = (self.stretch.segments.size, self.stretch.nodes, right.shape[1])
+        return np.asarray((self.inverse @ right.reshape(shape)).reshape(right.shape))
+
+    def apply(self, values: Floats) -> Floats:
+        """Apply the inverse covariance, the field unknown.
+
+        Parameters
+        ----------
+        values : array of float, shape (k, n)
+
+        Returns
+        -------
+        array of float, shape (k, n)
+        """
+        field = (self.stretch.passing_design @ self.passing(self.within_pieces(values))).T
+        return self.within_pieces(values - field)
+
+    def piece_nodes(self) -> tuple[Floats, Ints]:
+        """Weighted sums of every piece's node values, pieces by segment; shape (pieces, nodes)."""
+        one = self.stretch
+        segment = one.segment[one.opens]
+        order = np.argsort(segment, kind="stable")
+        rank = np.empty_like(order)
+        rank[order] = np.arange(order.size)
+        place = one.node + ((rank[one.piece] - one.segment) * one.nodes)[:, np.newaxis]
+        value = one.share * self.weight[:, np.newaxis]
+        found = np.bincount(place.ravel(), weights=value.ravel(), minlength=order.size * one.nodes)
+        return np.asarray(found.reshape(order.size, one.nodes), dtype=np.float64), order
+
+    def _node_inverse(self, variance: float) -> Floats:
+        """Posterior covariance of every segment's nodes, shape (segment, nodes, nodes)."""
+        one, nodes = self.stretch, self.stretch.nodes
+        square = np.zeros((one.segments.size, nodes, nodes))
+        # the others of a block's nodes are as far from its first in every block
+        first, apart = one.node[:, 0].astype(np.int64), one.node[0] - one.node[0, 0]
+        cells = np.arange(nodes - apart[-1])
+        share = np.ascontiguousarray(one.share.T)
+        for k, value in enumerate(share * self.weight):
+            for other in range(k, apart.size):
+                sums = np.bincount(
+                    first, weights=value * share[other], minlength=one.segments.size * nodes
+                ).reshape(-1, nodes)
+                square[:, cells + apart[k], cells + apart[other]] += sums[:, : cells.size]
+        # each pair of nodes was counted once: above the diagonal
+        square = square + np.triu(square, 1).transpose(0, 2, 1)
+        own, order = self.piece_nodes()
+        stop = np.cumsum(np.bincount(one.segment[one.opens], minlength=one.segments.size))
+        start = 0
+        for k, end in enumerate(stop):
+            rows = own[start:end]
+            square[k] -= (rows * self.tied[order[start:end], np.newaxis]).T @ rows
+            start = end
+        square[:, np.arange(nodes), np.arange(nodes)] += 1.0 / variance
+        return np.asarray(np.linalg.inv(square))
+
+
+def estimate_variances(stretch: Stretch, white: Floats) -> Variances:
+    """Find the variances from what the aircraft's own fits leave unexplained.
+
+    Parameters
+    ----------
+    stretch : Stretch
+    white : array of float, shape (aircraft,)
+
+    Returns
+    -------
+    Variances
+    """
+    found = Variances(white, 0.3, 0.5, 0.5)
+    count = np.bincount(stretch.piece)
+    noise = white[stretch.aircraft] / stretch.weight
+    for _ in range(ROUNDS):
+        precision = Precision(stretch, found)
+        coefficients = precision.passing(precision.within_pieces(stretch.residual))
+        left = stretch.residual - (stretch.passing_design @ coefficients).T
+        mean = np.add.reduceat(left, stretch.opens, axis=1) / count
+        apart = float(((left - mean[:, stretch.piece]) ** 2).sum()) / 2.0
+        share = 1.0 - 1.0 / count[stretch.piece]
+        block = (apart - float((share * noise).sum())) / max(float((count - 1).sum()), 1.0)
+        block = min(max(block, 1e-3), LARGEST_VARIANCE)
+        own = np.add.reduceat(noise + block, stretch.opens) / count**2
+        unknown = _piece_uncertainty(precision, count)
+        piece = float((mean**2).mean() - own.mean() + unknown)
+        energy = coefficients.reshape(stretch.segments.size, stretch.nodes, 2) ** 2
+        passing = float(energy.mean() + np.einsum("sii->si", precision.inverse).mean())
+        found = Variances(
+            white,
+            block,
+            min(max(piece, 1e-3), LARGEST_VARIANCE),
+            min(max(passing, 1e-4), LARGEST_VARIANCE),
+        )
+    return found
+
+
+def _piece_uncertainty(precision: Precision, count: Ints) -> float:
+    """Mean posterior variance of the passing part at the middle of a piece."""
+    one = precision.stretch
+    middle = one.opens + count // 2
+    segment, total = one.segment[middle], 0.0
+    column, value = one.node[middle].T % one.nodes, one.share[middle].T
+    for row, share in zip(column, value, strict=True):
+        for other, part in zip(column, value, strict=True):
+            total += float((share * part * precision.inverse[segment, row, other]).mean())
+    return total

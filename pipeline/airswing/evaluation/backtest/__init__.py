@@ -1,0 +1,1 @@
+"""Corrections learned on some reports and judged on others."""

@@ -1,0 +1,230 @@
+"""What corrections gained on the reports they are judged by, and what was expected of them.
+
+Assumes the gain is paired (the same report before and after its correction), so that the model's
+own error hardly enters. Its interval is a bootstrap over days. Knots of wind vector disagreement.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.compass.correction import correct
+from airswing.errors import InputError
+from airswing.evaluation.day_sums import day_weights, interval_95
+from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
+from airswing.flags import CORRECTION
+from airswing.products.ragged import row_bounds
+
+Floats = NDArray[np.float64]
+
+
+class Apart(NamedTuple):
+    """Disagreement of reports with the reference, as reported and as corrected.
+
+    Attributes
+    ----------
+    before, after : array, shape (report,)
+        Knots.
+    done : array of bool, shape (report,)
+        Whether the report could be corrected.
+    """
+
+    before: Floats
+    after: Floats
+    done: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls, reports: xr.Dataset, fits: xr.Dataset, members: list[str], reference: str, method: str
+    ) -> Apart:
+        """Correct some reports by some fits and measure them.
+
+        Parameters
+        ----------
+        reports, fits : Dataset
+        members : list of str
+            References they are measured against.
+        reference : str
+            Fit that is used.
+        method : {"table", "curve"}
+
+        Returns
+        -------
+        Apart
+        """
+        mended = correct(reports, fits, reference=reference, method=_way(method))
+        winds = reference_mean(reports, members)
+        model = (
+            winds["reference_eastward_wind"].to_numpy(),
+            winds["reference_northward_wind"].to_numpy(),
+        )
+        pairs = (
+            (reports["eastward_wind"], reports["northward_wind"]),
+            (mended["corrected_eastward_wind"], mended["corrected_northward_wind"]),
+        )
+        before, after = (
+            np.asarray(vector_difference(u.to_numpy(), v.to_numpy(), *model) / KNOT, dtype=float)
+            for u, v in pairs
+        )
+        done = mended["correction_applied"].to_numpy() == CORRECTION["corrected"]
+        return cls(before, after, done)
+
+
+def _way(name: str) -> Any:
+    if name not in ("table", "curve"):
+        raise InputError(
+            "no such way to correct", field="method", found=name, remedy="table or curve"
+        )
+    return name
+
+
+class Gain(NamedTuple):
+    """What one aircraft's judged reports gained, by day.
+
+    Attributes
+    ----------
+    day : array of int, shape (day,)
+        Increasing.
+    total : array, shape (day,)
+        Summed gain, knots.
+    counts : array, shape (day,)
+        Reports.
+    """
+
+    day: NDArray[np.int64]
+    total: Floats
+    counts: Floats
+
+    @property
+    def reports(self) -> int:
+        """All of them."""
+        return int(self.counts.sum())
+
+
+def gains_of(block: xr.Dataset, gain: Floats, judged: NDArray[np.bool_]) -> list[Gain]:
+    """Sum the gains of each aircraft of a block by day.
+
+    Parameters
+    ----------
+    block : Dataset
+    gain : array, shape (report,)
+        Knots.
+    judged : array of bool, shape (report,)
+        Reports that count.
+
+    Returns
+    -------
+    list of Gain
+        One an aircraft.
+    """
+    day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
+    found = []
+    for start, stop in zip(*row_bounds(block["row_size"].to_numpy()), strict=True):
+        chosen = np.flatnonzero(judged[start:stop]) + start
+        days, index = np.unique(day[chosen], return_inverse=True)
+        total = np.bincount(index, weights=gain[chosen], minlength=days.size)
+        number = np.bincount(index, minlength=days.size)
+        found.append(Gain(days, total.astype(np.float64), number.astype(np.float64)))
+    return found
+
+
+def compared(
+    headings: xr.Dataset,
+    gains: list[Gain],
+    ranking: list[dict[str, Any]],
+    *,
+    draws: int,
+    seed: int,
+) -> dict[str, Any]:
+    """Hold the predicted against the realised gain, each aircraft and together.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Names the aircraft.
+    gains : list of Gain
+        One an aircraft.
+    ranking : list of dict
+        Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
+    draws, seed : int
+
+    Returns
+    -------
+    dict
+        ``predicted_gain_kt``, ``realised_gain_kt``, their difference with intervals, ``agree``
+        (None where one day leaves the intervals unknown), ``reports``, and the same
+        ``by_aircraft``; None where nothing could be judged.
+    """
+    predicted = {entry["aircraft"]: entry for entry in ranking}
+    entries, judged = [], []
+    for name, gain in zip(headings["aircraft"].to_numpy().astype(str), gains, strict=True):
+        known = predicted[name]
+        if not gain.reports or known["expected_gain_kt"] is None:
+            continue
+        mean, drawn = _bootstrapped(gain, draws=draws, seed=seed)
+        entries.append(
+            {
+                "aircraft": name,
+                "reports": gain.reports,
+                **_side_by_side(
+                    known["expected_gain_kt"],
+                    known["expected_gain_standard_error_kt"],
+                    mean,
+                    drawn,
+                ),
+            }
+        )
+        judged.append(gain)
+    if not entries:
+        return {"by_aircraft": [], "predicted_gain_kt": None, "realised_gain_kt": None}
+    weights = np.array([gain.reports for gain in judged], dtype=float)
+    share = weights / weights.sum()
+    together = float(share @ [entry["predicted_gain_kt"] for entry in entries])
+    spread = share @ np.diag([entry["predicted_standard_error_kt"] ** 2 for entry in entries])
+    mean, drawn = _bootstrapped(_together(judged), draws=draws, seed=seed)
+    return _side_by_side(together, float(np.sqrt(spread @ share)), mean, drawn) | {
+        "reports": int(weights.sum()),
+        "by_aircraft": entries,
+    }
+
+
+def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats) -> dict[str, Any]:
+    """Both gains with their intervals; no verdict where an interval cannot be told."""
+    own = float(drawn.std())
+    difference, wide = realised - predicted, float(np.hypot(error, own))
+    return {
+        "predicted_gain_kt": predicted,
+        "predicted_standard_error_kt": error,
+        "predicted_gain_ci_kt": [predicted - 1.96 * error, predicted + 1.96 * error],
+        "realised_gain_kt": realised,
+        "realised_gain_ci_kt": interval_95(drawn),
+        "difference_kt": difference,
+        "difference_ci_kt": [difference - 1.96 * wide, difference + 1.96 * wide],
+        "agree": bool(abs(difference) <= 1.96 * wide) if np.isfinite(wide) else None,
+    }
+
+
+def _bootstrapped(gain: Gain, *, draws: int, seed: int) -> tuple[float, Floats]:
+    """Mean gain and its draws, days drawn again with replacement; of one day none can be drawn."""
+    mean = float(gain.total.sum() / gain.counts.sum())
+    if gain.day.size < 2:
+        return mean, np.full(draws, np.nan)
+    weights = day_weights(np.random.default_rng(seed), draws, gain.day.size)
+    drawn = (weights @ gain.total) / np.maximum(weights @ gain.counts, 1.0)
+    return mean, np.asarray(drawn)
+
+
+def _together(gains: list[Gain]) -> Gain:
+    """Gains of a fleet by day."""
+    days, index = np.unique(np.concatenate([gain.day for gain in gains]), return_inverse=True)
+
+    def summed(parts: list[Floats]) -> Floats:
+        return np.bincount(index, weights=np.concatenate(parts)).astype(np.float64)
+
+    return Gain(
+        days, summed([gain.total for gain in gains]), summed([gain.counts for gain in gains])
+    )

@@ -1,0 +1,343 @@
+"""Kernels that find the day a compass changed, from daily sums of one aircraft's reports.
+
+Assumes days are independent but for blocks of a few neighbours, and that a change acts from one
+day to the next on A, B and C of the deviation (a recalibrated flux valve, a unit exchanged). A
+day's model error, common to its reports, is a random bias of the reference wind with its own two
+columns; it is eliminated day by day, so the along-track errors, which no compass touches, tell it
+from the compass. Whether there is a change: the largest score statistic over dates (Andrews 1993,
+Econometrica 61, 821-856), judged by permuting blocks of days over the whole fleet at once, so the
+probability of any false alarm in the fleet is what it says (Westfall & Young 1993); changes beyond
+doubt are taken out of what is permuted, so that they do not pass for noise. When it was:
+the dates the likelihood ratio does not reject (Bai 1997, Rev. Econ. Stat. 79, 551-563; Eo &
+Morley 2015, Quant. Econ. 6, 463-497), the errors' variance as the days show it.
+
+Radians and m/s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.evaluation.reference_comparison.pairs import paired_design
+
+Floats = NDArray[np.float64]
+
+FREE = 6
+"""A, B, C, D, E and the airspeed scale come before the day's own bias b_u, b_v."""
+CHANGING = 3
+"""A, B, C may change."""
+DAY_BIAS_PRECISION = 2.0
+"""Report's error variance over the variance of a day's model bias, a component."""
+CUT = 8.0
+"""Robust standard deviations beyond which a report is left out."""
+LIKELIHOOD_RATIO_95 = 7.35
+"""-2 ln(1 - sqrt(0.95)): 95 % point of the likelihood ratio of a date (Eo & Morley 2015)."""
+
+
+@dataclass(frozen=True)
+class DaySums:
+    """What the days of one aircraft know of its deviation, the days' own biases eliminated.
+
+    Attributes
+    ----------
+    day : array of int, shape (d,)
+        Days with reports, increasing.
+    normal : array, shape (d, 6, 6)
+    right : array, shape (d, 6)
+    count : array, shape (d,)
+        Reports.
+    """
+
+    day: NDArray[np.int64]
+    normal: Floats
+    right: Floats
+    count: Floats
+
+    def take(self, chosen: NDArray[np.bool_]) -> DaySums:
+        """Some of the days."""
+        return DaySums(
+            self.day[chosen], self.normal[chosen], self.right[chosen], self.count[chosen]
+        )
+
+
+def day_sums(
+    magnetic: Floats,
+    heading: Floats,
+    airspeed: Floats,
+    cross: Floats,
+    along: Floats,
+    day: NDArray[np.int64],
+) -> DaySums:
+    """Sum one aircraft's reports by day.
+
+    Parameters
+    ----------
+    magnetic, heading : array, shape (n,), radians
+        Argument of the deviation and indicated true heading.
+    airspeed : array, shape (n,), m/s
+    cross, along : array, shape (n,), m/s
+        Airspeed times heading error, and airspeed error.
+    day : array of int, shape (n,)
+
+    Returns
+    -------
+    DaySums
+    """
+    rows_cross, rows_along = paired_design(magnetic, heading, airspeed)
+    kept = np.flatnonzero(_not_gross(rows_cross, rows_along, cross, along))
+    order = kept[np.argsort(day[kept], kind="stable")]
+    rows_cross, rows_along = rows_cross[order], rows_along[order]
+    cross, along, day = cross[order], along[order], day[order]
+    days, start = np.unique(day, return_index=True)
+    stop = np.append(start[1:], day.size)
+    size = rows_cross.shape[1]
+    normal, right = np.empty((days.size, size, size)), np.empty((days.size, size))
+    for k, (a, b) in enumerate(zip(start, stop, strict=True)):
+        one, two = rows_cross[a:b], rows_along[a:b]
+        normal[k] = one.T @ one + two.T @ two
+        right[k] = one.T @ cross[a:b] + two.T @ along[a:b]
+    count = (stop - start).astype(np.float64)
+    return DaySums(days.astype(np.int64), *_without_bias(normal, right), count)
+
+
+def _not_gross(
+    rows_cross: Floats, rows_along: Floats, cross: Floats, along: Floats
+) -> NDArray[np.bool_]:
+    """Reports within a wide robust limit of a first fit."""
+    keep = np.isfinite(cross + along)
+    for _ in range(2):
+        # nothing is copied before anything is gross
+        one, two = (rows if keep.all() else rows[keep] for rows in (rows_cross, rows_along))
+        theta = np.linalg.pinv(one.T @ one + two.T @ two, hermitian=True) @ (
+            one.T @ cross[keep] + two.T @ along[keep]
+        )
+        left = np.hypot(cross - rows_cross @ theta, along - rows_along @ theta)
+        # Median of a Rayleigh variable is 1.177 times its parameter.
+        keep = left < CUT * np.nanmedian(left[keep]) / 1.177
+    return np.asarray(keep)
+
+
+def _without_bias(normal: Floats, right: Floats) -> tuple[Floats, Floats]:
+    """Eliminate the day's bias b_u, b_v, a random effect."""
+    side = normal[:, :FREE, FREE:]
+    inside = normal[:, FREE:, FREE:] + DAY_BIAS_PRECISION * np.eye(normal.shape[1] - FREE)
+    gain = np.swapaxes(np.linalg.solve(inside, np.swapaxes(side, 1, 2)), 1, 2)
+    return (
+        normal[:, :FREE, :FREE] - gain @ np.swapaxes(side, 1, 2),
+        right[:, :FREE] - np.einsum("dij,dj->di", gain, right[:, FREE:]),
+    )
+
+
+def coefficients(sums: DaySums, weight: Floats | None = None) -> tuple[Floats, Floats]:
+    """Fit the six coefficients and their covariance clustered by day.
+
+    Parameters
+    ----------
+    sums : DaySums
+    weight : array, shape (d, q), optional
+        Adds a change of A, B, C for each column: 1 on the days it acts.
+
+    Returns
+    -------
+    values : array, shape (6 + 3 q,)
+    covariance : array, shape (6 + 3 q, 6 + 3 q)
+    """
+    normal, right = _stacked(sums, weight)
+    inverse = np.linalg.pinv(normal.sum(0), hermitian=True)
+    values = inverse @ right.sum(0)
+    score = right - np.einsum("dij,j->di", normal, values)
+    days = sums.day.size
+    factor = days / max(days - values.size / 2.0, 1.0)
+    influence = score @ inverse
+    return values, np.asarray(factor * influence.T @ influence)
+
+
+def _stacked(sums: DaySums, weight: Floats | None) -> tuple[Floats, Floats]:
+    """Normal matrices with the changes' columns beside the six."""
+    if weight is None or weight.shape[1] == 0:
+        return sums.normal, sums.right
+    select = np.zeros((sums.day.size, FREE, FREE + CHANGING * weight.shape[1]))
+    select[:, np.arange(FREE), np.arange(FREE)] = 1.0
+    for q in range(weight.shape[1]):
+        for c in range(CHANGING):
+            select[:, c, FREE + CHANGING * q + c] = weight[:, q]
+    turned = np.swapaxes(select, 1, 2)
+    return turned @ sums.normal @ select, np.einsum("dij,dj->di", turned, sums.right)
+
+
+def scores(sums: DaySums) -> tuple[Floats, Floats]:
+    """Efficient daily scores of A, B and C under no change, and the days' share of information.
+
+    Parameters
+    ----------
+    sums : DaySums
+
+    Returns
+    -------
+    score : array, shape (d, 3)
+    share : array, shape (d,)
+        Adds up to one.
+    """
+    total = sums.normal.sum(0)
+    values = np.linalg.pinv(total, hermitian=True) @ sums.right.sum(0)
+    left = sums.right - np.einsum("dij,j->di", sums.normal, values)
+    other = slice(CHANGING, FREE)
+    gain = total[:CHANGING, other] @ np.linalg.pinv(total[other, other], hermitian=True)
+    score = left[:, :CHANGING] - left[:, other] @ gain.T
+    block = total[:CHANGING, :CHANGING] - gain @ total[other, :CHANGING]
+    inverse = np.linalg.pinv(block, hermitian=True)
+    share = np.einsum("dij,ji->d", sums.normal[:, :CHANGING, :CHANGING], inverse)
+    return score, share / share.sum()
+
+
+def largest_statistic(
+    score: Floats, share: Floats, order: NDArray[np.int64], *, trim: float, fewest: int
+) -> Floats:
+    """Largest score statistic over dates, for the days in given orders.
+
+    Parameters
+    ----------
+    score : array, shape (d, 3)
+    share : array, shape (d,)
+    order : array of int, shape (draws, d)
+    trim : float
+        Share of the information that must lie on either side.
+    fewest : int
+        Days that must lie on either side.
+
+    Returns
+    -------
+    array, shape (draws,)
+        Of chi-square kind with three degrees of freedom at each date.
+    """
+    values, vectors = np.linalg.eigh(score.T @ score)
+    good = values > values[-1] * 1e-10
+    white = score @ (vectors[:, good] / np.sqrt(values[good]))
+    statistic = _path(white, share, order, trim=trim, fewest=fewest)
+    best = statistic.max(axis=1)
+    # Score to Wald: what a change adds to the errors' variance is taken off.
+    return np.asarray(best / np.maximum(1.0 - best / score.shape[0], 1e-3))
+
+
+def _path(
+    white: Floats, share: Floats, order: NDArray[np.int64], *, trim: float, fewest: int
+) -> Floats:
+    """Statistic at every date between two days, -1 where none is tried, (draws, d - 1)."""
+    part = np.cumsum(share[order], axis=1)[:, :-1]
+    moved = np.cumsum(white[order], axis=1)[:, :-1]
+    moved -= part[..., np.newaxis] * white.sum(0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        statistic = np.einsum("tdk,tdk->td", moved, moved) / (part * (1.0 - part))
+    number = np.arange(1, white.shape[0])
+    tried = (number >= fewest) & (number <= white.shape[0] - fewest)
+    tried = tried & (part >= trim) & (part <= 1.0 - trim)
+    return np.asarray(np.where(tried, statistic, -1.0))
+
+
+def without_changes(score: Floats, share: Floats, *, most: int, trim: float, fewest: int) -> Floats:
+    """Scores with the most likely changes taken out: what chance alone makes of the days.
+
+    Parameters
+    ----------
+    score : array, shape (d, 3)
+    share : array, shape (d,)
+    most : int
+        Changes taken out, one after the other.
+    trim, fewest
+        As for :func:`largest_statistic`.
+
+    Returns
+    -------
+    array, shape (d, 3)
+    """
+    order = np.arange(score.shape[0])[np.newaxis]
+    edges, left = [0, score.shape[0]], score
+    for _ in range(most):
+        values, vectors = np.linalg.eigh(left.T @ left)
+        white = left @ (vectors / np.sqrt(np.maximum(values, values[-1] * 1e-10)))
+        path = _path(white, share, order, trim=trim, fewest=fewest)[0]
+        edges = sorted({*edges, int(np.argmax(path)) + 1})
+        left = score.copy()
+        for begin, end in pairwise(edges):
+            mean = score[begin:end].sum(0) / share[begin:end].sum()
+            left[begin:end] -= share[begin:end, np.newaxis] * mean
+    return left
+
+
+def block_orders(days: int, *, block: int, draws: int, rng: np.random.Generator) -> Floats:
+    """Sort keys that permute days in blocks, the same for every aircraft.
+
+    Parameters
+    ----------
+    days : int
+    block : int
+        Days that stay together.
+    draws : int
+    rng : Generator
+
+    Returns
+    -------
+    array, shape (draws, days)
+        Days taken in the order of their keys are permuted block by block, from a random first
+        edge.
+    """
+    keys = np.empty((draws, days))
+    number = np.arange(days)
+    for k in range(draws):
+        piece = (number + rng.integers(block)) // block
+        keys[k] = rng.random(int(piece[-1]) + 1)[piece] + number * 1e-9
+    return keys
+
+
+def date_of_change(
+    sums: DaySums, *, fewest: int
+) -> tuple[int, tuple[int, int], Floats, Floats, float]:
+    """Most likely date of one change, its interval and its size.
+
+    Parameters
+    ----------
+    sums : DaySums
+    fewest : int
+        Days on either side.
+
+    Returns
+    -------
+    first : int
+        First day of the new compass.
+    interval : tuple of int
+        95 %: earliest and latest such day.
+    change : array, shape (3,)
+        Of A, B, C, radians.
+    covariance : array, shape (3, 3)
+    statistic : float
+        Likelihood ratio over no change, of chi-square kind.
+    """
+    total = np.linalg.pinv(sums.normal.sum(0), hermitian=True)
+    left = sums.right - np.einsum("dij,j->di", sums.normal, total @ sums.right.sum(0))
+    splits = np.arange(fewest, sums.day.size - fewest + 1)
+    normal = np.cumsum(sums.normal, axis=0)[splits - 1]
+    score = np.cumsum(left, axis=0)[splits - 1][:, :CHANGING]
+    one = normal[:, :CHANGING, :CHANGING]
+    block = one - normal[:, :CHANGING] @ total @ np.swapaxes(normal[:, :CHANGING], 1, 2)
+    gain = np.einsum("si,sij,sj->s", score, np.linalg.pinv(block, hermitian=True), score)
+    best = int(np.argmax(gain))
+    after = (np.arange(sums.day.size) >= splits[best])[:, np.newaxis] * 1.0
+    values, covariance = coefficients(sums, after)
+    change, wide = values[FREE:], covariance[FREE:, FREE:]
+    # How much more the days vary than independent reports would: errors' variance per unit.
+    excess = float(np.trace(wide @ block[best]) / CHANGING)
+    ratio = gain / excess
+    inside = splits[ratio >= ratio[best] - LIKELIHOOD_RATIO_95]
+    # The change fell after the last day of the old compass.
+    low = sums.day[inside[0] - 1] + 1
+    return (
+        int(sums.day[splits[best]]),
+        (int(low), int(sums.day[inside[-1]])),
+        change,
+        wide,
+        float(ratio[best]),
+    )

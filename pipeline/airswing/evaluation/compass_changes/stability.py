@@ -1,0 +1,420 @@
+"""Whether a compass stayed as it was: fits by calendar window, and the dates of changes.
+
+Assumes a change is a step of the offset or of the one-cycle part (a flux valve recalibrated or
+exchanged); see :mod:`airswing.evaluation.compass_changes.change_kernels` for the errors' model. A
+fit over a period that holds a change describes neither compass: :func:`add_changes` writes it
+beside the fit, and :func:`since_last_change` leaves only what the present compass flew.
+
+Dates are days, UTC; angles in degrees.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.compass.fit.deviation import FITTED_FROM, FleetSums, fit_sums, sum_aircraft
+from airswing.errors import InputError
+from airswing.evaluation.backtest.folds import only
+from airswing.evaluation.compass_changes.change_kernels import (
+    CHANGING,
+    DaySums,
+    block_orders,
+    date_of_change,
+    day_sums,
+    largest_statistic,
+    scores,
+    without_changes,
+)
+from airswing.flags import STATUS
+from airswing.products.ragged import blocks, row_bounds, some_reports
+from airswing.vocabulary import describe
+
+FALSE_ALARMS = 0.02
+"""Probability of any false change in the fleet."""
+FEWEST_DAYS = 5
+"""Days with reports on either side of a change."""
+TRIM = 0.05
+OBVIOUS = 28.0
+"""Statistic beyond which a change is taken out of the days that are permuted ; chance seldom
+reaches it."""
+MOST_CHANGES = 4
+NO_CHANGE = np.datetime64("NaT", "ns")
+
+
+def find_changes(
+    headings: xr.Dataset,
+    *,
+    members: list[str],
+    abscissa: Literal["magnetic", "true"] = "magnetic",
+    false_alarms: float = FALSE_ALARMS,
+    block: int = 4,
+    draws: int = 999,
+    seed: int = 0,
+) -> list[dict[str, Any]]:
+    """Find the dates at which each aircraft's compass changed.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings.
+    members : list of str
+        References whose mean error is used.
+    abscissa : {"magnetic", "true"}
+    false_alarms : float, default 0.02
+        Probability that a fleet without a change shows one.
+    block : int, default 4
+        Neighbouring days that are kept together when days are permuted.
+    draws : int, default 999
+    seed : int, default 0
+
+    Returns
+    -------
+    list of dict
+        One an aircraft: ``aircraft``, ``days``, ``p_value`` (of the largest, corrected for the
+        fleet; None with too few days), ``statistic`` and ``changes``: ``date`` (first day of the
+        new compass), ``date_ci``, ``change_deg`` and ``standard_error_deg`` of A, B, C,
+        ``curve_rms_deg``, ``p_value``.
+    """
+    sums = _fleet_sums(headings, members, abscissa)
+    names = headings["aircraft"].to_numpy().astype(str)
+    segments = [(k, one) for k, one in enumerate(sums) if one is not None]
+    entries: list[dict[str, Any]] = [
+        {
+            "aircraft": str(name),
+            "days": 0 if one is None else int(one.day.size),
+            "p_value": None,
+            "statistic": None,
+            "changes": [],
+        }
+        for name, one in zip(names, sums, strict=True)
+    ]
+    for depth in range(MOST_CHANGES):
+        found = _judged(segments, block=block, draws=draws, seed=seed + depth)
+        following = []
+        for (k, part), (statistic, p_value) in zip(segments, found, strict=True):
+            if depth == 0:
+                entries[k] |= {"p_value": p_value, "statistic": statistic}
+            if p_value is None or p_value > false_alarms:
+                continue
+            change = _change(part, p_value)
+            entries[k]["changes"].append(change)
+            first = np.datetime64(change["date"]).astype("datetime64[D]").astype(np.int64)
+            following += [(k, part.take(part.day < first)), (k, part.take(part.day >= first))]
+        segments = following
+        if not segments:
+            break
+    for entry in entries:
+        entry["changes"].sort(key=lambda one: one["date"])
+    return entries
+
+
+def _fleet_sums(headings: xr.Dataset, members: list[str], abscissa: str) -> list[DaySums | None]:
+    """Daily sums of every aircraft; None where there are too few reports."""
+    argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
+    names = ["heading_error", "airspeed_error", "airspeed", "heading", argument, "time",
+             "screening"]  # fmt: skip
+    found: list[DaySums | None] = []
+    for block in blocks(headings, names):
+        found += _block_sums(block, block.sel(reference=members), argument)
+    return found
+
+
+def _block_sums(headings: xr.Dataset, part: xr.Dataset, argument: str) -> list[DaySums | None]:
+    """Daily sums of every aircraft of one block."""
+    error = part["heading_error"].mean("reference", skipna=True).to_numpy().astype(np.float64)
+    speed_error = part["airspeed_error"].mean("reference", skipna=True).to_numpy()
+    speed_error = speed_error.astype(np.float64)
+    airspeed = headings["airspeed"].to_numpy().astype(np.float64)
+    heading = np.radians(headings["heading"].to_numpy().astype(np.float64))
+    magnetic = np.radians(headings[argument].to_numpy().astype(np.float64))
+    day = headings["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
+    good = (headings["screening"].to_numpy() == 0) & np.isfinite(
+        error + speed_error + airspeed + heading + magnetic
+    )
+    found: list[DaySums | None] = []
+    for start, stop in zip(*row_bounds(headings["row_size"].to_numpy()), strict=True):
+        rows = np.flatnonzero(good[start:stop]) + start
+        if np.unique(day[rows]).size < 2 * FEWEST_DAYS:
+            found.append(None)
+            continue
+        cross = airspeed[rows] * np.radians(error[rows])
+        found.append(
+            day_sums(
+                magnetic[rows], heading[rows], airspeed[rows], cross, speed_error[rows], day[rows]
+            )
+        )
+    return found
+
+
+def _judged(
+    segments: list[tuple[int, DaySums]], *, block: int, draws: int, seed: int
+) -> list[tuple[float | None, float | None]]:
+    """Largest statistic of each segment and its p value within all of them."""
+    usable = [part.day.size >= max(2 * FEWEST_DAYS, 3 * block) for _, part in segments]
+    if not any(usable):
+        return [(None, None)] * len(segments)
+    parts = [part for (_, part), good in zip(segments, usable, strict=True) if good]
+    first = min(int(part.day[0]) for part in parts)
+    last = max(int(part.day[-1]) for part in parts)
+    rng = np.random.default_rng(seed)
+    keys = block_orders(last - first + 1, block=block, draws=draws, rng=rng)
+    keys = np.vstack([np.arange(last - first + 1.0), keys])
+    table = np.empty((len(parts), draws + 1))
+    for k, part in enumerate(parts):
+        order = np.argsort(keys[:, part.day - first], axis=1)
+        score, share = scores(part)
+        limits: Any = {"trim": TRIM, "fewest": FEWEST_DAYS}
+        table[k, :1] = largest_statistic(score, share, order[:1], **limits)
+        rest = score if table[k, 0] < OBVIOUS else without_changes(score, share, most=2, **limits)
+        table[k, 1:] = largest_statistic(rest, share, order[1:], **limits)
+    # Aircraft with few days have heavier tails: each is held against its own permutations first.
+    scale = np.median(table[:, 1:], axis=1, keepdims=True)
+    table = table / np.where(scale > 0, scale, 1.0)
+    worst = table[:, 1:].max(axis=0)
+    answers = iter(
+        (float(row[0] * middle), float((1.0 + (worst >= row[0]).sum()) / (draws + 1.0)))
+        for row, middle in zip(table, scale[:, 0], strict=True)
+    )
+    return [next(answers) if good else (None, None) for good in usable]
+
+
+def _change(part: DaySums, p_value: float) -> dict[str, Any]:
+    day, (low, high), change, covariance, _ = date_of_change(part, fewest=FEWEST_DAYS)
+    degrees, error = np.degrees(change), np.degrees(np.sqrt(np.diag(covariance)))
+    names = "ABC"[:CHANGING]
+    return {
+        "date": _date(day),
+        "date_ci": [_date(low), _date(high)],
+        "change_deg": dict(zip(names, map(float, degrees), strict=True)),
+        "standard_error_deg": dict(zip(names, map(float, error), strict=True)),
+        # rms over the compass of A + B sin m + C cos m.
+        "curve_rms_deg": float(np.sqrt(degrees[0] ** 2 + (degrees[1:] ** 2).sum() / 2.0)),
+        "p_value": p_value,
+    }
+
+
+def _date(day: int) -> str:
+    return str(np.datetime64(day, "D"))
+
+
+def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
+    """Write beside every fit whether its period straddles a change of the compass.
+
+    Parameters
+    ----------
+    fits : Dataset
+        With ``aircraft``.
+    changes : list of dict
+        Of :func:`find_changes`, one an aircraft.
+
+    Returns
+    -------
+    Dataset
+        With ``change_count``, ``change_p_value`` (NaN with too few days to tell), and of the
+        largest change ``change_rms``, ``change_date``, ``change_date_low``,
+        ``change_date_high`` (NaT where there is none); all of them in the attribute
+        ``compass_changes`` (see :func:`noted_changes`).
+    """
+    known = {entry["aircraft"]: entry for entry in changes}
+    rows = [known.get(str(name), {"changes": []}) for name in fits["aircraft"].to_numpy()]
+    largest: list[dict[str, Any] | None] = [
+        max(row["changes"], key=lambda one: one["curve_rms_deg"], default=None) for row in rows
+    ]
+
+    def dates(pick: Any) -> NDArray[np.datetime64]:
+        return np.array(
+            [NO_CHANGE if one is None else np.datetime64(pick(one), "ns") for one in largest],
+            dtype="datetime64[ns]",
+        )
+
+    p_value = [np.nan if row.get("p_value") is None else row["p_value"] for row in rows]
+    columns: dict[str, Any] = {
+        "change_count": np.array([len(row["changes"]) for row in rows], dtype=np.int8),
+        "change_p_value": np.array(p_value),
+        "change_rms": np.array([0.0 if one is None else one["curve_rms_deg"] for one in largest]),
+        "change_date": dates(lambda one: one["date"]),
+        "change_date_low": dates(lambda one: one["date_ci"][0]),
+        "change_date_high": dates(lambda one: one["date_ci"][1]),
+    }
+    found = fits.assign({name: ("aircraft", v) for name, v in columns.items()})
+    return describe(found.assign_attrs(compass_changes=json.dumps(changes)))
+
+
+def noted_changes(fits: xr.Dataset) -> list[dict[str, Any]]:
+    """All changes that :func:`add_changes` wrote beside the fits.
+
+    Parameters
+    ----------
+    fits : Dataset
+
+    Returns
+    -------
+    list of dict
+        As of :func:`find_changes`.
+
+    Raises
+    ------
+    InputError
+        If nothing was written there.
+    """
+    if "compass_changes" not in fits.attrs:
+        raise InputError(
+            "the fits do not say which compasses changed",
+            field="compass_changes",
+            remedy="Make them again: `airswing fit`",
+        )
+    found: list[dict[str, Any]] = json.loads(fits.attrs["compass_changes"])
+    return found
+
+
+def change_warnings(fits: xr.Dataset) -> list[str]:
+    """Say which fits straddle a change of the compass, and when it was.
+
+    Parameters
+    ----------
+    fits : Dataset
+        Of :func:`add_changes`; without its variables there is nothing to say.
+
+    Returns
+    -------
+    list of str
+        One sentence an aircraft.
+    """
+    if "change_count" not in fits:
+        return []
+    lines = []
+    for name, number, size, *days in zip(
+        *(fits[key].to_numpy() for key in ("aircraft", "change_count", "change_rms")),
+        *(fits[f"change_date{end}"].to_numpy() for end in ("", "_low", "_high")),
+        strict=True,
+    ):
+        if number:
+            when, low, high = (str(day)[:10] for day in days)
+            others = f" (the largest of {number} changes)" if number > 1 else ""
+            lines.append(
+                f"{name}: the compass changed by {size:.1f} degrees rms on {when} ({low} to "
+                f"{high}){others}; its fit straddles the change"
+            )
+    return lines
+
+
+def since_last_change(headings: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
+    """Keep for the fit only what each aircraft flew since its last change.
+
+    Parameters
+    ----------
+    headings : Dataset
+    changes : list of dict
+        Of :func:`find_changes`.
+
+    Returns
+    -------
+    Dataset
+        With earlier reports (to the end of the date's interval) marked as not to be used.
+    """
+    begin = np.full(headings.sizes["aircraft"], np.datetime64("0001-01-01", "D"))
+    known = {entry["aircraft"]: entry["changes"] for entry in changes}
+    for k, name in enumerate(headings["aircraft"].to_numpy()):
+        found = known.get(str(name), [])
+        if found:
+            begin[k] = max(np.datetime64(one["date_ci"][1], "D") for one in found)
+
+    def since(reports: xr.Dataset) -> NDArray[np.bool_]:
+        day = reports["time"].to_numpy().astype("datetime64[D]")
+        return np.asarray(day >= begin[reports["aircraft_number"].to_numpy()])
+
+    return only(headings, since)
+
+
+def fit_by_window(
+    headings: xr.Dataset,
+    *,
+    pools: Mapping[str, list[str]],
+    reference: str,
+    window: Literal["month", "quarter"] = "month",
+    **fit_options: Any,
+) -> list[dict[str, Any]]:
+    """Fit every aircraft in each calendar window on its own.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings.
+    pools : mapping of str to list of str
+    reference : str
+        Key of ``pools``.
+    window : {"month", "quarter"}
+    **fit_options
+        As for :func:`airswing.compass.fit.deviation.fit_deviation`.
+
+    Returns
+    -------
+    list of dict
+        One for each aircraft, window with reports: ``aircraft``, ``window`` (its first day),
+        ``reports``, ``status`` and, where that is ``ok``, ``offset``, ``amplitude``, ``phase``
+        and ``A`` to ``E`` with ``*_standard_error``, degrees.
+
+    Raises
+    ------
+    InputError
+        If the window or the reference is unknown.
+    """
+    if window not in ("month", "quarter") or reference not in pools:
+        raise InputError(
+            "cannot fit by window",
+            field="window" if reference in pools else "reference",
+            found=window if reference in pools else reference,
+            remedy=f"month or quarter; known references: {', '.join(pools)}",
+        )
+    members = list(pools[reference])
+    part = headings.sel(reference=members)
+    options: dict[str, Any] = {
+        "pools": {reference: members} if len(members) > 1 else {},
+        **fit_options,
+    }
+    step = 1 if window == "month" else 3
+
+    def number(reports: xr.Dataset) -> NDArray[np.int64]:
+        month = reports["time"].to_numpy().astype("datetime64[M]").astype(np.int64)
+        return np.asarray(month // step)
+
+    windows: set[int] = set()
+    for block in blocks(headings, ["time", "screening"]):
+        windows.update(number(block)[block["screening"].to_numpy() == 0].tolist())
+    sums: dict[int, list[FleetSums]] = {one: [] for one in sorted(windows)}
+    for block in blocks(part, FITTED_FROM):
+        own = number(block)
+        for one, parts in sums.items():
+            parts.append(sum_aircraft(some_reports(block, own == one), **options))
+    words = {code: name for name, code in STATUS.items()}
+    found = []
+    for one in list(sums):
+        fits = fit_sums(sums.pop(one)).sel(reference=reference)
+        first = str(np.datetime64(one * step, "M").astype("datetime64[D]"))
+        for k in range(fits.sizes["aircraft"]):
+            found.append(_window_entry(fits.isel(aircraft=k), first, words))
+    return sorted(found, key=lambda entry: (entry["aircraft"], entry["window"]))
+
+
+def _window_entry(fit: xr.Dataset, first: str, words: dict[int, str]) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "aircraft": str(fit["aircraft"].item()),
+        "window": first,
+        "reports": int(fit["report_count"]),
+        "status": words[int(fit["status"])],
+    }
+    if entry["status"] != "ok":
+        return entry
+    for name in ("offset", "amplitude", "phase"):
+        entry[name] = float(fit[name])
+        entry[f"{name}_standard_error"] = float(fit[f"{name}_standard_error"])
+    wide = np.sqrt(np.diag(fit["deviation_covariance"].to_numpy()))
+    for name, value, error in zip("ABCDE", fit["deviation"].to_numpy(), wide, strict=True):
+        entry[name], entry[f"{name}_standard_error"] = float(value), float(error)
+    return entry

@@ -1,0 +1,1 @@
+"""How the fits depend on the reference."""

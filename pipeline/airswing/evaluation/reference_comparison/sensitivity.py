@@ -1,0 +1,373 @@
+"""How far the fits depend on the reference: every reference fitted on the same reports.
+
+Assumes the reports' own errors are the same whichever reference they are held against, so the
+difference of two fits owes nothing to them (see
+:mod:`airswing.evaluation.reference_comparison.pairs`). Two references may be pooled when neither
+their deviation curves nor their winds, region by region, differ beyond error by more than a size
+that matters: 0.2 degrees rms over the compass, or 0.4 m/s in a region's mean wind, by itself or
+against the other regions on the same days. The seed paper pooled RUC and RR because "separate fits
+agreed".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+from math import comb
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.compass.fit.deviation import fit_deviation
+from airswing.errors import InputError
+from airswing.evaluation.backtest.folds import only
+from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.reference_comparison.pairs import (
+    common_difference,
+    holm,
+    persistent_covariance,
+    regional_bias_of,
+    wald,
+)
+from airswing.evaluation.reference_comparison.pairsums import AircraftPair, PairSums, Regions, Rows
+from airswing.evaluation.reference_comparison.threeway import hat_sums, hats_of
+from airswing.flags import PHASE, SCREENING
+from airswing.products.ragged import blocks, row_bounds, time_span
+
+SIGNIFICANCE = 0.02
+"""Of each of the two tests, curves and winds: equal references pass both 95 times of 100."""
+CURVE_RMS_DEG = 0.2
+REGION_BIAS = 0.4
+MIN_STRATUM = 500
+NAMES = ("A", "B", "C", "D", "E")
+_COLUMNS = ("time", "latitude", "longitude", "pressure", "phase", "heading", "magnetic_heading",
+            "airspeed", "screening", "lead_time", "reference_eastward_wind",
+            "reference_northward_wind")  # fmt: skip
+SEASONS = ("DJF", "MAM", "JJA", "SON")
+
+
+def compare(
+    headings: xr.Dataset,
+    *,
+    pools: Mapping[str, list[str]],
+    never_pool: list[str] | None = None,
+    **fit_options: Any,
+) -> dict[str, Any]:
+    """Fit every reference and pool on the same reports and judge each pair of references.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings with two references or more.
+    pools : mapping of str to list of str
+        Members of each reference and pool.
+    never_pool : list of str, optional
+        References that may be compared but never called poolable.
+    **fit_options
+        As for :func:`airswing.compass.fit.deviation.fit_deviation`.
+
+    Returns
+    -------
+    dict
+        The content of ``sensitivity.json``: ``reports`` shared, ``pairs`` with differences,
+        intervals and a verdict (``own_test`` false where a pool stands against its member: their
+        difference is made of the members'), the same ``by_lead_time``, ``by_phase``, ``by_level``
+        and ``by_season``, and ``three_way``.
+
+    Raises
+    ------
+    InputError
+        If there is one reference only, or no report has all of them.
+    """
+    singles = [name for name, members in pools.items() if len(members) == 1]
+    if len(singles) < 2:
+        raise InputError(
+            "a comparison needs two references",
+            field="references",
+            found=", ".join(singles) or "none",
+            remedy="Add another reference to the configuration",
+        )
+    shared = only(headings, _has_all, columns=("reference_eastward_wind",))
+    regions = Regions.of(headings)
+    fits = fit_deviation(shared, pools=pools, **fit_options)
+    first, last = (day.astype("datetime64[D]").astype(np.int64) for day in time_span(headings))
+    days = int(last - first) + 1
+    whole = {pair: PairSums(*pair, days) for pair in _pairs(singles, pools)}
+    slices: dict[tuple[str, str, tuple[str, str]], PairSums] = {}
+    hats, number = np.zeros((comb(len(singles), 3), 4, days)), 0
+    for block in blocks(shared, _COLUMNS):
+        for rows in _aircraft_rows(block, pools, regions, int(first), number):
+            for sums in whole.values():
+                sums.add(rows, rows.kept)
+            for pair in combinations(singles, 2):
+                for title, name, chosen in _slices(rows, *pair):
+                    key = (title, name, pair)
+                    slices.setdefault(key, PairSums(*pair, days)).add(rows, chosen)
+            u, v = (np.array([part[name] for name in singles]) for part in (rows.u, rows.v))
+            hats += hat_sums(u[:, rows.kept], v[:, rows.kept], rows.day[rows.kept], days)
+        number += block.sizes["aircraft"]
+    reports = next(iter(whole.values())).reports
+    if not reports:
+        raise InputError(
+            "no screened report has a wind of every reference",
+            field="references",
+            found=", ".join(singles),
+            remedy="Check that the references cover the same times and places",
+        )
+    barred = {name.lower() for name in never_pool or []}
+    return {
+        "reports": reports,
+        "references": list(pools),
+        "pairs": [
+            _judge(sums, fits, barred, own_test=set(pair) <= set(singles))
+            for pair, sums in whole.items()
+        ],
+        **_strata(slices, singles, barred),
+        "three_way": hats_of(hats, singles),
+    }
+
+
+def _pairs(singles: list[str], pools: Mapping[str, list[str]]) -> list[tuple[str, str]]:
+    """Every two references, and every pool against each of its members."""
+    inside = [
+        (name, member) for name, members in pools.items() if len(members) > 1 for member in members
+    ]
+    return [*combinations(singles, 2), *inside]
+
+
+def _has_all(reports: xr.Dataset) -> NDArray[np.bool_]:
+    """Reports that every reference has a wind at, so that every fit sees the same reports."""
+    wind = reports["reference_eastward_wind"]
+    return np.asarray(wind.notnull().all("reference").to_numpy())
+
+
+def _aircraft_rows(
+    ds: xr.Dataset, pools: Mapping[str, list[str]], regions: Regions, first: int, number: int
+) -> Iterator[Rows]:
+    """Plain columns of each aircraft of a block, the first of which has this number."""
+    time = ds["time"].to_numpy()
+    winds = {name: reference_mean(ds, members) for name, members in pools.items()}
+    lead = {
+        name: ds["lead_time"].sel(reference=members).mean("reference").to_numpy()
+        for name, members in pools.items()
+    }
+    heading, magnetic = (
+        np.radians(ds[name].to_numpy().astype(float)) for name in ("heading", "magnetic_heading")
+    )
+    airspeed, screening = ds["airspeed"].to_numpy().astype(float), ds["screening"].to_numpy()
+    known = np.isfinite(heading + magnetic + airspeed)
+    columns: dict[str, Any] = {
+        "day": time.astype("datetime64[D]").astype(np.int64) - first,
+        "month": time.astype("datetime64[M]").astype(np.int64) % 12,
+        "region": regions.at(ds),
+        "phase": ds["phase"].to_numpy().astype(np.int64),
+        "pressure": ds["pressure"].to_numpy().astype(float),
+        "heading": heading,
+        "magnetic": magnetic,
+        "airspeed": airspeed,
+        "kept": (screening == 0) & known,
+        "kept_any_phase": ((screening & ~SCREENING["phase"]) == 0) & known,
+    }
+    u = {k: one["reference_eastward_wind"].to_numpy().astype(float) for k, one in winds.items()}
+    v = {k: one["reference_northward_wind"].to_numpy().astype(float) for k, one in winds.items()}
+    for k, bounds in enumerate(zip(*row_bounds(ds["row_size"].to_numpy()), strict=True)):
+        row = slice(*map(int, bounds))
+        own: dict[str, Any] = {name: values[row] for name, values in columns.items()}
+        for name, part in (("u", u), ("v", v), ("lead", lead)):
+            own[name] = {reference: values[row] for reference, values in part.items()}
+        yield Rows(number + k, **own)
+
+
+def _judge(
+    sums: PairSums, fits: xr.Dataset | None, barred: set[str], *, own_test: bool = True
+) -> dict[str, Any]:
+    """Differences, tests and the verdict of one pair over some reports.
+
+    Without a test of its own: a pool against one of its members, whose difference is made of those
+    of the members.
+    """
+    one, two = sums.one, sums.two
+    fleet = _fleet(sums)
+    regions = regional_bias_of(sums.regions)
+    biased = _biased(regions)
+    return {
+        "references": [one, two],
+        "reports": sums.reports,
+        "mean_vector_difference_m_s": sums.distance / sums.reports if sums.reports else np.nan,
+        "fleet": fleet,
+        "aircraft": [_entry(own, fits, one, two) for own in sums.aircraft],
+        "regions": regions,
+        "own_test": own_test,
+        **_verdict(fleet, biased, {one.lower(), two.lower()} & barred),
+    }
+
+
+def _biased(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Regions whose mean wind differs beyond error and by a size that matters.
+
+    Every region is tested by its own difference and by its contrast to the other regions; Holm's
+    adjustment covers all of these tests.
+    """
+    keys = [(entry, name) for entry in regions for name in ("difference", "contrast")]
+    p_values = [
+        float("nan") if entry[f"{name}_p_value"] is None else entry[f"{name}_p_value"]
+        for entry, name in keys
+    ]
+    biased = []
+    for (entry, name), adjusted in zip(keys, holm(p_values), strict=True):
+        entry[f"{name}_adjusted_p_value"] = adjusted
+        if adjusted < SIGNIFICANCE and abs(entry[name]) > REGION_BIAS:
+            biased.append({"of": name, "value": entry[name]} | entry)
+    return biased
+
+
+def _verdict(
+    fleet: dict[str, Any], biased: list[dict[str, Any]], barred: set[str]
+) -> dict[str, Any]:
+    """Say whether the pair may be pooled, and why not."""
+    why = []
+    if not np.isfinite(fleet["p_value"]):
+        return {"poolable": None, "why": "too few days or reports to tell"}
+    if fleet["p_value"] < SIGNIFICANCE and fleet["curve_rms_deg"] > CURVE_RMS_DEG:
+        why.append(
+            f"the deviation curves differ by {fleet['curve_rms_deg']:.2f} degrees rms "
+            f"(p = {fleet['p_value']:.2g})"
+        )
+    if biased:
+        worst = max(biased, key=lambda entry: abs(entry["value"]))
+        beside = " more than elsewhere" if worst["of"] == "contrast" else ""
+        why.append(
+            f"the {worst['component']} wind differs by {worst['value']:.2f} +- "
+            f"{worst[worst['of'] + '_standard_error']:.2f} m/s in region {worst['region']}{beside}"
+        )
+    if barred:
+        why.append(f"{', '.join(sorted(barred))} is in never_pool")
+    return {"poolable": not why, "why": "; ".join(why) or _agreement(fleet)}
+
+
+def _agreement(fleet: dict[str, Any]) -> str:
+    """What was found of a pair that may be pooled: no test shows that two things are equal."""
+    beyond = (
+        f"beyond error but less than {CURVE_RMS_DEG:g}"
+        if fleet["p_value"] < SIGNIFICANCE
+        else "not beyond error"
+    )
+    return (
+        f"the deviation curves differ by {fleet['curve_rms_deg']:.2f} degrees rms, {beyond} "
+        f"(p = {fleet['p_value']:.2g}, judged at {SIGNIFICANCE:g}); no region's wind differs by "
+        f"more than {REGION_BIAS:g} m/s beyond error"
+    )
+
+
+def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> dict[str, Any]:
+    """Differences of one aircraft in degrees, with 95 % intervals."""
+    values, clusters, index = own.values, own.days.size, own.number
+    covariance = own.influence.T @ own.influence
+    degrees, error = np.degrees(values), np.degrees(np.sqrt(np.diag(covariance)))
+    entry: dict[str, Any] = {
+        "p_value": wald(values, covariance, clusters),
+        "difference": dict(zip(NAMES, degrees, strict=True)),
+        "standard_error": dict(zip(NAMES, error, strict=True)),
+        "ci": {
+            name: [value - 1.96 * wide, value + 1.96 * wide]
+            for name, value, wide in zip(NAMES, degrees, error, strict=True)
+        },
+    }
+    if fits is not None:
+        entry["aircraft"] = str(fits["aircraft"].to_numpy()[index])
+        entry |= _sinusoid_difference(fits, one, two, index, np.degrees(np.degrees(covariance)))
+    return entry
+
+
+def _sinusoid_difference(
+    fits: xr.Dataset, one: str, two: str, index: int, covariance: NDArray[np.float64]
+) -> dict[str, Any]:
+    """Differences of the published offset, amplitude and phase, by the delta method."""
+    pair = fits.isel(aircraft=index).sel(reference=[one, two])
+    change = {name: float(-np.diff(pair[name])[0]) for name in ("offset", "amplitude", "phase")}
+    change["phase"] = float((change["phase"] + 180.0) % 360.0 - 180.0)
+    phase = np.radians(float(pair["phase"].mean()))
+    size = float(pair["amplitude"].mean())
+    # B = amplitude cos(phase), C = amplitude sin(phase).
+    along = np.array([np.cos(phase), np.sin(phase)])
+    around = np.degrees(np.array([-np.sin(phase), np.cos(phase)]) / size)
+    block = covariance[1:3, 1:3]
+    errors = {
+        "offset": np.sqrt(covariance[0, 0]),
+        "amplitude": np.sqrt(along @ block @ along),
+        "phase": np.sqrt(around @ block @ around),
+    }
+    return {
+        name: {
+            "difference": change[name],
+            "standard_error": float(errors[name]),
+            "ci": [change[name] - 1.96 * errors[name], change[name] + 1.96 * errors[name]],
+        }
+        for name in change
+    }
+
+
+def _fleet(sums: PairSums) -> dict[str, Any]:
+    """Difference the fleet has in common, honouring that aircraft share the days' errors."""
+    days = np.flatnonzero(sums.common.any(axis=(1, 2)))
+    if not days.size:
+        return {"aircraft": 0, "p_value": float("nan"), "curve_rms_deg": float("nan")}
+    mean, moved = common_difference(sums.common[days])
+    covariance = persistent_covariance(moved, days)
+    # rms over the compass of A + B sin + C cos + D sin 2 + E cos 2.
+    rms = np.degrees(np.sqrt(mean[0] ** 2 + (mean[1:] ** 2).sum() / 2.0))
+    return {
+        "aircraft": sums.counted,
+        "difference": dict(zip(NAMES, np.degrees(mean), strict=True)),
+        "standard_error": dict(zip(NAMES, np.degrees(np.sqrt(np.diag(covariance))), strict=True)),
+        "curve_rms_deg": float(rms),
+        "p_value": wald(mean, covariance, days.size),
+    }
+
+
+def _slices(rows: Rows, one: str, two: str) -> Iterator[tuple[str, str, NDArray[np.bool_]]]:
+    """Slices of one aircraft's reports: of what kind, which, and the reports in it."""
+    for name, mask in _lead_slices(rows.lead[one], rows.lead[two]).items():
+        yield "by_lead_time", name, mask & rows.kept
+    for name, code in PHASE.items():
+        yield "by_phase", name, (rows.phase == code) & rows.kept_any_phase
+    high, low = rows.pressure <= 50000.0, rows.pressure > 70000.0
+    for name, mask in (
+        ("below 700 hPa", low), ("700 to 500 hPa", ~high & ~low), ("above 500 hPa", high)
+    ):  # fmt: skip
+        yield "by_level", name, mask & rows.kept
+    season = ((rows.month + 1) % 12) // 3
+    for number, name in enumerate(SEASONS):
+        yield "by_season", name, (season == number) & rows.kept
+
+
+def _strata(
+    slices: Mapping[tuple[str, str, tuple[str, str]], PairSums],
+    singles: list[str],
+    barred: set[str],
+) -> dict[str, Any]:
+    """The same judgement within slices of the reports."""
+    found: dict[str, Any] = {
+        title: [] for title in ("by_lead_time", "by_phase", "by_level", "by_season")
+    }
+    for pair in combinations(singles, 2):
+        for (title, name, own), sums in slices.items():
+            if own != pair or sums.reports < MIN_STRATUM:
+                continue
+            entry = _judge(sums, None, barred)
+            entry.pop("aircraft")
+            found[title].append({"slice": name} | entry)
+    return found
+
+
+def _lead_slices(
+    one: NDArray[np.float64], two: NDArray[np.float64]
+) -> dict[str, NDArray[np.bool_]]:
+    longer = np.fmax(one, two)
+    return {
+        "analysis to 1 h": longer <= 1.0,
+        "1 to 6 h": (longer > 1.0) & (longer <= 6.0),
+        "over 6 h": longer > 6.0,
+    }

@@ -1,0 +1,1 @@
+"""An archive of reports against one reference, as plain arrays."""

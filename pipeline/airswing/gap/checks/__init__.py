@@ -1,0 +1,1 @@
+"""What a diagnosis rests on, each with a check made on the archive at hand."""

@@ -1,0 +1,262 @@
+"""What of the product's own claims survives: deviations fitted again with other effects taken off.
+
+Assumptions: a deviation is fitted as if nothing else were wrong but what the fit itself allows for
+(an airspeed scale, the reference's error shared by the fleet). Here the effects found that are not
+a steady or stepping deviation are taken off first: reference-side errors off the reference winds,
+all others off the reported winds, at coefficients of the whole archive. Both fits are otherwise
+alike and see the same reports; their difference has less noise than either.
+
+Validity: effects known only by spread or rounding, and exchanged identifiers, are not taken off.
+A deviation that changed at a date is one mean curve in both fits. Angles in degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.evidence.terms import Term
+from airswing.gap.held_out.reduction import is_sensor, take_off, term_error, term_fields
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Effects that are the deviation the product corrects, or a change of it: never taken off.
+DEVIATION = ("compass_offset", "hard_iron", "soft_iron", "compass_step", "compass_drift")
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """What to add to winds so that effects other than the deviation are gone.
+
+    Attributes
+    ----------
+    report : (n,) int
+        Rows of the headings.
+    reported, reference : (n, 2) float
+        To add to the reported and to the reference wind (u, v), m s-1.
+    names : tuple of str
+        The effects taken off.
+    """
+
+    report: Integers
+    reported: Floats
+    reference: Floats
+    names: tuple[str, ...]
+
+
+def make_adjustment(
+    frame: Any,
+    terms: Sequence[Term],
+    coefficients: Sequence[Floats],
+    *,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    day: Integers,
+    shape: tuple[int, int],
+) -> Adjustment:
+    """Work out what the effects found beside the deviation do to each report.
+
+    Parameters
+    ----------
+    frame : Frame
+    terms : sequence of Term
+    coefficients : sequence of (t, k) float
+        Of each term, on the whole archive.
+    effects : mapping
+    plan : DictionaryPlan
+    day : (n,) int
+        Index of each report's day.
+    shape : (A, D)
+
+    Returns
+    -------
+    Adjustment
+    """
+    sensor, report, reference = (np.zeros((frame.size, 2)) for _ in range(3))
+    nothing = np.zeros(frame.size, np.int64)
+    names = []
+    for term, values in zip(terms, coefficients, strict=True):
+        name = term.candidate.name
+        if not term.candidate.known or name in DEVIATION:
+            continue
+        fields = term_fields(frame, term, effects=effects, plan=plan)
+        error = term_error(fields, term, [values], aircraft=frame.aircraft, day=day,
+                           fold=nothing, shape=shape)  # fmt: skip
+        if is_sensor(term, effects):
+            sensor += error
+        elif name.startswith("reference_"):
+            reference += error
+        else:
+            report += error
+        names.append(name)
+    change = take_off(frame, sensor, report) - frame.residual
+    return Adjustment(frame.report, change, reference, tuple(dict.fromkeys(names)))
+
+
+def adjusted_headings(headings: xr.Dataset, adjustment: Adjustment) -> xr.Dataset:
+    """Headings and heading errors as they would be without the effects taken off.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings (``report``, ``reference``, ``aircraft``).
+    adjustment : Adjustment
+
+    Returns
+    -------
+    Dataset
+        Winds, ``heading``, ``magnetic_heading``, ``airspeed``, ``heading_error`` and
+        ``airspeed_error`` replaced on the rows of the adjustment.
+    """
+    rows = adjustment.report
+
+    def column(name: str) -> Floats:
+        return np.array(headings[name].to_numpy(), dtype=np.float64)
+
+    ground = [column(f"ground_{side}_velocity")[rows] for side in ("eastward", "northward")]
+    new: dict[str, Any] = {}
+    wind, model = [], []
+    for k, side in enumerate(("eastward", "northward")):
+        own, other = column(f"{side}_wind"), headings[f"reference_{side}_wind"]
+        own[rows] += adjustment.reported[:, k]
+        values = np.array(other.transpose("reference", "report").to_numpy(), dtype=np.float64)
+        values[:, rows] += adjustment.reference[:, k]
+        new[f"{side}_wind"] = ("report", own)
+        new[f"reference_{side}_wind"] = (("reference", "report"), values)
+        wind.append(own[rows])
+        model.append(values[:, rows])
+    air = [g - w for g, w in zip(ground, wind, strict=True)]
+    implied = [g - m for g, m in zip(ground, model, strict=True)]
+    heading, true = np.arctan2(*air), np.arctan2(*implied)
+    for name, before in (("heading", column("heading")), ("airspeed", column("airspeed"))):
+        before[rows] = np.degrees(heading) % 360.0 if name == "heading" else np.hypot(*air)
+        new[name] = ("report", before)
+    magnetic = column("magnetic_heading")
+    magnetic[rows] = (np.degrees(heading) - column("declination")[rows]) % 360.0
+    new["magnetic_heading"] = ("report", magnetic)
+    turned = np.degrees(heading - true)
+    errors = {
+        "heading_error": (turned + 180.0) % 360.0 - 180.0,
+        "airspeed_error": np.hypot(*air) - np.hypot(*implied),
+    }
+    for name, found in errors.items():
+        values = np.array(headings[name].transpose("reference", "report").to_numpy(), np.float64)
+        values[:, rows] = found
+        new[name] = (("reference", "report"), values)
+    return headings.assign(new)
+
+
+def review_claims(
+    headings: xr.Dataset,
+    adjustment: Adjustment,
+    *,
+    pools: Mapping[str, Sequence[str]],
+    reference: str,
+    fit: Mapping[str, Any],
+    field_test: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Fit the deviations and the field test before and after the other effects are taken off.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings.
+    adjustment : Adjustment
+    pools : mapping
+        Name -> references fitted together.
+    reference : str
+        Key of ``pools``.
+    fit : mapping
+        Options of :func:`airswing.compass.fit.deviation.fit_deviation`.
+    field_test : mapping, optional
+        Further keywords of :func:`airswing.evaluation.field_test.field_test`.
+
+    Returns
+    -------
+    dict
+        ``taken_off`` (names), ``aircraft`` (one entry each, degrees), ``stay`` and ``of``
+        (counts), ``field_test`` (None where none is configured); empty lists where the diagnosis
+        found nothing beside the deviation.
+    """
+    result: dict[str, Any] = {
+        "taken_off": list(adjustment.names), "aircraft": [], "stay": 0, "of": 0,
+        "field_test": None,
+    }  # fmt: skip
+    if not adjustment.names:
+        return result
+    from airswing.compass.fit.deviation import fit_deviation
+
+    adjusted = adjusted_headings(headings, adjustment)
+    members = list(pools[reference])
+    before, after = (
+        fit_deviation(part, pools={reference: members}, alone=False, **fit).sel(reference=reference)
+        for part in (headings, adjusted)
+    )
+    result["aircraft"] = compared_fits(before, after)
+    judged = [entry for entry in result["aircraft"] if entry["stays"] is not None]
+    result["stay"], result["of"] = sum(entry["stays"] for entry in judged), len(judged)
+    if field_test is not None:
+        result["field_test"] = _field_tests(headings, adjusted, members, reference, field_test)
+    return result
+
+
+def compared_fits(before: xr.Dataset, after: xr.Dataset) -> list[dict[str, Any]]:
+    """Compare offset and amplitude of each aircraft with their intervals before.
+
+    Parameters
+    ----------
+    before, after : Dataset
+        Fits against one reference (``aircraft``).
+
+    Returns
+    -------
+    list of dict
+        ``aircraft``; ``offset_deg`` and ``amplitude_deg``, each with ``_after`` and
+        ``_standard_error``; ``stays``: both within 1.96 standard errors of before, None where a
+        fit is not to be trusted.
+    """
+    out = []
+    for tail in before["aircraft"].to_numpy():
+        one, two = before.sel(aircraft=tail), after.sel(aircraft=tail)
+        entry: dict[str, Any] = {"aircraft": str(tail)}
+        stays = True
+        for name in ("offset", "amplitude"):
+            value, then = float(one[name]), float(two[name])
+            error = float(one[f"{name}_standard_error"])
+            entry |= {f"{name}_deg": value, f"{name}_deg_after": then,
+                      f"{name}_deg_standard_error": error}  # fmt: skip
+            stays &= abs(then - value) <= 1.96 * error
+        trusted = int(one["status"]) == 0 and int(two["status"]) == 0
+        entry["stays"] = bool(stays) if trusted else None
+        out.append(entry)
+    return out
+
+
+def _field_tests(
+    headings: xr.Dataset,
+    adjusted: xr.Dataset,
+    members: Sequence[str],
+    reference: str,
+    options: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Adjusted reduction of the field test before and after, kt."""
+    from airswing.evaluation.field_test import field_test
+
+    before, after = (
+        field_test(part, pools={reference: list(members)}, reference=reference, **options)
+        for part in (headings, adjusted)
+    )
+    low, high = before["adjusted_reduction_ci_kt"]
+    value = float(after["adjusted_reduction_kt"])
+    return {
+        "reduction_kt": float(before["adjusted_reduction_kt"]),
+        "reduction_ci_kt": [float(low), float(high)],
+        "reduction_kt_after": value, "stays": bool(low <= value <= high),
+    }  # fmt: skip

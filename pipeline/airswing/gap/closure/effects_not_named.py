@@ -1,0 +1,197 @@
+"""What effects that were not named could still close: silence excludes nothing.
+
+Assumptions: every effect of the catalogue is at work beside those named with small odds, which its
+own evidence raises or lowers; on which aircraft its mixture tells, how large its estimate and that
+estimate's error. What it then closes is worked out to second order in its size, draw by draw; most
+draws hold nothing. Effects are drawn independently of each other.
+
+Validity: effects well under the disagreement itself (several m/s); those that act from a date on
+count with the days they were found to act on. Swaps of tails, outliers and coding are not in it.
+
+Source: GAP.md section 7; posterior of a spike-and-slab mixture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.evidence.gaussian import Score
+from airswing.gap.evidence.of_candidate import LEAST_ACTING
+from airswing.gap.evidence.terms import Term
+from airswing.gap.held_out.reduction import term_fields
+from airswing.gap.search.stepwise import Found
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Probability of any one effect to be at work that is not named, before its evidence is seen.
+BESIDE = 0.05
+#: Probability under which an effect is passed over.
+LEAST_CHANCE = 0.002
+#: Disagreement, m/s, under which a report no longer curves the closure.
+LEAST_SPEED = 0.5
+
+
+def left_over(
+    frame: Any,
+    found: Found,
+    rng: np.random.Generator,
+    draws: int,
+    *,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    day: Integers,
+) -> Floats:
+    """Draws of what the effects that were not named would close together.
+
+    Parameters
+    ----------
+    frame : Frame
+    found : Found
+    rng : numpy.random.Generator
+    draws : int
+    effects : mapping
+    plan : DictionaryPlan
+    day : (n,) int
+        Index of each report's day in the statistics.
+
+    Returns
+    -------
+    (draws,) float
+        Mean reduction over all reports, m s-1.
+    """
+    total = np.zeros(draws)
+    silent = [s for s in _silent(found) if s.chance >= LEAST_CHANCE and s.units.any()]
+    for own in _by_aircraft(frame):
+        part, when = frame.take(own), day[own]
+        for one in silent:
+            _add_slopes(one, part, when, effects=effects, plan=plan)
+    for one in silent:
+        steps = _drawn(found, one.score, one.units, rng, draws)
+        steps *= (rng.uniform(size=draws) < one.chance)[:, None, None]
+        total += np.einsum("dak,ak->d", steps, one.slope)
+        total -= 0.5 * np.einsum("dak,akl,dal->d", steps, one.curve, steps, optimize=True)
+    return np.asarray(total / frame.size)
+
+
+@dataclass(frozen=True)
+class _Silent:
+    """An effect that was not named: chance that it is at work, and where; what it would close."""
+
+    score: Score
+    chance: float
+    units: NDArray[np.bool_]
+    slope: Floats
+    curve: Floats
+
+
+def _silent(found: Found) -> list[_Silent]:
+    """All effects that were not named."""
+    out = []
+    for score in alternatives(found):
+        odds = score.tempered + np.log(BESIDE / (1 - BESIDE))
+        units, k = _units(found, score), score.candidate.columns.size
+        slope, curve = np.zeros((units.size, k)), np.zeros((units.size, k, k))
+        out.append(_Silent(score, float(1 / (1 + np.exp(-odds))), units, slope, curve))
+    return out
+
+
+def _by_aircraft(frame: Any) -> list[Integers]:
+    """Reports of each aircraft: columns of one at a time fit in memory."""
+    order = np.argsort(frame.aircraft, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(frame.aircraft[order])) + 1)
+
+
+def _add_slopes(
+    one: _Silent, part: Any, day: Integers, *, effects: Mapping[str, Any], plan: DictionaryPlan
+) -> None:
+    """Add an aircraft's reports to the slopes of an effect."""
+    score = one.score
+    unit = 0 if _of_fleet(score) else int(part.aircraft[0])
+    if not one.units[unit]:
+        return
+    term = Term(score.candidate, (unit,), score.period, score)
+    fields, residual = term_fields(part, term, effects=effects, plan=plan), part.residual
+    if score.period is not None:
+        acts = (day >= score.period[0]) & (day < score.period[1])
+        fields, residual = fields[acts], residual[acts]
+    slope, curve = closure_slopes(residual, fields)
+    one.slope[unit] += slope
+    one.curve[unit] += curve
+
+
+def alternatives(found: Found) -> list[Score]:
+    """Likeliest form of every effect of the catalogue that was left over."""
+    best: dict[tuple[str, str], Score] = {}
+    for score in found.left:
+        key = score.candidate.name, score.candidate.scope
+        if score.candidate.known and (key not in best or score.tempered > best[key].tempered):
+            best[key] = score
+    return list(best.values())
+
+
+def closure_slopes(residual: Floats, fields: Floats) -> tuple[Floats, Floats]:
+    """First and second derivative of the summed disagreement by coefficients taken off.
+
+    Parameters
+    ----------
+    residual : (n, 2) float
+        m s-1.
+    fields : (n, 2, k) float
+        Wind error per unit of each coefficient.
+
+    Returns
+    -------
+    slope : (k,) float
+    curve : (k, k) float
+        Coefficients c close ``slope c - c' curve c / 2``, summed over reports, m s-1.
+    """
+    speed = np.hypot(*residual.T)
+    along = np.einsum("nc,nck->nk", residual / np.maximum(speed, 1e-9)[:, None], fields)
+    weight = 1 / np.maximum(speed, LEAST_SPEED)
+    curve = np.einsum("nck,ncl,n->kl", fields, fields, weight, optimize=True)
+    curve -= np.einsum("nk,nl,n->kl", along, along, weight, optimize=True)
+    return along.sum(axis=0), curve
+
+
+def _of_fleet(score: Score) -> bool:
+    return score.candidate.scope == "fleet"
+
+
+def _units(found: Found, score: Score) -> NDArray[np.bool_]:
+    """Aircraft, or the one fleet, that the effect may strike beside what is named."""
+    key = score.candidate.name, score.candidate.scope
+    taken = [t for term in found.terms if term.key == key for t in term.tails]
+    if _of_fleet(score):
+        return np.array([not taken])
+    out = score.acting >= LEAST_ACTING
+    out[taken] = False
+    return np.asarray(out)
+
+
+def _drawn(
+    found: Found, score: Score, units: NDArray[np.bool_], rng: np.random.Generator, draws: int
+) -> Floats:
+    """Coefficients (draws, units, k) where the effect is at work; zero on aircraft not struck."""
+    columns, given = score.candidate.columns, found.given
+    pick = np.ix_(columns, columns)
+    out = np.zeros((draws, units.size, columns.size))
+    for unit in np.flatnonzero(units).tolist():
+        if _of_fleet(score):
+            gram, own, struck = given.fleet_gram[pick], given.fleet_score.sum(axis=0), 1.0
+        else:
+            gram, own = given.gram[unit][pick], given.score[unit].sum(axis=0)
+            struck = float(score.posterior[unit])
+        spread = np.linalg.inv(gram / score.factor + np.diag(1 / score.candidate.scales**2))
+        middle = spread @ own[columns] / score.factor
+        values, vectors = np.linalg.eigh(spread)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        steps = middle + rng.standard_normal((draws, columns.size)) @ root.T
+        out[:, unit] = steps * (rng.uniform(size=draws) < struck)[:, None]
+    return out

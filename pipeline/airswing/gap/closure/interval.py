@@ -1,0 +1,287 @@
+"""How sure the closure is: drawn from what the data leave open about every coefficient.
+
+Assumptions: how far the disagreement would shrink is a function of the effects' true coefficients,
+on the very reports of the archive. Given the data those are normal about their estimates; the
+reduction is worked out for each draw (it is lower on average than with the estimates,
+which are tuned to the reports' noise: draws undo that). Three things are drawn:
+
+* the fit's own error, with the cluster factor, independent between aircraft;
+* model error that persists over the archive, of the allowance's size where the effect acts, shared
+  by the aircraft of a term: they fly through the same model;
+* the rounding of the reports: without the effect they would have been rounded otherwise.
+
+Columns carry but a part of an effect: nearly all where the heading is wanted (in turns it is that
+of chords), less where they are inferred (bank, acceleration) or gradients of the reference. True
+closure is then higher by an amount drawn between nothing and twice what that part suggests. Which
+*days* were flown is no part of it: the claim is about these reports (days drawn anew would answer
+how the next month turns out, and in trials missed the truth one time in four where the coefficient
+was the uncertain thing).
+
+Effects that were not named are not excluded by silence: both limits hold what they could close
+(:mod:`airswing.gap.closure.effects_not_named`), which may be less than nothing: a small effect can
+lie against the model's error on these very reports. The upper limit holds what the curve of
+something unknown closes.
+
+Validity: errors of a few degrees about the estimate (linear in the columns); two days and more: of
+one day nothing tells an effect from weather, so neither can what an effect would close be bounded.
+Results in knots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.closure.effects_not_named import left_over
+from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.evidence.term_covariance import term_covariances, term_offsets
+from airswing.gap.evidence.terms import Term
+from airswing.gap.held_out.reduction import (
+    KNOT,
+    Closure,
+    is_sensor,
+    take_off,
+    term_coefficients,
+    term_error,
+    term_fields,
+    whole_coefficients,
+)
+from airswing.gap.search.stepwise import Found
+from airswing.gap.search.testability import single_day
+from airswing.gap.sums.elimination import Base
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Quantiles of the interval stated.
+LIMITS = (0.025, 0.975)
+
+
+def with_interval(
+    closure: Closure,
+    frame: Any,
+    base: Base,
+    found: Found,
+    *,
+    known: Sequence[int],
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    day: Integers,
+    factors: Mapping[str, float] | None = None,
+    doubts: Mapping[str, float] | None = None,
+    seed: int = 0,
+    draws: int = 300,
+) -> Closure:
+    """Closure of the known terms with the interval of what is true.
+
+    Parameters
+    ----------
+    closure : Closure
+        Of the known terms, held out.
+    frame : Frame
+    base : Base
+    found : Found
+    known : sequence of int
+        Positions of those terms.
+    effects : mapping
+    plan : DictionaryPlan
+    day : (n,) int
+        Index of each report's day in the statistics.
+    factors : mapping, optional
+        Effect name -> share of its coefficient that is fitted
+        (`airswing.gap.held_out.attenuation`).
+    doubts : mapping, optional
+        Effect name -> relative standard error of that share.
+    seed, draws : int
+
+    Returns
+    -------
+    Closure
+        With ``reduction_ci`` and ``after_ci`` that hold what is stated; None from one day.
+    """
+    if single_day(base.stats):
+        return replace(closure, reduction_ci=None, after_ci=None)
+    rng = np.random.default_rng(seed)
+    alone = dict(zip(known, closure.alone, strict=True))
+    draw = partial(
+        _drawn, closure, frame, base, found, alone, rng, draws, effects=effects, plan=plan,
+        day=day, factors=factors or {}, doubts=doubts or {},
+    )  # fmt: skip
+    drawn = draw(known)
+    more = left_over(frame, found, rng, draws, effects=effects, plan=plan, day=day)
+    everything = range(len(found.terms))
+    most = drawn if len(known) == len(everything) else np.maximum(drawn, draw(everything))
+    stated = closure.before - closure.after
+    low = float(np.quantile(np.minimum(drawn, drawn + more), LIMITS[0])) / KNOT
+    high = float(np.quantile(most + more, LIMITS[1])) / KNOT
+    return closure.with_interval(min(low, stated), max(high, stated))
+
+
+def _drawn(
+    closure: Closure,
+    frame: Any,
+    base: Base,
+    found: Found,
+    alone: Mapping[int, float],
+    rng: np.random.Generator,
+    draws: int,
+    terms: Sequence[int],
+    *,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    day: Integers,
+    factors: Mapping[str, float],
+    doubts: Mapping[str, float],
+) -> Floats:
+    """Reduction by some terms, by draw, m s-1; ``alone`` holds what each known one leaves, kt."""
+    if not terms:
+        return np.zeros(draws)
+    residual, changes = _about_estimate(
+        frame, base, found, terms, rng, draws, effects=effects, plan=plan, day=day,
+        factors=factors, doubts=doubts,
+    )  # fmt: skip
+    if any(found.terms[k].candidate.name == "reference_time_offset" for k in terms):
+        residual = closure.residual  # taken off by more than its column
+    gained = float(np.hypot(*frame.residual.T).mean() - np.hypot(*residual.T).mean())
+    drawn = gained + reductions(residual, changes, draws)
+    drawn += rounding_error(frame, changes) * rng.standard_normal(draws)
+    for k in alone:
+        share = _told_share(found.terms[k], effects, factors)
+        more = max(closure.before - alone[k], 0.0) * KNOT * (1 / share - 1)
+        drawn += more * rng.uniform(0.0, 2.0, draws)
+    return np.asarray(drawn)
+
+
+def _told_share(term: Term, effects: Mapping[str, Any], factors: Mapping[str, float]) -> float:
+    """Part of a term's energy that its columns carry, 0.3 to 1."""
+    name = term.candidate.name
+    share = float(getattr(effects[name], "told_share", 0.99))
+    if name == "time_lag":  # along the path the reference's gradient is a noisy one
+        share *= factors.get(name, 1.0)
+    return float(np.clip(share, 0.3, 1.0))
+
+
+def rounding_error(frame: Any, changes: Sequence[Change]) -> float:
+    """Standard error of the mean reduction from rounding the touched reports one way or another.
+
+    Parameters
+    ----------
+    frame : Frame
+        For the steps in which winds are coded.
+    changes : sequence of Change
+
+    Returns
+    -------
+    float
+        m s-1.
+    """
+    touched = np.unique(np.concatenate([index for index, _, _ in changes]))
+    owner = frame.aircraft[touched]
+    speed = np.hypot(frame.u_rep, frame.v_rep)[touched]
+    along = np.nan_to_num(frame.wind_speed_resolution[owner])
+    across = np.radians(np.nan_to_num(frame.wind_direction_resolution[owner])) * speed
+    # two roundings, each of variance step^2/12, seen along one of the two directions
+    variance = 2.0 * 0.5 * (along**2 + across**2) / 12.0
+    return float(np.sqrt(variance.sum()) / frame.size)
+
+
+Change = tuple[Integers, Floats, Floats]
+"""Reports, their fields (m, 2, k), and changes of the coefficients by draw (draws, k)."""
+
+
+def reductions(residual: Floats, changes: Sequence[Change], draws: int) -> Floats:
+    """Mean reduction of the vector disagreement over all reports, by draw.
+
+    Parameters
+    ----------
+    residual : (n, 2) float
+        m s-1, at the estimates.
+    changes : sequence of Change
+        What the draws change, each on its own reports; the same report may be in several.
+    draws : int
+
+    Returns
+    -------
+    (draws,) float
+        m s-1.
+    """
+    if not changes:
+        return np.zeros(draws)
+    touched = np.unique(np.concatenate([index for index, _, _ in changes]))
+    start = residual[touched]
+    before = np.hypot(*start.T).sum()
+    places = [np.searchsorted(touched, index) for index, _, _ in changes]
+    out = np.empty(draws)
+    for d in range(draws):
+        now = start.copy()
+        for place, (_, fields, steps) in zip(places, changes, strict=True):
+            now[place] -= fields @ steps[d]
+        out[d] = before - np.hypot(*now.T).sum()
+    return np.asarray(out / residual.shape[0])
+
+
+def _about_estimate(
+    frame: Any,
+    base: Base,
+    found: Found,
+    known: Sequence[int],
+    rng: np.random.Generator,
+    draws: int,
+    *,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    day: Integers,
+    factors: Mapping[str, float],
+    doubts: Mapping[str, float],
+) -> tuple[Floats, list[Change]]:
+    """Residual at the estimates, and draws about them, of the known terms."""
+    shape = base.stats.day_count.shape
+    values = whole_coefficients(term_coefficients(found.given, found.terms), found.terms, factors)
+    offsets = term_offsets(found.given, found.terms)
+    sensor, other = np.zeros((2, frame.size, 2))
+    none = np.zeros(frame.size, np.int64)
+    changes: list[Change] = []
+    for k in known:
+        term = found.terms[k]
+        fields = term_fields(frame, term, effects=effects, plan=plan)
+        part = term_error(fields, term, [values[k]], aircraft=frame.aircraft, day=day, fold=none,
+                          shape=shape)  # fmt: skip
+        total = sensor if is_sensor(term, effects) else other
+        total += part
+        rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
+        shared = rng.standard_normal((draws, term.candidate.columns.size))
+        scale = doubts.get(term.candidate.name, 0.0) * rng.standard_normal(draws)
+        for row in range(rows):
+            formal, allowed = term_covariances(base.stats, found.given, term, offsets[k], row)
+            steps = _draw(formal, rng, draws) + shared @ _root(allowed).T
+            steps /= factors.get(term.candidate.name, 1.0)
+            steps += np.outer(scale, values[k][row])
+            index = _reports(frame, term, row, day)
+            changes.append((index, fields[index], steps))
+    return take_off(frame, sensor, other), changes
+
+
+def _reports(frame: Any, term: Term, row: int, day: Integers) -> Integers:
+    """Reports a term acts on, of its ``row``-th aircraft or of the fleet."""
+    here = np.ones(frame.size, bool)
+    if term.candidate.scope != "fleet":
+        here &= frame.aircraft == term.tails[row]
+    if term.period is not None:
+        here &= (day >= term.period[0]) & (day < term.period[1])
+    return np.flatnonzero(here)
+
+
+def _root(spread: Floats) -> Floats:
+    """Symmetric root of a covariance."""
+    values, vectors = np.linalg.eigh(spread)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+
+
+def _draw(spread: Floats, rng: np.random.Generator, draws: int) -> Floats:
+    """Draw normal deviations of a covariance, (draws, k)."""
+    return np.asarray(rng.standard_normal((draws, spread.shape[0])) @ _root(spread).T)

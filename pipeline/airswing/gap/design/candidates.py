@@ -1,0 +1,148 @@
+"""What could explain the residual: effects of the catalogue in all their forms, dictionary groups.
+
+Assumptions: an effect of single aircraft has coefficients of its own for each, one of the fleet or
+the reference one set for all; an effect of the wind that one aircraft meets is tried both ways. A
+change at a date is tried as an offset, as one cycle and as both. Dictionary groups are tried for
+single aircraft and for the fleet; those of the reference's wind for single aircraft only where what
+would make one aircraft follow them is not in the catalogue in use.
+
+Validity: the columns of a :class:`airswing.gap.design.layout.Layout`. Prior scales are the effects'
+own; 0.8 m/s for a dictionary group.
+
+Source: GAP.md sections 4 to 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.design.layout import Layout
+from airswing.gap.effects import HeadingEffect
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Dictionary groups of the reference's wind -> what makes single aircraft follow them; those are
+#: tried where it is not in the catalogue in use.
+OF_SINGLE_AIRCRAFT = {"wind:shear": "altitude_offset", "wind:advection": "time_lag"}
+#: Prior standard deviation of a dictionary group's coefficients, m/s.
+GROUP_SCALE = 0.8
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Something that could explain the residual.
+
+    Attributes
+    ----------
+    name : str
+        Effect or dictionary group.
+    columns : (k,) int
+        Columns of the layout.
+    scope : str
+        ``aircraft`` (own coefficients for each) or ``fleet`` (one set for all).
+    scales : (k,)
+        Prior standard deviations.
+    known : bool
+        True for an effect of the catalogue, False for a dictionary group.
+    subset : tuple of int
+        Which of the effect's coefficients these columns are.
+    kind : str
+        The effect's kind.
+    lasting : tuple of (int, float)
+        Of an effect that changes steadily in time: columns of the layout that hold it unchanged,
+        with their prior scales.
+    told_share : float
+        Share of the effect's energy that its columns carry.
+    heading : bool
+        True for an effect of the heading and for a dictionary group across it.
+    """
+
+    name: str
+    columns: Integers
+    scope: str
+    scales: Floats
+    known: bool
+    subset: tuple[int, ...] = ()
+    kind: str = "mean"
+    lasting: tuple[tuple[int, float], ...] = ()
+    told_share: float = 1.0
+    heading: bool = False
+
+    @property
+    def key(self) -> tuple[str, str, tuple[int, ...]]:
+        """What identifies the candidate."""
+        return self.name, self.scope, self.subset
+
+    @property
+    def component(self) -> str:
+        """Component of a dictionary group: cross, along or wind; empty for an effect."""
+        return "" if self.known else self.name.partition(":")[0]
+
+
+def candidates(
+    layout: Layout, effects: Mapping[str, Any], *, dictionary: bool = True
+) -> list[Candidate]:
+    """All candidates of a layout.
+
+    Parameters
+    ----------
+    layout : Layout
+    effects : mapping
+        Name -> effect, for scopes, scales and alternatives.
+    dictionary : bool
+        Also the dictionary groups, each for single aircraft and for the fleet.
+
+    Returns
+    -------
+    list of Candidate
+    """
+    out = []
+    for name in layout.effects:
+        effect, block = effects[name], layout.columns(name)
+        scales = np.asarray(effect.column_scales, float)
+        scope = "aircraft" if effect.scope in ("aircraft", "pair") else "fleet"
+        subsets = effect.alternatives or (tuple(range(block.size)),)
+        if effect.kind == "step" and block.size == 3:
+            subsets = ((0,), (1, 2), (0, 1, 2))
+        for subset in subsets:
+            pick = np.array(subset, np.int64)
+            out.append(
+                Candidate(
+                    name, block[pick], scope, scales[pick], True, tuple(subset), effect.kind,
+                    _lasting_columns(effect, block, scales),
+                    float(getattr(effect, "told_share", 1.0)), isinstance(effect, HeadingEffect),
+                )
+            )  # fmt: skip
+            if scope == "aircraft" and _whole_fleet(effect):
+                out.append(replace(out[-1], scope="fleet"))
+    if not dictionary:
+        return out
+    own = {name for name, known in OF_SINGLE_AIRCRAFT.items() if known not in layout.effects}
+    for name in layout.groups:
+        block = layout.columns(name)
+        scales = np.full(block.size, GROUP_SCALE)
+        for scope in ("aircraft", "fleet"):
+            if scope == "aircraft" and name.startswith("wind:") and name not in own:
+                continue
+            whole, across = tuple(range(block.size)), name.startswith("cross:")
+            out.append(Candidate(name, block, scope, scales, False, whole, heading=across))
+    return out
+
+
+def _whole_fleet(effect: Any) -> bool:
+    """Whether an effect of the wind one aircraft meets is also tried with one value for all."""
+    return bool(effect.kind == "mean" and getattr(effect, "stage", "sensor") == "atmosphere")
+
+
+def _lasting_columns(effect: Any, block: Integers, scales: Floats) -> tuple[tuple[int, float], ...]:
+    """Columns of a drift that do not change in time: all but the rates."""
+    if effect.kind != "drift":
+        return ()
+    names = zip(effect.column_names, block, scales, strict=True)
+    return tuple((int(j), float(scale)) for name, j, scale in names if name != "rate")

@@ -1,0 +1,123 @@
+"""Which aircraft of a fleet are struck: a spike-and-slab mixture of their evidence.
+
+Assumptions: a share of the aircraft is struck, each by coefficients of its own; the share, the
+width of their prior and, where it is a question, the size of the background are averaged over.
+
+Validity: aircraft are independent of each other once the background is given.
+
+Source: GAP.md section 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.evidence.between_aircraft_variance import GRID, whole_prior
+
+Floats = NDArray[np.float64]
+
+#: Shares of aircraft struck over which the mixture is averaged.
+SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
+
+
+@dataclass(frozen=True)
+class Mixed:
+    """Spike-and-slab mixture over aircraft.
+
+    Attributes
+    ----------
+    total : float
+        Log evidence against nobody struck.
+    posterior : (A,) float
+        Probability that each aircraft is struck, given that the candidate is at work.
+    best : (int, int)
+        Background and prior scale of the highest evidence.
+    background : float
+        Root mean square size of the background, m/s, whether or not anybody is struck.
+    """
+
+    total: float
+    posterior: Floats
+    best: tuple[int, int]
+    background: float
+
+
+def mixture(
+    evidence: Floats,
+    nothing: Floats | None = None,
+    prior: Floats | None = None,
+    levels: Floats = GRID,
+) -> Mixed:
+    """Spike-and-slab mixture over aircraft, averaged over background, prior scale and share struck.
+
+    Parameters
+    ----------
+    evidence : (T, S, A) float
+        Log Bayes factor per size of the background, prior scale and aircraft; 0 for aircraft that
+        cannot be struck.
+    nothing : (T, A) float, optional
+        Log density of each aircraft's estimates if it is not struck. None: the background is no
+        question (T is 1).
+    prior : (T,) float, optional
+        Log probability of the sizes of the background
+        (:mod:`airswing.gap.evidence.between_aircraft_variance`).
+    levels : (T,) float
+        The sizes, m/s.
+
+    Returns
+    -------
+    Mixed
+    """
+    each = by_share(evidence)
+    if nothing is None:
+        nobody = np.zeros(1)
+    else:
+        nobody = (whole_prior() if prior is None else prior) + nothing.sum(axis=1)
+    joint = each.sum(axis=3) + nobody[None, :, None]
+    weight = np.exp(joint - joint.max())
+    weight /= weight.sum()
+    struck = np.exp(np.log(SHARE_GRID)[:, None, None, None] + evidence[None] - each)
+    posterior = np.einsum("pts,ptsa->a", weight, struck)
+    top = np.unravel_index(int(np.argmax(joint.max(axis=0))), joint.shape[1:])
+    total = log_mean(joint.ravel()) - log_mean(nobody)
+    return Mixed(
+        total,
+        posterior,
+        (int(top[0]), int(top[1])),
+        0.0 if nothing is None else _size(joint, nobody, levels),
+    )
+
+
+def by_share(evidence: Floats) -> Floats:
+    """Log density of aircraft of which a share is struck, over that of nobody struck.
+
+    Parameters
+    ----------
+    evidence : (..., A) float
+        Log Bayes factor of each aircraft.
+
+    Returns
+    -------
+    (P, ..., A) float
+        For every share of :data:`SHARE_GRID`.
+    """
+    share = SHARE_GRID.reshape(-1, *([1] * evidence.ndim))
+    return np.asarray(np.logaddexp(np.log1p(-share), np.log(share) + evidence))
+
+
+def _size(joint: Floats, nobody: Floats, levels: Floats) -> float:
+    """Root mean square background, somebody struck as likely as nobody beforehand."""
+    by_level = np.logaddexp(
+        np.logaddexp.reduce(joint, axis=(0, 2)) - np.log(joint[:, 0].size), nobody
+    )
+    weight = np.exp(by_level - by_level.max())
+    return float(np.sqrt((weight * levels**2).sum() / weight.sum()))
+
+
+def log_mean(values: Floats) -> float:
+    """Logarithm of the mean of exponentials."""
+    top = float(values.max())
+    return top + float(np.log(np.mean(np.exp(values - top))))

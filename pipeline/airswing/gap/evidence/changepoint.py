@@ -1,0 +1,371 @@
+"""Dates: the evidence for columns that act only from a date on, or between two dates.
+
+Assumptions: the change happens between two days; before it (and after the end, where there is one)
+the columns do not act. Aircraft struck together change on one date, each by an amount of its own;
+those that change on another date are another change. The posterior over dates is exact: every
+date's Gaussian evidence from cumulative sums of the daily sums. What is conditioned on stays
+conditioned on: its columns of the same aircraft are projected out of the window's columns.
+
+Validity: about 60 dates are tried (every day of two months, every third of half a year); the
+climatology is conditioned on at its fitted value.
+
+Source: GAP.md section 6; cumulative-sum change-point posterior (Smith 1975, Biometrika 62).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.design.candidates import Candidate
+from airswing.gap.evidence.aircraft_mixture import by_share, mixture
+from airswing.gap.evidence.gaussian import (
+    GridEvidence,
+    Score,
+    allowance_covariance,
+    grid_evidence,
+    rms,
+)
+from airswing.gap.evidence.of_candidate import LEAST_ACTING, evaluate
+from airswing.gap.sums.accumulate import Statistics
+from airswing.gap.sums.cluster_inflation import aircraft_factor
+from airswing.gap.sums.elimination import Base, Conditional
+
+Floats = NDArray[np.float64]
+
+#: Shortest period tried, days with reports.
+SHORTEST = 3
+#: What a period must explain beyond the same effect lasting: log evidence, and part of its own.
+GAIN, GAIN_SHARE = 5.0, 0.04
+#: Cluster factor from which it is asked how much of it the change itself makes.
+WORTH_A_LOOK = 1.3
+#: Blocks that a period's start and its coefficients take of the freedom of the scatter.
+SPENT = 2
+#: Days by which the dates of one change may differ.
+NEAR = 3
+#: Prior probability that a change ends again before the archive does.
+ENDING = 0.2
+
+
+def residual_scores(base: Base, given: Conditional) -> Floats:
+    """Scores of core columns by aircraft and day with the included columns taken off.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+
+    Returns
+    -------
+    (A, D, c) float
+    """
+    stats = base.stats
+    core = stats.layout.core
+    fitted = np.zeros((*stats.day_count.shape, core))
+    outside = np.zeros((*stats.day_count.shape, core))
+    share = _week_share(base)
+    for x, value in zip(given.included, given.coefficients, strict=True):
+        if x.column < core:
+            fitted[:, :, x.column] += x.weights * value
+        else:
+            rows = stats.week_gram[:, :, x.column, :core][:, stats.week_of_day]
+            outside += rows * (x.weights * share * value)[:, :, None]
+    raw = stats.day_score[:, :, :core] - outside
+    raw -= np.einsum("adij,adj->adi", stats.day_gram, fitted, optimize=True)
+    fields = stats.layout.blocks["day_fields"]
+    shared = np.einsum("dij,dj->di", base.root, raw[:, :, fields].sum(axis=0))
+    coupled = np.einsum("adip,di->adp", base.cross[..., :core], shared, optimize=True)
+    return np.asarray(raw - coupled)
+
+
+def _week_share(base: Base) -> Floats:
+    """Share of each day in its week's reports, per aircraft, (A, D)."""
+    stats = base.stats
+    week = stats.week_of_day
+    total = np.stack(
+        [stats.day_count[:, week == w].sum(axis=1) for w in range(stats.weeks.size)], 1
+    )
+    return np.asarray(stats.day_count / np.maximum(total[:, week], 1e-9))
+
+
+def own_day_grams(base: Base, aircraft: int, columns: NDArray[np.int64]) -> Floats:
+    """X'X of some core columns by day, day fields eliminated, (D, k, k)."""
+    cross = base.cross[aircraft][:, :, columns]
+    own = base.stats.day_gram[aircraft][:, columns][:, :, columns]
+    return np.asarray(own - np.einsum("dik,dil->dkl", cross, cross))
+
+
+def windows(days: int, *, shortest: int = SHORTEST, most: int = 60) -> NDArray[np.int64]:
+    """Pairs (first day, one past the last day) tried, (w, 2)."""
+    stride = max(1, int(np.ceil(days / most)))
+    edges = np.arange(0, days + 1, stride)
+    if edges[-1] != days:
+        edges = np.r_[edges, days]
+    pairs = [(a, b) for a in edges for b in edges if b - a >= shortest]
+    pairs = [(a, b) for a, b in pairs if (a > 0 or b < days) and (a < shortest) <= (a == 0)]
+    kept = [(a, b) for a, b in pairs if days - b >= shortest or b == days]
+    return np.array(kept, np.int64).reshape(-1, 2)  # a short archive has none
+
+
+def evaluate_step(
+    base: Base,
+    given: Conditional,
+    candidate: Candidate,
+    *,
+    allowed: NDArray[np.bool_] | None = None,
+    period: tuple[int, int] | None = None,
+) -> Score:
+    """Evidence that columns act within a period only, all dates averaged.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+    candidate : Candidate
+        Per-aircraft, core columns.
+    allowed : (A,) bool, optional
+    period : (int, int), optional
+        Days of a change that has been shown: only windows near it are tried, and it is not asked
+        what the columns explain lasting.
+
+    Returns
+    -------
+    Score
+        With the most probable period of the aircraft together.
+    """
+    stats = base.stats
+    tried, prior = _tried(stats.days.size, period)
+    if "remains" not in given.derived:
+        given.derived["remains"] = residual_scores(base, given)
+    remains = given.derived["remains"]
+    acting = stats.acting[:, candidate.columns].max(axis=1)
+    asked = np.zeros(acting.size, bool) if len(tried) == 0 else acting >= LEAST_ACTING
+    if allowed is not None:
+        asked &= allowed
+    # of a change nothing tells the background but what the same columns show lasting
+    background = evaluate(stats, given, candidate).background
+    look = partial(_window_evidence, stats, candidate, background)
+    sums = {
+        int(a): _window_sums(base, given, int(a), candidate.columns, tried, remains)
+        for a in np.flatnonzero(asked)
+    }
+    factor = _steady_factor(base, given, candidate, tried, sums, look)
+    always = np.array([[0, stats.days.size]])
+    changing = {a: look(a, own, factor) for a, own in sums.items()}
+    struck = list(sums)
+    if period is None:
+        steady = {
+            a: look(a, _window_sums(base, given, a, candidate.columns, always, remains), factor)
+            for a in sums
+        }
+        struck = _changing(changing, steady, prior)
+    if not struck:
+        nothing = np.zeros((acting.size, candidate.columns.size))
+        return Score(
+            candidate, 0.0, 0.0, factor, np.zeros(acting.size), np.zeros(acting.size), nothing,
+            np.zeros(acting.size), acting, period=(0, 0), background=background,
+        )  # fmt: skip
+    best = _one_date([changing[a] for a in struck], prior)
+    posterior, evidence = np.zeros((2, acting.size))
+    estimate = np.zeros((acting.size, candidate.columns.size))
+    posterior[struck], evidence[struck], estimate[struck] = best.posterior, best.each, best.estimate
+    second = stats.raw_gram[:, candidate.columns][:, :, candidate.columns]
+    first, last = tried[best.window]
+    return Score(
+        candidate, best.total, best.raw, factor, posterior, evidence, estimate,
+        rms(second, acting, estimate), acting, period=(int(first), int(last)),
+        background=background,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _OneDate:
+    """Evidence that some aircraft (n of them) change on one date.
+
+    Attributes
+    ----------
+    total, raw : float
+        Log evidence over all dates.
+    window : int
+        The most probable one.
+    posterior, each : (n,)
+        Probability that each aircraft changes then, and its evidence for it.
+    estimate : (n, k)
+    """
+
+    total: float
+    raw: float
+    window: int
+    posterior: Floats
+    each: Floats
+    estimate: Floats
+
+
+def _one_date(found: list[GridEvidence], prior: Floats) -> _OneDate:
+    """Mix aircraft by window, then average over windows."""
+    tempered = np.stack([x.tempered for x in found], -1)
+    joint = by_share(tempered).sum(axis=-1)
+    by_window = _over_shares(joint) + prior
+    window = int(np.argmax(by_window))
+    _, width = np.unravel_index(int(np.argmax(joint[..., window])), joint.shape[:2])
+    at_best = mixture(tempered[None, :, window])
+    return _OneDate(
+        float(np.logaddexp.reduce(by_window)), _pooled([x.raw for x in found], prior), window,
+        at_best.posterior, tempered[width, window],
+        np.stack([x.estimate[width, window] for x in found]),
+    )  # fmt: skip
+
+
+def _over_shares(joint: Floats) -> Floats:
+    """Mean of evidence (P, S, w) over shares struck and widths of the prior, (w,)."""
+    count = joint.shape[0] * joint.shape[1]
+    return np.asarray(np.logaddexp.reduce(joint, axis=(0, 1)) - np.log(count))
+
+
+def _pooled(evidence: list[Floats], prior: Floats) -> float:
+    """Log evidence of aircraft that change on one date, from (S, w) of each."""
+    joint = by_share(np.stack(evidence, -1)).sum(axis=-1)
+    return log_mean_with(_over_shares(joint), prior)
+
+
+def _changing(
+    changing: dict[int, GridEvidence], steady: dict[int, GridEvidence], prior: Floats
+) -> list[int]:
+    """Aircraft that a period explains clearly more than the same columns at work all the time.
+
+    A lasting deviation that is not in the model yet would otherwise enter as one that begins in
+    the archive's first days or ends in its last. Together aircraft may tell what none tells alone.
+    """
+    if not changing:
+        return []
+    own = {a: max(log_mean_with(row, prior) for row in x.tempered) for a, x in changing.items()}
+    lasting = {a: float(x.tempered.max()) for a, x in steady.items()}
+    alone = [a for a in own if own[a] - lasting[a] > max(GAIN, GAIN_SHARE * own[a])]
+    whole = _pooled([x.tempered for x in changing.values()], prior)
+    stays = _pooled([x.tempered for x in steady.values()], np.zeros(1))
+    if whole - stays <= max(GAIN, GAIN_SHARE * whole):
+        return alone
+    return sorted({*alone, *(a for a in own if own[a] > max(lasting[a], 0.0))})
+
+
+def _steady_factor(
+    base: Base,
+    given: Conditional,
+    candidate: Candidate,
+    tried: NDArray[np.int64],
+    sums: dict[int, tuple[Floats, Floats]],
+    look: Callable[[int, tuple[Floats, Floats], float], GridEvidence],
+) -> float:
+    """Cluster factor with every aircraft's likeliest period taken off, where that is smaller.
+
+    A change most of the fleet has makes their days scatter about anything that lasts; it must not
+    count as doubt about itself. What the period's own fit takes of the scatter is given back.
+    """
+    stats, columns = base.stats, candidate.columns
+    plain = aircraft_factor(stats, given, columns)
+    if plain < WORTH_A_LOOK or not sums:
+        return plain
+    score = given.score.copy()
+    for a, own in sums.items():
+        values = look(a, own, plain).tempered
+        _, w = np.unravel_index(int(np.argmax(values)), values.shape)
+        start, end = tried[w]
+        fit = _unshrunk(own, int(w))
+        grams = own_day_grams(base, a, columns)[start:end]
+        score[a, start:end, columns] -= (grams @ fit).T
+    left = replace(given, score=score)
+    return min(plain, aircraft_factor(stats, left, columns, spent=SPENT))
+
+
+def _unshrunk(sums: tuple[Floats, Floats], window: int) -> Floats:
+    """Least-squares coefficients (k,) of one window."""
+    information, score = sums[0][window], sums[1][window]
+    ridge = 1e-6 * np.trace(information) + 1e-12
+    return np.asarray(np.linalg.solve(information + ridge * np.eye(score.size), score))
+
+
+def _tried(days: int, period: tuple[int, int] | None) -> tuple[NDArray[np.int64], Floats]:
+    """Windows and their log prior; only those within some days of a period that is given."""
+    tried = windows(days)
+    prior = _window_prior(tried, days)
+    if period is None:
+        return tried, prior
+    near = (np.abs(tried - np.array(period)) <= NEAR).all(axis=1)
+    return tried[near], prior[near] - np.logaddexp.reduce(prior[near])
+
+
+def _window_prior(tried: NDArray[np.int64], days: int) -> Floats:
+    """Log prior of windows: those that last to the end share 1 - ENDING, the others ENDING."""
+    last = tried[:, 1] == days
+    count = np.array([(~last).sum(), last.sum()])
+    weight = np.where(last, (1 - ENDING) / max(count[1], 1), ENDING / max(count[0], 1))
+    return np.asarray(np.log(weight))
+
+
+def log_mean_with(values: Floats, log_prior: Floats) -> float:
+    """Logarithm of the prior-weighted mean of exponentials."""
+    return float(np.logaddexp.reduce(values + log_prior))
+
+
+def _window_sums(
+    base: Base,
+    given: Conditional,
+    aircraft: int,
+    columns: NDArray[np.int64],
+    tried: NDArray[np.int64],
+    remains: Floats,
+) -> tuple[Floats, Floats]:
+    """Information (w, k, k) and score (w, k) of the columns in every window."""
+    core = base.stats.layout.core
+    included = [
+        x
+        for x in given.included
+        if x.column < core and 0 < x.weights[aircraft].sum() == x.weights.sum()
+    ]
+    others = np.array([x.column for x in included], np.int64)
+    both = np.r_[columns, others]
+    grams = own_day_grams(base, aircraft, both)
+    k = columns.size
+    if others.size:
+        factor = np.stack([x.weights[aircraft] for x in included], -1)
+        grams[:, :, k:] *= factor[:, None, :]
+        cross_total = (grams[:, k:, k:] * factor[:, :, None]).sum(axis=0)
+        cross_total += np.diag([x.precision for x in included])
+        inverse = np.linalg.inv(cross_total + 1e-9 * np.trace(cross_total) * np.eye(others.size))
+    running = np.concatenate([np.zeros((1, *grams.shape[1:])), np.cumsum(grams, axis=0)])
+    score = np.concatenate([np.zeros((1, k)), np.cumsum(remains[aircraft][:, columns], axis=0)])
+    window = running[tried[:, 1]] - running[tried[:, 0]]
+    information = window[:, :k, :k]
+    if others.size:
+        side = window[:, :k, k:]
+        # of a window wholly within another's period nothing is left, in single precision less
+        least = 1e-4 * information * np.eye(k)
+        information = information - side @ inverse @ side.transpose(0, 2, 1) + least
+    return information, score[tried[:, 1]] - score[tried[:, 0]]
+
+
+def _window_evidence(
+    stats: Statistics,
+    candidate: Candidate,
+    background: float,
+    aircraft: int,
+    sums: tuple[Floats, Floats],
+    factor: float,
+) -> GridEvidence:
+    """Evidence (S, w) and estimates (S, w, k) of every prior scale and window."""
+    information, score = sums
+    columns = candidate.columns
+    second = stats.raw_gram[aircraft][np.ix_(columns, columns)]
+    acting = stats.acting[aircraft, columns].max()
+    unit = allowance_covariance(second, acting, 1.0, candidate.scales)
+    return grid_evidence(
+        information, score, factor=factor, allowance=background**2 * unit, unit=unit,
+        scales=candidate.scales,
+    )  # fmt: skip
+
+
+__all__ = ["evaluate_step", "own_day_grams", "residual_scores", "windows"]

@@ -1,0 +1,262 @@
+"""How much the data speak for a candidate: closed-form Gaussian evidence, tempered by clusters.
+
+Assumptions: an estimate of an aircraft's coefficients is normal about the truth with covariance
+``f I^-1 + P``. ``I`` is the conditional information; ``f`` the cluster factor, estimated from the
+scatter of day and week scores about each aircraft's own fit and pooled over aircraft; ``P`` the
+background: model error that persists over the archive and the little of every effect that every
+aircraft has, stated in m/s rms where the candidate acts. Under the null the coefficients are zero;
+else normal with a width that is averaged over a grid: of single aircraft in m/s where the candidate
+acts, from the smallest size that matters in practice, so that it is no second background; of the
+fleet, and for raw evidence, the prior scale of the catalogue times a factor.
+
+Evidence is in nats. *Raw* evidence (ranking) knows neither factor nor background; *tempered*
+evidence (gates) takes the estimated ones. Who is struck, and by how much of a background,
+:mod:`airswing.gap.evidence.of_candidate` puts together.
+
+Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (2011).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.design.candidates import Candidate
+from airswing.gap.evidence.small_matrices import inverse_and_logdet
+from airswing.gap.sums.accumulate import Statistics
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Factors on the prior scales over which evidence is averaged.
+SCALE_GRID = np.array([0.08, 0.2, 0.5, 1.2, 3.0])
+#: Sizes of an effect of single aircraft, m/s rms in each direction, averaged over likewise.
+SIZE_GRID = np.array([0.2, 0.4, 0.8, 1.6, 3.2])
+
+
+@dataclass(frozen=True)
+class Score:
+    """Evidence for a candidate given what is included.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    tempered, raw : float
+        Log Bayes factor against nothing, nats.
+    factor : float
+        Cluster factor used.
+    posterior : (A,)
+        Probability per aircraft that it is struck (1 for all in fleet scope).
+    aircraft_evidence : (A,)
+        Tempered log Bayes factor per aircraft.
+    estimate : (A, k)
+        Estimates, shrunk by the prior.
+    size : (A,)
+        rms of the effect where it acts, m/s.
+    acting : (A,)
+        Reports on which it acts.
+    period : (int, int) or None
+        Day indices (first, one past the last) between which it acts; None: always.
+    novelty : float
+        Of a dictionary group: tempered evidence beyond what steady sensor errors explain.
+    background : float
+        Size of the background where it acts, m/s rms in each direction.
+    remainder : (A,) or 0
+        What the columns of the included effects cannot carry of these, m/s where it acts.
+    """
+
+    candidate: Candidate
+    tempered: float
+    raw: float
+    factor: float
+    posterior: Floats
+    aircraft_evidence: Floats
+    estimate: Floats
+    size: Floats
+    acting: Floats
+    period: tuple[int, int] | None = None
+    novelty: float = np.inf
+    background: float = 0.0
+    remainder: Floats | float = 0.0
+
+
+def allowance_covariance(
+    second: Floats, acting: Floats | float, size: float, scales: Floats
+) -> Floats:
+    """Covariance of coefficients whose effect is ``size`` m/s rms in each direction where it acts.
+
+    Parameters
+    ----------
+    second : (..., k, k) float
+        Unwhitened X'X.
+    acting : (...) float
+        Reports on which the candidate acts.
+    size : float
+        m s-1.
+    scales : (k,) float
+        Prior scales, to regularise.
+
+    Returns
+    -------
+    (..., k, k) float
+    """
+    k = scales.size
+    count = np.maximum(np.asarray(acting, float), 1.0)[..., None, None]
+    scaled = second / count * np.outer(scales, scales)
+    floor = 0.02 * np.trace(scaled, axis1=-2, axis2=-1) / k + 1e-12
+    inverse, _ = inverse_and_logdet(scaled + floor[..., None, None] * np.eye(k))
+    return np.asarray(size**2 * inverse * np.outer(scales, scales))
+
+
+def gaussian_evidence(
+    information: Floats, score: Floats, *, factor: float, allowance: Floats, prior: Floats
+) -> tuple[Floats, Floats]:
+    """Log Bayes factor of free coefficients against none, and the shrunk estimate.
+
+    Parameters
+    ----------
+    information : (..., k, k) float
+        Conditional X'X.
+    score : (..., k) float
+        Conditional X'r.
+    factor : float
+        Cluster factor.
+    allowance : (..., k, k) float
+        Covariance of persistent model error, in both hypotheses.
+    prior : (k,) float
+        Prior standard deviations of the coefficients.
+
+    Returns
+    -------
+    log_bayes_factor : (...) float
+    estimate : (..., k) float
+        Posterior mean.
+
+    Notes
+    -----
+    In units of the prior: theta_hat = I^-1 s, V = f I^-1 + P; the log ratio of
+    N(theta_hat; 0, V + S) to N(theta_hat; 0, V). Directions without
+    information drop out through a floor on I.
+    """
+    spread, hat = _own_fit(information, score, prior)
+    variance = factor * spread + allowance / np.outer(prior, prior)
+    value, estimate, _ = _over_scales(hat, variance, np.eye(prior.size), np.ones(1))
+    return value[0], prior * estimate[0]
+
+
+@dataclass(frozen=True)
+class GridEvidence:
+    """Evidence of free coefficients at every width of the prior (S of them).
+
+    Attributes
+    ----------
+    tempered, raw : (S, ...) float
+        With the estimated cluster factor and the allowance; with neither.
+    estimate : (S, ..., k) float
+        Posterior means, tempered.
+    nothing : (...) float
+        Log density of the estimates where nothing but errors and the allowance are at work, up to a
+        constant that the allowance does not change.
+    """
+
+    tempered: Floats
+    raw: Floats
+    estimate: Floats
+    nothing: Floats
+
+
+def grid_evidence(
+    information: Floats,
+    score: Floats,
+    *,
+    factor: float,
+    allowance: Floats,
+    scales: Floats,
+    unit: Floats | None = None,
+) -> GridEvidence:
+    """Tempered and raw evidence and estimates at every width of the prior.
+
+    Parameters
+    ----------
+    information, score, factor, allowance
+        As in :func:`gaussian_evidence`; the allowance may have further axes in front.
+    scales : (k,) float
+        Prior standard deviations at factor 1 of :data:`SCALE_GRID`.
+    unit : (..., k, k) float, optional
+        Covariance of coefficients whose effect is 1 m/s: tempered evidence and estimates take
+        :data:`SIZE_GRID` times it instead.
+
+    Returns
+    -------
+    GridEvidence
+    """
+    spread, hat = _own_fit(information, score, scales)
+    both, eye = np.outer(scales, scales), np.eye(scales.size)
+    raw, _, _ = _over_scales(hat, spread, eye, SCALE_GRID)
+    tempered, estimate, nothing = _over_scales(
+        hat,
+        factor * spread + allowance / both,
+        eye if unit is None else unit / both,
+        SCALE_GRID if unit is None else SIZE_GRID,
+    )
+    return GridEvidence(tempered, raw, scales * estimate, nothing)
+
+
+def _own_fit(information: Floats, score: Floats, prior: Floats) -> tuple[Floats, Floats]:
+    """Inverse information and estimate, both in units of the prior."""
+    k = prior.size
+    own = information * np.outer(prior, prior)
+    floor = 1e-4 * np.maximum(np.trace(own, axis1=-2, axis2=-1), 0.0) / k + 1e-9
+    # where everything is explained by what is given, rounding may leave less than nothing
+    nothing = np.linalg.eigvalsh(own)[..., 0] + floor <= 0.0
+    own = np.where(nothing[..., None, None], 0.0, own) + floor[..., None, None] * np.eye(k)
+    score = np.where(nothing[..., None], 0.0, score)
+    spread, _ = inverse_and_logdet(own)
+    return spread, np.einsum("...ij,...j->...i", spread, score * prior)
+
+
+def _over_scales(
+    hat: Floats, variance: Floats, unit: Floats, grid: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Evidence (S, ...), posterior means (S, ..., k) for priors N(0, g^2 unit), log density."""
+    square = (grid**2).reshape(-1, *([1] * variance.ndim))
+    inverse, logdet = inverse_and_logdet(variance)
+    whole = np.einsum("...i,...ij,...j->...", hat, inverse, hat)
+    slab = square * unit
+    inverse, wide_logdet = inverse_and_logdet(variance + slab)
+    solved = np.einsum("...ij,...j->...i", inverse, hat)
+    inner = (solved * hat).sum(axis=-1)
+    evidence = 0.5 * (whole - inner - wide_logdet + logdet)
+    estimate = np.einsum("...ij,...j->...i", slab, solved)
+    return evidence, estimate, -0.5 * (whole + logdet)
+
+
+def sizes(stats: Statistics, candidate: Candidate) -> tuple[Floats, Floats]:
+    """Unwhitened second moments of a candidate's columns, and the reports on which it acts.
+
+    Parameters
+    ----------
+    stats : Statistics
+    candidate : Candidate
+
+    Returns
+    -------
+    second : (A, k, k) float
+    acting : (A,) float
+    """
+    columns, total = candidate.columns, stats.day_count.sum(axis=1)
+    if columns.max() < stats.layout.core:
+        second = stats.raw_gram[:, columns[:, None], columns]
+        return second, np.maximum(stats.acting[:, columns].max(axis=1), 0.0)
+    wide = stats.whole_gram[:, columns[:, None], columns]
+    trace = np.trace(wide, axis1=1, axis2=2)[:, None, None]
+    second = np.divide(wide, trace, out=np.zeros_like(wide), where=trace > 0)
+    return second * total[:, None, None], total
+
+
+def rms(second: Floats, acting: Floats, coefficients: Floats) -> Floats:
+    """Root mean square (m/s) of effects with these coefficients (A, k), where they act."""
+    energy = np.einsum("ak,akl,al->a", coefficients, second, coefficients)
+    return np.asarray(np.sqrt(np.maximum(energy, 0) / np.maximum(acting, 1.0)))

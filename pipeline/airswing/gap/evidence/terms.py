@@ -1,0 +1,105 @@
+"""Terms: effects at work in some aircraft in some days, and the sums given them.
+
+Assumptions: an aircraft's term has coefficients of its own, with a prior four times as wide as the
+catalogue's; one of the fleet has one set. The climatology is always fitted beside them.
+
+Validity: as :mod:`airswing.gap.sums.elimination`.
+
+Source: GAP.md section 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.design.candidates import Candidate
+from airswing.gap.evidence.gaussian import Score
+from airswing.gap.sums.elimination import (
+    Base,
+    Conditional,
+    Fit,
+    Included,
+    climatology,
+    condition,
+    fit_included,
+)
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect at work.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    tails : tuple of int
+        Aircraft struck (all, in fleet scope).
+    period : (int, int) or None
+        First and one past the last day index in force, per term.
+    score : Score
+        Evidence when it entered.
+    """
+
+    candidate: Candidate
+    tails: tuple[int, ...]
+    period: tuple[int, int] | None
+    score: Score
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Name and scope."""
+        return self.candidate.name, self.candidate.scope
+
+
+def term_weights(term: Term, shape: tuple[int, int]) -> Floats:
+    """Factor on a term's columns by aircraft and day, (A, D)."""
+    weights = np.zeros(shape)
+    period = slice(None) if term.period is None else slice(*term.period)
+    for a in term.tails:
+        weights[a, period] = 1.0
+    return weights
+
+
+def term_columns(term: Term, shape: tuple[int, int]) -> list[Included]:
+    """Columns a term conditions on: its own per aircraft, or shared in fleet scope."""
+    whole = term_weights(term, shape)
+    width = 4.0 * np.maximum(term.candidate.scales, 1e-12)
+    out = []
+    if term.candidate.scope == "fleet":
+        return [
+            Included(int(j), whole, 1 / w**2)
+            for j, w in zip(term.candidate.columns, width, strict=True)
+        ]
+    for a in term.tails:
+        weights = np.zeros(shape)
+        weights[a] = whole[a]
+        out += [
+            Included(int(j), weights, 1 / w**2)
+            for j, w in zip(term.candidate.columns, width, strict=True)
+        ]
+    return out
+
+
+def given_terms(base: Base, terms: Sequence[Term]) -> Conditional:
+    """Sums conditioned on the climatology and some terms."""
+    return condition(base, all_columns(base, terms))
+
+
+def fit_terms(base: Base, terms: Sequence[Term]) -> Fit:
+    """Fit of the climatology and some terms alone."""
+    return fit_included(base, all_columns(base, terms))
+
+
+def all_columns(base: Base, terms: Sequence[Term]) -> list[Included]:
+    """Columns of the climatology, then of each term in turn."""
+    shape = base.stats.day_count.shape
+    columns = climatology(base)
+    for term in terms:
+        columns += term_columns(term, shape)
+    return columns

@@ -1,0 +1,1 @@
+"""What terms explain of weeks that had no part in them."""

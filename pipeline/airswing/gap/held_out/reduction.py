@@ -1,0 +1,437 @@
+"""How far the gap shrinks: terms fitted on some weeks, the disagreement measured on the others.
+
+Assumptions: coefficients of the terms found on the whole archive are fitted again without each
+fold (whole weeks, so whole flights), and taken off the fold's reports. Errors of heading and
+airspeed are taken off exactly (the air vector is turned and stretched back), the others to first
+order. The *selection* of terms has seen all weeks.
+
+Validity: three weeks and more; with fewer, folds are blocks of days. Speeds in m/s inside, knots in
+what is returned for people. Intervals: bootstrap over days of the paired reduction.
+
+Source: GAP.md section 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.design.basis import DictionaryPlan, dictionary_columns, unit_vectors
+from airswing.gap.design.layout import effect_columns
+from airswing.gap.evidence.terms import Term, fit_terms, term_weights
+from airswing.gap.sums.accumulate import Statistics
+from airswing.gap.sums.elimination import Base, Conditional, Fit, eliminate_days
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+KNOT = 1852.0 / 3600.0
+
+
+@dataclass(frozen=True)
+class Closure:
+    """Mean vector disagreement on held-out reports, kt.
+
+    Attributes
+    ----------
+    before, after : float
+    reduction_ci, after_ci : (float, float) or None
+        95 % intervals; None where they cannot be had.
+    sequence : tuple of (str, float, float, float)
+        Label, disagreement after the terms up to this one, and the interval of this step.
+    alone : tuple of float
+        Disagreement with each term alone taken off.
+    residual : (n, 2)
+        Held-out residual with all terms taken off, m s-1.
+    """
+
+    before: float
+    after: float
+    reduction_ci: tuple[float, float] | None
+    after_ci: tuple[float, float] | None
+    sequence: tuple[tuple[str, float, float, float], ...]
+    alone: tuple[float, ...]
+    residual: Floats
+
+    def with_interval(self, low: float, high: float) -> Closure:
+        """Return the same with this 95 % interval of the reduction, kt."""
+        return replace(
+            self, reduction_ci=(low, high), after_ci=(self.before - high, self.before - low)
+        )
+
+
+def folds_of_days(stats: Statistics, *, most: int = 8) -> Integers:
+    """Fold of every day: whole weeks, or blocks of days in short archives.
+
+    Parameters
+    ----------
+    stats : Statistics
+    most : int
+        Number of folds at most.
+
+    Returns
+    -------
+    (D,) int
+    """
+    if stats.weeks.size >= 3:
+        return np.asarray(stats.week_of_day * min(most, stats.weeks.size) // stats.weeks.size)
+    count = max(2, min(4, stats.days.size))
+    return np.asarray(np.arange(stats.days.size) * count // stats.days.size)
+
+
+def select_days(stats: Statistics, keep: NDArray[np.bool_]) -> Statistics:
+    """Sums of some days.
+
+    Parameters
+    ----------
+    stats : Statistics
+    keep : (D,) bool
+        Where weeks are cut, their X'X is shared out by reports.
+
+    Returns
+    -------
+    Statistics
+    """
+    week = stats.week_of_day
+    share = np.zeros((len(stats.tails), stats.weeks.size))
+    for w in range(stats.weeks.size):
+        own = week == w
+        total = stats.day_count[:, own].sum(axis=1)
+        share[:, w] = stats.day_count[:, own & keep].sum(axis=1) / np.maximum(total, 1e-9)
+    used = np.isin(np.arange(stats.weeks.size), week[keep])
+    gram = stats.week_gram[:, used] * share[:, used, None, None].astype(np.float32)
+    return replace(
+        stats, days=stats.days[keep], weeks=stats.weeks[used], week_gram=gram,
+        day_gram=stats.day_gram[:, keep], day_cross=stats.day_cross[:, keep],
+        day_score=stats.day_score[:, keep], day_energy=stats.day_energy[:, keep],
+        day_count=stats.day_count[:, keep],
+    )  # fmt: skip
+
+
+def restrict_term(term: Term, keep: NDArray[np.bool_]) -> Term:
+    """A term with its period counted in the kept days."""
+    if term.period is None:
+        return term
+    running = np.r_[0, np.cumsum(keep)]
+    return replace(term, period=(int(running[term.period[0]]), int(running[term.period[1]])))
+
+
+def term_coefficients(given: Conditional | Fit, terms: Sequence[Term]) -> list[Floats]:
+    """Coefficients of each term, (aircraft of the term, k); one row in fleet scope.
+
+    Parameters
+    ----------
+    given : Conditional or Fit
+        Of the same terms.
+    terms : sequence of Term
+
+    Returns
+    -------
+    list of (t, k) float
+    """
+    out = []
+    counts = [len(t.tails) if t.candidate.scope == "aircraft" else 1 for t in terms]
+    start = len(given.coefficients) - sum(
+        n * t.candidate.columns.size for n, t in zip(counts, terms, strict=True)
+    )
+    for n, term in zip(counts, terms, strict=True):
+        k = term.candidate.columns.size
+        out.append(given.coefficients[start : start + n * k].reshape(n, k))
+        start += n * k
+    return out
+
+
+def whole_coefficients(
+    coefficients: Sequence[Floats], terms: Sequence[Term], factors: Mapping[str, float] | None
+) -> list[Floats]:
+    """Coefficients divided by the share of them that is fitted.
+
+    Parameters
+    ----------
+    coefficients : sequence over terms of (t, k) float
+    terms : sequence of Term
+    factors : mapping or None
+        Effect name -> share; 1 for those not in it.
+
+    Returns
+    -------
+    list of (t, k) float
+    """
+    shares = factors or {}
+    return [
+        values / shares.get(term.candidate.name, 1.0)
+        for values, term in zip(coefficients, terms, strict=True)
+    ]
+
+
+def fold_coefficients(base: Base, terms: Sequence[Term], fold: Integers) -> list[list[Floats]]:
+    """Coefficients of the terms fitted without each fold.
+
+    Parameters
+    ----------
+    base : Base
+    terms : sequence of Term
+    fold : (D,) int
+
+    Returns
+    -------
+    list over folds of list over terms of (t, k) float
+    """
+    out = []
+    for f in range(int(fold.max()) + 1):
+        keep = fold != f
+        part = eliminate_days(select_days(base.stats, keep), base.variances)
+        own = [restrict_term(t, keep) for t in terms]
+        out.append(term_coefficients(fit_terms(part, own), own))
+    return out
+
+
+def term_fields(
+    frame: Any, term: Term, *, effects: Mapping[str, Any], plan: DictionaryPlan
+) -> Floats:
+    """Columns of a term on reports, (n, 2, k), without regard to aircraft and period."""
+    if term.candidate.known:
+        columns = effect_columns(frame, effects[term.candidate.name])
+        return np.moveaxis(columns, 0, -1)[:, :, list(term.candidate.subset)]
+    names = [g.name for g in plan.groups]
+    own = replace(plan, groups=(plan.groups[names.index(term.candidate.name)],))
+    return dictionary_columns(frame, own)
+
+
+def term_error(
+    fields: Floats,
+    term: Term,
+    coefficients: Sequence[Floats],
+    *,
+    aircraft: Integers,
+    day: Integers,
+    fold: Integers,
+    shape: tuple[int, int],
+) -> Floats:
+    """Wind error (n, 2) of a term with coefficients by fold.
+
+    Parameters
+    ----------
+    fields : (n, 2, k) float
+    term : Term
+    coefficients : sequence over folds of (t, k)
+    aircraft, day : (n,) int
+        Indices.
+    fold : (n,) int
+    shape : (A, D)
+
+    Returns
+    -------
+    (n, 2) float
+        m s-1.
+    """
+    table = np.zeros((len(coefficients), shape[0], fields.shape[-1]))
+    for f, values in enumerate(coefficients):
+        if term.candidate.scope == "fleet":
+            table[f] = values[0]
+        else:
+            table[f, list(term.tails)] = values
+    active = term_weights(term, shape)[aircraft, day]
+    return np.asarray(np.einsum("nck,nk->nc", fields, table[fold, aircraft]) * active[:, None])
+
+
+def retimed(residual: Floats, linear: Floats, fold: Integers) -> Floats:
+    """Error (n, 2) that fields of the right time would take off, from its linear estimate.
+
+    The reference's tendency holds that of its own error, and what it misses of small waves does not
+    grow with the offset: taken off linearly, an offset of an hour closes nothing. But errors of the
+    two times are alike in size, so what the right time takes off the mean square is the offset's
+    covariance with the residual, and the residual shrinks by the root of what is left.
+
+    Parameters
+    ----------
+    residual, linear : (n, 2) float
+        m s-1; ``linear`` is the offset times the tendency.
+    fold : (n,) int
+        The share is measured on each fold.
+
+    Returns
+    -------
+    (n, 2) float
+    """
+    whole = np.bincount(fold, (residual**2).sum(axis=1))
+    common = np.bincount(fold, (residual * linear).sum(axis=1))
+    share = np.clip(common / np.maximum(whole, 1e-12), -0.5, 0.9)
+    return np.asarray(residual * (1.0 - np.sqrt(1.0 - share))[fold, None])
+
+
+def take_off(frame: Any, sensor: Floats, other: Floats) -> Floats:
+    """Residual with errors taken off, heading and airspeed exactly.
+
+    Parameters
+    ----------
+    frame : Frame
+    sensor, other : (n, 2) float
+        First-order wind errors of heading and airspeed, and of everything else, m s-1.
+
+    Returns
+    -------
+    (n, 2) float
+        m s-1.
+
+    Notes
+    -----
+    The first-order error -V n d - h s of a heading error d and airspeed error s gives d and s; the
+    true air vector is (V - s) h(psi - d).
+    """
+    cross, along = unit_vectors(frame.heading)
+    turn = -(sensor * cross).sum(-1) / np.maximum(frame.airspeed, 1.0)
+    stretch = -(sensor * along).sum(-1)
+    _, true = unit_vectors(frame.heading - turn)
+    wind = frame.airspeed[:, None] * along - (frame.airspeed - stretch)[:, None] * true
+    return np.asarray(frame.residual + wind - other)
+
+
+def is_sensor(term: Term, effects: Mapping[str, Any]) -> bool:
+    """Whether a term is an error of heading or airspeed."""
+    if term.candidate.known:
+        return str(getattr(effects[term.candidate.name], "stage", "sensor")) == "sensor"
+    return not term.candidate.name.startswith("wind:")
+
+
+def close(
+    frame: Any,
+    base: Base,
+    terms: Sequence[Term],
+    *,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    day: Integers,
+    factors: Mapping[str, float] | None = None,
+    seed: int = 0,
+    draws: int = 400,
+) -> Closure:
+    """Held-out closure of the terms, in sequence and alone.
+
+    Parameters
+    ----------
+    frame : Frame
+        Reports as they are.
+    base : Base
+    terms : sequence of Term
+    effects : mapping
+    plan : DictionaryPlan
+    day : (n,) int
+        Index of each report's day in the statistics.
+    factors : mapping, optional
+        Effect name -> share of its coefficient that is fitted
+        (:mod:`airswing.gap.held_out.attenuation`): what is taken off is the effect in full.
+    seed, draws : int
+        Of the bootstrap over days.
+
+    Returns
+    -------
+    Closure
+    """
+    before = np.hypot(*frame.residual.T)
+    if not terms:
+        mean = float(before.mean()) / KNOT
+        ci = day_interval(before / KNOT, day, seed, draws)
+        return Closure(mean, mean, (0.0, 0.0), ci, (), (), frame.residual)
+    shape = base.stats.day_count.shape
+    fold = folds_of_days(base.stats)
+    by_fold = [whole_coefficients(c, terms, factors) for c in fold_coefficients(base, terms, fold)]
+    errors = []
+    for k, term in enumerate(terms):
+        fields = term_fields(frame, term, effects=effects, plan=plan)
+        errors.append(
+            term_error(fields, term, [c[k] for c in by_fold], aircraft=frame.aircraft, day=day,
+                       fold=fold[day], shape=shape)
+        )  # fmt: skip
+        if term.candidate.name == "reference_time_offset":
+            errors[-1] = retimed(frame.residual, errors[-1], fold[day])
+    sensor = [is_sensor(t, effects) for t in terms]
+    left, steps, alone = before, [], []
+    residual = frame.residual
+    for k, term in enumerate(terms):
+        residual = _without(frame, errors[: k + 1], sensor[: k + 1])
+        now = np.hypot(*residual.T)
+        low, high = day_interval((left - now) / KNOT, day, seed, draws)
+        steps.append((term.candidate.name, float(now.mean()) / KNOT, low, high))
+        left = now
+        alone.append(
+            float(np.hypot(*_without(frame, errors[k : k + 1], sensor[k : k + 1]).T).mean())
+        )
+    low, high = day_interval((before - left) / KNOT, day, seed, draws)
+    first, last = float(before.mean()) / KNOT, float(left.mean()) / KNOT
+    return Closure(
+        first, last, (low, high), (first - high, first - low), tuple(steps),
+        tuple(a / KNOT for a in alone), residual,
+    )  # fmt: skip
+
+
+def _without(frame: Any, errors: Sequence[Floats], sensor: Sequence[bool]) -> Floats:
+    zero = np.zeros((frame.size, 2))
+    own = sum((e for e, s in zip(errors, sensor, strict=True) if s), zero)
+    other = sum((e for e, s in zip(errors, sensor, strict=True) if not s), zero)
+    return take_off(frame, np.asarray(own), np.asarray(other))
+
+
+def day_interval(values: Floats, day: Integers, seed: int, draws: int = 400) -> tuple[float, float]:
+    """Bootstrap 95 % interval over days of a mean over reports.
+
+    Drawn from n days, means scatter by the root of (n - 1) / n too little: they are drawn apart.
+    """
+    count, total = np.bincount(day), np.bincount(day, values)
+    used = np.flatnonzero(count)
+    rng = np.random.default_rng(seed)
+    pick = rng.integers(0, used.size, (draws, used.size))
+    means = total[used][pick].sum(axis=1) / count[used][pick].sum(axis=1)
+    middle = total.sum() / count.sum()
+    apart = np.sqrt(used.size / max(used.size - 1, 1))
+    low, high = np.quantile(middle + apart * (means - middle), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def held_out_energy(base: Base, terms: Sequence[Term]) -> tuple[Floats, Floats]:
+    """Energy each term explains on held-out folds, given the others, with its standard error.
+
+    Parameters
+    ----------
+    base : Base
+    terms : sequence of Term
+
+    Returns
+    -------
+    energy, standard_error : (t,) float
+        2 theta' b - theta' G theta of whitened sums, theta fitted on the other folds; standard
+        error over folds.
+    """
+    stats = base.stats
+    fold = folds_of_days(stats)
+    number = int(fold.max()) + 1
+    energy = np.zeros((number, len(terms)))
+    for f in range(number):
+        keep = fold != f
+        own = [restrict_term(t, keep) for t in terms]
+        part = eliminate_days(select_days(stats, keep), base.variances)
+        train = fit_terms(part, own)
+        there = [restrict_term(t, ~keep) for t in terms]
+        test = fit_terms(eliminate_days(select_days(stats, ~keep), base.variances), there)
+        energy[f] = _energies(train, test, terms)
+    spread = energy.std(axis=0, ddof=1) * np.sqrt(number) if number > 1 else energy.sum(axis=0)
+    return energy.sum(axis=0), spread
+
+
+def _energies(train: Fit, test: Fit, terms: Sequence[Term]) -> Floats:
+    """Energy per term on the test sums, the other terms taken off at the trained coefficients."""
+    theta = train.coefficients
+    score = test.score.sum(axis=0) - test.gram @ theta
+    sizes = [c.size for c in term_coefficients(train, terms)]
+    start = theta.size - sum(sizes)
+    out = []
+    for size in sizes:
+        own = slice(start, start + size)
+        gram = test.gram[own, own]
+        out.append(2 * theta[own] @ score[own] + theta[own] @ gram @ theta[own])
+        start += size
+    return np.array(out)

@@ -1,0 +1,271 @@
+"""Exact one-step whitening of values along flights.
+
+Assumptions: within one flight the error of a wind component is a first-order autoregressive
+(Ornstein-Uhlenbeck) process in the distance flown and in ln p, plus independent errors; both are
+multiplied by a factor that depends on the level only. Flights are independent of each other here
+(what they share is handled by the day fields of :mod:`airswing.gap.sums.elimination`). For such
+errors the Kalman recursion of one state gives the exact Cholesky whitening in linear time: the
+innovation divided by its standard deviation is white. The gains depend on the geometry alone, so
+the same recursion whitens residuals and design columns.
+
+Validity: any spacing of reports; gaps of any length (the state then forgets). Units: metres, ln p
+without unit, metres per second. All work is vectorised over flights: one loop over the position of
+a report in its flight.
+
+Source: Kalman (1960); the state-space form of an Ornstein-Uhlenbeck process plus white noise is
+that of Jones (1980), Technometrics 22, 389-395.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class FlightOrder:
+    """Reports arranged by their position in the flight.
+
+    Attributes
+    ----------
+    index : (n,) int
+        Reports in the order: first reports of all flights (longest flight first), then second
+        reports, and so on.
+    starts : (m + 1,) int
+        Block ``j`` is ``index[starts[j]:starts[j + 1]]``: the ``j``-th reports of the flights that
+        are longer than ``j``.
+    """
+
+    index: Integers
+    starts: Integers
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Coefficients of the whitening recursion, one per report, in the reports' own order.
+
+    Attributes
+    ----------
+    decay : (n,)
+        Correlation of the state with that at the flight's previous report; 0 at the first.
+    gain : (n,)
+        Kalman gain; 0 where the report is masked.
+    weight : (n,)
+        1 over the standard deviation of the innovation, 0 where masked; s m-1 (values are first
+        divided by nothing: the level factor is contained).
+    scale : (n,)
+        1 over the level factor, which multiplies values before the recursion.
+    """
+
+    decay: Floats
+    gain: Floats
+    weight: Floats
+    scale: Floats
+
+
+def flight_order(flight: NDArray[np.integer], time: Floats) -> FlightOrder:
+    """Arrange reports by position in their flight.
+
+    Parameters
+    ----------
+    flight : (n,) int
+        Flight number of each report, unique over the archive.
+    time : (n,) float
+        Time of each report, s.
+
+    Returns
+    -------
+    FlightOrder
+    """
+    n = flight.size
+    by_flight = np.lexsort((time, flight))
+    sorted_flight = flight[by_flight]
+    first = (
+        np.flatnonzero(np.r_[True, sorted_flight[1:] != sorted_flight[:-1]])
+        if n
+        else (np.zeros(0, np.int64))
+    )
+    length = np.diff(np.r_[first, n])
+    position = np.arange(n) - np.repeat(first, length)
+    rank_of_flight = np.empty(first.size, np.int64)
+    rank_of_flight[np.argsort(-length, kind="stable")] = np.arange(first.size)
+    order = np.lexsort((np.repeat(rank_of_flight, length), position))
+    counts = np.bincount(position, minlength=1 if n else 0) if n else np.zeros(0, np.int64)
+    return FlightOrder(by_flight[order], np.r_[0, np.cumsum(counts)].astype(np.int64))
+
+
+def flight_steps(
+    latitude: Floats, longitude: Floats, log_pressure: Floats, order: FlightOrder
+) -> tuple[Floats, Floats]:
+    """Distance flown and change of ln p since the previous report of the same flight.
+
+    Parameters
+    ----------
+    latitude, longitude : (n,) float
+        Position, degrees.
+    log_pressure : (n,) float
+        ln of pressure.
+    order : FlightOrder
+        Arrangement from :func:`flight_order`.
+
+    Returns
+    -------
+    distance : (n,) float
+        Great-circle distance on a sphere of 6371 km, m; infinite at the first report of a flight.
+    step : (n,) float
+        Absolute change of ln p; infinite at the first report.
+    """
+    distance = np.full(latitude.size, np.inf)
+    step = np.full(latitude.size, np.inf)
+    lat, lon = np.radians(latitude), np.radians(longitude)
+    for before, now in _neighbours(order):
+        half_lat = np.sin((lat[now] - lat[before]) / 2)
+        half_lon = np.sin((lon[now] - lon[before]) / 2)
+        chord = half_lat**2 + np.cos(lat[now]) * np.cos(lat[before]) * half_lon**2
+        distance[now] = 2 * 6.371e6 * np.arcsin(np.sqrt(np.clip(chord, 0, 1)))
+        step[now] = np.abs(log_pressure[now] - log_pressure[before])
+    return distance, step
+
+
+def _neighbours(order: FlightOrder) -> list[tuple[Integers, Integers]]:
+    """Pairs (previous report, this report) for every block but the first."""
+    starts = order.starts
+    return [
+        (
+            order.index[starts[j - 1] : starts[j - 1] + starts[j + 1] - starts[j]],
+            order.index[starts[j] : starts[j + 1]],
+        )
+        for j in range(1, starts.size - 1)
+    ]
+
+
+def kalman_gains(
+    order: FlightOrder,
+    decay: Floats,
+    level_factor: Floats,
+    keep: NDArray[np.bool_],
+    *,
+    correlated_sd: float,
+    white_sd: float,
+    doubt: Floats | None = None,
+) -> Gains:
+    """Gains of the whitening recursion.
+
+    Parameters
+    ----------
+    order : FlightOrder
+        Arrangement of the reports.
+    decay : (n,) float
+        Correlation of the correlated part with that at the previous report; any value at a
+        flight's first report.
+    level_factor : (n,) float
+        Factor on both standard deviations.
+    keep : (n,) bool
+        False: the report is treated as missing.
+    correlated_sd, white_sd : float
+        Standard deviations of the two parts at level factor 1, m s-1.
+    doubt : (n,) float, optional
+        Further white error of each report, m s-1.
+
+    Returns
+    -------
+    Gains
+    """
+    n = decay.size
+    gain, weight = np.zeros(n), np.zeros(n)
+    used = np.where(np.isfinite(decay), decay, 0.0).astype(float)
+    signal, white = correlated_sd**2, np.full(n, white_sd**2)
+    if doubt is not None:
+        white += (doubt / level_factor) ** 2
+    variance = np.zeros(0)
+    for j in range(order.starts.size - 1):
+        now = order.index[order.starts[j] : order.starts[j + 1]]
+        if j == 0:
+            used[now] = 0.0
+            variance = np.full(now.size, signal)
+        else:
+            phi2 = used[now] ** 2
+            variance = phi2 * variance[: now.size] + signal * (1 - phi2)
+        total = variance + white[now]
+        kept = keep[now]
+        gain[now] = np.where(kept, variance / total, 0.0)
+        weight[now] = np.where(kept, 1 / np.sqrt(total), 0.0)
+        variance = variance * (1 - gain[now])
+    return Gains(used, gain, weight, 1.0 / level_factor)
+
+
+def whiten(values: NDArray[np.floating], order: FlightOrder, gains: Gains) -> NDArray[np.floating]:
+    """Whiten values along flights.
+
+    Parameters
+    ----------
+    values : (n, ...) float
+        Values by report: residuals, or design columns in the trailing dimensions.
+    order : FlightOrder
+        Arrangement of these n reports.
+    gains : Gains
+        Coefficients of these n reports, from :func:`kalman_gains`.
+
+    Returns
+    -------
+    (n, ...) float
+        Whitened values, of unit variance where the noise model holds; 0 at masked reports.
+    """
+    blocks = np.ascontiguousarray(np.moveaxis(values[order.index], 0, -1))
+    whiten_blocks(blocks, order.starts, take_gains(gains, order.index))
+    out = np.empty_like(values)
+    out[order.index] = np.moveaxis(blocks, -1, 0)
+    return out
+
+
+def whiten_blocks(values: NDArray[np.floating], starts: Integers, gains: Gains) -> None:
+    """Whiten values that lie in the order of :class:`FlightOrder` already, in place.
+
+    Parameters
+    ----------
+    values : (..., n) float
+        Overwritten. The last axis is that of the reports: each step of the recursion then works on
+        contiguous stretches of every column.
+    starts : (m + 1,) int
+        Blocks of the order.
+    gains : Gains
+        Of the n reports, in the same order.
+    """
+    kind = values.dtype
+    decay, gain = gains.decay.astype(kind), gains.gain.astype(kind)
+    values *= gains.scale.astype(kind)
+    widest = int(starts[1]) if starts.size > 1 else 0
+    state = np.zeros((*values.shape[:-1], widest), kind)
+    room = np.empty_like(state)
+    for first, stop in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
+        now, before, added = (
+            values[..., first:stop],
+            *(x[..., : stop - first] for x in (state, room)),
+        )
+        before *= decay[first:stop]
+        now -= before
+        np.multiply(now, gain[first:stop], out=added)
+        before += added
+    values *= gains.weight.astype(kind)
+
+
+def take_gains(gains: Gains, index: Integers) -> Gains:
+    """Gains of a subset of reports made of whole flights.
+
+    Parameters
+    ----------
+    gains : Gains
+        Of all reports.
+    index : (m,) int
+        The reports to keep.
+
+    Returns
+    -------
+    Gains
+    """
+    return Gains(gains.decay[index], gains.gain[index], gains.weight[index], gains.scale[index])

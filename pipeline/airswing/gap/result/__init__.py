@@ -1,0 +1,1 @@
+"""What is said: parameters, sets, gap.json."""

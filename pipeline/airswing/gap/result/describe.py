@@ -1,0 +1,260 @@
+"""From the found terms to what a person and a program read: names, parameters, errors, rivals.
+
+Assumptions: parameters are those of the catalogue (`to_parameters`), from coefficients fitted on
+the whole archive given all other terms, with covariance times the cluster factor plus the
+allowance for
+persistent model error. Effects of the path's wind change are divided by the reliability of the
+reference's gradients, which their noise makes too small.
+
+Validity: probabilities are those of the tempered evidence, calibrated on null archives.
+
+Source: GAP.md section 6; FORMATS.md section 5 (gap.json).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.checks.aliases import SEPARATING
+from airswing.gap.design.basis import variables
+from airswing.gap.evidence.gaussian import (
+    Score,
+)
+from airswing.gap.evidence.term_covariance import term_covariances
+from airswing.gap.evidence.terms import Term
+from airswing.gap.search.stepwise import Found
+from airswing.gap.sums.accumulate import DAY, Statistics
+from airswing.gap.sums.elimination import Base, Conditional
+
+Floats = NDArray[np.float64]
+
+
+def pooled(values: Floats, formal: Floats, allowed: Floats) -> tuple[Floats, Floats]:
+    """Coefficients of several aircraft drawn towards their mean as far as they agree.
+
+    Aircraft struck by one effect often have it alike (one installation, one table). Their estimates
+    scatter by their own errors and by what they truly differ in; the first part is taken off.
+
+    Parameters
+    ----------
+    values : (t, k) float
+    formal, allowed : (t, k, k) float
+        Their covariances: of each fit, and of model error that persists and may be the same in all.
+
+    Returns
+    -------
+    values, spreads : (t, k), (t, k, k) float
+        As given for one aircraft, and where they differ by much more than their errors.
+
+    Notes
+    -----
+    Random effects with a spread between aircraft proportional to the errors: the share drawn to the
+    mean is 1 over chi-squared per degree of freedom, at most 1 (DerSimonian & Laird 1986).
+    """
+    count, k = values.shape
+    spreads = formal + allowed
+    if count < 2:
+        return values, spreads
+    weights = np.linalg.inv(spreads)
+    turn = np.linalg.inv(weights.sum(axis=0)) @ weights
+    mean = np.einsum("tij,tj->i", turn, values)
+    own = np.einsum("tij,tjk,tlk->il", turn, formal, turn)
+    apart = values - mean
+    squared = float(np.einsum("ti,tij,tj->", apart, weights, apart)) / ((count - 1) * k)
+    share = min(1.0, 1.0 / max(squared, 1e-12))
+    common = own + allowed.mean(axis=0)
+    return mean + (1 - share) * apart, share * common + (1 - share) * spreads
+
+
+def describe_term(
+    term: Term,
+    start: int,
+    found: Found,
+    base: Base,
+    *,
+    effects: Mapping[str, Any],
+    frame: Any,
+    reliability: Mapping[str, float],
+    doubts: Mapping[str, float],
+) -> dict[str, Any]:
+    """One entry of ``effects`` in gap.json, without shares.
+
+    Parameters
+    ----------
+    term : Term
+    start : int
+        Position of its coefficients.
+    found : Found
+    base : Base
+    effects : mapping
+    frame : Frame
+    reliability, doubts : mapping
+        Effect name -> factor its coefficient is divided by; relative standard error of that.
+
+    Returns
+    -------
+    dict
+    """
+    stats, given = base.stats, found.given
+    effect, k = effects[term.candidate.name], term.candidate.columns.size
+    rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
+    whole = len(np.asarray(effect.column_scales))
+    factor = reliability.get(term.candidate.name, 1.0)
+    subset = list(term.candidate.subset)
+    values = given.coefficients[start : start + rows * k].reshape(rows, k)
+    spreads = [term_covariances(stats, given, term, start, row) for row in range(rows)]
+    each = []
+    for near, error in zip(
+        *pooled(values, *map(np.stack, zip(*spreads, strict=True))), strict=True
+    ):
+        value, spread = np.zeros(whole), np.zeros((whole, whole))
+        value[subset] = near / factor
+        spread[np.ix_(subset, subset)] = error / factor**2
+        spread += doubts.get(term.candidate.name, 0.0) ** 2 * np.outer(value, value)
+        each.append(effect.to_parameters(value, spread, frame))
+    tails = [stats.tails[a] for a in term.tails]
+    out: dict[str, Any] = {
+        "name": term.candidate.name, "probability": probability(term.score), "tails": tails,
+        "parameters": summary([p for p, _ in each]),
+        "standard_errors": summary([e for _, e in each], angles=False),
+        "period": period_of(term, stats), "scope": term.candidate.scope,
+        "evidence_nats": round(term.score.tempered, 2),
+        "cluster_factor": round(term.score.factor, 2),
+        "size_m_s": float(np.median(term.score.size[list(term.tails)])),
+    }  # fmt: skip
+    if rows > 1:
+        out["per_tail"] = {
+            t: {"parameters": p, "standard_errors": e}
+            for t, (p, e) in zip(tails, each, strict=True)
+        }
+    return out
+
+
+def summary(values: Sequence[Mapping[str, Any]], *, angles: bool = True) -> dict[str, Any]:
+    """Median over aircraft of each parameter (the first where it is not a number).
+
+    A phase is averaged as the angle it is, its standard error (``angles`` false) is not.
+    """
+    if len(values) == 1:
+        return dict(values[0])
+    out: dict[str, Any] = {}
+    for name in values[0]:
+        column = [v[name] for v in values]
+        if any(not isinstance(x, int | float) for x in column):
+            out[name] = column[0]
+        elif angles and name.startswith("phase"):
+            turn = np.exp(1j * np.radians(column)).mean()
+            out[name] = float(np.degrees(np.angle(turn)))
+        else:
+            out[name] = float(np.median(column))
+    return out
+
+
+def probability(score: Score) -> float:
+    """Probability that the term is real: prior odds of one in ten against its tempered evidence."""
+    return float(1 / (1 + np.exp(np.clip(np.log(10.0) - score.tempered, -50, 50))))
+
+
+def period_of(term: Term, stats: Statistics) -> list[str | None] | None:
+    """Dates of a term in force for a part of the archive; null at the archive's ends."""
+    if term.period is None:
+        return None
+
+    first, last = term.period
+    return [
+        day_text(stats, first) if first > 0 else None,
+        day_text(stats, last) if last < stats.days.size else None,
+    ]
+
+
+def day_text(stats: Statistics, day: int) -> str:
+    """Date of a day index, ISO 8601."""
+    seconds = float(stats.days[day]) * DAY + stats.day_shift * 3600
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d")
+
+
+def ambiguity(
+    term: Term, ranked: Sequence[Score], left: Sequence[Score] = ()
+) -> list[dict[str, Any]]:
+    """Rivals within three cluster factors of a term, with what would separate them.
+
+    A rival explains what the term explains: only the evidence it loses to the term counts, not what
+    it has beside it.
+
+    Parameters
+    ----------
+    term : Term
+    ranked, left : sequence of Score
+        All candidates with this term taken out, and with all terms in.
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``difference_nats`` and ``separated_by``; best first, each name once.
+    """
+    own = [s for s in ranked if s.candidate.name == term.candidate.name]
+    best = max((s.raw for s in own), default=term.score.raw)
+    beside = {s.candidate.key: max(s.raw, 0.0) for s in left}
+    out: dict[str, dict[str, Any]] = {}
+    for score in ranked:
+        name = score.candidate.name
+        lost = score.raw - beside.get(score.candidate.key, 0.0)
+        if name == term.candidate.name or not score.candidate.known or lost <= 0:
+            continue
+        if best - lost > 3.0 * max(score.factor, term.score.factor):
+            continue
+        advice = SEPARATING.get(frozenset({name, term.candidate.name}), "a longer record")
+        entry = {"name": name, "difference_nats": best - lost, "separated_by": advice}
+        if name not in out or out[name]["difference_nats"] > entry["difference_nats"]:
+            out[name] = entry
+    return sorted(out.values(), key=lambda entry: entry["difference_nats"])
+
+
+def unknown_place(
+    term: Term,
+    given: Conditional,
+    start: int,
+    stats: Statistics,
+    labels: Sequence[str],
+    ranked: Sequence[Score] = (),
+) -> dict[str, Any]:
+    """Where an unknown effect sits: component, variables, aircraft and fitted curve.
+
+    Parameters
+    ----------
+    term : Term
+        A dictionary group.
+    given : Conditional
+    start : int
+        Position of its coefficients.
+    stats : Statistics
+    labels : sequence of str
+        One per column.
+    ranked : sequence of Score
+        All candidates with this term taken out: groups within three cluster factors are named too.
+
+    Returns
+    -------
+    dict
+    """
+    k = term.candidate.columns.size
+    rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
+    curve = given.coefficients[start : start + rows * k].reshape(rows, k).mean(axis=0)
+    told = variables(term.candidate.name)
+    groups = [s for s in ranked if not s.candidate.known and s.novelty > 0]
+    best = max((s.tempered for s in groups), default=0.0)
+    near = [s.candidate.name for s in sorted(groups, key=lambda s: -s.tempered)
+            if s.tempered > best - 3.0 * term.score.factor]  # fmt: skip
+    return {
+        "equally_good": [n for n in dict.fromkeys(near) if n != term.candidate.name],
+        "component": term.candidate.component, "variable": told[0], "variables": told,
+        "group": term.candidate.name, "tails": [stats.tails[a] for a in term.tails],
+        "scope": term.candidate.scope, "evidence_nats": round(term.score.tempered, 2),
+        "size_m_s": float(np.median(term.score.size[list(term.tails)])),
+        "curve": {"labels": list(labels), "m_s": [float(x) for x in curve]},
+    }  # fmt: skip

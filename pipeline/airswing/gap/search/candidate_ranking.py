@@ -1,0 +1,190 @@
+"""All candidates evaluated against one state of the search, best first.
+
+Assumptions: an effect that changes in time has a lasting version of itself among its columns; it is
+evaluated only for aircraft whose change, or the fleet's together, explains clearly more than that
+(a lasting offset would otherwise enter as a drift of no rate, or as a step in the archive's first
+days). Dictionary groups must have something to say beyond the steady sensor errors.
+
+Validity: as the evidence it ranks, :mod:`airswing.gap.evidence.gaussian`.
+
+Source: GAP.md section 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.design.candidates import Candidate
+from airswing.gap.evidence.changepoint import GAIN_SHARE, evaluate_step
+from airswing.gap.evidence.gaussian import Score
+from airswing.gap.evidence.of_candidate import evaluate
+from airswing.gap.sums.elimination import Base, Conditional, beyond
+
+Mask = NDArray[np.bool_]
+
+#: Effects beyond which a dictionary group must have something to say.
+BASICS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
+#: Tempered evidence beyond the basics that a dictionary group needs, nats.
+LEAST_NOVELTY = 3.0
+#: Prior log odds against an effect that changes in time where a steady one does, nats; a unit that
+#: is exchanged or swung is commoner than one that drifts.
+CHANGE_PENALTY = {"step": 3.0, "drift": 4.0}
+#: What a drift must explain beyond the same effect lasting, nats.
+DRIFT_GAIN = 2.5
+
+
+def rank(
+    base: Base,
+    given: Conditional,
+    pool: Sequence[Candidate],
+    taken: dict[tuple[str, str], set[int]],
+) -> list[Score]:
+    """Evaluate all candidates, best raw evidence first.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+    pool : sequence of Candidate
+    taken : dict
+        (name, scope) -> aircraft already in a term of that name.
+
+    Returns
+    -------
+    list of Score
+    """
+    out = []
+    aircraft = len(base.stats.tails)
+    layout = base.stats.layout
+    names = [name for name in BASICS if name in layout.blocks]
+    novel = beyond(given, np.concatenate([layout.columns(n) for n in names])) if names else given
+    for candidate in pool:
+        own = taken.get((candidate.name, candidate.scope), set())
+        if len(own) == aircraft:
+            continue
+        allowed = np.array([a not in own for a in range(aircraft)])
+        if candidate.known:
+            out.append(evaluate_known(base, given, candidate, allowed))
+        else:
+            score = evaluate(base.stats, novel, candidate, allowed=allowed)
+            out.append(_with_whole(base, given, score, allowed))
+    return sorted(out, key=lambda s: -s.raw)
+
+
+def _with_whole(base: Base, given: Conditional, beyond_basics: Score, allowed: Mask) -> Score:
+    """Score of a dictionary group: all it explains where it has something new to say."""
+    new = beyond_basics.tempered
+    if new < LEAST_NOVELTY or beyond_basics.candidate.component == "wind":
+        return replace(beyond_basics, novelty=new)
+    whole = evaluate(base.stats, given, beyond_basics.candidate, allowed=allowed)
+    best = whole if whole.tempered > new else beyond_basics
+    return replace(best, novelty=new)
+
+
+def evaluate_known(base: Base, given: Conditional, candidate: Candidate, allowed: Mask) -> Score:
+    """Evidence of an effect of the catalogue, in time if it changes in time.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+    candidate : Candidate
+    allowed : (A,) bool
+        Aircraft it may still strike.
+
+    Returns
+    -------
+    Score
+    """
+    if candidate.kind == "step":
+        return evaluate_step(base, given, candidate, allowed=allowed)
+    score = evaluate(base.stats, given, candidate, allowed=allowed)
+    if not candidate.lasting:
+        return score
+    lasting = evaluate(base.stats, given, _lasting(candidate), allowed=allowed)
+    own, steady = score.aircraft_evidence, lasting.aircraft_evidence
+    changes = own - steady > np.maximum(DRIFT_GAIN, GAIN_SHARE * own)
+    # together aircraft may tell what none of them tells alone
+    gain, whole = (score.raw - lasting.raw) / score.factor, score.raw / score.factor
+    if gain > max(DRIFT_GAIN, GAIN_SHARE * whole):
+        changes |= own > steady
+    return evaluate(base.stats, given, candidate, allowed=allowed & changes)
+
+
+def evaluate_named(
+    base: Base,
+    given: Conditional,
+    candidate: Candidate,
+    allowed: Mask,
+    period: tuple[int, int] | None,
+) -> Score:
+    """Evidence of an effect that was named, for some of its aircraft.
+
+    That it changes in time, and when, was shown by all of them together and is not asked of each
+    again.
+
+    Parameters
+    ----------
+    base, given, candidate, allowed
+        As for :func:`evaluate_known`.
+    period : (int, int) or None
+        Days in which it was found to act; None: always.
+
+    Returns
+    -------
+    Score
+    """
+    if candidate.kind == "step":
+        return evaluate_step(base, given, candidate, allowed=allowed, period=period)
+    return evaluate(base.stats, given, candidate, allowed=allowed)
+
+
+def _lasting(candidate: Candidate) -> Candidate:
+    """Version of a candidate without its change in time."""
+    columns, scales = zip(*candidate.lasting, strict=True)
+    return replace(candidate, columns=np.array(columns, np.int64), scales=np.array(scales))
+
+
+def best_for(
+    base: Base,
+    given: Conditional,
+    pool: Sequence[Candidate],
+    one: int,
+    current: Candidate,
+    period: tuple[int, int] | None,
+) -> tuple[Score, float]:
+    """Find the best candidate for one aircraft, and by how much it beats the one it is in.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+    pool : sequence of Candidate
+        Known ones of aircraft scope.
+    one : int
+        The aircraft.
+    current : Candidate
+    period : (int, int) or None
+        Days in which the current one acts.
+
+    Returns
+    -------
+    best : Score
+    gain : float
+        Raw evidence beyond the current candidate's, nats. Effects are ranked by raw evidence, of
+        one aircraft as of all: the background weighs on a drift more than on a step.
+    """
+    allowed = np.arange(len(base.stats.tails)) == one
+    scores = [evaluate_known(base, given, c, allowed) for c in pool]
+    best = max(scores, key=ranked_by)
+    own = evaluate_named(base, given, current, allowed, period)
+    return best, ranked_by(best) - ranked_by(own)
+
+
+def ranked_by(score: Score) -> float:
+    """Raw evidence with the prior odds of effects that change in time, nats."""
+    return score.raw - CHANGE_PENALTY.get(score.candidate.kind, 0.0)

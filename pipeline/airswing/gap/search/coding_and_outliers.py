@@ -1,0 +1,303 @@
+"""Effects that show in lattices and rates, not in means: coding and gross errors.
+
+Assumptions: the simulation sends winds in whole degrees and whole knots: coarser is an effect,
+whoever has it. Positions come in tenths of a minute of arc or finer and times in seconds; coarser
+is an effect of an aircraft, unless the whole fleet is alike in steps that formats use. A value lies
+on a coarse lattice by chance in one of (step / base) cases; the share above chance is the share
+coded coarsely. Gross errors are single reports that stand out from both neighbours; a rate under
+one percent that all aircraft share is ordinary.
+
+Validity: at least 100 reports an aircraft. Steps in knots, degrees and minutes of arc.
+
+Source: GAP.md section 4, last paragraph.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.noise.model import NoiseFit
+
+Floats = NDArray[np.float64]
+
+KNOT = 1852.0 / 3600.0
+SPEED_STEPS = (2.0, 5.0, 10.0)
+DIRECTION_STEPS = (2.0, 5.0, 10.0)
+POSITION_STEPS = (0.5, 0.6, 1.0, 2.0, 3.0, 5.0, 6.0, 10.0)
+LEAST_SHARE = 0.15
+ORDINARY_RATE = 0.012
+LOOKED_AT = float(np.log(100.0))
+"""Price of looking at a hundred aircraft and steps for the clearest one, nats."""
+
+
+@dataclass(frozen=True)
+class MomentVerdict:
+    """One second-moment effect found.
+
+    Attributes
+    ----------
+    name : str
+    tails : tuple of str
+    parameters, standard_errors : dict
+    per_tail : dict
+        Tail -> parameters.
+    period : list or None
+    evidence : float
+        Log likelihood ratio of the clearest aircraft against chance, nats, less what looking at all
+        of them costs.
+    """
+
+    name: str
+    tails: tuple[str, ...]
+    parameters: dict[str, Any]
+    standard_errors: dict[str, float]
+    per_tail: dict[str, dict[str, Any]]
+    period: list[str | None] | None
+    evidence: float
+
+
+def against_chance(count: int, share: float, chance: float) -> float:
+    """Log likelihood ratio of a share of ``count`` draws against the share that chance gives, nats.
+
+    Parameters
+    ----------
+    count : int
+    share, chance : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    float
+        ``count`` times the Kullback-Leibler divergence of the two Bernoulli laws; 0 for a share
+        not above chance.
+    """
+    p, q = (float(np.clip(x, 1e-9, 1 - 1e-9)) for x in (share, chance))
+    return count * (p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q))) if p > q else 0.0
+
+
+def lattice_evidence(values: Floats, step: float, *, base: float) -> float:
+    """Log likelihood ratio of values on a lattice against chance, nats."""
+    on, chance = _on_lattice(values, step, base=base)
+    return against_chance(values.size, on, chance)
+
+
+def _on_lattice(values: Floats, step: float, *, base: float) -> tuple[float, float]:
+    """Share of values on a lattice, and what chance puts there."""
+    offset = np.abs(values - step * np.round(values / step))
+    tolerance = min(0.25 * base, 0.05 * step)
+    return float((offset <= tolerance).mean()), min(0.98, max(base, 2 * tolerance) / step)
+
+
+def lattice_share(values: Floats, step: float, *, base: float) -> float:
+    """Share of values on a lattice above what chance gives.
+
+    Parameters
+    ----------
+    values : (n,) float
+    step, base : float
+        The coarse step, and the fine one in which values come anyway.
+
+    Returns
+    -------
+    float
+        1 where all lie on the coarse lattice, about 0 where only chance puts them there.
+    """
+    if values.size == 0:
+        return 0.0
+    on, chance = _on_lattice(values, step, base=base)
+    return (on - chance) / (1 - chance)
+
+
+def coarsest(values: Floats, steps: tuple[float, ...], *, base: float) -> tuple[float, float]:
+    """Coarsest step with a clear share, and that share; (base, 1) where none.
+
+    Parameters
+    ----------
+    values : (n,) float
+    steps : tuple of float
+        Increasing.
+    base : float
+
+    Returns
+    -------
+    step, share : float
+    """
+    need = max(LEAST_SHARE, 5.0 / np.sqrt(max(values.size, 1)))
+    for step in reversed(steps):
+        share = lattice_share(values, step, base=base)
+        finer = [lattice_share(values, s, base=base) for s in steps if s < step]
+        if share > need and share > 0.8 * max(finer, default=0.0):
+            return step, share
+    return base, 1.0
+
+
+def wind_coding(frame: Any) -> MomentVerdict | None:
+    """Find aircraft whose winds come in steps coarser than a degree or a knot."""
+    speed = np.hypot(frame.u_rep, frame.v_rep) / KNOT
+    direction = np.degrees(np.arctan2(-frame.u_rep, -frame.v_rep)) % 360.0
+    moving = speed > 3.0
+    per_tail: dict[str, dict[str, Any]] = {}
+    evidence: list[float] = []
+    start: list[float] = []
+    for a, tail in enumerate(frame.tails):
+        own = np.flatnonzero((frame.aircraft == a) & moving)
+        if own.size < 100:
+            continue
+        step, share = coarsest(speed[own], SPEED_STEPS, base=1.0)
+        turn, turn_share = coarsest(direction[own], DIRECTION_STEPS, base=1.0)
+        if step <= 1.0 and turn <= 1.0:
+            continue
+        per_tail[tail] = {"step": step if step > 1 else 1.0, "direction_step_deg": turn}
+        value, width = (direction[own], turn) if turn > 1 else (speed[own], step)
+        evidence.append(lattice_evidence(value, width, base=1.0))
+        if min(share if step > 1 else 1.0, turn_share if turn > 1 else 1.0) < 0.9:
+            start.append(_change_time(value, width, frame.time[own]))
+    if not per_tail:
+        return None
+    period = [_date(float(np.median(start))), None] if len(start) == len(per_tail) else None
+    return _verdict("wind_coding", per_tail, period, evidence)
+
+
+def position_coding(frame: Any) -> MomentVerdict | None:
+    """Find aircraft whose positions come in steps coarser than the fleet's."""
+    per_tail: dict[str, dict[str, Any]] = {}
+    evidence: dict[str, float] = {}
+    steps = []
+    for a, tail in enumerate(frame.tails):
+        own = np.flatnonzero(frame.aircraft == a)
+        if own.size < 100:
+            continue
+        found = [
+            coarsest(60.0 * values[own], POSITION_STEPS, base=0.1)[0]
+            for values in (frame.latitude, frame.longitude)
+        ]
+        steps.append(min(found))
+        if min(found) > 0.1:
+            per_tail[tail] = {"step": min(found)}
+            evidence[tail] = lattice_evidence(60.0 * frame.latitude[own], min(found), base=0.1)
+    common = float(np.median(steps)) if steps else 0.1
+    if common < 1.0:
+        per_tail = {t: v for t, v in per_tail.items() if v["step"] > 1.2 * common}
+    told = [evidence[tail] for tail in per_tail]
+    return _verdict("position_coding", per_tail, None, told) if per_tail else None
+
+
+def whole_minutes(frame: Any) -> MomentVerdict | None:
+    """Find aircraft whose times are cut to the minute while others' are not."""
+    cut, evidence = [], []
+    for a, tail in enumerate(frame.tails):
+        seconds = np.mod(frame.time[frame.aircraft == a], 60.0)
+        if seconds.size < 100:
+            continue
+        whole = float((np.minimum(seconds, 60 - seconds) < 0.5).mean())
+        if whole > 0.95:
+            cut.append(tail)
+            evidence.append(against_chance(seconds.size, whole, 1 / 60))
+    counted = np.bincount(frame.aircraft, minlength=len(frame.tails)) >= 100
+    if not cut or len(cut) == int(counted.sum()):
+        return None
+    return _verdict("time_lag", {t: {"offset_s": -30.0} for t in cut}, None, evidence)
+
+
+def outliers(frame: Any, noise: NoiseFit, *, coarse: tuple[str, ...] = ()) -> MomentVerdict | None:
+    """Find aircraft with more gross errors than ordinary.
+
+    Parameters
+    ----------
+    frame : Frame
+    noise : NoiseFit
+        Holds the reports taken for gross errors.
+    coarse : tuple of str
+        Aircraft left out: their coarse coding makes single reports stand out.
+
+    Returns
+    -------
+    MomentVerdict or None
+    """
+    count = np.bincount(frame.aircraft, minlength=len(frame.tails)).astype(float)
+    rate = np.bincount(frame.aircraft, noise.gross, minlength=len(frame.tails)) / np.maximum(
+        count, 1
+    )
+    used = (count >= 100) & ~np.isin(np.array(frame.tails), list(coarse))
+    common = float(np.median(rate[used])) if used.any() else 0.0
+    error = np.sqrt(np.maximum(max(common, 1e-3) / np.maximum(count, 1), 1e-12))
+    high = used & ((rate > ORDINARY_RATE + 3 * error) | (rate > common + 0.003 + 6 * error))
+    if not high.any():
+        return None
+    size = _gross_size(frame, noise.gross & high[frame.aircraft])
+    background = common if not high[used].all() and common < ORDINARY_RATE else 0.0
+    bound = 5.0
+    missed = float(np.clip(_inside(bound / size), 0, 0.6)) ** 2
+    per_tail = {
+        frame.tails[a]: {
+            "fraction": float((rate[a] - background) / (1 - missed)), "size_m_s": size,
+        }
+        for a in np.flatnonzero(high)
+    }  # fmt: skip
+    ordinary = max(common, 1e-3)
+    evidence = [against_chance(int(count[a]), rate[a], ordinary) for a in np.flatnonzero(high)]
+    verdict = _verdict("outliers", per_tail, None, evidence)
+    verdict.standard_errors["fraction"] = float(np.median(error[high]))
+    return verdict
+
+
+def _inside(z: float) -> float:
+    """Probability that a standard normal value lies within z."""
+    return float(np.tanh(z * 0.7979 * (1 + 0.044715 * z * z)))
+
+
+def _gross_size(frame: Any, gross: NDArray[np.bool_]) -> float:
+    """Standard deviation per component of the gross errors, m/s."""
+    values = frame.residual[gross]
+    if values.shape[0] < 5:
+        return 20.0
+    ordinary = 1.4826 * np.median(np.abs(frame.residual))
+    return float(np.sqrt(max(np.mean(values**2) - ordinary**2, 25.0)))
+
+
+def _change_time(values: Floats, step: float, time: Floats) -> float:
+    """Time at which values begin to lie on a lattice: largest cumulative excess, s."""
+    order = np.argsort(time)
+    on = (np.abs(values - step * np.round(values / step)) < 0.05 * step)[order].astype(float)
+    excess = np.cumsum(on - on.mean())
+    return float(time[order][int(np.argmin(excess))])
+
+
+def _date(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d")
+
+
+def _verdict(
+    name: str,
+    per_tail: dict[str, dict[str, Any]],
+    period: list[str | None] | None,
+    evidence: list[float],
+) -> MomentVerdict:
+    first = next(iter(per_tail.values()))
+    middle = {k: float(np.median([v[k] for v in per_tail.values()])) for k in first}
+    clearest = float(max(evidence) - LOOKED_AT)
+    return MomentVerdict(name, tuple(per_tail), middle, {}, per_tail, period, clearest)
+
+
+def second_moments(frame: Any, noise: NoiseFit) -> list[MomentVerdict]:
+    """All second-moment effects of an archive.
+
+    Parameters
+    ----------
+    frame : Frame
+    noise : NoiseFit
+
+    Returns
+    -------
+    list of MomentVerdict
+    """
+    coding = wind_coding(frame)
+    coarse = coding.tails if coding is not None else ()
+    found = [coding, position_coding(frame), whole_minutes(frame)]
+    found.append(outliers(frame, noise, coarse=coarse))
+    return [f for f in found if f is not None]

@@ -1,0 +1,416 @@
+"""Which effects are at work: search over terms, forward, swapped and backward.
+
+Assumptions: the residual is the sum of a few terms (an effect on some aircraft or on all, always or
+from a date on), the climatology and noise. Terms are *gated* by evidence tempered with the cluster
+factor and by a practical size, *ranked* by raw evidence among those that pass, and re-examined each
+time another enters: taken out, everything is ranked again, and the best takes its place. Dictionary
+groups compete with the catalogue; where one beats the best known effect by three cluster factors it
+enters as an unknown term and is conditioned on like the others.
+
+Validity: coefficients are linear; large heading errors are linearised again by
+:mod:`airswing.gap.diagnose`.
+
+Source: GAP.md section 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.design.candidates import Candidate
+from airswing.gap.evidence.between_aircraft_variance import told
+from airswing.gap.evidence.gaussian import Score
+from airswing.gap.evidence.of_candidate import background_likelihood
+from airswing.gap.evidence.terms import Term, given_terms
+from airswing.gap.search.candidate_ranking import (
+    LEAST_NOVELTY,
+    best_for,
+    evaluate_named,
+    rank,
+    ranked_by,
+)
+from airswing.gap.sums.elimination import Base, Conditional
+
+Floats = NDArray[np.float64]
+
+
+#: Evidence, as a share of the largest aircraft's, under which another's may be its leak.
+LEAK = 0.15
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Thresholds of the search.
+
+    Attributes
+    ----------
+    evidence : float
+        Smallest tempered evidence of a term, nats.
+    size : float
+        Smallest rms where it acts, m s-1. Real fleets have a little of every effect everywhere;
+        what is smaller than this is left to them.
+    curve_size : float
+        The same of a dictionary group on single aircraft. Its curve is sized over all reports, the
+        quiet ones as well, and flattened where its variable is inferred.
+    unknown_margin : float
+        Raw evidence, in cluster factors, by which a dictionary group must beat the best known
+        effect.
+    most_terms : int
+        Length of the search.
+    """
+
+    evidence: float = 3.0
+    size: float = 0.2
+    curve_size: float = 0.1
+    unknown_margin: float = 3.0
+    most_terms: int = 12
+
+    def least(self, candidate: Candidate) -> float:
+        """Smallest size of a candidate that may enter, m s-1."""
+        curve = not candidate.known and candidate.scope == "aircraft"
+        return self.curve_size if curve else self.size
+
+
+@dataclass(frozen=True)
+class Found:
+    """Result of the search.
+
+    Attributes
+    ----------
+    terms : tuple of Term
+        In order of entry.
+    given : Conditional
+        Sums given all terms.
+    rivals : tuple of tuple of Score
+        For each term, all candidates ranked with that term taken out.
+    left : tuple of Score
+        All candidates ranked given all terms.
+    """
+
+    terms: tuple[Term, ...]
+    given: Conditional
+    rivals: tuple[tuple[Score, ...], ...]
+    left: tuple[Score, ...] = ()
+
+
+def with_background(base: Base, pool: Sequence[Candidate]) -> Base:
+    """Base with what the effects of single aircraft tell of the fleet's background.
+
+    Parameters
+    ----------
+    base : Base
+    pool : sequence of Candidate
+        The lasting ones of the catalogue tell, each in its widest form.
+
+    Returns
+    -------
+    Base
+    """
+    widest: dict[str, Candidate] = {}
+    for c in sorted(pool, key=lambda c: len(c.subset)):
+        if c.known and c.scope == "aircraft" and c.kind == "mean":
+            widest[c.name] = c
+    given = given_terms(base, [])
+    rows = [
+        told(
+            [background_likelihood(base.stats, given, c) for c in widest.values() if c.heading == h]
+        )
+        for h in (False, True)
+    ]
+    return replace(base, background=np.stack(rows))
+
+
+def passes(score: Score, rules: Rules) -> bool:
+    """Whether a candidate may enter: tempered evidence and practical size."""
+    if not score.candidate.known and score.novelty < LEAST_NOVELTY:
+        return False
+    return score.tempered > rules.evidence and bool(struck(score, rules).size)
+
+
+def struck(score: Score, rules: Rules) -> NDArray[np.int64]:
+    """Aircraft a candidate strikes: posterior above one half, size, and no mere leak.
+
+    An effect of one aircraft leaks through the day fields into the others: those whose evidence is
+    under a share :data:`LEAK` of the largest wait until it is conditioned on.
+    """
+    if score.candidate.scope == "fleet":
+        return (
+            np.arange(score.posterior.size) if score.size.max() > rules.size else np.zeros(0, int)
+        )
+    ok = _likely(score, rules)
+    ok &= score.aircraft_evidence > LEAK * score.aircraft_evidence.max(initial=0.0)
+    return np.flatnonzero(ok)
+
+
+def _likely(score: Score, rules: Rules) -> NDArray[np.bool_]:
+    """Aircraft with a posterior above one half and an effect of practical size."""
+    least = np.hypot(rules.least(score.candidate), score.remainder)
+    return np.asarray((score.posterior > 0.5) & (score.size > least))
+
+
+def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
+    """Best candidate that passes; a dictionary group only if it beats the known ones clearly.
+
+    The known ones it must beat need not pass: what an effect too small to be stated explains as
+    well is not unknown.
+
+    Parameters
+    ----------
+    ranked : sequence of Score
+    rules : Rules
+
+    Returns
+    -------
+    Score or None
+    """
+    passing = [s for s in ranked if passes(s, rules)]
+    best = max((s for s in passing if s.candidate.known), key=ranked_by, default=None)
+    unknown = max((s for s in passing if not s.candidate.known), key=_evened, default=None)
+    if unknown is None:
+        return best
+    effects = [s for s in ranked if s.candidate.known]
+    evened = max((_evened(s) for s in effects), default=0.0)
+    raw = max((s.raw for s in effects), default=0.0)
+    margin = rules.unknown_margin
+    clear = _evened(unknown) > evened + margin and unknown.raw > raw + margin * unknown.factor
+    return unknown if clear else best
+
+
+def _evened(score: Score) -> float:
+    """Raw evidence in cluster factors, which compares fleet-wide candidates with others."""
+    return score.raw / score.factor
+
+
+def enter(score: Score, rules: Rules) -> Term:
+    """Make a term of a passing candidate."""
+    return Term(score.candidate, tuple(int(a) for a in struck(score, rules)), score.period, score)
+
+
+def search(
+    base: Base,
+    pool: Sequence[Candidate],
+    *,
+    rules: Rules | None = None,
+    start: Sequence[Term] = (),
+) -> Found:
+    """Search the terms that explain the residual.
+
+    Parameters
+    ----------
+    base : Base
+    pool : sequence of Candidate
+    rules : Rules, optional
+    start : sequence of Term
+        Terms to begin with; each must stand against all candidates as those that are found.
+
+    Returns
+    -------
+    Found
+    """
+    rules, ranking = rules or Rules(), _Ranking(base, pool)
+    terms = _swap(ranking, list(start), rules)
+    seen = set()
+    for _ in range(rules.most_terms):
+        state = frozenset((t.candidate.key, t.tails, t.period) for t in terms)
+        if state in seen:
+            break
+        seen.add(state)
+        best = choose(ranking(terms), rules)
+        if best is None:
+            break
+        terms = _merge(terms, enter(best, rules))
+        terms = _swap(ranking, terms, rules)
+    terms = _reassign(base, pool, terms)
+    terms = _prune(base, ranking, terms, rules)
+    terms = [_completed(base, terms, k, rules) for k in range(len(terms))]
+    rivals = tuple(ranking(terms[:k] + terms[k + 1 :]) for k in range(len(terms)))
+    return Found(tuple(terms), given_terms(base, terms), rivals, ranking(terms))
+
+
+class _Ranking:
+    """All candidates ranked given some terms; the search comes back to the same terms often."""
+
+    def __init__(self, base: Base, pool: Sequence[Candidate]) -> None:
+        self._base, self._pool = base, pool
+        self._made: dict[frozenset[Any], tuple[Score, ...]] = {}
+
+    def __call__(self, terms: Sequence[Term]) -> tuple[Score, ...]:
+        state = frozenset((t.candidate.key, t.tails, t.period) for t in terms)
+        if state not in self._made:
+            given = given_terms(self._base, terms)
+            ranked = rank(self._base, given, self._pool, _taken(terms))
+            self._made[state] = tuple(replace(s, remainder=remainder(terms, s)) for s in ranked)
+        return self._made[state]
+
+
+def remainder(terms: Sequence[Term], score: Score) -> Floats:
+    """Size of what the columns of some terms cannot carry, as a candidate may take it up.
+
+    Bank and acceleration are inferred, gradients are the reference's: a part of such an effect
+    stays in the residual when all its columns explain is taken off, and is nothing else. Across the
+    heading it stays across; over more reports than the effect acts on it is thinned out.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+    score : Score
+        Of the candidate.
+
+    Returns
+    -------
+    (A,) float
+        m/s rms where the candidate acts.
+    """
+    square = np.zeros(score.acting.size)
+    for term in terms:
+        what = term.candidate
+        if score.candidate.scope == "fleet" or (what.heading and not score.candidate.heading):
+            continue
+        tails = list(term.tails)
+        thinned = np.minimum(1.0, term.score.acting[tails] / np.maximum(score.acting[tails], 1.0))
+        square[tails] += term.score.size[tails] ** 2 * (1 / what.told_share - 1) * thinned
+    return np.asarray(np.sqrt(square))
+
+
+def _taken(terms: Sequence[Term]) -> dict[tuple[str, str], set[int]]:
+    out: dict[tuple[str, str], set[int]] = {}
+    for term in terms:
+        out.setdefault(term.key, set()).update(term.tails)
+    return out
+
+
+def _merge(terms: Sequence[Term], new: Term) -> list[Term]:
+    """Add a term, joining it with one of the same candidate and period."""
+    for k, old in enumerate(terms):
+        if old.candidate.key == new.candidate.key and old.period == new.period:
+            joined = replace(old, tails=tuple(sorted({*old.tails, *new.tails})))
+            return [*terms[:k], joined, *terms[k + 1 :]]
+    return [*terms, new]
+
+
+def _swap(ranking: _Ranking, terms: list[Term], rules: Rules) -> list[Term]:
+    """Take every earlier term out in turn; where another explains its share better, exchange."""
+    k = 0
+    while len(terms) > 1 and k < len(terms):
+        others = terms[:k] + terms[k + 1 :]
+        ranked = ranking(others)
+        best = choose(ranked, rules)
+        if best is None:
+            terms = others
+            continue
+        new = enter(best, rules)
+        same = new.candidate.key == terms[k].candidate.key and new.period == terms[k].period
+        if not same and not _stays(ranked, terms[k], best, rules):
+            merged = _merge(others, new)
+            if len(merged) < len(terms):
+                terms = merged
+                continue
+            terms = [*terms[:k], new, *terms[k + 1 :]]
+        k += 1
+    return terms
+
+
+def _stays(ranked: Sequence[Score], old: Term, best: Score, rules: Rules) -> bool:
+    """Whether an unknown term explains clearly more than the known one that would replace it.
+
+    Effects that nearly cancel (an airspeed scale against an offset) bend into the shape of what
+    nobody knows, one after the other; taken by evidence alone the search goes round between them.
+    """
+    if old.candidate.known or not best.candidate.known:
+        return False
+    own = next((s for s in ranked if s.candidate.key == old.candidate.key), None)
+    return own is not None and own.raw > best.raw + rules.unknown_margin * own.factor
+
+
+def _prune(base: Base, ranking: _Ranking, terms: list[Term], rules: Rules) -> list[Term]:
+    """Drop terms, and aircraft of terms, that do not stand given all the others."""
+    k = 0
+    while k < len(terms):
+        others = terms[:k] + terms[k + 1 :]
+        term = terms[k]
+        score = [s for s in ranking(others) if s.candidate.key == term.candidate.key]
+        if not score or not passes(score[0], rules):
+            terms = others
+            continue
+        best = enter(score[0], rules)
+        period = best.period if term.period is not None else None
+        # Aircraft that waited and entered once the strongest were in do not wait again here.
+        waited = {int(a) for a in np.flatnonzero(_likely(score[0], rules))} & set(term.tails)
+        tails = tuple(sorted({*best.tails, *waited}))
+        best = replace(best, period=period, tails=tails)
+        term = _prune_tails(base, best, others, rules)
+        if not term.tails:
+            terms = others
+            continue
+        terms = [*terms[:k], term, *terms[k + 1 :]]
+        k += 1
+    return terms
+
+
+def _reassign(base: Base, pool: Sequence[Candidate], terms: list[Term]) -> list[Term]:
+    """Give an aircraft of a term to another effect where that explains it clearly better.
+
+    Aircraft enter a term together; one whose step looks like the others' drift is taken along.
+    """
+    own_pool = [c for c in pool if c.known and c.scope == "aircraft"]
+    for k in range(len(terms)):
+        term = terms[k]
+        if term.candidate.scope == "fleet" or not term.candidate.known or len(term.tails) < 2:
+            continue
+        for a in term.tails:
+            rest = replace(terms[k], tails=tuple(t for t in terms[k].tails if t != a))
+            if not rest.tails:
+                break
+            others = [*terms[:k], rest, *terms[k + 1 :]]
+            given = given_terms(base, others)
+            best, gain = best_for(base, given, own_pool, a, term.candidate, term.period)
+            if gain > 3.0 * best.factor and best.candidate.key != term.candidate.key:
+                terms = _merge(others, Term(best.candidate, (a,), best.period, best))
+    return terms
+
+
+def _completed(base: Base, terms: Sequence[Term], k: int, rules: Rules) -> Term:
+    """Add aircraft to a term that strikes half the fleet, where its share makes them likely.
+
+    Terms enter on the evidence of the aircraft that show them most; of an effect most have, the
+    others have a little in favour before the data are asked.
+    """
+    term, aircraft = terms[k], len(base.stats.tails)
+    share = len(term.tails) / aircraft
+    if not term.candidate.known or term.period is not None or not 0.5 <= share < 1:
+        return term
+    taken = {a for t in terms if t.key == term.key for a in t.tails}
+    allowed = np.array([a not in taken for a in range(aircraft)])
+    score = evaluate_named(base, given_terms(base, terms), term.candidate, allowed, None)
+    odds = score.aircraft_evidence + np.log(min(share, 0.93) / (1 - min(share, 0.93)))
+    likely = allowed & (score.aircraft_evidence > 0) & (odds > 1) & (score.size > rules.size)
+    return replace(term, tails=tuple(sorted({*term.tails, *np.flatnonzero(likely).tolist()})))
+
+
+def _prune_tails(base: Base, term: Term, others: list[Term], rules: Rules) -> Term:
+    """Drop aircraft of a term whose own evidence does not stand given the other aircraft's.
+
+    The prior odds are the share of the fleet in the term. A leak of one aircraft's effect into
+    another's ends here.
+    """
+    candidate, aircraft = term.candidate, len(base.stats.tails)
+    if candidate.scope == "fleet" or len(term.tails) < 2:
+        return term
+    kept = list(term.tails)
+    for a in sorted(term.tails, key=lambda t: term.score.aircraft_evidence[t]):
+        rest = tuple(t for t in kept if t != a)
+        if not rest:
+            break
+        given = given_terms(base, [*others, replace(term, tails=rest)])
+        allowed = np.arange(aircraft) == a
+        score = evaluate_named(base, given, candidate, allowed, term.period)
+        share = float(np.clip(len(kept) / aircraft, 0.07, 0.93))
+        odds = score.aircraft_evidence[a] + np.log(share / (1 - share))
+        if odds < 0 or score.size[a] < rules.least(candidate):
+            kept = list(rest)
+    return replace(term, tails=tuple(sorted(kept)))

@@ -1,0 +1,163 @@
+"""Two aircraft that exchange identifiers at a date.
+
+Assumptions: every airframe has its own steady deviation (offset, one and two cycles) and airspeed
+factor. Under a swap of a and b at a date, a's reports before it and b's after it share one set of
+coefficients, and the other way round: as many coefficients as without a swap, so the evidence needs
+no penalty beyond the number of pairs and dates. The alternatives are steady coefficients, or ones
+that change at a date in each aircraft by itself.
+
+Validity: aircraft that do not differ cannot be told apart. Core columns only; the climatology is
+taken off at its fitted value.
+
+Source: GAP.md sections 4 and 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.evidence.changepoint import own_day_grams, residual_scores
+from airswing.gap.evidence.gaussian import gaussian_evidence
+from airswing.gap.sums.cluster_inflation import aircraft_factor
+from airswing.gap.sums.elimination import Base, Conditional
+
+Floats = NDArray[np.float64]
+
+#: Effects whose coefficients mark an airframe.
+MARKS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale")
+#: Prior probability of a change in one aircraft.
+CHANGE = 0.1
+
+
+@dataclass(frozen=True)
+class Swap:
+    """A swap found.
+
+    Attributes
+    ----------
+    pair : (int, int)
+        Aircraft.
+    day : int
+        Index of the first day under the other's name.
+    evidence : float
+        Log evidence over the alternatives, pairs and dates averaged, nats.
+    gain : float
+        Of the best pair and date.
+    """
+
+    pair: tuple[int, int]
+    day: int
+    evidence: float
+    gain: float
+
+
+def find_swap(
+    base: Base,
+    given: Conditional,
+    effects: Mapping[str, Any],
+    *,
+    threshold: float = 6.0,
+    shortest: int = 3,
+) -> Swap | None:
+    """Look for one pair that exchanged identifiers.
+
+    Parameters
+    ----------
+    base : Base
+    given : Conditional
+        Given the climatology alone.
+    effects : mapping
+    threshold : float
+        Smallest evidence, nats.
+    shortest : int
+        Fewest days on either side.
+
+    Returns
+    -------
+    Swap or None
+    """
+    layout = base.stats.layout
+    names = [n for n in MARKS if n in layout.blocks]
+    days, aircraft = base.stats.days.size, len(base.stats.tails)
+    if not names or aircraft < 2 or days < 2 * shortest:
+        return None
+    columns = np.concatenate([layout.columns(n) for n in names])
+    factor = aircraft_factor(base.stats, given, columns)
+    prior = 0.5 * np.concatenate([np.asarray(effects[n].column_scales, float) for n in names])
+    cuts = np.arange(shortest, days - shortest + 1)
+    scores = residual_scores(base, given)[:, :, columns]
+    before, after = [], []
+    for a in range(aircraft):
+        gram = np.concatenate([np.zeros((1, prior.size, prior.size)),
+                               np.cumsum(own_day_grams(base, a, columns), axis=0)])  # fmt: skip
+        score = np.concatenate([np.zeros((1, prior.size)), np.cumsum(scores[a], axis=0)])
+        before.append((gram[cuts], score[cuts]))
+        after.append((gram[-1] - gram[cuts], score[-1] - score[cuts]))
+    own = [_own_evidence(b, e, prior, factor) for b, e in zip(before, after, strict=True)]
+    best, values = None, []
+    for a in range(aircraft):
+        for b in range(a + 1, aircraft):
+            crossed = _evidence(
+                before[a][0] + after[b][0], before[a][1] + after[b][1], prior, factor
+            )
+            crossed += _evidence(
+                before[b][0] + after[a][0], before[b][1] + after[a][1], prior, factor
+            )
+            gain = crossed - own[a] - own[b]
+            values.append(gain)
+            top = int(np.argmax(gain))
+            if best is None or gain[top] > best[2]:
+                best = ((a, b), int(cuts[top]), float(gain[top]))
+    whole = np.concatenate(values)
+    evidence = float(np.logaddexp.reduce(whole) - np.log(whole.size))
+    if best is None or evidence < threshold:
+        return None
+    return Swap(best[0], best[1], evidence, best[2])
+
+
+def _evidence(information: Floats, score: Floats, prior: Floats, factor: float) -> Floats:
+    k = prior.size
+    nothing = np.zeros((k, k))
+    return gaussian_evidence(information, score, factor=factor, allowance=nothing, prior=prior)[0]
+
+
+def _own_evidence(
+    before: tuple[Floats, Floats], after: tuple[Floats, Floats], prior: Floats, factor: float
+) -> float:
+    """Evidence of an aircraft by itself: steady, or changed once."""
+    whole = before[0][:1] + after[0][:1], before[1][:1] + after[1][:1]
+    steady = float(_evidence(*whole, prior, factor)[0])
+    changed = _evidence(*before, prior, factor) + _evidence(*after, prior, factor)
+    once = float(np.logaddexp.reduce(changed)) - np.log(changed.size)
+    return float(np.logaddexp(np.log1p(-CHANGE) + steady, np.log(CHANGE) + once))
+
+
+def exchange(frame: Any, swap: Swap, first_time: float) -> Any:
+    """Frame with the pair's reports given back to their airframes from a time on.
+
+    Parameters
+    ----------
+    frame : Frame
+    swap : Swap
+    first_time : float
+        s since 1970.
+
+    Returns
+    -------
+    Frame
+        In the same order of rows.
+    """
+    a, b = swap.pair
+    numbers, which = np.unique(frame.flight, return_inverse=True)
+    start = np.full(numbers.size, np.inf)
+    np.minimum.at(start, which, frame.time)
+    late = start[which] >= first_time
+    aircraft = frame.aircraft.copy()
+    aircraft[(frame.aircraft == a) & late] = b
+    aircraft[(frame.aircraft == b) & late] = a
+    return replace(frame, aircraft=aircraft)

@@ -1,0 +1,135 @@
+"""Effects that an archive cannot show, because what is always fitted beside them takes them up.
+
+Assumptions: every day has fields of its own, and the reference its climatology and its slope on the
+wind; they are fitted beside everything else. A fleet-wide effect that is nearly a combination of
+them (a bias of the whole model wind, winds turned by a grid's angle) leaves so little that silence
+about it means nothing: it is then said to be untestable.
+
+Validity: whitened columns; shares of energy between 0 and 1.
+
+Source: Frisch-Waugh-Lovell: the information that remains is the energy of the column beyond the
+nuisance columns. GAP.md sections 5 and 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from airswing.gap.design.candidates import Candidate
+from airswing.gap.sums.accumulate import Statistics
+from airswing.gap.sums.elimination import Base, Conditional
+
+#: Share of an effect's energy that must remain for silence about it to mean something.
+LEAST_SHARE = 0.2
+#: Share of the fullest day's reports under which a day is an edge of another.
+EDGE = 0.25
+
+
+def surviving_share(base: Base, bare: Conditional, candidate: Candidate) -> float:
+    """Share of a fleet-wide effect's whitened energy beyond what is always fitted beside it.
+
+    Parameters
+    ----------
+    base : Base
+        Day fields eliminated.
+    bare : Conditional
+        Given the climatology and slope alone.
+    candidate : Candidate
+        Its columns weigh by their prior scales.
+
+    Returns
+    -------
+    float
+        Between 0 and 1; NaN where the effect acts nowhere.
+    """
+    columns, weight = candidate.columns, candidate.scales**2
+    whole = base.stats.week_gram[:, :, columns, columns].sum(axis=(0, 1), dtype=np.float64)
+    left = bare.fleet_gram[columns, columns]
+    total = float(whole @ weight)
+    return float(np.clip(left @ weight / total, 0.0, 1.0)) if total > 0 else float("nan")
+
+
+def single_day(stats: Statistics) -> bool:
+    """Whether an archive holds one day, and of others no more than an edge.
+
+    Parameters
+    ----------
+    stats : Statistics
+
+    Returns
+    -------
+    bool
+    """
+    reports = stats.day_count.sum(axis=0)
+    return bool(np.count_nonzero(reports >= EDGE * reports.max()) < 2)
+
+
+def too_short(base: Base, names: Iterable[str]) -> dict[str, str]:
+    """Effects that an archive of a single day cannot tell: all, with the reason in words.
+
+    Parameters
+    ----------
+    base : Base
+    names : iterable of str
+        Effects looked for.
+
+    Returns
+    -------
+    dict
+        Name -> reason; empty for two days and more.
+    """
+    if not single_day(base.stats):
+        return {}
+    reason = (
+        "one day of reports: nothing can be fitted on some days and checked on others, and a day's "
+        "weather looks like an effect; two weeks would tell"
+    )
+    return dict.fromkeys(names, reason)
+
+
+def absorbed(
+    base: Base, bare: Conditional, pool: Sequence[Candidate], effects: Mapping[str, Any]
+) -> dict[str, str]:
+    """Fleet-wide effects of which too little remains, with the reason in words.
+
+    Parameters
+    ----------
+    base : Base
+    bare : Conditional
+        Given the climatology and slope alone.
+    pool : sequence of Candidate
+    effects : mapping
+        Name -> effect, for the names of its forms.
+
+    Returns
+    -------
+    dict
+        Name -> reason. Where an effect has several forms (levels), those absorbed are named.
+    """
+    shares: dict[str, dict[str, float]] = {}
+    for candidate in pool:
+        if not candidate.known or candidate.scope != "fleet":
+            continue
+        share = surviving_share(base, bare, candidate)
+        if np.isfinite(share):
+            form = " and ".join(effects[candidate.name].column_names[k] for k in candidate.subset)
+            shares.setdefault(candidate.name, {})[form.replace("_", " ")] = share
+    out = {}
+    for name, forms in shares.items():
+        lost = {form: share for form, share in forms.items() if share < LEAST_SHARE}
+        if lost:
+            out[name] = _reason(lost, len(lost) == len(forms))
+    return out
+
+
+def _reason(lost: Mapping[str, float], entirely: bool) -> str:
+    """Why an effect, or some forms of it, cannot be tested."""
+    most = 100 * (1 - max(lost.values()))
+    which = "" if entirely else f"in part ({', '.join(lost)}): "
+    return (
+        f"{which}at least {most:.0f} % of it cannot be told from the weather all aircraft of a day "
+        "share and the model's own bias; aircraft over a wider region and more days would tell"
+    )

@@ -1,0 +1,1 @@
+"""The forward simulation of the reports, and the effects it is given."""

@@ -1,0 +1,354 @@
+"""Forward simulation: the reports a unit would have sent along the paths of an archive.
+
+Assumptions: positions, times and ground velocity are the archive's. The wind met is the reference
+wind, with the effects on it and the noise added; the true air vector is the ground velocity less
+that wind. Indicated heading and airspeed follow by the sensor effects, evaluated at the INDICATED
+magnetic heading (a fixed point, found by iteration); the wind sent is
+``V_G - V_ind h(psi_ind)``, then whatever the unit does to it, then its coding. With neither effects
+nor noise the wind sent is the reference wind as the unit codes it: the perfect instrument.
+
+Validity: effects of reference and path (time, height) are exact to first order in the derivatives
+the frame carries. Deviations must change by less than a degree per degree of heading.
+
+Effects are given as `ActiveEffect`; who and when is decided here, how by the effect itself.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.gap.archive.frame import Frame
+from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, State
+from airswing.gap.effects.base import Parameters, Stage, absent_context
+from airswing.physics.triangle import (
+    bearing,
+    wind_components,
+    wind_from_direction,
+    wind_from_triangle,
+    wrap_positive,
+)
+
+FloatArray = NDArray[np.float64]
+MOST_ITERATIONS = 100
+TOLERANCE = 1e-12
+"""rad: the indicated heading has settled."""
+
+
+class NoiseLike(Protocol):
+    """What the noise along flights must offer; `airswing.gap.noise.model.NoiseModel` does."""
+
+    @property
+    def correlated_sd(self) -> float:
+        """Standard deviation of the correlated part, m s-1 per component."""
+
+    @property
+    def white_sd(self) -> float:
+        """Standard deviation of the independent part, m s-1 per component."""
+
+    def factor(self, log_pressure: FloatArray) -> FloatArray:
+        """Return what multiplies both at a level."""
+
+    def decay(self, distance: FloatArray, step: FloatArray) -> FloatArray:
+        """Return the correlation over a distance (m) and a step of ln p."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Ornstein-Uhlenbeck noise along the flight, white noise, and a part a day shares.
+
+    Attributes
+    ----------
+    correlated_sd, white_sd, day_sd : float
+        Standard deviation per component, m s-1.
+    length : float
+        E-folding distance of the correlated part, m.
+    height : float
+        E-folding change of ln p of the correlated part.
+    """
+
+    correlated_sd: float = 2.3
+    white_sd: float = 1.0
+    day_sd: float = 0.0
+    length: float = 155e3
+    height: float = float("inf")
+
+    def factor(self, log_pressure: FloatArray) -> FloatArray:
+        """Return one at every level."""
+        return np.ones_like(log_pressure)
+
+    def decay(self, distance: FloatArray, step: FloatArray) -> FloatArray:
+        """Return the correlation over a distance (m) and a step of ln p."""
+        return np.exp(-distance / self.length - np.abs(step) / self.height)
+
+
+@dataclass(frozen=True)
+class Coding:
+    """Steps in which a unit codes its wind; 0 for as it is.
+
+    Attributes
+    ----------
+    speed : (n,) float or float
+        m s-1.
+    direction : (n,) float or float
+        Degree.
+    """
+
+    speed: FloatArray | float
+    direction: FloatArray | float
+
+    @classmethod
+    def of_archive(cls, frame: Frame) -> Coding:
+        """Return the coding found in the archive, aircraft by aircraft.
+
+        Parameters
+        ----------
+        frame : Frame
+            Reports.
+
+        Returns
+        -------
+        Coding
+            0 where the archive shows no step.
+        """
+        speed = np.nan_to_num(frame.wind_speed_resolution)[frame.aircraft]
+        return cls(speed, np.nan_to_num(frame.wind_direction_resolution)[frame.aircraft])
+
+    def apply(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Round a wind, m s-1, to the steps."""
+        speed, direction = wind_from_direction(u, v)
+        turned = _rounded(np.degrees(np.where(speed > 0.0, direction, 0.0)), self.direction)
+        return wind_components(_rounded(speed, self.speed), np.radians(turned))
+
+
+@dataclass(frozen=True)
+class _Work:
+    """One effect with its complete parameters, whom it strikes, and its own random numbers."""
+
+    effect: Effect
+    active: ActiveEffect
+    values: Parameters
+    seed: np.random.SeedSequence
+
+    def rng(self) -> np.random.Generator:
+        return np.random.default_rng(self.seed)
+
+
+def simulate(
+    frame: Frame,
+    *,
+    effects: Sequence[ActiveEffect] = (),
+    noise: NoiseLike | None = None,
+    coding: Coding | None = None,
+    seed: int = 0,
+) -> Frame:
+    """Simulate the reports of a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        Paths, context and reference wind; its reported wind is not used.
+    effects : sequence of ActiveEffect
+        What is wrong, on whom and when.
+    noise : NoiseLike, optional
+        Error of the reference along flights; none where not given.
+    coding : Coding, optional
+        Steps of the coded wind; `Coding.of_archive` for the archive's own, none where not given.
+    seed : int
+        Of noise and random effects. Noise does not depend on the effects, so two simulations
+        differ by the effects alone.
+
+    Returns
+    -------
+    Frame
+        The same reports with the simulated reported wind, the heading and airspeed it implies,
+        and the position as sent.
+
+    Raises
+    ------
+    InputError
+        An effect or aircraft is unknown, or the context an effect acts on is absent.
+    """
+    noise_seed, *seeds = np.random.SeedSequence(seed).spawn(1 + len(effects))
+    work = [_prepared(active, frame, s) for active, s in zip(effects, seeds, strict=True)]
+    wind = np.stack([frame.u_ref, frame.v_ref], axis=-1)
+    if noise is not None:
+        wind = wind + draw_noise(frame, noise, rng=np.random.default_rng(noise_seed))
+    empty = np.zeros(frame.size)
+    state = State(
+        airframe=frame.aircraft.copy(), wind_u=wind[:, 0], wind_v=wind[:, 1],
+        heading_error=empty, airspeed=empty, report_u=wind[:, 0], report_v=wind[:, 1],
+        latitude=frame.latitude, longitude=frame.longitude,
+    )  # fmt: skip
+    for stage in ("identity", "atmosphere"):
+        state = _applied(state, frame, work, stage)
+    state = _measured(state, frame, work)
+    state = _applied(state, frame, work, "report")
+    return _sent(state, frame, coding)
+
+
+def draw_noise(frame: Frame, noise: NoiseLike, *, rng: np.random.Generator) -> FloatArray:
+    """Draw the error of the reference wind at the reports.
+
+    Parameters
+    ----------
+    frame : Frame
+        Reports, any order.
+    noise : NoiseLike
+        Correlated part along each flight, white part, and a day part where it has ``day_sd``.
+    rng : numpy.random.Generator
+        Random numbers.
+
+    Returns
+    -------
+    ndarray (n, 2)
+        m s-1, stationary along each flight by the exact one-step recursion.
+    """
+    order = np.lexsort((frame.time, frame.flight))
+    path = frame.take(order)
+    log_pressure = np.log(path.pressure)
+    distance = path.step_distance()
+    first = np.isnan(distance)
+    step = np.abs(np.diff(log_pressure, prepend=log_pressure[:1]))
+    decay = np.where(first, 0.0, noise.decay(np.where(first, 0.0, distance), step))
+    correlated = rng.standard_normal((frame.size, 2))
+    correlated *= np.sqrt(1.0 - decay**2)[:, None]
+    place = np.arange(frame.size) - np.maximum.accumulate(np.where(first, np.arange(frame.size), 0))
+    by_place = np.argsort(place, kind="stable")
+    bounds = np.cumsum(np.bincount(place))
+    for k in range(1, bounds.size):
+        rows = by_place[bounds[k - 1] : bounds[k]]
+        correlated[rows] += decay[rows, None] * correlated[rows - 1]
+    white = rng.standard_normal((frame.size, 2))
+    both = noise.correlated_sd * correlated + noise.white_sd * white
+    out = np.empty((frame.size, 2))
+    out[order] = noise.factor(log_pressure)[:, None] * both
+    day_sd = float(getattr(noise, "day_sd", 0.0))
+    _, day = np.unique(frame.day, return_inverse=True)
+    return out + day_sd * rng.standard_normal((int(day.max(initial=0)) + 1, 2))[day]
+
+
+def check_effects(effects: Sequence[ActiveEffect], frame: Frame) -> None:
+    """Refuse effects that are unknown, incomplete, or on aircraft that are not there.
+
+    Parameters
+    ----------
+    effects : sequence of ActiveEffect
+        What is to be simulated.
+    frame : Frame
+        Reports.
+
+    Raises
+    ------
+    InputError
+        With the nearest known name.
+    """
+    for active in effects:
+        _prepared(active, frame, np.random.SeedSequence(0))
+
+
+def _prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -> _Work:
+    effect = CATALOGUE.get(active.name)
+    if effect is None:
+        near = difflib.get_close_matches(active.name, list(CATALOGUE), n=1, cutoff=0.0)
+        raise InputError(
+            "unknown effect", found=active.name, remedy=f"Did you mean {', '.join(near)}?"
+        )
+    if active.tails is not None:
+        frame.aircraft_mask(active.tails)
+    for name in effect.needs:
+        reason = absent_context(frame, name)
+        if reason is not None:
+            raise InputError(f"{active.name} cannot be simulated: {reason}", field=active.name)
+    return _Work(effect, active, effect.complete(active.parameters), seed)
+
+
+def _mask(work: _Work, state: State, frame: Frame) -> NDArray[np.bool_]:
+    """Whom the effect strikes: the physical airframes named, within the period."""
+    struck = np.ones(frame.size, dtype=np.bool_)
+    if work.active.tails is not None:
+        struck &= np.isin(state.airframe, [frame.tails.index(t) for t in work.active.tails])
+    start, end = work.active.period or (None, None)
+    if start is not None:
+        struck &= frame.time >= start
+    if end is not None:
+        struck &= frame.time < end
+    return struck
+
+
+def _applied(state: State, frame: Frame, work: Sequence[_Work], stage: Stage | str) -> State:
+    """Pass a state through all effects of one stage, in the order given."""
+    for item in work:
+        if item.effect.stage != stage:
+            continue
+        struck = _mask(item, state, frame)
+        after = item.effect.apply(state, frame, item.values, item.rng())
+        state = State(
+            **{
+                f.name: np.where(struck, getattr(after, f.name), getattr(state, f.name))
+                for f in fields(State)
+            }
+        )
+    return state
+
+
+def _measured(state: State, frame: Frame, work: Sequence[_Work]) -> State:
+    """Find the indicated heading and airspeed, and the wind computed from them."""
+    air_u, air_v = frame.ground_u - state.wind_u, frame.ground_v - state.wind_v
+    airspeed = np.hypot(air_u, air_v)
+    heading = np.nan_to_num(bearing(air_u, air_v))
+    clean = replace(state, airspeed=airspeed, heading_error=np.zeros(frame.size))
+    after = clean
+    for _ in range(MOST_ITERATIONS):
+        indicated = heading + after.heading_error
+        view = replace(
+            frame,
+            heading=indicated,
+            magnetic_heading=indicated - frame.declination,
+            airspeed=airspeed,
+        )
+        before = after.heading_error
+        after = _applied(clean, view, work, "sensor")
+        moved = np.max(np.abs(after.heading_error - before), initial=0.0)
+        if moved < TOLERANCE:
+            break
+    else:
+        raise InputError(
+            "effects turn the heading faster than the heading itself: it does not settle",
+            field="effects", found=f"still moving by {np.degrees(moved):.2g} degrees",
+            remedy="give a smaller amplitude (a compass errs by degrees, not tens of them)",
+        )  # fmt: skip
+    report_u, report_v = wind_from_triangle(
+        frame.ground_u, frame.ground_v, after.airspeed, heading + after.heading_error
+    )
+    return replace(after, report_u=report_u, report_v=report_v)
+
+
+def _sent(state: State, frame: Frame, coding: Coding | None) -> Frame:
+    u, v = state.report_u, state.report_v
+    if coding is not None:
+        u, v = coding.apply(u, v)
+    air_u, air_v = frame.ground_u - u, frame.ground_v - v
+    heading = np.nan_to_num(bearing(air_u, air_v))
+    return replace(
+        frame,
+        u_rep=u,
+        v_rep=v,
+        heading=heading,
+        magnetic_heading=wrap_positive(heading - frame.declination),
+        airspeed=np.hypot(air_u, air_v),
+        latitude=state.latitude,
+        longitude=state.longitude,
+    )
+
+
+def _rounded(values: FloatArray, step: FloatArray | float) -> FloatArray:
+    wide = np.broadcast_to(np.asarray(step, dtype=np.float64), values.shape)
+    safe = np.where(wide > 0.0, wide, 1.0)
+    return np.where(wide > 0.0, np.round(values / safe) * safe, values)

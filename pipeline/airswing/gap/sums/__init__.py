@@ -1,0 +1,1 @@
+"""Sums over the reports, and the algebra on them."""

@@ -1,0 +1,404 @@
+"""One pass over the reports: sums from which everything else is computed.
+
+Assumptions: the whitened residual is linear in the columns; a flight belongs to the day on which
+it starts, and flights are never split. For all p columns the pass accumulates, per aircraft and
+week, G = X'X, and per aircraft and day, b = X'r; for the core columns (day fields, climatology,
+catalogue) G is kept per aircraft and day as well, for dates, drifts and clustering. The whitened
+residual is winsorised at 5 standard deviations *about a smooth per-aircraft fit*, so that a large
+effect is not clipped with the outliers; the count is kept.
+
+Validity: columns are evaluated, and their products summed, in chunks of one aircraft and one week,
+in single precision; scores are in double. Sums of two periods merge (:func:`merge_statistics`).
+Memory: 4 p^2 bytes per aircraft-week and 4 c^2 bytes per aircraft-day (c core columns).
+
+Source: GAP.md section 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.design.layout import Layout, build_columns
+from airswing.gap.noise.model import NoiseFit, remove_smooth_effects
+from airswing.gap.noise.whitening import flight_order, take_gains, whiten, whiten_blocks
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+DAY = 86400.0
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Sums of the whitened columns and residuals.
+
+    Attributes
+    ----------
+    layout : Layout
+    tails : tuple of str
+    days : (D,) int
+        Whole days since 1970 (with ``day_shift`` hours taken off the time first).
+    weeks : (W,) int
+        Week of each entry of ``week_gram``: day // 7 counted from 1970.
+    week_gram : (A, W, p, p) float
+        Whitened X'X.
+    day_gram : (A, D, c, c) float
+        The same for core columns.
+    day_cross : (A, D, q, p) float
+        Whitened Z'X of the day fields Z.
+    day_score : (A, D, p) float
+        Whitened X'r.
+    day_energy : (A, D) float
+        Sum of squares of the whitened residual.
+    day_count : (A, D) float
+        Reports.
+    raw_gram : (A, c, c) float
+        X'X without whitening, for the size of an effect in m s-1.
+    acting : (A, c) float
+        Reports on which a core column is not zero and its effect acts by nature
+        (`airswing.gap.effects.base.Effect.acts`).
+    clipped : (A,) float
+        Whitened residuals winsorised.
+    gross : (A,) float
+        Reports left out as gross errors.
+    day_shift : float
+        Hour UTC at which a day starts.
+    """
+
+    layout: Layout
+    tails: tuple[str, ...]
+    days: Integers
+    weeks: Integers
+    week_gram: Floats
+    day_gram: Floats
+    day_cross: Floats
+    day_score: Floats
+    day_energy: Floats
+    day_count: Floats
+    raw_gram: Floats
+    acting: Floats
+    clipped: Floats
+    gross: Floats
+    day_shift: float
+
+    @cached_property
+    def whole_gram(self) -> Floats:
+        """Whitened X'X of every aircraft over all weeks, (A, p, p)."""
+        return np.asarray(self.week_gram.sum(axis=1, dtype=np.float64))
+
+    @cached_property
+    def fleet_day_gram(self) -> Floats:
+        """Whitened X'X of the core columns by day over all aircraft, (D, c, c)."""
+        return np.asarray(self.day_gram.sum(axis=0, dtype=np.float64))
+
+    @cached_property
+    def week_of_day(self) -> Integers:
+        """Position in ``weeks`` of every day, (D,)."""
+        return np.asarray(np.searchsorted(self.weeks, self.days // 7))
+
+    @cached_property
+    def day_share(self) -> Floats:
+        """Share of each day in its week's reports, per aircraft, (A, D)."""
+        own = self.week_of_day[:, None] == np.arange(self.weeks.size)
+        total = (self.day_count @ own)[:, self.week_of_day]
+        share = np.divide(self.day_count, total, out=np.zeros_like(total), where=total > 0)
+        return np.asarray(share)
+
+
+def day_of_report(frame: Any, *, shift: float | None = None) -> tuple[Integers, float]:
+    """Day of each report's flight, and the hour at which days start.
+
+    Parameters
+    ----------
+    frame : Frame
+    shift : float, optional
+        Hour UTC at which days start; the quietest when not given.
+
+    Returns
+    -------
+    day : (n,) int
+        Whole days since 1970 of the flight's first report, counted from the quietest hour.
+    shift : float
+        That hour, UTC.
+    """
+    numbers, inverse = np.unique(frame.flight, return_inverse=True)
+    start = np.full(numbers.size, np.inf)
+    np.minimum.at(start, inverse, frame.time)
+    if shift is None:
+        hours = np.bincount((np.mod(start, DAY) // 3600).astype(int), minlength=24)
+        shift = float(np.argmin(hours + np.roll(hours, 1) + np.roll(hours, -1)))
+    day = np.floor((start - shift * 3600) / DAY).astype(np.int64)
+    return day[inverse], shift
+
+
+def empty_statistics(
+    layout: Layout, tails: tuple[str, ...], days: Integers, shift: float
+) -> Statistics:
+    """Sums of no reports.
+
+    Parameters
+    ----------
+    layout : Layout
+    tails : tuple of str
+    days : (D,) int
+        Whole days since 1970 of all reports to come.
+    shift : float
+        Hour UTC at which a day starts.
+
+    Returns
+    -------
+    Statistics
+    """
+    a, d, p, c = len(tails), days.size, layout.size, layout.core
+    q = layout.blocks["day_fields"].stop
+    weeks = np.unique(days // 7)
+    return Statistics(
+        layout, tails, days, weeks,
+        np.zeros((a, weeks.size, p, p), np.float32), np.zeros((a, d, c, c), np.float32),
+        np.zeros((a, d, q, p), np.float32), np.zeros((a, d, p)), np.zeros((a, d)), np.zeros((a, d)),
+        np.zeros((a, c, c)), np.zeros((a, c)), np.zeros(a), np.zeros(a), shift,
+    )  # fmt: skip
+
+
+def aircraft_weeks(aircraft: Integers, day: Integers) -> Iterator[Integers]:
+    """Yield the reports of one aircraft and week after the other.
+
+    Parameters
+    ----------
+    aircraft, day : (n,) int
+
+    Yields
+    ------
+    (m,) int
+        Indices, in their own order.
+    """
+    order = np.lexsort((day, aircraft))
+    key = aircraft[order] * 10**7 + day[order] // 7
+    cuts = np.flatnonzero(np.diff(key)) + 1
+    yield from np.split(order, cuts)
+
+
+def accumulate(
+    frame: Any,
+    residual: Floats,
+    *,
+    noise: NoiseFit,
+    layout: Layout,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    clip: float = 5.0,
+    known: Floats | None = None,
+    day_shift: float | None = None,
+    workers: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> Statistics:
+    """Whiten and sum over all reports of an archive.
+
+    Parameters
+    ----------
+    frame : Frame
+    residual : (n, 2) float
+        Reported minus simulated wind, m s-1.
+    noise : NoiseFit
+        Gains for these reports.
+    layout : Layout
+    effects : mapping
+        Name -> effect.
+    plan : DictionaryPlan
+    clip : float
+        Winsorising bound on the whitened residual about the smooth fit.
+    known : (n, 2) float, optional
+        Part of the residual that effects already found explain: it is never clipped, m/s.
+    day_shift : float, optional
+        Hour UTC at which days start; archives to be merged need the same.
+    workers : int
+        Threads; each takes whole aircraft.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    Statistics
+    """
+    day, shift = day_of_report(frame, shift=day_shift)
+    days = np.unique(day)
+    out = empty_statistics(layout, tuple(frame.tails), days, shift)
+    add_reports(
+        out, frame, residual, noise=noise, effects=effects, plan=plan, clip=clip, known=known,
+        day=day, workers=workers, progress=progress,
+    )  # fmt: skip
+    return out
+
+
+def add_reports(
+    out: Statistics,
+    frame: Any,
+    residual: Floats,
+    *,
+    noise: NoiseFit,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+    clip: float = 5.0,
+    known: Floats | None = None,
+    day: Integers | None = None,
+    workers: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Add the sums of some reports: whole aircraft that are not in the sums yet, or other weeks.
+
+    Parameters
+    ----------
+    out : Statistics
+        Changed in place.
+    frame, residual, noise, effects, plan, clip, known, workers, progress
+        As in :func:`accumulate`.
+    day : (n,) int, optional
+        Day of each report's flight, where it is known already.
+    """
+    if day is None:
+        day, _ = day_of_report(frame, shift=out.day_shift)
+    values = clipped_residual(frame, residual, noise=noise, clip=clip, known=known)
+    own = np.unique(frame.aircraft)  # other aircraft may be added by other threads
+    out.clipped[own] += np.bincount(frame.aircraft, values[1])[own]
+    out.gross[own] += np.bincount(frame.aircraft, noise.gross)[own]
+    by_aircraft: dict[int, list[Integers]] = {}
+    for index in aircraft_weeks(frame.aircraft, day):
+        by_aircraft.setdefault(int(frame.aircraft[index[0]]), []).append(index)
+
+    def add(chunks: list[Integers]) -> int:
+        for index in chunks:
+            _add_chunk(out, frame, index, day, values[0], noise, effects, plan)
+        return sum(index.size for index in chunks)
+
+    done = 0
+    with ThreadPoolExecutor(max_workers=max(1, workers)) as pool:
+        for size in pool.map(add, by_aircraft.values()):
+            done += size
+            if progress is not None:
+                progress(done / frame.size)
+
+
+def clipped_residual(
+    frame: Any, residual: Floats, *, noise: NoiseFit, clip: float, known: Floats | None = None
+) -> tuple[Floats, Floats]:
+    """Whitened residual, winsorised about a smooth per-aircraft fit.
+
+    Parameters
+    ----------
+    frame : Frame
+    residual : (n, 2) float
+    noise : NoiseFit
+    clip : float
+    known : (n, 2) float, optional
+        Part of the residual that is not clipped, m/s.
+
+    Returns
+    -------
+    whitened : (n, 2) float
+    excess : (n,) float
+        1 where a component was clipped.
+    """
+    rest = residual if known is None else residual - known
+    smooth = remove_smooth_effects(rest, frame.aircraft, frame.heading, frame.airspeed)
+    white_smooth = whiten(smooth, noise.order, noise.gains)
+    excess = white_smooth - np.clip(white_smooth, -clip, clip)
+    white = whiten(residual, noise.order, noise.gains)
+    return white - excess, (excess != 0).any(axis=1).astype(float)
+
+
+def _add_chunk(
+    out: Statistics,
+    frame: Any,
+    index: Integers,
+    day: Integers,
+    values: Floats,
+    noise: NoiseFit,
+    effects: Mapping[str, Any],
+    plan: DictionaryPlan,
+) -> None:
+    """Add the sums of one aircraft-week, whose whole flights are ``index``."""
+    own = flight_order(frame.flight[index], frame.time[index])
+    index = index[own.index]
+    gains = take_gains(noise.gains, index)
+    part = frame.take(index)
+    columns = build_columns(part, out.layout, effects, plan)
+    columns[:, :, gains.weight == 0] = 0.0
+    aircraft = int(frame.aircraft[index[0]])
+    _add_raw(out, aircraft, columns, part, effects)
+    whiten_blocks(columns, own.starts, gains)
+    target = np.asarray(values[index].T, np.float32)
+    week = int(np.searchsorted(out.weeks, day[index[0]] // 7))
+    total = np.zeros((out.layout.size, out.layout.size))
+    q, c = out.layout.blocks["day_fields"].stop, out.layout.core
+    for one in np.unique(day[index]):
+        today = np.flatnonzero(day[index] == one)
+        d = int(np.searchsorted(out.days, one))
+        x, r = columns.take(today, axis=2).reshape(out.layout.size, -1), target[:, today].ravel()
+        gram = x @ x.T
+        total += gram
+        out.day_gram[aircraft, d] += gram[:c, :c]
+        out.day_cross[aircraft, d] += gram[:q]
+        out.day_score[aircraft, d] += x @ r
+        out.day_energy[aircraft, d] += float(r @ r)
+        out.day_count[aircraft, d] += float((gains.weight[today] > 0).sum())
+    out.week_gram[aircraft, week] += total.astype(np.float32)
+
+
+def _add_raw(
+    out: Statistics,
+    aircraft: int,
+    columns: NDArray[np.float32],
+    part: Any,
+    effects: Mapping[str, Any],
+) -> None:
+    """Add the sums of core columns (p, 2, n) as they are; 0 at reports that do not count."""
+    core = columns[: out.layout.core]
+    flat = core.reshape(core.shape[0], -1)
+    out.raw_gram[aircraft] += flat @ flat.T
+    there = (core[:, 0] != 0) | (core[:, 1] != 0)
+    for name in out.layout.effects:
+        where = effects[name].acts(part)
+        if where is not None:
+            there[out.layout.blocks[name]] &= where
+    out.acting[aircraft] += np.count_nonzero(there, axis=1)
+
+
+def merge_statistics(first: Statistics, second: Statistics) -> Statistics:
+    """Sums of two archives of the same aircraft and columns taken together.
+
+    Parameters
+    ----------
+    first, second : Statistics
+        With equal layouts and tails; days may overlap.
+
+    Returns
+    -------
+    Statistics
+
+    Raises
+    ------
+    ValueError
+        Layouts, tails or hours at which days start differ.
+    """
+    if (first.layout, first.tails, first.day_shift) != (
+        second.layout, second.tails, second.day_shift,
+    ):  # fmt: skip
+        raise ValueError("statistics of different columns, aircraft or days cannot be merged")
+    days = np.union1d(first.days, second.days)
+    out = empty_statistics(first.layout, first.tails, days, first.day_shift)
+    for part in (first, second):
+        at, week = np.searchsorted(days, part.days), np.searchsorted(out.weeks, part.weeks)
+        out.week_gram[:, week] += part.week_gram
+        for name in ("day_gram", "day_cross", "day_score", "day_energy", "day_count"):
+            getattr(out, name)[:, at] += getattr(part, name)
+        for name in ("raw_gram", "acting", "clipped", "gross"):
+            getattr(out, name)[...] += getattr(part, name)
+    return out

@@ -1,0 +1,155 @@
+"""How much more scores scatter from day to day and week to week than the noise model says.
+
+Assumptions: the noise model whitens along flights and takes off what flights of a day share; what
+remains is correlated within days and over some days, in an aircraft and across the fleet. The
+factor is the scatter of block sums (one day, three days, a week) about a unit's own fit over what
+independent errors would give; per aircraft it is pooled by the median over aircraft, for fleet-wide
+columns the blocks hold all aircraft.
+
+Validity: four blocks and more; at least 1 per aircraft and 1.5 for the fleet. Of one fleet longer
+blocks are few: their factor is drawn towards that of shorter ones.
+
+Source: two-way clustering after Cameron, Gelbach & Miller (2011); GAP.md sections 2 and 6.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.sums.accumulate import Statistics
+from airswing.gap.sums.elimination import Conditional
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Lengths of the blocks whose scatter is looked at, days.
+BLOCKS = (1, 3, 7)
+#: Blocks that the factor of the next shorter ones is worth.
+PRIOR_BLOCKS = 8.0
+#: Share of a column's energy that must be left, given the included columns, for its scores to tell:
+#: days scatter by what was conditioned on as well, and over next to nothing that is any number.
+LEAST_LEFT = 0.05
+
+
+def cluster_factor(
+    gram_by_day: Floats,
+    score_by_day: Floats,
+    information: Floats,
+    *,
+    blocks: tuple[int, ...] = BLOCKS,
+    spent: int = 0,
+) -> Floats:
+    """Scatter of block scores about a unit's own fit, relative to the information.
+
+    Parameters
+    ----------
+    gram_by_day : (..., D, k, k) float
+        X'X by day of each unit; its sum is about ``information``.
+    score_by_day : (..., D, k) float
+    information : (..., k, k) float
+    blocks : tuple of int
+        Lengths of the blocks, days.
+    spent : int
+        Blocks' worth of freedom that was fitted away before.
+
+    Returns
+    -------
+    (..., len(blocks)) float
+        Mean squared scatter per degree of freedom; NaN for fewer than four blocks.
+    """
+    days = score_by_day.shape[-2]
+    spread, rank = _truncated_inverse(information)
+    fit = np.einsum("...ij,...j->...i", spread, score_by_day.sum(axis=-2))
+    share = np.trace(gram_by_day.sum(axis=-3), axis1=-2, axis2=-1)
+    ratio = np.trace(information, axis1=-2, axis2=-1) / np.maximum(share, 1e-30)
+    fitted = (gram_by_day @ fit[..., None, :, None])[..., 0]
+    remains = score_by_day - ratio[..., None, None] * fitted
+    busy = np.any(gram_by_day, axis=(-2, -1))
+    out = np.full((*rank.shape, len(blocks)), np.nan)
+    for i, length in enumerate(blocks):
+        edges = np.arange(0, days, length)
+        if edges.size < 4 + spent:
+            continue
+        sums = np.add.reduceat(remains, edges, axis=-2)
+        active = np.logical_or.reduceat(busy, edges, axis=-1).sum(axis=-1)
+        free = np.maximum(active - 1 - spent, 1)
+        degrees = np.maximum(rank, 1) * free / np.maximum(active, 1)
+        out[..., i] = ((sums @ spread) * sums).sum(axis=(-2, -1)) / degrees
+    return out
+
+
+def _truncated_inverse(matrix: Floats, *, bound: float = 1e-3) -> tuple[Floats, Integers]:
+    """Inverse of symmetric matrices on the directions that carry information; how many those are.
+
+    Parameters
+    ----------
+    matrix : (..., k, k) float
+    bound : float
+        Smallest eigenvalue used, relative to the largest, at unit diagonal.
+
+    Returns
+    -------
+    inverse : (..., k, k) float
+    rank : (...) int
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-30))
+    values, vectors = np.linalg.eigh(matrix / (scale[..., :, None] * scale[..., None, :]))
+    kept = values > bound * np.maximum(values[..., -1:], 1e-30)
+    part = vectors / scale[..., :, None]
+    inverse = np.divide(1.0, values, out=np.zeros_like(values), where=kept)
+    return (part * inverse[..., None, :]) @ np.swapaxes(part, -1, -2), kept.sum(axis=-1)
+
+
+def aircraft_factor(
+    stats: Statistics, given: Conditional, columns: Integers, *, spent: int = 0
+) -> float:
+    """Cluster factor of a per-aircraft candidate, pooled over aircraft (median), at least 1."""
+    own = _day_grams(stats, columns)
+    information = given.gram[:, columns[:, None], columns]
+    whole, left = np.einsum("adii->a", own), np.einsum("aii->a", information)
+    flown = (whole > 0) & (left > LEAST_LEFT * whole)
+    if not flown.any():
+        return 1.5 if (whole > 0).any() else 1.0
+    score = given.score[:, :, columns][flown]
+    values = cluster_factor(own[flown], score, information[flown], spent=spent)
+    known = [c[np.isfinite(c)] for c in values.T]
+    return _largest(np.array([np.median(c) for c in known if c.size]))
+
+
+def fleet_factor(stats: Statistics, given: Conditional, columns: Integers) -> float:
+    """Cluster factor of a fleet candidate: by day over all aircraft, at least 1.5."""
+    if columns.max() < stats.layout.core:
+        own = stats.fleet_day_gram[:, columns[:, None], columns]
+    else:
+        own = _day_grams(stats, columns).sum(axis=0)
+    information = given.fleet_gram[np.ix_(columns, columns)]
+    values = cluster_factor(own, given.fleet_score[:, columns], information)
+    return max(1.5, _largest(_steadied(values, stats.days.size)))
+
+
+def _steadied(values: Floats, days: int) -> Floats:
+    """Factors of longer blocks drawn towards those of shorter ones as far as they are few.
+
+    Of one fleet there are six weeks in 45 days: their scatter alone says little, and the largest of
+    three such figures is too large.
+    """
+    out = values.copy()
+    for i in range(1, out.size):
+        own = days / BLOCKS[i] - 1
+        if np.isfinite(out[i]) and np.isfinite(out[i - 1]):
+            out[i] = (own * out[i] + PRIOR_BLOCKS * out[i - 1]) / (own + PRIOR_BLOCKS)
+    return out
+
+
+def _largest(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    return max(1.0, float(finite.max())) if finite.size else 1.5
+
+
+def _day_grams(stats: Statistics, columns: Integers) -> Floats:
+    """X'X by aircraft and day (A, D, k, k); dictionary columns share their week's by reports."""
+    if columns.max() < stats.layout.core:
+        return np.asarray(stats.day_gram[:, :, columns[:, None], columns], float)
+    own = stats.week_gram[:, :, columns[:, None], columns].astype(float)
+    return np.asarray(stats.day_share[:, :, None, None] * own[:, stats.week_of_day])

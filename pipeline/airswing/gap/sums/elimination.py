@@ -1,0 +1,425 @@
+"""Linear algebra on the sums: day fields out, climatology and found effects conditioned on.
+
+Assumptions: whitened residuals are X theta plus unit noise plus, every day, a random combination of
+the day-field columns, of the variances of :mod:`airswing.gap.sums.variance_components`. Eliminating
+the day fields couples the aircraft that flew on the same day; the coupling is kept between
+everything that is conditioned on, and between aircraft in fleet-wide columns.
+
+Validity: conditional sums of an aircraft's own columns are exact; sums of candidates of *different*
+aircraft are treated as independent once the included columns are conditioned on. Dictionary columns
+against columns in force for a part of a week use the week's average.
+
+Source: Frisch-Waugh-Lovell elimination; mixed-model equations of Henderson (1975).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from hashlib import blake2b
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.sums.accumulate import Statistics
+from airswing.gap.sums.variance_components import Variances, lasting_prior, shared_variances
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Key = tuple[int, bytes]
+"""A column and a digest of its weights."""
+
+
+@dataclass(frozen=True)
+class Included:
+    """One column that is conditioned on.
+
+    Attributes
+    ----------
+    column : int
+        A column of the layout; one outside the core is in force by whole weeks.
+    weights : (A, D)
+        Factor on the column per aircraft and day: 1 where it acts.
+    precision : float
+        1 over its prior variance.
+    """
+
+    column: int
+    weights: Floats
+    precision: float
+
+
+@dataclass(frozen=True)
+class Base:
+    """Sums with the day fields eliminated.
+
+    Attributes
+    ----------
+    stats : Statistics
+    variances : Variances
+        Of the day fields' coefficients and of the climatology's.
+    root : (D, q, q)
+        Inverse Cholesky factor of the day fields' normal matrix, per day.
+    cross : (A, D, q, p)
+        ``root`` times Z'X.
+    score : (A, D, p)
+        X'r with the day fields eliminated.
+    background : (2, T) or None
+        Log probability of the sizes of an aircraft's background
+        (:mod:`airswing.gap.evidence.between_aircraft_variance`), in effects of the heading (second
+        row) and in the others.
+    rows, own_sums, products : dict
+        What :func:`included_cross` and :func:`included_sums` computed already, by column and
+        digest of its weights.
+    """
+
+    stats: Statistics
+    variances: Variances
+    root: Floats
+    cross: Floats
+    score: Floats
+    background: Floats | None = None
+    rows: dict[Key, Floats] = field(default_factory=dict, repr=False)
+    own_sums: dict[Key, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
+    products: dict[Key, dict[Key, float]] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def _flat(self) -> Floats:
+        return self.cross.reshape(self.cross.shape[0], -1, self.cross.shape[-1])
+
+    @cached_property
+    def gram(self) -> Floats:
+        """Own X'X per aircraft with the day fields eliminated, (A, p, p)."""
+        whole = self.stats.whole_gram
+        return np.asarray(whole - np.matmul(self._flat.transpose(0, 2, 1), self._flat))
+
+    @cached_property
+    def fleet_gram(self) -> Floats:
+        """X'X of the fleet-wide columns, coupling of the aircraft included, (p, p)."""
+        total = self._flat.sum(axis=0)
+        whole = self.stats.whole_gram.sum(axis=0)
+        return np.asarray(whole - total.T @ total)
+
+    @cached_property
+    def lasting_share(self) -> Floats:
+        """Share of each fleet-wide column's X'X that the climatology and the slope take, (p,)."""
+        lasting = climatology(self)
+        cross = included_cross(self, *_stacked(lasting)).sum(axis=0)
+        taken = ((fit_included(self, lasting).half @ cross) ** 2).sum(axis=0)
+        own = np.diagonal(self.fleet_gram)
+        share = np.divide(taken, own, out=np.zeros_like(taken), where=own > 1e-9)
+        return np.asarray(np.clip(share, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Conditional:
+    """Sums given the included columns.
+
+    Attributes
+    ----------
+    included : tuple of Included
+    coefficients : (m,)
+        Posterior means of the included columns' coefficients.
+    covariance : (m, m)
+        Posterior covariance at unit noise.
+    gram : (A, p, p)
+    score : (A, D, p)
+    fleet_gram : (p, p)
+    included_gram : (m, m)
+    included_score : (D, m)
+    lasting_share : (p,)
+        See :attr:`Base.lasting_share`.
+    background : (2, T) or None
+        See :class:`Base`.
+    fleet_score_override : (D, p) or None
+        Fleet scores where they are not the sum over aircraft.
+    derived : dict
+        What has been computed from these sums already.
+    """
+
+    included: tuple[Included, ...]
+    coefficients: Floats
+    covariance: Floats
+    gram: Floats
+    score: Floats
+    fleet_gram: Floats
+    included_gram: Floats
+    included_score: Floats
+    lasting_share: Floats
+    background: Floats | None = None
+    fleet_score_override: Floats | None = None
+    derived: dict[str, Floats] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def fleet_score(self) -> Floats:
+        """Score of the fleet-wide columns by day, (D, p)."""
+        if self.fleet_score_override is not None:
+            return self.fleet_score_override
+        return np.asarray(self.score.sum(axis=0))
+
+
+def eliminate_days(stats: Statistics, variances: Variances | None = None) -> Base:
+    """Eliminate the day fields from all sums.
+
+    Parameters
+    ----------
+    stats : Statistics
+    variances : Variances, optional
+        Estimated when not given.
+
+    Returns
+    -------
+    Base
+    """
+    variances = shared_variances(stats) if variances is None else variances
+    fields = stats.layout.blocks["day_fields"]
+    normal = stats.day_cross[..., fields].sum(axis=0, dtype=float) + np.diag(1 / variances.day)
+    root = np.linalg.inv(np.linalg.cholesky(normal))
+    shared = np.einsum("dij,dj->di", root, stats.day_score[:, :, fields].sum(axis=0))
+    cross, score = np.empty(stats.day_cross.shape), stats.day_score.copy()
+    for own, out, left in zip(stats.day_cross, cross, score, strict=True):
+        np.matmul(root, own, out=out)  # an aircraft at a time, for memory
+        left -= (shared[:, None] @ out)[:, 0]
+    return Base(stats, variances, root, cross, score)
+
+
+def climatology(base: Base) -> list[Included]:
+    """Included columns of the reference's climatology: fleet-wide, with the archive's prior.
+
+    Parameters
+    ----------
+    base : Base
+
+    Returns
+    -------
+    list of Included
+    """
+    ones = np.ones(base.stats.day_count.shape)
+    prior = lasting_prior(base.stats.layout, base.variances.climatology)
+    pairs = zip(*prior, strict=True)
+    return [Included(int(column), ones, float(precision)) for column, precision in pairs]
+
+
+def condition(base: Base, included: list[Included]) -> Conditional:
+    """Condition all sums on a set of columns.
+
+    Parameters
+    ----------
+    base : Base
+    included : list of Included
+
+    Returns
+    -------
+    Conditional
+    """
+    fit = fit_included(base, included)
+    columns, weights = _stacked(included)
+    cross = included_cross(base, columns, weights)
+    reduced = np.einsum("ij,ajp->aip", fit.half, cross, optimize=True)
+    gram = base.gram - np.matmul(reduced.transpose(0, 2, 1), reduced)
+    total = reduced.sum(axis=0)
+    share = fit.score @ fit.covariance
+    score = base.score - np.einsum("dm,amp->adp", share, cross, optimize=True)
+    return Conditional(
+        tuple(included), fit.coefficients, fit.covariance, gram, score,
+        base.fleet_gram - total.T @ total, fit.gram, fit.score, base.lasting_share,
+        base.background,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Ridge fit of included columns alone.
+
+    Attributes
+    ----------
+    coefficients : (m,)
+    covariance, half : (m, m)
+        Posterior covariance at unit noise and its lower factor's transpose.
+    gram : (m, m)
+    score : (D, m)
+    """
+
+    coefficients: Floats
+    covariance: Floats
+    half: Floats
+    gram: Floats
+    score: Floats
+
+
+def fit_included(base: Base, included: list[Included]) -> Fit:
+    """Fit the included columns, without a look at any other.
+
+    Parameters
+    ----------
+    base : Base
+    included : list of Included
+
+    Returns
+    -------
+    Fit
+    """
+    columns, weights = _stacked(included)
+    gram, by_day = included_sums(base, columns, weights)
+    half = inverse_root(gram + np.diag([x.precision for x in included]))
+    covariance = half.T @ half
+    return Fit(covariance @ by_day.sum(axis=0), covariance, half, gram, by_day)
+
+
+def inverse_root(matrix: Floats, *, floor: float = 1e-6) -> Floats:
+    """Root H of the inverse of a positive matrix, H'H = matrix^-1, collinear directions damped.
+
+    Parameters
+    ----------
+    matrix : (m, m) float
+    floor : float
+        Smallest eigenvalue of the matrix scaled to a unit diagonal.
+
+    Returns
+    -------
+    (m, m) float
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-30))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    return np.asarray((vectors / np.sqrt(np.maximum(values, floor))).T / scale)
+
+
+def _stacked(included: list[Included]) -> tuple[Integers, Floats]:
+    columns = np.array([x.column for x in included], np.int64)
+    return columns, np.stack([x.weights for x in included])
+
+
+def included_sums(base: Base, columns: Integers, weights: Floats) -> tuple[Floats, Floats]:
+    """X'X among weighted core columns, and X'r by day.
+
+    Parameters
+    ----------
+    base : Base
+    columns : (m,) int
+    weights : (m, A, D) float
+
+    Returns
+    -------
+    gram : (m, m) float
+    score : (D, m) float
+    """
+    keys = [(int(j), _digest(w)) for j, w in zip(columns, weights, strict=True)]
+    for key, own in zip(keys, weights, strict=True):
+        if key not in base.own_sums:
+            coupled = np.einsum("ad,adi->di", own, base.cross[:, :, :, key[0]])
+            base.own_sums[key] = coupled.ravel(), (own * base.score[:, :, key[0]]).sum(axis=0)
+    gram = np.empty((columns.size, columns.size))
+    # those outside the core first: their products with the core are by week as well
+    for k in np.argsort(-columns, kind="stable").tolist():
+        row = base.products.setdefault(keys[k], {})
+        new = np.array([i for i, key in enumerate(keys) if key not in row], np.int64)
+        if new.size:
+            values = _weighted_row(base.stats, k, new, columns, weights)
+            for i, value in zip(new.tolist(), values.tolist(), strict=True):
+                row[keys[i]] = base.products.setdefault(keys[i], {})[keys[k]] = value
+        gram[k] = [row[key] for key in keys]
+    flat = np.stack([base.own_sums[key][0] for key in keys])
+    return gram - flat @ flat.T, np.stack([base.own_sums[key][1] for key in keys], -1)
+
+
+def _digest(weights: Floats) -> bytes:
+    return blake2b(weights.tobytes(), digest_size=16).digest()
+
+
+def _weighted_row(
+    stats: Statistics, k: int, others: Integers, columns: Integers, weights: Floats
+) -> Floats:
+    """X'X of one weighted column with some others, none of them further outside the core, (m,)."""
+    if columns[k] >= stats.layout.core:
+        means = week_means(stats, np.concatenate([weights[k : k + 1], weights[others]]))
+        own = stats.week_gram[:, :, columns[k], :][:, :, columns[others]]
+        return np.asarray(np.einsum("aw,maw,awm->m", means[0], means[1:], own, optimize=True))
+    active = np.flatnonzero(weights[k].any(axis=1))
+    own = stats.day_gram[active, :, columns[k], :][:, :, columns[others]]
+    return np.asarray(
+        np.einsum(
+            "ad,mad,adm->m", weights[k][active], weights[others][:, active], own, optimize=True
+        )
+    )
+
+
+def week_means(stats: Statistics, weights: Floats) -> Floats:
+    """Mean of day weights (m, A, D) over each week's reports, (m, A, W)."""
+    week = stats.week_of_day
+    out = np.zeros((*weights.shape[:2], stats.weeks.size))
+    for w in range(stats.weeks.size):
+        count = stats.day_count[:, week == w]
+        total = np.maximum(count.sum(axis=1), 1e-9)
+        out[:, :, w] = (weights[:, :, week == w] * count).sum(axis=2) / total
+    return out
+
+
+def included_cross(base: Base, columns: Integers, weights: Floats) -> Floats:
+    """X'Y between weighted core columns and each aircraft's every column.
+
+    Parameters
+    ----------
+    base : Base
+    columns : (m,) int
+    weights : (m, A, D) float
+
+    Returns
+    -------
+    (A, m, p) float
+    """
+    stats = base.stats
+    out = np.empty((len(stats.tails), columns.size, stats.layout.size))
+    for k, column in enumerate(columns.tolist()):
+        key = column, _digest(weights[k])
+        if key not in base.rows:
+            base.rows[key] = _cross_row(base, column, weights[k])
+        out[:, k] = base.rows[key]
+    return out
+
+
+def _cross_row(base: Base, column: int, weights: Floats) -> Floats:
+    """X'Y between one weighted column and each aircraft's every column, (A, p)."""
+    stats = base.stats
+    core = stats.layout.core
+    shared = np.einsum("bd,bdi->di", weights, base.cross[:, :, :, column])
+    out = -np.tensordot(base.cross, shared, axes=((1, 2), (0, 1)))
+    active = np.flatnonzero(weights.any(axis=1))
+    first = core if column < core else 0
+    if column < core:
+        rows = stats.day_gram[active, :, column, :].astype(float)
+        out[active, :core] += np.einsum("ad,adc->ac", weights[active], rows)
+    rows = stats.week_gram[active, :, column, first:].astype(float)
+    out[active, first:] += np.einsum(
+        "aw,awp->ap", week_means(stats, weights[None])[0][active], rows
+    )
+    return np.asarray(out)
+
+
+def beyond(given: Conditional, columns: Integers) -> Conditional:
+    """Sums with some columns of each unit's own projected out: what they cannot explain.
+
+    Parameters
+    ----------
+    given : Conditional
+    columns : (k,) int
+
+    Returns
+    -------
+    Conditional
+        Per-aircraft sums beyond the aircraft's own columns, fleet sums beyond the fleet's.
+    """
+    gram, score = np.empty_like(given.gram), np.empty_like(given.score)
+    for a in range(gram.shape[0]):
+        gram[a], score[a] = _project(given.gram[a], given.score[a], columns)
+    fleet, fleet_score = _project(given.fleet_gram, given.fleet_score, columns)
+    return replace(
+        given, gram=gram, score=score, fleet_gram=fleet, fleet_score_override=fleet_score
+    )
+
+
+def _project(gram: Floats, score: Floats, columns: Integers) -> tuple[Floats, Floats]:
+    own = gram[np.ix_(columns, columns)]
+    scale = np.sqrt(np.maximum(np.diagonal(own), 1e-12))
+    ridge = np.diag(1e-4 * scale**2 + 1e-9)
+    share = np.linalg.solve(own + ridge, gram[columns])
+    return gram - gram[:, columns] @ share, score - score[:, columns] @ share

@@ -1,0 +1,1 @@
+"""What airswing leaves behind: NetCDF files, ragged reports, files that are whole or not there."""

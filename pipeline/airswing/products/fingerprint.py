@@ -1,0 +1,114 @@
+"""What a product depends on, as one short string; equal strings mean nothing changed.
+
+Assumes a file that keeps its size and its modification time keeps its content, and that a module
+names every other module of the package it uses in an import statement.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import glob
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import airswing
+from airswing.products.netcdf import plain
+
+PACKAGE = Path(__file__).parents[1]
+
+
+def fingerprint(*parts: Any) -> str:
+    """Hash of everything a product depends on, this version of airswing included.
+
+    Parameters
+    ----------
+    *parts : object
+        Configuration sections (as mappings), file identities, code digests, identifiers of
+        other products.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits.
+    """
+    text = json.dumps([airswing.__version__, plain(list(parts))], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def file_identities(patterns: Sequence[str]) -> list[tuple[str, int, int]]:
+    """Name, size and modification time of every file the patterns match.
+
+    Parameters
+    ----------
+    patterns : sequence of str
+
+    Returns
+    -------
+    list of (str, int, int)
+        Sorted by name.
+    """
+    paths = [os.path.expanduser(pattern) for pattern in patterns]
+    matches = [
+        [path] if os.path.isfile(path) else glob.glob(path, recursive=True) for path in paths
+    ]
+    names = sorted({name for found in matches for name in found if os.path.isfile(name)})
+    found = [(name, Path(name).stat()) for name in names]
+    return [(name, entry.st_size, entry.st_mtime_ns) for name, entry in found]
+
+
+@functools.cache
+def code_digest(*modules: str, package: Path = PACKAGE) -> str:
+    """Hash of the source of some modules and of every module of the package they use.
+
+    Parameters
+    ----------
+    *modules : str
+        Names such as ``airswing.compass.screening``.
+    package : Path, optional
+        Folder of the package.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits; a change of a module that none of them uses leaves it as it is.
+    """
+    digest = hashlib.sha256()
+    waiting, seen = set(modules), set()
+    while waiting:
+        name = waiting.pop()
+        path = _source(name, package)
+        if path is None or path in seen:
+            continue
+        seen.add(path)
+        waiting |= _imported(path, package.name)
+    for path in sorted(seen):
+        digest.update(f"{path.relative_to(package)}\0".encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:32]
+
+
+def _source(name: str, package: Path) -> Path | None:
+    """File of a module; None for the package itself, whose version counts on its own."""
+    parts = name.split(".")[1:]
+    if not parts:
+        return None
+    file = package.joinpath(*parts).with_suffix(".py")
+    folder = package.joinpath(*parts, "__init__.py")
+    return next((path for path in (file, folder) if path.is_file()), None)
+
+
+@functools.cache
+def _imported(path: Path, package: str) -> set[str]:
+    """Modules of the package, and names in them that may be modules, that a file imports."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return {name for name in found if name.split(".")[0] == package}

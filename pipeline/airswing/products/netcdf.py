@@ -1,0 +1,430 @@
+"""NetCDF products and every other file airswing leaves behind: whole or not at all.
+
+A product is written under a temporary name beside its target and renamed when complete
+(:mod:`airswing.products.atomic`), so that a reader never sees half a file and an interruption
+leaves the earlier product intact.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import re
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+import xarray as xr
+
+import airswing
+from airswing.errors import InputError
+from airswing.products.atomic import replacing
+from airswing.vocabulary import describe, lookup
+
+INSTITUTION = "airswing"
+REFERENCES = (
+    "Jacobs et al. (2010), TAMDAR update: magnetic deviation correction, AMS; "
+    "Jacobs, Mulally & Anderson (2014), J. Atmos. Oceanic Technol. 31(8), 1733-1747"
+)
+_TIME_ATTRIBUTES = {
+    "units": "milliseconds since 1970-01-01",
+    "calendar": "standard",
+    "_FillValue": np.iinfo(np.int64).min,
+}
+_CHUNK_CACHE = 2**20
+REPORTS_A_CHUNK = 65_536
+"""Few enough that one aircraft of ten million reports is read in well under a second."""
+STORED_STEP = {
+    "reference_eastward_wind": 2.0**-10,
+    "reference_northward_wind": 2.0**-10,
+    "ground_speed": 2.0**-10,
+    "ground_eastward_velocity": 2.0**-10,
+    "ground_northward_velocity": 2.0**-10,
+    "ground_velocity_error": 2.0**-10,
+    "airspeed": 2.0**-10,
+    "airspeed_error": 2.0**-10,
+    "climb_rate": 2.0**-10,
+    "longitudinal_acceleration": 2.0**-14,
+    "track": 2.0**-10,
+    "turn": 2.0**-10,
+    "bank": 2.0**-10,
+    "heading": 2.0**-10,
+    "heading_standard_error": 2.0**-6,
+    "magnetic_heading": 2.0**-10,
+    "heading_error": 2.0**-10,
+    "heading_error_standard_error": 2.0**-10,
+    "declination": 2.0**-10,
+    "dip": 2.0**-10,
+    "horizontal_field": 2.0**-4,
+}
+"""Step that derived variables of every report are rounded to before they are written, in their
+unit: about a thousandth of a degree or of a metre a second, far below what they are known to. The
+bits so left zero halve the file. What was reported is written as it came."""
+
+DIRECTIONS = ("heading", "magnetic_heading", "track")
+"""Those of them that run from 0 to, but not including, 360 degrees."""
+
+
+@contextlib.contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """Give a temporary name to write to, and rename it to ``path`` when the block ends well.
+
+    Parameters
+    ----------
+    path : Path
+        Where the finished file shall stand; its folder is made when absent.
+
+    Yields
+    ------
+    Path
+        Where to write.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written to or the disk is full.
+    """
+    try:
+        with replacing(path) as temporary:
+            yield temporary
+    except (OSError, RuntimeError) as err:
+        # The NetCDF and HDF5 libraries tell a full disk as a RuntimeError of their own.
+        told = re.search(r"error message = '([^']*)'", str(err))
+        if isinstance(err, RuntimeError) and "NetCDF" not in str(err) and told is None:
+            raise
+        raise InputError(
+            "cannot write the product; nothing was changed",
+            file=path,
+            found=told[1] if told else getattr(err, "strerror", None) or err,
+            remedy="Free space or choose another folder with --output",
+        ) from err
+
+
+def require_writable(folder: Path) -> None:
+    """Make sure products can be written to a folder, before hours are spent on them.
+
+    Parameters
+    ----------
+    folder : Path
+        Made when absent.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made or written to.
+    """
+    with atomic(Path(folder) / ".writable") as temporary:
+        temporary.touch()
+    (Path(folder) / ".writable").unlink()
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a text file atomically.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+
+    Returns
+    -------
+    Path
+        The path written.
+    """
+    with atomic(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> Path:
+    """Write a JSON file atomically; NaN and infinities become null.
+
+    Parameters
+    ----------
+    path : Path
+    content : mapping
+
+    Returns
+    -------
+    Path
+        The path written.
+    """
+    return write_text(path, json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
+
+
+def plain(value: Any) -> Any:
+    """Turn numpy and pandas values into what JSON can hold.
+
+    Parameters
+    ----------
+    value : object
+        Nested mappings, sequences, arrays and scalars.
+
+    Returns
+    -------
+    object
+        The same with lists, floats, ints and strings; not-a-number becomes None.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value.tolist()]
+    if isinstance(value, (list, tuple, set)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)
+
+
+def write_product(
+    ds: xr.Dataset,
+    path: Path,
+    *,
+    title: str,
+    config_json: str = "",
+    sources: Sequence[str] = (),
+    source_uuids: Sequence[str] = (),
+) -> Path:
+    """Write a Dataset as a described, compressed NetCDF-4 product, atomically.
+
+    Parameters
+    ----------
+    ds : Dataset
+        Every variable must be in the vocabulary.
+    path : Path
+    title : str
+    config_json : str, optional
+        The configuration the product was made with, as JSON.
+    sources : sequence of str, optional
+        What went in, one phrase each.
+    source_uuids : sequence of str, optional
+        Identifiers of the products this one was made from.
+
+    Returns
+    -------
+    Path
+        The path written.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    ds = describe(ds)
+    ds.attrs = {
+        **{key: attribute_value(value) for key, value in ds.attrs.items()},
+        **provenance(title, config_json=config_json, sources=sources, source_uuids=source_uuids),
+    }
+    with atomic(path) as temporary:
+        ready = with_plain_times(ds.drop_encoding())
+        ready.to_netcdf(temporary, engine="netcdf4", encoding=_encodings(ready))
+    return path
+
+
+def as_stored(ds: xr.Dataset) -> xr.Dataset:
+    """Give every variable the precision it is written with: its type, and `STORED_STEP`.
+
+    What follows from a Dataset in memory is then the same as what follows from its product.
+
+    Parameters
+    ----------
+    ds : Dataset
+        Every variable must be in the vocabulary.
+
+    Returns
+    -------
+    Dataset
+    """
+    changed: dict[Any, Any] = {}
+    for name, variable in ds.variables.items():
+        if name in ds.coords:
+            continue
+        dtype, values = lookup(str(name), variable.dims).dtype, variable.to_numpy()
+        step, attrs = STORED_STEP.get(str(name), 0.0), variable.attrs
+        if step:
+            stored = values * (1.0 / step)  # a power of two: nothing is lost
+            np.rint(stored, out=stored)
+            stored *= step
+            if name in DIRECTIONS:
+                stored %= 360.0  # what rounds up to a whole turn is north
+            changed[name] = (
+                variable.dims,
+                stored.astype(dtype, copy=False),
+                {**attrs, "stored_step": step},
+            )
+        elif dtype.startswith("f") and variable.dtype != dtype:
+            changed[name] = variable.dims, values.astype(dtype), attrs
+    return ds.assign(changed)
+
+
+def provenance(
+    title: str,
+    *,
+    config_json: str = "",
+    sources: Sequence[str] = (),
+    source_uuids: Sequence[str] = (),
+) -> dict[str, str]:
+    """Global attributes that say what a product is and where it came from.
+
+    Parameters
+    ----------
+    title, config_json, sources, source_uuids
+        As for :func:`write_product`.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return {
+        "Conventions": "CF-1.11",
+        "title": title,
+        "institution": INSTITUTION,
+        "source": "; ".join(sources) or "aircraft reports and model winds",
+        "history": f"{now} airswing {airswing.__version__}",
+        "references": REFERENCES,
+        "airswing_config": config_json,
+        "airswing_version": airswing.__version__,
+        "uuid": str(uuid.uuid4()),
+        "source_uuids": " ".join(source_uuids),
+    }
+
+
+def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
+    """Read a product that :func:`write_product` wrote.
+
+    Parameters
+    ----------
+    path : Path
+    lazy : bool, default False
+        Read a variable, or the part of it asked for, each time it is looked at, and keep nothing
+        (see :mod:`airswing.products.ragged`); else read everything and close the file.
+
+    Returns
+    -------
+    Dataset
+
+    Raises
+    ------
+    InputError
+        If the product is absent or not a NetCDF file.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(
+            "no such product", file=path, remedy="Run the stage that makes it, or `airswing run`"
+        )
+    limit_chunk_cache()
+    try:
+        ds = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False, cache=False)
+        if not lazy:
+            with ds:
+                ds.load()
+    except (OSError, RuntimeError, ValueError) as err:
+        raise InputError(
+            "not a product airswing can read", file=path, found=err, remedy="Make it again"
+        ) from err
+    if "uuid" not in ds.attrs:
+        ds.close()
+        raise InputError(
+            "not a product of airswing", file=path, found=ds.attrs.get("title"),
+            remedy="Move it away and run the stage that makes it",
+        )  # fmt: skip
+    return ds
+
+
+def limit_chunk_cache() -> None:
+    """Let the NetCDF library keep a few chunks of each variable of the files opened from now on.
+
+    By default it keeps 16 MiB of every variable it reads or writes, hundreds of MB a product.
+    """
+    netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
+
+
+def attribute_value(value: Any) -> Any:
+    """NetCDF attributes hold no mappings: those become JSON."""
+    return json.dumps(plain(value)) if isinstance(value, (Mapping, list, bool)) else value
+
+
+def with_plain_times(ds: xr.Dataset) -> xr.Dataset:
+    """Turn times into milliseconds: xarray cannot encode a variable whose times are all missing.
+
+    Parameters
+    ----------
+    ds : Dataset
+
+    Returns
+    -------
+    Dataset
+    """
+    times = [name for name in ds.variables if np.issubdtype(ds[name].dtype, np.datetime64)]
+    missing = np.iinfo(np.int64).min
+    for name in times:
+        values = ds[name].to_numpy().astype("datetime64[ms]")
+        counts = np.where(np.isnat(values), missing, values.astype(np.int64))
+        ds[name] = (ds[name].dims, counts, ds[name].attrs | _TIME_ATTRIBUTES)
+    return ds
+
+
+def is_text(variable: xr.DataArray) -> bool:
+    """Whether a variable holds names: stored as rows of characters, as CF has them.
+
+    Strings of no fixed length would be read the same, but the HDF5 library crashes, or reports a
+    broken file, when a file with such a variable is opened twice in one process (netcdf-c issue
+    2510, HDF5 issue 5359, still so in HDF5 2.2.0).
+
+    Parameters
+    ----------
+    variable : DataArray
+
+    Returns
+    -------
+    bool
+    """
+    return lookup(str(variable.name), variable.dims).dtype == "str" or variable.dtype.kind in "OUT"
+
+
+def _encodings(ds: xr.Dataset) -> dict[Any, dict[str, Any]]:
+    return {name: encoding_of(ds[name]) for name in ds.variables}
+
+
+def encoding_of(variable: xr.DataArray, sizes: Mapping[Any, int] | None = None) -> dict[str, Any]:
+    """How a variable is stored.
+
+    Parameters
+    ----------
+    variable : DataArray
+    sizes : mapping of str to int, optional
+        Of its dimensions in the file, where it is written in parts.
+
+    Returns
+    -------
+    dict
+        Keywords of ``xarray.Dataset.to_netcdf`` and ``netCDF4.Dataset.createVariable``.
+    """
+    sizes = variable.sizes if sizes is None else sizes
+    entry = lookup(str(variable.name), variable.dims)
+    if is_text(variable):
+        return {"dtype": "S1"}
+    time = entry.dtype.startswith("datetime64")
+    encoding: dict[str, Any] = {"dtype": "i8" if time else entry.dtype}
+    if sizes and math.prod(sizes.values()) > 1:
+        encoding |= {"zlib": True, "complevel": 1, "shuffle": True}
+        if "report" in sizes:
+            encoding["chunksizes"] = tuple(
+                min(size, REPORTS_A_CHUNK) if name == "report" else 1
+                for name, size in sizes.items()
+            )
+    if entry.dtype.startswith("f"):
+        encoding["_FillValue"] = np.array(np.nan, dtype=entry.dtype)[()]
+    return encoding

@@ -1,0 +1,1 @@
+"""What reads GRIB: octets, sections, fields, values, catalogue."""

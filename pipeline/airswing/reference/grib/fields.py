@@ -1,0 +1,187 @@
+"""Rows of a catalogue and the small tools that both GRIB editions' scanners share.
+
+Offsets in octets from the start of the file, times in ns since 1970, leads in
+s, pressure levels in Pa, hybrid levels by number.
+"""
+
+from __future__ import annotations
+
+import calendar
+import os
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.reference.grib.gridsections import read_grid
+
+#: Kinds of field: eastward (along x) wind, northward (along y) wind, pressure.
+U, V, PRESSURE = 0, 1, 2
+
+#: One row a field. `bits`, the scales, `reference_value` and `data_start`, `data_end` (offsets
+#: of packed values) describe simple packing; `section_*` are offsets of whole sections (-1: none).
+FIELD_DTYPE = np.dtype(
+    [
+        ("file", "i4"),
+        ("offset", "i8"),
+        ("length", "i8"),
+        ("part", "i2"),
+        ("edition", "i1"),
+        ("kind", "i1"),
+        ("level_kind", "i1"),
+        ("level", "f8"),
+        ("valid", "i8"),
+        ("lead", "i8"),
+        ("member", "i4"),
+        ("grid", "i4"),
+        ("packing", "i4"),
+        ("sparse", "?"),
+        ("bits", "i2"),
+        ("binary_scale", "i4"),
+        ("decimal_scale", "i4"),
+        ("reference_value", "f8"),
+        ("data_start", "i8"),
+        ("data_end", "i8"),
+        ("section_identification", "i8"),
+        ("section_grid", "i8"),
+        ("section_product", "i8"),
+        ("section_packing", "i8"),
+        ("section_bitmap", "i8"),
+        ("section_data", "i8"),
+    ]
+)
+
+#: Octets read at once where a message begins.
+HEAD = 512
+RANGES = {2: "range", 3: "average", 4: "accumulation", 5: "difference", 6: "average", 7: "average"}
+
+
+class Field(NamedTuple):
+    """One row of `FIELD_DTYPE`; `grid` numbers `FileContents.grids`."""
+
+    file: int
+    offset: int
+    length: int
+    part: int
+    edition: int
+    kind: int
+    level_kind: int
+    level: float
+    valid: int
+    lead: int
+    member: int
+    grid: int
+    packing: int
+    sparse: bool
+    bits: int
+    binary_scale: int
+    decimal_scale: int
+    reference_value: float
+    data_start: int
+    data_end: int
+    section_identification: int
+    section_grid: int
+    section_product: int
+    section_packing: int
+    section_bitmap: int
+    section_data: int
+
+
+@dataclass(slots=True)
+class FileContents:
+    """What one file holds.
+
+    Parameters
+    ----------
+    fields : list of Field
+        Usable wind and pressure fields.
+    grids : list of (edition, section bytes)
+        Distinct grid sections, in order of appearance.
+    skipped : Counter of (what, reason)
+        What cannot be used and why, with counts.
+    messages, parts : int
+        Messages and fields of any kind.
+    """
+
+    fields: list[Field] = field(default_factory=list)
+    grids: list[tuple[int, bytes]] = field(default_factory=list)
+    skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
+    messages: int = 0
+    parts: int = 0
+    _known: dict[tuple[int, bytes], int] = field(default_factory=dict)
+
+    def grid_number(self, edition: int, section: bytes) -> int:
+        """Number of a grid section, placing it once; `UnplaceableGridError` where it cannot be."""
+        key = (edition, section)
+        if key not in self._known:
+            read_grid(edition, section)
+            self._known[key] = len(self.grids)
+            self.grids.append(key)
+        return self._known[key]
+
+    def table(self) -> NDArray[Any]:
+        """Fields as an array of `FIELD_DTYPE`."""
+        return np.array([tuple(row) for row in self.fields], dtype=FIELD_DTYPE)
+
+
+class SkippedError(Exception):
+    """One field or message that is not used: what, why."""
+
+    def __init__(self, what: str, reason: str) -> None:
+        super().__init__(what, reason)
+        self.what, self.reason = what, reason
+
+
+class GarbageError(Exception):
+    """Octets that are no whole message."""
+
+
+class Window:
+    """A file seen through small positioned reads."""
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+        self.size = os.fstat(descriptor).st_size
+        self.start, self.data = 0, b""
+
+    def get(self, start: int, length: int) -> bytes:
+        """`length` octets from `start`; fewer at the end of the file."""
+        at = start - self.start
+        if at < 0 or at + length > len(self.data):
+            self.start, self.data = start, os.pread(self.descriptor, max(length, HEAD), start)
+            at = 0
+        return self.data[at : at + length]
+
+
+@lru_cache(maxsize=4096)
+def _nanoseconds(year: int, month: int, day: int, hour: int, minute: int, second: int) -> int:
+    if not (1 <= month <= 12 and 1 <= day <= calendar.monthrange(year, month)[1]):
+        raise ValueError
+    if hour > 24 or minute > 59 or second > 60:
+        raise ValueError
+    return calendar.timegm((year, month, day, hour, minute, second)) * 1_000_000_000
+
+
+def reference_time(*parts: int) -> int:
+    """Year, month, day, hour, minute, second to ns since 1970; `SkippedError` where impossible."""
+    try:
+        return _nanoseconds(*parts)
+    except (ValueError, OverflowError):
+        date = "{:04d}-{:02d}-{:02d}T{:02d}:{:02d}:{:02d}".format(*parts)
+        raise SkippedError("wind", f"impossible reference time {date}") from None
+
+
+def fits(octets: int, bits: int, size: int, bitmap_at: int) -> bool:
+    """Whether a data section of a field without a bitmap has room for every point."""
+    return bitmap_at >= 0 or octets * 8 >= bits * size
+
+
+def off_levels(kind: int, surface: int) -> SkippedError:
+    """What to say of a wind that is not on the levels of a profile (nothing of a pressure)."""
+    if kind == PRESSURE:
+        return SkippedError("", "")
+    letter = "u" if kind == U else "v"
+    return SkippedError("wind", f"{letter} not on pressure levels (level type {surface})")

@@ -1,0 +1,289 @@
+"""Grid sections of GRIB1 (GDS) and GRIB2 (section 3) to `Grid` parameters.
+
+Validity: the grids named in `airswing.reference.geometry.grids`; every other section
+is refused with a reason a person can act on. Octet numbers follow WMO
+GRIB1 code table 6 and GRIB2 grid definition templates 3.0, 3.1, 3.10, 3.20
+and 3.30.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+from airswing.reference.geometry.grids import Grid, UnplaceableGridError
+from airswing.reference.grib.octets import ibm_float, ieee_float, missing, signed, unsigned
+
+_GRIB1_NAMES = {
+    4: "gaussian",
+    6: "space view of the pole",
+    8: "Albers equal area",
+    13: "oblique Lambert conformal",
+    14: "rotated gaussian",
+    20: "stretched latitude/longitude",
+    24: "stretched gaussian",
+    50: "spherical harmonics",
+    60: "rotated spherical harmonics",
+    90: "space view",
+    201: "Arakawa semi-staggered E-grid",
+    202: "Arakawa filled E-grid",
+    203: "Arakawa staggered E-grid",
+}
+#: Octets of the sections, by edition and grid.
+_LENGTHS = {
+    1: {0: 32, 1: 34, 3: 34, 5: 28, 10: 42},
+    2: {0: 72, 1: 84, 10: 72, 20: 65, 30: 73},
+}
+_GRIB2_NAMES = {
+    2: "stretched latitude/longitude",
+    3: "stretched and rotated latitude/longitude",
+    4: "variable resolution latitude/longitude",
+    5: "variable resolution rotated latitude/longitude",
+    12: "transverse Mercator",
+    31: "Albers equal area",
+    40: "gaussian",
+    41: "rotated gaussian",
+    42: "stretched gaussian",
+    50: "spherical harmonics",
+    90: "space view",
+    100: "triangular icosahedral",
+    101: "unstructured",
+    140: "Lambert azimuthal equal area",
+    150: "HEALPix",
+    204: "curvilinear orthogonal",
+    32768: "Arakawa staggered E-grid",
+    32769: "Arakawa staggered grid",
+}
+
+#: (semi-major axis m, semi-minor axis m) of GRIB2 code table 3.2.
+_EARTHS = {
+    0: (6367470.0, 6367470.0),
+    2: (6378160.0, 6356775.0),
+    4: (6378137.0, 6356752.314140347),
+    5: (6378137.0, 6356752.314245179),
+    6: (6371229.0, 6371229.0),
+    8: (6371200.0, 6371200.0),
+    9: (6377563.396, 6356256.909),
+}
+
+
+@lru_cache(maxsize=512)
+def read_grid(edition: int, section: bytes) -> Grid:
+    """Grid parameters of a grid section.
+
+    Parameters
+    ----------
+    edition : {1, 2}
+    section : bytes
+        The whole GDS (edition 1) or section 3 (edition 2).
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    UnplaceableGridError
+        With the grid's name where it is one this package cannot place.
+    """
+    kind = section[5:6] if edition == 1 else section[12:14]
+    if not kind or len(section) < _LENGTHS[edition].get(int.from_bytes(kind, "big"), 0):
+        raise UnplaceableGridError("grid section too short for its type")
+    return _grib1(section) if edition == 1 else _grib2(section)
+
+
+def _eccentricity(major: float, minor: float) -> float:
+    if not (major >= minor > 0):
+        raise UnplaceableGridError(f"impossible earth shape, axes {major} m and {minor} m")
+    return math.sqrt(1.0 - (minor / major) ** 2)
+
+
+def _scanning(flags: int) -> dict[str, bool]:
+    if flags & 0x0F:
+        raise UnplaceableGridError(f"grid with staggered rows (scanning mode {flags})")
+    return {"j_consecutive": bool(flags & 0x20), "alternate_rows": bool(flags & 0x10)}
+
+
+def _counts(section: bytes, start: int, width: int) -> tuple[int, int]:
+    if missing(section, start, width) or missing(section, start + width, width):
+        raise UnplaceableGridError("reduced grid (rows of different length)")
+    ni, nj = unsigned(section, start, width), unsigned(section, start + width, width)
+    if ni < 1 or nj < 1:
+        raise UnplaceableGridError(f"grid of {ni} by {nj} points")
+    return ni, nj
+
+
+def _signs(scan: int) -> tuple[float, float]:
+    return (-1.0 if scan & 0x80 else 1.0), (1.0 if scan & 0x40 else -1.0)
+
+
+def _steps(
+    ni: int, nj: int, scan: int, first: tuple[float, float], last: tuple[float, float], unit: float
+) -> dict[str, Any]:
+    """Steps in degrees from the corners; `unit` is the resolution they are written to."""
+    si, sj = _signs(scan)
+    extent = (si * (last[1] - first[1])) % 360.0
+    if ni > 1 and (extent < unit or 360.0 - extent < unit):
+        extent = 360.0
+    di = si * extent / (ni - 1) if ni > 1 else si
+    dj = (last[0] - first[0]) / (nj - 1) if nj > 1 else sj
+    if di == 0 or dj == 0 or (nj > 1 and dj * sj < 0):
+        raise UnplaceableGridError("corners and scanning direction contradict each other")
+    periodic = abs(abs(di) * ni - 360.0) < ni * unit
+    if periodic:
+        di = si * 360.0 / ni
+    return {"di": di, "dj": dj, "periodic": periodic}
+
+
+def _grib1(section: bytes) -> Grid:
+    kind = section[5]
+    if kind not in (0, 1, 3, 5, 10):
+        name = _GRIB1_NAMES.get(kind, "unknown")
+        raise UnplaceableGridError(f"{name} grid (GRIB1 representation type {kind})")
+    ni, nj = _counts(section, 6, 2)
+    scan, flags = section[27], section[16]
+    major, minor = (6378160.0, 6356775.0) if flags & 0x40 else (6367470.0, 6367470.0)
+    shared: dict[str, Any] = {
+        "ni": ni,
+        "nj": nj,
+        "latitude_first": signed(section, 10, 3) / 1e3,
+        "longitude_first": signed(section, 13, 3) / 1e3,
+        "radius": major,
+        "eccentricity": _eccentricity(major, minor),
+        "wind_along_grid": bool(flags & 0x08),
+        **_scanning(scan),
+    }
+    first = (shared["latitude_first"], shared["longitude_first"])
+    si, sj = _signs(scan)
+    if kind in (0, 10):
+        last = (signed(section, 17, 3) / 1e3, signed(section, 20, 3) / 1e3)
+        shared |= _steps(ni, nj, scan, first, last, 1e-3)
+        if kind == 0:
+            return Grid("regular_ll", **shared)
+        pole = (signed(section, 32, 3) / 1e3, signed(section, 35, 3) / 1e3)
+        return _rotated(shared, pole, ibm_float(section, 38))
+    if kind == 1:
+        di, dj = si * unsigned(section, 28, 3), sj * unsigned(section, 31, 3)
+        return _mercator(shared, di, dj, signed(section, 23, 3) / 1e3)
+    if section[26] & 0x40:
+        raise UnplaceableGridError("bipolar projection")
+    shared |= {
+        "di": si * unsigned(section, 20, 3),
+        "dj": sj * unsigned(section, 23, 3),
+        "orientation": signed(section, 17, 3) / 1e3,
+    }
+    if kind == 5:
+        return Grid(
+            "polar_stereographic", true_latitude=60.0, south=bool(section[26] & 0x80), **shared
+        )
+    return _lambert(shared, signed(section, 28, 3) / 1e3, signed(section, 31, 3) / 1e3)
+
+
+def _earth(section: bytes) -> tuple[float, float]:
+    """Semi-axes in metres from section 3's octets 15-30."""
+    shape = section[14]
+    if shape in _EARTHS:
+        return _EARTHS[shape]
+    if shape == 1:
+        radius = unsigned(section, 16, 4) / 10.0 ** section[15]
+        return radius, radius
+    if shape in (3, 7):
+        unit = 1000.0 if shape == 3 else 1.0
+        major = unsigned(section, 21, 4) / 10.0 ** section[20] * unit
+        return major, unsigned(section, 26, 4) / 10.0 ** section[25] * unit
+    raise UnplaceableGridError(f"unknown shape of the earth (code {shape})")
+
+
+def _grib2(section: bytes) -> Grid:
+    kind = unsigned(section, 12, 2)
+    if kind not in (0, 1, 10, 20, 30):
+        name = _GRIB2_NAMES.get(kind, "unknown")
+        raise UnplaceableGridError(f"{name} grid (GRIB2 template 3.{kind})")
+    if section[5]:
+        raise UnplaceableGridError("predefined grid without its definition")
+    if section[10]:
+        raise UnplaceableGridError("reduced grid (rows of different length)")
+    ni, nj = _counts(section, 30, 4)
+    major, minor = _earth(section)
+    shared: dict[str, Any] = {
+        "ni": ni,
+        "nj": nj,
+        "radius": major,
+        "eccentricity": _eccentricity(major, minor),
+    }
+    if kind in (0, 1):
+        return _grib2_degrees(section, kind, shared)
+    flags, scan = section[46], section[59 if kind == 10 else 64]
+    si, sj = _signs(scan)
+    shared |= {
+        "latitude_first": signed(section, 38, 4) / 1e6,
+        "longitude_first": signed(section, 42, 4) / 1e6,
+        "wind_along_grid": bool(flags & 0x08),
+        **_scanning(scan),
+    }
+    true_latitude = signed(section, 47, 4) / 1e6
+    if kind == 10:
+        if unsigned(section, 60, 4):
+            raise UnplaceableGridError("Mercator grid turned against the equator")
+        di, dj = si * unsigned(section, 64, 4) / 1e3, sj * unsigned(section, 68, 4) / 1e3
+        return _mercator(shared, di, dj, true_latitude)
+    if section[63] & 0x40:
+        raise UnplaceableGridError("bipolar projection")
+    shared |= {
+        "di": si * unsigned(section, 55, 4) / 1e3,
+        "dj": sj * unsigned(section, 59, 4) / 1e3,
+        "orientation": signed(section, 51, 4) / 1e6,
+        "true_latitude": true_latitude,
+    }
+    if kind == 20:
+        return Grid("polar_stereographic", south=bool(section[63] & 0x80), **shared)
+    return _lambert(shared, signed(section, 65, 4) / 1e6, signed(section, 69, 4) / 1e6)
+
+
+def _grib2_degrees(section: bytes, kind: int, shared: dict[str, Any]) -> Grid:
+    basic, parts = unsigned(section, 38, 4), unsigned(section, 42, 4)
+    usual = basic in (0, 0xFFFFFFFF) or parts in (0, 0xFFFFFFFF)
+    unit = 1e-6 if usual else basic / parts
+    scale = 1e6 if usual else parts / basic
+    first = (signed(section, 46, 4) / scale, signed(section, 50, 4) / scale)
+    last = (signed(section, 55, 4) / scale, signed(section, 59, 4) / scale)
+    scan = section[71]
+    shared |= {
+        "latitude_first": first[0],
+        "longitude_first": first[1],
+        "wind_along_grid": bool(section[54] & 0x08),
+        **_scanning(scan),
+        **_steps(shared["ni"], shared["nj"], scan, first, last, unit),
+    }
+    if kind == 0:
+        return Grid("regular_ll", **shared)
+    pole = (signed(section, 72, 4) / scale, signed(section, 76, 4) / scale)
+    return _rotated(shared, pole, ieee_float(section, 80))
+
+
+def _rotated(shared: dict[str, Any], pole: tuple[float, float], turned: float) -> Grid:
+    if turned:
+        raise UnplaceableGridError(
+            f"rotated grid turned by {turned:g} degrees about its own pole "
+            "(programs do not agree on what that means)"
+        )
+    return Grid("rotated_ll", pole_latitude=pole[0], pole_longitude=pole[1], **shared)
+
+
+def _mercator(shared: dict[str, Any], di: float, dj: float, true_latitude: float) -> Grid:
+    if not (di and dj):
+        raise UnplaceableGridError("Mercator grid without grid lengths")
+    e, phi = shared["eccentricity"], math.radians(true_latitude)
+    scale = math.cos(phi) / math.sqrt(1.0 - (e * math.sin(phi)) ** 2)
+    turn = 2.0 * math.pi * shared["radius"] * scale / abs(di)
+    periodic = abs(turn - shared["ni"]) < 0.01
+    return Grid("mercator", di=di, dj=dj, true_latitude=true_latitude, periodic=periodic, **shared)
+
+
+def _lambert(shared: dict[str, Any], latin1: float, latin2: float) -> Grid:
+    if not (shared["di"] and shared["dj"]):
+        raise UnplaceableGridError("Lambert grid without grid lengths")
+    if abs(latin1) >= 90.0 or abs(latin2) >= 90.0 or abs(latin1 + latin2) < 1e-9:
+        raise UnplaceableGridError(f"no Lambert cone with standard parallels {latin1} and {latin2}")
+    return Grid("lambert", latin1=latin1, latin2=latin2, **shared)

@@ -1,0 +1,137 @@
+"""What a GRIB file holds, read from its octets: nothing is decoded.
+
+Lengths and fixed octets of GRIB1 and GRIB2 say where each wind field is,
+which level, time, grid and packing it has. eccodes is asked only for what
+is unusual (the length of GRIB1 messages above 8 MB).
+
+Assumptions and validity
+------------------------
+* u and v are known by parameter, never by file name: GRIB1 parameters 33/34
+  of the international tables (1-3) and of NCEP's tables 130 and 131, 131/132
+  of ECMWF's table 128; GRIB2 0/2/2 and 0/2/3.
+* Levels: isobaric (GRIB1 100, GRIB2 100) and native hybrid (109; 105, 118), the
+  latter with pressure as a third field (GRIB1 1 or 54; GRIB2 0/3/0).
+* Instantaneous fields only: averages, accumulations and differences are no
+  wind at a time and are named as skipped.
+* Winds at other levels (10 m, tropopause ...) are not profiles: they are
+  counted, not used.
+* Offsets in bytes, times in ns since 1970, leads in s, pressure in Pa.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+
+from airswing.reference.grib.edition1 import scan_grib1
+from airswing.reference.grib.edition2 import scan_grib2
+from airswing.reference.grib.fields import FileContents, GarbageError, Window
+from airswing.reference.grib.octets import unsigned
+
+
+def scan_file(path: str) -> FileContents:
+    """List the wind fields of a file.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    FileContents
+
+    Raises
+    ------
+    OSError
+        Where the file cannot be opened or read.
+    """
+    contents = FileContents()
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        window = Window(descriptor)
+        for start, edition, length in _messages(window, path, contents.skipped):
+            contents.messages += 1
+            try:
+                if edition == 1:
+                    contents.parts += 1
+                    scan_grib1(window, start, length, contents)
+                else:
+                    scan_grib2(window, start, length, contents)
+            except (GarbageError, IndexError):
+                contents.skipped["message", "garbage: section lengths do not add up"] += 1
+    finally:
+        os.close(descriptor)
+    if contents.messages == 0:
+        contents.skipped["file", "no whole GRIB message"] += 1
+    return contents
+
+
+def _messages(
+    window: Window, path: str, skipped: Counter[tuple[str, str]]
+) -> Iterator[tuple[int, int, int]]:
+    """Offset, edition and length of each whole message, over any garbage between."""
+    at = 0
+    while at < window.size:
+        head = window.get(at, 16)
+        if head[:4] != b"GRIB":
+            at = _next_mark(window, at)
+            if at < 0:
+                return
+            continue
+        try:
+            edition, length = _length(window, path, at, head)
+        except GarbageError as reason:
+            skipped["message", str(reason)] += 1
+            at += 4
+            continue
+        yield at, edition, length
+        at += length
+
+
+def _next_mark(window: Window, at: int) -> int:
+    block = 1 << 16
+    while at < window.size:
+        data = os.pread(window.descriptor, block + 3, at)
+        found = data.find(b"GRIB")
+        if found >= 0:
+            return at + found
+        at += block
+    return -1
+
+
+def _length(window: Window, path: str, at: int, head: bytes) -> tuple[int, int]:
+    if len(head) < 16:
+        raise GarbageError("truncated message")
+    edition = head[7]
+    if edition == 1:
+        length = unsigned(head, 4, 3)
+        if length & 0x800000:
+            length = _length_by_eccodes(path, at)
+    elif edition == 2:
+        length = unsigned(head, 8, 8)
+    else:
+        raise GarbageError(f"garbage: GRIB edition {edition}")
+    if at + length > window.size:
+        raise GarbageError("truncated message")
+    if length < 16 or os.pread(window.descriptor, 4, at + length - 4) != b"7777":
+        raise GarbageError("garbage: no 7777 at the message's end")
+    return edition, length
+
+
+def _length_by_eccodes(path: str, at: int) -> int:
+    """Length of a GRIB1 message above 8 MB, which counts in units of 120 octets."""
+    import eccodes
+
+    with open(path, "rb") as file:
+        file.seek(at)
+        try:
+            handle = eccodes.codes_grib_new_from_file(file, headers_only=True)
+        except eccodes.CodesInternalError as error:
+            raise GarbageError(f"garbage: {error}") from error
+        if handle is None:
+            raise GarbageError("truncated message")
+        try:
+            return int(eccodes.codes_get(handle, "totalLength"))
+        finally:
+            eccodes.codes_release(handle)

@@ -1,0 +1,1 @@
+"""The page of a gap diagnosis: words, where, which, how far."""

@@ -1,0 +1,154 @@
+"""The parts a page is made of: sections, tables, folded details, and the whole document.
+
+Assumes figures and tables made elsewhere.  The result is one HTML text with its styles and
+images inside: nothing is fetched, and all of it reads without scripts (one line of script only
+unfolds the details for printing).  Every text is escaped by the templates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+
+@dataclass(frozen=True)
+class Section:
+    """A titled stretch of a page: a lead sentence and parts (figures, tables, paragraphs)."""
+
+    anchor: str
+    title: str
+    lead: str = ""
+    parts: list[Markup] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A table's column; kind is "" for numbers, "words" or "long" for text."""
+
+    title: str
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A table's row; a row in doubt is set in grey italics."""
+
+    cells: Sequence[Any]
+    doubt: bool = False
+
+
+@lru_cache(maxsize=1)
+def _environment() -> Environment:
+    found = Environment(
+        loader=PackageLoader("airswing.report.html", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    found.globals["zip"] = zip
+    return found
+
+
+def table(columns: Sequence[Column], rows: Iterable[Row], *, caption: str = "") -> Markup:
+    """Return a table as HTML.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+    rows : iterable of Row
+    caption : str, optional
+        What the table holds, in words.
+
+    Returns
+    -------
+    Markup
+    """
+    text = (
+        _environment()
+        .get_template("table.html")
+        .render(columns=columns, rows=list(rows), caption=caption)
+    )
+    return Markup(text)
+
+
+def paragraph(text: str, *, note: bool = False) -> Markup:
+    """Return a paragraph; a note stands out."""
+    return Markup('<p class="note">{}</p>' if note else "<p>{}</p>").format(text)
+
+
+def heading(text: str) -> Markup:
+    """Return a heading inside a section."""
+    return Markup("<h3>{}</h3>").format(text)
+
+
+def listing(items: Iterable[Any]) -> Markup:
+    """Return a bulleted list."""
+    inside = Markup("").join(Markup("<li>{}</li>").format(item) for item in items)
+    return Markup('<ul class="plain">{}</ul>').format(inside)
+
+
+def link(address: str, text: str) -> Markup:
+    """Return a link to a file beside the page; anything but a plain address is shown as text."""
+    if ":" in address.split("/")[0] or address.startswith("//"):
+        return Markup("{}").format(text)
+    return Markup('<a href="{}">{}</a>').format(address, text)
+
+
+def folded(summary: str, parts: Iterable[Markup], *, unfolded: bool = False) -> Markup:
+    """Return parts behind a line that opens on a click (and when the page is printed)."""
+    inside = Markup("").join(parts)
+    state = Markup(" open") if unfolded else Markup("")
+    return Markup("<details{}><summary>{}</summary>{}</details>").format(state, summary, inside)
+
+
+def document(
+    *,
+    title: str,
+    kicker: str,
+    headline: str,
+    sections: Sequence[Section],
+    facts: Sequence[tuple[str, str]] = (),
+    warnings: Sequence[str] = (),
+    footer: Sequence[str] = (),
+) -> str:
+    """Return a whole page as HTML.
+
+    Parameters
+    ----------
+    title : str
+        Title of the window.
+    kicker : str
+        The line above the headline: what this is a page about.
+    headline : str
+        The result, in a sentence.
+    sections : sequence of Section
+    facts : sequence of (number, words), optional
+        The few numbers that matter most.
+    warnings : sequence of str, optional
+        What a reader must know before trusting the headline.
+    footer : sequence of str, optional
+        Version, time, inputs.
+
+    Returns
+    -------
+    str
+    """
+    return (
+        _environment()
+        .get_template("page.html")
+        .render(
+            title=title,
+            kicker=kicker,
+            headline=headline,
+            sections=sections,
+            facts=facts,
+            warnings=warnings,
+            footer=footer,
+        )
+    )

@@ -1,0 +1,373 @@
+"""The page of a run: the result first, then what shows it.
+
+Assumes the products of FORMATS.md section 5 with reports in the same order in HEADINGS and
+CORRECTED.  Writes one self-contained HTML file; large fleets keep it usable: small multiples
+stand twelve to a figure, larger figures are made for the aircraft with the largest deviation,
+everyone is in the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from markupsafe import Markup
+
+import airswing
+from airswing.products.ragged import time_span
+from airswing.report.html import maps
+from airswing.report.html.document import (
+    Column,
+    Row,
+    Section,
+    document,
+    folded,
+    heading,
+    link,
+    listing,
+    paragraph,
+    table,
+)
+from airswing.report.html.embed import embedded, write_whole
+from airswing.report.html.style import plural
+from airswing.report.run import compass_figures as compass
+from airswing.report.run import overview
+from airswing.report.run.evaluation_sections import (
+    field_test_section,
+    profiles_section,
+    sensitivity_section,
+)
+from airswing.report.run.page_numbers import (
+    correction_rows,
+    fleet_disagreement,
+    harmonic_amplitude,
+    headline,
+    kept_reports,
+    screening_audit,
+)
+from airswing.report.run.reading_warnings import model_reasons, reading_warnings, tally
+from airswing.report.run.selection import adds_error, headline_reference, one_fit
+from airswing.report.run.stability_sections import ranking_section, stability_section
+
+SMALL_PER_FIGURE = 12
+LARGE_FIGURES = 40
+SVG_UP_TO = 16
+"""Aircraft up to which the large figures are drawings; beyond, images."""
+FILES_NAMED = 20
+"""Report files left out that are named one by one; the product names all."""
+
+
+def write_page(
+    directory: Path | str,
+    *,
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    corrected: xr.Dataset | None = None,
+    audit: Mapping[str, Any] | xr.Dataset | None = None,
+    summary: Mapping[str, Any] | None = None,
+    field_test: Mapping[str, Any] | None = None,
+    sensitivity: Mapping[str, Any] | None = None,
+    profiles: xr.Dataset | None = None,
+    stability: Mapping[str, Any] | None = None,
+    ranking: Sequence[Mapping[str, Any]] | None = None,
+    virtual: Mapping[str, Any] | None = None,
+) -> Path:
+    """Write the page of a run, ``index.html``, into its folder.
+
+    Parameters
+    ----------
+    directory : Path
+        Folder of the page, ``report`` in the run's output folder; products found beside it are
+        linked.
+    headings, fits, corrected : Dataset
+        Products of FORMATS.md section 5.
+    audit : mapping or Dataset, optional
+        What screening removed by rule; counted from ``headings["screening"]`` where absent.
+    summary : mapping, optional
+        ``reference``: the fit the page leads with; ``links``: more (label, address relative to
+        the page); ``warnings``: list of str; other plain values are listed under "This run".
+    field_test, sensitivity : mapping, optional
+        Contents of ``field_test.json`` and ``sensitivity.json``.
+    profiles : Dataset, optional
+        ``error_profiles.nc``.
+    stability, virtual : mapping, optional
+        Contents of ``stability.json`` and ``virtual_field_test.json``.
+    ranking : sequence of mapping, optional
+        Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    InputError
+        If the page cannot be written.
+    """
+    summary = dict(summary or {})
+    reference = _lead_reference(fits, headings, summary)
+    summary["links"] = [*product_links(Path(directory)), *summary.get("links", [])]
+    sections = [
+        _corrections_section(fits, reference, summary),
+        _curves_section(headings, fits, reference),
+        _fleet_section(headings, fits, corrected, reference),
+        ranking_section(ranking, virtual),
+        stability_section(stability),
+        field_test_section(field_test),
+        sensitivity_section(sensitivity),
+        profiles_section(profiles, reference),
+        _places_section(headings),
+        _audit_section(headings),
+        _run_section(summary, headings),
+    ]
+    text = document(
+        title="airswing: compass deviation of the fleet",
+        kicker=f"Compass deviation from wind reports  ·  {_period(headings)}",
+        headline=headline(headings, fits, corrected, reference),
+        facts=_facts(headings, fits, corrected, reference),
+        warnings=[str(line) for line in summary.get("warnings", [])],
+        sections=[section for section in sections if section.parts],
+        footer=[
+            f"airswing {airswing.__version__}. Map outline: Natural Earth and US Census "
+            "Bureau, public domain. Intervals are 95 %, with flights as the independent "
+            "units, unless said otherwise."
+        ],
+    )
+    return write_whole(Path(directory) / "index.html", text)
+
+
+PRODUCTS = {
+    "tables.csv": "8-point tables of the fleet (CSV)",
+    "swing_cards": "swing cards, one page an aircraft",
+    "fits.nc": "fits with covariances (NetCDF)",
+    "corrected.nc": "corrected reports (NetCDF)",
+    "headings.nc": "headings and heading errors of every report (NetCDF)",
+    "ranking.csv": "whom to correct first (CSV)",
+    "stability.json": "fits by calendar window and changes of the compass (JSON)",
+    "virtual_field_test.json": "virtual field test (JSON)",
+    "field_test.json": "field test (JSON)",
+    "sensitivity.json": "sensitivity to the reference (JSON)",
+    "error_profiles.nc": "error profiles (NetCDF)",
+    "gap/index.html": "the sim-to-real gap (page)",
+}
+
+
+def product_links(directory: Path) -> list[tuple[str, str]]:
+    """Return (label, address) of the products that stand beside the page's folder."""
+    beside = directory.parent
+    return [(label, f"../{name}") for name, label in PRODUCTS.items() if (beside / name).exists()]
+
+
+def _lead_reference(fits: xr.Dataset, headings: xr.Dataset, summary: Mapping[str, Any]) -> str:
+    asked = str(summary.get("reference", ""))
+    known = [str(name) for name in fits["reference"].to_numpy()]
+    return asked if asked in known else headline_reference(fits, headings)
+
+
+def _period(headings: xr.Dataset) -> str:
+    if not headings.sizes["report"]:
+        return "no reports"
+    first, last = time_span(headings)
+    return f"{np.datetime_as_string(first, 'D')} to {np.datetime_as_string(last, 'D')}"
+
+
+def _facts(
+    headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
+) -> list[tuple[str, str]]:
+    amplitude = harmonic_amplitude(fits, reference)
+    kept = kept_reports(headings)
+    facts = [
+        (f"{amplitude.size} of {fits.sizes['aircraft']}", "aircraft with a fit to be trusted"),
+        (f"{np.median(amplitude):.1f}°" if amplitude.size else "-", "median amplitude"),
+    ]
+    if corrected is not None:
+        total = fleet_disagreement(headings, corrected, fits, reference)
+        if total.number:
+            facts.append(
+                (
+                    f"{total.before:.1f} → {total.after:.1f} kt",
+                    f"wind disagreement with {reference}, before and after",
+                )
+            )
+    facts.append((f"{kept:,}", f"reports used of {headings.sizes['report']:,}"))
+    return facts
+
+
+def _corrections_section(fits: xr.Dataset, reference: str, summary: Mapping[str, Any]) -> Section:
+    nodes = [f"{node:.0f}°" for node in fits["table_heading"].to_numpy()]
+    columns = [
+        Column("aircraft", "words"),
+        *[Column(node) for node in nodes],
+        Column("resi\u00addual"),
+        Column("offset"),
+        Column("amplitude"),
+        Column("phase"),
+        Column("reports"),
+        Column("status", "words"),
+    ]
+    rows = [
+        Row(
+            [
+                row["aircraft"],
+                *row["table"],
+                row["residual"],
+                row["offset"],
+                row["amplitude"],
+                row["phase"],
+                f"{row['reports']:,}",
+                row["status"],
+            ],
+            doubt=not row["good"],
+        )
+        for row in correction_rows(fits, reference)
+    ]
+    meaning = (
+        "the heading error itself, degrees to subtract from the indicated heading"
+        if adds_error(fits)
+        else "degrees to add to the indicated heading"
+    )
+    caption = (
+        f"Eight-point corrections by indicated magnetic heading ({meaning}), fitted against "
+        f"{reference}; residual: rms degrees that eight points and rounding cost; offset, "
+        "amplitude and phase in degrees with 95 % intervals. Grey italics: not to be trusted "
+        f"(n = {plural(len(rows), 'aircraft', 'aircraft')})."
+    )
+    parts = [table(columns, rows, caption=caption)]
+    links = [link(str(address), str(label)) for label, address in summary.get("links", [])]
+    if links:
+        parts.append(listing(links))
+    return Section("corrections", "Corrections", "What to load into each unit.", parts)
+
+
+def _curves_section(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> Section:
+    order = overview.by_amplitude(fits, reference)
+    pages = [order[i : i + SMALL_PER_FIGURE] for i in range(0, len(order), SMALL_PER_FIGURE)]
+    parts: list[Markup] = []
+    for index, names in enumerate(pages):
+        shown = embedded(
+            compass.small_multiples_figure(headings, fits, names, reference), raster=True, dpi=140
+        )
+        title = f"{names[0]} to {names[-1]}, by amplitude ({len(names)} aircraft)"
+        parts.append(shown if index == 0 else folded(title, [shown], unfolded=index == 1))
+    large = order[:LARGE_FIGURES]
+    parts.append(heading("Each aircraft, larger"))
+    if len(large) < len(order):
+        parts.append(
+            paragraph(
+                f"The {len(large)} aircraft with the largest amplitude; the other "
+                f"{len(order) - len(large)} are in the figures above and in the table."
+            )
+        )
+    raster = len(large) > SVG_UP_TO
+    for index, name in enumerate(large):
+        figure = compass.heading_error_figure(headings, fits, name, reference)
+        words = compass.fit_words(one_fit(fits, name, reference))
+        shown = embedded(figure, raster=raster, dpi=110 if raster else 150)
+        parts.append(folded(f"{name}: {words}", [shown], unfolded=index == 0))
+    lead = (
+        "Heading error is the indicated heading minus the heading that the reference wind "
+        "implies; a compass without deviation would lie along zero."
+    )
+    return Section("curves", "Heading error against heading", lead, parts)
+
+
+def _fleet_section(
+    headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
+) -> Section:
+    order = overview.by_amplitude(fits, reference)
+    size = overview.PAGE_OF_AIRCRAFT
+    pages = [order[i : i + size] for i in range(0, len(order), size)]
+    parts: list[Markup] = []
+    for index, names in enumerate(pages):
+        shown = [embedded(overview.fleet_figure(fits, names))]
+        if corrected is not None:
+            shown.append(
+                embedded(overview.disagreement_figure(headings, corrected, fits, reference, names))
+            )
+        title = f"{names[0]} to {names[-1]}, by amplitude ({len(names)} aircraft)"
+        parts += shown if index == 0 else [folded(title, shown)]
+    parts.append(heading("Headings flown"))
+    roses = [order[i : i + size] for i in range(0, len(order), size)]
+    parts += [
+        shown if index == 0 else folded(f"{names[0]} to {names[-1]}", [shown])
+        for index, names in enumerate(roses)
+        for shown in [embedded(compass.coverage_figure(headings, names), raster=True, dpi=140)]
+    ]
+    return Section("fleet", "The fleet", "", parts)
+
+
+def _places_section(headings: xr.Dataset) -> Section:
+    parts = [
+        embedded(maps.reports_figure(headings)),
+        embedded(maps.phase_maps_figure(headings), raster=True, dpi=130),
+        embedded(maps.level_maps_figure(headings), raster=True, dpi=130),
+    ]
+    return Section("places", "Where the reports are", "", parts)
+
+
+def _audit_section(headings: xr.Dataset) -> Section:
+    rules = screening_audit(headings)
+    total = max(headings.sizes["report"], 1)
+    rows = [
+        Row(
+            [
+                rule.name.replace("_", " "),
+                f"{rule.together:,}",
+                f"{rule.alone:,}",
+                f"{100 * rule.together / total:.1f} %",
+            ]
+        )
+        for rule in rules
+    ]
+    columns = [
+        Column("rule", "words"),
+        Column("reports marked"),
+        Column("by this rule alone"),
+        Column("share of all"),
+    ]
+    counts = table(columns, rows, caption=f"Screening by rule (n = {total:,} reports).")
+    parts = [embedded(overview.audit_figure(headings)), folded("The counts", [counts])]
+    if lines := _on_the_way_in(headings):
+        parts.append(folded("Files and messages", [listing(lines)], unfolded=True))
+    return Section("audit", "What was left out", "", parts)
+
+
+def _on_the_way_in(headings: xr.Dataset) -> list[str]:
+    """What did not come in of reports and models, a line each."""
+    reading = tally(headings, "reading_audit")
+    others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:FILES_NAMED]
+    return [
+        *reading_warnings(reading),
+        *(f"also left out: {reason}" for reason in others),
+        *(
+            f"{name}: {line}"
+            for name, entry in tally(headings, "reference_audit").items()
+            for line in [*model_reasons(entry.get("skipped", [])), *entry.get("notes", [])]
+        ),
+    ]
+
+
+def _run_section(summary: Mapping[str, Any], headings: xr.Dataset) -> Section:
+    named = {
+        "airswing_version": "version",
+        "source": "read from",
+        "history": "history",
+        "uuid": "identifier of headings.nc",
+    }
+    entries = {
+        str(name).replace("_", " "): value
+        for name, value in summary.items()
+        if isinstance(value, str | int | float) and not isinstance(value, bool)
+    }
+    entries |= {
+        label: str(headings.attrs[name])
+        for name, label in named.items()
+        if headings.attrs.get(name)
+    }
+    rows = [Row([name, value]) for name, value in entries.items()]
+    columns = [Column("what", "words"), Column("value", "long")]
+    return Section("run", "This run", "", [table(columns, rows)] if rows else [])

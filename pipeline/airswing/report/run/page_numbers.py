@@ -1,0 +1,253 @@
+"""The numbers a page states: disagreement before and after, audit, tables, headline.
+
+Assumes SI winds and the Datasets of the stages.  Disagreement is the mean length of the vector
+difference between reported and reference wind (the seed's metric), in knots; its interval
+takes flights as the units (errors inside a flight are correlated).  Only reports that passed
+the screening and were corrected are compared, the same ones before and after.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.evaluation.clustered_mean import cluster_sums, clustered_mean
+from airswing.flags import SCREENING
+from airswing.products.ragged import aircraft_of_report, blocks
+from airswing.report.run.selection import pooled, status_words, tails, used
+
+Floats = NDArray[np.float64]
+KNOT = 1852.0 / 3600.0
+NORMAL_95 = 1.96
+RANGE_FROM = 10
+"""Aircraft from which on nine in ten can be told from all."""
+_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
+          "reference_northward_wind", "screening", "flight")  # fmt: skip
+_MENDED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
+
+
+class BeforeAfter(NamedTuple):
+    """Mean vector disagreement (kt) of each aircraft, and the reduction with its interval."""
+
+    before: Floats
+    after: Floats
+    reduction: Floats
+    half_width: Floats
+    number: NDArray[np.int64]
+    """Reports, (aircraft,)."""
+
+
+def compared(
+    headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Vector disagreement of each report before and after (kt), and which reports count."""
+    wind = [
+        pooled(headings, fits, reference, f"reference_{way}_wind")
+        for way in ("eastward", "northward")
+    ]
+    before = (
+        np.hypot(
+            headings["eastward_wind"].to_numpy() - wind[0],
+            headings["northward_wind"].to_numpy() - wind[1],
+        )
+        / KNOT
+    )
+    after = (
+        np.hypot(
+            corrected["corrected_eastward_wind"].to_numpy() - wind[0],
+            corrected["corrected_northward_wind"].to_numpy() - wind[1],
+        )
+        / KNOT
+    )
+    keep = used(headings) & np.isfinite(before) & np.isfinite(after)
+    if "correction_applied" in corrected:
+        keep &= corrected["correction_applied"].to_numpy() == 0
+    return before, after, keep
+
+
+def _sums(headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str) -> Floats:
+    """Sums behind the disagreement of each aircraft: before, after, gain (3, 6, aircraft)."""
+    mended = [name for name in _MENDED if name in corrected]
+    found = []
+    for block, better in zip(blocks(headings, _WINDS), blocks(corrected, mended), strict=True):
+        before, after, keep = compared(block, better, fits, reference)
+        owner, flight = aircraft_of_report(block)[keep], block["flight"].to_numpy()[keep]
+        found.append(
+            [
+                cluster_sums(values[keep], owner, flight, block.sizes["aircraft"])
+                for values in (before, after, before - after)
+            ]
+        )
+    return np.concatenate([np.array(part) for part in found], axis=-1)
+
+
+def disagreement(
+    headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
+) -> BeforeAfter:
+    """Before and after of each aircraft against one reference or pool.
+
+    Parameters
+    ----------
+    headings, corrected, fits : Dataset
+        Products of FORMATS.md section 5, reports in the same order.
+    reference : str
+        Reference or pool.
+
+    Returns
+    -------
+    BeforeAfter
+        NaN for aircraft that were not corrected.
+    """
+    first, second, change = _sums(headings, corrected, fits, reference)
+    gain, error = clustered_mean(change)
+    number = first[0].astype(np.int64)
+    return BeforeAfter(
+        clustered_mean(first)[0], clustered_mean(second)[0], gain, NORMAL_95 * error, number
+    )
+
+
+class Total(NamedTuple):
+    """Fleet-wide disagreement (kt) before and after, reduction with 95 % interval, reports."""
+
+    before: float
+    after: float
+    reduction: float
+    half_width: float
+    number: int
+
+
+def fleet_disagreement(
+    headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
+) -> Total:
+    """Before and after over all corrected reports against one reference or pool."""
+    first, second, change = _sums(headings, corrected, fits, reference).sum(axis=-1)
+    if not first[0]:
+        return Total(np.nan, np.nan, np.nan, np.nan, 0)
+    gain, error = clustered_mean(change)
+    return Total(
+        float(first[1] / first[0]),
+        float(second[1] / second[0]),
+        float(gain),
+        float(NORMAL_95 * error),
+        int(first[0]),
+    )
+
+
+class Rule(NamedTuple):
+    """Reports one screening rule marks: in all, and those no other rule marks."""
+
+    name: str
+    together: int
+    alone: int
+
+
+def screening_audit(headings: xr.Dataset) -> list[Rule]:
+    """Count what each screening rule removed, the largest first, rules that hit none omitted."""
+    together, alone = np.zeros((2, len(SCREENING)), dtype=np.int64)
+    for block in blocks(headings, ["screening"]):
+        flags = block["screening"].to_numpy()
+        together += [np.count_nonzero(flags & bit) for bit in SCREENING.values()]
+        alone += [np.count_nonzero(flags == bit) for bit in SCREENING.values()]
+    rules = [
+        Rule(name, int(one), int(other))
+        for name, one, other in zip(SCREENING, together, alone, strict=True)
+    ]
+    return sorted((rule for rule in rules if rule.together), key=lambda rule: -rule.together)
+
+
+def kept_reports(headings: xr.Dataset) -> int:
+    """Count the reports that passed every screening rule."""
+    return sum(int(used(block).sum()) for block in blocks(headings, ["screening"]))
+
+
+def harmonic_amplitude(fits: xr.Dataset, reference: str) -> Floats:
+    """Amplitude (degree) of each aircraft whose fit is ok, against one reference."""
+    fit = fits.sel(reference=reference)
+    return np.asarray(fit["amplitude"].to_numpy()[fit["status"].to_numpy() == 0], float)
+
+
+def headline(
+    headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
+) -> str:
+    """Return the page's first sentence: how many were fitted, how large, what it bought."""
+    amplitude = harmonic_amplitude(fits, reference)
+    fleet = fits.sizes["aircraft"]
+    if amplitude.size == 0:
+        return (
+            f"None of {fleet} aircraft could be fitted against {reference}: see below what was "
+            "left out and why."
+        )
+    text = f"{amplitude.size} of {fleet} aircraft fitted against {reference}: " + _typical(
+        amplitude
+    )
+    if corrected is None:
+        return text + "."
+    total = fleet_disagreement(headings, corrected, fits, reference)
+    if total.number == 0:
+        return text + "; no report could be corrected."
+    interval = f" ± {total.half_width:.2f}" if np.isfinite(total.half_width) else ""
+    verb = "falls" if total.reduction > 0 else "rises"
+    return (
+        f"{text}; correcting it, the wind's mean disagreement {verb} from {total.before:.1f} kt "
+        f"to {total.after:.1f} kt (by {abs(total.reduction):.2f}{interval} kt)."
+    )
+
+
+def _typical(amplitude: Floats) -> str:
+    """Size of the deviations, with their range where there are enough for one."""
+    size = f"{np.median(amplitude):.1f}° in amplitude"
+    if amplitude.size == 1:
+        return f"its compass deviation is {size}"
+    low, high, words = amplitude.min(), amplitude.max(), "in all"
+    if amplitude.size >= RANGE_FROM:
+        (low, high), words = np.percentile(amplitude, [5, 95]), "for nine in ten"
+    return f"the typical compass deviation is {size} ({low:.1f}° to {high:.1f}° {words})"
+
+
+def correction_rows(fits: xr.Dataset, reference: str) -> list[dict[str, Any]]:
+    """Return a table row for each aircraft: status, fit in words, 8 corrections, residual."""
+    fit = fits.sel(reference=reference)
+    rows = []
+    for index, name in enumerate(tails(fits)):
+        one = fit.isel(aircraft=index)
+        good = int(one["status"]) == 0
+        table = one["table_correction"].to_numpy().astype(float)
+        rows.append(
+            {
+                "aircraft": name,
+                "status": status_words(one["status"]),
+                "good": good,
+                "reports": int(one["report_count"]),
+                "flights": int(one["flight_count"]),
+                "offset": interval_text(one, "offset"),
+                "amplitude": interval_text(one, "amplitude"),
+                "phase": interval_text(one, "phase", digits=0),
+                "table": [signed_text(value) for value in table],
+                "residual": number_text(one["table_residual_rms"]),
+                "before": number_text(one["residual_rms_before"]),
+                "after": number_text(one["residual_rms_after"]),
+            }
+        )
+    return rows
+
+
+def interval_text(fit: xr.Dataset, name: str, *, digits: int = 2) -> str:
+    """Return ``value ± half width`` of a fit's quantity, or a dash."""
+    value, half = float(fit[name]), NORMAL_95 * float(fit[f"{name}_standard_error"])
+    if not np.isfinite(value):
+        return "-"
+    return f"{value:.{digits}f}" + (f" ± {half:.{digits}f}" if np.isfinite(half) else "")
+
+
+def signed_text(value: float) -> str:
+    """Return a correction with its sign and one decimal, zero as +0.0, or a dash."""
+    return f"{round(value, 1) + 0.0:+.1f}" if np.isfinite(value) else "-"
+
+
+def number_text(value: Any, *, digits: int = 2) -> str:
+    """Return a number with fixed digits, or a dash where there is none."""
+    number = float(value)
+    return f"{number:.{digits}f}" if np.isfinite(number) else "-"

@@ -1,0 +1,115 @@
+"""What did not come in, in words: files and messages left out, identifiers easily mixed up.
+
+Assumes the tallies the readers leave behind: ``reading_audit`` of the reports
+(:class:`airswing.reports.canonical.audit.Audit`) and ``skipped`` of each reference
+(:class:`airswing.reference.grib.catalogue.Catalogue`), as they stand in ``headings.nc``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+GROUPS_SHOWN = 5
+_EXPECTED = "wind"
+"""Kind of message that is no wind on levels: most files hold such, and nobody need be told."""
+
+
+def tally(ds: xr.Dataset, name: str) -> dict[str, Any]:
+    """Read a tally from an attribute.
+
+    Parameters
+    ----------
+    ds : Dataset
+    name : str
+        ``reading_audit`` or ``reference_audit``.
+
+    Returns
+    -------
+    dict
+        Empty where the attribute is absent or broken.
+    """
+    stored = ds.attrs.get(name, {})
+    try:
+        return dict(json.loads(stored) if isinstance(stored, str) else stored)
+    except json.JSONDecodeError:
+        return {}
+
+
+def reading_warnings(audit: Mapping[str, Any]) -> list[str]:
+    """Say what a person should look at among the reports.
+
+    Parameters
+    ----------
+    audit : mapping
+        Of :meth:`airswing.reports.canonical.audit.Audit.as_dict`.
+
+    Returns
+    -------
+    list of str
+        One sentence each; empty where nothing is the matter.
+    """
+    lines = []
+    skipped, groups = audit.get("files_skipped", []), audit.get("similar_tails", [])
+    if skipped:
+        lines.append(
+            f"{len(skipped)} of {len(skipped) + audit.get('files', 0)} report files left out; "
+            f"the first: {skipped[0]['reason']}"
+        )
+    if groups:
+        shown = "; ".join(", ".join(map(repr, group)) for group in groups[:GROUPS_SHOWN])
+        more = len(groups) - GROUPS_SHOWN
+        lines.append(
+            "tails that differ only in case or blanks are taken as different aircraft: "
+            f"{shown}{f'; and {more} more groups' if more > 0 else ''}"
+        )
+    return lines
+
+
+def model_warnings(skipped: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Say which damaged or unusable model files and messages were left out.
+
+    Parameters
+    ----------
+    skipped : sequence of mapping
+        ``{"file", "what", "reason", "count"}``.
+
+    Returns
+    -------
+    list of str
+        One line a reason; what is no wind on levels is not told.
+    """
+    return model_reasons([entry for entry in skipped if entry["what"] != _EXPECTED])
+
+
+def model_reasons(skipped: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Count what was left out of model files by reason.
+
+    Parameters
+    ----------
+    skipped : sequence of mapping
+        ``{"file", "what", "reason", "count"}``.
+
+    Returns
+    -------
+    list of str
+        One line a reason, the most files first.
+    """
+    files: dict[tuple[str, str], list[str]] = defaultdict(list)
+    counts: dict[tuple[str, str], int] = defaultdict(int)
+    for entry in skipped:
+        key = entry["what"], entry["reason"]
+        files[key].append(Path(entry["file"]).name)
+        counts[key] += int(entry["count"])
+    lines = []
+    for key in sorted(files, key=lambda key: -len(files[key])):
+        (what, reason), names = key, files[key]
+        where = names[0] + (f" and {len(names) - 1} more files" if len(names) > 1 else "")
+        number = "" if what == "file" else f"{counts[key]:,} times "
+        lines.append(f"left out: {reason}, {number}in {where}")
+    return lines

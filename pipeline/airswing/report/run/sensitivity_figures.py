@@ -1,0 +1,155 @@
+"""How far the fits depend on the reference, as pictures.
+
+Assumes ``sensitivity.json`` as :func:`airswing.evaluation.reference_comparison.sensitivity.compare`
+returns it: differences of coefficients in degrees (first reference minus second) with standard
+errors clustered by day.  Bars are 1.96 standard errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from airswing.report.html.style import (
+    BLUE,
+    INK,
+    SOFT,
+    VERMILION,
+    blank,
+    new_figure,
+    plural,
+    styled,
+)
+
+NORMAL_95 = 1.96
+COEFFICIENTS = ("A", "B", "C", "D", "E")
+MOST_AIRCRAFT = 40
+
+
+def pair_name(pair: Mapping[str, Any]) -> str:
+    """Return ``ruc - rtfdaa`` for a pair, the order in which differences are taken."""
+    return " - ".join(str(name) for name in pair["references"])
+
+
+def verdict_word(pair: Mapping[str, Any]) -> str:
+    """Return whether a pair may be pooled, in a word or two."""
+    if pair.get("poolable") is None:
+        return "cannot tell"
+    return "poolable" if pair["poolable"] else "not poolable"
+
+
+def _verdict_colour(pair: Mapping[str, Any]) -> str:
+    if pair.get("poolable") is None:
+        return SOFT
+    return BLUE if pair["poolable"] else VERMILION
+
+
+@styled
+def pair_differences_figure(pairs: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw the fleet's common difference of each coefficient for every pair of references.
+
+    Parameters
+    ----------
+    pairs : sequence of mappings
+        ``pairs`` of ``sensitivity.json`` (or a slice of it): ``references``, ``fleet`` with
+        ``difference`` and ``standard_error`` (degree), ``poolable``.
+
+    Returns
+    -------
+    CaptionedFigure
+    """
+    shown = [pair for pair in pairs if pair["fleet"].get("difference")]
+    if not shown:
+        figure = new_figure(1.2)
+        blank(figure.add_subplot(), "No pair has enough reports to compare.")
+        return figure.say("No pair has enough reports to compare (n = 0).")
+    figure = new_figure(1.3 + 0.4 * len(shown))
+    panels = figure.subplots(1, len(COEFFICIENTS), sharey=True, sharex=True)
+    for axes, name in zip(panels, COEFFICIENTS, strict=True):
+        for row, pair in enumerate(shown):
+            value = float(pair["fleet"]["difference"][name])
+            half = NORMAL_95 * float(pair["fleet"]["standard_error"][name])
+            colour = _verdict_colour(pair)
+            axes.errorbar(value, row, xerr=half, fmt="o", color=colour, markersize=5, linewidth=1.4)
+        axes.axvline(0.0, color=INK, linewidth=0.8)
+        axes.set_title(name)
+        axes.set_xlabel("degree")
+        axes.grid(axis="y", visible=False)
+        axes.tick_params(axis="y", length=0)
+    names = [f"{_slice(pair)}{pair_name(pair)}\n{verdict_word(pair)}" for pair in shown]
+    panels[0].set_yticks(range(len(shown)), names, fontsize=8.5)
+    for label, pair in zip(panels[0].get_yticklabels(), shown, strict=True):
+        label.set_color(_verdict_colour(pair))
+    panels[0].set_ylim(len(shown) - 0.5, -0.5)
+    reports = max(int(pair.get("reports", 0)) for pair in shown)
+    aircraft = max(int(pair["fleet"].get("aircraft", 0)) for pair in shown)
+    return figure.say(
+        "Common difference of the fleet's deviation coefficients between references fitted on the "
+        f"same reports, 95 % intervals (n = {plural(reports, 'report')}, "
+        f"{plural(aircraft, 'aircraft', 'aircraft')}). Blue: poolable, orange: not."
+    )
+
+
+def _slice(pair: Mapping[str, Any]) -> str:
+    return f"{pair['slice']}: " if pair.get("slice") else ""
+
+
+@styled
+def aircraft_differences_figure(pair: Mapping[str, Any]) -> Figure:
+    """Draw the difference of offset and amplitude of each aircraft for one pair of references.
+
+    Parameters
+    ----------
+    pair : mapping
+        One of ``pairs`` of ``sensitivity.json``: ``aircraft`` with ``offset`` and
+        ``amplitude``, each a ``difference`` and its ``ci`` (degree).
+
+    Returns
+    -------
+    CaptionedFigure
+    """
+    known = [entry for entry in pair.get("aircraft", []) if entry.get("amplitude")]
+    rows = sorted(known, key=lambda entry: -abs(_number(entry["amplitude"]["difference"])))
+    rows = rows[:MOST_AIRCRAFT]
+    if not rows:
+        figure = new_figure(1.2)
+        blank(figure.add_subplot(), "No aircraft has enough reports against both.")
+        return figure.say("No aircraft has enough reports against both (n = 0).")
+    figure = new_figure(1.2 + max(0.2 * len(rows), 0.8))
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, quantity in zip(panels, ("amplitude", "offset"), strict=True):
+        _differences(axes, rows, quantity)
+    panels[0].set_yticks(range(len(rows)), [str(e["aircraft"]) for e in rows], fontsize=8)
+    panels[0].set_ylim(len(rows) - 0.4, -0.6)
+    more = f" of {len(known)}, those that differ most" if len(known) > len(rows) else ""
+    return figure.say(
+        f"{pair_name(pair)}: difference of each aircraft's amplitude and offset, 95 % intervals "
+        f"that honour the shared reports (n = {plural(len(rows), 'aircraft', 'aircraft')}{more}). "
+        "Orange: the interval leaves out zero."
+    )
+
+
+def _number(value: float | None) -> float:
+    """A number that JSON may have made null."""
+    return float("nan") if value is None else float(value)
+
+
+def _differences(axes: Axes, rows: Sequence[Mapping[str, Any]], quantity: str) -> None:
+    for row, entry in enumerate(rows):
+        value = _number(entry[quantity]["difference"])
+        low, high = (_number(bound) for bound in entry[quantity]["ci"])
+        colour = SOFT if low <= 0 <= high else VERMILION
+        axes.plot([low, high], [row, row], color=colour, linewidth=1.3)
+        axes.plot(value, row, "o", color=colour, markersize=4)
+    axes.axvline(0.0, color=INK, linewidth=0.8)
+    axes.set_title(quantity.capitalize())
+    axes.set_xlabel("difference (degree)")
+    axes.tick_params(axis="y", length=0)
+    finite = [b for e in rows for b in map(_number, e[quantity]["ci"]) if np.isfinite(b)]
+    if finite:
+        reach = 1.1 * float(np.percentile(np.abs(finite), 97)) or 1.0
+        axes.set_xlim(-reach, reach)

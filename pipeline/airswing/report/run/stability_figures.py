@@ -1,0 +1,202 @@
+"""Whether the compasses stayed as they were, and whom to correct, as pictures.
+
+Assumes ``stability.json``, the ranking and ``virtual_field_test.json`` as
+:mod:`airswing.evaluation` makes them. Angles in degrees, gains in knots of mean wind vector
+disagreement; intervals are 95 %.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.figure import Figure
+
+from airswing.report.html.style import (
+    BLUE,
+    FAINT,
+    INK,
+    ORANGE,
+    SOFT,
+    VERMILION,
+    blank,
+    new_figure,
+    plural,
+    styled,
+)
+
+NORMAL_95 = 1.96
+MOST_ROWS = 10
+MOST_BARS = 40
+PARTS = (("offset", "offset (degree)", BLUE), ("amplitude", "amplitude (degree)", ORANGE))
+
+
+@styled
+def stability_figure(stability: Mapping[str, Any], aircraft: Sequence[str] | None = None) -> Figure:
+    """Draw each aircraft's offset and amplitude window by window, with the dates of changes.
+
+    Parameters
+    ----------
+    stability : mapping
+        Content of ``stability.json``.
+    aircraft : sequence of str, optional
+        Which to draw; by default those that changed first, ten at most.
+
+    Returns
+    -------
+    CaptionedFigure
+    """
+    changes = {entry["aircraft"]: entry["changes"] for entry in stability["changes"]}
+    windows = [entry for entry in stability["windows"] if entry["status"] == "ok"]
+    fitted = {entry["aircraft"] for entry in windows}
+    if aircraft is None:
+        order = sorted(changes, key=lambda name: (not changes[name], name not in fitted, name))
+        aircraft = [name for name in order if changes[name] or name in fitted][:MOST_ROWS]
+    if not aircraft:
+        figure = new_figure(1.2)
+        blank(figure.add_subplot(), "No window has enough reports for a fit.")
+        return figure.say("No window has enough reports for a fit (n = 0).")
+    figure = new_figure(0.9 + 1.05 * len(aircraft))
+    grid = figure.subplots(len(aircraft), 2, squeeze=False, sharex=True, sharey="col")
+    step = np.timedelta64(1 if stability["window"] == "month" else 3, "M")
+    for row, name in enumerate(aircraft):
+        own = [entry for entry in windows if entry["aircraft"] == name]
+        for axes, (key, label, colour) in zip(grid[row], PARTS, strict=True):
+            _windows(axes, own, key, colour, step)
+            _dates(axes, changes.get(name, []))
+            if row == 0:
+                axes.set_title(label)
+        grid[row, 0].set_ylabel(name)
+    for axes in grid[-1]:
+        locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
+        axes.xaxis.set_major_locator(locator)
+        form = ConciseDateFormatter(locator)  # type: ignore[no-untyped-call]
+        axes.xaxis.set_major_formatter(form)
+    number = sum(len(changes.get(name, [])) for name in aircraft)
+    return figure.say(
+        f"Fits by {stability['window']} with 95 % intervals, each from its own reports only, of "
+        f"{plural(len(aircraft), 'aircraft', 'aircraft')}; red: dates at which a compass changed "
+        f"({number} found), the band their 95 % interval."
+    )
+
+
+def _windows(
+    axes: Axes, own: Sequence[Mapping[str, Any]], key: str, colour: str, step: np.timedelta64
+) -> None:
+    for entry in own:
+        first = np.datetime64(entry["window"], "M")
+        begin, end = first.astype("datetime64[D]"), (first + step).astype("datetime64[D]")
+        middle = begin + (end - begin) // 2
+        axes.plot([begin, end], [entry[key]] * 2, color=colour, linewidth=1.4)
+        half = NORMAL_95 * entry[f"{key}_standard_error"]
+        axes.errorbar([middle], [entry[key]], yerr=[half], fmt="o", color=colour, markersize=4)
+
+
+def _dates(axes: Axes, changes: Sequence[Mapping[str, Any]]) -> None:
+    axes.xaxis_date()
+    for change in changes:
+        low, high = (np.datetime64(day, "D") for day in change["date_ci"])
+        end = high + np.timedelta64(1, "D")
+        axes.axvspan(_place(low), _place(end), color=VERMILION, alpha=0.18, linewidth=0)
+        axes.axvline(_place(np.datetime64(change["date"], "D")), color=VERMILION, linewidth=1.4)
+
+
+def _place(day: np.datetime64) -> float:
+    """Place of a day on an axis of dates: days since 1970."""
+    return float(day.astype("datetime64[D]").astype(np.int64))
+
+
+@styled
+def ranking_figure(ranking: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw what correcting each aircraft is expected to gain.
+
+    Parameters
+    ----------
+    ranking : sequence of mapping
+        Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
+
+    Returns
+    -------
+    CaptionedFigure
+    """
+    known = [entry for entry in ranking if entry["expected_gain_kt"] is not None]
+    shown = known[:MOST_BARS]
+    figure = new_figure(1.1 + 0.26 * max(len(shown), 2))
+    axes = figure.add_subplot()
+    if not shown:
+        blank(axes, "No aircraft has a fit to be trusted.")
+        return figure.say("No aircraft has a fit to be trusted (n = 0).")
+    for row, entry in enumerate(shown):
+        low, high = entry["expected_gain_ci_kt"]
+        axes.plot([low, high], [row, row], color=BLUE, linewidth=1.6, solid_capstyle="butt")
+        axes.plot(entry["expected_gain_kt"], row, "o", color=BLUE, markersize=5.5)
+    axes.axvline(0.0, color=INK, linewidth=0.8)
+    axes.set_yticks(range(len(shown)), [entry["aircraft"] for entry in shown])
+    axes.set_ylim(len(shown) - 0.5, -0.5)
+    axes.set_xlabel("expected gain of a correction (kt of mean vector disagreement)")
+    left_out = len(ranking) - len(known)
+    return figure.say(
+        "What correcting each aircraft is expected to gain, from the fit alone, with 95 % "
+        f"intervals (n = {plural(len(shown), 'aircraft', 'aircraft')}"
+        + (f"; {left_out} without a fit to be trusted" if left_out else "")
+        + ")."
+    )
+
+
+@styled
+def prediction_figure(virtual: Mapping[str, Any]) -> Figure:
+    """Draw predicted against realised gain of each aircraft: later reports, held-out flights.
+
+    Parameters
+    ----------
+    virtual : mapping
+        Content of ``virtual_field_test.json``: ``later`` and ``held_out``.
+
+    Returns
+    -------
+    CaptionedFigure
+    """
+    figure = new_figure(3.8)
+    titles = {"later": "Learned before, applied after", "held_out": "Flights held out of the fit"}
+    total = 0
+    for axes, (key, title) in zip(figure.subplots(1, 2), titles.items(), strict=True):
+        axes.set_title(title)
+        rows = virtual.get(key, {}).get("by_aircraft", [])
+        total += len(rows)
+        if rows:
+            _against(axes, rows)
+        else:
+            blank(axes, "Too few reports.")
+    return figure.say(
+        "Gain expected from the fit alone and gain realised on reports the fit never saw, each "
+        "aircraft, with 95 % intervals; on the line they are equal, red: they differ by more than "
+        f"the interval of their difference (n = {plural(total, 'point')})."
+    )
+
+
+def _against(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
+    for row in rows:
+        x, y = row["predicted_gain_kt"], row["realised_gain_kt"]
+        axes.plot(row["predicted_gain_ci_kt"], [y, y], color=FAINT, linewidth=1.4)
+        axes.plot([x, x], row["realised_gain_ci_kt"], color=FAINT, linewidth=1.4)
+        axes.plot(x, y, "o", color=VERMILION if row["agree"] is False else BLUE, markersize=5.5)
+        if len(rows) <= 12:
+            axes.annotate(
+                row["aircraft"],
+                (x, y),
+                xytext=(5, -9),
+                textcoords="offset points",
+                fontsize=8,
+                color=SOFT,
+            )
+    values = [row[key] for row in rows for key in ("predicted_gain_kt", "realised_gain_kt")]
+    low, high = min(0.0, *values) - 0.3, max(values) + 0.5
+    axes.plot([low, high], [low, high], color=SOFT, linewidth=1.0, zorder=1)
+    axes.set_xlim(low, high)
+    axes.set_ylim(low, high)
+    axes.set_aspect("equal")
+    axes.set_xlabel("predicted gain (kt)")
+    axes.set_ylabel("realised gain (kt)")

@@ -1,0 +1,282 @@
+"""AMDAR, ACARS and AIREP BUFR (WMO FM 94) to raw pieces, through pdbufr.
+
+Assumptions
+-----------
+``flightLevel``, ``indicatedAircraftAltitude`` and ``height`` (007010, 010070, 007002) are
+pressure altitudes in m, as AMDAR reports them; where only ``pressure`` is given it is used. The
+aircraft is the tail number (001110) if given, else the registration (001008), else the flight
+number (001006), which is where European AMDAR puts its aircraft identifier. Times are as coarse as
+coded: older templates have whole minutes.
+
+A message whose table version is not at hand is decoded with a current one; one that still cannot
+be decoded is counted as dropped (``undecodable_message``), and the rest of the file is read.
+
+References
+----------
+WMO Manual on Codes, Volume I.2: code tables 0 08 004, 0 08 009, 0 02 064.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.flags import ICING, PHASE, ROLL
+from airswing.reports.canonical.audit import Audit
+from airswing.reports.formats.tabular import Mapped
+
+_TIME = ("year", "month", "day", "hour", "minute", "second")
+_TAILS = (
+    "aircraftTailNumber",
+    "aircraftRegistrationNumberOrOtherIdentification",
+    "aircraftFlightNumber",
+)
+_ALTITUDES = ("flightLevel", "indicatedAircraftAltitude", "height")
+_NUMBERS = {
+    "latitude": "latitude",
+    "longitude": "longitude",
+    "pressure": "pressure",
+    "windDirection": "wind_direction",
+    "windSpeed": "wind_speed",
+    "airTemperature": "air_temperature",
+    "aircraftTrueAirspeed": "reported_airspeed",
+    "aircraftTrueHeading": "reported_heading",
+}
+_PHASES = ("phaseOfAircraftFlight", "detailedPhaseOfFlight")
+_ROLLS = ("aircraftRollAngleQuality", "aircraftRollAngle")
+_ICINGS = ("airframeIcingPresent", "airframeIcing")
+_MEASURED = (*_ALTITUDES, "pressure", "windDirection", "windSpeed", "airTemperature")
+COLUMNS = (*_TIME, *_TAILS, *_ALTITUDES, *_NUMBERS, *_PHASES, *_ROLLS, *_ICINGS)
+"""eccodes keys asked for."""
+
+PHASE_008004 = {3: PHASE["cruise"], 4: PHASE["cruise"], 5: PHASE["ascent"], 6: PHASE["descent"]}
+"""Phase of aircraft flight: 2 unsteady, 3 and 4 level, 5 ascending, 6 descending, 7 missing."""
+PHASE_008009 = {
+    **dict.fromkeys((0, 1, 3, 4), PHASE["cruise"]),
+    **dict.fromkeys((5, 7, 9, 11, 13), PHASE["ascent"]),
+    **dict.fromkeys((6, 8, 10, 12, 14), PHASE["descent"]),
+}
+"""Detailed phase of flight: 0 and 1 level but unsteady, 2 unsteady, then as above by interval."""
+UNSTEADY = {"phaseOfAircraftFlight": (2,), "detailedPhaseOfFlight": (0, 1, 2)}
+"""Codes that mean a roll angle of 5 degrees or more."""
+_LARGEST_ROLL = 5.0  # degrees: AMDAR's limit of a good roll angle
+_OLDEST_TABLES = 6  # master table versions below are not shipped with eccodes
+_CURRENT_TABLES = 33  # master table version, of 2019, that holds every older descriptor
+_MESSAGES_PER_PIECE = 20_000
+
+
+def bufr_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Read one BUFR file.
+
+    Parameters
+    ----------
+    path : Path
+    mapping : mapping
+        Not used: the names of this format are fixed.
+    audit : Audit
+        Takes undecodable messages and the tally of codes.
+
+    Yields
+    ------
+    DataFrame
+        Raw piece in SI for :func:`airswing.reports.canonical.cleaning.clean`.
+
+    Raises
+    ------
+    InputError
+        pdbufr is not installed, or no message can be decoded.
+    """
+    try:
+        import pdbufr
+        from pdbufr.high_level_bufr.bufr import BufrFile
+    except ImportError as error:
+        raise InputError(
+            "reading BUFR needs pdbufr",
+            file=path,
+            remedy="Install it with: pip install 'airswing[bufr]'",
+        ) from error
+    rows = 0
+    with BufrFile(str(path)) as file:
+        messages = _decodable(file, audit)
+        for table in _tables(pdbufr, messages):
+            rows += len(table)
+            yield _piece(_merged(table), audit)
+    if not rows:
+        raise InputError("holds no aircraft report that can be decoded", file=path)
+
+
+def _tables(pdbufr: Any, messages: Iterator[Any]) -> Iterator[pd.DataFrame]:
+    while True:
+        taken = _Taken(messages, _MESSAGES_PER_PIECE)
+        table = pdbufr.read_bufr(taken, columns=COLUMNS, required_columns=False)
+        if len(table):
+            yield table
+        if taken.ended:
+            return
+
+
+class _Taken:
+    """The next few messages of an iterator, remembering whether it ended."""
+
+    def __init__(self, messages: Iterator[Any], number: int) -> None:
+        self._messages, self._number, self.ended = messages, number, False
+
+    def __iter__(self) -> Iterator[Any]:
+        for _ in range(self._number):
+            try:
+                yield next(self._messages)
+            except StopIteration:
+                self.ended = True
+                return
+
+
+def _decodable(file: Any, audit: Audit) -> Iterator[Any]:
+    for message in _framed(file, audit):
+        if message["masterTablesVersionNumber"] < _OLDEST_TABLES:
+            _retable(message)
+        if _unpacked(message):
+            yield message
+            continue
+        with type(message)(clone=message) as again:  # a failed decoding cannot be taken back
+            if _retable(again) and _unpacked(again):
+                yield again
+                continue
+        audit.read += 1
+        audit.drop("undecodable_message", 1)
+
+
+def _framed(file: Any, audit: Audit) -> Iterator[Any]:
+    """Messages up to the end of the file, or to where it is cut off or garbled."""
+    import eccodes
+
+    messages = iter(file)
+    while True:
+        try:
+            message = next(messages, None)
+        except eccodes.CodesInternalError:
+            audit.read += 1
+            audit.drop("undecodable_message", 1)
+            return
+        if message is None:
+            return
+        yield message
+
+
+def _unpacked(message: Any) -> bool:
+    try:
+        message["unpack"] = 1
+    except Exception:  # eccodes raises many kinds
+        return False
+    return True
+
+
+def _retable(message: Any) -> bool:
+    try:
+        message["masterTablesVersionNumber"] = _CURRENT_TABLES
+        message["localTablesVersionNumber"] = 0
+    except Exception:  # eccodes raises many kinds
+        return False
+    return True
+
+
+def _merged(table: pd.DataFrame) -> pd.DataFrame:
+    """Put a report together again that pdbufr split at a descriptor which appears twice.
+
+    The second part repeats time and place and has no level, wind nor temperature of its own.
+    """
+    table = table.reindex(columns=list(COLUMNS))
+    place = [*_TIME, "latitude", "longitude", "aircraftFlightNumber"]
+    hollow = table[list(_MEASURED)].isna().all(axis=1)
+    if not hollow.any():
+        return table
+    here = table[place].astype(object)
+    before = here.shift()
+    repeats = ((here == before) | (here.isna() & before.isna())).all(axis=1)
+    second = np.flatnonzero((repeats & hollow).to_numpy(dtype=bool))
+    if not second.size:
+        return table
+    whole = table.iloc[second - 1].set_axis(second).combine_first(table.iloc[second])
+    table = table.astype(object)
+    table.iloc[second - 1] = whole[list(COLUMNS)].to_numpy(dtype=object)
+    return table.drop(index=table.index[second]).reset_index(drop=True)
+
+
+def _piece(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
+    for name in (*_PHASES, *_ROLLS[:1], *_ICINGS):
+        counts = table[name].value_counts(dropna=False)
+        audit.codes(
+            name, {"missing" if c != c or c is None else f"{c:g}": n for c, n in counts.items()}
+        )
+    time, blank = _times(table)
+    altitude = _column(table, _ALTITUDES[0])
+    for name in _ALTITUDES[1:]:
+        altitude = np.where(np.isnan(altitude), _column(table, name), altitude)
+    return pd.DataFrame(
+        {
+            "tail": _tails(table),
+            "time": time,
+            "time_blank": blank,
+            "pressure_altitude": altitude,
+            **{ours: _column(table, name) for name, ours in _NUMBERS.items()},
+            "phase": _phases(table),
+            "roll_flag": _rolls(table),
+            "icing": _icing(table),
+        }
+    )
+
+
+def _column(table: pd.DataFrame, name: str) -> NDArray[np.float64]:
+    return pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+
+
+def _times(table: pd.DataFrame) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
+    parts = pd.DataFrame({name: _column(table, name) for name in _TIME})
+    parts["second"] = parts["second"].fillna(0.0)
+    blank = parts.isna().any(axis=1).to_numpy(dtype=bool)
+    time = pd.to_datetime(parts, errors="coerce").to_numpy(dtype="datetime64[ns]")
+    return time, blank
+
+
+def _tails(table: pd.DataFrame) -> pd.Series[Any]:
+    tail = pd.Series("", index=table.index, dtype=object)
+    for name in reversed(_TAILS):
+        own = table[name].astype(object).fillna("").astype(str).str.strip()
+        tail = own.where(own != "", tail)
+    return tail
+
+
+def _phases(table: pd.DataFrame) -> NDArray[np.int8]:
+    phase = np.zeros(len(table), dtype=np.int8)
+    for name, codes in zip(_PHASES, (PHASE_008004, PHASE_008009), strict=True):
+        own = table[name].map(codes).fillna(0).to_numpy(dtype=np.int8)
+        phase = np.where(own != 0, own, phase)
+    return phase
+
+
+def _rolls(table: pd.DataFrame) -> NDArray[np.int8]:
+    roll = np.full(len(table), ROLL["missing"], dtype=np.int8)
+    for name, codes in UNSTEADY.items():
+        roll[table[name].isin(codes).to_numpy(dtype=bool)] = ROLL["bad"]
+    angle = np.abs(_column(table, "aircraftRollAngle"))
+    roll[angle < _LARGEST_ROLL] = ROLL["good"]
+    roll[angle >= _LARGEST_ROLL] = ROLL["bad"]
+    quality = _column(table, "aircraftRollAngleQuality")
+    roll[quality == 0.0] = ROLL["good"]
+    roll[quality == 1.0] = ROLL["bad"]
+    return roll
+
+
+def _icing(table: pd.DataFrame) -> NDArray[np.int8]:
+    icing = np.full(len(table), ICING["missing"], dtype=np.int8)
+    for name in reversed(_ICINGS):
+        code = _column(table, name)
+        icing[code == 0.0] = ICING["off"]
+        largest = 1.0 if name == "airframeIcingPresent" else 14.0
+        icing[(code >= 1.0) & (code <= largest)] = ICING["on"]
+    return icing

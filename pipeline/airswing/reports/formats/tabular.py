@@ -1,0 +1,253 @@
+"""Report tables: CSV text and Parquet, read in pieces.
+
+Assumes one report a row and a header row of column names; commas, semicolons or tabs between
+columns; UTF-8 text, plain or gzip-compressed. Text columns are never read as numbers, so a tail
+``NA`` or ``007`` stays what it is. A row with too many columns is dropped and counted; a row
+with too few has the rest missing. Folders named ``tail=N401``, as programs that divide a Parquet
+table by a column write them, hold that column for the Parquet files below them.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import re
+import warnings
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+import pandas as pd
+
+from airswing.errors import InputError
+from airswing.reports.canonical.audit import Audit
+from airswing.reports.canonical.codes import TABLES, decode_flags
+from airswing.reports.canonical.columns import TEXT, Source, sources
+from airswing.reports.canonical.times import parse_times
+
+ROWS_PER_PIECE = 250_000
+_BUFFER = 2**20
+_BLANKS = ["", " ", "NA", "N/A", "n/a", "NaN", "nan", "NULL", "null", "None", "-", "--", "M",
+           "MISSING", "missing", "9999", "99999", "-9999", "99999.0", "-9999.0"]  # fmt: skip
+_EXTRA = "columns past the header"
+_NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
+_SKIPPED = re.compile(r"Skipping line \d+")
+
+Mapped = Mapping[str, tuple[str, Source]]
+
+
+def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Read a CSV file piece by piece.
+
+    Parameters
+    ----------
+    path : Path
+    mapping : mapping
+        From :func:`airswing.reports.canonical.columns.parse_mapping`.
+    audit : Audit
+        Ragged rows, unparsable numbers and flag codes are added to it.
+
+    Yields
+    ------
+    DataFrame
+        Raw piece in SI for :func:`airswing.reports.canonical.cleaning.clean`.
+
+    Raises
+    ------
+    InputError
+        No header, no rows, a missing column, or text that is not UTF-8.
+    """
+    names, separator, compression = _header(path)
+    found = sources(names, mapping, path)
+    text = {found[name].column: str for name in TEXT if name in found and name != "time"}
+    wanted = [source.column for source in found.values()]
+    options: dict[str, Any] = {
+        "sep": separator, "header": None, "skiprows": 1, "names": [*names, _EXTRA],
+        "index_col": False, "on_bad_lines": "warn", "dtype": {**text, _EXTRA: str},
+        "keep_default_na": False, "low_memory": False,
+        "na_values": {column: _BLANKS for column in wanted if column not in text},
+        "encoding": "utf-8", "compression": compression, "chunksize": ROWS_PER_PIECE,
+    }  # fmt: skip
+    rows = 0
+    for table in _tables(path, options, audit):
+        rows += len(table)
+        yield raw_piece(_whole_rows(table, audit), found, audit)
+    if not rows:
+        raise InputError("has a header but no reports", file=path)
+
+
+def _tables(path: Path, options: dict[str, Any], audit: Audit) -> Iterator[pd.DataFrame]:
+    """Tables of a CSV file; rows pandas skips for having far too many columns are counted."""
+    reader: Any = None
+    try:
+        while True:
+            try:
+                with warnings.catch_warnings(record=True) as caught:
+                    warnings.simplefilter("always")
+                    reader = pd.read_csv(path, **options) if reader is None else reader
+                    table = next(reader, None)
+            except UnicodeDecodeError as error:
+                raise _not_utf8(path) from error
+            except (ValueError, EOFError, OSError, zlib.error) as error:
+                raise InputError(f"cannot be read as CSV: {error}", file=path) from error
+            ragged = sum(len(_SKIPPED.findall(str(entry.message))) for entry in caught)
+            audit.read += ragged
+            audit.drop("ragged_row", ragged)
+            if table is None:
+                return
+            yield table
+    finally:
+        if reader is not None:
+            reader.close()
+
+
+def _whole_rows(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
+    """Drop rows with more columns than the header names; a lone trailing separator is no harm."""
+    ragged = (table.pop(_EXTRA).fillna("").str.strip() != "").to_numpy(dtype=bool)
+    audit.read += int(ragged.sum())
+    audit.drop("ragged_row", int(ragged.sum()))
+    return table.loc[~ragged] if ragged.any() else table
+
+
+def _header(path: Path) -> tuple[list[str], str, str | None]:
+    with path.open("rb") as file:
+        packed = file.read(2) == b"\x1f\x8b"
+    opener: Any = gzip.open if packed else open
+    try:
+        with opener(path, "rt", encoding="utf-8-sig", newline="") as file:
+            line = file.readline()
+    except UnicodeDecodeError as error:
+        raise _not_utf8(path) from error
+    except (EOFError, OSError, zlib.error) as error:
+        raise InputError(f"cannot be read as CSV: {error}", file=path) from error
+    if not line.strip():
+        raise InputError("has no header row", file=path, remedy="The first row names the columns")
+    separator = max(",;\t", key=line.count)
+    names: list[str] = []
+    for name in next(csv.reader([line.rstrip("\r\n")], delimiter=separator)):
+        names.append(name if name not in names else f"{name} (column {len(names) + 1})")
+    return names, separator, "gzip" if packed else None
+
+
+def _not_utf8(path: Path) -> InputError:
+    return InputError("is not UTF-8 text", file=path, remedy="Save it as UTF-8, or remove it")
+
+
+def parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Read a Parquet file piece by piece.
+
+    Parameters
+    ----------
+    path : Path
+    mapping : mapping
+        From :func:`airswing.reports.canonical.columns.parse_mapping`.
+    audit : Audit
+
+    Yields
+    ------
+    DataFrame
+        Raw piece in SI for :func:`airswing.reports.canonical.cleaning.clean`.
+
+    Raises
+    ------
+    InputError
+        pyarrow is not installed, the file is broken, has no rows, or lacks a column.
+    """
+    try:
+        import pyarrow.parquet as pq
+    except ImportError as error:
+        raise InputError(
+            "reading Parquet needs pyarrow",
+            file=path,
+            remedy="Install it with: pip install 'airswing[parquet]'",
+        ) from error
+    try:
+        # Read a little at a time: whole column chunks of a large row group are hundreds of MB.
+        file = pq.ParquetFile(path, buffer_size=_BUFFER, pre_buffer=False)
+    except Exception as error:  # pyarrow's own errors share no base with the rest
+        raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
+    with file:
+        inside = file.schema_arrow.names
+        folders = {name: value for name, value in _of_folders(path).items() if name not in inside}
+        found = sources([*inside, *folders], mapping, path)
+        wanted = [source.column for source in found.values() if source.column in inside]
+        if not file.metadata.num_rows:
+            raise InputError("holds no reports", file=path)
+        batches = file.iter_batches(batch_size=ROWS_PER_PIECE, columns=wanted)
+        while (table := _next_table(batches, path)) is not None:
+            yield raw_piece(table.assign(**folders), found, audit)
+
+
+def _next_table(batches: Iterator[Any], path: Path) -> pd.DataFrame | None:
+    try:
+        batch = next(batches, None)
+        if batch is None:
+            return None
+        batch.validate(full=True)  # text that is not UTF-8 would be noticed where it is looked at
+        table: pd.DataFrame = batch.to_pandas(ignore_metadata=True)
+    except Exception as error:  # pyarrow's own errors share no base with the rest
+        raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
+    return table
+
+
+def _of_folders(path: Path) -> dict[str, str]:
+    """Columns that stand in the names of the folders of a file."""
+    pairs = (part.split("=", 1) for part in path.absolute().parent.parts if "=" in part)
+    return {name: "" if value == _NO_VALUE else unquote(value) for name, value in pairs if name}
+
+
+def raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) -> pd.DataFrame:
+    """Bring one table to SI and decoded flags.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With the file's own column names.
+    found : mapping of str to Source
+        Where each column comes from.
+    audit : Audit
+
+    Returns
+    -------
+    DataFrame
+        Raw piece.
+    """
+    piece: dict[str, Any] = {}
+    for variable, source in found.items():
+        column = table[source.column]
+        if variable == "time":
+            piece["time"], piece["time_blank"] = parse_times(column)
+            _first_bad(column, np.isnat(piece["time"]) & ~piece["time_blank"], "time", audit)
+        elif variable in TABLES:
+            codes, missing = TABLES[variable]
+            piece[variable] = decode_flags(column, codes, missing, name=variable, audit=audit)
+        elif variable in TEXT:
+            piece[variable] = _as_text(column)
+        else:
+            piece[variable] = _as_number(column, variable, audit) * source.factor + source.offset
+    return pd.DataFrame(piece)
+
+
+def _first_bad(column: pd.Series[Any], bad: Any, variable: str, audit: Audit) -> None:
+    if bad.any():
+        audit.example(variable, column.iloc[int(np.argmax(bad))])
+
+
+def _as_text(column: pd.Series[Any]) -> Any:
+    """Text of a column; a whole number written as 12.0 by another program is 12."""
+    if pd.api.types.is_float_dtype(column.dtype) and (column.dropna() % 1 == 0).all():
+        column = column.astype("Int64")
+    return column.astype("string").fillna("").astype(str).to_numpy(dtype=object)
+
+
+def _as_number(column: pd.Series[Any], variable: str, audit: Audit) -> Any:
+    if pd.api.types.is_numeric_dtype(column.dtype):
+        return column.to_numpy(dtype=np.float64, na_value=np.nan)
+    numbers = pd.to_numeric(column, errors="coerce")
+    bad = (numbers.isna() & column.notna()).to_numpy(dtype=bool)
+    audit.repair(f"{variable}_unparsable", int(bad.sum()))
+    _first_bad(column, bad, variable, audit)
+    return numbers.to_numpy(dtype=np.float64, na_value=np.nan)

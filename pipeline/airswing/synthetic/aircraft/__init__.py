@@ -1,0 +1,1 @@
+"""A fleet in the air: routes, instruments and their faults, and what the units report."""

@@ -1,0 +1,311 @@
+"""What is true of a sample fleet: its deviations, drawn, evaluated and written down.
+
+Assumptions: a deviation curve is evaluated from the vector instrument at the reports' mean field,
+without the parts that depend on time, icing, acceleration or bank. Units: degrees, nT, m/s.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from airswing.synthetic.aircraft.faults import UNIT_FAULTS, Fault, Setting, apply_unit_faults
+from airswing.synthetic.aircraft.instrument import Unit, deviation_curve
+from airswing.synthetic.aircraft.observe import Correction
+from airswing.synthetic.world.earthfield import EarthField
+from airswing.synthetic.world.true_atmosphere import stream
+
+__all__ = [
+    "corrections",
+    "fleet_deviations",
+    "save_truth",
+    "small_effects",
+    "truth_record",
+    "unit_of",
+]
+
+Array = NDArray[np.float64]
+_STEADY = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset", "three_cycle")
+
+
+def fleet_deviations(tails: Sequence[str], seed: int) -> list[dict[str, Any]]:
+    """Return ordinary compass errors for a fleet.
+
+    Parameters
+    ----------
+    tails : sequence of str
+        The fleet.
+    seed : int
+        The archive's seed.
+
+    Returns
+    -------
+    list of dict
+        Offsets of about 0.8 degrees; one cycle of 0.6-2.6 degrees, 3-6 on every fourth aircraft;
+        two cycles on every fifth; airspeed scale of 0.3 %.
+    """
+    rng = stream(seed, "deviations")
+    effects: list[dict[str, Any]] = []
+
+    def add(name: str, tail: str, **parameters: float) -> None:
+        rounded = {key: round(float(value), 3) for key, value in parameters.items()}
+        effects.append({"name": name, "tails": [tail], "parameters": rounded})
+
+    for index, tail in enumerate(tails):
+        size = rng.uniform(3.0, 6.0) if index % 4 == 1 else rng.uniform(0.6, 2.6)
+        add("compass_offset", tail, offset_deg=rng.normal(0, 0.8))
+        add("hard_iron", tail, amplitude_deg=size, phase_deg=rng.uniform(-180, 180))
+        add("tas_scale", tail, scale_percent=rng.normal(0, 0.3))
+        twice, phase = rng.uniform(1.0, 2.0), rng.uniform(-180, 180)
+        if index % 5 == 2:
+            add("soft_iron", tail, amplitude_deg=twice, phase_deg=phase)
+    return effects
+
+
+LITTLE = (0.05, 0.15)
+"""Least and largest strength of a background effect, m/s root mean square where it acts."""
+
+_PER_UNIT = {
+    "compass_offset": ("offset_deg", 2.0),
+    "hard_iron": ("amplitude_deg", 1.3),
+    "soft_iron": ("amplitude_deg", 1.43),
+    "tas_scale": ("scale_percent", 1.15),
+    "compass_drift": ("rate_deg_per_day", 1.17),
+    "heater_current": ("offset_deg", 2.0),
+    "acceleration_error": ("amplitude_deg", 0.0174),
+    "turn_error": ("amplitude_deg", 0.5),
+    "time_lag": ("offset_s", 0.021),
+    "altitude_offset": ("offset_ft", 0.00114),
+    "heading_by_temperature": ("amplitude_deg", 1.9),
+    "three_cycle": ("amplitude_deg", 1.41),
+}
+"""Parameter of each background effect, and the change of wind (m/s root mean square where it acts)
+that one unit of it makes on the archive's network; a drift's rate times the archive's days."""
+
+
+def small_effects(tails: Sequence[str], seed: int, *, days: float = 45.0) -> list[dict[str, Any]]:
+    """Return a little of every effect for every aircraft, and one per cent of gross errors.
+
+    Parameters
+    ----------
+    tails : sequence of str
+        The fleet.
+    seed : int
+        The archive's seed.
+    days : float
+        Length of the archive, which a drift's size depends on.
+
+    Returns
+    -------
+    list of dict
+        Effects of 0.05-0.15 m/s where they act (`LITTLE`), of either sign; lags are late.
+    """
+    rng = stream(seed, "background")
+    effects: list[dict[str, Any]] = []
+    for tail in tails:
+        for name, (parameter, strength) in _PER_UNIT.items():
+            size = rng.uniform(*LITTLE) / strength
+            sign = 1.0 if name == "time_lag" else rng.choice([-1.0, 1.0])
+            values = {parameter: float(sign * size / (days if name == "compass_drift" else 1.0))}
+            if name in ("hard_iron", "soft_iron", "three_cycle"):
+                values["phase_deg"] = float(rng.uniform(-180, 180))
+            effects.append({"name": name, "tails": [tail], "parameters": values})
+    effects.append({"name": "outliers", "tails": None, "parameters": {"fraction": 0.01}})
+    return effects
+
+
+def unit_of(
+    index: int,
+    faults: Sequence[Fault],
+    tails: Sequence[str],
+    horizontal: float,
+    down: float,
+    *,
+    usual_field: float | None = None,
+) -> Unit:
+    """Return the steady errors of one aircraft's unit, arrays of length 1.
+
+    Parameters
+    ----------
+    index : int
+        Of the aircraft.
+    faults : sequence of Fault
+    tails : sequence of str
+        The fleet.
+    horizontal, down : float
+        The field around the unit, nT.
+    usual_field : float, optional
+        See `airswing.synthetic.aircraft.faults.Setting`; the fleet's, not the aircraft's own, where
+        the faults are those of an archive.
+
+    Returns
+    -------
+    Unit
+    """
+    one = np.zeros(1)
+    setting = Setting(
+        tail=np.array([index]),
+        hours=one,
+        latitude=one,
+        longitude=one,
+        altitude=one + 4000.0,
+        magnetic=one,
+        declination=one,
+        horizontal=one + horizontal,
+        down=one + down,
+        acceleration=one,
+        bank=one,
+        temperature=one + 260.0,
+        drift=one,
+        icing=np.zeros(1, bool),
+        box=(0.0, 1.0, 0.0, 1.0),
+    )
+    if usual_field is not None:
+        setting.usual_field = usual_field
+    apply_unit_faults(setting, [fault for fault in faults if fault.name in _STEADY], tails)
+    return setting.unit
+
+
+def corrections(
+    faults: Sequence[Fault],
+    earth: EarthField,
+    tails: Sequence[str],
+    chosen: Sequence[str],
+    start: float,
+) -> Correction:
+    """Return tables an airline would load after an earlier year's swing, to 0.1 degree.
+
+    Parameters
+    ----------
+    faults : sequence of Fault
+        What is wrong with the units.
+    earth : EarthField
+        Field of the region.
+    tails, chosen : sequence of str
+        The fleet, and those that get a table.
+    start : float
+        Hours since the archive's start.
+
+    Returns
+    -------
+    Correction
+        The error of each unit at eight headings: exact but for rounding where the field is that of
+        the region's middle, which is taken for the usual one.
+    """
+    south, north, west, east = earth.box
+    middle = [np.array([0.5 * (south + north)]), np.array([0.5 * (west + east)]), np.zeros(1)]
+    _, horizontal, down = (float(value[0]) for value in earth.at(*middle))
+    nodes = np.radians(np.arange(0.0, 360.0, 45.0))
+    tables = {}
+    for tail in chosen:
+        index = list(tails).index(tail)
+        curve = deviation_curve(horizontal, down, unit_of(index, faults, tails, horizontal, down))
+        error = curve["A"] + curve["B"] * np.sin(nodes) + curve["C"] * np.cos(nodes)
+        error += curve["D"] * np.sin(2 * nodes) + curve["E"] * np.cos(2 * nodes)
+        tables[index] = np.round(error, 1)
+    return Correction(tables, start)
+
+
+def truth_record(
+    frame: pd.DataFrame,
+    faults: Sequence[Fault],
+    earth: EarthField,
+    tails: Sequence[str],
+    effects: Sequence[Mapping[str, Any]],
+    *,
+    usual_field: float | None = None,
+) -> dict[str, Any]:
+    """Return the truth of an archive as plain numbers.
+
+    Parameters
+    ----------
+    frame : pandas.DataFrame
+        Reports with their exact columns.
+    faults : sequence of Fault
+        All of them.
+    earth : EarthField
+        Field of the region.
+    tails : sequence of str
+        The fleet.
+    effects : sequence of mapping
+        The effects as they were asked for.
+    usual_field : float, optional
+        H (nT) at which the units' hard iron is what was asked for: the median over all reports that
+        were simulated, by default those of `frame`.
+
+    Returns
+    -------
+    dict
+        ``aircraft``: by tail ``deviation`` (A..E in degrees against indicated magnetic heading),
+        ``offset, amplitude, phase`` of the seed's sinusoid, ``reports``, ``cruise_reports``,
+        ``airspeed_scale, airspeed_offset``; ``effects``.
+    """
+    out: dict[str, Any] = {"aircraft": {}, "effects": [dict(effect) for effect in effects]}
+    if usual_field is None:
+        usual_field = float(frame["horizontal"].median())
+    for index, tail in enumerate(tails):
+        own = frame[frame["tail"] == tail]
+        cruise = own[own["phase"] == 2] if (own["phase"] == 2).any() else own
+        if cruise.empty:
+            continue
+        horizontal = float(cruise["horizontal"].mean())
+        down = float((cruise["horizontal"] * np.tan(cruise["dip"])).mean())
+        unit = unit_of(index, faults, tails, horizontal, down, usual_field=usual_field)
+        curve = deviation_curve(horizontal, down, unit)
+        out["aircraft"][tail] = {
+            "deviation": {name: round(curve[name], 4) for name in "ABCDE"},
+            "deviation_residual_rms": round(curve["residual_rms"], 4),
+            "offset": round(curve["A"], 4),
+            "amplitude": round(float(np.hypot(curve["B"], curve["C"])), 4),
+            "phase": round(float(np.degrees(np.arctan2(curve["C"], curve["B"]))), 3),
+            "airspeed_scale": round(float(unit.airspeed_factor[0]) - 1.0, 6),
+            "airspeed_offset": round(float(unit.airspeed_offset[0]), 4),
+            "mean_horizontal_field": round(horizontal, 1),
+            "reports": len(own),
+            "cruise_reports": int((own["phase"] == 2).sum()),
+        }
+    out["known_faults"] = sorted({fault.name for fault in faults if fault.name in UNIT_FAULTS})
+    return out
+
+
+def save_truth(
+    folder: Path,
+    frame: pd.DataFrame,
+    faults: Sequence[Fault],
+    earth: EarthField,
+    tails: Sequence[str],
+    effects: Sequence[Mapping[str, Any]],
+    *,
+    seed: int,
+    start: datetime,
+    corrected: Sequence[str] | None = None,
+    usual_field: float | None = None,
+) -> None:
+    """Write ``truth.json``.
+
+    Parameters
+    ----------
+    folder : Path
+        Where; made where missing.
+    frame, faults, earth, tails, effects
+        See `airswing.synthetic.aircraft.truth.truth_record`.
+    seed : int
+        The archive's seed.
+    start : datetime
+        Its first day.
+    corrected : sequence of str, optional
+        Tails that apply a table in the field test.
+    usual_field : float, optional
+        See `airswing.synthetic.aircraft.truth.truth_record`.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    record = truth_record(frame, faults, earth, tails, effects, usual_field=usual_field)
+    record.update(seed=seed, start=start.isoformat(), corrected=corrected)
+    (folder / "truth.json").write_text(json.dumps(record, indent=1), encoding="utf-8")

@@ -1,0 +1,1 @@
+"""Sample archives with their known truth beside them."""

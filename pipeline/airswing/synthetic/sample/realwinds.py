@@ -1,0 +1,374 @@
+"""Reports flown through a real model run, with the run's real forecast error as the truth's.
+
+Assumptions
+-----------
+The folder holds one run (a 00Z cycle, valid times of one day) and an analysis of a later cycle
+valid at one of the run's times, GRIB1 on a Lambert grid, as the RUC-initialised WRF files do. The
+true wind of a flight is the run's wind plus (later analysis - run at the same time), the run's
+real 12-hour error, looked up some rows and columns away: every flight has a shift of its own, so
+flights see independent draws of an error with the true structure in space and height. Where the
+model has no value (outside its own domain) the truth takes the nearest one and a reference must
+say nothing.
+
+Validity
+--------
+Flights of one day. The error is that of 12 hours at all times, a little too much for short leads.
+
+Units: hours from the run's start, hPa, m/s.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import eccodes
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from airswing.errors import InputError
+from airswing.physics.atmosphere import pressure_from_altitude
+from airswing.synthetic.aircraft.airborne_fleet import report_steps
+from airswing.synthetic.aircraft.faults import parse_faults
+from airswing.synthetic.aircraft.observe import Coding, observe
+from airswing.synthetic.aircraft.route_over_all_headings import tour
+from airswing.synthetic.aircraft.truth import fleet_deviations, save_truth
+from airswing.synthetic.sample.sample_archive import Scenario, finished, write_reports
+from airswing.synthetic.world.earthfield import EarthField
+from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
+from airswing.synthetic.world.lambert import LambertGrid
+from airswing.synthetic.world.true_atmosphere import stream
+
+__all__ = ["RealAir", "read_run", "write_archive"]
+
+Array = NDArray[np.float64]
+_TRIES = 60
+
+
+@dataclass(frozen=True)
+class _Message:
+    """One wind component of one level and time."""
+
+    base: datetime
+    lead: int
+    level: int
+    component: int
+    values: NDArray[np.float32]
+
+
+def _grid_of(handle: int) -> LambertGrid:
+    """Return the grid of a message."""
+    read = {
+        key: eccodes.codes_get(handle, key)
+        for key in (
+            "latitudeOfFirstGridPointInDegrees",
+            "longitudeOfFirstGridPointInDegrees",
+            "Nx",
+            "Ny",
+            "DxInMetres",
+            "LoVInDegrees",
+            "Latin1InDegrees",
+            "radius",
+        )
+    }
+    first_lat, first_lon, columns, rows, spacing, orientation, parallel, radius = read.values()
+    return LambertGrid(
+        first_lat,
+        (first_lon + 180.0) % 360.0 - 180.0,
+        int(columns),
+        int(rows),
+        float(spacing),
+        (orientation + 180.0) % 360.0 - 180.0,
+        parallel,
+        float(radius),
+    )
+
+
+def _messages(path: Path, lowest: int) -> tuple[list[_Message], LambertGrid | None]:
+    """Return the wind messages of a file on levels above ``lowest`` hPa, and their grid."""
+    found, grid = [], None
+    with path.open("rb") as source:
+        while (handle := eccodes.codes_grib_new_from_file(source)) is not None:
+            try:
+                name = eccodes.codes_get(handle, "shortName")
+                kind = eccodes.codes_get(handle, "typeOfLevel")
+                level = int(eccodes.codes_get(handle, "level"))
+                if name not in ("u", "v") or kind != "isobaricInhPa" or level < lowest:
+                    continue
+                grid = grid or _grid_of(handle)
+                values = eccodes.codes_get_values(handle).astype(np.float32)
+                if eccodes.codes_get(handle, "bitmapPresent"):
+                    missing = eccodes.codes_get(handle, "missingValue")
+                    values[values == np.float32(missing)] = np.nan
+                stamp = "{:08d}{:04d}".format(
+                    eccodes.codes_get(handle, "dataDate"), eccodes.codes_get(handle, "dataTime")
+                )
+                found.append(
+                    _Message(
+                        base=datetime.strptime(stamp, "%Y%m%d%H%M"),
+                        lead=int(eccodes.codes_get(handle, "endStep")),
+                        level=level,
+                        component=0 if name == "u" else 1,
+                        values=values.reshape(grid.rows, grid.columns),
+                    )
+                )
+            finally:
+                eccodes.codes_release(handle)
+    return found, grid
+
+
+def read_run(
+    folder: Path, *, lowest: int = 350
+) -> tuple[GriddedReference, GriddedReference, datetime]:
+    """Return a run, the error it made at one time, and when it started.
+
+    Parameters
+    ----------
+    folder : Path
+        GRIB files of two cycles.
+    lowest : int
+        Levels of lower pressure (hPa) are left out.
+
+    Returns
+    -------
+    run : GriddedReference
+        Every valid time of the first cycle, components along the grid, NaN where missing.
+    error : GriddedReference
+        Analysis of the second cycle minus the run at that time, the same at every hour.
+    start : datetime
+        Hour zero, UTC.
+
+    Raises
+    ------
+    InputError
+        Where no file of two overlapping cycles is found.
+    """
+    messages: list[_Message] = []
+    grid = None
+    for path in sorted(item for item in folder.iterdir() if item.is_file()):
+        found, here = _messages(path, lowest)
+        messages += found
+        grid = here or grid
+    bases = sorted({message.base for message in messages})
+    if grid is None or len(bases) < 2:
+        raise InputError("needs the winds of two cycles", file=str(folder))
+    start, later = bases[0], bases[1]
+    levels = sorted({message.level for message in messages}, reverse=True)
+    hours = sorted({message.lead for message in messages if message.base == start})
+    wind = np.full((len(hours), 2, len(levels), grid.rows, grid.columns), np.nan, np.float32)
+    analysis = np.full(wind.shape[1:], np.nan, np.float32)
+    for message in messages:
+        level = levels.index(message.level)
+        if message.base == start:
+            wind[hours.index(message.lead), message.component, level] = message.values
+        elif message.base == later and message.lead == 0:
+            analysis[message.component, level] = message.values
+    same = hours.index(round((later - start).total_seconds() / 3600.0))
+    error = np.stack([analysis - wind[same]] * 2)
+    axes = grid, np.array(levels, float)
+    run = GriddedReference("run", *axes, np.array(hours, float), wind, grid_relative=True)
+    return (
+        run,
+        GriddedReference("error", *axes, np.array([-1e4, 1e4]), error, grid_relative=True),
+        start,
+    )
+
+
+def _filled(stored: GriddedReference) -> GriddedReference:
+    """Return fields whose gaps hold the nearest value of the same level."""
+    wind = stored.wind.copy()
+    for index in np.ndindex(*wind.shape[:3]):
+        gap = np.isnan(wind[index])
+        if gap.any() and not gap.all():
+            nearest = distance_transform_edt(gap, return_distances=False, return_indices=True)
+            wind[index] = wind[index][tuple(nearest)]
+    wind = np.nan_to_num(wind)
+    return GriddedReference(
+        stored.name, stored.grid, stored.levels, stored.hours, wind, stored.grid_relative
+    )
+
+
+class RealAir:
+    """The true wind of every flight: run + its shifted error.
+
+    Parameters
+    ----------
+    run, error : GriddedReference
+        From `read_run`.
+    seed : int
+        Seed of the shifts.
+    """
+
+    def __init__(self, run: GriddedReference, error: GriddedReference, *, seed: int) -> None:
+        self._run, self._error = _filled(run), error
+        self._filled_error = _filled(error)
+        self._seed = seed
+        self._shift = np.zeros((2, 0))
+
+    def _sampled(
+        self,
+        stored: GriddedReference,
+        latitude: Array,
+        longitude: Array,
+        pressure: Array,
+        hours: Array,
+        shift: tuple[Array, Array] | None = None,
+    ) -> Array:
+        """Return wind (2, n) with times and levels held inside the fields."""
+        level = np.clip(pressure / 100.0, stored.levels.min(), stored.levels.max())
+        when = np.clip(hours, stored.hours[0], stored.hours[-1])
+        wind = sample_reference(stored, latitude, longitude, level, when, shift=shift)
+        return np.stack([wind["u"], wind["v"]])
+
+    def run_wind(self, latitude: Array, longitude: Array, altitude: Array, hours: Array) -> Array:
+        """Return the run's own wind (2, n) at pressure altitudes in m; calm off the grid."""
+        pressure = pressure_from_altitude(altitude)
+        return np.nan_to_num(self._sampled(self._run, latitude, longitude, pressure, hours))
+
+    def draw(
+        self, flight: NDArray[np.int64], latitude: Array, longitude: Array, pressure: Array
+    ) -> None:
+        """Give every flight a shift that keeps all its reports on the error field.
+
+        Parameters
+        ----------
+        flight : ndarray int (n,)
+            Flight of each report.
+        latitude, longitude, pressure : ndarray (n,)
+            Places in degrees and Pa.
+        """
+        rng = stream(self._seed, "shifts")
+        flights = int(flight.max()) + 1
+        self._shift = np.zeros((2, flights))
+        open_ = np.isin(np.arange(flights), flight)
+        for _ in range(_TRIES):
+            rows = np.nonzero(open_[flight])[0]
+            if rows.size == 0:
+                break
+            size = np.array([[self._run.grid.rows], [self._run.grid.columns]])
+            trial = rng.uniform(-0.6, 0.6, (2, flights)) * size
+            where = flight[rows]
+            shift = trial[0, where], trial[1, where]
+            wind = self._sampled(
+                self._error, latitude[rows], longitude[rows], pressure[rows],
+                np.zeros(rows.size), shift,
+            )  # fmt: skip
+            lost = np.bincount(where, np.isnan(wind[0]), flights)
+            good = open_ & (lost == 0)
+            self._shift[:, good] = trial[:, good]
+            open_ &= ~good
+
+    def wind(
+        self,
+        flight: NDArray[np.int64],
+        latitude: Array,
+        longitude: Array,
+        pressure: Array,
+        hours: Array,
+    ) -> Array:
+        """Return the true wind (2, n) in m/s; see `airswing.synthetic.aircraft.observe.Wind`."""
+        places = latitude, longitude, pressure, hours
+        shift = self._shift[0, flight], self._shift[1, flight]
+        error = self._sampled(self._filled_error, *places, shift)
+        return np.nan_to_num(self._sampled(self._run, *places)) + np.nan_to_num(error)
+
+
+def write_archive(
+    directory: str | Path,
+    grib: str | Path,
+    *,
+    aircraft: int = 12,
+    seed: int = 1,
+    effects: Sequence[Mapping[str, Any]] | None = None,
+    seconds: float = 60.0,
+    coding: Coding | None = None,
+    error_scale: float = 1.0,
+    output: str | None = None,
+) -> Path:
+    """Write the reports of one day flown through a real run, and a configuration for them.
+
+    The configuration names two references: ``cycle_00``, every file of the first cycle, and
+    ``cycle_12``, the later analysis with the longer leads of the first cycle around it.
+
+    Parameters
+    ----------
+    directory : path
+        Folder for ``reports/``, ``config.yaml`` and ``truth/``.
+    grib : path
+        Folder of the real files; read only.
+    aircraft, seed : int
+        Fleet and seed.
+    effects : sequence of mapping, optional
+        As in `airswing.synthetic.write_archive`.
+    seconds : float
+        Between reports; a multiple of 10.
+    coding : Coding, optional
+        Coding and noise; positions to 0.01 arc-minute by default, because reports are a minute
+        apart.
+    error_scale : float
+        Factor on the real forecast error.
+    output : str, optional
+        The configuration's output folder.
+
+    Returns
+    -------
+    Path
+        The configuration.
+    """
+    root, source = Path(directory), Path(grib)
+    run, error, start = read_run(source)
+    error.wind *= np.float32(error_scale)
+    scenario = Scenario(days=1, aircraft=aircraft, seed=seed, start=start)
+    tails = scenario.tails
+    effects = fleet_deviations(tails, seed) if effects is None else effects
+    faults = parse_faults(effects, start=start, tails=tails)
+    air = RealAir(run, error, seed=seed)
+    flown = tour(air.run_wind, aircraft=aircraft, seed=seed)
+    flight, step = report_steps(flown, climb_seconds=seconds, cruise_seconds=seconds)
+    latitude, longitude = flown.latitude[step, flight], flown.longitude[step, flight]
+    air.draw(flight, latitude, longitude, flown.pressure(step, flight))
+    box = (latitude.min(), latitude.max(), longitude.min(), longitude.max())
+    earth = EarthField(start, 1.0, box)
+    reports = observe(
+        flown,
+        flight,
+        step,
+        wind=air.wind,
+        seed=seed,
+        field=earth,
+        faults=faults,
+        tails=tails,
+        coding=coding or Coding(position_arcmin=0.01),
+    )
+    frame = finished(reports, start)
+    write_reports(root / "reports", frame)
+    files = sorted(str(path.resolve()) for path in source.iterdir() if path.is_file())
+    target = root / "config.yaml"
+    config = _config(root, files, start, output)
+    target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
+    save_truth(root / "truth", frame, faults, earth, tails, effects, seed=seed, start=start)
+    return target
+
+
+def _config(root: Path, files: list[str], start: datetime, output: str | None) -> dict[str, Any]:
+    """Return the configuration of a day on real winds."""
+    first = [name for name in files if f"{start:%Y%m%d%H}" in Path(name).name]
+    later = [name for name in files if name not in first]
+    return {
+        "reports": {"files": f"{root.resolve()}/reports/*.csv"},
+        "references": {
+            "cycle_00": {"files": first},
+            "cycle_12": {"files": later + first[-4:]},
+        },
+        "output": output or f"{root.resolve()}/results",
+    }
+
+
+if __name__ == "__main__":
+    print(write_archive(sys.argv[1], sys.argv[2]))

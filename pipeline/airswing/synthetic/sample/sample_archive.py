@@ -1,0 +1,459 @@
+"""Sample archives: reports and model winds of a fleet whose compasses are known.
+
+Assumptions: what `airswing.synthetic.world.true_atmosphere`, `fleet`, `instrument`, `faults` and
+`observe` state. The truth is written beside the archive, never into it. Everything follows from one
+seed; an effect switched on changes nothing else, so two archives with and without it are paired.
+
+Units in the files: the canonical columns'. `simulate_arrays` gives SI, radians and degrees as its
+docstring says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+from numpy.typing import NDArray
+
+from airswing.physics.atmosphere import pressure_from_altitude
+from airswing.synthetic.aircraft.airborne_fleet import Flown, fly, report_steps
+from airswing.synthetic.aircraft.faults import Fault, parse_faults, reference_changes
+from airswing.synthetic.aircraft.network import NETWORKS, timetable
+from airswing.synthetic.aircraft.observe import Coding, Correction, observe
+from airswing.synthetic.aircraft.truth import (
+    corrections,
+    fleet_deviations,
+    save_truth,
+    small_effects,
+)
+from airswing.synthetic.world.earthfield import EarthField
+from airswing.synthetic.world.gridded_fields import (
+    GriddedReference,
+    build_references,
+    plane,
+    sample_reference,
+)
+from airswing.synthetic.world.lambert import GRIB2_RADIUS, LambertGrid, centred_grid
+from airswing.synthetic.world.true_atmosphere import World, WorldParameters
+
+__all__ = ["Scenario", "simulate_arrays", "write_archive"]
+
+Array = NDArray[np.float64]
+Effects = Sequence[Mapping[str, Any]]
+
+LEVELS = (1000, 950, 900, 850, 800, 750, 700, 650, 600, 550, 500, 450, 400, 350)
+"""hPa."""
+_EDITION = {"ruc": 1, "rtfdaa": 2, "rr": 2}
+_GRID_RELATIVE = {"ruc": True, "rtfdaa": True, "rr": False}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Everything an archive follows from.
+
+    Parameters
+    ----------
+    days, aircraft, seed : int
+        Length, fleet size, seed.
+    effects : sequence of mapping
+        See `airswing.synthetic.aircraft.faults`.
+    world : str
+        ``default``, or ``hard``: longer-reaching error with heavy tails, bias, 1 % outliers and a
+        little of every effect on every aircraft.
+    network : str
+        Key of `airswing.synthetic.aircraft.network.NETWORKS`.
+    start : datetime
+        First day, UTC.
+    references : tuple of str
+        Of ``ruc`` (GRIB1), ``rtfdaa`` and ``rr`` (GRIB2).
+    columns, rows : int
+        Grid points.
+    spacing_km : float
+        Grid length.
+    levels : tuple of int
+        hPa, decreasing.
+    interval_hours, lead_hours : int
+        Between fields; length of the forecasts.
+    legs_per_day : float
+        Flights of one aircraft a day.
+    shuttles : int
+        How many of the aircraft fly on a single route.
+    climb_seconds, cruise_seconds : float
+        Between reports; multiples of 10 s.
+    coding : Coding
+        What the units can express, and their noise.
+    field_test : tuple, optional
+        (day number, tails): from that day these aircraft apply their 8-point table.
+    packing : dict, optional
+        eccodes packing type by reference.
+    """
+
+    days: int = 45
+    aircraft: int = 14
+    seed: int = 1
+    effects: Effects = ()
+    world: str = "default"
+    network: str = "great_lakes"
+    start: datetime = datetime(2009, 3, 1)
+    references: tuple[str, ...] = ("ruc", "rtfdaa")
+    columns: int = 45
+    rows: int = 35
+    spacing_km: float = 40.635
+    levels: tuple[int, ...] = LEVELS
+    interval_hours: int = 1
+    lead_hours: int = 1
+    legs_per_day: float = 4.0
+    shuttles: int = 0
+    climb_seconds: float = 60.0
+    cruise_seconds: float = 120.0
+    coding: Coding = field(default_factory=Coding)
+    field_test: tuple[int, tuple[str, ...]] | None = None
+    packing: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def tails(self) -> list[str]:
+        """Names of the aircraft: N401, N402, ..."""
+        return [f"N{401 + index}" for index in range(self.aircraft)]
+
+    @property
+    def sizes(self) -> WorldParameters:
+        """Sizes of winds and errors."""
+        return WorldParameters.hard() if self.world == "hard" else WorldParameters()
+
+    def grid(self, radius: float) -> LambertGrid:
+        """Return the model grid on a sphere of this radius."""
+        centre = NETWORKS[self.network].centre
+        return centred_grid(
+            *centre,
+            columns=self.columns,
+            rows=self.rows,
+            spacing=float(round(1000 * self.spacing_km)),
+            radius=radius,
+        )
+
+
+@dataclass(frozen=True)
+class _Simulated:
+    """One archive in memory."""
+
+    reports: pd.DataFrame
+    references: dict[str, GriddedReference]
+    faults: list[Fault]
+    field: EarthField
+    correction: Correction | None
+
+
+def _fly(scenario: Scenario, world: World) -> Flown:
+    """Return the scenario's flights through the large-scale wind."""
+    table = timetable(
+        NETWORKS[scenario.network],
+        aircraft=scenario.aircraft,
+        days=scenario.days,
+        seed=scenario.seed,
+        legs_per_day=scenario.legs_per_day,
+        shuttles=scenario.shuttles,
+    )
+
+    def wind(latitude: Array, longitude: Array, altitude: Array, hours: Array) -> Array:
+        x, y = plane(latitude, longitude)
+        zeta = np.log(pressure_from_altitude(altitude) / 1e5)
+        return world.large_scale_at(x, y, zeta, hours)
+
+    return fly(table, wind, seed=scenario.seed)
+
+
+def _simulate(scenario: Scenario) -> _Simulated:
+    """Fly, observe and build the references."""
+    world = World(scenario.sizes, scenario.seed, 24.0 * scenario.days)
+    effects = list(scenario.effects)
+    if scenario.world == "hard":
+        effects += small_effects(scenario.tails, scenario.seed, days=float(scenario.days))
+    faults = parse_faults(effects, start=scenario.start, tails=scenario.tails)
+    flown = _fly(scenario, world)
+    flight, step = report_steps(
+        flown, climb_seconds=scenario.climb_seconds, cruise_seconds=scenario.cruise_seconds
+    )
+    inside = flown.latitude[step, flight], flown.longitude[step, flight]
+    box = (inside[0].min(), inside[0].max(), inside[1].min(), inside[1].max())
+    earth = EarthField(scenario.start, float(scenario.days), box)
+    correction = None
+    if scenario.field_test is not None:
+        day, chosen = scenario.field_test
+        correction = corrections(faults, earth, scenario.tails, chosen, 24.0 * day)
+
+    def wind(_: object, lat: Array, lon: Array, pressure: Array, hours: Array) -> Array:
+        return world.at_points(*plane(lat, lon), np.log(pressure / 1e5), hours)
+
+    reports = observe(
+        flown,
+        flight,
+        step,
+        wind=wind,
+        seed=scenario.seed,
+        field=earth,
+        faults=faults,
+        tails=scenario.tails,
+        coding=scenario.coding,
+        correction=correction,
+    )
+    last = float(np.ceil(reports["hours"].max())) + scenario.interval_hours
+    first = np.floor(reports["hours"].min() / scenario.interval_hours) * scenario.interval_hours
+    hours = np.arange(first, last + 1e-6, scenario.interval_hours)
+    references: dict[str, GriddedReference] = {}
+    changes = reference_changes(faults, scenario.references)
+    for edition in sorted({_EDITION[name] for name in scenario.references}):
+        names = tuple(name for name in scenario.references if _EDITION[name] == edition)
+        grid = scenario.grid(GRIB2_RADIUS) if edition == 2 else scenario.grid(6367470.0)
+        references.update(
+            build_references(
+                world,
+                grid,
+                names=names,
+                grid_relative=_GRID_RELATIVE,
+                levels=np.array(scenario.levels, float),
+                hours=hours,
+                changes=changes,
+            )
+        )
+    return _Simulated(reports, references, faults, earth, correction)
+
+
+def simulate_arrays(*, derivatives: bool = True, **options: Any) -> pd.DataFrame:
+    """Return an archive as one table, reference winds included, without writing a file.
+
+    The reference winds are what an exact reader of the files would find: the same packed grids,
+    bilinear, linear in ln p and in time, rotated to true east and north.
+
+    Parameters
+    ----------
+    derivatives : bool
+        Also return the reference's gradients.
+    **options
+        Fields of `Scenario`: ``days, aircraft, seed, effects, world, ...``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Sorted by tail and time. As reported: ``tail, time`` (datetime64), ``latitude, longitude``
+        (degrees), ``altitude`` (m), ``pressure`` (Pa), ``direction`` (degrees), ``speed`` (kt),
+        ``u, v`` (m/s), ``celsius, phase, icing, roll_flag, flight``. As indicated (radians, m/s):
+        ``heading`` (true), ``airspeed``. Exact (radians, SI): ``true_u, true_v, true_heading,
+        true_airspeed, ground_u, ground_v, bank, acceleration, declination, horizontal`` (nT),
+        ``dip, temperature`` (K). For each reference NAME: ``u_NAME, v_NAME`` (m/s) and, with
+        derivatives, ``dudt_NAME`` (m s-2), ``dudlnp_NAME``, ``dudx_NAME``, ``dudy_NAME`` (s-1) and
+        likewise for v; ``convergence`` (radians), the angle from grid to earth.
+    """
+    scenario = Scenario(**options)
+    made = _simulate(scenario)
+    frame = finished(made.reports, scenario.start)
+    for name, stored in made.references.items():
+        wind = sample_reference(
+            stored,
+            frame["latitude"].to_numpy(),
+            frame["longitude"].to_numpy(),
+            frame["pressure"].to_numpy() / 100.0,
+            frame["hours"].to_numpy(),
+        )
+        kept = wind if derivatives else {key: wind[key] for key in ("u", "v")}
+        for key, values in kept.items():
+            frame[f"{key}_{name}"] = values
+    grid = next(iter(made.references.values())).grid
+    frame["convergence"] = grid.convergence(frame["longitude"].to_numpy())
+    return frame
+
+
+def finished(reports: pd.DataFrame, start: datetime) -> pd.DataFrame:
+    """Return the reports sorted by tail and time, with absolute times and pressure.
+
+    Parameters
+    ----------
+    reports : pandas.DataFrame
+        From `airswing.synthetic.aircraft.observe.observe`.
+    start : datetime
+        Hour zero, UTC.
+
+    Returns
+    -------
+    pandas.DataFrame
+        With ``time`` (datetime64) and ``pressure`` (Pa).
+    """
+    frame = reports.sort_values(["tail", "hours", "flight"], kind="stable", ignore_index=True)
+    whole = np.round(frame["hours"].to_numpy() * 3600.0).astype("timedelta64[s]")
+    frame["time"] = (np.datetime64(start, "s") + whole).astype("datetime64[ns]")
+    frame["pressure"] = pressure_from_altitude(frame["altitude"].to_numpy())
+    return frame
+
+
+_PHASES = np.array(["", "ascent", "cruise", "descent"])
+
+
+def write_reports(
+    directory: Path,
+    frame: pd.DataFrame,
+    *,
+    true_airspeed: bool = False,
+    phases: Sequence[str] = ("ascent", "cruise", "descent"),
+) -> None:
+    """Write one CSV per aircraft in canonical columns.
+
+    Parameters
+    ----------
+    directory : Path
+        Folder, made where missing.
+    frame : pandas.DataFrame
+        From `finished`.
+    true_airspeed : bool
+        Also the indicated airspeed and heading.
+    phases : sequence of str
+        Phases of flight to write.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    table = pd.DataFrame(
+        {
+            "tail": frame["tail"],
+            "time": frame["time"].dt.strftime("%Y-%m-%dT%H:%M:%SZ"),
+            "latitude": frame["latitude"].map("{:.4f}".format),
+            "longitude": frame["longitude"].map("{:.4f}".format),
+            "pressure_altitude_ft": np.round(frame["altitude"] / 0.3048).astype(int),
+            "wind_direction_deg": frame["direction"].map("{:g}".format),
+            "wind_speed_kt": frame["speed"].map("{:g}".format),
+            "temperature_degC": frame["celsius"].astype(int),
+            "temperature_qc": frame["temperature_qc"],
+            "roll_flag": frame["roll_flag"],
+            "phase": _PHASES[frame["phase"].to_numpy()],
+            "flight": frame["flight"].astype(str),
+            "icing": frame["icing"],
+        }
+    )
+    if true_airspeed:
+        table["true_airspeed_kt"] = np.round(frame["airspeed"] * 3600 / 1852, 1)
+        table["heading_deg"] = np.round(np.degrees(frame["heading"]) % 360.0, 1)
+    table = table[table["phase"].isin(list(phases))]
+    for tail, part in table.groupby("tail", sort=True):
+        part.to_csv(directory / f"{tail}.csv", index=False)
+
+
+def _config(directory: str, scenario: Scenario, made: _Simulated, output: str) -> dict[str, Any]:
+    """Return the configuration of an archive."""
+    suffix = {1: "grb", 2: "grb2"}
+    config: dict[str, Any] = {
+        "reports": {"files": f"{directory}/reports/*.csv"},
+        "references": {
+            name: {"files": f"{directory}/{name}/*.{suffix[_EDITION[name]]}"}
+            for name in made.references
+        },
+    }
+    if len(made.references) > 1:
+        config["pool"] = {"+".join(made.references): list(made.references)}
+    if scenario.interval_hours > 1:
+        config["collocation"] = {"max_time_gap": f"{scenario.interval_hours} h"}
+    if scenario.field_test is not None:
+        day, chosen = scenario.field_test
+        config["field_test"] = {
+            "start": str((scenario.start + timedelta(days=day)).date()),
+            "before_start": str(scenario.start.date()),
+            "corrected": list(chosen),
+            "controls": [tail for tail in scenario.tails if tail not in chosen],
+        }
+    config["output"] = output
+    return config
+
+
+def write_archive(
+    directory: str | Path,
+    *,
+    days: int = 45,
+    aircraft: int = 14,
+    seed: int = 1,
+    effects: Effects | None = None,
+    true_airspeed: bool = False,
+    phases: Sequence[str] = ("ascent", "cruise", "descent"),
+    times_per_file: int = 1,
+    truth: str | Path | None = None,
+    relative_to: str | Path | None = None,
+    output: str | None = None,
+    thinned: Mapping[str, float] | None = None,
+    **options: Any,
+) -> Path:
+    """Write an archive: reports, GRIB, a configuration, and the truth beside them.
+
+    Parameters
+    ----------
+    directory : path
+        Folder, made where missing.
+    days, aircraft, seed : int
+        Length, fleet, seed.
+    effects : sequence of mapping, optional
+        What is wrong with the units and references (`airswing.synthetic.aircraft.faults`). None
+        draws a compass deviation for every aircraft; an empty list means perfect units.
+    true_airspeed : bool
+        Also write the indicated airspeed and heading.
+    phases : sequence of str
+        Phases of flight to write.
+    times_per_file : int
+        Valid times in one GRIB file.
+    truth : path, optional
+        Folder of ``truth.json``; ``directory/truth`` by default.
+    relative_to : path, optional
+        Paths in the configuration start here; absolute by default.
+    output : str, optional
+        The configuration's output folder; ``results`` beside the archive's parts by default.
+    thinned : mapping, optional
+        Tail to the share of its flights that is kept.
+    **options
+        Further fields of `Scenario`.
+
+    Returns
+    -------
+    Path
+        The configuration, ready for ``airswing run``.
+    """
+    from airswing.synthetic.world.gribwriter import write_reference
+
+    root = Path(directory)
+    probe = Scenario(days=days, aircraft=aircraft, seed=seed, **options)
+    if effects is None:
+        effects = fleet_deviations(probe.tails, seed)
+    scenario = Scenario(days=days, aircraft=aircraft, seed=seed, effects=effects, **options)
+    made = _simulate(scenario)
+    frame = finished(made.reports, scenario.start)
+    for tail, share in (thinned or {}).items():
+        own = frame["flight"][frame["tail"] == tail].unique()
+        kept = own[: max(1, int(share * own.size))]
+        frame = frame[(frame["tail"] != tail) | frame["flight"].isin(kept)]
+    write_reports(root / "reports", frame, true_airspeed=true_airspeed, phases=phases)
+    for name, stored in made.references.items():
+        write_reference(
+            root / name,
+            stored,
+            start=scenario.start,
+            edition=_EDITION[name],
+            lead_hours=scenario.lead_hours,
+            packing=scenario.packing.get(name, "grid_simple"),
+            times_per_file=times_per_file,
+        )
+    where = str(root.resolve())
+    if relative_to is not None:
+        where = root.resolve().relative_to(Path(relative_to).resolve()).as_posix()
+    config = _config(where, scenario, made, output or f"{where}/results")
+    target = root / "config.yaml"
+    target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
+    save_truth(
+        Path(truth) if truth is not None else root / "truth",
+        frame,
+        made.faults,
+        made.field,
+        scenario.tails,
+        effects,
+        seed=seed,
+        start=scenario.start,
+        corrected=scenario.field_test and list(scenario.field_test[1]),
+        usual_field=float(made.reports["horizontal"].median()),
+    )
+    return target

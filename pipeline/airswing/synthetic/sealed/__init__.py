@@ -1,0 +1,1 @@
+"""Archives of the blind check: drawn, written, and their truth sealed."""

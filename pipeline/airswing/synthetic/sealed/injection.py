@@ -1,0 +1,289 @@
+"""Real data with an effect added: a real flux valve's errors, and a real forecast's.
+
+Assumptions
+-----------
+* **Sensor** (Garmin G1000, 1 Hz, light aircraft; headings and tracks magnetic): along each record
+  ground velocity = airspeed x heading vector + wind, with the wind piecewise linear in time (knots
+  every 5 minutes) and linear in height, the heading in error by a constant, one and two cycles, the
+  airspeed by a factor. What the fit leaves, less the mean of each heading, is the real valve's and
+  pitot's irregular error, with its own correlation and tails (and the air's gusts). It replaces the
+  sample generator's instrument noise: each report takes the residual of a moment when the real
+  aircraft was on about the same magnetic heading, running on through the record along the flight.
+* **Model**: reports of one day flown through a real forecast run whose real 12-hour error is the
+  difference between truth and reference (`airswing.synthetic.sample.realwinds`).
+
+Validity: heading errors of one day's weather and of light aircraft; the effect on top is exact.
+
+Units: radians, m/s inside; degrees, kt in the records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.synthetic.aircraft.instrument import coded, compute_wind
+from airswing.synthetic.sealed.cases import World
+from airswing.synthetic.world.true_atmosphere import stream
+
+__all__ = ["SensorRecord", "real_sensor", "sensor_record", "with_real_sensor", "write_model_case"]
+
+Array = NDArray[np.float64]
+KNOT = 1852.0 / 3600.0
+WIND_KNOT_SECONDS = 300.0
+HEADING_BINS = 36
+MODEL_FOLDER = "wrf_ruc13_g212"
+
+
+@dataclass(frozen=True)
+class SensorRecord:
+    """Residual errors of one real flight, each (n,).
+
+    Parameters
+    ----------
+    magnetic : ndarray
+        Indicated magnetic heading, radians.
+    heading_error : ndarray
+        Left over after the mean of each heading, radians.
+    airspeed_error : ndarray
+        Left over after the mean of each heading, m/s.
+    """
+
+    magnetic: Array
+    heading_error: Array
+    airspeed_error: Array
+
+
+def sensor_record(table: pd.DataFrame) -> SensorRecord:
+    """Return the irregular errors of the sensors in one record.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Columns ``HDG, TRK`` (degrees magnetic), ``TAS, GndSpd`` (kt), ``AltMSL`` (ft), ``Roll``
+        (degrees), one row a second.
+
+    Returns
+    -------
+    SensorRecord
+
+    Raises
+    ------
+    InputError
+        Fewer than ten minutes of level flight at flying speed.
+    """
+    names = ("HDG", "TRK", "TAS", "GndSpd", "AltMSL", "Roll")
+    values = {name: table[name].to_numpy(float) for name in names}
+    good = np.all([np.isfinite(column) for column in values.values()], axis=0)
+    good &= (values["TAS"] > 60.0) & (values["GndSpd"] > 50.0) & (np.abs(values["Roll"]) < 12.0)
+    if good.sum() < 600:
+        raise InputError("too little level flight in a record", found=f"{int(good.sum())} s")
+    seconds = np.arange(good.size, dtype=float)[good]
+    heading, track = np.radians(values["HDG"][good]), np.radians(values["TRK"][good])
+    airspeed, ground = values["TAS"][good] * KNOT, values["GndSpd"][good] * KNOT
+    ahead = np.stack([np.sin(heading), np.cos(heading)])
+    right = np.stack([np.cos(heading), -np.sin(heading)])
+    wind = ground * np.stack([np.sin(track), np.cos(track)]) - airspeed * ahead
+    left = _left_over(seconds, values["AltMSL"][good], heading, airspeed, wind, ahead, right)
+    turned, longer = -(left * right).sum(0) / airspeed, -(left * ahead).sum(0)
+    return SensorRecord(heading, _irregular(heading, turned), _irregular(heading, longer))
+
+
+def _irregular(heading: Array, error: Array) -> Array:
+    """Take off the mean of each heading: a real unit's lasting deviation is no noise.
+
+    Reports draw their moments by heading. Whatever a heading's moments have in common (the unit's
+    own deviation of any number of cycles, a wind the fit took amiss) would come back in every
+    report of that heading, and a diagnosis that names it would be right.
+    """
+    bins = _heading_bin(heading)
+    count = np.bincount(bins, minlength=HEADING_BINS)
+    mean = np.bincount(bins, error, HEADING_BINS) / np.maximum(count, 1)
+    return np.asarray(error - mean[bins])
+
+
+def _heading_bin(heading: Array) -> NDArray[np.int64]:
+    """Bin of each heading in radians, (n,)."""
+    turn = np.mod(heading, 2 * np.pi) / (2 * np.pi)
+    return np.asarray(turn * HEADING_BINS, np.int64) % HEADING_BINS
+
+
+def _left_over(
+    seconds: Array,
+    altitude: Array,
+    heading: Array,
+    airspeed: Array,
+    wind: Array,
+    ahead: Array,
+    right: Array,
+) -> Array:
+    """Return the part (2, n) of the computed wind that no smooth wind or deviation explains."""
+    knots = np.arange(seconds[0], seconds[-1] + WIND_KNOT_SECONDS, WIND_KNOT_SECONDS)
+    hats = np.stack([np.interp(seconds, knots, row) for row in np.eye(knots.size)])
+    smooth = np.concatenate([hats[hats.sum(1) > 0], [(altitude - altitude.mean()) / 1000.0]])
+    cycles = [np.ones_like(heading)]
+    cycles += [wave(k * heading) for k in (1, 2) for wave in (np.sin, np.cos)]
+    blank = np.zeros_like(smooth)
+    columns = [np.stack([smooth, blank], 1), np.stack([blank, smooth], 1)]
+    columns += [(-airspeed * right)[None] * np.stack(cycles)[:, None]]
+    columns += [(airspeed * ahead)[None]]
+    design = np.concatenate(columns).transpose(2, 1, 0).reshape(-1, sum(map(len, columns)))
+    target = wind.T.ravel()
+    solution = np.linalg.lstsq(design, target, rcond=1e-9)[0]
+    return np.asarray((target - design @ solution).reshape(-1, 2).T)
+
+
+def real_sensor(folder: Path) -> list[SensorRecord]:
+    """Return the records of every flight in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds ``*flight*.csv``.
+
+    Returns
+    -------
+    list of SensorRecord
+
+    Raises
+    ------
+    InputError
+        The folder holds none.
+    """
+    files = sorted(folder.glob("*flight*.csv"))
+    if not files:
+        raise InputError("no record of a real flux valve", file=folder)
+    return [sensor_record(_read(path)) for path in files]
+
+
+def _read(path: Path) -> pd.DataFrame:
+    table = pd.read_csv(path, skipinitialspace=True, low_memory=False)
+    table.columns = [str(name).strip().lstrip("#").strip() for name in table.columns]
+    return pd.DataFrame({name: pd.to_numeric(table[name], errors="coerce") for name in table})
+
+
+def with_real_sensor(
+    frame: pd.DataFrame, records: Sequence[SensorRecord], *, seed: int
+) -> pd.DataFrame:
+    """Return an archive whose instrument noise is that of real records.
+
+    Parameters
+    ----------
+    frame : pandas.DataFrame
+        From `airswing.synthetic.sample.sample_archive.simulate_arrays` with noiseless instruments.
+    records : sequence of SensorRecord
+        Dealt to the aircraft in turn.
+    seed : int
+        Of where in the records each flight begins.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The same rows with other ``heading, airspeed, direction, speed, u, v``.
+    """
+    out = frame.copy()
+    magnetic = (out["heading"] - out["declination"]).to_numpy(float)
+    turned, longer = np.zeros(len(out)), np.zeros(len(out))
+    aircraft = out["aircraft"].to_numpy(int)
+    flight = out["flight"].to_numpy(int)
+    begin = stream(seed, "record position").integers(0, 1 << 20, int(flight.max()) + 1)
+    for number, record in enumerate(records):
+        rows = np.flatnonzero(aircraft % len(records) == number)
+        moment = _moments(record, magnetic[rows], flight[rows], begin)
+        turned[rows] = record.heading_error[moment]
+        longer[rows] = record.airspeed_error[moment]
+    # The ground vector the unit used is what its wind and its air vector add up to.
+    air = out["heading"].to_numpy(float), out["airspeed"].to_numpy(float)
+    ground = out["ground_u"].to_numpy(float), out["ground_v"].to_numpy(float)
+    heading, airspeed = air[0] + turned, air[1] + longer
+    u, v = compute_wind(*ground, airspeed, heading)
+    direction, speed = coded(u, v, direction_step=np.ones(len(out)), speed_step=np.ones(len(out)))
+    out["heading"], out["airspeed"] = heading, airspeed
+    out["direction"], out["speed"] = direction, speed
+    out["u"] = -speed * KNOT * np.sin(np.radians(direction))
+    out["v"] = -speed * KNOT * np.cos(np.radians(direction))
+    return out
+
+
+def _moments(
+    record: SensorRecord, magnetic: Array, flight: NDArray[np.int64], begin: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return a moment of the record for each report: same heading, running on along the flight."""
+    own = _heading_bin(record.magnetic)
+    order = np.argsort(own, kind="stable")
+    own, wanted = own[order], _heading_bin(magnetic)
+    present = np.unique(own)
+    gap = np.abs(np.angle(np.exp(2j * np.pi * (wanted[:, None] - present) / HEADING_BINS)))
+    nearest = present[np.argmin(gap, axis=1)]
+    first, last = np.searchsorted(own, nearest), np.searchsorted(own, nearest, "right")
+    new = np.r_[True, flight[1:] != flight[:-1]]
+    position = np.arange(flight.size)
+    since = position - np.maximum.accumulate(np.where(new, position, 0))
+    return np.asarray(order[first + (begin[flight] + since) % (last - first)], np.int64)
+
+
+def write_model_case(
+    folder: Path, real: Path, effects: Sequence[Mapping[str, Any]], world: World
+) -> dict[str, float]:
+    """Write a case on a real forecast run and measure its true closure.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the case.
+    real : Path
+        Folder of real data; its ``grib/wrf_ruc13_g212`` is read.
+    effects : sequence of mapping
+        See `airswing.synthetic.aircraft.faults`.
+    world : World
+        Seed and fleet.
+
+    Returns
+    -------
+    dict
+        ``before, after``: disagreement with the first reference with and without the effects, kt.
+    """
+    from airswing.synthetic.sample import realwinds
+
+    grib = real / "grib" / MODEL_FOLDER
+    if not grib.is_dir():
+        raise InputError("no real model run", file=grib)
+    run, _, start = realwinds.read_run(grib)
+    closure = {}
+    for name, active in (("after", []), ("before", list(effects))):
+        realwinds.write_archive(
+            folder, grib, aircraft=world.aircraft, seed=world.seed, effects=active,
+            output=str((folder / "results").resolve()),
+        )  # fmt: skip
+        closure[name] = _read_disagreement(folder / "reports", run, np.datetime64(start, "s"))
+    truth = folder / "truth"
+    for path in truth.iterdir():
+        path.unlink()
+    truth.rmdir()
+    return closure
+
+
+def _read_disagreement(folder: Path, run: Any, start: np.datetime64) -> float:
+    """Return the mean disagreement of written reports with a run's winds, kt."""
+    from airswing.physics.atmosphere import pressure_from_altitude
+    from airswing.synthetic.world.gridded_fields import sample_reference
+
+    table = pd.concat([pd.read_csv(path) for path in sorted(folder.glob("*.csv"))])
+    table = table[table["temperature_qc"] == "pass"]
+    times = pd.to_datetime(table["time"]).dt.tz_localize(None).to_numpy("datetime64[s]")
+    hours = (times - start).astype(float) / 3600.0
+    pressure = pressure_from_altitude(0.3048 * table["pressure_altitude_ft"].to_numpy(float))
+    wind = sample_reference(
+        run, table["latitude"].to_numpy(), table["longitude"].to_numpy(), pressure / 100.0, hours
+    )
+    angle = np.radians(table["wind_direction_deg"].to_numpy(float))
+    speed = table["wind_speed_kt"].to_numpy(float) * KNOT
+    apart = np.hypot(-speed * np.sin(angle) - wind["u"], -speed * np.cos(angle) - wind["v"])
+    return float(np.nanmean(apart) / KNOT)

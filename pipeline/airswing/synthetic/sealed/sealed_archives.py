@@ -1,0 +1,318 @@
+"""From a drawn case to an archive on disk and a label: strengths set, winds shared, truth measured.
+
+Assumptions
+-----------
+* A strength is the root mean square of the change in reported minus reference wind over the reports
+  where the effect acts, measured on a short archive of the same world without coding. It is taken
+  as proportional to the effect's parameters.
+* The true closure is measured on the very reports written: the mean vector disagreement with the
+  effect, and in the twin archive of the same seed without it (for the hard world, without the
+  effect but with the background everything has). Coarse coding and gross errors stay in the twin:
+  no simulation can take them off report by report, so their closure is nil.
+* GRIB files are written once per world and state of the references; cases point to them.
+
+Validity: the generator of `airswing.synthetic`, which shares no code with `airswing.gap.effects`.
+
+Units: m/s, kt for disagreement.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+from numpy.typing import NDArray
+
+from airswing.synthetic.aircraft.observe import Coding
+from airswing.synthetic.sample import sample_archive as archive
+from airswing.synthetic.sample.sample_archive import Scenario, simulate_arrays, write_reports
+from airswing.synthetic.sealed.cases import START, Case, World
+from airswing.synthetic.sealed.draws import LADDER, Drawn, scaled
+from airswing.synthetic.world.gribwriter import write_reference
+from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
+
+__all__ = ["Archivist", "disagreement_kt", "strength_of"]
+
+Array = NDArray[np.float64]
+Effects = Sequence[Mapping[str, Any]]
+KNOT = 1852.0 / 3600.0
+EDITIONS = {"ruc": (1, "grb"), "rtfdaa": (2, "grb2")}
+"""Edition and suffix of the references' GRIB files."""
+REFERENCES = tuple(EDITIONS)
+CALIBRATION_DAYS = 5
+_EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
+_COARSE_FIELDS: dict[str, Any] = {
+    "columns": 32, "rows": 25, "spacing_km": 57.0, "interval_hours": 2,
+}  # fmt: skip
+_NO_FIELDS: dict[str, Any] = {
+    "columns": 3, "rows": 3, "spacing_km": 600.0, "levels": (1000, 350), "interval_hours": 6,
+}  # fmt: skip
+"""Options that make the references next to nothing, where only the reports are wanted."""
+_THIN_FIELDS: dict[str, Any] = {
+    "columns": 16, "rows": 12, "spacing_km": 120.0, "interval_hours": 3,
+    "levels": (1000, 900, 800, 700, 600, 500, 400, 350),
+}  # fmt: skip
+"""Options that make the references good enough to measure a strength against."""
+
+
+def generator_options(world: World) -> dict[str, Any]:
+    """Return what `simulate_arrays` and `write_archive` are told about a world."""
+    kind = "hard" if world.kind == "hard" else "default"
+    return (_COARSE_FIELDS if world.coarse else {}) | {
+        "days": world.days,
+        "aircraft": world.aircraft,
+        "seed": world.seed,
+        "world": kind,
+        "start": START,
+    }
+
+
+def innovation(frame: pd.DataFrame) -> Array:
+    """Return reported minus pooled reference wind, (n, 2) m/s; NaN outside the fields."""
+    out = [
+        frame[name] - sum(frame[f"{name}_{reference}"] for reference in REFERENCES) / 2.0
+        for name in ("u", "v")
+    ]
+    return np.stack([np.asarray(part, float) for part in out], axis=-1)
+
+
+def disagreement_kt(frame: pd.DataFrame) -> float:
+    """Return the mean vector disagreement of the reports a diagnosis uses, kt."""
+    wind = innovation(frame)
+    keep = np.isfinite(wind).all(axis=1) & (frame["temperature_qc"] == "pass").to_numpy()
+    return float(np.hypot(*wind[keep].T).mean() / KNOT)
+
+
+def acting(frame: pd.DataFrame, drawn: Drawn) -> NDArray[np.bool_]:
+    """Return the reports (n,) on which an effect acts by its nature, whatever its period."""
+    here = np.ones(len(frame), bool)
+    if drawn.tails is not None:
+        here &= np.isin(frame["tail"].to_numpy(str), np.array(drawn.tails))
+    if drawn.name in ("heater_current", "pitot_icing"):
+        here &= frame["icing"].to_numpy() == 1
+    elif drawn.name == "acceleration_error":
+        here &= frame["phase"].to_numpy() != 2
+    elif drawn.name == "turn_error":
+        here &= np.abs(frame["bank"].to_numpy()) > np.radians(2.0)
+    elif drawn.name == "reference_speed_bias":
+        above = drawn.effects[0]["parameters"].get("above_hPa")
+        if above is not None:
+            here &= frame["pressure"].to_numpy() <= 100.0 * above
+    return here
+
+
+def strength_of(drawn: Drawn, world: World) -> float:
+    """Return the strength of an effect as it stands, m/s root mean square where it acts.
+
+    Parameters
+    ----------
+    drawn : Drawn
+        Not one with a ladder.
+    world : World
+        Its seed and fleet are used, for a few days.
+
+    Returns
+    -------
+    float
+    """
+    short = replace(world, days=min(world.days, CALIBRATION_DAYS))
+    options = _calibration_options(short)
+    bare = _calibration(short)
+    changed = simulate_arrays(effects=[_always(drawn, e) for e in drawn.effects], **options)
+    change = innovation(changed) - innovation(bare)
+    here = acting(bare, drawn) & np.isfinite(change).all(axis=1)
+    size = float(np.sqrt((change[here] ** 2).sum(axis=1).mean())) if here.any() else 0.0
+    if drawn.name == "compass_drift":
+        size *= world.days / short.days
+    return 2.0 * size if drawn.name == "tail_swap" else size
+
+
+@functools.lru_cache(maxsize=1)
+def _calibration(short: World) -> pd.DataFrame:
+    """Return the short archive without effect that strengths are measured against."""
+    return simulate_arrays(effects=[], **_calibration_options(short))
+
+
+def _calibration_options(short: World) -> dict[str, Any]:
+    return generator_options(short) | _THIN_FIELDS | {"coding": _EXACT, "derivatives": False}
+
+
+def _always(drawn: Drawn, effect: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the effect without its period; a swap is measured by the deviations it exchanges."""
+    out = {**effect, "period": None}
+    if effect["name"] == "tail_swap":
+        return {"name": "compass_offset", "tails": out["tails"], "parameters": {}}
+    return out
+
+
+@functools.lru_cache(maxsize=2)
+def _fields(world: World, of_reference: str) -> dict[str, GriddedReference]:
+    """Return the gridded references of a world under some effects on them (JSON)."""
+    scenario = Scenario(effects=json.loads(of_reference), **generator_options(world))
+    return archive._simulate(scenario).references
+
+
+def _on_references(effects: Effects) -> str:
+    return json.dumps([dict(e) for e in effects if e["name"].startswith("reference_")])
+
+
+def simulated(world: World, effects: Effects, *, coding: Coding | None = None) -> pd.DataFrame:
+    """Return the reports of a world with the winds of its references.
+
+    The same as `airswing.synthetic.sample.sample_archive.simulate_arrays`, but the fields are built
+    once for all cases of a world.
+
+    Parameters
+    ----------
+    world : World
+        Seed, size, kind.
+    effects : sequence of mapping
+        See `airswing.synthetic.aircraft.faults`.
+    coding : Coding, optional
+        The generator's by default.
+
+    Returns
+    -------
+    pandas.DataFrame
+    """
+    options = generator_options(world) | _NO_FIELDS | {"derivatives": False}
+    frame = simulate_arrays(effects=effects, coding=coding or Coding(), **options)
+    for name, stored in _fields(world, _on_references(effects)).items():
+        wind = sample_reference(
+            stored,
+            frame["latitude"].to_numpy(),
+            frame["longitude"].to_numpy(),
+            frame["pressure"].to_numpy() / 100.0,
+            frame["hours"].to_numpy(),
+        )
+        frame[f"u_{name}"], frame[f"v_{name}"] = wind["u"], wind["v"]
+    return frame
+
+
+@dataclass
+class Archivist:
+    """Writes the archives of a check and keeps what they share.
+
+    Parameters
+    ----------
+    root : Path
+        Folder of the check; archives go to ``cases``, fields to ``winds``.
+    real : Path, optional
+        Folder with real data for rung 5.
+    """
+
+    root: Path
+    real: Path | None = None
+    _bare: tuple[World, pd.DataFrame] | None = field(default=None, init=False)
+
+    def write(self, case: Case) -> dict[str, Any]:
+        """Write one case's archive and return its label.
+
+        Parameters
+        ----------
+        case : Case
+
+        Returns
+        -------
+        dict
+            ``name, rung, kind, size, measured, effects, names, tails, without, closure`` and what
+            the world has in the background.
+        """
+        drawn = tuple(
+            self._strengthened(part, size, case.world)
+            for part, size in zip(case.drawn, case.sizes, strict=True)
+        )
+        effects = [effect for part in drawn for effect in part.effects]
+        folder = self.root / "cases" / case.name
+        if case.world.kind == "model":
+            from airswing.synthetic.sealed.injection import write_model_case
+
+            closure = write_model_case(folder, self._real(), effects, case.world)
+        else:
+            closure = self._write_sample(folder, case.world, effects)
+        return {
+            "name": case.name,
+            "rung": case.rung,
+            "kind": case.kind,
+            "world": case.world.kind,
+            "size": max(case.sizes, default=0.0),
+            "sizes": list(case.sizes),
+            "focus": [part.name for part in drawn],
+            "names": list(dict.fromkeys(name for part in drawn for name in part.names)),
+            "effects": effects,
+            "without": list(case.without),
+            # A real record's tails are as heavy as they are: who names them is right.
+            "background": ["outliers"] if case.world.kind in ("hard", "sensor") else [],
+            "closure": closure,
+        }
+
+    def _real(self) -> Path:
+        if self.real is None:
+            raise ValueError("a case on real data needs the folder of real data")
+        return self.real
+
+    def _strengthened(self, drawn: Drawn, size: float, world: World) -> Drawn:
+        if drawn.name in LADDER:
+            return drawn
+        ordinary = replace(world, kind="default", days=max(world.days, CALIBRATION_DAYS))
+        return scaled(drawn, size / max(strength_of(drawn, ordinary), 1e-6))
+
+    def _write_sample(self, folder: Path, world: World, effects: Effects) -> dict[str, float]:
+        """Write reports and configuration; return the disagreement with and without effects."""
+        made = self._simulated(world, effects)
+        random = [effect for effect in effects if effect["name"] in LADDER]
+        bare = self._without(world)
+        if random:
+            bare = made if len(random) == len(effects) else self._simulated(world, random)
+        write_reports(folder / "reports", made)
+        winds = self._winds_of(world, effects)
+        config = yaml.safe_load((winds / "config.yaml").read_text(encoding="utf-8"))
+        config["reports"]["files"] = str((folder / "reports" / "*.csv").resolve())
+        config["output"] = str((folder / "results").resolve())
+        (folder / "config.yaml").write_text(yaml.safe_dump(config, sort_keys=False), "utf-8")
+        return {"before": disagreement_kt(made), "after": disagreement_kt(bare)}
+
+    def _simulated(self, world: World, effects: Effects) -> pd.DataFrame:
+        if world.kind != "sensor":
+            return simulated(world, effects)
+        from airswing.synthetic.sealed.injection import real_sensor, with_real_sensor
+
+        silent = Coding(heading_noise=0.0, airspeed_noise=0.0)
+        frame = simulated(world, effects, coding=silent)
+        return with_real_sensor(frame, real_sensor(self._real() / "heading"), seed=world.seed)
+
+    def _without(self, world: World) -> pd.DataFrame:
+        if self._bare is None or self._bare[0] != world:
+            self._bare = world, self._simulated(world, [])
+        return self._bare[1]
+
+    def _winds_of(self, world: World, effects: Effects) -> Path:
+        """Return the folder with the fields of a world under the effects on its references."""
+        of_reference = _on_references(effects)
+        key = json.dumps([*astuple(world), of_reference])
+        folder = self.root / "winds" / hashlib.sha256(key.encode()).hexdigest()[:10]
+        if (folder / "config.yaml").exists():
+            return folder
+        where, references = str(folder.resolve()), {}
+        for name, stored in _fields(world, of_reference).items():
+            edition, suffix = EDITIONS[name]
+            write_reference(
+                folder / name, stored, start=START, edition=edition, lead_hours=1, times_per_file=6
+            )
+            references[name] = {"files": f"{where}/{name}/*.{suffix}"}
+        config = {
+            "reports": {"files": ""},
+            "references": references,
+            "pool": {"+".join(references): list(references)},
+            "output": "",
+        }
+        (folder / "config.yaml").write_text(yaml.safe_dump(config, sort_keys=False), "utf-8")
+        return folder

@@ -1,0 +1,1 @@
+"""A true atmosphere, and model winds that know it imperfectly, written as GRIB."""

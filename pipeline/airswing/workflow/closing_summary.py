@@ -1,0 +1,174 @@
+"""The closing summary of a run: what was read, what was fitted, what the winds gained.
+
+Assumes the products of one run. Disagreement is the mean magnitude of the wind vector difference
+over screened reports, in knots, against the main reference or pool, the same reports before and
+after; it is measured on the data the fit was made from (the field test holds data out).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from airswing.compass.fit.cycles import NORMAL_95
+from airswing.config import Config
+from airswing.evaluation.compass_changes.stability import change_warnings
+from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
+from airswing.flags import CORRECTION, STATUS
+from airswing.products.ragged import aircraft_of_report, blocks
+from airswing.report.run.reading_warnings import reading_warnings, tally
+
+_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
+          "reference_northward_wind", "screening")  # fmt: skip
+_MENDED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
+
+
+def summarise(
+    config: Config, headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset
+) -> dict[str, Any]:
+    """Collect what a person wants to know first.
+
+    Parameters
+    ----------
+    config : Config
+    headings, fits, corrected : Dataset
+        Products of the run.
+
+    Returns
+    -------
+    dict
+        ``reports``, ``aircraft``, ``status`` counts, ``disagreement_kt`` before and after, and
+        one entry per aircraft under ``fits``.
+    """
+    main = next(iter([*config.pool, *config.references]))
+    chosen = fits.sel(reference=main)
+    kept, used, before, after = _sums(config, headings, corrected, main)
+    names = {code: name for name, code in STATUS.items()}
+    status = [names[int(code)] for code in chosen["status"].to_numpy()]
+    return {
+        "reference": main,
+        "reports": {
+            "read": tally(headings, "reading_audit").get("reports_read", headings.sizes["report"]),
+            "usable": headings.sizes["report"],
+            "kept": int(kept.sum()),
+        },
+        "aircraft": headings.sizes["aircraft"],
+        "status": {name: status.count(name) for name in STATUS},
+        "disagreement_kt": {
+            "before": _knots(before.sum(), used.sum()),
+            "after": _knots(after.sum(), used.sum()),
+        },
+        "warnings": [*reading_warnings(tally(headings, "reading_audit")), *change_warnings(fits)],
+        "fits": [
+            {
+                "aircraft": str(name),
+                "status": status[i],
+                **{
+                    key: float(chosen[key][i])
+                    for key in ("offset", "amplitude", "phase", "amplitude_standard_error")
+                },
+                "reports": int(chosen["report_count"][i]),
+                "before_kt": _knots(before[i], used[i]),
+                "after_kt": _knots(after[i], used[i]),
+            }
+            for i, name in enumerate(chosen["aircraft"].to_numpy())
+        ],
+    }
+
+
+def as_text(summary: dict[str, Any], output: Path) -> str:
+    """Lay the summary out for a terminal.
+
+    Parameters
+    ----------
+    summary : dict
+        Of :func:`summarise`.
+    output : Path
+        Folder of the products.
+
+    Returns
+    -------
+    str
+    """
+    reports, status, change = summary["reports"], summary["status"], summary["disagreement_kt"]
+    lines = [
+        f"{reports['read']:,} reports read, {reports['kept']:,} kept for the fit; "
+        f"{status['ok']} of {summary['aircraft']} aircraft fitted against {summary['reference']}",
+        "",
+        "aircraft    amplitude*       phase   offset   reports   wind disagreement (kt)  status",
+        *map(_line, summary["fits"]),
+        "* degrees, with 95 % intervals",
+    ]
+    lines += ["", *summary.get("warnings", [])] if summary.get("warnings") else []
+    lines += [
+        "",
+        f"mean wind vector disagreement of the corrected reports: {change['before']:.2f} kt "
+        f"before, {change['after']:.2f} kt after (same data as the fit)"
+        if np.isfinite(change["before"])
+        else "no report could be corrected",
+        f"products: {output}",
+        f"page:     {output / 'report' / 'index.html'}",
+    ]
+    return "\n".join(lines)
+
+
+def _line(fit: dict[str, Any]) -> str:
+    """One aircraft; a dash for what was not fitted."""
+    half = NORMAL_95 * fit["amplitude_standard_error"]
+    amplitude = _digits("{:6.2f} +- {:4.2f}", fit["amplitude"], half)
+    winds = _digits("{:7.2f} -> {:5.2f}", fit["before_kt"], fit["after_kt"])
+    return (
+        f"{fit['aircraft']:<10} {amplitude} {_digits('{:8.1f}', fit['phase'])} "
+        f"{_digits('{:8.2f}', fit['offset'])} {fit['reports']:9,}   {winds}         {fit['status']}"
+    )
+
+
+def _digits(form: str, *values: float) -> str:
+    text = form.format(*values)
+    return text if np.isfinite(values).all() else "-".rjust(len(form.format(*[0.0] * len(values))))
+
+
+def _sums(
+    config: Config, headings: xr.Dataset, corrected: xr.Dataset, main: str
+) -> tuple[Any, Any, Any, Any]:
+    """By aircraft: reports kept and corrected, and their summed differences before and after."""
+    found = []
+    for block, mended in zip(blocks(headings, _WINDS), blocks(corrected, _MENDED), strict=True):
+        before, after = _differences(config, block, mended, main)
+        kept = (block["screening"].to_numpy() == 0) & np.isfinite(before)
+        used = kept & (mended["correction_applied"].to_numpy() == CORRECTION["corrected"])
+        row, size = aircraft_of_report(block), block.sizes["aircraft"]
+        found.append(
+            [
+                np.bincount(row[kept], minlength=size),
+                np.bincount(row[used], minlength=size),
+                np.bincount(row[used], weights=before[used], minlength=size),
+                np.bincount(row[used], weights=after[used], minlength=size),
+            ]
+        )
+    kept, used, first, second = (np.concatenate(part) for part in zip(*found, strict=True))
+    return kept, used, first, second
+
+
+def _differences(
+    config: Config, headings: xr.Dataset, corrected: xr.Dataset, main: str
+) -> tuple[Any, Any]:
+    """Vector difference of every report before and after the correction, m/s."""
+    winds = reference_mean(headings, config.pools()[main])
+    reference = (
+        winds["reference_eastward_wind"].to_numpy(),
+        winds["reference_northward_wind"].to_numpy(),
+    )
+    reported = (headings["eastward_wind"].to_numpy(), headings["northward_wind"].to_numpy())
+    mended = (
+        corrected["corrected_eastward_wind"].to_numpy(),
+        corrected["corrected_northward_wind"].to_numpy(),
+    )
+    return vector_difference(*reported, *reference), vector_difference(*mended, *reference)
+
+
+def _knots(total: float, number: int) -> float:
+    return float(total / number / KNOT) if number else float("nan")

@@ -1,0 +1,160 @@
+"""What judges the corrections: profiles, the field test, the dependence on the reference.
+
+Takes the products and writes ``error_profiles.nc``, ``field_test.json`` and ``sensitivity.json``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import xarray as xr
+
+from airswing.config import as_json
+from airswing.errors import ConfigError
+from airswing.products.netcdf import write_json, write_product
+from airswing.workflow.job import (
+    FIELD_TEST,
+    HEADINGS,
+    PROFILES,
+    SENSITIVITY,
+    Job,
+    main_reference,
+    ready,
+)
+from airswing.workflow.ranking_stage import make_ranking, make_stability, make_virtual
+
+
+def make_evaluation(
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset
+) -> dict[str, Any]:
+    """Everything that judges the corrections, as far as the configuration allows it.
+
+    Parameters
+    ----------
+    job : Job
+    headings, fits, corrected : Dataset
+
+    Returns
+    -------
+    dict
+        ``profiles``, ``stability``, ``ranking``, ``virtual``, and ``field_test`` and
+        ``sensitivity`` where there are groups and more than one reference; the keywords of
+        :func:`airswing.report.run.page.write_page`.
+    """
+    found: dict[str, Any] = {
+        "profiles": make_profiles(job, headings, corrected),
+        "stability": make_stability(job, headings, fits),
+        "ranking": make_ranking(job, headings, fits),
+    }
+    found["virtual"] = make_virtual(job, headings, fits, found["ranking"])
+    if job.config.field_test is not None:
+        found["field_test"] = make_field_test(job, headings)
+    if len(job.config.references) > 1:
+        found["sensitivity"] = make_sensitivity(job, headings)
+    return found
+
+
+def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
+    """Error profiles by phase of flight and level: ``error_profiles.nc``.
+
+    Parameters
+    ----------
+    job : Job
+    headings, corrected : Dataset
+
+    Returns
+    -------
+    Dataset
+    """
+    from airswing.evaluation.profiles import error_profiles
+
+    with job.progress.stage("profiles"):
+        profiles = error_profiles(headings, corrected, pools=job.config.pools())
+        write_product(
+            profiles,
+            job.output / PROFILES,
+            title="Wind error by phase of flight and level, as reported and as corrected",
+            config_json=as_json(job.config),
+            source_uuids=[headings.attrs["uuid"], corrected.attrs["uuid"]],
+        )
+    return profiles
+
+
+def make_field_test(job: Job, headings: xr.Dataset | None = None) -> dict[str, Any]:
+    """The field test of the configuration: ``field_test.json``.
+
+    Parameters
+    ----------
+    job : Job
+    headings : Dataset, optional
+        Read from the output folder when not given.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    ConfigError
+        If the configuration has no ``field_test``.
+    """
+    from airswing.evaluation.backtest.virtual_field_test import predicted_reduction
+    from airswing.evaluation.field_test import field_test
+
+    config = job.config
+    if config.field_test is None:
+        raise ConfigError(
+            "there is no field test to evaluate",
+            field="field_test",
+            remedy="Add field_test with start, before_start, corrected and controls",
+        )
+    with job.progress.stage("field test") as stage:
+        screened = ready(job, headings, HEADINGS)
+        against: dict[str, Any] = {"pools": config.pools(), "reference": main_reference(config)}
+        result = field_test(screened, **against, **config.field_test.model_dump())
+        result |= predicted_reduction(
+            screened,
+            start=config.field_test.start,
+            corrected=config.field_test.corrected,
+            **against,
+            **config.fit.model_dump(),
+        )
+        write_json(job.output / FIELD_TEST, result)
+        low, high = result["adjusted_reduction_ci_kt"]
+        stage.note = (
+            f"adjusted reduction {result['adjusted_reduction_kt']:.2f} kt ({low:.2f} to {high:.2f})"
+        )
+    return result
+
+
+def make_sensitivity(job: Job, headings: xr.Dataset | None = None) -> dict[str, Any]:
+    """Every reference and pool fitted on the same reports: ``sensitivity.json``.
+
+    Parameters
+    ----------
+    job : Job
+    headings : Dataset, optional
+        Read from the output folder when not given.
+
+    Returns
+    -------
+    dict
+    """
+    from airswing.evaluation.reference_comparison.sensitivity import compare
+
+    config = job.config
+    with job.progress.stage("compare") as stage:
+        result = compare(
+            ready(job, headings, HEADINGS),
+            pools=config.pools(),
+            never_pool=config.never_pool,
+            **config.fit.model_dump(),
+        )
+        write_json(job.output / SENSITIVITY, result)
+        verdicts = (
+            f"{' and '.join(pair['references'])}: "
+            + ("poolable" if pair["poolable"] else "not poolable")
+            for pair in result["pairs"]
+        )
+        stage.note = "; ".join(verdicts)
+    return result

@@ -1,0 +1,194 @@
+"""The stages of the gap, in order: simulate the reports, diagnose where and why the real ones part.
+
+Assumes the configuration of the main job. The gap needs the reference wind's derivatives, which
+``headings.nc`` does not hold, so the reports are collocated anew against the gap's reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from airswing.config import as_json
+from airswing.errors import InputError
+from airswing.products.netcdf import plain, write_json, write_product
+from airswing.workflow import Job, collocated_headings
+
+if TYPE_CHECKING:
+    from airswing.gap.checks.refit_claims import Adjustment
+    from airswing.gap.effects import ActiveEffect
+
+GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
+
+
+def gap_headings(job: Job) -> xr.Dataset:
+    """Screened headings against the gap's reference, with the derivatives of its wind.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    Dataset
+        Not written.
+    """
+    from airswing.compass.screening import screen
+
+    config = job.config
+    job.begin_store(job.gap_store)
+    members = config.pools()[config.gap_reference()]
+    headings = collocated_headings(job, names=members, derivatives=True)
+    job.end_store(job.gap_store)
+    return screen(headings, **config.screening.model_dump())
+
+
+def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -> Path:
+    """Simulate the archive's reports forward through the reference and write them.
+
+    Parameters
+    ----------
+    job : Job
+    effects : Path, optional
+        Effects file; none is the perfect instrument.
+    output : Path
+        ``.csv`` or ``.parquet``.
+    seed : int, default 0
+
+    Returns
+    -------
+    Path
+        The file written.
+    """
+    from airswing.gap.simulation.effects_file import read_effects
+    from airswing.gap.simulation.report_table import report_path, simulate_reports, write_reports
+
+    output = report_path(output)  # before an archive is read for nothing
+    active = read_effects(effects) if effects is not None else []
+    headings = gap_headings(job)
+    members = job.config.pools()[job.config.gap_reference()]
+    with job.progress.stage("simulate") as stage:
+        table = simulate_reports(headings, reference=members, effects=active, seed=seed)
+        stage.note = f"{len(table):,} reports, {len(active)} effects"
+    return write_reports(table, output)
+
+
+def active_effects(report: Mapping[str, Any]) -> list[ActiveEffect]:
+    """Effects of a diagnosis as the simulation takes them: one entry per aircraft or fleet.
+
+    Parameters
+    ----------
+    report : mapping
+        Content of ``gap.json``.
+
+    Returns
+    -------
+    list of ActiveEffect
+    """
+    from airswing.gap.simulation.effects_file import parse_effects
+
+    entries = []
+    for effect in report["effects"]:
+        each = effect.get("per_tail")
+        tails = "all" if effect["scope"] == "fleet" else effect["tails"]
+        pieces = [(tails, effect["parameters"])]
+        if each:
+            pieces = [([tail], values["parameters"]) for tail, values in each.items()]
+        entries += [
+            {
+                "name": effect["name"],
+                "tails": who,
+                "parameters": parameters,
+                "period": effect["period"],
+            }
+            for who, parameters in pieces
+        ]
+    return parse_effects(plain(entries))
+
+
+def diagnosis(job: Job, *, without: Sequence[str] = ()) -> dict[str, Any]:
+    """Diagnose the gap: ``gap.json``, ``gap.nc``, ``effects.yaml`` and ``gap/index.html``.
+
+    Parameters
+    ----------
+    job : Job
+    without : sequence of str, optional
+        Effects of the catalogue to do without, as if nobody knew them.
+
+    Returns
+    -------
+    dict
+        The content of ``gap.json``.
+
+    Raises
+    ------
+    InputError
+        If an effect to do without is unknown.
+    """
+    from airswing.gap.archive.frame import Frame
+    from airswing.gap.diagnose import diagnose
+    from airswing.gap.simulation.effects_file import write_effects
+    from airswing.report.gap.gap_page import write_gap_page
+
+    config = job.config
+    headings = gap_headings(job)
+    frame = Frame.from_headings(
+        headings, reference=config.pools()[config.gap_reference()], phases=config.gap.phases
+    )
+    with job.progress.stage("diagnose") as stage:
+        found = diagnose(frame, catalogue=_catalogue(without))
+        names = [effect["name"] for effect in found.report["effects"]]
+        stage.note = ", ".join(names) or "no effect missing"
+    content = found.report | {"reference": config.gap_reference(), **found.details}
+    content["claims"] = _claims(job, headings, found.adjustment)
+    write_json(job.output / GAP_JSON, content)
+    write_effects(active_effects(found.report), job.output / GAP_EFFECTS)
+    write_product(
+        found.dataset,
+        job.output / GAP_PRODUCT,
+        title="Gap between reported and simulated winds: maps, evidence and statistics",
+        config_json=as_json(config),
+        sources=[*config.reports.files, *config.references],
+    )
+    with job.progress.stage("page") as stage:
+        stage.note = str(write_gap_page(job.output / "gap", gap=content, maps=found.dataset))
+    return content
+
+
+def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> dict[str, Any]:
+    """Review the deviations and the field test with the effects beside the deviation off."""
+    from airswing.gap.checks.refit_claims import review_claims
+
+    config = job.config
+    test = config.field_test
+    with job.progress.stage("claims") as stage:
+        reviewed = review_claims(
+            headings,
+            adjustment,
+            pools=config.pools(),
+            reference=config.gap_reference(),
+            fit=config.fit.model_dump(),
+            field_test=None if test is None else test.model_dump(),
+        )
+        stage.note = (
+            f"{reviewed['stay']} of {reviewed['of']} fits stay within their interval"
+            if adjustment.names
+            else "nothing beside the deviation to take off"
+        )
+    return reviewed
+
+
+def _catalogue(without: Sequence[str]) -> dict[str, Any]:
+    """Return the catalogue but for the effects named."""
+    from airswing.gap.effects import CATALOGUE
+
+    for name in without:
+        if name not in CATALOGUE:
+            raise InputError(
+                "unknown effect", field="--without", found=name,
+                remedy=f"the catalogue holds {', '.join(CATALOGUE)}",
+            )  # fmt: skip
+    return {name: effect for name, effect in CATALOGUE.items() if name not in without}

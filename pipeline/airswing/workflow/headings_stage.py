@@ -1,0 +1,233 @@
+"""Screened headings: ``headings.nc``, and the plan of a run.
+
+Takes what :mod:`airswing.workflow.collocating` makes, some aircraft at a time, screens it and
+writes it as it comes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.products.fingerprint import code_digest, file_identities, fingerprint
+from airswing.products.netcdf import as_stored
+from airswing.products.ragged import blocks
+from airswing.workflow.collocating import (
+    catalogues,
+    collocated_blocks,
+    needs_of,
+    read,
+    set_places_down,
+    written_to,
+)
+from airswing.workflow.job import COLLOCATING, HEADINGS, Blocks, Job, earlier, ragged_product
+
+if TYPE_CHECKING:
+    from airswing.workflow.progress import StageRecord
+
+
+def plan_run(job: Job) -> dict[str, Any]:
+    """Say what a run would read and cost; nothing is decoded and nothing kept.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    dict
+        Per reference what :func:`airswing.reference.planning.plan` counts; ``reports``, and
+        estimates ``seconds``, ``memory_bytes``, ``disk_bytes`` and ``kept_disk_bytes`` from this
+        package's own benchmarks. With ``resume`` the cost is of what an earlier run left to do, and
+        ``kept_messages`` of each reference are not read again.
+    """
+    from airswing.reference.store import SampleStore
+    from airswing.workflow.cost import estimate
+
+    kept = SampleStore(job.store) if job.resume else None
+    with tempfile.TemporaryDirectory() as name:
+        archive = read(job, Path(name))
+        models = catalogues(job, list(job.config.references))
+        places = set_places_down(archive, Path(name) / "blocks")
+        with job.progress.stage("plan"):
+            needs = needs_of(job, places, models, kept=kept)
+    sparse = job.config.collocation.sparse
+    plans = {name: need.plan(name, models[name], sparse=sparse) for name, need in needs.items()}
+    left = {
+        name: need.plan(name, models[name], sparse=sparse, left=True)
+        for name, need in needs.items()
+    }
+    return {
+        "reports": archive.reports,
+        "aircraft": archive.aircraft,
+        **estimate(
+            archive.reports,
+            archive.aircraft,
+            plans,
+            left=left,
+            block=archive.largest,
+            keep=job.config.compute.keep_samples,
+        ),
+        "references": {
+            name: one.as_dict() | {"kept_messages": one.messages - left[name].messages}
+            for name, one in plans.items()
+        },
+    }
+
+
+def make_headings(job: Job) -> xr.Dataset:
+    """Reports, model winds, headings and screening: ``headings.nc``.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    Dataset
+        Read lazily.
+
+    Raises
+    ------
+    InputError
+        If no report is left after screening.
+    """
+    config = job.config
+    names = list(config.references)
+    unscreened = fingerprint(
+        config.model_dump(include={"reports", "references", "collocation"}),
+        file_identities(config.reports.files),
+        [file_identities(model.files) for model in config.references.values()],
+        code_digest(*COLLOCATING),
+    )
+
+    def make() -> Blocks:
+        made = _unscreened(job, unscreened)
+        if made is None:
+            job.begin_store(job.store)
+            made = _collocated(job, names)
+        made.attrs["unscreened_fingerprint"] = unscreened if made.whole else ""
+        return _screened(job, made)
+
+    headings = ragged_product(
+        job,
+        HEADINGS,
+        make,
+        title="Heading errors of aircraft reports against model winds",
+        depends=(
+            unscreened,
+            config.model_dump(include={"screening", "field_test"}),
+            code_digest("airswing.compass.screening"),
+        ),
+    )
+    job.end_store(job.store)
+    return headings
+
+
+def _collocated(job: Job, names: list[str]) -> Blocks:
+    """Headings against some references; those of an earlier run that still hold are taken up."""
+    from airswing.compass.kept_headings import KeptHeadings, Record
+
+    found = earlier(job, job.output / HEADINGS)
+    kept = KeptHeadings(found, Record.read(job.record))
+    made = collocated_blocks(job, names=names, kept=kept)
+
+    def each(stage: StageRecord) -> Iterator[xr.Dataset]:
+        with contextlib.closing(found) if found is not None else contextlib.nullcontext():
+            yield from made.each(stage)
+        if kept.taken_up:
+            job.progress.say(
+                f"  headings of {kept.taken_up:,} reports are those of the earlier run"
+            )
+
+    def written(uuid: str) -> None:
+        if job.config.compute.keep_samples:
+            with written_to(job.store):
+                kept.record(uuid).write(job.record)
+
+    return replace(made, each=each, written=written)
+
+
+def _screened(job: Job, made: Blocks) -> Blocks:
+    """Mark what the fit should not use, as the blocks come by."""
+    from airswing.compass.screening import audit, mark_corrected_units, screen
+
+    config = job.config
+
+    def each(stage: StageRecord) -> Iterator[xr.Dataset]:
+        kept, removed = 0, xr.DataArray(0)
+        for block in made.each(stage):
+            headings = screen(as_stored(block), **config.screening.model_dump())
+            if config.field_test is not None:
+                test = config.field_test
+                headings = mark_corrected_units(
+                    headings,
+                    aircraft=test.corrected,
+                    start=np.datetime64(test.start),
+                    end=None if test.end is None else np.datetime64(test.end),
+                )
+            kept += int((headings["screening"] == 0).sum())
+            removed = removed + audit(headings)["together_total"]
+            yield headings
+        if not kept:
+            raise nothing_kept(removed, made.reports)
+        stage.note = f"{kept:,} of {made.reports:,} reports kept"
+        stage.reports = made.reports
+
+    return replace(made, each=each)
+
+
+def nothing_kept(total: xr.DataArray, reports: int) -> InputError:
+    """Say which rules left no report.
+
+    Parameters
+    ----------
+    total : DataArray
+        Reports each rule marked (rule).
+    reports : int
+        All of them.
+
+    Returns
+    -------
+    InputError
+    """
+    counts = total.to_series()
+    found = ", ".join(f"{rule} {count:,}" for rule, count in counts[counts > 0].items())
+    return InputError(
+        "screening left no report",
+        field="screening",
+        found=f"of {reports:,} reports, left out by {found}",
+        remedy="Loosen the rule that removed most, or check the reports",
+    )
+
+
+def _unscreened(job: Job, mark: str) -> Blocks | None:
+    """Reports with model winds of an earlier run that still hold, to be screened anew."""
+    from airswing.compass.kept_headings import Record
+
+    found = earlier(job, job.output / HEADINGS)
+    if found is None:
+        return None
+    if found.attrs.get("unscreened_fingerprint") != mark:
+        found.close()
+        return None
+    job.progress.say(f"{HEADINGS}: model winds kept, screened anew")
+    kept, record = found.drop_vars("screening"), Record.read(job.record)
+
+    def written(uuid: str) -> None:
+        if record is not None and record.product == found.attrs["uuid"]:
+            with written_to(job.store):
+                record._replace(product=uuid).write(job.record)
+
+    return Blocks(
+        found.sizes["report"], found.sizes["aircraft"], lambda _: blocks(kept), "screen",
+        dict(found.attrs), written,
+    )  # fmt: skip

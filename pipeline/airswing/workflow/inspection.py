@@ -1,0 +1,103 @@
+"""What a file holds, told from its content: GRIB, aircraft reports, or one of our products.
+
+Assumes the first bytes tell the kind; the name never does.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from airswing.errors import InputError
+
+
+def inspect_file(path: Path) -> dict[str, Any]:
+    """Say what one file holds.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    dict
+        ``file``, ``kind`` and what that kind has to say.
+
+    Raises
+    ------
+    InputError
+        If the file is absent, empty or of no kind airswing knows.
+    """
+    path = Path(path)
+    try:
+        with open(path, "rb") as opened:
+            start = opened.read(4096)
+    except OSError as err:
+        raise InputError("cannot open the file", file=path, found=err.strerror) from err
+    if not start:
+        raise InputError("the file is empty", file=path)
+    if start.startswith((b"CDF", b"\x89HDF")):
+        product = _product(path)
+        if product is not None:
+            return {"file": str(path), "kind": "product"} | product
+    elif b"GRIB" in start and b"\x00" in start:  # text may speak of GRIB
+        from airswing.reference.grib.grib_inspection import inspect_grib
+
+        return {"file": str(path), "kind": "grib", **inspect_grib(path)}
+    from airswing.reports.file_summary import reports_summary
+
+    return {"file": str(path), "kind": "reports", **reports_summary(path)}
+
+
+def _product(path: Path) -> dict[str, Any] | None:
+    """Summary of a product of ours, or None for another NetCDF file."""
+    import xarray as xr
+
+    try:
+        opened = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False)
+    except (OSError, RuntimeError, ValueError) as err:
+        raise InputError("not a whole NetCDF file", file=path, found=err) from err
+    with opened as ds:
+        if "airswing_version" not in ds.attrs:
+            return None
+        return {
+            "title": ds.attrs["title"],
+            "airswing_version": ds.attrs["airswing_version"],
+            "history": ds.attrs["history"],
+            "uuid": ds.attrs["uuid"],
+            "dimensions": {str(name): int(size) for name, size in ds.sizes.items()},
+            "variables": {
+                str(name): f"({', '.join(map(str, entry.dims))}) "
+                f"{entry.attrs.get('units', '')} {entry.attrs.get('long_name', '')}".strip()
+                for name, entry in ds.variables.items()
+            },
+        }
+
+
+def as_text(found: dict[str, Any], *, indent: str = "") -> str:
+    """Lay an inspection out for a terminal.
+
+    Parameters
+    ----------
+    found : dict
+        Of :func:`inspect_file`.
+    indent : str, optional
+
+    Returns
+    -------
+    str
+    """
+    lines = []
+    for key, value in found.items():
+        if isinstance(value, dict):
+            lines += [f"{indent}{key}:", as_text(value, indent=indent + "  ")]
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            lines.append(f"{indent}{key}:")
+            lines += [
+                f"{indent}  " + ", ".join(f"{k}: {v}" for k, v in row.items()) for row in value
+            ]
+        elif isinstance(value, list):
+            lines.append(f"{indent}{key}: {', '.join(map(str, value))}")
+        else:
+            lines.append(f"{indent}{key}: {value}")
+    return "\n".join(line for line in lines if line)

@@ -1,0 +1,327 @@
+"""Progress, messages and accounts on standard error, so that standard output carries results alone.
+
+Assumes one run at a time in a process. Quiet mode says nothing but errors. The remaining time is
+what the stage under way needs at the rate of its finished tasks, plus what the later stages are
+expected to take (:func:`airswing.workflow.cost.stage_seconds`), scaled by how the expectation held
+so far.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from dask.callbacks import Callback
+
+REFRESH = 0.5
+"""Seconds between two looks at how far the tasks are."""
+
+
+@dataclass
+class StageRecord:
+    """What one stage cost.
+
+    Parameters
+    ----------
+    name : str
+    seconds : float
+        Wall time.
+    note : str
+        What it did, in a few words.
+    octets, messages, reports : int
+        Bytes read, messages decoded, reports matched or handled.
+    decoding : float
+        Time spent reading and decoding messages, summed over threads, s.
+    tasks : int
+        Tasks foreseen, where they are handed over in portions.
+    """
+
+    name: str
+    seconds: float
+    note: str = ""
+    octets: int = 0
+    messages: int = 0
+    reports: int = 0
+    decoding: float = 0.0
+    tasks: int = 0
+
+
+@dataclass
+class Tasks:
+    """How many of the tasks under way are done.
+
+    Parameters
+    ----------
+    done, total : int
+    """
+
+    done: int = 0
+    total: int = 0
+
+
+@dataclass
+class Progress:
+    """Tells a person how far the work is, and keeps what each stage cost.
+
+    Parameters
+    ----------
+    quiet : bool, default False
+        Say nothing.
+    records : list of StageRecord
+        One for each finished stage.
+    threads : int
+        Threads that work at a time, on all workers.
+    expected : mapping of str to float
+        What each stage is expected to take, s; empty before anything is known.
+    """
+
+    quiet: bool = False
+    records: list[StageRecord] = field(default_factory=list)
+    threads: int = 1
+    expected: Mapping[str, float] = field(default_factory=dict)
+
+    def say(self, text: str) -> None:
+        """Print one line to standard error, unless quiet.
+
+        Parameters
+        ----------
+        text : str
+        """
+        if not self.quiet:
+            _console().print(text, highlight=False, markup=False, soft_wrap=True)
+
+    @contextlib.contextmanager
+    def stage(self, name: str) -> Iterator[StageRecord]:
+        """Time a stage, with a bar that follows the dask tasks run inside it.
+
+        Parameters
+        ----------
+        name : str
+            What a person reads beside the bar.
+
+        Yields
+        ------
+        StageRecord
+            Set its ``note`` to say what the stage did, and its counts.
+        """
+        record, began = StageRecord(name, 0.0), time.perf_counter()
+        with self._bar(record):
+            yield record
+        record.seconds = time.perf_counter() - began
+        release_memory()
+        self.records.append(record)
+        self.say(f"{name:<18} {record.seconds:7.1f} s  {record.note}")
+
+    def remaining(self, name: str, elapsed: float, tasks: Tasks) -> float | None:
+        """Estimate what is left of the whole run.
+
+        Parameters
+        ----------
+        name : str
+            Stage under way.
+        elapsed : float
+            Seconds since its start.
+        tasks : Tasks
+
+        Returns
+        -------
+        float or None
+            Seconds; None while nothing is known.
+        """
+        own = self.expected.get(name)
+        if tasks.done:
+            left = elapsed * (tasks.total - tasks.done) / tasks.done
+        elif own is not None:
+            left = max(own - elapsed, 0.0)
+        else:
+            return None
+        past = {record.name: record.seconds for record in self.records}
+        foreseen = sum(self.expected[stage] for stage in past if stage in self.expected)
+        spent = sum(seconds for stage, seconds in past.items() if stage in self.expected)
+        scale = spent / foreseen if foreseen else 1.0
+        later = [stage for stage in self.expected if stage not in past and stage != name]
+        return left + scale * sum(self.expected[stage] for stage in later)
+
+    def accounts(self) -> dict[str, Any]:
+        """What the run cost so far.
+
+        Returns
+        -------
+        dict
+            ``seconds``, ``threads``, ``decoding_seconds`` (summed over threads),
+            ``decoding_share`` of the time those threads had, and ``stages``.
+        """
+        seconds = sum(record.seconds for record in self.records)
+        decoding = sum(record.decoding for record in self.records)
+        return {
+            "seconds": seconds,
+            "threads": self.threads,
+            "decoding_seconds": decoding,
+            "decoding_share": decoding / (seconds * self.threads) if seconds else 0.0,
+            "stages": [asdict(record) for record in self.records],
+        }
+
+    def accounts_text(self) -> str:
+        """The accounts as a table for a terminal.
+
+        Returns
+        -------
+        str
+        """
+        found = self.accounts()
+        lines = ["stage              time (s)  share   MB read  messages     reports"]
+        for stage in found["stages"]:
+            counts = (stage["octets"] / 1e6, stage["messages"], stage["reports"])
+            shown = [f"{n:,.1f}" if n and i == 0 else f"{n:,}" if n else "" for i, n in
+                     enumerate(counts)]  # fmt: skip
+            share = stage["seconds"] / found["seconds"] if found["seconds"] else 0.0
+            lines.append(
+                f"{stage['name']:<18} {stage['seconds']:8.1f} {share:6.1%} "
+                f"{shown[0]:>9} {shown[1]:>9} {shown[2]:>11}"
+            )
+        lines.append(
+            f"{'together':<18} {found['seconds']:8.1f}         decoding "
+            f"{found['decoding_seconds']:,.1f} s on {self.threads} threads: "
+            f"{found['decoding_share']:.1%} of the wall time"
+        )
+        return "\n".join(lines)
+
+    @contextlib.contextmanager
+    def _bar(self, record: StageRecord) -> Iterator[None]:
+        console = _console()
+        if self.quiet or not console.is_terminal:
+            yield
+            return
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import Progress as Bar
+
+        columns = (
+            TextColumn("{task.description:<18}"),
+            BarColumn(),
+            TextColumn("{task.fields[tasks]}"),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[left]}"),
+        )
+        with Bar(*columns, console=console, transient=True) as bar:
+            task = bar.add_task(record.name, total=None, tasks="", left="")
+            with follow_tasks() as tasks, _repeated(lambda: self._show(bar, task, record, tasks)):
+                yield
+
+    def _show(self, bar: Any, task: Any, record: StageRecord, tasks: Tasks) -> None:
+        tasks = Tasks(tasks.done, max(tasks.total, record.tasks))
+        left = self.remaining(record.name, bar.tasks[0].elapsed or 0.0, tasks)
+        bar.update(
+            task,
+            completed=tasks.done,
+            total=tasks.total or None,
+            tasks=f"{tasks.done:,}/{tasks.total:,}" if tasks.total else "",
+            left="" if left is None else f"about {left / 60:.0f} min left in all"
+            if left > 90 else f"about {left:.0f} s left in all",
+        )  # fmt: skip
+
+
+def release_memory() -> None:
+    """Give memory that is free again back to the system, where the libraries can (glibc, Arrow).
+
+    They keep it otherwise, and what one stage left in pieces adds to the next one's peak: Arrow
+    100 MB for the rest of a run after reading Parquet files of a million reports.
+    """
+    if "pyarrow" in sys.modules:
+        sys.modules["pyarrow"].default_memory_pool().release_unused()
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+@contextlib.contextmanager
+def follow_tasks() -> Iterator[Tasks]:
+    """Count the dask tasks run inside the block, wherever they run.
+
+    Yields
+    ------
+    Tasks
+        Kept up to date by local schedulers' calls, or by asking a distributed scheduler.
+    """
+    tasks, client = Tasks(), _client()
+    if client is None:
+        with _FollowTasks(tasks):
+            yield tasks
+        return
+    with _repeated(lambda: _ask(client, tasks)):
+        yield tasks
+
+
+class _FollowTasks(Callback):
+    """Counts as dask's local schedulers finish tasks; graphs run in turn add up."""
+
+    def __init__(self, tasks: Tasks) -> None:
+        self._tasks = tasks
+        super().__init__(start_state=self._begin, posttask=self._finished)
+
+    def _begin(self, dsk: Any, state: Any) -> None:
+        self._tasks.total += len(state["ready"]) + len(state["waiting"])
+
+    def _finished(self, key: Any, result: Any, dsk: Any, state: Any, worker_id: Any) -> None:
+        self._tasks.done += 1
+
+
+def _client() -> Any:
+    """Client of a distributed scheduler, where one is in use."""
+    if "distributed" not in sys.modules:
+        return None
+    from distributed import default_client
+
+    try:
+        return default_client()
+    except ValueError:
+        return None
+
+
+def _ask(client: Any, tasks: Tasks) -> None:
+    done, total = client.run_on_scheduler(count_tasks)
+    tasks.done, tasks.total = max(done, tasks.done), max(total, tasks.total)
+
+
+def count_tasks(dask_scheduler: Any) -> tuple[int, int]:
+    """Tasks a scheduler finished and tasks it knows; runs on the scheduler.
+
+    Parameters
+    ----------
+    dask_scheduler : distributed.Scheduler
+
+    Returns
+    -------
+    done, total : int
+    """
+    states = [task.state for task in dask_scheduler.tasks.values()]
+    return sum(state in ("memory", "erred") for state in states), len(states)
+
+
+@contextlib.contextmanager
+def _repeated(act: Any) -> Iterator[None]:
+    """Act every so often, from another thread, while the block runs; a failed act is let go."""
+    ended = threading.Event()
+
+    def loop() -> None:
+        while not ended.wait(REFRESH):
+            with contextlib.suppress(Exception):
+                act()
+
+    thread = threading.Thread(target=loop, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join(timeout=5.0)
+
+
+def _console() -> Any:
+    from rich.console import Console
+
+    return Console(stderr=True)

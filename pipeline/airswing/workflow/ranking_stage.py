@@ -1,0 +1,211 @@
+"""The evaluation's further stages: stability, whom to correct, and the virtual field test.
+
+Takes the products of :mod:`airswing.workflow`, calls the evaluation's functions with plain
+arguments, and writes one product each.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from datetime import date
+from typing import Any
+
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.products.netcdf import write_json, write_text
+from airswing.products.ragged import time_span
+from airswing.workflow.job import Job, main_reference
+
+STABILITY, RANKING, VIRTUAL = "stability.json", "ranking.csv", "virtual_field_test.json"
+FOLDS = 5
+LEARNED_SHARE = 2.0 / 3.0
+"""Share of the archive's days that is learned from where no field test gives a date."""
+
+
+def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str, Any]:
+    """Fits by month, or by quarter in archives over a year, and changes: ``stability.json``.
+
+    Parameters
+    ----------
+    job : Job
+    headings, fits : Dataset
+
+    Returns
+    -------
+    dict
+        ``reference``, ``changes`` of
+        :func:`airswing.evaluation.compass_changes.stability.find_changes` and ``windows`` of
+        :func:`~airswing.evaluation.compass_changes.stability.fit_by_window`.
+    """
+    from airswing.evaluation.compass_changes.stability import fit_by_window, noted_changes
+
+    config, reference = job.config, main_reference(job.config)
+    pools = config.pools()
+    with job.progress.stage("stability") as stage:
+        first, last = (day.astype("datetime64[D]") for day in time_span(headings))
+        days = (last - first).astype(int)
+        window: Any = "month" if days <= 400 else "quarter"
+        changes = noted_changes(fits)
+        windows = fit_by_window(
+            headings, pools=pools, reference=reference, window=window, **config.fit.model_dump()
+        )
+        result = {
+            "reference": reference,
+            "window": window,
+            "changes": changes,
+            "windows": windows,
+        }
+        write_json(job.output / STABILITY, result)
+        changed = [entry["aircraft"] for entry in changes if entry["changes"]]
+        stage.note = f"compass changed: {', '.join(changed) or 'none'}"
+    return result
+
+
+def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[dict[str, Any]]:
+    """Whom to correct first: ``ranking.csv``.
+
+    Parameters
+    ----------
+    job : Job
+    headings, fits : Dataset
+
+    Returns
+    -------
+    list of dict
+        Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
+    """
+    from airswing.evaluation.backtest.ranking import rank_aircraft
+
+    with job.progress.stage("ranking") as stage:
+        ranking = rank_aircraft(
+            headings, fits, pools=job.config.pools(), reference=main_reference(job.config)
+        )
+        write_text(job.output / RANKING, ranking_table(ranking))
+        first = ranking[0]
+        if first["expected_gain_kt"] is not None:
+            stage.note = f"{first['aircraft']} would gain {first['expected_gain_kt']:.2f} kt"
+    return ranking
+
+
+def ranking_table(ranking: list[dict[str, Any]]) -> str:
+    """The ranking as CSV.
+
+    Parameters
+    ----------
+    ranking : list of dict
+        Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
+
+    Returns
+    -------
+    str
+    """
+    titles = ("rank", "aircraft", "status", "reports", "disagreement_kt", "expected_gain_kt",
+              "expected_gain_low_kt", "expected_gain_high_kt", "rank_low", "rank_high",
+              "amplitude_deg")  # fmt: skip
+    text = io.StringIO()
+    writer = csv.DictWriter(text, titles, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    for entry in ranking:
+        gain = entry.get("expected_gain_ci_kt") or (None, None)
+        place = entry.get("rank_ci") or (None, None)
+        row = entry | {
+            "expected_gain_low_kt": gain[0],
+            "expected_gain_high_kt": gain[1],
+            "rank_low": place[0],
+            "rank_high": place[1],
+        }
+        writer.writerow(
+            {
+                key: f"{value:.3f}" if isinstance(value, float) else value
+                for key, value in row.items()
+            }
+        )
+    return text.getvalue()
+
+
+def make_virtual(
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Corrections learned from one part and judged on another: ``virtual_field_test.json``.
+
+    Learned up to the start of the field test, where there is one, and applied to the aircraft
+    that were not corrected in it; else learned from the first two thirds of the days.
+
+    Parameters
+    ----------
+    job : Job
+    headings, fits : Dataset
+    ranking : list of dict
+        Of :func:`make_ranking`.
+
+    Returns
+    -------
+    dict
+        ``later`` of :func:`airswing.evaluation.backtest.virtual_field_test.virtual_field_test` and
+        ``held_out`` of :func:`~airswing.evaluation.backtest.crossvalidation.cross_validate`; where
+        one cannot be computed its ``why``.
+    """
+    from airswing.evaluation.backtest.crossvalidation import cross_validate
+    from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
+
+    config = job.config
+    options: dict[str, Any] = {
+        "pools": config.pools(),
+        "reference": main_reference(config),
+        "resolution": math.degrees(config.table.resolution),
+        **config.fit.model_dump(),
+    }
+    test = config.field_test
+    corrected = None
+    if test is not None:
+        names = headings["aircraft"].to_numpy().astype(str)
+        corrected = [str(name) for name in names if name not in test.corrected]
+    until = test.start if test is not None else later_date(headings)
+    with job.progress.stage("virtual field test") as stage:
+        result = {
+            "later": _tried(
+                lambda: virtual_field_test(
+                    headings, learned_until=until, corrected=corrected, **options
+                )
+            ),
+            "held_out": _tried(
+                lambda: cross_validate(headings, folds=FOLDS, fits=fits, ranking=ranking, **options)
+            ),
+        }
+        write_json(job.output / VIRTUAL, result)
+        told = [
+            f"{words} {part['predicted_gain_kt']:.2f} kt predicted, "
+            f"{part['realised_gain_kt']:.2f} realised"
+            for words, part in (("later", result["later"]), ("held out", result["held_out"]))
+            if part.get("realised_gain_kt") is not None
+        ]
+        stage.note = "; ".join(told) or "too few reports"
+    return result
+
+
+def later_date(headings: xr.Dataset) -> date:
+    """Day after the first two thirds of the archive's days.
+
+    Parameters
+    ----------
+    headings : Dataset
+
+    Returns
+    -------
+    date
+    """
+    first, last = (day.astype("datetime64[D]").astype(object) for day in time_span(headings))
+    found: date = first + (last - first) * LEARNED_SHARE
+    return found
+
+
+def _tried(make: Any) -> dict[str, Any]:
+    """Do a part; where the archive cannot carry it, say why instead."""
+    try:
+        found: dict[str, Any] = make()
+    except InputError as err:
+        return {"why": str(err)}
+    return found

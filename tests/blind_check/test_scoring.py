@@ -1,0 +1,233 @@
+"""Scores by hand: names, sets, aircraft, parameters, dates, closure, unknowns, probabilities."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from airswing.blind_check.check_summary import (
+    baseline_rows,
+    grouped,
+    of_default,
+    summarise,
+    targets,
+)
+from airswing.blind_check.scoring import (
+    aircraft_overlap,
+    date_error,
+    log_score,
+    parameter_errors,
+    score_case,
+)
+from airswing.errors import InputError
+from airswing.synthetic.sealed.draws import CATALOGUE_NAMES
+from airswing.synthetic.sealed.sealing import digest_of, open_seal, seal
+
+
+def label(kind="single", effects=None, **changes):
+    effects = (
+        [{"name": "hard_iron", "tails": ["N401", "N402"],
+          "parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0}, "period": None}]
+        if effects is None else effects
+    )  # fmt: skip
+    names = list(dict.fromkeys(effect["name"] for effect in effects))
+    return {
+        "name": "case_001", "rung": 1, "kind": kind, "world": "default", "size": 0.8,
+        "sizes": [0.8] * len(names), "focus": names, "names": names, "effects": effects,
+        "without": [], "background": [], "closure": {"before": 7.0, "after": 6.5},
+    } | changes  # fmt: skip
+
+
+def claim(name="hard_iron", **changes):
+    return {
+        "name": name, "probability": 0.99, "tails": ["N401", "N402"],
+        "parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0}, "standard_errors": {},
+        "period": None, "ambiguous_with": [], "share_of_gap": 0.9,
+    } | changes  # fmt: skip
+
+
+def gap(*claims, unknown=None, closure=None):
+    return {
+        "gap": {"mean_vector_disagreement_kt": 7.0, "noise_floor_kt": 6.5, "significance": 0.001},
+        "where": [],
+        "effects": list(claims),
+        "unknown": {"present": bool(unknown), "where": unknown or []},
+        "closure": closure
+        or {"before": 7.0, "after": 6.5, "ci": [6.4, 6.6], "fraction_of_excess": 1.0,
+            "held_out": True},
+    }  # fmt: skip
+
+
+def test_a_perfect_diagnosis():
+    score = score_case(label(), gap(claim()))
+    assert score["first_right"] and score["all_named"] and score["in_set"] and score["detected"]
+    assert score["set_size"] == 1
+    assert (score["precision"], score["recall"], score["jaccard"]) == (1.0, 1.0, 1.0)
+    assert score["parameter_error"] == pytest.approx(0.0, abs=1e-12)
+    assert score["closure_error"] == pytest.approx(0.0) and score["closure_covered"]
+    assert score["false_names"] == [] and not score["unknown"]
+
+
+def test_a_wrong_first_name_with_the_truth_among_its_rivals():
+    score = score_case(label(), gap(claim("soft_iron", ambiguous_with=["hard_iron", "turn_error"])))
+    assert not score["first_right"] and not score["all_named"]
+    assert score["in_set"] and score["set_size"] == 3
+    assert score["false_names"] == ["soft_iron"]
+    assert score["jaccard"] is None and score["parameter_error"] is None
+
+
+def test_silence_is_not_in_the_set():
+    score = score_case(label(), gap())
+    assert not score["detected"] and score["in_set"] is False and score["set_size"] is None
+
+
+def test_a_null_has_no_truth_and_every_name_is_false():
+    null = label("null", effects=[], closure={"before": 6.5, "after": 6.5}, size=0.0)
+    quiet = score_case(null, gap(closure={"before": 6.5, "after": 6.5, "ci": [6.5, 6.5]}))
+    assert quiet["false_names"] == [] and quiet["in_set"] is None
+    loud = score_case(null, gap(claim("tas_scale")))
+    assert loud["false_names"] == ["tas_scale"]
+
+
+def test_gross_errors_of_the_hard_world_are_neither_right_nor_wrong():
+    hard = label("null", effects=[], background=["outliers"])
+    found = score_case(hard, gap(claim("outliers")))
+    assert found["false_names"] == [] and not found["detected"]
+    struck = [{"name": "outliers", "tails": ["N401"], "parameters": {"fraction": 0.04}}]
+    own = label(effects=struck, background=["outliers"])
+    assert score_case(own, gap(claim("outliers")))["detected"]
+
+
+def test_aircraft_overlap_by_hand():
+    own = [{"tails": ["a", "b", "c"]}]
+    found = [{"tails": ["b", "c", "d", "e"]}]
+    assert aircraft_overlap(own, found) == (0.5, pytest.approx(2 / 3), pytest.approx(0.4))
+
+
+def test_amplitude_and_phase_are_one_vector():
+    own = [{"tails": None, "parameters": {"amplitude_deg": 1.0, "phase_deg": 0.0}}]
+    turned = [{"parameters": {"amplitude_deg": 1.0, "phase_deg": 90.0}}]
+    opposite = [{"parameters": {"amplitude_deg": -1.0, "phase_deg": 180.0}}]
+    assert parameter_errors("hard_iron", own, turned) == [pytest.approx(np.sqrt(2))]
+    assert parameter_errors("hard_iron", own, opposite) == [pytest.approx(0.0, abs=1e-12)]
+
+
+def test_offset_and_cycle_weigh_by_their_root_mean_square():
+    own = [{"tails": None, "parameters": {"offset_deg": 1.0, "amplitude_deg": 0.0}}]
+    found = [{"parameters": {"offset_deg": 1.0, "amplitude_deg": 1.0, "phase_deg": 17.0}}]
+    assert parameter_errors("compass_step", own, found) == [pytest.approx(np.sqrt(0.5))]
+
+
+def test_aircraft_with_parameters_of_their_own_are_judged_each():
+    own = [{"tails": ["a", "b"], "parameters": {"offset_deg": 2.0}}]
+    each = {t: {"parameters": {"offset_deg": v}} for t, v in {"a": 2.2, "b": 1.0, "x": 9.0}.items()}
+    found = [{"parameters": {"offset_deg": 1.6}, "per_tail": each}]
+    assert parameter_errors("compass_offset", own, found) == pytest.approx([0.1, 0.5])
+
+
+def test_date_error_takes_the_nearest_start_told():
+    true = ["2009-03-11T00:00:00", None]
+    assert date_error(true, [["2009-03-13", None], None, [None, "2009-03-11"]]) == 2.0
+    assert date_error(true, [None]) is None
+
+
+def test_closure_interval_turns_into_one_of_the_reduction():
+    closure = {"before": 7.0, "after": 6.7, "ci": [6.55, 6.9]}
+    score = score_case(label(), gap(claim(), closure=closure))
+    assert score["closure_error"] == pytest.approx(0.2)
+    assert score["closure_covered"] is False  # the true reduction is 0.5, told 0.1 to 0.45
+    low, high = score["closure_interval"]
+    assert high - low == pytest.approx(0.35)
+
+
+def test_log_score_by_hand():
+    number = len(CATALOGUE_NAMES)
+    assert log_score([], []) == pytest.approx(np.log2(0.999))
+    half = [{"name": "hard_iron", "probability": 0.5}]
+    rest = (number - 1) * np.log2(0.999)
+    assert log_score(half, ["hard_iron"]) == pytest.approx((np.log2(0.5) + rest) / number)
+    assert log_score(half, []) == pytest.approx((np.log2(0.5) + rest) / number)
+    sure = [{"name": "hard_iron", "probability": 1.0}]
+    assert log_score(sure, []) == pytest.approx((np.log2(0.001) + rest) / number)
+
+
+OUTSIDE = [{"name": "heading_by_hour", "tails": ["N401"], "parameters": {"amplitude_deg": 1.0},
+            "period": None}]  # fmt: skip
+
+
+def test_an_unknown_placed_with_no_false_name_ahead():
+    place = {"variable": "hour", "variables": ["hour"], "tails": ["N401"], "held_out_energy": 50.0}
+    outside = label("outside", effects=OUTSIDE)
+    clean = score_case(outside, gap(unknown=[place]))
+    assert clean["unknown_first"] and clean["placed"]
+    behind = score_case(outside, gap(claim("time_lag", held_out_energy=9.0), unknown=[place]))
+    assert behind["unknown_first"] and behind["false_names"] == ["time_lag"]
+    ahead = score_case(outside, gap(claim("time_lag", held_out_energy=90.0), unknown=[place]))
+    assert not ahead["unknown_first"]
+    elsewhere = score_case(outside, gap(unknown=[place | {"variable": "bank", "variables": []}]))
+    assert elsewhere["unknown_first"] and not elsewhere["placed"]
+
+
+def test_a_false_name_counts_as_ahead_where_nothing_tells_otherwise():
+    outside = label("outside", effects=OUTSIDE)
+    assert not score_case(outside, gap(claim("time_lag"), unknown=[{"variable": "hour"}]))[
+        "unknown_first"
+    ]
+
+
+def test_a_removed_effect_has_no_right_name():
+    removed = label("removed", without=["hard_iron"])
+    score = score_case(removed, gap(claim("compass_step")))
+    assert not score["first_right"] and score["false_names"] == ["compass_step"]
+
+
+def test_a_failed_diagnosis_keeps_its_message():
+    score = score_case(label(), None, failure="exit status 1")
+    assert score["failure"] == "exit status 1" and "first_right" not in score
+
+
+def test_summary_and_targets_by_hand():
+    right, silent = score_case(label(), gap(claim())), score_case(label(), gap())
+    failed = score_case(label(), None, failure="no")
+    found = summarise([right, silent, failed])
+    assert (found["cases"], found["failed"]) == (3, 1)
+    assert found["first_right"] == 0.5 and found["detected"] == 0.5
+    reached = {entry["what"]: entry for entry in targets([right, silent])}
+    first = reached["first name right, single effects of 0.4 m/s and more"]
+    assert (first["reached"], first["cases"], first["met"]) == (0.5, 2, False)
+    assert reached["claims on nulls (a name or an unknown)"]["met"] is None
+    assert of_default([right, silent | {"world": "hard"}, silent | {"world": "model"}]) == [right]
+    assert set(grouped([right, silent], "effect")) == {"hard_iron"}
+
+
+def test_baselines_stand_beside_ours_on_the_same_cases():
+    ours = [score_case(label(), gap(claim()))]
+    theirs = [{"kind": "single", "size": 0.8, "detected": True, "first_right": False,
+               "false_names": ["tas_scale"]}]  # fmt: skip
+    rows = baseline_rows(ours, {"least squares": theirs})
+    assert [row["first_right"] for row in rows] == [1.0, 0.0]
+    assert [row["extra_names"] for row in rows] == [0.0, 1.0]
+
+
+def test_the_seal_publishes_the_digest_of_the_very_bytes(tmp_path):
+    digest = seal([label()], tmp_path / "sealed")
+    path = tmp_path / "sealed" / "labels.json"
+    assert digest == hashlib.sha256(path.read_bytes()).hexdigest() == digest_of(path)
+    assert (tmp_path / "sealed.sha256").read_text().split() == [digest, "labels.json"]
+    assert open_seal(tmp_path / "sealed", digest=digest) == json.loads(json.dumps([label()]))
+
+
+def test_a_touched_label_breaks_the_seal(tmp_path):
+    digest = seal([label()], tmp_path / "sealed")
+    path = tmp_path / "sealed" / "labels.json"
+    path.write_text(path.read_text().replace("hard_iron", "soft_iron"))
+    with pytest.raises(InputError, match="not those whose digest"):
+        open_seal(tmp_path / "sealed", digest=digest)
+
+
+def test_sealed_labels_that_are_gone(tmp_path):
+    with pytest.raises(InputError, match="no sealed labels"):
+        open_seal(tmp_path, digest="0" * 64)

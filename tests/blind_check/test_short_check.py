@@ -1,0 +1,27 @@
+"""The short blind check through the public command itself, with floors on its scores."""
+
+from __future__ import annotations
+
+from airswing.blind_check import Size, gap_check
+from airswing.blind_check import check_run as blind_run
+
+
+def test_a_short_check_by_the_public_command(tmp_path, monkeypatch):
+    short = Size(days=15, aircraft=6, sizes=(1.6,), coarse=True)
+    monkeypatch.setattr(Size, "fast", classmethod(lambda cls: short))
+    check = gap_check(
+        tmp_path, cases=5, seed=2, fast=True, rungs=(1,), baselines=False,
+        names=["compass_offset", "hard_iron", "tas_scale", "compass_step"],
+        diagnoser=blind_run.run_public_command,
+    )  # fmt: skip
+    assert check.failures == {}
+    nulls = [s for s in check.scores if s["kind"] == "null"]
+    effects = [s for s in check.scores if s["kind"] == "single"]
+    assert len(nulls) == 1 and len(effects) == 4
+    assert not any(s["claimed"] or s["unknown"] for s in nulls)
+    assert sum(s["detected"] for s in effects) == 4
+    assert sum(s["in_set"] for s in effects) >= 3
+    assert sum(s["first_right"] for s in effects) >= 2
+    named = [s for s in effects if s["all_named"]]
+    assert sum(s["jaccard"] for s in named) >= 0.6 * len(named)
+    assert max(s["closure_error"] for s in check.scores) < 0.15

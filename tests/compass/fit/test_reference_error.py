@@ -1,0 +1,118 @@
+"""The reference's error as the fleet sees it: the field's functions, weights and variances."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from airswing.compass.fit.flight_segments import ROWS, Blocks
+from airswing.compass.fit.reference_error import (
+    FieldBasis,
+    Precision,
+    Stretch,
+    Variances,
+    counted,
+    estimate_variances,
+)
+
+
+def places(n: int = 3000, seed: int = 0, middle: float = -87.0):
+    rng = np.random.default_rng(seed)
+    return (
+        rng.uniform(39, 46, n),
+        (rng.uniform(middle - 5, middle + 5, n) + 180) % 360 - 180,
+        np.log(rng.uniform(3e4, 9e4, n)),
+    )
+
+
+def blocks(n: int = 3000, each: int = 3, segments: int = 20, seed: int = 0) -> Blocks:
+    """Blocks of one aircraft, ``each`` a piece, with unit white noise and nothing else."""
+    rng = np.random.default_rng(seed)
+    sums = np.zeros((ROWS, n))
+    sums[0] = 5.0
+    sums[1:3] = 5.0 * rng.normal(0, np.sqrt(0.2), (2, n))
+    sums[3:] = 5.0 * rng.normal(0, 100, (ROWS - 3, n))
+    latitude, longitude, log_pressure = places(n, seed)
+    piece = np.arange(n) // each
+    return Blocks(
+        sums.astype(np.float32), 4.0 * n, 4.0 * n, latitude, longitude, log_pressure,
+        piece * segments // (n // each), piece,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("middle", [-87.0, 179.0])
+def test_the_functions_of_each_part_sum_to_one(middle):
+    where = places(middle=middle)
+    basis = FieldBasis.of(*where)
+    for _, value in (basis.lasting_at(*where), basis.passing_at(*where[:2])):
+        np.testing.assert_allclose(value.sum(axis=1), 1.0, atol=1e-12)
+        assert value.min() >= 0
+    assert basis.lasting_at(*where)[0].max() < basis.lasting_size
+    assert basis.passing_at(*where[:2])[0].max() < basis.passing_size
+
+
+def test_the_precision_is_the_inverse_of_the_covariance_written_out():
+    one = blocks(60, segments=4)
+    stretch = Stretch.of([one], FieldBasis.of(one.latitude, one.longitude, one.log_pressure))
+    variances = Variances(np.array([1.3]), 0.4, 0.7, 0.9)
+    design = stretch.passing_design.toarray()
+    same = stretch.piece[:, np.newaxis] == stretch.piece
+    covariance = np.diag(1.3 / stretch.weight + 0.4) + 0.7 * same + 0.9 * design @ design.T
+    values = np.random.default_rng(1).normal(size=(2, 60))
+    expected = np.linalg.solve(covariance, values.T).T
+    np.testing.assert_allclose(Precision(stretch, variances).apply(values), expected, atol=1e-10)
+
+
+def test_planted_variances_are_found_and_none_is_left_alone():
+    one = blocks()
+    basis = FieldBasis.of(one.latitude, one.longitude, one.log_pressure)
+    stretch = Stretch.of([one], basis)
+    nothing = estimate_variances(stretch, np.ones(1))
+    assert nothing.block < 0.03
+    assert nothing.piece < 0.05
+    assert nothing.passing < 0.05
+    rng = np.random.default_rng(2)
+    field = rng.normal(0, 1.2, (stretch.passing_design.shape[1], 2))
+    stretch.residual[:] += (stretch.passing_design @ field).T
+    stretch.residual[:] += rng.normal(0, 0.8, (2, stretch.opens.size))[:, stretch.piece]
+    stretch.residual[:] += rng.normal(0, 0.5, stretch.residual.shape)
+    found = estimate_variances(stretch, np.ones(1))
+    assert found.passing == pytest.approx(1.44, rel=0.2)
+    assert found.piece == pytest.approx(0.64, rel=0.25)
+    assert found.block == pytest.approx(0.25, rel=0.3)
+
+
+def test_some_segments_are_the_stretch_without_the_others():
+    one = blocks(600, segments=20)
+    basis = FieldBasis.of(one.latitude, one.longitude, one.log_pressure)
+    stretch = Stretch.of([one], basis)
+    variances = Variances(np.array([1.0]), 0.4, 0.7, 0.9)
+    whole = Precision(stretch, variances).apply(stretch.residual)
+    for chosen in ([2, 6, 10, 14, 18], [4, 5, 6, 7]):
+        some = Stretch.of([one.of(np.array(chosen))], basis)
+        assert some.segments.tolist() == chosen
+        keep = np.isin(stretch.segments[stretch.segment], some.segments)
+        np.testing.assert_array_equal(some.residual, stretch.residual[:, keep])
+        np.testing.assert_allclose(
+            Precision(some, variances).apply(some.residual), whole[:, keep], atol=1e-10
+        )
+
+
+def test_segments_are_chosen_also_where_flights_are_numbered_out_of_time():
+    one = blocks(60, segments=4)
+    turned = replace(one, segment=one.segment[::-1])
+    assert turned.falls
+    assert not one.falls
+    np.testing.assert_array_equal(
+        turned.of(np.array([1, 2])).sums, one.sums[:, (turned.segment == 1) | (turned.segment == 2)]
+    )
+
+
+def test_numbers_are_counted_as_numpy_does_it():
+    numbers = np.random.default_rng(3).integers(40_000, 40_100, 70)
+    found, count, place = counted(numbers)
+    expected = np.unique(numbers, return_inverse=True, return_counts=True)
+    for one, other in zip((found, place, count), expected, strict=True):
+        np.testing.assert_array_equal(one, other)

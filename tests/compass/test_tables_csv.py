@@ -1,0 +1,144 @@
+import csv
+import io
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.lines import Line2D
+
+import airswing  # noqa: F401
+from airswing.compass.cardpage import CardPage, Curves
+from airswing.compass.fit.deviation import fit_deviation
+from airswing.compass.table import NODES, add_tables, error_from_table, unit_interpolation
+from airswing.compass.tables_csv import (
+    card_rows,
+    steer,
+    swing_card,
+    write_swing_cards,
+    write_tables_csv,
+)
+from airswing.errors import InputError
+from tests.compass.flown import Setting, fly
+
+
+@pytest.fixture(scope="module")
+def fits():
+    headings, _ = fly([[1, 3, -2, 0, 0], [0, 2, 0, 0, 0]], Setting(aircraft=2, days=15), 31)
+    headings["screening"][int(headings["row_size"][0]) :] = 1
+    return add_tables(fit_deviation(headings), headings)
+
+
+@given(st.lists(st.floats(-15, 15), min_size=8, max_size=8), st.floats(0, 359))
+def test_steering_gives_the_heading_wanted(table, wanted):
+    held = steer(table, [wanted])
+    made = held - unit_interpolation(table, held)
+    assert (made[0] - wanted + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
+
+
+def test_card_by_hand():
+    # the compass reads 4 degrees too much everywhere: steer 4 more
+    rows = card_rows(np.full(8, 4.0))
+    assert rows[0] == ("N", "004")
+    assert rows[1] == ("030", "034")
+    assert rows[9] == ("W", "274")
+    assert card_rows(np.full(8, -1.0))[0] == ("N", "359")
+
+
+def test_csv_holds_every_node_and_the_refused(fits, tmp_path):
+    rows = list(csv.DictReader(write_tables_csv(fits, tmp_path / "tables.csv").open()))
+    assert len(rows) == 16
+    assert [float(row["heading_deg"]) for row in rows[:8]] == NODES.tolist()
+    assert [float(row["table_correction_deg"]) for row in rows[:8]] == pytest.approx(
+        fits["table_correction"][0, 0].to_numpy()
+    )
+    assert {row["status"] for row in rows[8:]} == {"too_few_reports"}
+    assert {row["table_correction_deg"] for row in rows[8:]} == {""}
+    assert {row["sign"] for row in rows} == {"subtract_error"}
+
+
+def test_cards_are_one_page_each_and_indexed(fits, tmp_path):
+    cards = write_swing_cards(fits, tmp_path / "cards")
+    assert [card.name for card in cards] == ["N000.pdf", "N001.pdf"]
+    for card in cards:
+        content = card.read_bytes()
+        assert content.startswith(b"%PDF")
+        assert content.count(b"/Type /Page\n") + content.count(b"/Type /Page ") == 1
+    index = list(csv.DictReader((tmp_path / "cards" / "index.csv").open()))
+    assert [row["status"] for row in index] == ["ok", "too_few_reports"]
+    assert float(index[0]["amplitude_deg"]) == pytest.approx(
+        fits["amplitude"][0, 0].item(), abs=0.01
+    )
+    assert index[1]["amplitude_deg"] == ""
+
+
+def test_a_refused_card_says_why(fits):
+    figure = swing_card(fits, aircraft="N001")
+    words = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert words == ["NO CARD", "fit refused: too few reports"]
+
+
+def pixels(figure):
+    stream = io.BytesIO()
+    figure.savefig(stream, format="rgba", dpi=50)
+    return stream.getvalue()
+
+
+def test_a_page_drawn_over_again_keeps_nothing_of_the_aircraft_before(fits, tmp_path):
+    changed = fits.copy(deep=True)
+    changed["aircraft"] = ["N002", "N003"]
+    for name in ("deviation", "table_correction"):
+        changed[name] = -3.0 * changed[name]
+    both = xr.concat([fits, changed], "aircraft", data_vars="minimal")
+    write_swing_cards(both, tmp_path / "both", suffix="png")
+    write_swing_cards(changed, tmp_path / "alone", suffix="png")
+    for name in ("N002.png", "N003.png"):  # one with a table, one refused
+        drawn = [(tmp_path / place / name).read_bytes() for place in ("both", "alone")]
+        assert drawn[0] == drawn[1]
+    assert (tmp_path / "both/N000.png").read_bytes() != drawn[0]
+
+
+def test_an_aircraft_may_have_any_name(fits, tmp_path):
+    named = fits.assign_coords(aircraft=[r"$\frac{1$", "N_1^$"])
+    assert all(card.is_file() for card in write_swing_cards(named, tmp_path))
+
+
+def test_a_card_shows_its_words_and_its_curve(fits):
+    page = swing_card(fits, aircraft="N000")
+    words = [word for artist in page.artists for word in getattr(artist, "words", [])]
+    nodes = fits["table_correction"][0, 0].to_numpy()
+    assert [w for w in words if w.startswith(("+", "-"))] == [f"{value:+.1f}" for value in nodes]
+    for aim, held in card_rows(error_from_table(fits.isel(aircraft=0, reference=0))):
+        assert held in words and aim in words
+    assert {"fit, 95 %", "table", "FOR", "STEER"} <= set(words)
+    assert page.texts[-2].get_text().endswith("N000")
+    blank = pixels(CardPage(("",) * 4, 6, ("",) * 4, 8).figure)
+    assert pixels(page) != blank
+
+
+def test_the_marks_of_a_page_lie_where_the_numbers_say():
+    rising = np.linspace(-2.0, 2.0, 181)
+    both = [rising, rising]
+    page = CardPage(("",) * 4, 6, ("",) * 4, 8)
+    words = [("",) * 4]
+    figure = page.show("", "", words * 6, words * 8, Curves(both, both, both, both, both))
+    numbers = next(a for a in figure.artists if "\N{MINUS SIGN}1" in getattr(a, "words", []))
+    height = {word: y for word, (_, y) in zip(numbers.words, numbers.places, strict=True)}
+    fit = next(a for a in figure.artists if isinstance(a, Line2D) and a.get_lw() == 1.5)
+    drawn = np.asarray(fit.get_ydata())[-181:]  # of the lower panel, as the last numbers are
+    for word, wanted in (("\N{MINUS SIGN}2", -2.0), ("0", 0.0), ("1", 1.0)):
+        assert height[word] == pytest.approx(np.interp(wanted, rising, drawn), abs=1e-12)
+
+
+def test_a_unit_without_any_error_has_a_card_too():
+    none = [np.zeros(181), np.zeros(181)]
+    page, words = CardPage(("",) * 4, 6, ("",) * 4, 8), [("",) * 4]
+    assert pixels(page.show("", "", words * 6, words * 8, Curves(none, none, none, none, none)))
+
+
+def test_unknown_aircraft_or_no_table(fits):
+    with pytest.raises(InputError, match="N999"):
+        swing_card(fits, aircraft="N999")
+    with pytest.raises(InputError, match="add_tables"):
+        swing_card(fits.drop_vars("table_correction"), aircraft="N000")

@@ -1,0 +1,237 @@
+"""Sensitivity: equal references are poolable, a biased one is not, NAM never; intervals cover."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.compass.flown import Setting
+from tests.evaluation.archives import day_number, references
+
+from airswing.errors import InputError
+from airswing.evaluation.reference_comparison.pairs import (
+    common_difference,
+    common_equations,
+    day_blocks,
+    holm,
+    paired_design,
+    persistent_covariance,
+    regional_bias,
+)
+from airswing.evaluation.reference_comparison.sensitivity import _verdict, compare
+from airswing.evaluation.reference_comparison.threeway import three_cornered_hat
+from airswing.products.ragged import aircraft_of_report
+
+SETTING = Setting(
+    aircraft=8, days=90, references=2, bias_spread=0.0, day_error=0.3, flights_a_day=3,
+    reports_a_flight=5,
+)  # fmt: skip
+TWO = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}
+
+
+@pytest.fixture(scope="module")
+def equal():
+    # The verdicts and the differences of A to E owe nothing to the fits: the quickest will do.
+    return [compare(references(seed, SETTING), pools=TWO, joint=False) for seed in range(20)]
+
+
+def test_references_of_equal_truth_are_poolable(equal):
+    poolable = [found["pairs"][0]["poolable"] for found in equal]
+    # 95 % promised; 20 draws fall below 17 once in 60 (the benchmark holds the rate itself).
+    assert sum(poolable) >= 17
+
+
+def test_a_verdict_says_what_was_found_and_not_that_two_are_equal():
+    fleet = {"p_value": 0.027, "curve_rms_deg": 0.31}
+    verdict = _verdict(fleet, [], set())
+    assert verdict["poolable"] and "0.31 degrees rms, not beyond error (p = 0.027" in verdict["why"]
+    verdict = _verdict({"p_value": 0.001, "curve_rms_deg": 0.05}, [], set())
+    assert verdict["poolable"] and "beyond error but less than 0.2 (p = 0.001" in verdict["why"]
+    verdict = _verdict({"p_value": 0.001, "curve_rms_deg": 0.31}, [], set())
+    assert not verdict["poolable"]
+
+
+def covered(found, read) -> float:
+    inside = [
+        low <= 0 <= high
+        for one in found
+        for entry in one["pairs"][0]["aircraft"]
+        for low, high in [read(entry)]
+    ]
+    assert len(inside) >= 16
+    return float(np.mean(inside))
+
+
+@pytest.mark.parametrize("name", "ABCDE")
+def test_intervals_of_the_differences_hold_nothing(equal, name):
+    assert 0.89 <= covered(equal, lambda entry: entry["ci"][name]) <= 0.995
+
+
+def test_intervals_of_the_sinusoids_differences_hold_nothing():
+    short = Setting(**{**SETTING.__dict__, "days": 40})
+    found = [compare(references(seed, short), pools=TWO) for seed in range(2)]
+    for name in ("offset", "amplitude", "phase"):
+        assert covered(found, lambda entry, name=name: entry[name]["ci"]) >= 0.75
+
+
+def test_a_regional_bias_of_one_metre_a_second_is_not_poolable():
+    for seed in range(4):
+        ds = references(seed, SETTING, regional={"rtfdaa": 1.0})
+        pair = compare(ds, pools=TWO, joint=False)["pairs"][0]
+        assert pair["poolable"] is False
+        assert "eastward" in pair["why"]
+
+
+def test_nam_is_compared_and_never_called_poolable():
+    ds = references(1, Setting(**{**SETTING.__dict__, "references": 3, "days": 40}))
+    pools = {**TWO, "nam": ["nam"], "ruc+rtfdaa": ["ruc", "rtfdaa"]}
+    found = compare(ds, pools=pools, never_pool=["NAM"], joint=False)
+    pairs = {tuple(pair["references"]): pair for pair in found["pairs"]}
+    for other in ("ruc", "rtfdaa"):
+        pair = pairs[other, "nam"]
+        assert pair["poolable"] is False
+        assert "never_pool" in pair["why"]
+        assert len(pair["aircraft"]) == 8
+    assert "never_pool" not in pairs["ruc", "rtfdaa"]["why"]
+    # A pool of two stands half as far from a member as the members from each other: one test.
+    pool, alone = pairs["ruc+rtfdaa", "ruc"], pairs["ruc", "rtfdaa"]
+    assert [one["own_test"] for one in (pool, alone)] == [False, True]
+    assert pool["fleet"]["p_value"] == pytest.approx(alone["fleet"]["p_value"])
+    assert 2 * pool["fleet"]["curve_rms_deg"] == pytest.approx(alone["fleet"]["curve_rms_deg"])
+    assert [len(entry["references"]) for entry in found["three_way"]] == [3]
+    for name in ("by_lead_time", "by_phase", "by_level", "by_season"):
+        assert found[name], name
+    assert {entry["slice"] for entry in found["by_season"]} == {"JJA"}
+
+
+def test_the_same_reference_twice_does_not_differ_at_all():
+    ds = references(2, Setting(**{**SETTING.__dict__, "days": 20}))
+    for name in ("reference_eastward_wind", "reference_northward_wind", "heading_error",
+                 "airspeed_error", "heading_error_standard_error"):  # fmt: skip
+        values = ds[name].to_numpy().copy()
+        values[1] = values[0]
+        ds[name] = (ds[name].dims, values)
+    pair = compare(ds, pools=TWO, joint=False)["pairs"][0]
+    assert pair["mean_vector_difference_m_s"] == 0.0
+    assert all(abs(entry["difference"]["A"]) < 1e-9 for entry in pair["aircraft"])
+    assert pair["poolable"] is not False
+
+
+def test_one_reference_only_is_refused():
+    ds = references(1, Setting(**{**SETTING.__dict__, "days": 6}))
+    with pytest.raises(InputError, match="two references"):
+        compare(ds, pools={"ruc": ["ruc"]})
+
+
+def test_references_that_share_no_report_are_refused():
+    ds = references(1, Setting(**{**SETTING.__dict__, "days": 6}))
+    half = np.arange(ds.sizes["report"]) % 2 == 0
+    ds["reference_eastward_wind"][0, half] = np.nan
+    ds["reference_eastward_wind"][1, ~half] = np.nan
+    with pytest.raises(InputError, match="every reference"):
+        compare(ds, pools=TWO)
+
+
+def test_the_three_cornered_hat_finds_each_error():
+    rng = np.random.default_rng(0)
+    truth, day = rng.normal(0, 8, (2, 40_000)), np.repeat(np.arange(40), 1000)
+    sizes = np.array([1.0, 1.5, 2.0])
+    u, v = (truth[k] + sizes[:, None] * rng.normal(size=(3, 40_000)) for k in range(2))
+    (found,) = three_cornered_hat(u, v, ["a", "b", "c"], day)
+    for entry, size in zip(found["errors"], sizes, strict=True):
+        assert entry["component_rms"] == pytest.approx(size, rel=0.02)
+        assert abs(entry["variance"] - size**2) < 4 * entry["variance_standard_error"]
+    assert found["reports"] == 40_000
+
+
+def test_the_three_cornered_hat_by_hand_and_a_negative_variance():
+    """Differences a-b, a-c, b-c with mean squares 1, 4, 9: (1+4-9)/2 = -2, (1+9-4)/2 = 3, 6."""
+    u = np.array([[0.0], [1.0], [-2.0]]) * np.ones((3, 200))
+    v = u.copy()
+    (found,) = three_cornered_hat(u, v, ["a", "b", "c"], np.repeat([0, 1], 100))
+    assert [entry["variance"] for entry in found["errors"]] == pytest.approx([-2.0, 3.0, 6.0])
+    assert found["errors"][0]["component_rms"] is None
+
+
+def test_holm_by_hand():
+    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    adjusted = holm([0.2, float("nan")])
+    assert adjusted[0] == 0.2
+    assert np.isnan(adjusted[1])
+
+
+def test_the_paired_design_by_hand():
+    """Heading east at 100 m/s: a compass error A moves the cross component by V."""
+    cross, along = paired_design(np.array([np.pi / 2]), np.array([np.pi / 2]), np.array([100.0]))
+    np.testing.assert_allclose(cross[0], [100, 100, 0, 0, -100, 0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(along[0], [0, 0, 0, 0, 0, 100, 1, 0], atol=1e-12)
+
+
+def test_errors_that_last_widen_the_covariance_and_independent_ones_do_not():
+    one = np.ones((30, 1))
+    day = np.arange(30)
+    assert persistent_covariance(one, day)[0, 0] > 2 * 30
+    other = np.where(day % 2 == 0, 1.0, -1.0)[:, np.newaxis]
+    assert persistent_covariance(other, day)[0, 0] == pytest.approx(30.0)
+    # Days a week apart have nothing to do with each other.
+    assert persistent_covariance(one, 7 * day)[0, 0] == pytest.approx(30.0)
+
+
+def test_blocks_of_days_are_equal_and_few():
+    assert np.unique(day_blocks(np.arange(10, 40)), return_counts=True)[1].tolist() == [5] * 6
+    assert day_blocks(np.arange(365)).max() == 11
+
+
+def test_a_regional_bias_by_hand():
+    """Region 1 is 2 m/s off every day, region 0 not at all: no scatter, so no error."""
+    day = np.tile(np.arange(30), 2)
+    region = np.repeat([0, 1], 30)
+    du = np.where(region == 1, 2.0, 0.0)
+    found = {(e["region"], e["component"]): e for e in regional_bias(du, 0 * du, region, day)}
+    assert found[1, "eastward"]["difference"] == 2.0
+    assert found[1, "eastward"]["contrast"] == 2.0
+    assert found[0, "eastward"]["contrast"] == -2.0
+    assert found[1, "eastward"]["difference_p_value"] < 1e-9
+    assert found[1, "northward"]["difference"] == 0.0
+
+
+def test_a_report_without_a_magnetic_heading_is_left_out():
+    ds = references(0, SETTING)
+    heading = ds["magnetic_heading"].to_numpy().copy()
+    heading[::50] = np.nan
+    holed = ds.assign(magnetic_heading=("report", heading))
+    whole, left = (compare(one, pools=TWO, joint=False)["reports"] for one in (ds, holed))
+    assert left == whole - np.isnan(heading).sum()
+
+
+def test_an_aircraft_of_one_day_decides_nothing():
+    """Its day leaves no scatter about its own eight coefficients: it is no sure difference."""
+    ds = references(3, Setting(**{**SETTING.__dict__, "days": 40, "reports_a_flight": 30}))
+    late = (aircraft_of_report(ds) == 7) & (day_number(ds) > 0)
+    short = ds.assign(screening=("report", late.astype(np.int32)))
+    without = ds.isel(report=aircraft_of_report(ds) < 7, aircraft=slice(7))
+    one, two = (compare(part, pools=TWO, joint=False)["pairs"][0] for part in (short, without))
+    assert [one["fleet"]["aircraft"], two["fleet"]["aircraft"]] == [8, 7]
+    assert len(one["aircraft"]) == 7
+    for name in "ABCDE":
+        apart = one["fleet"]["difference"][name] - two["fleet"]["difference"][name]
+        assert abs(apart) < 0.5 * two["fleet"]["standard_error"][name]
+
+
+def test_the_common_difference_is_least_squares_with_own_scales_and_biases():
+    rng = np.random.default_rng(1)
+    total, rows, right = np.zeros((6, 5, 6)), [], []
+    for k in range(3):
+        m, v = rng.uniform(0, 2 * np.pi, 200), rng.normal(120, 5, 200)
+        cross, along = paired_design(m, m + 0.1, v)
+        y = rng.normal(size=(2, 200))
+        day, equations = common_equations(cross, along, *y, rng.integers(0, 6, 200))
+        total[day] += equations
+        wide = np.zeros((400, 5 + 9))
+        wide[:, :5] = np.vstack([cross, along])[:, :5]
+        wide[:, 5 + 3 * k : 8 + 3 * k] = np.vstack([cross, along])[:, 5:]
+        rows.append(wide)
+        right.append(y.ravel())
+    found, influence = common_difference(total)
+    expected = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
+    np.testing.assert_allclose(found, expected[:5], rtol=1e-9)
+    np.testing.assert_allclose(influence.sum(axis=0), 0.0, atol=1e-12)

@@ -1,0 +1,74 @@
+"""Acceleration at the reports from the fleet's flights."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import airswing  # noqa: F401
+from airswing.gap.archive.acceleration import (
+    acceleration_at_reports,
+    expected_acceleration,
+    fit_gain,
+    time_since_levelling,
+)
+from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
+
+
+def test_levelling_is_dated_by_the_climb_before_it():
+    # 10 m/s up to 3000 m, reached 30 s after the report at 2700 m; then cruise
+    time = np.array([0.0, 60, 120, 180, 300, 420, 540, 660])
+    altitude = np.array([1500.0, 2100, 2700, 3000, 3000, 3000, 3000, 3000])
+    phase = np.array([1, 1, 1, 2, 2, 2, 2, 2])
+    since = time_since_levelling(time, altitude, phase, np.zeros(8, int))
+    np.testing.assert_allclose(since[3:], [30, 150, 270, 390, 510])
+    assert np.isnan(since[:3]).all()
+
+
+def _flights(number: int, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
+    """Start, end and mean speed of four chords of flights whose acceleration is known."""
+    fine = np.arange(0.0, 1200.0, 0.5)
+    gain = np.where(fine < 30, 0.3, 0.3 * np.exp(-(fine - 30) / 45))
+    path = np.cumsum(np.cumsum(gain) * 0.5) * 0.5
+    first = rng.uniform(0, 60, number)
+    edges = first[:, None] + 120.0 * np.arange(5)
+    way = np.interp(edges, fine, path)
+    mean = np.diff(way, axis=1) / 120 + rng.normal(120, 8, (number, 1))
+    mean += rng.normal(0, 1.0, mean.shape)
+    flight = np.repeat(np.arange(number), 4)
+    return edges[:, :-1].ravel(), edges[:, 1:].ravel(), mean.ravel(), flight
+
+
+def test_acceleration_after_levelling_comes_out_of_chords_longer_than_it():
+    gain = fit_gain(*_flights(1500, np.random.default_rng(3)))
+    assert gain is not None
+    found = np.interp([10.0, 50.0, 90.0, 200.0], [0, 20, 40, 65, 100, 150, 210], gain)
+    truth = 0.3 * np.exp(-np.maximum(np.array([10.0, 50.0, 90.0, 200.0]) - 30, 0) / 45)
+    np.testing.assert_allclose(found, truth, atol=0.06)
+
+
+def test_few_flights_say_nothing():
+    assert fit_gain(*_flights(20, np.random.default_rng(3))) is None
+
+
+def test_unknown_acceleration_stays_unknown():
+    unknown = np.full(6, np.nan)
+    time = 60.0 * np.arange(6)
+    found = acceleration_at_reports(
+        unknown, np.full(6, 5e4), np.full(6, 2), np.zeros(6, int), time, time / 100, time / 100
+    )
+    assert np.isnan(found).all()
+
+
+def test_without_level_offs_the_profile_stands():
+    rng = np.random.default_rng(0)
+    altitude = np.tile(np.linspace(500, 5000, 30), 20)
+    pressure = pressure_from_altitude(altitude)
+    phase, flight = np.ones(600, int), np.repeat(np.arange(20), 30)
+    time = np.tile(60.0 * np.arange(30), 20) + 1e5 * flight
+    measured = 0.05 + rng.normal(0, 0.02, 600)
+    found = acceleration_at_reports(
+        measured, pressure, phase, flight, time, 40 + time / 1e6, -90 + time / 1e6
+    )
+    assert found == pytest.approx(expected_acceleration(measured, np.log(pressure), phase, flight))
+    np.testing.assert_allclose(altitude_from_pressure(pressure), altitude, atol=1.0)

@@ -1,0 +1,85 @@
+"""The noise fit recovers the parameters it was given and keeps effects out of the noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from airswing.gap.noise.model import fit_noise, gross_errors, level_factors, remove_smooth_effects
+from airswing.gap.noise.whitening import flight_order, whiten
+
+
+def _archive(seed: int = 0, flights: int = 900) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    length = rng.integers(8, 25, flights)
+    flight = np.repeat(np.arange(flights), length)
+    position = np.arange(flight.size) - np.repeat(np.r_[0, np.cumsum(length)[:-1]], length)
+    latitude = 30 + 0.25 * position
+    phi = np.exp(-np.radians(0.25) * 6.371e6 / 150e3)
+    signal = np.zeros((flight.size, 2))
+    for j in range(length.max()):
+        now = np.flatnonzero(position == j)
+        fresh = rng.normal(size=(now.size, 2))
+        signal[now] = fresh if j == 0 else phi * signal[now - 1] + np.sqrt(1 - phi**2) * fresh
+    return {
+        "residual": 2.3 * signal + 0.9 * rng.normal(size=signal.shape), "aircraft": flight % 5,
+        "flight": flight, "time": flight * 1e4 + position * 120.0, "latitude": latitude,
+        "longitude": np.full(flight.size, -90.0), "pressure": np.full(flight.size, 5e4),
+        "heading": rng.uniform(0, 2 * np.pi, flights)[flight],
+        "airspeed": np.full(flight.size, 110.0),
+    }  # fmt: skip
+
+
+def test_parameters_recovered_and_innovations_white():
+    data = _archive()
+    fit = fit_noise(**data)
+    assert fit.model.correlated_sd == pytest.approx(2.3, rel=0.06)
+    assert fit.model.white_sd == pytest.approx(0.9, rel=0.08)
+    assert fit.model.length == pytest.approx(150e3, rel=0.15)
+    white = whiten(data["residual"], fit.order, fit.gains)
+    assert white.std() == pytest.approx(1.0, abs=0.03)
+    same = data["flight"][1:] == data["flight"][:-1]
+    assert abs((white[1:] * white[:-1])[same].mean()) < 0.03
+    good = fit.pair_count > 500
+    np.testing.assert_allclose(fit.autocovariance[good], fit.autocovariance_model[good], atol=0.5)
+
+
+def test_large_deviation_of_one_aircraft_does_not_pass_for_noise():
+    data = _archive(1)
+    error = np.radians(8) * np.sin(data["heading"]) * (data["aircraft"] == 2) * 110
+    cross = np.stack([np.cos(data["heading"]), -np.sin(data["heading"])], -1)
+    data["residual"] = data["residual"] + error[:, None] * cross
+    fit = fit_noise(**data)
+    assert fit.model.correlated_sd == pytest.approx(2.3, rel=0.07)
+    assert fit.gross.mean() < 1e-3
+
+
+def test_gross_errors_are_single_reports_not_long_departures():
+    data = _archive(2, flights=300)
+    order = flight_order(data["flight"], data["time"])
+    first = np.flatnonzero(data["flight"] == 50)
+    residual = data["residual"].copy()
+    residual[first] += 15.0
+    residual[first[3]] += 25.0
+    found = np.flatnonzero(gross_errors(residual, order))
+    assert first[3] in found
+    assert set(first) & set(found) == {first[3]}
+
+
+def test_level_factors_follow_the_spread():
+    rng = np.random.default_rng(3)
+    log_pressure = np.log(np.repeat([9e4, 4e4], 4000))
+    residual = rng.normal(size=(8000, 2)) * np.where(log_pressure > 11, 1.0, 2.0)[:, None]
+    nodes, factors = level_factors(residual, log_pressure, nodes=2)
+    if nodes.size == 2:
+        assert factors[0] / factors[1] == pytest.approx(2.0, rel=0.1)
+    else:
+        assert factors == pytest.approx(1.0)
+
+
+def test_smooth_effects_leave_pure_noise_alone():
+    data = _archive(4, flights=200)
+    out = remove_smooth_effects(
+        data["residual"], data["aircraft"], data["heading"], data["airspeed"]
+    )
+    assert out.std() == pytest.approx(data["residual"].std(), rel=0.05)

@@ -1,0 +1,142 @@
+"""An offset is no drift, a drift is; what the day fields take up is said to be untestable."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from tests.gap.toy import make_frame
+
+from airswing.gap.design.candidates import Candidate
+from airswing.gap.diagnose import diagnose
+from airswing.gap.effects import CATALOGUE
+from airswing.gap.evidence.gaussian import Score
+from airswing.gap.evidence.terms import Term
+from airswing.gap.result.describe import ambiguity
+from airswing.gap.search.stepwise import Rules, _stays, choose, remainder, struck
+
+DRIFTING = {n: CATALOGUE[n] for n in ("compass_offset", "compass_drift")}
+
+
+def found(error, catalogue):
+    def own(context):
+        return np.where(context["aircraft"] == 2, error(context), 0.0)
+
+    frame = make_frame(seed=3, aircraft=5, days=16, noise=0.3, heading_error=own)
+    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False)
+    return [(e["name"], e["tails"]) for e in made.report["effects"]], frame.tails[2]
+
+
+def test_a_lasting_offset_is_not_named_a_drift():
+    named, tail = found(lambda c: np.radians(1.0), DRIFTING)
+    assert named == [("compass_offset", [tail])]
+
+
+def test_a_drift_is_named():
+    named, tail = found(lambda c: np.radians(0.2) * (c["time"] - c["time"].min()) / 86400, DRIFTING)
+    assert named == [("compass_drift", [tail])]
+
+
+def score(name, known, tempered, size):
+    one = np.ones(2)
+    what = Candidate(name, np.array([0]), "aircraft", np.ones(1), known)
+    return Score(what, tempered, tempered, 1.0, one, tempered * one, one[:, None], size * one, one)
+
+
+def test_an_unknown_must_beat_effects_too_small_to_be_stated():
+    rules = Rules(size=0.2, unknown_margin=3.0)
+    small, group = score("heater_current", True, 8.0, 0.1), score("cross:icing", False, 9.0, 0.4)
+    assert choose([group, small], rules) is None
+    clear = score("cross:icing", False, 12.0, 0.4)
+    assert choose([clear, small], rules) is clear
+
+
+def test_an_unknown_stays_where_it_explains_clearly_more():
+    rules, column = Rules(), np.array([0])
+    term = Term(
+        Candidate("along:altitude", column, "aircraft", np.ones(1), False), (0,), None, None
+    )
+    group = replace(score("along:altitude", False, 30.0, 0.5), raw=50.0)
+    weaker, better = (replace(score("tas_scale", True, 31.0, 0.5), raw=raw) for raw in (40.0, 48.0))
+    assert _stays([group, weaker], term, weaker, rules)
+    assert not _stays([group, better], term, better, rules)
+
+
+def test_a_step_of_the_whole_fleet_is_no_doubt_about_itself():
+    """Days before and after a step scatter about any mean; the step takes that off first."""
+
+    def swung(context):
+        return np.where(context["time"] > 9.5 * 86400, np.radians(0.8), 0.0)
+
+    frame = make_frame(seed=5, aircraft=5, days=20, noise=0.3, heading_error=swung)
+    catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
+    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False).report["effects"]
+    assert [(e["name"], e["tails"]) for e in made] == [("compass_step", list(frame.tails))]
+
+
+def test_what_the_catalogue_lacks_is_placed_by_the_simplest_group():
+    def two_cycles(context):
+        own = np.radians(0.9) * np.sin(2 * context["magnetic_heading"])
+        return np.where(context["aircraft"] == 1, own, 0.0)
+
+    frame = make_frame(seed=6, aircraft=5, days=16, noise=0.3, heading_error=two_cycles)
+    catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron")}
+    report = diagnose(frame, catalogue=catalogue, maps=False).report
+    place = report["unknown"]["where"][0]
+    assert report["effects"] == []
+    assert place["group"] == "cross:magnetic_heading 2 cycles"
+    assert place["tails"] == [frame.tails[1]]
+
+
+def test_a_rival_explains_what_the_term_explains():
+    """What a candidate explains beside the term makes it no other name for it."""
+    term = Term(Candidate("compass_step", np.array([0]), "aircraft", np.ones(1), True), (0,), None,
+                score("compass_step", True, 20.0, 0.5))  # fmt: skip
+    alike, beside = score("compass_drift", True, 19.0, 0.5), score("turn_error", True, 25.0, 0.1)
+    ranked = [beside, score("compass_step", True, 20.0, 0.5), alike]
+    left = [score("turn_error", True, 24.0, 0.1), score("compass_drift", True, 0.5, 0.1)]
+    (rival,) = ambiguity(term, ranked, left)
+    assert rival["name"] == "compass_drift"
+    assert rival["difference_nats"] == 1.5
+
+
+def test_together_aircraft_tell_a_drift_that_none_tells_alone():
+    def drifting(context):
+        days = (context["time"] - context["time"].min()) / 86400
+        return np.where(context["aircraft"] < 4, np.radians(0.03) * days, 0.0)
+
+    frame = make_frame(seed=8, aircraft=8, days=20, noise=1.0, heading_error=drifting)
+    made = diagnose(frame, catalogue=DRIFTING, maps=False, dictionary=False).report["effects"]
+    assert [(e["name"], e["tails"]) for e in made] == [("compass_drift", list(frame.tails[:4]))]
+
+
+def test_aircraft_that_change_together_are_dated_together():
+    def swung(context):
+        late = (context["aircraft"] < 4) & (context["time"] > 9.5 * 86400)
+        return np.where(late, np.radians(0.3), 0.0)
+
+    catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
+    frame = make_frame(seed=8, aircraft=8, days=20, noise=1.0, heading_error=swung)
+    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False).report["effects"]
+    assert [(e["name"], e["tails"]) for e in made] == [("compass_step", list(frame.tails[:4]))]
+
+
+def test_what_inferred_columns_cannot_carry_is_nothing_else():
+    """Of 1.6 m/s of which 76 % are told 0.9 stay; thinned out over four times the reports 0.45."""
+    rules, reports = Rules(size=0.2, unknown_margin=3.0), np.array([100.0, 100.0])
+    large = replace(score("acceleration_error", True, 40.0, 1.6), acting=reports)
+    what = replace(large.candidate, told_share=0.76, heading=True)
+    term = Term(what, (1,), None, large)
+
+    def left(name, known, acting, **kind):
+        made = replace(score(name, known, 30.0, 0.4), acting=acting)
+        made = replace(made, candidate=replace(made.candidate, **kind))
+        return replace(made, remainder=remainder([term], made))
+
+    group = left("cross:phase*heading", False, reports, heading=True)
+    np.testing.assert_allclose(group.remainder, [0.0, 1.6 * np.sqrt(0.24 / 0.76)])
+    np.testing.assert_array_equal(struck(group, rules), [0])
+    iron = left("soft_iron", True, 4 * reports, heading=True)
+    np.testing.assert_allclose(iron.remainder, [0.0, 0.8 * np.sqrt(0.24 / 0.76)])
+    speed = left("tas_scale", True, 4 * reports)
+    np.testing.assert_array_equal(struck(speed, rules), [0, 1])

@@ -1,0 +1,56 @@
+"""Shares of energy by hand, and the reasons given."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from airswing.gap.design.candidates import Candidate
+from airswing.gap.search.testability import absorbed, surviving_share, too_short
+
+EFFECTS = {"bias": SimpleNamespace(column_names=("all", "above_500"))}
+
+
+def sums(whole, left):
+    grams = np.zeros((2, 3, 2, 2))
+    grams[:] = np.diag(whole) / 6
+    stats = SimpleNamespace(week_gram=grams)
+    return SimpleNamespace(stats=stats), SimpleNamespace(fleet_gram=np.diag(left))
+
+
+def candidate(*columns):
+    return Candidate("bias", np.array(columns), "fleet", np.array([1.0, 2.0])[list(columns)], True,
+                     subset=columns)  # fmt: skip
+
+
+def test_share_is_the_energy_left_by_prior_scales():
+    base, bare = sums([30.0, 10.0], [3.0, 6.0])
+    assert surviving_share(base, bare, candidate(0)) == pytest.approx(0.1)
+    assert surviving_share(base, bare, candidate(0, 1)) == pytest.approx((3 + 4 * 6) / (30 + 40))
+
+
+def test_only_the_forms_that_are_absorbed_are_named():
+    base, bare = sums([30.0, 10.0], [3.0, 6.0])
+    reason = absorbed(base, bare, [candidate(0), candidate(1)], EFFECTS)["bias"]
+    assert reason.startswith("in part (all): at least 90 %")
+    base, bare = sums([30.0, 10.0], [3.0, 1.0])
+    assert absorbed(base, bare, [candidate(0), candidate(1)], EFFECTS)["bias"].startswith(
+        "at least 90 %"
+    )
+
+
+def test_an_effect_that_acts_nowhere_or_survives_gives_no_reason():
+    base, bare = sums([0.0, 10.0], [0.0, 9.0])
+    assert np.isnan(surviving_share(base, bare, candidate(0)))
+    assert absorbed(base, bare, [candidate(0), candidate(1)], EFFECTS) == {}
+
+
+def test_one_day_tells_nothing():
+    base = SimpleNamespace(stats=SimpleNamespace(day_count=np.array([[900.0], [600.0]])))
+    assert set(too_short(base, EFFECTS)) == {"bias"}
+    base.stats.day_count = np.array([[30.0, 900.0], [0.0, 600.0]])  # flights past midnight
+    assert set(too_short(base, EFFECTS)) == {"bias"}
+    base.stats.day_count = np.array([[900.0, 0.0], [0.0, 600.0]])
+    assert too_short(base, EFFECTS) == {}

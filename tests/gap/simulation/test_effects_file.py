@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airswing.errors import InputError
+from airswing.gap.effects import CATALOGUE, ActiveEffect
+from airswing.gap.simulation.effects_file import (
+    parse_effects,
+    plain_effects,
+    plain_period,
+    read_effects,
+    write_effects,
+)
+
+AUGUST = 1249084800.0  # 2009-08-01T00:00Z
+
+values = st.floats(-1e4, 1e4, allow_nan=False).map(lambda x: round(x, 6))
+
+
+@st.composite
+def active_effects(draw):
+    effect = CATALOGUE[draw(st.sampled_from(sorted(CATALOGUE)))]
+    parameters = {p.name: draw(values) for p in effect.parameters if p.number}
+    if effect.name == "tail_swap":
+        parameters["pair"] = ["N401", "N402"]
+    tails = draw(
+        st.none() | st.lists(st.sampled_from(["N401", "7", "N403"]), min_size=1).map(tuple)
+    )
+    start = draw(st.none() | st.integers(0, 2**31).map(float))
+    end = None if start is None else start + draw(st.integers(1, 10**7))
+    period = draw(st.sampled_from([None, (start, end)]))
+    return ActiveEffect(effect.name, parameters, tails, period)
+
+
+@given(st.lists(active_effects(), max_size=4))
+def test_effects_survive_writing_and_reading(tmp_path_factory, effects):
+    path = tmp_path_factory.mktemp("effects") / "effects.yaml"
+    assert read_effects(write_effects(effects, path)) == effects
+    assert parse_effects(plain_effects(effects)) == effects
+
+
+def test_file_as_a_person_writes_it(tmp_path):
+    path = tmp_path / "effects.yaml"
+    path.write_text(
+        "effects:\n"
+        "  - name: hard_iron\n"
+        "    tails: [N412, 418]\n"
+        "    parameters: {amplitude_deg: 3.9, phase_deg: 40}\n"
+        "  - {name: tas_offset, tails: all, parameters: {offset_m_s: 2 kt}}\n"
+        "  - name: compass_step\n"
+        "    parameters: {offset_deg: 0.0349066 rad}\n"
+        "    period: [2009-08-01, 2009-08-02T12:00:00Z]\n"
+    )
+    iron, offset, step = read_effects(path)
+    assert iron == ActiveEffect(
+        "hard_iron", {"amplitude_deg": 3.9, "phase_deg": 40.0}, ("N412", "418"), None
+    )
+    assert offset.tails is None
+    assert offset.parameters["offset_m_s"] == pytest.approx(1.028889, abs=1e-6)
+    assert step.parameters["offset_deg"] == pytest.approx(2.0, abs=1e-4)
+    assert step.period == (AUGUST, AUGUST + 1.5 * 86400.0)
+    assert plain_period(step.period) == ["2009-08-01T00:00:00Z", "2009-08-02T12:00:00Z"]
+
+
+def test_nothing_is_no_effects(tmp_path):
+    path = tmp_path / "none.yaml"
+    path.write_text("# nothing yet\n")
+    assert read_effects(path) == []
+    assert read_effects(write_effects([], path)) == []
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ({"name": "hard_irn", "parameters": {}}, "Did you mean hard_iron"),
+        ({"parameters": {}}, "unknown effect"),
+        ({"name": "hard_iron", "parameters": {"amplitude": 1}}, "Did you mean amplitude_deg"),
+        ({"name": "hard_iron", "parameters": {"amplitude_rad": 1}}, "Did you mean amplitude_deg"),
+        ({"name": "hard_iron", "parameters": {"phase_deg": 1}}, "needs a value of amplitude_deg"),
+        ({"name": "hard_iron", "parameters": {"amplitude_deg": "3 kt"}}, "in units of degree"),
+        ({"name": "hard_iron", "parameters": {"amplitude_deg": "3 dg"}}, "in units of degree"),
+        ({"name": "hard_iron", "parameters": {"amplitude_deg": [3]}}, "needs a number"),
+        ({"name": "hard_iron", "parameters": {"amplitude_deg": True}}, "needs a number"),
+        ({"name": "hard_iron", "parameters": [3]}, "must be a mapping"),
+        (
+            {"name": "outliers", "tail": ["N1"], "parameters": {"fraction": 0.1}},
+            "Did you mean tails",
+        ),
+        ({"name": "outliers", "tails": [], "parameters": {"fraction": 0.1}}, "list of aircraft"),
+        ({"name": "outliers", "parameters": {"fraction": 0.1}, "period": "July"}, "start, end"),
+        (
+            {"name": "outliers", "parameters": {"fraction": 0.1}, "period": ["July", None]},
+            "no date",
+        ),
+        (
+            {"name": "outliers", "parameters": {"fraction": 0.1}, "period": ["2009-08", None]},
+            "no date",
+        ),
+        (
+            {
+                "name": "outliers",
+                "parameters": {"fraction": 0.1},
+                "period": ["2009-08-02", "2009-08-01"],
+            },
+            "ends before",
+        ),
+        ("hard_iron", "must be a mapping"),
+    ],
+)
+def test_what_is_wrong_is_named(entry, message):
+    with pytest.raises(InputError, match=message) as caught:
+        parse_effects([entry], file="mine.yaml")
+    assert "mine.yaml" in str(caught.value)
+
+
+def test_files_that_hold_something_else_are_told(tmp_path):
+    path = tmp_path / "effects.yaml"
+    with pytest.raises(InputError, match="cannot read"):
+        read_effects(path)
+    path.write_text("a: [1\n")
+    with pytest.raises(InputError, match="not YAML"):
+        read_effects(path)
+    path.write_text("effect: []\n")
+    with pytest.raises(InputError, match="Did you mean effects"):
+        read_effects(path)
+    path.write_text("3\n")
+    with pytest.raises(InputError, match="must be a list"):
+        read_effects(path)

@@ -1,0 +1,232 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from tests.gap import frames
+
+from airswing.errors import InputError
+from airswing.gap.effects import CATALOGUE, ActiveEffect
+from airswing.gap.simulation.forward import Coding, Noise, check_effects, draw_noise, simulate
+from airswing.gap.simulation.report_table import simulate_reports, write_reports
+from airswing.reports.read import read_reports
+from airswing.workflow.gap_stage import simulation
+
+KNOT = 1852.0 / 3600.0
+STRONG = [
+    ActiveEffect("hard_iron", {"amplitude_deg": 8.0, "phase_deg": 30.0}),
+    ActiveEffect("soft_iron", {"amplitude_deg": 3.0, "phase_deg": -70.0}),
+    ActiveEffect("compass_offset", {"offset_deg": 1.0}),
+    ActiveEffect("tas_scale", {"scale_percent": 3.0}),
+]
+
+
+@pytest.fixture(scope="module")
+def archive():
+    return frames.frame()
+
+
+def test_perfect_instrument_sends_the_reference_wind(archive):
+    sent = simulate(replace(archive, u_rep=archive.u_rep + 7.0))
+    np.testing.assert_allclose(sent.u_rep, archive.u_ref, atol=1e-10)
+    np.testing.assert_allclose(sent.v_rep, archive.v_ref, atol=1e-10)
+    np.testing.assert_allclose(np.sin(sent.heading - archive.heading), 0.0, atol=1e-10)
+    np.testing.assert_allclose(sent.airspeed, archive.airspeed)
+    np.testing.assert_array_equal(sent.time, archive.time)
+
+
+def test_errors_are_functions_of_the_indicated_heading(archive):
+    sent = simulate(archive, effects=STRONG)
+    true = np.arctan2(archive.ground_u - archive.u_ref, archive.ground_v - archive.v_ref)
+    error = np.angle(np.exp(1j * (sent.heading - true)))
+    m = sent.heading - archive.declination
+    growth = archive.reference_field / archive.horizontal_field
+    expected = (
+        8.0 * growth * np.sin(m + np.radians(30.0)) + 3.0 * np.sin(2 * m - np.radians(70.0)) + 1.0
+    )
+    np.testing.assert_allclose(np.degrees(error), expected, atol=1e-8)
+    np.testing.assert_allclose(np.cos(sent.magnetic_heading - m), 1.0)
+    speed = np.hypot(archive.ground_u - archive.u_ref, archive.ground_v - archive.v_ref)
+    np.testing.assert_allclose(sent.airspeed, 1.03 * speed)
+
+
+def test_order_of_the_effects_does_not_matter_for_sensors(archive):
+    one, other = simulate(archive, effects=STRONG), simulate(archive, effects=STRONG[::-1])
+    np.testing.assert_allclose(one.residual, other.residual, atol=1e-8)
+
+
+def test_regression_on_the_columns_gives_back_what_was_put_in(archive):
+    truth = [
+        ActiveEffect("hard_iron", {"amplitude_deg": 2.0, "phase_deg": 100.0}),
+        ActiveEffect("tas_offset", {"offset_m_s": -1.0}),
+        ActiveEffect("reference_speed_bias", {"bias_percent": 4.0}),
+    ]
+    sent = simulate(archive, effects=truth, coding=Coding(KNOT, 1.0))
+    wanted = [(a.name, CATALOGUE[a.name].from_parameters(a.parameters, sent)) for a in truth]
+    columns = np.concatenate(
+        [CATALOGUE[name].columns(sent)[: 1 if "speed" in name else None] for name, _ in wanted]
+    )
+    coefficients = np.concatenate([c[: 1 if "speed" in name else None] for name, c in wanted])
+    design = columns.reshape(len(columns), -1).T
+    fit = np.linalg.lstsq(design, sent.linear_residual.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(fit, coefficients, rtol=0.02, atol=2e-4)
+    # the plain residual takes the second order of the heading error for airspeed
+    plain = np.linalg.lstsq(design, sent.residual.ravel(), rcond=None)[0]
+    assert plain[2] - fit[2] == pytest.approx(130.0 * np.radians(2.0) ** 2 / 4.0, rel=0.3)
+
+
+def test_effect_strikes_the_aircraft_and_the_period_it_names(archive):
+    start, end = np.quantile(archive.time, [0.3, 0.7])
+    effect = ActiveEffect("compass_step", {"offset_deg": 3.0}, ("N402",), (start, end))
+    struck = np.hypot(*simulate(archive, effects=[effect]).residual.T) > 1.0
+    expected = (archive.aircraft == 1) & (archive.time >= start) & (archive.time < end)
+    np.testing.assert_array_equal(struck, expected)
+    assert 0 < expected.sum() < archive.of_aircraft("N402").size
+
+
+def test_a_chunk_is_simulated_as_in_the_whole(archive):
+    effects = [*STRONG, ActiveEffect("compass_drift", {"rate_deg_per_day": 0.1})]
+    some = np.flatnonzero(archive.aircraft == 2)[5:60]
+    whole = simulate(archive, effects=effects)
+    np.testing.assert_allclose(
+        simulate(archive.take(some), effects=effects).u_rep, whole.u_rep[some], atol=1e-8
+    )
+
+
+def test_wind_is_coded_in_steps(archive):
+    sent = simulate(archive, coding=Coding.of_archive(archive))
+    speed = np.hypot(sent.u_rep, sent.v_rep) / KNOT
+    direction = np.degrees(np.arctan2(-sent.u_rep, -sent.v_rep))
+    np.testing.assert_allclose(speed, np.round(speed), atol=1e-9)
+    np.testing.assert_allclose(direction, np.round(direction), atol=1e-8)
+    unknown = replace(archive, wind_speed_resolution=np.full(3, np.nan),
+                      wind_direction_resolution=np.full(3, np.nan))  # fmt: skip
+    plain = simulate(unknown, coding=Coding.of_archive(unknown))
+    np.testing.assert_allclose(plain.u_rep, archive.u_ref, atol=1e-9)
+
+
+def _line(flights, reports, spacing):
+    """Straight flights along the equator with reports at equal spacing (m)."""
+    base = frames.frame()
+    n = flights * reports
+    some = base.take(np.arange(n) % base.size)
+    degree = 6371008.8 * np.pi / 180.0
+    return replace(
+        some,
+        flight=np.repeat(np.arange(flights), reports),
+        time=np.add.outer(86400.0 * np.arange(flights), 60.0 * np.arange(reports)).ravel(),
+        latitude=np.zeros(n),
+        longitude=np.tile(spacing * np.arange(reports) / degree, flights),
+        pressure=np.full(n, 5e4),
+    )  # fmt: skip
+
+
+def test_noise_is_stationary_with_the_stated_correlation():
+    frame = _line(3000, 12, 50e3)
+    noise = Noise(correlated_sd=2.0, white_sd=1.0, length=150e3)
+    draw = draw_noise(frame, noise, rng=np.random.default_rng(1)).reshape(3000, 12, 2)
+    np.testing.assert_allclose((draw**2).mean(axis=(0, 2)), 5.0, rtol=0.1)
+    for lag in (1, 3, 6):
+        found = np.mean(draw[:, lag:] * draw[:, :-lag])
+        assert found == pytest.approx(4.0 * np.exp(-lag / 3.0), abs=0.12)
+    assert np.mean(draw[:, :, 0] * draw[:, :, 1]) == pytest.approx(0.0, abs=0.1)
+    assert np.mean(draw[1:] * draw[:-1]) == pytest.approx(0.0, abs=0.1)  # other flights
+
+
+def test_noise_does_not_depend_on_the_order_of_the_rows():
+    frame = _line(40, 12, 50e3)
+    mixed = np.random.default_rng(0).permutation(frame.size)
+    straight = draw_noise(frame, Noise(), rng=np.random.default_rng(5))
+    shuffled = draw_noise(frame.take(mixed), Noise(), rng=np.random.default_rng(5))
+    np.testing.assert_allclose(shuffled, straight[mixed], atol=1e-9)
+
+
+def test_day_part_is_shared_by_the_reports_of_a_day():
+    frame = _line(50, 10, 50e3)
+    noise = Noise(correlated_sd=0.0, white_sd=0.0, day_sd=1.5)
+    draw = draw_noise(frame, noise, rng=np.random.default_rng(2))
+    assert np.unique(draw[:, 0]).size == np.unique(frame.day).size == 50
+    assert draw.std() == pytest.approx(1.5, rel=0.25)
+
+
+def test_noise_is_the_same_with_and_without_effects(archive):
+    plain = simulate(archive, noise=Noise(), seed=4)
+    struck = simulate(archive, noise=Noise(), effects=STRONG[2:3], seed=4)
+    size = np.hypot(*(struck.residual - plain.residual).T)
+    np.testing.assert_allclose(size, 2.0 * np.sin(np.radians(0.5)) * plain.airspeed, rtol=1e-6)
+    other = simulate(archive, noise=Noise(), seed=5)
+    assert np.abs(other.residual - plain.residual).max() > 1.0
+
+
+def test_unknown_effect_aircraft_parameter_and_context_are_refused(archive):
+    with pytest.raises(InputError, match="Did you mean hard_iron"):
+        simulate(archive, effects=[ActiveEffect("hard_irom")])
+    with pytest.raises(InputError, match="N999"):
+        simulate(archive, effects=[ActiveEffect("tas_scale", {"scale_percent": 1.0}, ("N999",))])
+    with pytest.raises(InputError, match="needs a value of amplitude_deg"):
+        check_effects([ActiveEffect("hard_iron", {"phase_deg": 3.0})], archive)
+    with pytest.raises(InputError, match="no icing column"):
+        simulate(
+            frames.frame(icing=False),
+            effects=[ActiveEffect("heater_current", {"offset_deg": 1.0})],
+        )
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_simulated_archive_is_read_back_with_the_winds_sent(tmp_path, suffix):
+    headings = frames.headings_dataset(flights=4)
+    headings["eastward_wind"][7] = np.nan  # keeps its place without a wind
+    table = simulate_reports(headings, reference="ruc", effects=STRONG, noise=Noise(), seed=3)
+    path = write_reports(table, tmp_path / f"sent{suffix}")
+    again = read_reports(path)
+    assert again.sizes["report"] == headings.sizes["report"]
+    np.testing.assert_array_equal(again.aircraft.values.astype(str), list(frames.TAILS))
+    np.testing.assert_array_equal(again.time.values, headings.time.values)
+    np.testing.assert_allclose(again.latitude, headings.latitude, atol=1e-6)
+    np.testing.assert_allclose(again.pressure, headings.pressure, rtol=1e-4)
+    np.testing.assert_array_equal(again.phase, headings.phase)
+    np.testing.assert_array_equal(again.icing, headings.icing)
+    frame = frames.Frame.from_headings(headings, reference="ruc")
+    sent = simulate(frame, effects=STRONG, noise=Noise(), coding=Coding.of_archive(frame), seed=3)
+    np.testing.assert_allclose(again.eastward_wind.values[sent.report], sent.u_rep, atol=1e-4)
+    np.testing.assert_allclose(again.northward_wind.values[sent.report], sent.v_rep, atol=1e-4)
+    assert np.isnan(again.eastward_wind.values[7])
+    assert np.isfinite(again.eastward_wind).sum() == headings.sizes["report"] - 1
+    np.testing.assert_allclose(again.wind_speed_resolution, KNOT, rtol=1e-3)
+    np.testing.assert_allclose(again.wind_direction_resolution, 1.0, rtol=1e-3)
+
+
+def test_airspeed_and_heading_are_sent_only_where_the_archive_sends_them():
+    headings = frames.headings_dataset(flights=2)
+    assert "heading_deg" not in simulate_reports(headings, reference="ruc")
+    headings["reported_heading"] = headings.heading.where(headings.phase == 2)
+    headings["reported_airspeed"] = headings.airspeed
+    effect = [ActiveEffect("compass_offset", {"offset_deg": 2.0})]
+    table = simulate_reports(headings, reference="ruc", effects=effect)
+    turned = (table["heading_deg"] - headings.heading.values + 180.0) % 360.0 - 180.0
+    cruise = headings.phase.values == 2
+    assert table["heading_deg"].notna().to_numpy().tolist() == cruise.tolist()
+    np.testing.assert_allclose(turned[cruise], 2.0, atol=0.5)  # wind coded in whole knots
+    np.testing.assert_allclose(table["true_airspeed_kt"] * KNOT, headings.airspeed, atol=0.5)
+
+
+def test_other_suffixes_and_closed_folders_are_refused(tmp_path):
+    table = pd.DataFrame({"tail": ["N1"], "time": [np.datetime64("2009-07-01", "ms")]})
+    with pytest.raises(InputError, match=r"\.csv or \.parquet"):
+        write_reports(table, tmp_path / "sent.xlsx")
+    with pytest.raises(InputError, match="found: no suffix"):
+        simulation(None, None, tmp_path / "sent")  # refused before the archive is touched
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot write"):
+        write_reports(table, tmp_path / "file" / "sent.csv")
+
+
+def test_a_bias_of_minus_all_and_a_heading_that_never_settles_are_refused(archive):
+    none = ActiveEffect("reference_speed_bias", {"bias_percent": -100.0})
+    with pytest.raises(InputError, match="weaker than none"):
+        simulate(archive, effects=[none])
+    wild = ActiveEffect("hard_iron", {"amplitude_deg": 120.0, "phase_deg": 10.0})
+    with pytest.raises(InputError, match="does not settle"):
+        simulate(archive, effects=[wild])

@@ -1,0 +1,149 @@
+"""Sums against the dense algebra they stand for, in parts and together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.gap.toy import make_frame, noise_of
+
+from airswing.gap.design.basis import plan_dictionary
+from airswing.gap.design.exogenous import exogenous
+from airswing.gap.design.layout import build_columns, make_layout
+from airswing.gap.effects import CATALOGUE
+from airswing.gap.noise.model import NoiseFit
+from airswing.gap.noise.whitening import flight_order, take_gains, whiten
+from airswing.gap.sums.accumulate import accumulate, day_of_report, merge_statistics
+from airswing.gap.sums.elimination import (
+    Included,
+    beyond,
+    climatology,
+    condition,
+    eliminate_days,
+    fit_included,
+)
+from airswing.physics.splines import hats
+
+EFFECTS = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "tas_scale")}
+
+
+@pytest.fixture(scope="module")
+def made():
+    frame = exogenous(make_frame(seed=3, aircraft=3, days=9))
+    noise, plan = noise_of(frame), plan_dictionary(frame)
+    layout = make_layout(EFFECTS, plan, frame)
+    stats = accumulate(
+        frame, frame.residual, noise=noise, layout=layout, effects=EFFECTS, plan=plan, clip=50.0
+    )
+    return frame, noise, plan, layout, stats
+
+
+def _dense(made):
+    frame, noise, plan, layout, _ = made
+    columns = build_columns(frame, layout, EFFECTS, plan).astype(float).T
+    columns = whiten(columns, noise.order, noise.gains)
+    return columns.reshape(-1, layout.size), whiten(
+        frame.residual, noise.order, noise.gains
+    ).reshape(-1)
+
+
+def test_sums_equal_dense_products(made):
+    frame, _, _, layout, stats = made
+    x, r = _dense(made)
+    scale = np.sqrt((x**2).sum(0)) + 1e-9
+    total = stats.week_gram.sum(axis=(0, 1))
+    np.testing.assert_allclose(
+        total / np.outer(scale, scale), x.T @ x / np.outer(scale, scale), atol=2e-5
+    )
+    np.testing.assert_allclose(stats.day_score.sum(axis=(0, 1)) / scale, x.T @ r / scale, atol=2e-3)
+    assert stats.day_count.sum() == (made[1].gains.weight > 0).sum()
+    assert stats.day_gram.shape[-1] == layout.core
+    assert frame.size > 1000
+
+
+def test_day_fields_and_conditioning_equal_dense_mixed_model(made):
+    frame, _, _, layout, stats = made
+    x, r = _dense(made)
+    base = eliminate_days(stats)
+    days, _ = day_of_report(frame)
+    day = np.repeat(np.searchsorted(stats.days, days), 2)
+    aircraft = np.repeat(frame.aircraft, 2)
+    q = layout.blocks["day_fields"].stop
+    z = np.zeros((x.shape[0], q * stats.days.size))
+    for d in range(stats.days.size):
+        z[day == d, d * q : (d + 1) * q] = x[day == d, :q]
+    inner = z.T @ z + np.diag(np.tile(1 / base.variances.day, stats.days.size))
+
+    def out(y):
+        return y - z @ np.linalg.solve(inner, z.T @ y)
+
+    ones = np.ones(stats.day_count.shape)
+    first = np.zeros_like(ones)
+    first[1, 3:] = 1.0
+    hard = layout.columns("hard_iron")
+    included = [
+        *climatology(base),
+        Included(int(hard[0]), first, 1e-3),
+        Included(int(hard[1]), ones, 1e-3),
+    ]
+    dense = [x[:, j.column] * j.weights[aircraft, day] for j in included]
+    m = np.stack(dense, -1)
+    g = m.T @ out(m) + np.diag([j.precision for j in included])
+    expected = np.linalg.solve(g, m.T @ out(r))
+    given = condition(base, included)
+    np.testing.assert_allclose(given.coefficients, expected, atol=3e-3)
+    np.testing.assert_allclose(fit_included(base, included).coefficients, expected, atol=3e-3)
+    own = x[:, layout.columns("compass_offset")[0]] * (aircraft == 2)
+    information = own @ out(own) - (own @ out(m)) @ np.linalg.solve(g, m.T @ out(own))
+    score = own @ out(r) - (own @ out(m)) @ expected
+    j = layout.columns("compass_offset")[0]
+    assert given.gram[2, j, j] == pytest.approx(information, rel=1e-3)
+    assert given.score[2, :, j].sum() == pytest.approx(
+        score, rel=5e-3, abs=0.05 * np.sqrt(information)
+    )
+
+
+def test_merging_two_periods_equals_one_pass(made):
+    frame, noise, plan, layout, stats = made
+    days, _ = day_of_report(frame)
+    parts = []
+    for keep in (days < np.median(days), days >= np.median(days)):
+        index = np.flatnonzero(keep)
+        part = frame.take(index)
+        order = flight_order(part.flight, part.time)
+        own = NoiseFit(noise.model, order, take_gains(noise.gains, index),
+                       noise.distance_km, noise.autocovariance, noise.autocovariance_model,
+                       noise.pair_count, noise.gross[index])  # fmt: skip
+        parts.append(
+            accumulate(part, part.residual, noise=own, layout=layout, effects=EFFECTS, plan=plan,
+                       clip=50.0, day_shift=stats.day_shift)
+        )  # fmt: skip
+    both = merge_statistics(*parts)
+    np.testing.assert_array_equal(both.days, stats.days)
+    np.testing.assert_allclose(both.day_score, stats.day_score, atol=1e-6)
+    np.testing.assert_allclose(both.week_gram, stats.week_gram, rtol=1e-4, atol=1e-3)
+    with pytest.raises(ValueError, match="different columns"):
+        merge_statistics(stats, replace(stats, tails=("x",)))
+
+
+def test_beyond_leaves_nothing_of_what_it_projects(made):
+    _, _, _, layout, stats = made
+    base = eliminate_days(stats)
+    given = condition(base, climatology(base))
+    columns = layout.columns("hard_iron")
+    left = beyond(given, columns)
+    j = columns[0]
+    assert abs(left.gram[0, j, j]) < 1e-3 * given.gram[0, j, j]
+    other = layout.columns("tas_scale")[0]
+    assert left.gram[0, other, other] <= given.gram[0, other, other] * (1 + 1e-9)
+
+
+def test_hats_sum_to_one_and_hit_their_knots():
+    knots = np.array([1.0, 2.0, 4.0])
+    values = np.array([0.0, 1.0, 1.5, 2.0, 3.0, 9.0, np.nan])
+    out = hats(values, knots)
+    np.testing.assert_allclose(out[:, :-1].sum(0), 1.0)
+    np.testing.assert_allclose(out[:, 2], [0.5, 0.5, 0.0])
+    np.testing.assert_allclose(out[:, 4], [0.0, 0.5, 0.5])
+    np.testing.assert_allclose(out[:, -1], 0.0)

@@ -1,0 +1,135 @@
+"""Products: whole or absent, described, and the same when read back."""
+
+from __future__ import annotations
+
+import resource
+import signal
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.flags import SCREENING
+from airswing.products.netcdf import (
+    as_stored,
+    atomic,
+    plain,
+    read_product,
+    write_json,
+    write_product,
+)
+from airswing.vocabulary import VARIABLES, describe, lookup
+
+
+@pytest.fixture
+def reports() -> xr.Dataset:
+    return xr.Dataset(
+        {
+            "row_size": ("aircraft", [2, 1]),
+            "time": ("report", np.array(["2009-01-01", "2009-01-02", "2009-01-03"], "M8[ns]")),
+            "latitude": ("report", [45.0, np.nan, 47.0]),
+            "screening": ("report", np.array([0, 3, 512], dtype=np.int32)),
+        },
+        coords={"aircraft": np.array(["007", "N412"])},
+        attrs={"reading_audit": {"dropped": {"duplicate": 2}}},
+    )
+
+
+def test_round_trip_with_names_units_and_provenance(tmp_path, reports):
+    path = write_product(reports, tmp_path / "a" / "headings.nc", title="t", config_json="{}")
+    back = read_product(path)
+    xr.testing.assert_equal(back.drop_vars("aircraft"), reports.drop_vars("aircraft"))
+    assert list(back["aircraft"].to_numpy()) == ["007", "N412"]
+    assert back["latitude"].attrs["units"] == "degrees_north"
+    assert list(back["screening"].attrs["flag_masks"]) == list(SCREENING.values())
+    assert back.attrs["Conventions"] == "CF-1.11"
+    assert '"duplicate": 2' in back.attrs["reading_audit"]
+    assert len(back.attrs["uuid"]) == 36
+    assert [entry.name for entry in path.parent.iterdir()] == ["headings.nc"]
+
+
+@pytest.mark.parametrize("names", [["007", "N412"], ["", ""], ["Å\u00e9", "long, with a space"]])
+def test_names_are_characters_of_one_length(tmp_path, names):
+    """The HDF5 library crashes on a file with strings of any length opened twice (`is_text`)."""
+    aircraft = xr.Dataset(coords={"aircraft": np.array(names, dtype=object)})
+    path = write_product(aircraft, tmp_path / "x.nc", title="t")
+    with netCDF4.Dataset(path) as file:
+        assert file["aircraft"].dtype == "S1"
+    assert list(read_product(path)["aircraft"].to_numpy()) == names
+
+
+def test_times_may_be_missing_one_or_all(tmp_path):
+    times = np.array([["2009-01-01T00:00:00.250", "NaT"], ["NaT", "NaT"]], "M8[ns]")
+    for row in times:
+        path = write_product(xr.Dataset({"time": ("report", row)}), tmp_path / "x.nc", title="t")
+        np.testing.assert_array_equal(read_product(path)["time"].to_numpy(), row)
+
+
+def test_an_unknown_variable_cannot_be_written(tmp_path, reports):
+    with pytest.raises(KeyError, match="surprise"):
+        write_product(reports.assign(surprise=1), tmp_path / "x.nc", title="t")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_failure_midway_leaves_the_earlier_product(tmp_path):
+    path = tmp_path / "x.json"
+    write_json(path, {"a": 1})
+    with pytest.raises(ValueError), atomic(path) as temporary:
+        temporary.write_text("half")
+        raise ValueError
+    assert path.read_text() == '{\n  "a": 1\n}\n'
+    assert [entry.name for entry in tmp_path.iterdir()] == ["x.json"]
+
+
+def test_a_full_disk_is_one_clear_error(tmp_path, reports):
+    """A limit on file size stands for the full disk: writing past it fails as a full disk does."""
+    path = write_product(reports, tmp_path / "x.nc", title="t")
+    before = path.read_bytes()
+    big = xr.Dataset({"latitude": ("report", np.random.default_rng(0).random(500_000))})
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+        with pytest.raises(InputError, match="cannot write the product"):
+            write_product(big, path, title="t")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == ["x.nc"]
+
+
+def test_unreadable_products_are_named(tmp_path):
+    with pytest.raises(InputError, match="no such product"):
+        read_product(tmp_path / "fits.nc")
+    (tmp_path / "fits.nc").write_text("garbage")
+    with pytest.raises(InputError, match=r"fits\.nc.*not a product"):
+        read_product(tmp_path / "fits.nc")
+
+
+def test_plain_turns_not_a_number_into_none():
+    value = {"a": np.float32("nan"), "b": np.arange(2), "c": [np.bool_(True), (1.5,)]}
+    assert plain(value) == {"a": None, "b": [0, 1], "c": [True, [1.5]]}
+
+
+def test_every_variable_says_what_it_is():
+    for name, entry in VARIABLES.items():
+        assert entry.name == name and entry.long_name and entry.dims
+        if entry.dtype.startswith("f"):
+            assert entry.units
+
+
+def test_the_two_phases_are_told_apart():
+    assert lookup("phase", ("report",)).flags is not None
+    assert lookup("phase", ("reference", "aircraft")).units == "degree"
+    ds = describe(xr.Dataset({"phase": (("reference", "aircraft"), [[1.0]])}))
+    assert ds["phase"].attrs["units"] == "degree"
+
+
+def test_a_heading_that_rounds_up_to_a_whole_turn_is_north():
+    ds = xr.Dataset({"heading": ("report", [359.9999, 359.99, np.nan, 0.0])})
+    np.testing.assert_array_equal(
+        as_stored(ds)["heading"], np.array([0.0, 359.990234375, np.nan, 0.0], dtype="f4")
+    )

@@ -1,0 +1,172 @@
+"""The run's page: whole, self-contained, headline first, small enough, written atomically."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from tests.report import factories
+
+from airswing.errors import InputError
+from airswing.report import write_page
+from airswing.report.run import page
+from airswing.report.run.evaluation_sections import sensitivity_section
+
+
+class Balance(HTMLParser):
+    """Collect tags left open, and every address the page asks for."""
+
+    void = frozenset({"meta", "img", "br", "link", "input", "hr"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.images = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in self.void:
+            self.open.append(tag)
+        self.images += tag == "img"
+        self.addresses += [str(v) for k, v in attrs if k in {"src", "href"}]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def parsed(page: Path) -> tuple[str, Balance]:
+    text = page.read_text("utf-8")
+    found = Balance()
+    found.feed(text)
+    return text, found
+
+
+def test_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
+    headings, fits = factories.headings(), factories.fits()
+    (tmp_path / "tables.csv").write_text("aircraft\n")
+    written = write_page(
+        tmp_path / "report",
+        headings=headings,
+        fits=fits,
+        corrected=factories.corrected(headings),
+        summary={"links": [("notes", "notes.txt")], "configuration": "a.yaml"},
+    )
+    assert written == tmp_path / "report" / "index.html"
+    text, found = parsed(written)
+    assert found.open == []
+    outside = [a for a in found.addresses if not a.startswith(("data:image/", "#"))]
+    assert outside == ["../tables.csv", "notes.txt"]
+    assert found.images >= 10
+    assert not re.search(r"https?://(?!www\.w3\.org)", re.sub(r'src="data:[^"]*"', "", text))
+    headline = re.search(r"<h1>(.*?)</h1>", text).group(1)
+    assert headline.startswith("5 of 6 aircraft fitted against ruc+rtfdaa")
+    assert "falls from" in headline
+    for name in factories.names(6):
+        assert name in text
+    assert not list(written.parent.glob(".index*"))
+
+
+def test_page_names_what_did_not_come_in(tmp_path: Path) -> None:
+    headings = factories.headings(aircraft=2, reports=60)
+    skipped = [{"file": name, "reason": f"{name}: is empty"} for name in ("a.csv", "b.csv")]
+    headings.attrs["reading_audit"] = json.dumps(
+        {"files": 3, "files_skipped": skipped, "similar_tails": [["N401", "n401"]]}
+    )
+    broken = {"file": "x.grb", "what": "message", "reason": "truncated message", "count": 2}
+    headings.attrs["reference_audit"] = json.dumps({"ruc": {"skipped": [broken], "notes": []}})
+    text, _ = parsed(write_page(tmp_path, headings=headings, fits=factories.fits(aircraft=2)))
+    for words in ("2 of 5 report files", "a.csv", "b.csv", "truncated message", "x.grb", "n401"):
+        assert words in text
+
+
+def test_page_without_a_single_fit_says_so(tmp_path: Path) -> None:
+    headings, fits = factories.headings(aircraft=2, reports=60), factories.fits(aircraft=2)
+    fits["status"][:] = 1
+    text, _ = parsed(write_page(tmp_path, headings=headings, fits=fits))
+    assert "None of 2 aircraft could be fitted" in text
+
+
+def test_names_from_files_are_escaped(tmp_path: Path) -> None:
+    headings, fits = factories.headings(aircraft=2, reports=60), factories.fits(aircraft=2)
+    odd = ["<script>x</script>", "N&1"]
+    headings, fits = headings.assign_coords(aircraft=odd), fits.assign_coords(aircraft=odd)
+    text, found = parsed(write_page(tmp_path, headings=headings, fits=fits))
+    assert "<script>x" not in text
+    assert found.open == []
+
+
+def test_a_dollar_sign_in_a_name_begins_no_formula(tmp_path: Path) -> None:
+    headings, fits = factories.headings(), factories.fits()
+    odd = headings["aircraft"].to_numpy().astype(object)
+    odd[0], odd[1] = r"$\frac{1$", "N_1^$2$"
+    page = write_page(
+        tmp_path,
+        headings=headings.assign_coords(aircraft=odd),
+        fits=fits.assign_coords(aircraft=odd),
+    )
+    assert "N_1^$2$" in page.read_text("utf-8")
+
+
+def test_unwritable_folder_leaves_the_old_page(tmp_path: Path) -> None:
+    headings, fits = factories.headings(aircraft=1, reports=60), factories.fits(aircraft=1)
+    (tmp_path / "report").write_text("a file where the folder should be")
+    with pytest.raises(InputError, match="cannot write the page"):
+        write_page(tmp_path / "report", headings=headings, fits=fits)
+    assert (tmp_path / "report").read_text() == "a file where the folder should be"
+
+
+def test_large_fleet_stays_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "LARGE_FIGURES", 2)
+    monkeypatch.setattr(page, "SMALL_PER_FIGURE", 3)
+    monkeypatch.setattr(page, "SVG_UP_TO", 1)
+    headings, fits = factories.headings(aircraft=8, reports=60), factories.fits(aircraft=8)
+    text, found = parsed(write_page(tmp_path, headings=headings, fits=fits))
+    assert "The 2 aircraft with the largest amplitude; the other 6" in text
+    small = -(-8 // 3)
+    fleet, roses, places, audit = 1, 1, 3, 1
+    assert found.images == small + 2 + fleet + roses + places + audit
+    table = re.search(r"<tbody>(.*?)</tbody>", text, re.DOTALL).group(1)
+    assert table.count("<tr") == 8
+
+
+def test_evaluations_become_sections(tmp_path: Path) -> None:
+    headings, fits = factories.headings(aircraft=2, reports=60), factories.fits(aircraft=2)
+    text, found = parsed(
+        write_page(
+            tmp_path,
+            headings=headings,
+            fits=fits,
+            field_test=factories.full_field_test(),
+            sensitivity=factories.sensitivity(),
+            profiles=factories.profiles(),
+        )
+    )
+    assert found.open == []
+    for anchor in ("field-test", "sensitivity", "profiles"):
+        assert f'<section id="{anchor}">' in text
+    assert "gained 2.47 kt (2.10 to 2.80) beyond the controls by the linear difference" in text
+    assert "2.24 kt (1.90 to 2.60) adding errors in quadrature" in text
+    assert "Not poolable: ruc - nam (nam is in never_pool)" in text
+    assert "negative variance" in text
+
+
+def test_a_pool_against_its_member_is_no_test_of_its_own() -> None:
+    found = factories.sensitivity()
+    first = found["pairs"][0]
+    second = first | {"references": ["ruc+rtfdaa", "ruc"], "own_test": False}
+    section = sensitivity_section(found | {"pairs": [first, second], "by_phase": []})
+    assert section.lead.startswith("No two references differ both beyond error and by a size")
+    text = "".join(str(part) for part in section.parts)
+    assert text.count("the pool is made of its members") == text.count("none of its own") == 1
+    assert text.count(first["why"]) == 1
+
+
+def test_importing_the_package_does_not_import_matplotlib() -> None:
+    code = "import airswing.report, sys; print('matplotlib' in sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "False"

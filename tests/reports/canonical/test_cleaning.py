@@ -1,0 +1,198 @@
+"""Cleaning: what is dropped, what is repaired, and what the wind becomes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airswing.reports.canonical.audit import Audit
+from airswing.reports.canonical.cleaning import clean
+
+TIME = np.datetime64("2009-01-05T12:00:00", "ns")
+
+
+def piece(rows: int = 1, **values: Any) -> pd.DataFrame:
+    """Raw piece in SI with some columns replaced."""
+    plain = {
+        "tail": "N412XJ", "time": TIME, "latitude": 41.5, "longitude": -87.25,
+        "pressure_altitude": 5000.0, "wind_direction": 270.0, "wind_speed": 20.0,
+    }  # fmt: skip
+    return pd.DataFrame({**plain, **values}, index=range(rows))
+
+
+def cleaned(rows: int = 1, **values: Any) -> tuple[pd.DataFrame, Audit]:
+    audit = Audit()
+    return clean(piece(rows, **values), audit), audit
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"tail": ""}, "missing_tail"),
+        ({"tail": "   "}, "missing_tail"),
+        ({"tail": None}, "missing_tail"),
+        ({"time": np.datetime64("NaT", "ns")}, "missing_time"),
+        ({"time": np.datetime64("NaT", "ns"), "time_blank": False}, "unparsable_time"),
+        ({"time": np.datetime64("1969-12-31", "ns")}, "time_out_of_range"),
+        ({"time": np.datetime64("2150-01-01", "ns")}, "time_out_of_range"),
+        ({"latitude": np.nan}, "missing_position"),
+        ({"longitude": np.inf}, "missing_position"),
+        ({"latitude": 90.5}, "latitude_out_of_range"),
+        ({"longitude": -180.5}, "longitude_out_of_range"),
+        ({"longitude": 360.5}, "longitude_out_of_range"),
+    ],
+)
+def test_a_report_without_tail_time_or_position_is_dropped_for_one_reason(values, reason):
+    frame, audit = cleaned(**values)
+    assert len(frame) == 0
+    assert audit.dropped == {reason: 1}
+    assert (audit.read, audit.kept) == (1, 0)
+
+
+def test_a_report_bad_in_two_ways_is_counted_once():
+    _, audit = cleaned(tail="", latitude=99.0)
+    assert audit.dropped == {"missing_tail": 1}
+
+
+@pytest.mark.parametrize(
+    ("given_longitude", "kept_longitude"),
+    [(0.0, 0.0), (179.5, 179.5), (180.0, -180.0), (272.75, -87.25), (360.0, 0.0), (-180.0, -180.0)],
+)
+def test_longitudes_are_brought_to_one_range(given_longitude, kept_longitude):
+    frame, audit = cleaned(longitude=given_longitude)
+    assert frame["longitude"][0] == kept_longitude
+    assert audit.repaired.get("longitude_wrapped", 0) == int(given_longitude >= 180.0)
+
+
+@pytest.mark.parametrize(
+    ("direction", "eastward", "northward"),
+    [
+        (0, 0, -1), (45, -1, -1), (90, -1, 0), (135, -1, 1),
+        (180, 0, 1), (225, 1, 1), (270, 1, 0), (315, 1, -1), (360, 0, -1),
+    ],
+)  # fmt: skip
+def test_wind_from_the_eight_compass_points(direction, eastward, northward):
+    frame, _ = cleaned(wind_direction=float(direction), wind_speed=10.0)
+    wanted = 10.0 * np.array([eastward, northward]) / np.hypot(eastward, northward)
+    np.testing.assert_allclose(
+        frame[["eastward_wind", "northward_wind"]].iloc[0], wanted, atol=1e-6
+    )
+
+
+def test_direction_360_is_0():
+    frame, audit = cleaned(wind_direction=360.0)
+    assert frame["wind_direction"][0] == 0.0
+    assert audit.repaired["wind_direction_360"] == 1
+
+
+@pytest.mark.parametrize("direction", [0.0, 137.0, 360.0, np.nan])
+def test_calm_has_no_wind_whatever_its_direction(direction):
+    frame, audit = cleaned(wind_direction=direction, wind_speed=0.0)
+    assert frame["eastward_wind"][0] == 0.0
+    assert frame["northward_wind"][0] == 0.0
+    assert np.isnan(frame["wind_direction"][0])
+    assert audit.repaired.get("calm_without_direction", 0) == int(np.isnan(direction))
+
+
+@pytest.mark.parametrize(
+    "values", [{"wind_direction": np.nan}, {"wind_speed": np.nan}], ids=["direction", "speed"]
+)
+def test_half_a_wind_is_no_wind_but_the_report_stays(values):
+    frame, audit = cleaned(**values)
+    assert len(frame) == 1
+    assert frame[["eastward_wind", "northward_wind", "wind_speed"]].isna().all(axis=None)
+    assert audit.repaired == {"wind_incomplete": 1}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("wind_speed", -1.0),
+        ("wind_speed", 151.0),
+        ("wind_direction", 361.0),
+        ("wind_direction", -1.0),
+        ("air_temperature", 100.0),
+        ("air_temperature", 400.0),
+        ("pressure_altitude", 30000.0),
+        ("reported_airspeed", -5.0),
+        ("reported_heading", 400.0),
+    ],
+)
+def test_impossible_values_become_missing_and_are_counted(name, value):
+    frame, audit = cleaned(**{name: value})
+    assert len(frame) == 1
+    assert np.isnan(frame[name][0])
+    assert audit.repaired[f"{name}_out_of_range"] == 1
+
+
+def test_pressure_follows_from_altitude_and_the_reverse():
+    # ICAO Doc 7488: 54019.9 Pa at 5000 m, 19330.4 Pa at 12000 m (two layers)
+    frame, _ = cleaned(2, pressure_altitude=[5000.0, 12000.0])
+    np.testing.assert_allclose(frame["pressure"], [54019.9, 19330.4], rtol=2e-5)
+    frame, _ = cleaned(pressure_altitude=np.nan, pressure=54019.9)
+    np.testing.assert_allclose(frame["pressure_altitude"], 5000.0, atol=0.1)
+
+
+def test_a_reported_pressure_is_kept_as_it_is():
+    frame, _ = cleaned(pressure=50000.0)
+    assert frame["pressure"][0] == 50000.0
+    assert frame["pressure_altitude"][0] == 5000.0
+
+
+def test_the_wind_at_an_unset_position_fails():
+    frame, audit = cleaned(2, latitude=[0.0, 0.0], longitude=[0.0, -91.0])
+    assert frame["wind_qc"].tolist() == [2, 0]
+    assert audit.repaired["wind_failed_at_origin"] == 1
+
+
+def test_components_in_place_of_speed_and_direction():
+    source = piece().drop(columns=["wind_speed", "wind_direction"])
+    frame = clean(source.assign(eastward_wind=3.0, northward_wind=4.0), Audit())
+    assert frame["wind_speed"][0] == 5.0
+    assert frame["wind_direction"][0] == pytest.approx(180.0 + np.degrees(np.arctan2(3, 4)))
+    frame = clean(source.assign(eastward_wind=3.0, northward_wind=np.nan), Audit())
+    assert np.isnan(frame["eastward_wind"][0])
+
+
+def test_components_serve_where_a_speed_stands_without_a_direction():
+    source = piece().drop(columns=["wind_direction"])
+    frame = clean(source.assign(eastward_wind=3.0, northward_wind=4.0), Audit())
+    assert frame["eastward_wind"][0] == 3.0
+    assert frame["northward_wind"][0] == 4.0
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["A", "", "NA"]),
+            st.floats(-400, 400) | st.just(float("nan")),
+            st.floats(-400, 400) | st.just(float("nan")),
+            st.floats(-10, 200) | st.just(float("nan")),
+            st.floats(-10, 370) | st.just(float("nan")),
+        ),
+        min_size=1,
+        max_size=20,
+    )
+)
+def test_every_report_is_kept_or_dropped_once_and_what_stays_is_possible(rows):
+    tail, latitude, longitude, speed, direction = (
+        list(column) for column in zip(*rows, strict=True)
+    )
+    frame, audit = cleaned(
+        len(rows), tail=tail, latitude=latitude, longitude=longitude,
+        wind_speed=speed, wind_direction=direction,
+    )  # fmt: skip
+    assert audit.read == len(rows)
+    assert audit.kept == len(frame)
+    assert frame["latitude"].between(-90, 90).all()
+    assert ((frame["longitude"] >= -180) & (frame["longitude"] < 180)).all()
+    assert (frame["eastward_wind"].isna() == frame["northward_wind"].isna()).all()
+    known = frame[frame["eastward_wind"].notna()]
+    np.testing.assert_allclose(
+        np.hypot(known["eastward_wind"], known["northward_wind"]), known["wind_speed"], atol=1e-4
+    )

@@ -1,0 +1,248 @@
+"""BUFR: the real files against eccodes' own decoding, every template, and the missing extra."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.products.ragged import aircraft_of_report
+from airswing.reports import read_reports
+from airswing.reports.canonical.audit import Audit
+from airswing.reports.formats.bufr import bufr_pieces
+
+eccodes = pytest.importorskip("eccodes")
+pytest.importorskip("pdbufr")
+
+AMDAR = "reports/amdar_20090123_europe.bufr"
+
+
+def audit_of(ds: xr.Dataset) -> dict[str, Any]:
+    return json.loads(ds.attrs["reading_audit"])
+
+
+def decoded(path: Path, keys: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Single-subset messages straight through eccodes."""
+    rows = []
+    with path.open("rb") as file:
+        while (message := eccodes.codes_bufr_new_from_file(file)) is not None:
+            eccodes.codes_set(message, "unpack", 1)
+            row = {}
+            for key in keys:
+                try:
+                    row[key] = eccodes.codes_get(message, f"#1#{key}")
+                except eccodes.KeyValueNotFoundError:
+                    row[key] = None
+            rows.append(row)
+            eccodes.codes_release(message)
+    return rows
+
+
+@pytest.fixture(scope="module")
+def amdar(real: Callable[[str], Path]) -> xr.Dataset:
+    return read_reports(real(AMDAR))
+
+
+@pytest.fixture(scope="module")
+def messages(real: Callable[[str], Path]) -> list[dict[str, Any]]:
+    return decoded(
+        real(AMDAR),
+        (
+            "aircraftFlightNumber", "aircraftRegistrationNumberOrOtherIdentification",
+            "latitude", "longitude", "hour", "minute", "height", "pressure", "windDirection",
+            "windSpeed", "airTemperature", "phaseOfAircraftFlight",
+        ),
+    )  # fmt: skip
+
+
+def tail_of(message: dict[str, Any]) -> str:
+    registration = message["aircraftRegistrationNumberOrOtherIdentification"]
+    return (registration or message["aircraftFlightNumber"]).strip()
+
+
+def test_the_real_file_loads_whole(amdar: xr.Dataset, messages: list[dict[str, Any]]):
+    audit = audit_of(amdar)
+    tails = {tail_of(message) for message in messages} - {""}
+    assert audit["reports_read"] == len(messages) == 6698
+    assert set(amdar["aircraft"].to_numpy()) == tails
+    nameless = sum(tail_of(message) == "" for message in messages)
+    assert audit["dropped"] == {"missing_tail": nameless}
+    assert audit["reports_kept"] == amdar.sizes["report"] == 6698 - nameless
+
+
+def test_the_real_file_agrees_with_eccodes_report_by_report(
+    amdar: xr.Dataset, messages: list[dict[str, Any]]
+):
+    tails = amdar["aircraft"].to_numpy()[aircraft_of_report(amdar)]
+    clock = amdar["time"].to_numpy() - np.datetime64("2009-01-23T00:00", "ns")
+    ours = sorted(
+        zip(
+            tails,
+            (clock / np.timedelta64(60_000_000_000, "ns")).astype(int),
+            np.round(amdar["latitude"].to_numpy(), 5),
+            np.round(amdar["longitude"].to_numpy(), 5),
+            np.round(np.hypot(amdar["eastward_wind"], amdar["northward_wind"]).to_numpy(), 1),
+            np.round(amdar["air_temperature"].to_numpy(), 1),
+            strict=True,
+        ),
+        key=str,
+    )
+    theirs = []
+    for message in messages:
+        if not tail_of(message):
+            continue
+        speed, direction = message["windSpeed"], message["windDirection"]
+        whole = speed > -1e99 and (direction <= 360 or speed == 0)
+        theirs.append(
+            (
+                tail_of(message),
+                60 * message["hour"] + message["minute"],
+                round(message["latitude"], 5),
+                round(message["longitude"], 5),
+                speed if whole else np.nan,
+                message["airTemperature"] if message["airTemperature"] > -1e99 else np.nan,
+            )
+        )
+    theirs.sort(key=lambda row: str((row[0], np.int64(row[1]), *map(np.float64, row[2:]))))
+    assert len(ours) == len(theirs)
+    ours_sorted = sorted(
+        ours, key=lambda row: (row[0], *(np.nan_to_num(v, nan=-1) for v in row[1:]))
+    )
+    theirs_sorted = sorted(
+        theirs, key=lambda row: (row[0], *(np.nan_to_num(v, nan=-1) for v in row[1:]))
+    )
+    assert [row[0] for row in ours_sorted] == [row[0] for row in theirs_sorted]
+    np.testing.assert_allclose(
+        np.array([row[1:] for row in ours_sorted], dtype=float),
+        np.array([row[1:] for row in theirs_sorted], dtype=float),
+        atol=0.051,
+    )
+
+
+def test_phases_of_the_real_file(real: Callable[[str], Path], messages: list[dict[str, Any]]):
+    audit = Audit()
+    (piece,) = bufr_pieces(real(AMDAR), {}, audit)
+    told = [message["phaseOfAircraftFlight"] for message in messages]
+    for phase, codes in {1: (5,), 2: (3, 4), 3: (6,)}.items():
+        assert int((piece["phase"] == phase).sum()) == sum(code in codes for code in told)
+    named = audit.flags["phaseOfAircraftFlight"]
+    assert named == {"3": 1922, "4": 7, "5": 3350, "6": 1198, "missing": 221}
+
+
+def test_resolutions_of_the_real_file(amdar: xr.Dataset):
+    values = set(np.round(amdar["position_resolution"].to_numpy(), 7))
+    assert values == {0.01, round(0.1 / 60, 7)}
+    assert float((amdar["time_resolution"] == 60.0).mean()) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("name", "tail", "time", "altitude", "speed", "phase", "roll"),
+    [
+        ("dballe_ecmwf-acars1", "YTIUIERA", "2012-01-07T09:15:00", 914.6, 20.6, 1, 0),
+        ("dballe_ecmwf-amdar1", "EU0068", "2012-08-07T09:00:00", 150.0, 6.0, 3, 0),
+        ("dballe_gts-acars-uk1", "EU3375", "2009-02-24T11:31:00", 6260.0, 33.4, 2, 1),
+        ("dballe_gts-acars-us1", "FJCYR4RA", "2009-02-24T11:31:52", 8199.0, 43.2, 0, 0),
+        ("dballe_gts-acars1", "EU5331", "2009-02-24T11:31:00", 1380.0, 3.1, 3, 1),
+        ("dballe_gts-acars2", "FJCYR4RA", "2009-02-24T11:31:52", 8199.0, 43.2, 0, 0),
+        ("dballe_test-airep1", "EU4824", "2004-11-30T12:00:00", 9790.0, 39.1, 1, 0),
+    ],
+)
+def test_every_small_template(
+    real: Callable[[str], Path], name: str, tail: str, time: str, altitude: float, speed: float,
+    phase: int, roll: int,
+):  # fmt: skip
+    ds = read_reports(real(f"reports/{name}.bufr"))
+    assert ds["aircraft"].to_numpy().tolist() == [tail]
+    assert ds.sizes["report"] == 1
+    report = ds.isel(report=0)
+    assert report["time"].to_numpy() == np.datetime64(time)
+    assert float(report["pressure_altitude"]) == pytest.approx(altitude, abs=0.1)
+    found = np.hypot(report["eastward_wind"], report["northward_wind"])
+    assert float(found) == pytest.approx(speed, abs=1e-4)
+    assert (int(report["phase"]), int(report["roll_flag"])) == (phase, roll)
+
+
+def test_three_messages_of_one_aircraft(real: Callable[[str], Path]):
+    ds = read_reports(real("reports/pybufrkit_amda_144.bufr"))
+    assert ds["aircraft"].to_numpy().tolist() == ["CNJCA322"]
+    assert ds.sizes["report"] == 3
+
+
+def encoded(path: Path, *, subsets: int, compressed: int, **values: Any) -> Path:
+    """Write an AMDAR message of the current template (3 11 010)."""
+    message = eccodes.codes_bufr_new_from_samples("BUFR4")
+    for key, value in (
+        ("masterTablesVersionNumber", 33), ("localTablesVersionNumber", 0), ("dataCategory", 4),
+        ("numberOfSubsets", subsets), ("compressedData", compressed),
+    ):  # fmt: skip
+        eccodes.codes_set(message, key, value)
+    for key in ("inputDelayed", "inputShortDelayed"):
+        eccodes.codes_set_array(message, f"{key}DescriptorReplicationFactor", [0] * 6 * subsets)
+    eccodes.codes_set(message, "unexpandedDescriptors", 311010)
+    for key, column in values.items():
+        for subset, value in enumerate(column, start=1):
+            if not compressed:
+                eccodes.codes_set(message, f"#{subset}#{key}", value)
+        if compressed:
+            if isinstance(column[0], str):
+                eccodes.codes_set_string_array(message, f"#1#{key}", column)
+            else:
+                eccodes.codes_set_array(message, f"#1#{key}", np.array(column))
+    eccodes.codes_set(message, "pack", 1)
+    with path.open("wb") as file:
+        eccodes.codes_write(message, file)
+    eccodes.codes_release(message)
+    return path
+
+
+@pytest.mark.parametrize("compressed", [0, 1])
+def test_the_current_template_with_several_subsets(tmp_path: Path, compressed: int):
+    path = encoded(
+        tmp_path / "a.bufr", subsets=3, compressed=compressed,
+        aircraftTailNumber=["N1", "N2", "N2"],
+        aircraftFlightNumber=["F1", "F2", "F3"],
+        year=[2021, 2021, 2021], month=[2, 2, 2], day=[1, 1, 1], hour=[11, 11, 12],
+        minute=[59, 59, 0], second=[49, 50, 1],
+        latitude=[54.985, 10.0, 10.1], longitude=[77.23833, 179.9, -179.9],
+        flightLevel=[10058, 11000, 11010], detailedPhaseOfFlight=[3, 7, 2],
+        windDirection=[354, 90, 180], windSpeed=[3.1, 10.0, 20.0],
+        airTemperature=[211.2, 220.0, 221.0], aircraftTrueAirspeed=[230.0, 231.0, 232.0],
+        aircraftTrueHeading=[90.0, 91.0, 92.0], aircraftRollAngleQuality=[0, 1, 3],
+    )  # fmt: skip
+    ds = read_reports(path)
+    assert ds["aircraft"].to_numpy().tolist() == ["N1", "N2"]
+    assert ds["row_size"].to_numpy().tolist() == [1, 2]
+    np.testing.assert_allclose(ds["longitude"], [77.23833, 179.9, -179.9], atol=1e-5)
+    np.testing.assert_allclose(ds["reported_airspeed"], [230.0, 231.0, 232.0])
+    np.testing.assert_allclose(ds["reported_heading"], [90.0, 91.0, 92.0])
+    np.testing.assert_allclose(ds["eastward_wind"], [0.324, -10.0, 0.0], atol=1e-3)
+    assert ds["phase"].to_numpy()[:2].tolist() == [2, 1]
+    assert ds["roll_flag"].to_numpy().tolist() == [1, 2, 2]  # unsteady means banked
+    assert ds["time"].to_numpy()[2] == np.datetime64("2021-02-01T12:00:01")
+
+
+def test_a_broken_message_does_not_lose_the_others(tmp_path: Path, real: Callable[[str], Path]):
+    good = real("reports/dballe_ecmwf-amdar1.bufr").read_bytes()
+    assert good.count(b"\xcb\x01") == 1  # the template's descriptor 3 11 001
+    unknown = good.replace(b"\xcb\x01", b"\xcb\xfe")
+    path = tmp_path / "a.bufr"
+    path.write_bytes(unknown + good + good[:-30])
+    ds = read_reports(path)
+    assert ds["aircraft"].to_numpy().tolist() == ["EU0068"]
+    audit = audit_of(ds)
+    assert audit["reports_read"] == 3
+    assert audit["dropped"] == {"undecodable_message": 2}
+
+
+def test_without_pdbufr_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "a.bufr").write_bytes(b"BUFR" + b"\x00" * 20)
+    monkeypatch.setitem(sys.modules, "pdbufr", None)
+    with pytest.raises(InputError, match=r"airswing\[bufr\]"):
+        read_reports(tmp_path / "a.bufr")

@@ -1,0 +1,268 @@
+"""MADIS ACARS: the real file whole against an independent reading, and later versions made up."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.products.ragged import aircraft_of_report
+from airswing.reports import read_reports
+from airswing.reports.canonical.audit import Audit
+from airswing.reports.formats.madis import FLAG_FIELDS, characters, madis_pieces
+
+REAL = "reports/acars_19990209_14z.nc"
+CODES_OF_THE_REAL_FILE = {  # counted by another program; see the notes beside the file
+    "dataDescriptor": {"T": 1773, "R": 473, "X": 58},
+    "errorType": {".": 2246, "W": 32, "T": 15, "B": 11},
+    "rollFlag": {"N": 1796, "G": 388, "B": 120},
+    "tempError": {"p": 2283, "H": 21},
+    "windDirError": {"p": 2289, "B": 15},
+    "windSpeedError": {"p": 2266, "D": 23, "F": 15},
+    "speedError": {"p": 1982, "-": 317, "F": 5},
+    "bounceError": {"p": 1798, "-": 506},
+    "correctedFlag": {"r": 2095, "t": 193, "T": 16},
+    "interpolatedTime": {"r": 2099, "i": 205},
+    "interpolatedLL": {"r": 2228, "i": 76},
+    "waterVaporQC": {"-": 2177, "7": 93, "2": 19, "0": 15},
+}
+
+
+def audit_of(ds: xr.Dataset) -> dict[str, Any]:
+    return json.loads(ds.attrs["reading_audit"])
+
+
+def test_the_real_file_loads_whole(real: Callable[[str], Path]):
+    ds = read_reports(real(REAL))
+    audit = audit_of(ds)
+    assert audit["reports_read"] == 2304
+    assert ds.sizes["aircraft"] == 298
+    assert audit["reports_kept"] == ds.sizes["report"] == int(ds["row_size"].sum())
+    assert audit["reports_kept"] + sum(audit["dropped"].values()) == 2304
+    assert audit["dropped"] == {"same_tail_and_time": 1, "conflicting_position": 2}
+
+
+def test_every_code_of_the_real_file_is_accounted_for(real: Callable[[str], Path]):
+    flags = audit_of(read_reports(real(REAL)))["flags"]
+    for name, codes in CODES_OF_THE_REAL_FILE.items():
+        assert flags[name] == codes, name
+    assert all(sum(tally.values()) == 2304 for tally in flags.values())
+    with netCDF4.Dataset(real(REAL)) as file:
+        bytes_there = {n for n, v in file.variables.items() if v.dtype == np.int8}
+    assert bytes_there == set(flags)
+
+
+def test_values_agree_with_an_independent_reading(real: Callable[[str], Path]):
+    ds = read_reports(real(REAL))
+    raw = xr.open_dataset(real(REAL), engine="netcdf4", decode_times=False)
+    tails = np.char.strip(np.char.decode(raw["en_tailNumber"].to_numpy().astype("S12"), "ascii"))
+    speed, direction = raw["windSpeed"].to_numpy(), np.radians(raw["windDir"].to_numpy())
+    level = raw["altitude"].to_numpy().astype(float)
+    pressure = np.where(  # ICAO standard atmosphere, written out again
+        level < 11000.0,
+        101325.0 * (1.0 - 0.0065 * level / 288.15) ** 5.255880,
+        22632.06 * np.exp(-(level - 11000.0) * 9.80665 / (287.05287 * 216.65)),
+    )
+    theirs = Counter(zip(tails, raw["timeObs"].to_numpy(), raw["latitude"].to_numpy(), strict=True))
+    position = {
+        key: index
+        for index, key in enumerate(
+            zip(tails, raw["timeObs"].to_numpy(), raw["latitude"].to_numpy(), strict=True)
+        )
+        if theirs[key] == 1
+    }
+    ours = ds["aircraft"].to_numpy()[aircraft_of_report(ds)]
+    seconds = ds["time"].to_numpy().astype(np.int64) / 1e9
+    keys = list(zip(ours, seconds, ds["latitude"].to_numpy().astype("f4"), strict=True))
+    known = [k for k, key in enumerate(keys) if key in position]
+    index = [position[keys[k]] for k in known]
+    assert len(known) > 2250
+    for name, wanted in (
+        ("eastward_wind", -speed * np.sin(direction)),
+        ("northward_wind", -speed * np.cos(direction)),
+        ("air_temperature", raw["temperature"].to_numpy()),
+        ("longitude", raw["longitude"].to_numpy()),
+        ("pressure_altitude", level),
+        ("pressure", pressure),
+    ):
+        np.testing.assert_allclose(
+            ds[name].to_numpy()[known], wanted[index], rtol=1e-5, atol=1e-4, err_msg=name
+        )
+
+
+def test_the_ground_track_is_not_taken_for_a_heading(real: Callable[[str], Path]):
+    ds = read_reports(real(REAL))
+    assert np.isnan(ds["reported_heading"]).all()
+    assert np.isnan(ds["reported_airspeed"]).all()
+
+
+def test_quality_of_the_real_file(real: Callable[[str], Path]):
+    audit = Audit()
+    (piece,) = madis_pieces(real(REAL), {}, audit)
+    # 15 T + 11 B fail the temperature; 32 W + 11 B the wind (counted by cross-tabulation)
+    assert int((piece["temperature_qc"] == 2).sum()) == 26
+    assert int((piece["wind_qc"] == 2).sum()) == 43
+    assert int((piece["roll_flag"] == 1).sum()) == 388
+    assert int(piece["wind_speed"].isna().sum()) == 15
+    assert int(piece["air_temperature"].isna().sum()) == 13
+
+
+def test_resolutions_of_the_real_file(real: Callable[[str], Path]):
+    ds = read_reports(real(REAL))
+    assert np.allclose(ds["wind_speed_resolution"], 1852 / 3600)  # whole knots
+    assert (ds["wind_direction_resolution"] == 1.0).all()
+    tenth = np.isclose(ds["position_resolution"], 0.1 / 60)
+    assert tenth.mean() > 0.7
+    assert float((ds["time_resolution"] == 60.0).mean()) > 0.5
+
+
+def made(path: Path, **variables: Any) -> Path:
+    """A small file in the style of later versions."""
+    number = 4
+    plain = {
+        "timeObs": 1231156800.0 + 60.0 * np.arange(number),
+        "latitude": np.full(number, 41.5, "f4"),
+        "longitude": np.linspace(-87.0, -86.8, number).astype("f4"),
+        "altitude": np.full(number, 6096.0, "f4"),
+        "windDir": np.full(number, 270.0, "f4"),
+        "windSpeed": np.full(number, 20.0, "f4"),
+        "temperature": np.full(number, 250.0, "f4"),
+        "heading": np.full(number, 90.0, "f4"),
+    }
+    with netCDF4.Dataset(path, "w", format="NETCDF3_CLASSIC") as file:
+        file.createDimension("recNum", None)
+        file.createDimension("enLen", 12)
+        tail = file.createVariable("en_tailNumber", "S1", ("recNum", "enLen"))
+        tail[:number] = np.array([list("FSL00007".ljust(12, "\x00"))] * number, "S1")
+        for name, values in {**plain, **variables}.items():
+            values = np.asarray(values)
+            fill = 99999.0 if values.dtype.kind == "f" and name != "timeObs" else None
+            file.createVariable(name, values.dtype, ("recNum",), fill_value=fill)[:] = values
+    return path
+
+
+def letters(text: str) -> np.ndarray:
+    return np.frombuffer(text.encode(), dtype=np.int8)
+
+
+def test_descriptor_letters_of_later_versions(tmp_path: Path):
+    ds = read_reports(
+        made(
+            tmp_path / "a.nc",
+            temperatureDD=letters("VXQZ"),
+            windDirDD=letters("CSBZ"),
+            windSpeedDD=letters("CXGZ"),
+            rollFlag=letters("GBN-"),
+        )
+    )
+    assert ds["temperature_qc"].to_numpy().tolist() == [1, 2, 2, 0]
+    assert ds["wind_qc"].to_numpy().tolist() == [1, 2, 2, 0]
+    assert ds["roll_flag"].to_numpy().tolist() == [1, 2, 3, 0]
+    assert audit_of(ds)["flags"]["windDirDD"] == {"C": 1, "S": 1, "B": 1, "Z": 1}
+
+
+def test_error_letters_and_descriptor_x(tmp_path: Path):
+    ds = read_reports(
+        made(
+            tmp_path / "a.nc",
+            tempError=letters("p-Cp"),
+            windDirError=letters("pp-p"),
+            windSpeedError=letters("pS-p"),
+            dataDescriptor=letters("RRRX"),
+            errorType=letters("...."),
+            correctedFlag=letters("rflr"),
+        )
+    )
+    assert ds["temperature_qc"].to_numpy().tolist() == [1, 0, 2, 2]
+    assert ds["wind_qc"].to_numpy().tolist() == [1, 2, 0, 2]
+    assert audit_of(ds)["flags"]["correctedFlag"] == {"r": 2, "f": 1, "l": 1}
+
+
+def test_an_unknown_roll_letter_is_counted(tmp_path: Path):
+    audit = audit_of(read_reports(made(tmp_path / "a.nc", rollFlag=letters("GGQ\x00"))))
+    assert audit["flags"]["rollFlag"] == {"G": 2, "Q": 1, "blank": 1}
+    assert audit["repaired"]["rollFlag_unknown_code"] == 1
+
+
+def test_true_airspeed_where_present_and_fill_values(tmp_path: Path):
+    ds = read_reports(
+        made(
+            tmp_path / "a.nc",
+            trueAirSpeed=np.array([120, 121, 99999, 123], "f4"),
+            windSpeed=np.array([20, 99999, 20, 20], "f4"),
+            timeObs=np.array([1231156800.0, 1231156860.0, 1231156920.0, 0.0]),
+        )
+    )
+    np.testing.assert_array_equal(ds["reported_airspeed"], np.array([120, 121, np.nan]))
+    assert np.isnan(ds["eastward_wind"][1])
+    assert audit_of(ds)["dropped"] == {"missing_time": 1}
+
+
+def test_a_compressed_file_reads_the_same(tmp_path: Path):
+    plain = made(tmp_path / "a.nc")
+    (tmp_path / "b").write_bytes(gzip.compress(plain.read_bytes()))
+    xr.testing.assert_identical(read_reports(plain), read_reports(tmp_path / "b"))
+
+
+def test_another_netcdf_is_refused_with_what_it_lacks(tmp_path: Path):
+    xr.Dataset({"u": ("x", [1.0])}).to_netcdf(tmp_path / "a.nc")
+    with pytest.raises(InputError, match="no MADIS ACARS file") as error:
+        read_reports(tmp_path / "a.nc")
+    assert "windSpeed" in str(error.value)
+    assert "variables u" in str(error.value)
+
+
+def test_characters_of_bytes():
+    assert characters(np.array([71, 0, 45, -1, 127, 32], np.int8)).tolist() == [
+        "G", "", "-", "", "", ""
+    ]  # fmt: skip
+    assert characters(np.array([b"G", b"", b" "], "S1")).tolist() == ["G", "", ""]
+    assert characters(np.array([200], np.int16)).tolist() == ["200"]
+    assert len(set(FLAG_FIELDS)) == len(FLAG_FIELDS)
+
+
+@pytest.mark.parametrize("format", ["NETCDF3_CLASSIC", "NETCDF4"])
+def test_a_file_that_xarray_wrote_again_reads_the_same(tmp_path: Path, real, format):
+    with xr.open_dataset(real(REAL), decode_cf=False) as raw:
+        raw["windSpeed"] = raw["windSpeed"].astype("f8")
+        raw["rollFlag"] = raw["rollFlag"].astype("i4")
+        raw.to_netcdf(tmp_path / "again.nc", format=format)
+    with netCDF4.Dataset(tmp_path / "again.nc") as file:
+        assert file["en_tailNumber"].ndim == 3  # xarray adds a dimension of one
+    again, whole = read_reports(tmp_path / "again.nc"), read_reports(real(REAL))
+    xr.testing.assert_equal(again, whole)
+
+
+def test_tails_as_strings_and_as_numbers(tmp_path: Path):
+    with xr.open_dataset(made(tmp_path / "a.nc"), decode_times=False) as raw:
+        text = raw.assign(en_tailNumber=("recNum", np.array(["N1", "N1", "N2", "N2"], object)))
+        text.to_netcdf(tmp_path / "text.nc")
+        number = raw.assign(en_tailNumber=("recNum", np.array([1, 1, 20, 20])))
+        number.to_netcdf(tmp_path / "number.nc")
+    assert read_reports(tmp_path / "text.nc")["aircraft"].to_numpy().tolist() == ["N1", "N2"]
+    assert read_reports(tmp_path / "number.nc")["aircraft"].to_numpy().tolist() == ["1", "20"]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("windSpeed", ("recNum", np.array(list("1234"), "S1")), "holds no numbers"),
+        ("latitude", (("recNum", "levels"), np.ones((4, 3))), "not one value a report"),
+        ("altitude", ("levels", np.ones(3)), "not one value a report"),
+        ("rollFlag", (("recNum", "levels"), np.ones((4, 3), "i1")), "not one value a report"),
+    ],
+)
+def test_a_variable_of_another_type_or_shape_is_named(tmp_path: Path, name, values, message):
+    with xr.open_dataset(made(tmp_path / "a.nc"), decode_times=False) as raw:
+        raw.assign({name: values}).to_netcdf(tmp_path / "b.nc")
+    with pytest.raises(InputError, match=f"{name}: .*{message}"):
+        read_reports(tmp_path / "b.nc")

@@ -1,0 +1,240 @@
+"""CSV and Parquet: text stays text, broken rows are counted, broken files are named."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from tests.reports.tables import flight, row, write
+
+from airswing.errors import InputError
+from airswing.reports import read_reports
+from airswing.reports.formats import tabular
+
+
+def audit_of(ds: xr.Dataset) -> dict[str, Any]:
+    return json.loads(ds.attrs["reading_audit"])
+
+
+def test_tails_stay_text(tmp_path: Path):
+    tails = ["NA", "007", "7", "1E5", "nan", "None", "TRUE", "N412XJ", "-"]
+    ds = read_reports(write(tmp_path / "a.csv", [row(tail=tail) for tail in tails]))
+    assert sorted(ds["aircraft"].to_numpy()) == sorted(tails)
+    assert audit_of(ds)["dropped"] == {}
+
+
+def test_values_reach_si(tmp_path: Path):
+    ds = read_reports(write(tmp_path / "a.csv", [row(true_airspeed_kt=250, heading_deg=91.5)]))
+    report = ds.isel(report=0)
+    assert report["time"].to_numpy() == np.datetime64("2009-01-05T12:00:00")
+    assert float(report["eastward_wind"]) == pytest.approx(40 * 1852 / 3600, rel=1e-6)
+    assert float(report["northward_wind"]) == pytest.approx(0.0, abs=1e-5)
+    assert float(report["air_temperature"]) == pytest.approx(253.15)
+    assert float(report["pressure_altitude"]) == pytest.approx(6096.0)
+    # ICAO Doc 7488: 20,000 ft is 465.6 hPa
+    assert float(report["pressure"]) == pytest.approx(46563.0, abs=2.0)
+    assert float(report["reported_airspeed"]) == pytest.approx(128.611, abs=1e-3)
+    assert float(report["reported_heading"]) == 91.5
+    assert (int(report["roll_flag"]), int(report["temperature_qc"])) == (1, 1)
+    assert int(report["icing"]) == -1
+
+
+def test_rows_with_too_many_fields_are_dropped_and_counted(tmp_path: Path):
+    path = write(tmp_path / "a.csv", flight())
+    lines = path.read_text().splitlines()
+    lines[1] += ",1"
+    lines[5] += ",1,2,3"
+    lines[7] += ","
+    path.write_text("\n".join(lines))
+    audit = audit_of(read_reports(path))
+    assert audit["dropped"] == {"ragged_row": 2}
+    assert (audit["reports_read"], audit["reports_kept"]) == (10, 8)
+
+
+def test_a_row_cut_short_loses_only_what_is_missing(tmp_path: Path):
+    path = write(tmp_path / "a.csv", flight())
+    path.write_text(path.read_text().rstrip("\n").rsplit(",", 2)[0])
+    ds = read_reports(path)
+    assert ds.sizes["report"] == 10
+    assert np.isnan(ds["eastward_wind"][-1])
+    assert audit_of(ds)["missing"]["eastward_wind"] == 1
+
+
+def test_unreadable_numbers_are_missing_and_counted(tmp_path: Path):
+    table = flight().astype({"wind_speed_kt": object, "latitude": object})
+    table.loc[2, "wind_speed_kt"] = "fast"
+    table.loc[3, "wind_speed_kt"] = "M"
+    table.loc[4, "latitude"] = "41.5N"
+    audit = audit_of(read_reports(write(tmp_path / "a.csv", table)))
+    assert audit["repaired"]["wind_speed_unparsable"] == 1
+    assert audit["repaired"]["latitude_unparsable"] == 1
+    assert audit["dropped"] == {"missing_position": 1}
+    assert audit["missing"]["eastward_wind"] == 2
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_separators(tmp_path: Path, separator: str):
+    flight().to_csv(tmp_path / "a.txt", sep=separator, index=False)
+    assert read_reports(tmp_path / "a.txt").sizes["report"] == 10
+
+
+def test_byte_order_mark_crlf_spaces_and_gzip(tmp_path: Path):
+    text = flight().to_csv(index=False).replace("tail,time", "Tail , TIME").replace("\n", "\r\n")
+    (tmp_path / "a.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    (tmp_path / "b.csv").write_bytes(gzip.compress(text.encode()))
+    plain, packed = (read_reports(tmp_path / name) for name in ("a.csv", "b.csv"))
+    xr.testing.assert_identical(plain, packed)
+    assert plain["aircraft"].to_numpy().tolist() == ["N412XJ"]
+
+
+def test_a_repeated_column_name_keeps_the_first(tmp_path: Path):
+    text = flight().to_csv(index=False).replace("\n", ",X\n").replace("_kt,X", "_kt,tail")
+    (tmp_path / "a.csv").write_text(text)
+    assert read_reports(tmp_path / "a.csv")["aircraft"].to_numpy().tolist() == ["N412XJ"]
+
+
+def test_pieces_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = write(tmp_path / "a.csv", flight(seconds=np.arange(50) * 60.0))
+    whole = read_reports(path)
+    monkeypatch.setattr(tabular, "ROWS_PER_PIECE", 7)
+    xr.testing.assert_identical(read_reports(path), whole)
+
+
+def test_columns_are_mapped_with_units(tmp_path: Path):
+    table = flight().rename(columns={"tail": "ACID", "wind_speed_kt": "FF"})
+    table["FF"] = 20.0
+    path = write(tmp_path / "a.csv", table)
+    mapping = {"ACID": "tail", "FF": {"name": "wind_speed_kt", "unit": "m/s"}}
+    ds = read_reports(path, columns=mapping)
+    np.testing.assert_allclose(ds["eastward_wind"], 20.0, rtol=1e-6)
+    with pytest.raises(InputError, match="tail"):
+        read_reports(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"tail,time\xff\xfe\n1,2\n", "not UTF-8"),
+        (flight().to_csv(index=False).encode() + b"\xe9t\xe9,,,,,,\n", "not UTF-8"),
+        (flight().to_csv(index=False).split("\n")[0].encode() + b"\n", "no reports"),
+        (b"\n\n", "no header"),
+        (flight().to_csv(index=False).encode() + b'"N1,2009', "cannot be read as CSV"),
+        (gzip.compress(flight().to_csv(index=False).encode())[:-20], "cannot be"),
+    ],
+)
+def test_a_broken_file_is_named(tmp_path: Path, content: bytes, message: str):
+    path = tmp_path / "fleet.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=message) as error:
+        read_reports(path)
+    assert "fleet.csv" in str(error.value)
+
+
+class TestParquet:
+    """Skipped where pyarrow is not installed, apart from the message that says so."""
+
+    def test_same_as_csv(self, tmp_path: Path):
+        pytest.importorskip("pyarrow")
+        table = flight(tail="007", roll_flag="G", icing=1)
+        table.to_parquet(tmp_path / "a.parquet")
+        xr.testing.assert_identical(
+            read_reports(tmp_path / "a.parquet").drop_attrs(deep=False),
+            read_reports(write(tmp_path / "a.csv", table)).drop_attrs(deep=False),
+        )
+
+    def test_zones_numbers_and_categories(self, tmp_path: Path):
+        pytest.importorskip("pyarrow")
+        table = flight(tail=7, flight=3.0)
+        table["tail"] = table["tail"].astype("category")
+        table["time"] = table["time"].dt.tz_localize("UTC").dt.tz_convert("America/Chicago")
+        table["wind_speed_kt"] = table["wind_speed_kt"].astype("float32").where(table.index != 2)
+        table.to_parquet(tmp_path / "a.parquet")
+        ds = read_reports(tmp_path / "a.parquet")
+        assert ds["aircraft"].to_numpy().tolist() == ["7"]
+        assert ds["time"].to_numpy()[0] == np.datetime64("2009-01-05T12:00:00")
+        assert int(np.isnan(ds["eastward_wind"]).sum()) == 1
+
+    def test_a_tail_that_is_no_whole_number_stays_as_it_is(self, tmp_path: Path):
+        pytest.importorskip("pyarrow")
+        flight(tail=7.5).to_parquet(tmp_path / "a.parquet")
+        assert read_reports(tmp_path / "a.parquet")["aircraft"].to_numpy().tolist() == ["7.5"]
+
+    def test_a_broken_or_empty_file_is_named(self, tmp_path: Path):
+        pytest.importorskip("pyarrow")
+        (tmp_path / "a.parquet").write_bytes(b"PAR1" + b"garbage" * 20)
+        with pytest.raises(InputError, match=r"a\.parquet.*cannot be read as Parquet"):
+            read_reports(tmp_path / "a.parquet")
+        flight().iloc[:0].to_parquet(tmp_path / "b.parquet")
+        with pytest.raises(InputError, match=r"b\.parquet.*no reports"):
+            read_reports(tmp_path / "b.parquet")
+
+    def test_without_pyarrow_the_extra_is_named(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ):
+        (tmp_path / "a.parquet").write_bytes(b"PAR1" + b"x" * 20)
+        monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+        with pytest.raises(InputError, match=r"airswing\[parquet\]"):
+            read_reports(tmp_path / "a.parquet")
+
+
+def test_a_year_of_files_reads_as_one(tmp_path: Path):
+    table = pd.concat([flight(start=f"2009-01-{day:02d}T12:00") for day in range(1, 9)])
+    for day, part in table.groupby(table["time"].dt.day):
+        write(tmp_path / f"{day}.csv", part)
+    whole = read_reports(write(tmp_path / "all.txt", table)).drop_attrs()
+    parts = read_reports(tmp_path / "*.csv")
+    assert audit_of(parts)["files"] == 8
+    xr.testing.assert_equal(parts.drop_attrs(), whole)
+
+
+def test_columns_that_stand_in_the_names_of_folders(tmp_path: Path):
+    pytest.importorskip("pyarrow")
+    table = pd.concat([flight(tail="N 1/2"), flight(tail="007")])
+    table.to_parquet(tmp_path / "archive", partition_cols=["tail"])
+    divided = read_reports(tmp_path / "archive/**/*.parquet")
+    table.to_parquet(tmp_path / "whole.parquet")
+    whole = read_reports(tmp_path / "whole.parquet")
+    assert sorted(divided["aircraft"].to_numpy()) == ["007", "N 1/2"]
+    xr.testing.assert_equal(divided, whole)
+
+
+def test_a_column_of_the_file_comes_before_that_of_its_folder(tmp_path: Path):
+    pytest.importorskip("pyarrow")
+    (tmp_path / "tail=X").mkdir()
+    flight(tail="N1").to_parquet(tmp_path / "tail=X" / "a.parquet")
+    assert read_reports(tmp_path / "tail=X" / "a.parquet")["aircraft"].to_numpy() == ["N1"]
+
+
+def spoiled(path: Path, first: int, size: int, value: int) -> Path:
+    """The same file with some octets replaced."""
+    octets = bytearray(path.read_bytes())
+    octets[first : first + size] = bytes([value]) * size
+    path.write_bytes(bytes(octets))
+    return path
+
+
+@pytest.mark.parametrize("first", [30, 400])
+def test_a_damaged_compressed_file_is_named(tmp_path: Path, first: int):
+    # Random text: what does not compress lies in the file as it is, and damage breaks its blocks.
+    rng = np.random.default_rng(1)
+    made = flight(seconds=np.arange(3000) * 60.0, flight=rng.integers(0, 10**9, 3000).astype(str))
+    plain = write(tmp_path / "a.csv", made)
+    packed = tmp_path / "a.gz"
+    packed.write_bytes(gzip.compress(plain.read_bytes()))
+    with pytest.raises(InputError, match=r"a\.gz.*cannot be"):
+        read_reports(spoiled(packed, first, 200, 255))
+
+
+def test_a_parquet_file_damaged_inside_is_named(tmp_path: Path):
+    path = tmp_path / "a.parquet"
+    flight(tail="N412XJ").to_parquet(path, compression=None, use_dictionary=False)
+    path.write_bytes(path.read_bytes().replace(b"N412XJ", b"\xff412XJ"))  # no UTF-8
+    with pytest.raises(InputError, match=r"a\.parquet.*cannot be read as Parquet"):
+        read_reports(path)

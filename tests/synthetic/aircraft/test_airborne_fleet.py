@@ -1,0 +1,103 @@
+"""The flights: they go where they should, at the speed they say, when they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyproj
+import pytest
+
+from airswing.synthetic.aircraft.airborne_fleet import STEP, Flown, fly, report_steps
+from airswing.synthetic.aircraft.network import NETWORKS, Timetable, timetable
+
+GEOD = pyproj.Geod(ellps="WGS84")
+
+
+@pytest.fixture(scope="module")
+def table() -> Timetable:
+    return timetable(NETWORKS["great_lakes"], aircraft=4, days=6, seed=5, legs_per_day=4.0)
+
+
+@pytest.fixture(scope="module")
+def flown(table: Timetable) -> Flown:
+    def wind(lat: np.ndarray, lon: np.ndarray, alt: np.ndarray, hours: np.ndarray) -> np.ndarray:
+        return np.stack([10.0 + 0.002 * alt, -3.0 + 0 * alt])
+
+    return fly(table, wind, seed=5)
+
+
+def test_every_flight_arrives(table: Timetable, flown: Flown) -> None:
+    last = (flown.phase > 0).sum(axis=0) - 1
+    assert last.max() < flown.phase.shape[0]
+    flights = np.arange(last.size)
+    left = GEOD.inv(
+        flown.longitude[last, flights],
+        flown.latitude[last, flights],
+        table.destination[:, 1],
+        table.destination[:, 0],
+    )[2]
+    assert np.median(left) < 15e3
+    assert np.max(left) < 60e3
+    assert (flown.altitude.max(axis=0) >= table.cruise_altitude - 100).all()
+
+
+def test_ground_velocity_is_the_velocity_of_the_positions(flown: Flown) -> None:
+    """Centred geodesic chord over two steps against the stored velocity, in cruise."""
+    lat, lon = flown.latitude, flown.longitude
+    azimuth, _, length = GEOD.inv(lon[:-2], lat[:-2], lon[2:], lat[2:])
+    steady = (flown.phase[:-2] == 2) & (flown.phase[2:] == 2) & (np.abs(flown.bank[1:-1]) < 0.01)
+    turn = np.radians(azimuth)
+    for name, part in (("east", np.sin(turn)), ("north", np.cos(turn))):
+        error = length / (2 * STEP) * part - getattr(flown, name)[1:-1]
+        assert np.sqrt(np.mean(error[steady] ** 2)) < 0.1
+
+
+def test_bank_is_that_of_a_coordinated_turn(flown: Flown) -> None:
+    track = np.unwrap(np.arctan2(flown.east, flown.north), axis=0)
+    rate = (track[2:] - track[:-2]) / (2 * STEP)
+    speed = np.hypot(flown.east, flown.north)[1:-1]
+    turning = (flown.phase[2:] > 0) & (np.abs(flown.bank[1:-1]) > 0.05)
+    expected = np.arctan(rate * speed / 9.80665)
+    assert np.corrcoef(expected[turning], flown.bank[1:-1][turning])[0, 1] > 0.97
+    assert np.abs(flown.bank).max() <= np.radians(15.0)
+
+
+def test_phases_climb_hold_and_sink(flown: Flown) -> None:
+    climb = np.diff(flown.altitude, axis=0)
+    phase = flown.phase[:-1]
+    assert np.allclose(climb[phase == 1], 60.0)
+    assert np.allclose(climb[phase == 2], 0.0)
+    assert (climb[phase == 3] <= 0).all()
+
+
+def test_reports_keep_their_intervals(flown: Flown) -> None:
+    flight, step = report_steps(flown, climb_seconds=60.0, cruise_seconds=120.0)
+    same = np.diff(flight) == 0
+    gap = np.diff(step)[same] * STEP
+    cruise = (flown.phase[step[:-1], flight[:-1]] == 2) & (flown.phase[step[1:], flight[1:]] == 2)
+    assert set(gap[cruise[same]]) == {120.0}
+    assert gap.max() <= 120.0
+    assert gap.min() >= 60.0
+    assert (np.diff(flight) >= 0).all()
+
+
+def test_headings_cover_the_compass_in_two_lobes() -> None:
+    wide = timetable(NETWORKS["great_lakes"], aircraft=6, days=20, seed=2, legs_per_day=4.0)
+    azimuth = np.radians(
+        GEOD.inv(
+            wide.origin[:, 1], wide.origin[:, 0], wide.destination[:, 1], wide.destination[:, 0]
+        )[0]
+    )
+    for index in range(6):
+        own = azimuth[wide.aircraft == index]
+        once, twice = np.abs(np.mean(np.exp(1j * own))), np.abs(np.mean(np.exp(2j * own)))
+        assert once < 0.1
+        assert twice > once
+    whole = np.unique(np.round(np.degrees(azimuth) % 360 / 45).astype(int) % 8)
+    assert whole.size == 8
+
+
+def test_one_aircraft_is_never_in_two_places(table: Timetable, flown: Flown) -> None:
+    end = table.departure + (flown.phase > 0).sum(axis=0) * STEP / 3600.0
+    for index in range(4):
+        own = table.aircraft == index
+        assert (table.departure[own][1:] > end[own][:-1]).all()

@@ -1,0 +1,127 @@
+"""The vector instrument against hand-worked triangles and the classical compass equations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airswing.synthetic.aircraft.instrument import (
+    Unit,
+    coded,
+    compute_wind,
+    deviation_curve,
+    sensed_heading,
+)
+
+H, DIP = 18500.0, np.radians(71.0)
+Z = H * np.tan(DIP)
+COMPASS = np.radians(np.arange(0.0, 360.0, 45.0))
+
+
+def wrap(angle: np.ndarray) -> np.ndarray:
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def sensed(unit: Unit, heading: np.ndarray) -> np.ndarray:
+    return sensed_heading(heading, np.full(heading.size, H), np.full(heading.size, Z), unit)
+
+
+def test_a_perfect_unit_shows_the_true_heading() -> None:
+    error = wrap(sensed(Unit.perfect(8), COMPASS) - COMPASS)
+    np.testing.assert_allclose(error, 0.0, atol=1e-12)
+
+
+@given(st.floats(-3000, 3000), st.floats(-3000, 3000), st.lists(st.floats(0, 6.28), min_size=1))
+def test_hard_iron_obeys_the_sine_law_in_the_indicated_heading(
+    forward: float, right: float, headings: list[float]
+) -> None:
+    true = np.array(headings)
+    unit = Unit.perfect(true.size)
+    unit.hard_forward += forward
+    unit.hard_right += right
+    shown = sensed(unit, true)
+    law = -(forward * np.sin(shown) + right * np.cos(shown)) / H
+    np.testing.assert_allclose(np.sin(shown - true), law, atol=1e-9)
+
+
+def test_hard_iron_errs_least_where_the_field_is_strong() -> None:
+    unit = Unit.perfect(1)
+    unit.hard_forward -= np.radians(3.0) * 19369.0
+    chicago = deviation_curve(19369.0, 50000.0, unit)["B"]
+    anchorage = deviation_curve(15352.0, 50000.0, unit)["B"]
+    assert chicago == pytest.approx(3.0, abs=0.01)
+    assert anchorage == pytest.approx(3.0 * 19369 / 15352, abs=0.02)
+
+
+def test_soft_iron_makes_two_cycles_and_no_one() -> None:
+    unit = Unit.perfect(1)
+    unit.soft_sine += np.radians(1.2)
+    unit.soft_cosine -= np.radians(0.7)
+    curve = deviation_curve(H, Z, unit)
+    assert curve["D"] == pytest.approx(1.2, abs=0.005)
+    assert curve["E"] == pytest.approx(-0.7, abs=0.005)
+    assert abs(curve["B"]) + abs(curve["C"]) + abs(curve["A"]) < 0.005
+
+
+def test_northerly_turning_error_is_tan_dip_times_the_sine_of_bank() -> None:
+    """UNOS: turning right through north the compass lags, and none of it shows at east."""
+    bank = np.radians(10.0)
+    unit = Unit.perfect(3)
+    unit.tilt_right += bank
+    error = wrap(sensed(unit, np.radians([0.0, 90.0, 180.0])) - np.radians([0.0, 90.0, 180.0]))
+    lag = np.arctan(np.tan(DIP) * np.sin(bank))
+    np.testing.assert_allclose(error, [-lag, 0.0, lag], atol=1e-12)
+
+
+def test_acceleration_shows_north_in_the_northern_hemisphere() -> None:
+    """ANDS: the bob swings aft, the plate's forward side goes down; east shows less than 90."""
+    unit = Unit.perfect(2)
+    unit.tilt_forward += 0.01
+    error = wrap(sensed(unit, np.radians([90.0, 270.0])) - np.radians([90.0, 270.0]))
+    expected = np.arctan(np.tan(DIP) * np.sin(0.01))
+    np.testing.assert_allclose(error, [-expected, expected], rtol=1e-9)
+
+
+def test_misalignment_is_the_coefficient_a() -> None:
+    unit = Unit.perfect(1)
+    unit.rotation += np.radians(2.0)
+    curve = deviation_curve(H, Z, unit)
+    assert curve["A"] == pytest.approx(2.0, abs=1e-6)
+    assert curve["residual_rms"] < 1e-6
+
+
+def test_wind_triangle_by_hand() -> None:
+    """Ground 100 m/s to 090, air 120 m/s to 053.13 (96 east, 72 north): wind 4 east, 72 south."""
+    u, v = compute_wind(
+        np.array([100.0]), np.array([0.0]), np.array([120.0]), np.array([np.arctan2(96.0, 72.0)])
+    )
+    np.testing.assert_allclose([u[0], v[0]], [4.0, -72.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("u", "v", "direction"),
+    [(0, -10, 360), (-10, -10, 45), (-10, 0, 90), (-10, 10, 135), (0, 10, 180), (10, 10, 225),
+     (10, 0, 270), (10, -10, 315)],
+)  # fmt: skip
+def test_coded_direction_is_where_the_wind_comes_from(u: float, v: float, direction: int) -> None:
+    step = np.ones(1)
+    found, speed = coded(np.array([u]), np.array([v]), direction_step=step, speed_step=step)
+    assert found[0] == direction
+    assert speed[0] == round(np.hypot(u, v) * 3600 / 1852)
+
+
+def test_calm_is_coded_without_direction() -> None:
+    one = np.ones(1)
+    found = coded(np.array([0.1]), np.array([0.1]), direction_step=one, speed_step=one)
+    assert (found[0][0], found[1][0]) == (0.0, 0.0)
+
+
+def test_coarse_coding_lies_on_its_lattice() -> None:
+    rng = np.random.default_rng(1)
+    u, v = rng.normal(0, 20, (2, 500))
+    direction, speed = coded(u, v, direction_step=np.full(500, 10.0), speed_step=np.full(500, 5.0))
+    assert np.all(direction % 10 == 0)
+    assert np.all(speed % 5 == 0)
+    assert direction.max() <= 360

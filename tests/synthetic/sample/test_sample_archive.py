@@ -1,0 +1,156 @@
+"""Archives: exact at no noise, of the size asked, the same for the same seed, ready to run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from airswing.config import load_config
+from airswing.synthetic import simulate_arrays, write_archive
+from airswing.synthetic.aircraft.observe import Coding
+from airswing.synthetic.aircraft.truth import fleet_deviations
+
+EXACT = Coding(
+    direction_deg=1e-7, speed_kt=1e-7, position_arcmin=1e-6, airspeed_noise=0.0, heading_noise=0.0
+)
+SMALL = {"days": 2, "aircraft": 3, "seed": 5}
+
+
+@pytest.fixture(scope="module")
+def month() -> pd.DataFrame:
+    return simulate_arrays(days=8, aircraft=5, seed=4, columns=30, rows=23, spacing_km=62.0)
+
+
+def knots(u: pd.Series, v: pd.Series) -> float:
+    return float(np.nanmean(np.hypot(u, v)) * 3600 / 1852)
+
+
+def test_without_faults_and_noise_the_true_wind_comes_back() -> None:
+    """The generator's own error: known wind to report to wind, in m/s."""
+    frame = simulate_arrays(**SMALL, coding=EXACT, derivatives=False)
+    assert np.abs(frame["u"] - frame["true_u"]).max() < 1e-6
+    assert np.abs(frame["v"] - frame["true_v"]).max() < 1e-6
+
+
+def test_coding_and_noise_cost_what_they_should(month: pd.DataFrame) -> None:
+    """0.7 m/s along, 0.3 degrees of some 115 m/s across, coding 0.15-0.2: near 1 m/s vector."""
+    error = np.hypot(month["u"] - month["true_u"], month["v"] - month["true_v"])
+    assert 0.8 < np.sqrt(np.mean(error**2)) < 1.2
+
+
+def test_disagreement_is_the_seed_paper_s(month: pd.DataFrame) -> None:
+    """6 kt with perfect compasses; one degree of heading on all of it adds a knot or so."""
+    for name in ("ruc", "rtfdaa"):
+        clean = knots(month["u"] - month[f"u_{name}"], month["v"] - month[f"v_{name}"])
+        assert 5.0 < clean < 7.0
+    tails = sorted(month["tail"].unique())
+    effects = [
+        {"name": "hard_iron", "tails": [tail], "parameters": {"amplitude_deg": 2.2}}
+        for tail in tails
+    ]
+    grid = {"columns": 30, "rows": 23, "spacing_km": 62.0}
+    swung = simulate_arrays(days=8, aircraft=5, seed=4, effects=effects, derivatives=False, **grid)
+    assert 7.0 < knots(swung["u"] - swung["u_ruc"], swung["v"] - swung["v_ruc"]) < 9.0
+
+
+def test_density_coverage_and_flags(month: pd.DataFrame) -> None:
+    per_day = len(month) / 8 / 5
+    assert 150 < per_day < 260
+    heading = np.degrees(month["true_heading"]) % 360
+    octants = np.bincount((np.round(heading / 45) % 8).astype(int), minlength=8) / len(month)
+    assert octants.min() > 0.02
+    assert 0.02 < month["icing"].mean() < 0.2
+    assert 0.002 < (month["roll_flag"] == "B").mean() < 0.1
+    assert month["u_ruc"].notna().mean() > 0.97
+    assert set(month["phase"]) == {1, 2, 3}
+
+
+def test_an_effect_leaves_everything_else_as_it_was() -> None:
+    effect = {"name": "tas_scale", "tails": ["N402"], "parameters": {"scale_percent": 1.0}}
+    month, other = (simulate_arrays(**SMALL, effects=given) for given in ([], [effect]))
+    own = (month["tail"] == "N402").to_numpy()
+    pd.testing.assert_frame_equal(month[~own], other[~own])
+    assert (month[own]["u"].to_numpy() != other[own]["u"].to_numpy()).mean() > 0.3
+
+
+def test_the_seed_decides() -> None:
+    first, again, other = (
+        simulate_arrays(days=1, aircraft=2, seed=seed, derivatives=False) for seed in (1, 1, 2)
+    )
+    pd.testing.assert_frame_equal(first, again)
+    assert len(first) != len(other) or (first["u"].to_numpy() != other["u"].to_numpy()).any()
+
+
+def test_a_shuttle_flies_one_route_and_leaves_the_others_as_they_were() -> None:
+    frame = simulate_arrays(**SMALL, derivatives=False)
+    shuttled = simulate_arrays(**SMALL, derivatives=False, shuttles=1)
+    for tail in ("N401", "N402"):
+        old, new = (one[one["tail"] == tail] for one in (frame, shuttled))
+        np.testing.assert_allclose(old["true_heading"], new["true_heading"], atol=1e-6)
+    own = shuttled[(shuttled["tail"] == "N403") & (shuttled["phase"] == 2)]
+    points = np.round(np.degrees(own["true_heading"]) / 45.0).to_numpy() % 8
+    assert np.unique(points).size <= 4
+
+
+def test_hard_world_has_outliers_and_more_disagreement() -> None:
+    frame = simulate_arrays(**SMALL, world="hard", derivatives=False)
+    error = np.hypot(frame["u"] - frame["true_u"], frame["v"] - frame["true_v"])
+    assert 0.004 < np.mean(error > 12.0) < 0.03
+    assert 5.0 < knots(frame["u"] - frame["u_ruc"], frame["v"] - frame["v_ruc"]) < 10.0
+
+
+def test_written_archive_is_the_simulated_one_and_ready_to_run(tmp_path: Path) -> None:
+    config = write_archive(tmp_path, **SMALL, columns=24, rows=20, spacing_km=75.0)
+    tails = ["N401", "N402", "N403"]
+    effects = fleet_deviations(tails, 5)
+    frame = simulate_arrays(**SMALL, effects=effects, columns=24, rows=20, spacing_km=75.0)
+    table = pd.concat(
+        [pd.read_csv(path) for path in sorted((tmp_path / "reports").glob("*.csv"))],
+        ignore_index=True,
+    )
+    assert len(table) == len(frame)
+    np.testing.assert_array_equal(table["wind_direction_deg"], frame["direction"])
+    np.testing.assert_array_equal(table["wind_speed_kt"], frame["speed"])
+    np.testing.assert_allclose(table["latitude"], frame["latitude"], atol=5.1e-5)
+    assert (pd.to_datetime(table["time"]).dt.tz_localize(None) == frame["time"]).all()
+    settings = load_config(config)
+    assert set(settings.references) == {"ruc", "rtfdaa"}
+    assert all(Path(pattern).parent.is_dir() for pattern in settings.references["ruc"].files)
+    truth = json.loads((tmp_path / "truth" / "truth.json").read_text())
+    asked = {
+        effect["name"]: effect["parameters"]
+        for effect in truth["effects"]
+        if effect["tails"] == ["N402"]
+    }
+    curve = truth["aircraft"]["N402"]["deviation"]
+    assert curve["A"] == pytest.approx(asked["compass_offset"]["offset_deg"], abs=0.01)
+    size = np.hypot(curve["B"], curve["C"])
+    assert size == pytest.approx(asked["hard_iron"]["amplitude_deg"], rel=0.05)
+    assert "truth" not in config.read_text()
+
+
+def test_field_test_units_apply_their_tables(tmp_path: Path) -> None:
+    effects = [
+        {"name": "hard_iron", "tails": [tail], "parameters": {"amplitude_deg": 5.0}}
+        for tail in ("N401", "N402")
+    ]
+    options = {"days": 4, "aircraft": 2, "seed": 6, "coding": EXACT, "derivatives": False}
+    frame = simulate_arrays(effects=effects, field_test=(2, ("N401",)), **options)
+    error = frame["heading"] - frame["true_heading"]
+    error = np.degrees((error + np.pi) % (2 * np.pi) - np.pi)
+    after = frame["time"] >= "2009-03-03"
+    treated = frame["tail"] == "N401"
+    assert error[treated & after].std() < 0.6
+    assert error[treated & ~after].std() > 2.0
+    assert error[~treated & after].std() > 2.0
+    config = write_archive(
+        tmp_path, days=1, aircraft=2, seed=6, effects=effects, field_test=(0, ("N401",)),
+        columns=20, rows=16, spacing_km=90.0,
+    )  # fmt: skip
+    section = yaml.safe_load(config.read_text())["field_test"]
+    assert (section["corrected"], section["controls"]) == (["N401"], ["N402"])

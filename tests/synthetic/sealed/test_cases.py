@@ -1,0 +1,144 @@
+"""The plan of a check and the draws: shares, balance, neutrality, strengths."""
+
+from __future__ import annotations
+
+from collections import Counter
+from datetime import datetime
+
+import numpy as np
+import pytest
+
+from airswing.gap.effects import CATALOGUE
+from airswing.synthetic.aircraft.faults import OUTSIDE, parse_faults
+from airswing.synthetic.aircraft.truth import LITTLE, small_effects
+from airswing.synthetic.sealed.cases import RUNGS, Size, World, plan_cases
+from airswing.synthetic.sealed.draws import (
+    CATALOGUE_NAMES,
+    LADDER,
+    OUTSIDE_NAMES,
+    SCALED,
+    Drawn,
+    draw_effect,
+    scaled,
+)
+from airswing.synthetic.sealed.sealed_archives import strength_of
+
+TAILS = Size().tails
+START = datetime(2009, 3, 1)
+
+
+def draw(name, seed=0, days=40):
+    return draw_effect(
+        name, np.random.default_rng(seed), tails=TAILS, start=START, days=days, step=2
+    )
+
+
+def test_plan_deals_rungs_nulls_and_effects_evenly():
+    plan = plan_cases(160, seed=3, size=Size())
+    rungs = Counter(case.rung for case in plan)
+    assert rungs == {rung: round(160 * share) for rung, share in RUNGS.items()}
+    for rung, count in rungs.items():
+        nulls = sum(case.kind == "null" for case in plan if case.rung == rung)
+        assert nulls == count // 4
+    singles = Counter(case.drawn[0].name for case in plan if case.rung == 1 and case.drawn)
+    assert set(singles) == set(CATALOGUE_NAMES)
+    assert max(singles.values()) - min(singles.values()) <= 1
+
+
+@pytest.mark.parametrize("rungs", [(1,), (1, 2), (1, 2, 3, 4, 5)])
+def test_no_two_nulls_are_the_same_archive(rungs):
+    plan = plan_cases(100, seed=4, size=Size(), rungs=rungs)
+    nulls = [case.world for case in plan if case.kind == "null"]
+    assert len(nulls) > 20
+    assert len(set(nulls)) == len(nulls)
+
+
+def test_plan_repeats_with_its_seed_and_differs_with_another():
+    assert plan_cases(30, seed=5, size=Size()) == plan_cases(30, seed=5, size=Size())
+    assert plan_cases(30, seed=5, size=Size()) != plan_cases(30, seed=6, size=Size())
+
+
+def test_names_are_numbers_and_order_does_not_follow_rungs():
+    plan = plan_cases(60, seed=1, size=Size())
+    assert [case.name for case in plan] == [f"case_{k:03d}" for k in range(1, 61)]
+    rungs = [case.rung for case in plan]
+    assert rungs != sorted(rungs)
+
+
+def test_pairs_hold_two_different_effects_and_removed_ones_are_left_out_of_the_diagnosis():
+    plan = plan_cases(120, seed=2, size=Size())
+    pairs = [case for case in plan if case.kind == "pair"]
+    removed = [case for case in plan if case.kind == "removed"]
+    outside = [case for case in plan if case.kind == "outside"]
+    assert pairs and removed and outside
+    assert all(len({part.name for part in case.drawn}) == 2 for case in pairs)
+    assert all(case.without == (case.drawn[0].name,) for case in removed)
+    assert all(case.without == () and case.drawn[0].name in OUTSIDE_NAMES for case in outside)
+
+
+def test_rungs_left_out_give_their_cases_to_the_others():
+    plan = plan_cases(40, seed=1, size=Size(), rungs=(1, 2))
+    assert len(plan) == 40
+    assert {case.rung for case in plan} == {1, 2}
+
+
+def test_background_of_the_hard_world_is_as_small_as_it_says():
+    world = World(71, "default", 6, 8, True)
+    tails = [f"N{401 + index}" for index in range(8)]
+    effects = small_effects(tails, 71, days=6.0)
+    for name in {effect["name"] for effect in effects} - {"outliers"}:
+        own = [effect for effect in effects if effect["name"] == name]
+        assert len(own) == 8
+        size = strength_of(Drawn(name, ({**own[0], "period": None},)), world)
+        assert 0.75 * LITTLE[0] < size < 1.4 * LITTLE[1], name  # one aircraft's turns differ
+
+
+def test_fast_archives_are_small_and_effects_clear():
+    plan = plan_cases(40, seed=1, size=Size.fast(), rungs=(1, 2, 3))
+    assert all(case.world.days == 21 and case.world.aircraft == 8 for case in plan)
+    assert {size for case in plan for size in case.sizes} == {0.8, 1.6}
+
+
+def test_every_effect_of_the_catalogue_is_drawn_and_none_outside_it():
+    assert set(CATALOGUE_NAMES) == set(CATALOGUE)
+    assert set(OUTSIDE_NAMES) == set(OUTSIDE)
+    assert not set(OUTSIDE_NAMES) & set(CATALOGUE)
+
+
+@pytest.mark.parametrize("name", [*CATALOGUE_NAMES, *OUTSIDE_NAMES])
+def test_the_generator_takes_every_draw(name):
+    for seed in range(4):
+        drawn = draw(name, seed)
+        faults = parse_faults(list(drawn.effects), start=START, tails=TAILS)
+        assert drawn.name in {fault.name for fault in faults}
+        known = {p.name for p in CATALOGUE[name].parameters} if name in CATALOGUE else None
+        own = next(effect for effect in drawn.effects if effect["name"] == name)
+        assert known is None or set(own["parameters"]) <= known
+
+
+def test_scaling_multiplies_sizes_and_leaves_phases():
+    parameters = {"amplitude_deg": 1.0, "phase_deg": 40.0}
+    drawn = Drawn("hard_iron", ({"name": "hard_iron", "tails": None, "parameters": parameters},))
+    out = scaled(drawn, 2.5).effects[0]["parameters"]
+    assert out == {"amplitude_deg": 2.5, "phase_deg": 40.0}
+    assert drawn.effects[0]["parameters"]["amplitude_deg"] == 1.0
+
+
+def test_a_rotation_cannot_be_missed_more_than_wholly_and_ladders_stay():
+    assert (
+        abs(scaled(draw("reference_grid_relative"), 7.0).effects[0]["parameters"]["fraction"]) == 1
+    )
+    coding = draw("wind_coding")
+    assert scaled(coding, 3.0) == coding
+    assert coding.effects[0]["parameters"] == LADDER["wind_coding"][2]
+    assert set(SCALED) | set(LADDER) == {*CATALOGUE_NAMES, *OUTSIDE_NAMES}
+
+
+def test_a_swap_comes_with_the_opposite_deviations_that_make_it_visible():
+    drawn = draw("tail_swap")
+    first, second, swap = drawn.effects
+    assert {first["tails"][0], second["tails"][0]} == set(swap["tails"]) == set(drawn.tails)
+    turn = second["parameters"]["phase_deg"] - first["parameters"]["phase_deg"]
+    assert turn == pytest.approx(180.0)
+    when = datetime.fromisoformat(swap["period"][0])
+    assert 0.2 * 40 <= (when - START).days <= 0.8 * 40

@@ -1,0 +1,87 @@
+"""The fit's equation against the generator's vectors: held against the true wind, none is off.
+
+The generator knows no deviation curve (fields, iron and a sensing plane), the fit no iron: where
+the reference is the true wind and nothing is rounded, what they disagree on is the fit's error.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import numpy as np
+import xarray as xr
+
+from airswing.compass.fit.deviation import fit_deviation
+from airswing.synthetic.aircraft.faults import parse_faults
+from airswing.synthetic.aircraft.instrument import deviation_curve
+from airswing.synthetic.aircraft.truth import fleet_deviations, unit_of
+from airswing.synthetic.sample.sample_archive import simulate_arrays
+
+START = datetime(2009, 3, 1)
+TAILS = [f"N{401 + k}" for k in range(6)]
+
+
+def wrapped(degrees):
+    return (degrees + 180.0) % 360.0 - 180.0
+
+
+def headings(frame) -> xr.Dataset:
+    """Headings of cruise, as indicated, against the true wind."""
+    east = (frame["ground_u"] - frame["true_u"]).to_numpy()
+    north = (frame["ground_v"] - frame["true_v"]).to_numpy()
+    heading = np.degrees(frame["heading"].to_numpy())
+    airspeed = frame["airspeed"].to_numpy()
+    columns = {
+        "time": frame["time"].to_numpy(),
+        "flight": frame["flight"].to_numpy(),
+        "latitude": frame["latitude"].to_numpy(),
+        "longitude": frame["longitude"].to_numpy(),
+        "pressure": frame["pressure"].to_numpy(),
+        "heading": heading % 360.0,
+        "magnetic_heading": (heading - np.degrees(frame["declination"].to_numpy())) % 360.0,
+        "airspeed": airspeed,
+        "horizontal_field": frame["horizontal"].to_numpy(),
+        "screening": np.zeros(len(frame), np.int32),
+    }
+    errors = {
+        "heading_error": wrapped(heading - np.degrees(np.arctan2(east, north))),
+        "airspeed_error": airspeed - np.hypot(east, north),
+        "heading_error_standard_error": np.full(len(frame), 0.1),
+    }
+    size = frame.groupby("tail").size().reindex(TAILS).to_numpy()
+    return xr.Dataset(
+        {name: ("report", values) for name, values in columns.items()}
+        | {name: (("reference", "report"), values[np.newaxis]) for name, values in errors.items()}
+        | {"row_size": ("aircraft", size)},
+        coords={"aircraft": TAILS, "reference": ["truth"]},
+    )
+
+
+def test_against_the_true_wind_amplitudes_are_right_to_a_hundredth_of_a_degree():
+    effects = fleet_deviations(TAILS, 12)
+    frame = simulate_arrays(
+        days=20, aircraft=6, seed=12, effects=effects, references=("ruc",), start=START,
+        derivatives=False,
+    )  # fmt: skip
+    faults = parse_faults(effects, start=START, tails=TAILS)
+    cruise = frame[frame["phase"] == 2]
+    fits = fit_deviation(headings(cruise), min_compass_points=5).isel(reference=0)
+    usual, judged = float(frame["horizontal"].median()), 0
+    for k, tail in enumerate(TAILS):
+        own = cruise[cruise["tail"] == tail]
+        field = float(own["horizontal"].mean())
+        down = float((own["horizontal"] * np.tan(own["dip"])).mean())
+        unit = unit_of(k, faults, TAILS, field, down, usual_field=usual)
+        curve = deviation_curve(field, down, unit)
+        amplitude = float(np.hypot(curve["B"], curve["C"]))
+        one = fits.isel(aircraft=k)
+        if np.isnan(one["amplitude"]):
+            continue
+        judged += 1
+        error = float(one["amplitude_standard_error"])
+        assert error < 0.05
+        assert abs(float(one["amplitude"]) - amplitude) < 0.01 + 3 * error
+        assert abs(float(one["offset"]) - curve["A"]) < 0.01 + 3 * float(
+            one["offset_standard_error"]
+        )
+    assert judged >= 4

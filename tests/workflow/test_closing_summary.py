@@ -1,0 +1,38 @@
+"""The closing summary in the terminal: what its numbers are; a dash where there is none."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from airswing.workflow.closing_summary import as_text
+
+
+def fit(**changes: object) -> dict:
+    return {
+        "aircraft": "N401", "status": "ok", "offset": 0.82, "amplitude": 5.83, "phase": 33.8,
+        "amplitude_standard_error": 0.1, "reports": 4979, "before_kt": 17.4, "after_kt": 6.2,
+    } | changes  # fmt: skip
+
+
+def summary(**changes: object) -> dict:
+    return {
+        "reference": "ruc", "reports": {"read": 30796, "usable": 30796, "kept": 22991},
+        "aircraft": 2, "status": {"ok": 1}, "disagreement_kt": {"before": 11.3, "after": 5.9},
+        "fits": [fit()],
+    } | changes  # fmt: skip
+
+
+def test_intervals_are_of_95_percent_as_on_the_page_and_say_so():
+    text = as_text(summary(), Path("out"))
+    assert "5.83 +- 0.20" in text
+    assert "95 % intervals" in text
+
+
+def test_what_was_not_fitted_is_a_dash():
+    names = ("offset", "amplitude", "phase", "amplitude_standard_error", "before_kt", "after_kt")
+    unfitted = fit(aircraft="N406", status="too_few_reports", **dict.fromkeys(names, math.nan))
+    text = as_text(summary(fits=[fit(), unfitted]), Path("out"))
+    assert "nan" not in text
+    lines = [line for line in text.splitlines() if line.startswith("N4")]
+    assert len(lines[0].split("ok")[0]) == len(lines[1].split("too_few")[0])
