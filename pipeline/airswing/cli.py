@@ -291,6 +291,18 @@ def gap_check(
 
 
 @app.command()
+def postprocess(
+    config: ConfigPath, output: Output = None, quiet: Quiet = False, json: Json = False
+) -> None:
+    """Correct forecasts at stations by a Kalman filter: postprocessed.nc and its page."""
+    from airswing.workflow.postprocessing import postprocess as correct_after
+
+    result = correct_after(config, output=output, quiet=quiet)
+    lines = [result["headline"], f"product: {result['product']}", f"page: {result['page']}"]
+    _print(result, as_json=json, text="\n".join(lines))
+
+
+@app.command()
 def sample(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write to.")],
     days: Annotated[int, typer.Option(help="Length of the archive.", min=1)] = 30,

@@ -220,6 +220,49 @@ class Handover(_Section):
         return self
 
 
+class ForecastTable(_Section):
+    """Tables that hold a forecast and what was observed, a line each."""
+
+    files: Strings
+    columns: dict[str, str] = {}
+    variable: str | None = None
+    units: str | None = None
+
+
+class Forecasts(_Section):
+    """GRIB files with temperature at 2 m or wind at 10 m."""
+
+    files: Strings
+
+
+class Stations(_Section):
+    """Tables of what was observed at stations."""
+
+    files: Strings
+    columns: dict[str, str] = {}
+    max_time_gap: Seconds = Field(1800.0, ge=0)
+
+
+class Postprocess(_Section):
+    """Forecasts to correct after the fact, and how."""
+
+    pairs: ForecastTable | None = None
+    forecasts: Forecasts | None = None
+    stations: Stations | None = None
+    ratio: Annotated[float, Field(gt=0)] | Literal["auto"] = "auto"
+    training: float = Field(0.5, gt=0, lt=1)
+    running_mean: int = Field(7, ge=1)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Postprocess:
+        if (self.forecasts is None) != (self.stations is None):
+            missing = "stations" if self.stations is None else "forecasts"
+            raise ValueError(f"forecasts and stations go together: {missing} is missing")
+        if (self.pairs is None) == (self.forecasts is None):
+            raise ValueError("give either pairs, or forecasts and stations")
+        return self
+
+
 class Compute(_Section):
     """Where the work runs."""
 
@@ -243,6 +286,7 @@ class Config(_Section):
     field_test: FieldTest | None = None
     gap: Gap = Gap()
     handover: Handover = Handover()
+    postprocess: Postprocess | None = None
     output: Path
     compute: Compute = Compute()
 
@@ -300,7 +344,51 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
     ConfigError
         If the file is absent, not YAML, or does not fit.
     """
-    path = Path(path)
+    found: Config = _checked(Config, _content(Path(path), output), Path(path))
+    return found
+
+
+class PostprocessConfig(_Section):
+    """A configuration of nothing but forecasts to correct."""
+
+    postprocess: Postprocess
+    output: Path
+    compute: Compute = Compute()
+
+
+def load_postprocess(
+    path: Path | str, *, output: Path | None = None
+) -> tuple[Postprocess, Path, BaseModel]:
+    """Read what ``airswing postprocess`` needs, from a configuration with or without the main job.
+
+    Parameters
+    ----------
+    path, output
+        As for :func:`load_config`.
+
+    Returns
+    -------
+    Postprocess, Path, BaseModel
+        The section, the output folder, and the whole configuration.
+
+    Raises
+    ------
+    ConfigError
+        As :func:`load_config`, and where there is no such section.
+    """
+    content = _content(Path(path), output)
+    if "postprocess" not in content:
+        raise ConfigError(
+            "there are no forecasts to correct", file=path, field="postprocess",
+            remedy="Add postprocess with pairs, or with forecasts and stations",
+        )  # fmt: skip
+    model = Config if "reports" in content or "references" in content else PostprocessConfig
+    found = _checked(model, content, Path(path))
+    return found.postprocess, found.output, found
+
+
+def _content(path: Path, output: Path | None) -> dict[str, Any]:
+    """What the file says, with the output folder replaced."""
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
     except FileNotFoundError as err:
@@ -312,8 +400,13 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
         raise ConfigError("a configuration is a mapping of keys to values", file=path)
     if output is not None:
         content["output"] = str(output)
+    return content
+
+
+def _checked(model: Any, content: dict[str, Any], path: Path) -> Any:
+    """The content as a model has it."""
     try:
-        return Config.model_validate(content)
+        return model.model_validate(content)
     except ValidationError as err:
         raise _explain(err, path) from err
 
@@ -393,9 +486,14 @@ def _keys_at(location: tuple[int | str, ...]) -> list[str]:
         "field_test": FieldTest,
         "gap": Gap,
         "handover": Handover,
+        "postprocess": Postprocess,
+        "postprocess.pairs": ForecastTable,
+        "postprocess.forecasts": Forecasts,
+        "postprocess.stations": Stations,
         "compute": Compute,
     }
-    section = sections.get(str(location[0])) if location else Config
+    place = ".".join(map(str, location))
+    section = sections.get(place, sections.get(str(location[0]))) if location else Config
     return list(section.model_fields) if section is not None else []
 
 
@@ -406,12 +504,12 @@ def _nearest(word: str, known: list[str]) -> str:
     return f"; known: {', '.join(known)}" if known else ""
 
 
-def as_json(config: Config) -> str:
+def as_json(config: BaseModel) -> str:
     """Write the whole configuration, defaults included, as JSON for a product's attributes.
 
     Parameters
     ----------
-    config : Config
+    config : Config or PostprocessConfig
 
     Returns
     -------

@@ -414,9 +414,59 @@ _GAP = [
     ),
 ]
 
+_STATIONS = ("variable", "station", "forecast_reference_time", "lead")
+_SCORED = ("variable", "period", "correction")
+_POSTPROCESS = [
+    _V("variable", "", "variable that is forecast and observed", ("variable",), "str"),
+    _V("variable_units", "", "unit of the variable's values and errors", ("variable",), "str"),
+    _V("station", "", "station", ("station",), "str", "platform_id"),
+    _V("latitude", "degrees_north", "latitude of the station", ("station",), "f8", "latitude"),
+    _V("longitude", "degrees_east", "longitude of the station", ("station",), "f8", "longitude"),
+    _V("altitude", "m", "altitude of the station", ("station",), "f8", "altitude"),
+    _V("forecast_reference_time", "", "start of the forecast", ("forecast_reference_time",),
+       "datetime64[ns]", "forecast_reference_time"),
+    _V("lead", "h", "lead time of the forecast", ("lead",), "f8", "forecast_period"),
+    _V("valid_time", "", "valid time of the forecast", ("forecast_reference_time", "lead"),
+       "datetime64[ns]", "time"),
+    _V("forecast", "", "forecast, in variable_units", _STATIONS),
+    _V("observation", "", "observation at the valid time, in variable_units", _STATIONS),
+    _V("corrected_forecast", "", "forecast less the bias a Kalman filter knew when it started, "
+       "in variable_units", _STATIONS),
+    _V("running_mean_forecast", "", "forecast less the mean error of the last days when it "
+       "started, in variable_units", _STATIONS),
+    _V("held_out", "1", "1 where the day took no part in choosing the ratio",
+       ("forecast_reference_time",), "i1"),
+    _V("ratio", "1", "ratio of variances of the filter: of the bias's daily change to noise",
+       ("variable",), "f8"),
+    _V("ratio_chosen", "1", "1 where the training days chose the ratio", ("variable",), "i1"),
+    _V("period", "", "days that are scored", ("period",), "str"),
+    _V("correction", "", "how the forecast was corrected", ("correction",), "str"),
+    _V("bound", "", "end of the 95 % interval", ("bound",), "str"),
+    _V("pair_count", "1", "pairs of forecast and observation", ("variable", "period"), "i8"),
+    *[
+        _V(f"{name}{suffix}{kind}", "1" if name == "skill" else "", f"{before}{text}{after}",
+           (*dims, *more), "f8")
+        for name, text in (
+            ("forecast_error_mean", "mean error of the forecast, in variable_units"),
+            ("forecast_error_centred_rms", "rms of the error less its mean, in variable_units"),
+            ("forecast_error_rms", "rms error of the forecast, in variable_units"),
+            ("skill", "one minus mean square error over that of the raw forecast"),
+        )
+        for suffix, after, dims in (
+            ("", "", _SCORED),
+            ("_by_lead", ", by lead", (*_SCORED, "lead")),
+            ("_by_station", ", by station, on the days held out",
+             ("variable", "correction", "station")),
+        )
+        for kind, before, more in (("", "", ()), ("_interval", "95 % interval: ", ("bound",)))
+        if not (kind and suffix == "_by_station")
+    ],
+]  # fmt: skip
+
 _PHASE_ANGLE = _V("phase", "degree", "phase of the sinusoid", _RA, "f8")
 _EVERY = [
     *_REPORTS, *_WINDS, *_HEADINGS, *_FITS, _PHASE_ANGLE, *_CORRECTED, *_PROFILES, *_GAP,
+    *_POSTPROCESS,
 ]  # fmt: skip
 
 VARIABLES: dict[str, Variable] = {entry.name: entry for entry in reversed(_EVERY)}

@@ -50,7 +50,7 @@ def scan_file(path: str) -> FileContents:
     descriptor = os.open(path, os.O_RDONLY)
     try:
         window = Window(descriptor)
-        for start, edition, length in _messages(window, path, contents.skipped):
+        for start, edition, length in whole_messages(window, path, contents.skipped):
             contents.messages += 1
             try:
                 if edition == 1:
@@ -67,10 +67,24 @@ def scan_file(path: str) -> FileContents:
     return contents
 
 
-def _messages(
+def whole_messages(
     window: Window, path: str, skipped: Counter[tuple[str, str]]
 ) -> Iterator[tuple[int, int, int]]:
-    """Offset, edition and length of each whole message, over any garbage between."""
+    """Offset, edition and length of each whole message, over any garbage between.
+
+    Parameters
+    ----------
+    window : Window
+        The file.
+    path : str
+        Its name.
+    skipped : Counter
+        Takes what was passed over.
+
+    Yields
+    ------
+    (int, int, int)
+    """
     at = 0
     while at < window.size:
         head = window.get(at, 16)

@@ -153,6 +153,7 @@ PRODUCTS = {
     "sensitivity.json": "sensitivity to the reference (JSON)",
     "error_profiles.nc": "error profiles (NetCDF)",
     "gap/index.html": "the sim-to-real gap (page)",
+    "postprocess/index.html": "forecasts corrected after the fact (page)",
 }
 
 

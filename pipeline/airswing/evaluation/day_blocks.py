@@ -1,0 +1,57 @@
+"""Days drawn again in blocks: the bootstrap of anything that sums over days.
+
+Assumes days in order, of which neighbours may be alike (weather lasts), and statistics that are
+functions of sums over days. Blocks of n^(1/3) successive days are drawn with replacement from the
+circle of all days (Politis & Romano 1992; Kuensch 1989, Ann. Stat. 17, 1217-1241), so that what
+lasts less than a block is in the spread. Valid from about ten days; with one day there is no
+spread and no interval.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def block_weights(days: int, *, draws: int, seed: int, block: int | None = None) -> Floats:
+    """How often each day is drawn, spread out a little for the few blocks there are.
+
+    Parameters
+    ----------
+    days : int
+    draws, seed : int
+    block : int, optional
+        Days of a block; the cube root of all days where not given.
+
+    Returns
+    -------
+    array, shape (draw, day)
+        Mean 1; the distance from 1 is stretched by sqrt(m / (m - 1)), m the blocks of a draw, as
+        drawing m of m again has too small a variance by that much.
+    """
+    length = max(round(days ** (1.0 / 3.0)), 1) if block is None else block
+    number = -(-days // length)
+    first = np.random.default_rng(seed).integers(0, days, size=(draws, number))
+    drawn = (first[..., None] + np.arange(length)).reshape(draws, -1)[:, :days] % days
+    row = np.arange(draws)[:, None] * days
+    weights = np.bincount((row + drawn).ravel(), minlength=draws * days).reshape(draws, days)
+    return np.asarray(1.0 + (weights - 1.0) * np.sqrt(number / max(number - 1.0, 1.0)))
+
+
+def interval(drawn: Floats, level: float = 0.95) -> Floats:
+    """Ends of the interval that holds a share of the draws.
+
+    Parameters
+    ----------
+    drawn : array, shape (draw, ...)
+    level : float, default 0.95
+
+    Returns
+    -------
+    array, shape (2, ...)
+        NaN where a draw gave no value.
+    """
+    tail = 50.0 * (1.0 - level)
+    return np.asarray(np.percentile(drawn, [tail, 100.0 - tail], axis=0))

@@ -1,0 +1,248 @@
+"""Near-surface forecasts at stations, from GRIB: temperature at 2 m, wind at 10 m.
+
+Assumes instantaneous fields at a height above ground, on the grids that
+:mod:`airswing.reference.grids` places. Interpolation is that of the collocation: bilinear in the
+grid's index space along the grid, winds turned to true east and north at the station; nothing is
+extrapolated, and a missing corner that has weight gives no value. Heights of the model's ground
+and of the station are not reconciled: the difference is a systematic error like any other, and the
+filter's to find. SI units.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.handover.forecasts.correcting import TIME
+from airswing.reference.fields import GarbageError, Window
+from airswing.reference.grids import Grid, UnplaceableGridError
+from airswing.reference.gridsections import read_grid
+from airswing.reference.messages import whole_messages
+from airswing.reference.octets import unsigned
+from airswing.reference.packing import UnreadableMessageError
+from airswing.reference.sampling import bilinear, corners
+from airswing.reference.values import ABSENT
+
+Floats = NDArray[np.float64]
+_WANTED = {("2t", 2): "air_temperature", ("10u", 10): "u", ("10v", 10): "v"}
+_NUMBERS = {(0, 0), (2, 2), (2, 3)}
+"""Category and number of temperature, u and v in discipline 0 of GRIB2."""
+_NO_BITMAP = b"\x00\x00\x00\x06\x06\xff"
+UNITS = {
+    "air_temperature": "K",
+    "eastward_wind": "m s-1",
+    "northward_wind": "m s-1",
+    "wind_speed": "m s-1",
+}
+
+
+class _Field(NamedTuple):
+    """One field at the stations, along its grid."""
+
+    name: str
+    start: int
+    lead: float
+    grid: Grid
+    values: Floats
+
+
+def forecasts_at_stations(
+    files: Sequence[Path], stations: pd.DataFrame
+) -> tuple[pd.DataFrame, dict[str, int]]:
+    """Read the forecasts of every file at the stations.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        GRIB, edition 1 or 2.
+    stations : DataFrame
+        ``station, latitude, longitude`` (degrees), one line a station.
+
+    Returns
+    -------
+    DataFrame
+        ``variable, station, forecast_reference_time, lead`` (h), ``forecast``; variables are
+        ``air_temperature``, ``eastward_wind``, ``northward_wind`` and ``wind_speed``.
+    dict of str to int
+        What was left out, by reason.
+
+    Raises
+    ------
+    InputError
+        If no file holds such a field.
+    """
+    skipped: Counter[tuple[str, str]] = Counter()
+    latitude, longitude = (stations[name].to_numpy(float) for name in ("latitude", "longitude"))
+    found: dict[tuple[int, float, str], _Field] = {}
+    for file in files:
+        for field in _fields_of(str(file), latitude, longitude, skipped):
+            found[field.start, field.lead, field.name] = field
+    parts = [
+        (name, start, lead, values)
+        for start, lead in sorted({key[:2] for key in found})
+        for name, values in _variables(found, start, lead, latitude, longitude).items()
+    ]
+    if not parts:
+        raise InputError(
+            "no temperature at 2 m and no wind at 10 m in the forecasts",
+            file=files[0],
+            field="postprocess.forecasts.files",
+            found="; ".join(sorted({why for _, why in skipped})) or f"{len(files)} files",
+        )
+    size = stations.shape[0]
+    table = pd.DataFrame(
+        {
+            "variable": np.repeat([name for name, *_ in parts], size),
+            "station": pd.Series(np.tile(stations["station"].to_numpy(), len(parts))).astype(str),
+            TIME: np.repeat(np.array([start for _, start, *_ in parts], "datetime64[ns]"), size),
+            "lead": np.repeat([lead for *_, lead, _ in parts], size),
+            "forecast": np.concatenate([values for *_, values in parts]),
+        }
+    )
+    return table, {f"{what}: {why}": n for (what, why), n in skipped.items()}
+
+
+def _variables(
+    found: dict[tuple[int, float, str], _Field],
+    start: int,
+    lead: float,
+    latitude: Floats,
+    longitude: Floats,
+) -> dict[str, Floats]:
+    """Variables of one start and lead, true east and north."""
+    temperature, u, v = (found.get((start, lead, name)) for name in _WANTED.values())
+    variables = {} if temperature is None else {"air_temperature": temperature.values}
+    if u is not None and v is not None and u.grid == v.grid:
+        angle = np.zeros_like(latitude)
+        if u.grid.wind_along_grid:
+            angle = u.grid.convergence(latitude, longitude)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        variables["eastward_wind"] = cosine * u.values + sine * v.values
+        variables["northward_wind"] = -sine * u.values + cosine * v.values
+        variables["wind_speed"] = np.hypot(u.values, v.values)
+    return variables
+
+
+def _fields_of(
+    path: str, latitude: Floats, longitude: Floats, skipped: Counter[tuple[str, str]]
+) -> Iterator[_Field]:
+    """Fields of one file at the stations; what cannot be read is counted."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except OSError as err:
+        skipped["file", f"cannot be opened ({err.strerror})"] += 1
+        return
+    try:
+        for start, edition, length in whole_messages(Window(descriptor), path, skipped):
+            message = os.pread(descriptor, length, start)
+            try:
+                yield from _fields(message, edition, latitude, longitude, skipped)
+            except (GarbageError, IndexError):
+                skipped["message", "garbage: section lengths do not add up"] += 1
+    finally:
+        os.close(descriptor)
+
+
+def _fields(
+    message: bytes,
+    edition: int,
+    latitude: Floats,
+    longitude: Floats,
+    skipped: Counter[tuple[str, str]],
+) -> Iterator[_Field]:
+    """Wanted fields of a message, however many stand in it."""
+    for single, section in _single1(message) if edition == 1 else _single2(message):
+        try:
+            field = _at_stations(single, edition, section, latitude, longitude)
+        except UnplaceableGridError as err:
+            skipped["grid", str(err)] += 1
+        except UnreadableMessageError as err:
+            skipped["message", str(err)] += 1
+        else:
+            if field is not None:
+                yield field
+
+
+def _single1(message: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """A GRIB1 message of a field at a height above ground, and its grid section."""
+    product = message[8:36]
+    if product[9] != 105 or not product[7] & 0x80:
+        return
+    at = 8 + unsigned(product, 0, 3)
+    yield message, message[at : at + unsigned(message, at, 3)]
+
+
+def _single2(message: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Each wanted field of a GRIB2 message as a message of its own, and its grid section."""
+    sections: dict[int, bytes] = {}
+    bitmap, at, end = _NO_BITMAP, 16, len(message) - 4
+    while at < end:
+        size, number = unsigned(message, at, 4), message[at + 4]
+        if size < 5 or at + size > end:
+            raise GarbageError
+        sections[number] = message[at : at + size]
+        if number == 6 and sections[6][5] == 0:
+            bitmap = sections[6]
+        at += size
+        if number != 7 or not {1, 3, 4, 5, 6} <= sections.keys():
+            continue
+        product = sections[4]
+        if message[6] == 0 and (product[9], product[10]) in _NUMBERS and product[22] == 103:
+            own = bitmap if sections[6][5] == 254 else sections[6]
+            body = b"".join([sections[1], *(sections[k] for k in (3, 4, 5)), own, sections[7]])
+            head = message[:8] + (16 + len(body) + 4).to_bytes(8, "big")
+            yield head + body + b"7777", sections[3]
+
+
+def _at_stations(
+    message: bytes, edition: int, section: bytes, latitude: Floats, longitude: Floats
+) -> _Field | None:
+    """One field at the stations; None where it is another variable or no value at a time."""
+    import eccodes
+
+    try:
+        handle = eccodes.codes_new_from_message(message)
+    except eccodes.CodesInternalError as err:
+        raise UnreadableMessageError(f"not decodable: {err}") from err
+    try:
+        key = (eccodes.codes_get(handle, "shortName"), eccodes.codes_get(handle, "level"))
+        if key not in _WANTED or eccodes.codes_get(handle, "stepType") != "instant":
+            return None
+        start, valid = (_stamp(eccodes, handle, kind) for kind in ("data", "validity"))
+        grid = read_grid(edition, section)
+        eccodes.codes_set(handle, "missingValue", ABSENT)
+        values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
+    except (eccodes.CodesInternalError, ValueError) as err:
+        raise UnreadableMessageError(f"not decodable: {err}") from err
+    finally:
+        eccodes.codes_release(handle)
+    if values.size != grid.size:
+        raise UnreadableMessageError(f"{values.size} values on a grid of {grid.size} points")
+    lead = (valid - start) / np.timedelta64(1, "h")
+    at = _interpolated(grid, np.where(values == ABSENT, np.nan, values), latitude, longitude)
+    return _Field(_WANTED[key], int(start.astype(np.int64)), float(lead), grid, at)
+
+
+def _stamp(eccodes: Any, handle: int, kind: str) -> np.datetime64:
+    date, clock = (int(eccodes.codes_get(handle, kind + part)) for part in ("Date", "Time"))
+    stamp = f"{date // 10000:04d}-{date // 100 % 100:02d}-{date % 100:02d}"
+    return np.datetime64(f"{stamp}T{clock // 100:02d}:{clock % 100:02d}", "ns")
+
+
+def _interpolated(grid: Grid, values: Floats, latitude: Floats, longitude: Floats) -> Floats:
+    """Values at the stations, NaN outside the grid."""
+    found = np.full(latitude.size, np.nan)
+    fi, fj = grid.fractional_index(latitude, longitude)
+    inside = np.flatnonzero(np.isfinite(fi) & np.isfinite(fj))
+    if inside.size:
+        cell = corners(grid, fi[inside], fj[inside])
+        found[inside] = bilinear(values[cell.points], cell.x, cell.y)
+    return found

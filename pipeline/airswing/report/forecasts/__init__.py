@@ -1,0 +1,1 @@
+"""The page of forecasts corrected after the fact."""

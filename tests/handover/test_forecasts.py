@@ -1,0 +1,267 @@
+"""Forecasts corrected after the fact: real stations, real GRIB, and nothing from the future."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+import yaml
+from typer.testing import CliRunner
+
+from airswing.cli import app
+from airswing.errors import ConfigError, InputError
+from airswing.handover.forecasts.correcting import DIMS, TIME, correct_forecasts
+from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
+from airswing.handover.forecasts.forecast_scores import score_forecasts
+from airswing.handover.forecasts.station_grib import forecasts_at_stations
+from airswing.handover.forecasts.station_observations import pairs_at_stations
+from airswing.products import read_product
+
+
+def pairs(errors, *, first="2009-01-01", step="1D", leads=(12.0,), variable="air_temperature"):
+    """Pairs of one variable from errors (station, start, lead), the observation 280 throughout."""
+    errors = np.asarray(errors, dtype=float)[None]
+    starts = pd.date_range(first, periods=errors.shape[2], freq=step).to_numpy("datetime64[ns]")
+    observation = np.full_like(errors, 280.0)
+    return xr.Dataset(
+        {
+            "forecast": (DIMS, observation + errors),
+            "observation": (DIMS, observation),
+            "variable_units": ("variable", ["K"]),
+        },
+        coords={
+            "variable": [variable],
+            "station": [f"S{i}" for i in range(errors.shape[1])],
+            TIME: starts,
+            "lead": list(leads),
+        },
+    )
+
+
+def test_as_good_as_the_filter_of_others(real):
+    raw = pairs_from_tables([real("stations/verif_raw.txt")])
+    theirs = pairs_from_tables([real("stations/verif_kf.txt")])
+    ours = correct_forecasts(raw)
+    spread = {
+        "raw": float((raw["forecast"] - raw["observation"]).std()),
+        "theirs": float((theirs["forecast"] - theirs["observation"]).std()),
+        "ours": float((ours["corrected_forecast"] - ours["observation"]).std()),
+    }
+    assert (raw.sizes["lead"], raw.sizes[TIME]) == (25, 61)
+    assert spread["raw"] == pytest.approx(2.67, abs=0.005)
+    assert spread["theirs"] == pytest.approx(1.17, abs=0.005)
+    assert spread["ours"] < 1.03 * spread["theirs"]
+    assert int(ours["ratio_chosen"][0]) == 1
+    assert int(ours["held_out"].sum()) in (30, 31)
+
+
+def test_command_writes_product_and_page(real, tmp_path):
+    config = tmp_path / "config.yaml"
+    section = {"pairs": {"files": str(real("stations/verif_raw.txt"))}}
+    config.write_text(yaml.safe_dump({"postprocess": section, "output": str(tmp_path / "out")}))
+    done = CliRunner().invoke(app, ["postprocess", str(config), "--json", "--quiet"])
+    told = json.loads(done.stdout)["variables"]["air_temperature"]
+    assert told["kalman"]["rms"]["value"] < told["running_mean"]["rms"]["value"] < 1.3
+    low, high = told["kalman"]["skill"]["ci"]
+    assert 0.0 < low < told["kalman"]["skill"]["value"] < high < 1.0
+    product = read_product(tmp_path / "out" / "postprocessed.nc")
+    assert str(product["variable_units"].item()) == "degC"
+    valid = product["valid_time"].isel({TIME: 0}).sel(lead=12.0).item()
+    assert pd.Timestamp(valid) == pd.Timestamp("2012-01-01T12:00")
+    for name in ("forecast", "corrected_forecast", "observation"):
+        assert product[name].dims == DIMS
+        assert bool(product[name].notnull().all())
+    page = (tmp_path / "out" / "postprocess" / "index.html").read_text()
+    assert page.count("<figure>") == 2 and "Kalman filter" in page
+
+
+def test_nothing_observed_after_the_start_is_used():
+    rng = np.random.default_rng(0)
+    leads = (0.0, 24.0, 25.0, 48.0, 60.0)
+    errors = rng.normal(size=(1, 40, len(leads)))
+    whole = correct_forecasts(pairs(errors, leads=leads), ratio=0.1)
+    start = 30
+    for index, lead in enumerate(leads):
+        later = errors.copy()
+        valid = np.arange(40) * 24.0 + lead
+        unknown = valid > start * 24.0
+        later[0, unknown, index] += 100.0
+        changed = correct_forecasts(pairs(later, leads=leads), ratio=0.1)
+        bias = [ds["forecast"] - ds["corrected_forecast"] for ds in (whole, changed)]
+        at = {"lead": index, TIME: slice(None, start + 1)}
+        np.testing.assert_array_equal(bias[0].isel(at), bias[1].isel(at))
+        # And the last error that is known is used.
+        known = errors.copy()
+        known[0, np.flatnonzero(~unknown & (np.arange(40) < start))[-1], index] += 100.0
+        changed = correct_forecasts(pairs(known, leads=leads), ratio=0.1)
+        moved = changed["forecast"] - changed["corrected_forecast"]
+        assert float(moved.isel({"lead": index, TIME: start}).squeeze()) > 5.0
+
+
+def test_missing_days_are_bridged_and_hours_kept_apart():
+    errors = np.zeros((1, 60, 1))
+    errors[0, ::2, 0], errors[0, 1::2, 0] = 3.0, -2.0
+    both = pairs(errors, step="12h")
+    kept = both.isel({TIME: [i for i in range(60) if not 20 <= i < 28]})
+    found = correct_forecasts(kept, ratio=0.06)
+    left = (found["corrected_forecast"] - found["observation"]).isel({TIME: slice(2, None)})
+    np.testing.assert_allclose(left, 0.0, atol=1e-12)
+
+
+def test_ratio_is_chosen_on_the_first_part_of_the_days():
+    rng = np.random.default_rng(5)
+    calm = 2.0 + rng.normal(size=(30, 60, 1))
+    wild = np.cumsum(rng.normal(0, 2.0, (30, 60, 1)), axis=1) + 0.1 * rng.normal(size=(30, 60, 1))
+    found = correct_forecasts(pairs(np.concatenate([calm, wild], axis=1)))
+    assert found["ratio"].item() <= 0.01
+    found = correct_forecasts(pairs(np.concatenate([wild, calm], axis=1)))
+    assert found["ratio"].item() == 0.4
+
+
+def test_one_day_is_left_as_it_is():
+    found = correct_forecasts(pairs(np.ones((3, 1, 1))))
+    np.testing.assert_array_equal(found["corrected_forecast"], found["forecast"])
+    assert int(found["ratio_chosen"][0]) == 0
+    scored = score_forecasts(found)
+    assert float(scored["skill"].sel(period="all", correction="kalman")[0]) == 0.0
+    assert bool(scored["skill_interval"].isnull().all())
+
+
+def test_scores_by_hand():
+    ds = pairs(np.array([[[1.0], [3.0]]])).assign(
+        corrected_forecast=(DIMS, 280.0 + np.array([[[[1.0], [-1.0]]]])),
+        running_mean_forecast=(DIMS, 280.0 + np.array([[[[0.0], [2.0]]]])),
+        held_out=(TIME, np.array([1, 1], dtype=np.int8)),
+    )
+    scored = score_forecasts(ds).isel(variable=0).sel(period="held_out")
+    np.testing.assert_allclose(scored["forecast_error_mean"], [2.0, 0.0, 1.0])
+    np.testing.assert_allclose(scored["forecast_error_centred_rms"], [1.0, 1.0, 1.0])
+    np.testing.assert_allclose(scored["forecast_error_rms"], np.sqrt([5.0, 1.0, 2.0]))
+    np.testing.assert_allclose(scored["skill"], [0.0, 1 - 1 / 5, 1 - 2 / 5])
+    assert int(scored["pair_count"]) == 2
+
+
+def test_wind_speed_is_never_below_none():
+    found = correct_forecasts(pairs(np.linspace(0, 300, 40)[None, ::-1, None]))
+    low = found.assign_coords(variable=["wind_speed"])
+    low = correct_forecasts(low[["forecast", "observation"]] - 280.0)
+    assert float(low["corrected_forecast"].min()) == 0.0
+
+
+def wrf(real):
+    folder = real("grib/wrf_ruc13_g212")
+    return sorted(folder.iterdir())
+
+
+def test_grib_at_grid_points_is_the_grids_value_turned_to_true_north(real):
+    """Against cfgrib's values and pyproj's meridian convergence, both independent of ours."""
+    from pyproj import Proj
+
+    files = wrf(real)
+    keys = {"typeOfLevel": "heightAboveGround"}
+    opened = {
+        name: xr.open_dataset(
+            files[0],
+            engine="cfgrib",
+            backend_kwargs={"indexpath": "", "filter_by_keys": keys | {"shortName": name}},
+        )
+        for name in ("2t", "10u", "10v")
+    }
+    rows, columns = np.array([40, 64, 100]), np.array([30, 92, 160])
+    lat, lon = (opened["2t"][name].to_numpy()[rows, columns] for name in ("latitude", "longitude"))
+    stations = pd.DataFrame({"station": list("abc"), "latitude": lat, "longitude": lon})
+    table, skipped = forecasts_at_stations(files[:1], stations)
+    got = table.pivot(index="variable", columns="station", values="forecast")
+    value = {
+        name: ds[next(iter(ds.data_vars))].to_numpy()[rows, columns] for name, ds in opened.items()
+    }
+    np.testing.assert_allclose(got.loc["air_temperature"], value["2t"], atol=0.02)
+    projected = Proj("+proj=lcc +lat_1=25 +lat_2=25 +lat_0=25 +lon_0=-95 +R=6367470")
+    # pyproj counts the convergence from true to grid north, clockwise.
+    angle = np.radians(projected.get_factors(lon, lat).meridian_convergence)
+    east = np.cos(angle) * value["10u"] + np.sin(angle) * value["10v"]
+    north = -np.sin(angle) * value["10u"] + np.cos(angle) * value["10v"]
+    np.testing.assert_allclose(got.loc["eastward_wind"], east, atol=0.02)
+    np.testing.assert_allclose(got.loc["northward_wind"], north, atol=0.02)
+    assert abs(angle).max() > 0.05 and skipped == {}
+
+
+def test_grib_forecasts_meet_observations(real, tmp_path):
+    files = wrf(real)
+    stations = tmp_path / "stations.csv"
+    stations.write_text(
+        "id,lat,lon,time,temperature_degC,wind_speed_kt,wind_direction_deg\n"
+        "ORD,41.98,-87.9,2005-08-07T12:10:00Z,20,10,270\n"
+        "ORD,41.98,-87.9,2005-08-07T18:00:00Z,-999,0,0\n"
+        "ORD,41.98,-87.9,2005-08-07T20:00:00Z,20,900,10\n"
+        "NRT,35.76,140.4,2005-08-07T12:00:00Z,25,3,90\n"
+    )
+    found = pairs_at_stations(files, [stations])
+    at = found.sel(station="ORD").isel({TIME: 0})
+    assert float(at["observation"].sel(variable="air_temperature", lead=12.0)) == 293.15
+    assert float(at["observation"].sel(variable="eastward_wind", lead=12.0)) == pytest.approx(
+        10 * 1852 / 3600
+    )
+    assert float(at["observation"].sel(variable="wind_speed", lead=18.0)) == 0.0
+    assert np.isnan(at["observation"].sel(variable="air_temperature", lead=18.0))
+    assert np.isnan(at["observation"].sel(variable="wind_speed", lead=21.0))
+    later = found.sel(station="ORD", variable="air_temperature", lead=0.0).isel({TIME: 1})
+    assert float(later["observation"]) == 293.15
+    told = found.attrs["lines_left_out"]
+    assert told["stations without a forecast: NRT"] == 1
+    assert told["wind_speed out of range"] == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "a table without lines"),
+        ("station,start,lead,forecast\nA,2009-01-01,3,1\n", "no column observation"),
+        ("station,start,lead,forecast,observation\nA,bad,3,1,2\n", "no pair of forecast"),
+        ("station,start,lead,forecast,observation\nA,2009-01-01,3,-999,2\n", "no pair"),
+        ("just some words\nthat are no table at all\n", "not a table"),
+    ],
+)
+def test_bad_tables_are_told(tmp_path, text, what):
+    file = tmp_path / "pairs.csv"
+    file.write_text(text)
+    with pytest.raises(InputError, match=what) as told:
+        pairs_from_tables([file])
+    assert str(file) in str(told.value) and len(str(told.value)) < 2000
+
+
+def test_bad_lines_are_counted_and_others_kept(tmp_path):
+    file = tmp_path / "pairs.csv"
+    file.write_text(
+        "id;valid_time;lead;fcst;obs;variable;units\n"
+        "A;2009-01-01 12:00;12;281;280;T;K\n"
+        "A;2009-01-01 12:00;12;282;280;T;K\n"
+        "A;never;12;282;280;T;K\n"
+        "A;2009-01-02 12:00;12\n"
+        "A;2009-01-03T12:00Z;12;283;nan;T;K\n"
+    )
+    found = pairs_from_tables([file])
+    assert found[TIME].to_numpy().astype("datetime64[D]").astype(str).tolist() == [
+        "2009-01-01",
+        "2009-01-03",
+    ]
+    assert found["forecast"].isel({TIME: 0}).item() == 282.0
+    assert sum(found.attrs["lines_left_out"].values()) == 3
+
+
+def test_a_configuration_needs_a_source(tmp_path):
+    from airswing.config import load_postprocess
+
+    config = tmp_path / "config.yaml"
+    for section, what in (
+        (None, "no forecasts to correct"),
+        ({}, "either pairs, or forecasts"),
+        ({"forecasts": {"files": "x"}}, "stations is missing"),
+        ({"pair": {"files": "x"}}, "did you mean 'pairs'"),
+        ({"pairs": {"files": "x", "colums": {}}}, "did you mean 'columns'"),
+    ):
+        content = {"output": "x"} if section is None else {"output": "x", "postprocess": section}
+        config.write_text(yaml.safe_dump(content))
+        with pytest.raises(ConfigError, match=what):
+            load_postprocess(config)

@@ -1,0 +1,102 @@
+"""The filter against its equations number by number, its limit, and its own model."""
+
+import math
+
+import numpy as np
+import pytest
+
+from airswing.handover.forecasts.kalman import kalman_bias, known_before, running_mean
+
+
+def by_hand(errors, ratio):
+    """The equations of Delle Monache et al. (2006) for one series, with scalars and a list."""
+    x = noise = p = last = None
+    p_s, bias, wait = 1.0, [], 0
+    for error in errors:
+        wait += 1
+        if math.isnan(error):
+            if p is not None:
+                p += ratio * noise
+            bias.append(math.nan if x is None else x)
+            continue
+        if last is None:
+            x = error
+        else:
+            z = (error - last) ** 2 / (2 + wait * ratio)
+            if noise is None:
+                noise, p = z, z * (1 + ratio * (wait - 1))
+            else:
+                b_s = (p_s + 0.0005) / (p_s + 0.0005 + 1.0)
+                p_s = (p_s + 0.0005) * (1 - b_s)
+                noise += b_s * (z - noise)
+            gain = (p + ratio * noise) / (p + ratio * noise + noise)
+            p = (p + ratio * noise) * (1 - gain)
+            x += gain * (error - x)
+        last, wait = error, 0
+        bias.append(x)
+    return np.array(bias)
+
+
+def test_first_days_by_hand():
+    # Day 1: all of it. Day 2: z = (3 - 1)^2 / 2.06, p = z, so the gain is 1.06 / 2.06.
+    found = kalman_bias(np.array([1.0, 3.0]), 0.06)
+    assert found == pytest.approx([1.0, 1.0 + 2.0 * 1.06 / 2.06])
+
+
+def test_series_one_by_one():
+    rng = np.random.default_rng(3)
+    errors = rng.normal(1.0, 2.0, (5, 3, 40))
+    errors[rng.uniform(size=errors.shape) < 0.2] = np.nan
+    errors[0, 0] = np.nan
+    ratio = np.array([0.02, 0.06, 0.4])
+    found = kalman_bias(errors, ratio)
+    for place in np.ndindex(5, 3):
+        wanted = by_hand(errors[place].tolist(), ratio[place[1]])
+        np.testing.assert_allclose(found[place], wanted, rtol=1e-12)
+
+
+def test_gain_settles_at_the_riccati_limit():
+    # With a constant noise variance the gain of a random walk in noise is this (Harvey 1989, 4.1).
+    ratio, errors = 0.1, np.tile([1.0, -1.0], 200)
+    bias = kalman_bias(errors, ratio)
+    gain = (bias[-1] - bias[-2]) / (errors[-1] - bias[-2])
+    assert gain == pytest.approx(0.5 * ratio * (math.sqrt(1.0 + 4.0 / ratio) - 1.0), rel=1e-6)
+
+
+def test_unit_does_not_matter():
+    errors = np.random.default_rng(1).normal(size=(4, 30))
+    scaled = kalman_bias(1000.0 * errors, 0.06)
+    np.testing.assert_allclose(scaled, 1000.0 * kalman_bias(errors, 0.06), rtol=1e-12)
+
+
+def test_equal_errors_are_no_division_by_zero():
+    assert kalman_bias(np.full(10, 2.5), 0.06) == pytest.approx(np.full(10, 2.5))
+
+
+def test_running_mean_by_hand():
+    errors = np.array([1.0, np.nan, 3.0, 5.0, np.nan, np.nan, np.nan])
+    found = running_mean(errors, 3)
+    np.testing.assert_allclose(found, [1.0, 1.0, 2.0, 4.0, 4.0, 5.0, np.nan])
+
+
+def test_known_before_counts_the_days_to_the_valid_time():
+    filtered = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, np.nan, 3.0, 4.0]])
+    found = known_before(filtered, np.array([1, 2]))
+    np.testing.assert_array_equal(found, [[0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0, 0.0]])
+
+
+def test_it_is_the_optimum_of_its_own_model():
+    rng = np.random.default_rng(7)
+    walk = np.cumsum(rng.normal(0.0, math.sqrt(0.1), (400, 200)), axis=1)
+    errors = walk + rng.normal(size=walk.shape)
+    ahead = np.ones(400, dtype=np.int64)
+
+    def square(bias):
+        return np.mean((errors - known_before(bias, ahead))[:, 30:] ** 2)
+
+    right = square(kalman_bias(errors, 0.1))
+    assert right < min(square(kalman_bias(errors, ratio)) for ratio in (0.01, 1.0))
+    assert right < square(running_mean(errors, 7))
+    # Innovation variance of the exact filter: steady spread + 0.1 + noise.
+    gain = 0.05 * (math.sqrt(41.0) - 1.0)
+    assert right == pytest.approx(1.0 / (1.0 - gain), rel=0.03)
