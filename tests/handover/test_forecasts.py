@@ -16,7 +16,7 @@ from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
 from airswing.handover.forecasts.forecast_scores import score_forecasts
 from airswing.handover.forecasts.station_grib import forecasts_at_stations
 from airswing.handover.forecasts.station_observations import pairs_at_stations
-from airswing.products import read_product
+from airswing.products.netcdf import read_product
 
 
 def pairs(errors, *, first="2009-01-01", step="1D", leads=(12.0,), variable="air_temperature"):

@@ -10,9 +10,9 @@ import xarray as xr
 
 from airswing.config import Postprocess, as_json, load_postprocess
 from airswing.errors import InputError
-from airswing.products import read_product, require_writable, write_product
-from airswing.progress import Progress
-from airswing.workspace import workspace
+from airswing.products.netcdf import read_product, require_writable, write_product
+from airswing.products.workspace import workspace
+from airswing.workflow.progress import Progress
 
 POSTPROCESSED = "postprocessed.nc"
 

@@ -1,11 +1,11 @@
 """Near-surface forecasts at stations, from GRIB: temperature at 2 m, wind at 10 m.
 
 Assumes instantaneous fields at a height above ground, on the grids that
-:mod:`airswing.reference.grids` places. Interpolation is that of the collocation: bilinear in the
-grid's index space along the grid, winds turned to true east and north at the station; nothing is
-extrapolated, and a missing corner that has weight gives no value. Heights of the model's ground
-and of the station are not reconciled: the difference is a systematic error like any other, and the
-filter's to find. SI units.
+:mod:`airswing.reference.geometry.grids` places. Interpolation is that of the collocation: bilinear
+in the grid's index space along the grid, winds turned to true east and north at the station;
+nothing is extrapolated, and a missing corner that has weight gives no value. Heights of the model's
+ground and of the station are not reconciled: the difference is a systematic error like any other,
+and the filter's to find. SI units.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.handover.forecasts.correcting import TIME
-from airswing.reference.fields import GarbageError, Window
-from airswing.reference.grids import Grid, UnplaceableGridError
-from airswing.reference.gridsections import read_grid
-from airswing.reference.messages import whole_messages
-from airswing.reference.octets import unsigned
-from airswing.reference.packing import UnreadableMessageError
-from airswing.reference.sampling import bilinear, corners
-from airswing.reference.values import ABSENT
+from airswing.reference.geometry.grids import Grid, UnplaceableGridError
+from airswing.reference.grib.fields import GarbageError, Window
+from airswing.reference.grib.gridsections import read_grid
+from airswing.reference.grib.messages import whole_messages
+from airswing.reference.grib.octets import unsigned
+from airswing.reference.grib.packing import UnreadableMessageError
+from airswing.reference.grib.values import ABSENT
+from airswing.reference.interpolation import bilinear, corners
 
 Floats = NDArray[np.float64]
 _WANTED = {("2t", 2): "air_temperature", ("10u", 10): "u", ("10v", 10): "v"}

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from airswing.handover.forecasts.correcting import METHODS, TIME
-from airswing.report.style import INK, SOFT, blank, new_figure, plural, series_style, styled
+from airswing.report.html.style import INK, SOFT, blank, new_figure, plural, series_style, styled
 
 NAMES = {"raw": "raw forecast", "kalman": "Kalman filter", "running_mean": "running mean"}
 _FORECAST = {

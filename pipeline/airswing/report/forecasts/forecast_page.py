@@ -13,7 +13,13 @@ from markupsafe import Markup
 
 import airswing
 from airswing.handover.forecasts.correcting import METHODS, TIME
-from airswing.report.document import (
+from airswing.report.forecasts.forecast_figures import (
+    NAMES,
+    by_lead_figure,
+    stations_figure,
+    time_line_figure,
+)
+from airswing.report.html.document import (
     Column,
     Row,
     Section,
@@ -24,14 +30,8 @@ from airswing.report.document import (
     paragraph,
     table,
 )
-from airswing.report.embed import embedded, write_whole
-from airswing.report.forecasts.forecast_figures import (
-    NAMES,
-    by_lead_figure,
-    stations_figure,
-    time_line_figure,
-)
-from airswing.report.style import plural
+from airswing.report.html.embed import embedded, write_whole
+from airswing.report.html.style import plural
 
 _SCORES = ("forecast_error_mean", "forecast_error_centred_rms", "forecast_error_rms", "skill")
 _PERIODS = {"held_out": "held out", "all": "all days"}
