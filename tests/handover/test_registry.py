@@ -40,7 +40,7 @@ def added(tmp_path, monkeypatch):
 
 
 def test_the_formats_of_reports_are_there():
-    assert {"obs_domain"} <= set(registry.formats())
+    assert {"obs_domain", "little_r", "ob_ascii"} <= set(registry.formats())
     assert all(found.summary for found in registry.formats().values())
 
 

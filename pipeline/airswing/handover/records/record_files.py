@@ -184,8 +184,9 @@ def _rows(request: Request, layout: Layout, left_out: Counter[str]) -> Iterator[
         rows, chosen = eligible_rows(block, request, first_aircraft=aircraft, left_out=left_out)
         flight = block["flight"].to_numpy()[chosen]
         for reason, bad in layout.barred(rows).items():
-            left_out[reason] += int(np.count_nonzero(bad))
-            rows, flight = rows[~bad], flight[~bad]
+            if bad.any():
+                left_out[reason] += int(np.count_nonzero(bad))
+                rows, flight = rows[~bad], flight[~bad]
         rows["report"] = np.arange(rows.size)
         if request.soundings:
             rows = joined_soundings(rows, flight)

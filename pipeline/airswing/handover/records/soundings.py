@@ -5,8 +5,8 @@ run of reports of one flight in one phase, ascent or descent, without a gap of m
 `LARGEST_GAP`; reports that were left out between do not end it. It stands at the place and time of
 its middle report: the readers know one place and one time for all levels. Levels go by descending
 pressure, which WRF's nudging needs to interpolate between the first and the last of them. A second
-report at the same pressure (a level-off) cannot be a level of its own and stays a single report, so
-that nothing is lost; so does a run of one.
+report at the same pressure (a level-off; OBSPROC merges what is less than 1 Pa apart) cannot be a
+level of its own and stays a single report, so that nothing is lost; so does a run of one.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from airswing.flags import PHASE
 
 LARGEST_GAP = 600
 """s. Ascending, reports are seconds to a few minutes apart."""
+LEAST_STEP = 2.0
+"""Pa between the levels of a sounding."""
 MOST_LEVELS = 1000
 """WRFDA cuts reports of more than 1001 levels."""
 
@@ -39,12 +41,10 @@ def joined_soundings(rows: NDArray[np.void], flight: NDArray[np.int64]) -> NDArr
     if not rows.size:
         return rows
     run = _runs(rows, flight)
-    level = np.rint(rows["pressure"])
-    order = np.lexsort((np.arange(rows.size), -level, run))
+    order = np.lexsort((np.arange(rows.size), -rows["pressure"], run))
+    level = rows["pressure"][order]
     repeated = np.zeros(rows.size, dtype=bool)
-    repeated[order[1:]] = (run[order[1:]] == run[order[:-1]]) & (
-        level[order[1:]] == level[order[:-1]]
-    )
+    repeated[order[1:]] = (np.diff(run[order]) == 0) & (level[:-1] - level[1:] < LEAST_STEP)
     members = np.flatnonzero(~repeated)
     begins = np.flatnonzero(np.diff(run[members], prepend=-1))
     counts = np.diff(begins, append=members.size)

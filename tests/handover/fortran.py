@@ -1,0 +1,68 @@
+"""Formatted reading as Fortran does it: fixed columns, blanks are nothing, points may be implied.
+
+Real fields without a point or an exponent have the format's decimals implied; blank fields are 0;
+what is no number at all is an error, asterisks among it. A short line is filled up with blanks and
+an end of line of DOS is no part of it (as gfortran reads).
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+
+class ReadError(ValueError):
+    """What IOSTAT > 0, or the crash of a reader without IOSTAT, stands for."""
+
+
+class FileEndError(EOFError):
+    """What IOSTAT < 0 stands for."""
+
+
+def real(field: str, decimals: int) -> float:
+    text = field.strip()
+    if not text:
+        return 0.0
+    if text.lower() in ("nan", "inf", "+inf", "-inf", "infinity"):
+        return float(text)
+    match = re.fullmatch(r"([+-]?)(\d*)(\.\d*)?(?:[eEdD]?([+-]?\d+))?", text.replace(" ", ""))
+    if match is None or not (match[2] or (match[3] and len(match[3]) > 1)):
+        raise ReadError(f"bad real number {field!r}")
+    sign, whole, point, exponent = match.groups()
+    value = float(f"{sign}{whole or '0'}{point or ''}")
+    if point is None:
+        value /= 10.0**decimals
+    return float(np.float32(value * 10.0 ** int(exponent or 0)))
+
+
+def integer(field: str) -> int:
+    text = field.strip()
+    if not text:
+        return 0
+    if not re.fullmatch(r"[+-]?\d+", text):
+        raise ReadError(f"bad integer {field!r}")
+    return int(text)
+
+
+def logical(field: str) -> bool:
+    text = field.strip().lstrip(".").upper()
+    if text[:1] not in ("T", "F"):
+        raise ReadError(f"bad logical {field!r}")
+    return text[0] == "T"
+
+
+class Lines:
+    """A file read line by line; each line as wide as it is asked for."""
+
+    def __init__(self, text: str) -> None:
+        self._lines = text.split("\n")
+        if self._lines and self._lines[-1] == "":
+            self._lines.pop()
+        self.at = 0
+
+    def next(self) -> str:
+        if self.at >= len(self._lines):
+            raise FileEndError
+        self.at += 1
+        return self._lines[self.at - 1].rstrip("\r").ljust(700)

@@ -1,0 +1,201 @@
+"""LITTLE_R as OBSPROC reads it (var/obsproc/src/module_decoded.F90 and what follows it there).
+
+Written for tests: the same columns, the same rules for what is lost, merged, replaced or rejected,
+for aircraft reports in 3D-Var mode. The domain is left out.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+
+from tests.handover.fortran import FileEndError, Lines, ReadError, integer, logical, real
+
+MISSING, END, NO_DATA = -888888.0, -777777.0, -88
+KINDS = {42: "AMDAR", 96: "AIREP", 97: "AIREP", 101: "TAMDAR"}
+NAMES = ("p", "z", "t", "td", "speed", "dir", "u", "v", "rh", "thickness")
+HIGHEST_REPORTED = 3000.0
+
+
+def raw(text: str) -> list[dict[str, Any]]:
+    """Reports as read; those that trouble the reader are lost as they are in OBSPROC."""
+    lines, found = Lines(text), []
+    while True:
+        try:
+            report = _report(lines)
+        except FileEndError:
+            return found
+        if report is not None:
+            found.append(report | {"n": len(found) + 1})
+
+
+def _report(lines: Lines) -> dict[str, Any] | None:
+    try:
+        report = _header(lines.next())
+    except ReadError:
+        _skip(lines)
+        return None
+    try:
+        report["levels"] = _measurements(lines)
+    except ReadError:
+        _skip(lines)
+        return None
+    try:
+        trailer = lines.next()
+        [integer(trailer[first : first + 7]) for first in (0, 7, 14)]
+    except ReadError as err:
+        raise FileEndError from err  # io_error ends the loop over the reports
+    return report
+
+
+def _skip(lines: Lines) -> None:
+    """Lines are tried as levels up to the next end record."""
+    while True:
+        try:
+            level = _level(lines.next())
+        except ReadError:
+            continue
+        if abs(level["p"][0] - END) < 1.0:
+            lines.next()
+            return
+
+
+def _header(line: str) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "lat": real(line[:20], 5), "lon": real(line[20:40], 5), "id": line[40:80],
+        "name": line[80:120], "platform": line[120:160], "source": line[160:200],
+        "elevation": real(line[200:220], 5),
+    }  # fmt: skip
+    counts = ("num_vld_fld", "num_error", "num_warning", "seq_num", "num_dups")
+    for number, name in enumerate(counts):
+        found[name] = integer(line[220 + 10 * number : 230 + 10 * number])
+    for number, name in enumerate(("is_sound", "bogus", "discard")):
+        found[name] = logical(line[270 + 10 * number : 280 + 10 * number])
+    found["sut"], found["julian"] = integer(line[300:310]), integer(line[310:320])
+    found["date"] = line[326:340]
+    ground = [
+        (real(line[340 + 20 * k : 353 + 20 * k], 5), integer(line[353 + 20 * k : 360 + 20 * k]))
+        for k in range(13)
+    ]
+    found["slp"], found["ref_pres"], found["psfc"] = ground[0], ground[1], ground[4]
+    found["fm"] = integer(found["platform"][3:6])
+    if found["fm"] <= 0:
+        raise ReadError("no WMO code")
+    found["obsproc_type"] = KINDS.get(found["fm"], "OTHER")
+    return found
+
+
+def _level(line: str) -> dict[str, tuple[float, int]]:
+    return {
+        name: (real(line[20 * k : 20 * k + 13], 5), integer(line[20 * k + 13 : 20 * k + 20]))
+        for k, name in enumerate(NAMES)
+    }
+
+
+def _measurements(lines: Lines) -> list[dict[str, tuple[float, int]]]:
+    found = []
+    while True:
+        level = _level(lines.next())
+        if any(abs(level[name][0] - END) < 1.0 for name in ("p", "z")):
+            return found
+        found.append(level)
+
+
+def processed(
+    text: str, begin: datetime, analysis: datetime, end: datetime
+) -> list[dict[str, Any]]:
+    """What reaches ob.ascii, in order of time, aircraft of the three kinds alone."""
+    kept = []
+    for report in raw(text):
+        moment = _moment(report["date"])
+        inside = begin <= moment <= end - timedelta(seconds=1)
+        levels = _joined([_converted(level, report["fm"]) for level in report["levels"]])
+        known = report["obsproc_type"] != "OTHER" and not report["discard"]
+        if inside and known and levels:
+            kept.append(report | {"time": moment, "levels": levels})
+    kept = _without_duplicates(kept, analysis)
+    for report in kept:
+        report["levels"] = [_judged(level) for level in report["levels"]]
+    return sorted(kept, key=lambda report: report["time"])
+
+
+def _moment(date: str) -> datetime:
+    try:
+        moment = datetime.strptime(date, "%Y%m%d%H%M%S")
+    except ValueError:
+        return datetime(1900, 1, 1)
+    return moment if date[:2] in ("19", "20") and date.isdigit() else datetime(1900, 1, 1)
+
+
+def _converted(level: dict[str, tuple[float, int]], fm: int) -> dict[str, tuple[float, int]]:
+    """Pressure from an aircraft's height, where its quality says that the height is good."""
+    height, quality = level["z"]
+    if fm in (42, 96, 97) and quality == 0 and height > HIGHEST_REPORTED:
+        pressure = 101325.0 * (1.0 - 0.0065 * height / 288.15) ** (9.80665 / (287.04 * 0.0065))
+        return level | {"p": (pressure, 0)}
+    return level
+
+
+def _joined(levels: list[dict[str, tuple[float, int]]]) -> list[dict[str, tuple[float, int]]]:
+    """In order of falling pressure; of levels less than 1 Pa apart the first stays."""
+    found: list[dict[str, tuple[float, int]]] = []
+    for level in levels:
+        if level["p"][0] == MISSING and level["z"][0] == MISSING:
+            continue
+        same = [one for one in found if abs(one["p"][0] - level["p"][0]) < 1.0]
+        if not same or level["p"][0] == MISSING:
+            found.append(level)
+    return sorted(found, key=lambda level: -level["p"][0])
+
+
+def _without_duplicates(reports: list[dict[str, Any]], analysis: datetime) -> list[dict[str, Any]]:
+    """Merge what is of one place and time; of one place keep what is nearest to the analysis."""
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for report in reports:
+        key = (report["id"], report["name"], report["platform"][3:6])
+        for group in groups.setdefault(key, []):
+            first = group["reports"][0]
+            if (
+                abs(first["lat"] - report["lat"]) < 1e-3
+                and abs(first["lon"] - report["lon"]) < 1e-3
+            ):
+                group["reports"].append(report)
+                break
+        else:
+            groups[key].append({"reports": [report]})
+    found = []
+    for group in (one["reports"] for groups_of in groups.values() for one in groups_of):
+        merged: dict[datetime, dict[str, Any]] = {}
+        for report in group:
+            first = merged.setdefault(report["time"], report)
+            if first is not report:
+                first["levels"] = _joined(first["levels"] + report["levels"])
+        found.append(min(merged.values(), key=lambda one: abs(one["time"] - analysis)))
+    return found
+
+
+def _judged(level: dict[str, tuple[float, int]]) -> dict[str, tuple[float, int]]:
+    """Wind and qualities as they go into ob.ascii."""
+    (speed, speed_qc), (direction, direction_qc) = level["speed"], level["dir"]
+    wind = speed >= np.float32(0.1) and 0.001 < direction <= 360.0
+    none = (MISSING, NO_DATA)
+    return {
+        "p": level["p"], "t": level["t"], "z": level["z"],
+        "speed": (speed, reduced(speed_qc)) if wind else none,
+        "dir": (direction, reduced(direction_qc)) if wind else none,
+    }  # fmt: skip
+
+
+def reduced(quality: int) -> int:
+    """Quality of ob.ascii for one of LITTLE_R (qc_reduction.F90)."""
+    if quality < 0:
+        return NO_DATA
+    small = {0: 0, 1: 4, 2: 2, 3: 3, 4: 1}
+    if quality in small:
+        return small[quality]
+    for bit, code in ((18, -77), (17, -15), (16, -14), (15, -13), (10, -8), (7, -5), (6, -4)):
+        if quality >= 2**bit:
+            return code
+    return 0

@@ -1,0 +1,365 @@
+"""What is exported is what the systems' readers understand: nothing lost, nothing gained.
+
+The archives hold what archives hold: calms, winds from due north, missing temperatures, reports at
+one place and time, the antimeridian, midnight at the end of the year, winds above 80 hPa, values
+that are none or impossible.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import airswing
+from airswing.config import Handover
+from airswing.errors import InputError
+from airswing.flags import CORRECTION, PHASE, SCREENING
+from airswing.handover.records import time_order
+from tests.handover import obsproc, wrf_nudging, wrfda
+from tests.handover.archives import corrected
+
+EPOCH = datetime(1970, 1, 1)
+FORMATS = ("obs_domain", "little_r", "ob_ascii")
+STEP = {"obs_domain": 1e-3, "little_r": 1e-4, "ob_ascii": 6e-3}
+"""m/s of a component that a format's rounding may cost: direction to 0.001 degree at 150 m/s."""
+
+
+def understood(to, path):
+    """What the reader of a format makes of a file: one entry a wind."""
+    text = path.read_text()
+    if to == "obs_domain":
+        return _of_nudging(wrf_nudging.raw(text))
+    if to == "little_r":
+        far = timedelta(days=365_000)
+        return _of_obsproc(obsproc.processed(text, EPOCH - timedelta(1), EPOCH, EPOCH + far))
+    reports, whole = wrfda.read(text)
+    assert whole
+    return _of_wrfda(reports)
+
+
+def _of_nudging(reports):
+    found = []
+    assert all(report["chronological"] for report in reports)
+    for report in reports:
+        assert report["is_sound"] and not report["bogus"] and report["plfo"] == 99.0
+        assert report["elevation"] == -888888.0
+        pressures = [level[0][0] for level in report["levels"]]
+        assert pressures == sorted(pressures, reverse=True)
+        assert len(set(pressures)) == len(pressures)
+        for p, z, t, u, v, rh in report["levels"]:
+            assert p[1] == 0.0 and p[0] > 8000.0 and u[1] == v[1] == 129.0
+            assert z == rh == (-888888.0, -888888.0) and (u[0], v[0]) != (0.0, 0.0)
+            found.append(_entry(report["seconds"], report["id"], report, p[0], (u[0], v[0]), t[0]))
+    return found
+
+
+def _of_obsproc(reports):
+    found = []
+    for report in reports:
+        for level in report["levels"]:
+            (speed, q1), (direction, q2) = level["speed"], level["dir"]
+            assert q1 == q2 == 0 and level["p"][1] == 0
+            angle = np.radians(direction)
+            wind = -speed * np.sin(angle), -speed * np.cos(angle)
+            seconds = (report["time"] - EPOCH).total_seconds()
+            temperature, pressure = level["t"][0], level["p"][0]
+            found.append(_entry(seconds, report["id"], report, pressure, wind, temperature))
+    return found
+
+
+def _of_wrfda(reports):
+    found = []
+    for report in reports:
+        assert report["type"] in ("tamdar", "airep")
+        for level in report["levels"]:
+            assert level["wind_used"] and level["vertical"] == "pressure"
+            assert all(level[name][2] > 0.0 for name in wrfda.COLUMNS)
+            moment = datetime.strptime(report["date"], "%Y-%m-%d_%H:%M:%S")
+            seconds = (moment - EPOCH).total_seconds()
+            values = level["p"][0], level["earth"], level["t"][0]
+            found.append(_entry(seconds, report["id"], report, *values))
+    return found
+
+
+def _entry(seconds, name, place, pressure, wind, temperature):
+    return {"seconds": seconds, "id": name.rstrip(), "lat": place["lat"], "lon": place["lon"],
+            "p": pressure, "wind": wind, "t": temperature}  # fmt: skip
+
+
+def expected(ds, winds="corrected"):
+    """The reports of an archive that are fit for every format, in the order of time."""
+    prefix = "corrected_" if winds == "corrected" else ""
+    tails = np.repeat(ds["aircraft"].to_numpy(), ds["row_size"].to_numpy())
+    time = ds["time"].to_numpy().astype("M8[ms]").astype(np.int64)
+    rows = []
+    for k in range(ds.sizes["report"]):
+        u, v = (float(ds[f"{prefix}{name}_wind"][k]) for name in ("eastward", "northward"))
+        t = float(ds["air_temperature"][k])
+        rows.append({
+            "seconds": (time[k] + 500) // 1000, "id": str(tails[k]), "wind": (u, v),
+            "lat": float(ds["latitude"][k]), "lon": float(ds["longitude"][k]),
+            "p": float(ds["pressure"][k]), "t": t if np.isfinite(t) else -888888.0,
+        })  # fmt: skip
+    return sorted(rows, key=_order)
+
+
+def _order(row):
+    return row["seconds"], row["id"], -round(row["p"])
+
+
+def assert_agree(found, wanted, to):
+    assert len(found) == len(wanted)
+    calm = {"obs_domain": 1.1e-3, "little_r": 0.1001, "ob_ascii": 0.0}[to]
+    for one, other in zip(sorted(found, key=_order), wanted, strict=True):
+        assert (one["seconds"], one["id"]) == (other["seconds"], other["id"])
+        assert one["lat"] == pytest.approx(other["lat"], abs=6e-4)
+        assert abs((one["lon"] - other["lon"] + 180.0) % 360.0 - 180.0) < 6e-4
+        assert one["p"] == pytest.approx(other["p"], abs=6e-3)
+        assert one["t"] == pytest.approx(other["t"], abs=1e-3)
+        slow = np.hypot(*other["wind"]) < 0.1
+        close = STEP[to] + (calm if slow else 0.0) + 1e-6 * np.hypot(*other["wind"])
+        assert one["wind"] == pytest.approx(other["wind"], abs=close)
+
+
+winds = st.one_of(
+    st.tuples(st.floats(-100.0, 100.0, width=32), st.floats(-100.0, 100.0, width=32)),
+    st.sampled_from([(0.0, 0.0), (0.0, -10.0), (0.0, 5.0), (-7.0, 0.0), (0.0004, -0.0004),
+                     (1e-7, -20.0), (-1e-7, -20.0), (0.05, 0.0), (0.0, -0.09999)]),
+)  # fmt: skip
+REPORT = st.fixed_dictionaries({
+    "wind": winds,
+    "seconds": st.integers(0, 200) | st.just(0),
+    "latitude": st.sampled_from([45.0, -33.33333, 0.0, 89.9, -0.00004]) | st.floats(-80, 80),
+    "longitude": st.sampled_from([180.0, -180.0, 179.99996, -0.00004, 359.0])
+    | st.floats(-180, 180),
+    "pressure": st.sampled_from([50000.0, 8000.01, 108000.0]) | st.floats(8010, 105000, width=32),
+    "temperature": st.sampled_from([np.nan, 150.0, 340.0]) | st.floats(180, 320, width=32),
+})  # fmt: skip
+
+
+@given(
+    st.lists(REPORT, min_size=1, max_size=12),
+    st.sampled_from(["N1", "0000751", "ACARS", "x" * 40, "SATWNDS CLASS DA"]),
+    st.sampled_from(["TAMDAR", "AMDAR", "ACARS", "AIREP"]),
+    st.sampled_from(FORMATS),
+)
+def test_every_report_is_understood(tmp_path_factory, reports, tail, platform, to):
+    reports = sorted(reports, key=lambda report: report["seconds"])
+    year_end = np.datetime64("2008-12-31T23:58:00", "ns")
+    seconds = np.array([report["seconds"] for report in reports])
+    split = len(reports) // 2
+    ds = corrected(
+        {tail: split, "N2": len(reports) - split} if split else {tail: len(reports)},
+        time=year_end + seconds * np.timedelta64(1, "s"),
+        latitude=[report["latitude"] for report in reports],
+        longitude=[report["longitude"] for report in reports],
+        pressure=[report["pressure"] for report in reports],
+        air_temperature=[report["temperature"] for report in reports],
+        corrected_eastward_wind=[report["wind"][0] for report in reports],
+        corrected_northward_wind=[report["wind"][1] for report in reports],
+    )
+    path = tmp_path_factory.mktemp("export") / "file"
+    told = airswing.export(ds, to=to, path=path, settings=Handover(platform=platform))
+    assert told["reports"] == told["levels"] == len(reports) and not told["left_out"]
+    found = understood(to, path)
+    if to == "ob_ascii":
+        place = sorted(found, key=_order)
+        assert [one["seconds"] for one in found] == [one["seconds"] for one in place]
+    assert_agree(found, expected(ds), to)
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_memory_is_cut_into_bins_and_the_file_is_the_same(tmp_path, monkeypatch, to):
+    rng = np.random.default_rng(3)
+    count = 900
+    ds = corrected(
+        {"N1": 500, "N2": 400},
+        time=np.datetime64("2008-07-15", "ns")
+        + np.sort(rng.integers(0, 86400, (2, count)), axis=0)[0] * np.timedelta64(1, "s"),
+        corrected_eastward_wind=rng.normal(0, 20, count),
+    )
+    airswing.export(ds, to=to, path=tmp_path / "whole")
+    monkeypatch.setattr(time_order, "ROWS_AT_ONCE", 50)
+    monkeypatch.setattr("airswing.ragged.BLOCK_REPORTS", 100)
+    airswing.export(ds, to=to, path=tmp_path / "cut")
+    assert (tmp_path / "cut").read_bytes() == (tmp_path / "whole").read_bytes()
+    assert_agree(understood(to, tmp_path / "cut"), expected(ds), to)
+
+
+BAD = {
+    "no_time": {"time": np.datetime64("NaT", "ns")},
+    "no_position": {"latitude": np.nan},
+    "at_a_pole": {"latitude": 90.0},
+    "no_wind": {"corrected_northward_wind": np.nan},
+    "impossible_wind": {"corrected_eastward_wind": 400.0},
+    "no_level": {"pressure": np.nan},
+    "impossible_level": {"pressure": 2e6},
+    "not_corrected_no_fit": {"correction_applied": CORRECTION["no_fit"]},
+    "not_corrected_no_heading": {"correction_applied": CORRECTION["no_heading"]},
+    "screened_out_roll": {"screening": SCREENING["roll"] | SCREENING["phase"]},
+    "screened_out_turn": {"screening": SCREENING["turn"]},
+    "screened_out_no_reference": {"screening": SCREENING["no_reference"]},
+    "screened_out_gross_error": {"screening": SCREENING["gross_error"]},
+    "before_the_period": {"time": np.datetime64("2008-07-15T11:59:59", "ns")},
+    "after_the_period": {"time": np.datetime64("2008-07-15T13:00:00", "ns")},
+}
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_one_report_for_every_reason_to_stay_out(tmp_path, to):
+    count = len(BAD) + 3
+    columns = {name: corrected({"N1": count})[name].to_numpy() for name in
+               {name for change in BAD.values() for name in change}}  # fmt: skip
+    columns["time"] = np.full(count, np.datetime64("2008-07-15T12:30:00", "ns"))
+    for number, change in enumerate(BAD.values()):
+        for name, value in change.items():
+            columns[name][number] = value
+    columns["screening"][-1] = SCREENING["phase"]
+    columns["screening"][-2] = SCREENING["field_test"]
+    columns["correction_applied"][-2] = CORRECTION["already_corrected"]
+    period = Handover(start=datetime(2008, 7, 15, 12), end=datetime(2008, 7, 15, 13))
+    told = airswing.export(
+        corrected({"N1": count}, **columns), to=to, path=tmp_path / "f", settings=period
+    )
+    assert told["reports"] == 3
+    assert Counter(told["left_out"]) == Counter(BAD.keys())
+    assert len(understood(to, tmp_path / "f")) == 3
+
+
+def test_reported_winds_need_no_correction(tmp_path):
+    ds = corrected({"N1": 4}, correction_applied=CORRECTION["no_fit"],
+                   corrected_eastward_wind=np.nan)  # fmt: skip
+    airswing.export(ds, to="obs_domain", path=tmp_path / "f", winds="reported")
+    assert_agree(understood("obs_domain", tmp_path / "f"), expected(ds, "reported"), "obs_domain")
+    with pytest.raises(InputError, match=r"no report.*no_fit 4|no report.*no_wind 4"):
+        airswing.export(ds, to="obs_domain", path=tmp_path / "g")
+    assert not (tmp_path / "g").exists()
+
+
+def test_winds_that_wrf_would_not_take_stay_out_of_obs_domain(tmp_path):
+    ds = corrected({"N1": 3}, pressure=[8000.0, 8000.01, 7000.0])
+    told = airswing.export(ds, to="obs_domain", path=tmp_path / "f")
+    assert told["left_out"] == {"above_80_hPa": 2} and told["reports"] == 1
+    assert airswing.export(ds, to="ob_ascii", path=tmp_path / "g")["reports"] == 3
+
+
+def test_a_pressure_altitude_stands_in_for_the_pressure(tmp_path):
+    ds = corrected({"N1": 2}, pressure=[np.nan, 40000.0])
+    ds["pressure_altitude"] = ("report", np.array([5574.44, 7185.4]))
+    airswing.export(ds, to="ob_ascii", path=tmp_path / "f")
+    found = understood("ob_ascii", tmp_path / "f")
+    assert [one["p"] for one in found] == pytest.approx([50000.0, 40000.0], abs=1.0)
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_an_impossible_temperature_is_missing(tmp_path, to):
+    ds = corrected({"N1": 3}, air_temperature=[20.0, np.inf, 258.15])
+    airswing.export(ds, to=to, path=tmp_path / "f")
+    temperatures = [one["t"] for one in understood(to, tmp_path / "f")]
+    assert temperatures == pytest.approx([-888888.0, -888888.0, 258.15], abs=1e-3)
+
+
+def ascent(count=8, first=0):
+    """An ascent with a level-off, a descent after it, and cruise between, of one aircraft."""
+    phase = [PHASE["ascent"]] * count + [PHASE["cruise"]] * 3 + [PHASE["descent"]] * count
+    up = np.linspace(95000.0, 45000.0, count)
+    up[4] = up[3] - 0.4
+    pressure = [*up, *[45000.0] * 3, *np.linspace(45500.0, 93000.0, count)]
+    return phase, pressure
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_ascents_and_descents_are_joined(tmp_path, to):
+    phase, pressure = ascent()
+    ds = corrected({"N1": 19, "N2": 19}, phase=phase * 2, pressure=pressure * 2,
+                   corrected_eastward_wind=np.arange(38) - 20.0)  # fmt: skip
+    told = airswing.export(ds, to=to, path=tmp_path / "f", soundings=True)
+    # 7 + 8 levels joined; the level-off and the cruise stay single
+    assert told["levels"] == 38 and told["reports"] == 2 * (2 + 4)
+    found = understood(to, tmp_path / "f")
+    winds = sorted(round(one["wind"][0]) for one in found)
+    assert winds == list(range(-20, 18))
+    by_wind = {round(one["wind"][0]): one for one in found}
+    assert [by_wind[k - 20]["p"] for k in range(38)] == pytest.approx(pressure * 2, abs=1e-2)
+    own = [one for one in found if one["id"] == "N1" and round(one["wind"][0]) < -12]
+    middle = corrected({"N1": 19, "N2": 19})["time"].to_numpy()[3]
+    seconds = middle.astype("M8[s]").astype(int)
+    assert sum(one["seconds"] == seconds for one in own) == 7
+
+
+def test_a_gap_a_phase_or_a_flight_ends_a_sounding(tmp_path):
+    time = np.array([0, 60, 120, 800, 860, 920, 980, 1040]) * np.timedelta64(1, "s")
+    ds = corrected(
+        {"N1": 8},
+        time=np.datetime64("2008-07-15T12:00", "ns") + time,
+        phase=[PHASE[name] for name in ["ascent"] * 5 + ["descent"] * 3],
+        pressure=np.linspace(90000.0, 60000.0, 8),
+        flight=[0, 0, 0, 0, 0, 0, 1, 1],
+    )
+    told = airswing.export(ds, to="obs_domain", path=tmp_path / "f", soundings=True)
+    reports = wrf_nudging.raw((tmp_path / "f").read_text())
+    assert [report["meas_count"] for report in reports] == [3, 2, 1, 2]
+    assert told["reports"] == 4 and told["levels"] == 8
+
+
+def test_windows_get_a_folder_each(tmp_path):
+    time = np.datetime64("2008-12-31T22:30", "ns") + np.arange(6) * np.timedelta64(30, "m")
+    ds = corrected({"N1": 6}, time=time)
+    told = airswing.export(ds, to="obs_domain", path=tmp_path / "w", window="1 h",
+                           settings=Handover(domain=2))  # fmt: skip
+    files = sorted((tmp_path / "w").rglob("OBS_DOMAIN201"))
+    hours = ["200812312200", "200812312300", "200901010000", "200901010100"]
+    assert [file.parent.name for file in files] == hours
+    assert [file["reports"] for file in told["files"]] == [1, 2, 2, 1]
+    assert [len(wrf_nudging.raw(file.read_text())) for file in files] == [1, 2, 2, 1]
+    begun = Handover(start=datetime(2008, 12, 31, 22, 30))
+    told = airswing.export(ds, to="ob_ascii", path=tmp_path / "v", window="1 h", settings=begun)
+    assert [file["reports"] for file in told["files"]] == [2, 2, 2]
+    assert told["files"][0]["path"].endswith("200812312230/ob.ascii")
+
+
+def test_the_errors_of_ob_ascii_are_those_of_the_table_and_the_correction(tmp_path):
+    """By hand: 2.9 m/s at 500 hPa and 0.8 of the vector, so 0.566 of a component: 2.95."""
+    ds = corrected({"N1": 3}, pressure=[50000.0, 90000.0, 77500.0],
+                   corrected_wind_standard_error=[0.8, 0.0, np.nan])  # fmt: skip
+    airswing.export(ds, to="ob_ascii", path=tmp_path / "f")
+    reports, _ = wrfda.read((tmp_path / "f").read_text())
+    errors = [report["levels"][0]["error"] for report in reports]
+    assert errors == pytest.approx([2.95, 2.3, 2.6])
+    directions = [report["levels"][0]["dir"][2] for report in reports]
+    exact = np.array([np.hypot(2.9, 0.8 / np.sqrt(2.0)), 2.3, 2.6])
+    by_hand = np.degrees(np.arctan(exact / np.hypot(20.0, -3.0)))
+    assert directions == pytest.approx(by_hand, abs=0.006)
+
+
+def test_aireps_have_the_error_of_aireps(tmp_path):
+    ds = corrected({"N1": 1}, corrected_wind_standard_error=0.0)
+    airswing.export(ds, to="ob_ascii", path=tmp_path / "f", settings=Handover(platform="AMDAR"))
+    report = wrfda.read((tmp_path / "f").read_text())[0][0]
+    assert report["type"] == "airep" and report["levels"][0]["error"] == pytest.approx(3.6)
+
+
+def test_the_header_of_ob_ascii_counts(tmp_path):
+    ds = corrected({"EU1": 2, "N1": 3, "X": 1})
+    settings = Handover(platform="TAMDAR", aircraft={"AMDAR": ["EU*"], "ACARS": ["X"]})
+    told = airswing.export(ds, to="ob_ascii", path=tmp_path / "f", settings=settings)
+    head = (tmp_path / "f").read_text().splitlines()[:3]
+    assert head[0] == "TOTAL =      6, MISS. =-888888.,"
+    assert "AMDAR =      2, AIREP =      1, TAMDAR=      3," in head[2]
+    assert told["platforms"] == {"TAMDAR": 3, "AMDAR": 2, "ACARS": 1, "AIREP": 0}
+
+
+@pytest.mark.parametrize(
+    ("formats", "code"), [({"csv": 2}, "FM-101 TAMDA"), ({"madis": 1}, "FM-97 ACARS "),
+                          ({"bufr": 1}, "FM-42 AMDAR "), ({}, "FM-101 TAMDA")],
+)  # fmt: skip
+def test_the_platform_follows_the_source(tmp_path, formats, code):
+    ds = corrected({"N1": 1}).assign_attrs(reading_audit=json.dumps({"formats": formats}))
+    airswing.export(ds, to="ob_ascii", path=tmp_path / "f")
+    assert wrfda.read((tmp_path / "f").read_text())[0][0]["platform"] == code

@@ -1,0 +1,121 @@
+"""ob.ascii as WRFDA reads it (var/da/da_obs_io/da_read_obs_ascii.inc, da_scan_obs_ascii.inc).
+
+Written for tests: the same columns, the same rules for what is used, lost or fatal.
+"""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from tests.handover.fortran import FileEndError, Lines, ReadError, integer, real
+
+MISSING, NO_DATA = -888888.0, -88
+COLUMNS = {"p": 0, "speed": 23, "dir": 46, "height": 80, "t": 103, "td": 126, "rh": 160}
+TYPES = {42: "airep", 96: "airep", 97: "airep", 101: "tamdar"}
+
+
+class CrashError(RuntimeError):
+    """The program ends with a run-time error."""
+
+
+def formats(lines: Lines) -> dict[str, str]:
+    """Read up to the formats and the one line behind them."""
+    while not lines.next().startswith("EACH  "):
+        pass
+    found = {}
+    for name in ("info", "srfc", "each"):
+        found[name] = lines.next()[11:].strip()
+    skipped = lines.next()
+    found["skipped"] = skipped.rstrip()
+    if skipped.startswith("MODIFIED FILTERED OBS"):
+        raise NotImplementedError("winds as components")
+    return found
+
+
+def read(text: str) -> tuple[list[dict[str, Any]], bool]:
+    """Every report as read, and whether the file ended where a report ended."""
+    lines, reports = Lines(text), []
+    formats(lines)
+    while True:
+        try:
+            report = _info(lines.next())
+        except FileEndError:
+            return reports, True
+        except ReadError:
+            return reports, False  # the rest of the file goes unread without a word
+        try:
+            _surface(lines.next())
+            report["levels"] = [_level(lines.next()) for _ in range(report["count"])]
+        except (ReadError, FileEndError) as err:
+            raise CrashError(str(err)) from err
+        if report["count"] < 1:
+            continue
+        reports.append(_assigned(report))
+
+
+def _info(line: str) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "platform": line[:12], "date": line[13:32], "name": line[33:73],
+        "count": integer(line[74:80]), "lat": real(line[80:92], 3), "lon": real(line[103:115], 3),
+        "elv": real(line[126:138], 3), "id": line[155:195],
+    }  # fmt: skip
+    if found["lon"] == 180.0:
+        found["lon"] = -180.0
+    code = line[3:5] if line[5] == " " else line[3:6]
+    try:
+        found["fm"] = integer(code)
+    except ReadError as err:
+        raise CrashError(str(err)) from err
+    return found
+
+
+def _surface(line: str) -> None:
+    for first, width, decimals in ((0, 12, 3), (16, 7, 2), (23, 12, 3), (39, 7, 3)):
+        real(line[first : first + width], decimals)
+    integer(line[12:16]), integer(line[35:39])
+
+
+def _level(line: str) -> dict[str, tuple[float, int, float]]:
+    return {
+        name: (
+            real(line[first : first + 12], 3),
+            integer(line[first + 12 : first + 16]),
+            real(line[first + 16 : first + 23], 2),
+        )
+        for name, first in COLUMNS.items()
+    }
+
+
+def _assigned(report: dict[str, Any]) -> dict[str, Any]:
+    report["type"] = TYPES.get(report["fm"], "other")
+    date = report["date"]
+    if not re.fullmatch(r"\d{4}-\d\d-\d\d_\d\d:\d\d:\d\d", date):
+        raise CrashError(f"date {date!r}")
+    report["minutes"] = datetime.strptime(date[:16], "%Y-%m-%d_%H:%M")
+    for level in report["levels"]:
+        (speed, speed_qc, error), (direction, direction_qc, _) = level["speed"], level["dir"]
+        level["vertical"] = (
+            "pressure" if level["p"][0] > 1.0 else "height" if level["height"][0] > 0.0 else "none"
+        )
+        missing = NO_DATA in (speed_qc, direction_qc)
+        angle = np.radians(direction)
+        level["earth"] = (
+            (MISSING, MISSING) if missing
+            else (-speed * np.sin(angle), -speed * np.cos(angle))
+        )  # fmt: skip
+        level["qc"] = NO_DATA if missing else speed_qc
+        level["error"] = MISSING if missing else error
+        level["wind_used"] = not missing and speed_qc >= 0 and level["vertical"] != "none"
+    surface = [
+        level
+        for level in report["levels"]
+        if MISSING not in (report["elv"], level["height"][0])
+        and abs(report["elv"] - level["height"][0]) < 0.1
+    ]
+    if report["fm"] == 101 and surface:
+        report["type"], report["levels"] = "tamdar_sfc", surface[:1]
+    return report
