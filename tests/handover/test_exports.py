@@ -186,7 +186,7 @@ def test_memory_is_cut_into_bins_and_the_file_is_the_same(tmp_path, monkeypatch,
     )
     airswing.export(ds, to=to, path=tmp_path / "whole")
     monkeypatch.setattr(time_order, "ROWS_AT_ONCE", 50)
-    monkeypatch.setattr("airswing.ragged.BLOCK_REPORTS", 100)
+    monkeypatch.setattr("airswing.products.ragged.BLOCK_REPORTS", 100)
     airswing.export(ds, to=to, path=tmp_path / "cut")
     assert (tmp_path / "cut").read_bytes() == (tmp_path / "whole").read_bytes()
     assert_agree(understood(to, tmp_path / "cut"), expected(ds), to)
