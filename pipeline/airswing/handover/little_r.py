@@ -42,8 +42,8 @@ from airswing.handover.records.record_files import (
     names,
     write_records,
 )
+from airswing.handover.records.registry import ExportFormat, Request, register
 from airswing.handover.records.wind import speed_and_direction
-from airswing.handover.registry import ExportFormat, Request, register
 
 SLOWEST = 0.10001
 """m/s: OBSPROC takes slower winds as missing."""

@@ -37,9 +37,9 @@ from airswing.handover.records.record_files import (
     names,
     write_records,
 )
+from airswing.handover.records.registry import ExportFormat, Request, register
 from airswing.handover.records.wind import speed_and_direction
 from airswing.handover.records.wind_error import component_errors
-from airswing.handover.registry import ExportFormat, Request, register
 
 _KINDS = (
     "SYNOP METAR SHIP BUOY BOGUS TEMP", "AMDAR AIREP TAMDAR PILOT SATEM SATOB",
