@@ -260,7 +260,13 @@ def gap_check(
     output: Annotated[
         Path, typer.Option(help="Folder for archives, seals and scores.", metavar="DIR")
     ] = Path("results/gap_check"),
-    workers: Annotated[int, typer.Option(help="Diagnoses at a time.", min=1)] = 1,
+    workers: Annotated[
+        int, typer.Option(help="Archives written and diagnosed at a time.", min=1)
+    ] = 1,
+    nulls: Annotated[
+        int | None, typer.Option(help="Cases that hold nothing; a quarter by default.", min=0)
+    ] = None,
+    baselines: Annotated[bool, typer.Option(help="Also run simple methods beside ours.")] = True,
     fast: Annotated[bool, typer.Option("--fast", help="Small archives, clear effects.")] = False,
     real: Annotated[
         Path | None,
@@ -275,17 +281,12 @@ def gap_check(
     json: Json = False,
 ) -> None:
     """Check the diagnosis blindly: archives with sealed effects, diagnosed, opened, scored."""
+    from airswing.blind_check.check_run import Plan
     from airswing.blind_check.command import check_and_report
 
+    plan = Plan(cases, seed, fast, nulls, tuple(rung) if rung else None, real=real)
     summary, text = check_and_report(
-        output,
-        cases=cases,
-        seed=seed,
-        fast=fast,
-        workers=workers,
-        real=real,
-        rungs=rung,
-        quiet=quiet,
+        output, plan, workers=workers, baselines=baselines, quiet=quiet
     )
     _print(summary, as_json=json, text=text)
 

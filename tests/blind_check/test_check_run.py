@@ -11,20 +11,24 @@ import pytest
 import yaml
 from tests.gap.toy import make_frame
 
-from airswing.blind_check import baselines, gap_check
+from airswing.blind_check import Plan, baselines, gap_check
 from airswing.blind_check.check_figures import check_figure, confusion, wilson
 from airswing.blind_check.check_report import as_markdown, short_text, write_reports
 from airswing.errors import InputError
 from airswing.synthetic.sample.sample_archive import simulate_arrays
 from airswing.synthetic.sealed import sealed_archives as archives
 from airswing.synthetic.sealed.cases import Case, Size, World
-from airswing.synthetic.sealed.draws import CATALOGUE_NAMES, OUTSIDE_NAMES, Drawn
+from airswing.synthetic.sealed.draws import CATALOGUE_NAMES, Drawn
 from airswing.synthetic.sealed.injection import real_sensor, sensor_record, with_real_sensor
-from airswing.synthetic.sealed.sealed_archives import Archivist, disagreement_kt, strength_of
+from airswing.synthetic.sealed.sealed_archives import Archivist, strength_of, twin_closure
 from airswing.synthetic.sealed.sealing import digest_of
 
 TINY = World(3, "default", 3, 3, coarse=True)
 KNOT = 1852.0 / 3600.0
+
+
+PLAN = Plan(10, 4, True, rungs=(1, 3),
+            names=("compass_offset", "hard_iron", "tas_scale", "outliers"))  # fmt: skip
 
 
 def drawn(name, tails, **parameters):
@@ -49,10 +53,7 @@ def checked(tmp_path_factory):
 
     patch = pytest.MonkeyPatch()
     patch.setattr(Size, "fast", classmethod(lambda cls: tiny))
-    check = gap_check(
-        root, cases=10, seed=4, fast=True, rungs=(1, 3), diagnoser=oracle, baselines=False,
-        names=["compass_offset", "hard_iron", "tas_scale", "outliers"],
-    )  # fmt: skip
+    check = gap_check(root, PLAN, diagnoser=oracle, baselines=False)
     yield root, check, seen
     patch.undo()
 
@@ -93,7 +94,7 @@ def test_nothing_handed_to_the_diagnosis_tells_the_effect(checked):
         folder = entry["config"].parent
         paths = " ".join(str(path.relative_to(root)) for path in folder.rglob("*"))
         text = entry["config"].read_text() + paths
-        assert not any(name in text for name in (*CATALOGUE_NAMES, *OUTSIDE_NAMES))
+        assert not any(name in text for name in (*CATALOGUE_NAMES, "outside"))
         assert "null" not in text and "sealed" not in text
         assert not (folder / "truth").exists()
 
@@ -125,9 +126,7 @@ def test_a_finished_check_is_not_diagnosed_again_and_failures_are_told(checked, 
     def never(config, output, without):
         raise AssertionError("diagnosed again")
 
-    options = {"cases": 10, "seed": 4, "fast": True, "rungs": (1, 3), "baselines": False,
-               "names": ["compass_offset", "hard_iron", "tas_scale", "outliers"]}  # fmt: skip
-    again = gap_check(root, diagnoser=never, **options)
+    again = gap_check(root, PLAN, diagnoser=never, baselines=False)
     assert again.scores == check.scores and again.digest == check.digest
     lost = root / "diagnosed" / "case_001" / "gap.json"
     kept = lost.read_text()
@@ -136,7 +135,7 @@ def test_a_finished_check_is_not_diagnosed_again_and_failures_are_told(checked, 
     def broken(config, output, without):
         raise RuntimeError("exit status 1: no")
 
-    after = gap_check(root, diagnoser=broken, **options)
+    after = gap_check(root, PLAN, diagnoser=broken, baselines=False)
     lost.write_text(kept)
     assert after.failures == {"case_001": "exit status 1: no"}
     assert after.scores[0]["failure"] == "exit status 1: no"
@@ -197,9 +196,23 @@ def test_the_true_closure_is_that_of_the_twin_without_the_effect(tmp_path):
     options = archives.generator_options(TINY) | {"derivatives": False}
     with_it = simulate_arrays(effects=label["effects"], **options)
     without = simulate_arrays(effects=[], **options)
-    assert label["closure"]["before"] == pytest.approx(disagreement_kt(with_it), rel=1e-9)
-    assert label["closure"]["after"] == pytest.approx(disagreement_kt(without), rel=1e-9)
+    for name, frame in (("before", with_it), ("after", without)):
+        u, v = (frame[c] - (frame[f"{c}_ruc"] + frame[f"{c}_rtfdaa"]) / 2 for c in "uv")
+        used = (frame["temperature_qc"] == "pass") & u.notna()
+        assert label["closure"][name] == pytest.approx(np.hypot(u, v)[used].mean() / KNOT, rel=1e-9)
     assert label["closure"]["before"] > label["closure"]["after"] + 0.3
+
+
+def test_the_twin_is_compared_on_the_same_reports_whatever_their_order():
+    made = simulate_arrays(effects=[], **archives.generator_options(TINY), derivatives=False)
+    twin = made.sample(frac=1.0, random_state=1).reset_index(drop=True)
+    assert not (made["made"].to_numpy() == twin["made"].to_numpy()).all()
+    both = twin_closure(made, twin)
+    assert both["before"] == pytest.approx(both["after"], rel=1e-12)
+    twin.loc[twin["speed"] > 20, "temperature_qc"] = "fail"
+    fewer = twin_closure(made, twin)  # what one of them does not use counts in neither
+    assert fewer["before"] == pytest.approx(fewer["after"], rel=1e-12)
+    assert fewer["before"] != pytest.approx(both["before"], rel=1e-3)
 
 
 def test_a_case_on_real_data_needs_the_data(tmp_path):
@@ -286,11 +299,30 @@ def test_the_classifier_needs_a_difference():
     assert baselines.classifier(shifted)["names"] == []
 
 
-def test_gross_errors_stay_in_the_twin(tmp_path):
+def test_gross_errors_close_what_they_add(tmp_path):
     pair = (drawn("outliers", None, fraction=0.04), drawn("tas_offset", None, offset_m_s=1.0))
     archivist = Archivist(tmp_path)
     alone = archivist.write(Case("case_1", 1, "single", TINY, pair[:1], (0.8,)))
     both = archivist.write(Case("case_2", 3, "pair", TINY, pair, (0.8, 3.0)))
-    assert alone["closure"]["before"] == alone["closure"]["after"]
+    assert alone["closure"]["before"] > alone["closure"]["after"] + 0.3
     assert both["closure"]["after"] == pytest.approx(alone["closure"]["after"], rel=1e-9)
-    assert both["closure"]["before"] > both["closure"]["after"] + 0.3
+
+
+def test_an_outside_case_takes_the_first_draw_that_no_name_explains(tmp_path):
+    def one(part, component="across_heading"):
+        parameters = {"component": component, "parts": [part], "shape": part["shape"],
+                      "size_m_s": 1.5, "sign": 1.0}  # fmt: skip
+        effect = {"name": "outside", "tails": None, "parameters": parameters, "period": None}
+        return Drawn("outside", (effect,))
+
+    always = {"variable": "airspeed", "shape": "hinge", "at": 0.0, "width": 0.1}
+    cycle = {"variable": "magnetic_heading", "shape": "linear", "at": 0.3, "width": 0.1}
+    saw = {"variable": "hour", "shape": "saw", "at": 0.1, "width": 0.26}
+    case = Case("case_1", 4, "outside", TINY, (one(cycle),), (1.5,), (), "saw",
+                (one(always, "along_heading"), one(saw)))  # fmt: skip
+    label = Archivist(tmp_path).write(case)
+    truth = label["outside"]
+    assert truth["variables"] == ["hour"] and truth["named_share"] < 0.35
+    assert label["size"] == truth["size_m_s"] == pytest.approx(1.5, rel=0.02)
+    assert truth["carried"]["hour"] > 0.6  # bins smooth its edges
+    assert label["closure"]["before"] > label["closure"]["after"]

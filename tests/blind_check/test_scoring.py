@@ -15,6 +15,11 @@ from airswing.blind_check.check_summary import (
     summarise,
     targets,
 )
+from airswing.blind_check.reliability_table import (
+    reliability_rows,
+    stated_claims,
+    worst_gap,
+)
 from airswing.blind_check.scoring import (
     aircraft_overlap,
     date_error,
@@ -35,7 +40,8 @@ def label(kind="single", effects=None, **changes):
     )  # fmt: skip
     names = list(dict.fromkeys(effect["name"] for effect in effects))
     return {
-        "name": "case_001", "rung": 1, "kind": kind, "world": "default", "size": 0.8,
+        "name": "case_001", "rung": 1, "kind": kind, "variant": "plain", "outside": None,
+        "world": "default", "size": 0.8,
         "sizes": [0.8] * len(names), "focus": names, "names": names, "effects": effects,
         "without": [], "background": [], "closure": {"before": 7.0, "after": 6.5},
     } | changes  # fmt: skip
@@ -154,28 +160,127 @@ def test_log_score_by_hand():
     assert log_score(sure, []) == pytest.approx((np.log2(0.001) + rest) / number)
 
 
-OUTSIDE = [{"name": "heading_by_hour", "tails": ["N401"], "parameters": {"amplitude_deg": 1.0},
-            "period": None}]  # fmt: skip
+FLEET = ["N401", "N402", "N403", "N404"]
+
+
+def outside(tails=("N401",), variables=("hour",), **changes):
+    effect = {"name": "outside", "tails": list(tails) if tails else None, "period": None,
+              "parameters": {"component": "across_heading"}}  # fmt: skip
+    truth = {"variables": list(variables), "component": "across_heading", "shape": "bump",
+             "carried": {"hour": 0.9, "longitude": 0.8, "bank": 0.1}}  # fmt: skip
+    return label("outside", effects=[effect], outside=truth | changes)
+
+
+def place(variable="hour", tails=("N401",), reduction=None, ci=None, **changes):
+    closure = {} if reduction is None else {"reduction": reduction, "reduction_ci": ci}
+    return {"variable": variable, "variables": [variable], "tails": list(tails),
+            "closure": closure, "probability": 0.97} | changes  # fmt: skip
+
+
+def quiet(*claims, places):
+    """A diagnosis that closes nothing by name."""
+    closure = {"before": 7.0, "after": 7.0, "reduction": 0.0, "reduction_ci": [0.0, 0.0]}
+    return gap(*claims, unknown=places, closure=closure)
+
+
+def scored(truth, found):
+    return score_case(truth, found, fleet=FLEET)
 
 
 def test_an_unknown_placed_with_no_false_name_ahead():
-    place = {"variable": "hour", "variables": ["hour"], "tails": ["N401"], "held_out_energy": 50.0}
-    outside = label("outside", effects=OUTSIDE)
-    clean = score_case(outside, gap(unknown=[place]))
-    assert clean["unknown_first"] and clean["placed"]
-    behind = score_case(outside, gap(claim("time_lag", held_out_energy=9.0), unknown=[place]))
+    own = place(held_out_energy=50.0)
+    clean = scored(outside(), gap(unknown=[own]))
+    assert clean["unknown_first"] and clean["placed"] and clean["variable_first"]
+    behind = scored(outside(), gap(claim("time_lag", held_out_energy=9.0), unknown=[own]))
     assert behind["unknown_first"] and behind["false_names"] == ["time_lag"]
-    ahead = score_case(outside, gap(claim("time_lag", held_out_energy=90.0), unknown=[place]))
+    ahead = scored(outside(), gap(claim("time_lag", held_out_energy=90.0), unknown=[own]))
     assert not ahead["unknown_first"]
-    elsewhere = score_case(outside, gap(unknown=[place | {"variable": "bank", "variables": []}]))
+    elsewhere = scored(outside(), gap(unknown=[place("bank", held_out_energy=50.0)]))
     assert elsewhere["unknown_first"] and not elsewhere["placed"]
 
 
+def test_what_closes_more_stands_ahead_where_both_are_told_in_knots():
+    unknown = [place(reduction=0.3, ci=[0.2, 0.4])]
+    closure = {"before": 7.0, "after": 6.8, "reduction": 0.2, "reduction_ci": [0.1, 0.3]}
+    small = claim("time_lag", share_of_gap=1.0, held_out_energy=1e6)
+    assert scored(outside(), gap(small, unknown=unknown, closure=closure))["unknown_first"]
+    closure |= {"after": 6.5, "reduction": 0.5}
+    assert not scored(outside(), gap(small, unknown=unknown, closure=closure))["unknown_first"]
+
+
 def test_a_false_name_counts_as_ahead_where_nothing_tells_otherwise():
-    outside = label("outside", effects=OUTSIDE)
-    assert not score_case(outside, gap(claim("time_lag"), unknown=[{"variable": "hour"}]))[
-        "unknown_first"
-    ]
+    found = gap(claim("time_lag"), unknown=[{"variable": "hour"}])
+    assert not scored(outside(), found)["unknown_first"]
+
+
+def test_the_place_that_closes_most_names_the_variable_first():
+    places = [place("bank", reduction=0.1, ci=[0, 0.2]), place("hour", reduction=0.4, ci=[0.3, 1])]
+    assert scored(outside(), quiet(places=places))["variable_first"]
+    found = scored(outside(), quiet(places=places[:1]))
+    assert not found["variable_first"] and not found["variable_near"]
+    assert not found["variable_any"]
+
+
+def test_a_variable_that_carries_nearly_as_much_is_near_and_other_names_are_the_same():
+    near = scored(outside(), quiet(places=[place("longitude")]))
+    assert not near["variable_first"] and near["variable_near"]  # 0.8 of 0.9 it carries
+    level = scored(outside(variables=["altitude"], carried={"altitude": 1.0}),
+                   quiet(places=[place("pressure")]))  # fmt: skip
+    assert level["variable_first"]
+
+
+def test_aircraft_of_an_unknown():
+    found = scored(outside(tails=["N401", "N402"]), quiet(places=[place(tails=["N401", "N403"])]))
+    assert (found["unknown_precision"], found["unknown_recall"]) == (0.5, 0.5)
+    everyone = scored(outside(tails=None), quiet(places=[place(tails=[])]))
+    assert (everyone["unknown_precision"], everyone["unknown_recall"]) == (1.0, 1.0)
+    one = scored(outside(tails=["N401"]), quiet(places=[place(tails=[])]))
+    assert (one["unknown_precision"], one["unknown_recall"]) == (0.25, 1.0)
+
+
+def test_the_closure_of_an_unknown_adds_to_that_of_the_names():
+    stated = quiet(places=[place(reduction=0.4, ci=[0.3, 0.6])])
+    found = scored(outside(), stated)
+    assert found["unknown_closure_stated"] == pytest.approx(0.4)
+    assert found["unknown_closure_error"] == pytest.approx(0.1)
+    assert found["unknown_closure_covered"]
+    stated["unknown"]["closure"] = {"reduction": 0.1, "reduction_ci": [0.05, 0.15]}
+    stated["closure"] |= {"reduction": 0.2, "reduction_ci": [0.1, 0.25]}
+    whole = scored(outside(), stated)
+    assert whole["unknown_closure_stated"] == pytest.approx(0.3)
+    assert not whole["unknown_closure_covered"]  # 0.15 to 0.4 does not hold 0.5
+    silent = scored(outside(), quiet(places=[]))
+    assert silent["unknown_closure_error"] == pytest.approx(0.5)
+    assert silent["variable_first"] is None and not silent["unknown_closure_covered"]
+
+
+def test_an_effect_told_twice_on_an_aircraft_is_a_repeat():
+    twice = [claim("compass_step", tails=["N401"]), claim("compass_step", tails=["N401", "N402"])]
+    one = [{"name": "compass_step", "tails": ["N401", "N402"], "parameters": {}, "period": None}]
+    assert score_case(label(effects=one), gap(*twice))["repeated_names"] == ["compass_step"]
+    apart = [claim("compass_step", tails=["N401"]), claim("compass_step", tails=["N402"])]
+    assert score_case(label(effects=one), gap(*apart))["repeated_names"] == []
+
+
+def test_stated_probabilities_in_bins_by_hand():
+    claims = [["name", 0.97, True]] * 18 + [["name", 0.97, False]] * 2 + [["unknown", 0.6, True]]
+    rows = reliability_rows(claims)
+    assert [(row["low"], row["claims"], row["right"]) for row in rows] == [
+        (0.5, 1, 1.0), (0.95, 20, 0.9),
+    ]  # fmt: skip
+    gap_, number = worst_gap(claims)
+    assert gap_ == pytest.approx(0.07) and number == 20  # the bin of one claim is not judged
+    assert worst_gap(claims[:19]) == (None, 0)
+    assert reliability_rows([["name", 1.0, True]])[0]["low"] == 0.99
+
+
+def test_claims_of_the_background_and_of_hard_worlds_are_not_judged():
+    found = gap(claim(), claim("outliers"), unknown=[place()])
+    truth = label(background=["outliers"], world="hard")
+    assert stated_claims(truth, found, ["hard_iron"]) == [["name", 0.99, True]]
+    assert stated_claims(label(), found, ["hard_iron"]) == [
+        ["name", 0.99, True], ["name", 0.99, False], ["unknown", 0.97, False],
+    ]  # fmt: skip
 
 
 def test_a_removed_effect_has_no_right_name():
@@ -196,9 +301,11 @@ def test_summary_and_targets_by_hand():
     assert (found["cases"], found["failed"]) == (3, 1)
     assert found["first_right"] == 0.5 and found["detected"] == 0.5
     reached = {entry["what"]: entry for entry in targets([right, silent])}
-    first = reached["first name right, single effects of 0.4 m/s and more"]
+    first = reached["first name right, single effects and their forms, any scope"]
     assert (first["reached"], first["cases"], first["met"]) == (0.5, 2, False)
     assert reached["claims on nulls (a name or an unknown)"]["met"] is None
+    whole = reached["closure interval of what is named holds the truth"]
+    assert whole["target"] == (0.90, 0.98) and whole["reached"] == 1.0 and not whole["met"]
     assert of_default([right, silent | {"world": "hard"}, silent | {"world": "model"}]) == [right]
     assert set(grouped([right, silent], "effect")) == {"hard_iron"}
 

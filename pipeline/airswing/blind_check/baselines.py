@@ -7,14 +7,14 @@ does what a careful person without a noise model would: reports are taken as ind
 
 * **Least squares**: forward selection over the catalogue (each effect per aircraft or for the
   fleet), a term enters while the Bayesian information criterion falls.
-* **Tree**: a regression tree on slices (aircraft, magnetic heading, height, phase, icing, date,
-  hour, longitude, bank) of the heading error and of the airspeed error, grown on two thirds of the
-  flights; claims a gap where it explains any of the rest (lower bound of three standard errors);
-  what it splits on is read as an effect by the rules a person would use.
-* **Classifier**: logistic, on the innovation and its products with the context, real reports
-  against simulated ones (the same context, innovations of other reports' size and random
-  direction), split by flight; claims a gap where the held-out area under its curve exceeds one
-  half by three standard errors; it names nothing.
+* **Tree** (scikit-learn): a regression tree on slices (aircraft, magnetic heading, height, phase,
+  icing, date, hour, longitude, bank) of the heading error and of the airspeed error, grown on two
+  thirds of the flights; claims a gap where it explains any of the rest (lower bound of three
+  standard errors); what it splits on is read as an effect by the rules a person would use.
+* **Classifier** (scikit-learn): logistic regression, on the innovation and its products with the
+  context, real reports against simulated ones (the same context, innovations of other reports'
+  size and random direction), split by flight; claims a gap where the held-out area under its curve
+  exceeds one half by three standard errors; it names nothing.
 
 Validity: a yardstick, not a method to use. Units: m/s, radians.
 """
@@ -24,13 +24,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.products.netcdf import write_json
+
+if TYPE_CHECKING:
+    from sklearn.tree import DecisionTreeRegressor
 
 __all__ = ["classifier", "least_squares_bic", "run_baselines", "slice_tree"]
 
@@ -39,7 +42,6 @@ Claim = dict[str, Any]
 MOST_TERMS = 6
 LEAF = 400
 DEPTH = 4
-_GRID = 24
 
 
 def collocated(config: Path, output: Path) -> Frame:
@@ -192,7 +194,6 @@ def _targets(frame: Frame) -> tuple[Array, Array]:
 def _features(frame: Frame) -> dict[str, Array]:
     """Return the slices a person would look at."""
     return {
-        "aircraft": frame.aircraft.astype(float),
         "heading": np.mod(np.degrees(frame.magnetic_heading), 360.0),
         "pressure": frame.pressure,
         "phase": frame.phase.astype(float),
@@ -242,83 +243,47 @@ def slice_tree(frame: Frame, without: Sequence[str] = ()) -> Claim:
         ``names``, ``detected``, ``importance`` by variable.
     """
     features, train = _features(frame), _training(frame)
+    own = np.eye(len(frame.tails))[frame.aircraft]
+    table = np.concatenate([own, np.stack(list(features.values()), axis=1)], axis=1)
+    columns = ["aircraft"] * own.shape[1] + list(features)
     best: tuple[float, str, dict[str, float]] = (0.0, "", {})
     for component, target in zip(("across", "along"), _targets(frame), strict=True):
-        nodes: list[tuple[NDArray[np.bool_], float]] = []
-        importance: dict[str, float] = {}
-        _grow(features, target, np.ones(frame.size, bool), train, 0, nodes, importance)
-        fitted = np.zeros(frame.size)
-        for rows, value in nodes:
-            fitted[rows] = value
+        tree = _grown(table[train], target[train])
         test = ~train
-        saved = (target**2 - (target - fitted) ** 2)[test]
+        saved = target[test] ** 2 - (target[test] - tree.predict(table[test])) ** 2
         flights = np.unique(frame.flight[test], return_inverse=True)[1]
         by_flight = np.bincount(flights, saved)
         error = float(by_flight.std() * np.sqrt(by_flight.size))
         ratio = float(by_flight.sum()) / max(error, 1e-9)
         if ratio > max(3.0, best[0]):
+            importance: dict[str, float] = {}
+            for name, weight in zip(columns, tree.feature_importances_, strict=True):
+                importance[name] = importance.get(name, 0.0) + float(weight)
             best = ratio, component, importance
     if not best[1]:
         return {"names": [], "detected": False, "importance": {}}
-    weights = best[2]
+    read = _read_tree(best[1], best[2])
+    told = [read] if read is not None and read not in without else []
+    return {"names": told, "detected": True, "importance": best[2]}
+
+
+def _grown(x: Array, y: Array) -> DecisionTreeRegressor:
+    """Return a regression tree whose every split is worth twelve times the noise."""
+    from sklearn.tree import DecisionTreeRegressor
+
+    tree = DecisionTreeRegressor(
+        max_depth=DEPTH, min_samples_leaf=LEAF, min_impurity_decrease=12.0 * float(y.var()) / y.size
+    )
+    return tree.fit(x, y)
+
+
+def _read_tree(component: str, weights: Mapping[str, float]) -> str | None:
+    """Return the effect a person reads from what a tree splits on most."""
     other = {name: value for name, value in weights.items() if name != "aircraft"}
     lead = "aircraft"
     if other and max(other.values()) > 0.5 * weights.get("aircraft", 0.0):
         lead = max(other, key=lambda name: other[name])
-    name = _READING.get((best[1], frozenset({lead})))
-    told = [name] if name is not None and name not in without else []
-    return {"names": told, "detected": True, "importance": weights}
-
-
-def _grow(
-    features: Mapping[str, Array],
-    target: Array,
-    rows: NDArray[np.bool_],
-    train: NDArray[np.bool_],
-    depth: int,
-    leaves: list[tuple[NDArray[np.bool_], float]],
-    importance: dict[str, float],
-) -> None:
-    """Split greedily by the sum of squares; an aircraft is split off by its mean's rank."""
-    inside = rows & train
-    mean = float(target[inside].mean()) if inside.any() else 0.0
-    split = _best_split(features, target, inside) if depth < DEPTH else None
-    if split is None:
-        leaves.append((rows, mean))
-        return
-    name, gain, goes_left = split
-    importance[name] = importance.get(name, 0.0) + gain
-    for side in (rows & goes_left, rows & ~goes_left):
-        _grow(features, target, side, train, depth + 1, leaves, importance)
-
-
-def _best_split(
-    features: Mapping[str, Array], target: Array, inside: NDArray[np.bool_]
-) -> tuple[str, float, NDArray[np.bool_]] | None:
-    """Return variable, gain and left-hand rows of the best split; None where none is worth it."""
-    y = target[inside]
-    best: tuple[str, float, NDArray[np.bool_]] | None = None
-    for name, values in features.items():
-        key = values
-        if name == "aircraft":
-            index = values.astype(int)
-            number = np.bincount(index[inside], minlength=index.max() + 1)
-            total = np.bincount(index[inside], y, minlength=index.max() + 1)
-            key = (total / np.maximum(number, 1))[index]
-        x = key[inside]
-        if x.size < 2 * LEAF:
-            continue
-        for edge in np.unique(np.quantile(x, np.linspace(0, 1, _GRID + 1)[1:-1])):
-            left = x <= edge
-            count = int(left.sum())
-            if min(count, x.size - count) < LEAF:
-                continue
-            gap = y[left].mean() - y[~left].mean()
-            gain = float(count * (x.size - count) / x.size * gap**2)
-            if best is None or gain > best[1]:
-                best = name, gain, key <= edge
-    noise = float(y.var()) if y.size else 0.0
-    return best if best is not None and best[1] > 12.0 * noise else None
+    return _READING.get((component, frozenset({lead})))
 
 
 def classifier(frame: Frame, without: Sequence[str] = ()) -> Claim:
@@ -336,6 +301,11 @@ def classifier(frame: Frame, without: Sequence[str] = ()) -> Claim:
     dict
         ``names`` (empty), ``detected``, ``area`` under the held-out curve.
     """
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.metrics import roc_auc_score
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
     del without
     rng = np.random.default_rng(0)
     across, along = _targets(frame)
@@ -349,9 +319,10 @@ def classifier(frame: Frame, without: Sequence[str] = ()) -> Claim:
     )
     x = np.concatenate([real[train], simulated[train]])
     y = np.repeat([1.0, 0.0], train.sum())
-    weights = _logistic(x, y)
+    model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=200)).fit(x, y)
     test = ~train
-    area = _area(real[test] @ weights, simulated[test] @ weights)
+    held = np.concatenate([real[test], simulated[test]])
+    area = float(roc_auc_score(np.repeat([1.0, 0.0], test.sum()), model.decision_function(held)))
     flights = np.unique(frame.flight[test]).size
     error = 0.29 * np.sqrt(2.0 / max(flights, 1))
     return {"names": [], "detected": bool(area > 0.5 + 3.0 * error), "area": area}
@@ -373,28 +344,6 @@ def _design(across: Array, along: Array, context: Array) -> Array:
     scale = 3.0
     a, b = across[:, None] / scale, along[:, None] / scale
     return np.concatenate([np.ones_like(a), a, b, a**2, b**2, a * context, b * context], axis=1)
-
-
-def _logistic(x: Array, y: Array, *, ridge: float = 1.0, steps: int = 12) -> Array:
-    """Return logistic regression weights by Newton's method."""
-    weights = np.zeros(x.shape[1])
-    for _ in range(steps):
-        p = 1.0 / (1.0 + np.exp(-np.clip(x @ weights, -30, 30)))
-        curvature = (x * (p * (1 - p))[:, None]).T @ x + ridge * np.eye(x.shape[1])
-        change = np.linalg.solve(curvature, x.T @ (y - p) - ridge * weights)
-        weights = weights + change
-        if np.abs(change).max() < 1e-6:
-            break
-    return weights
-
-
-def _area(real: Array, simulated: Array) -> float:
-    """Return the chance that a real report scores above a simulated one."""
-    order = np.argsort(np.concatenate([real, simulated]), kind="stable")
-    ranks = np.empty(order.size)
-    ranks[order] = np.arange(1, order.size + 1)
-    total = ranks[: real.size].sum() - real.size * (real.size + 1) / 2
-    return float(total / (real.size * simulated.size))
 
 
 BASELINES: dict[str, Callable[[Frame, Sequence[str]], Claim]] = {

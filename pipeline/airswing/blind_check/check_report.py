@@ -13,10 +13,12 @@ from typing import Any
 from airswing.blind_check.check_summary import (
     baseline_rows,
     grouped,
+    hard_and_real,
     of_default,
     summarise,
     targets,
 )
+from airswing.blind_check.reliability_table import reliability_rows
 
 __all__ = ["as_markdown", "short_text", "write_reports"]
 
@@ -65,19 +67,27 @@ def _group_table(title: str, groups: Mapping[Any, Mapping[str, Any]]) -> str:
 _TARGET_COLUMNS = ("", "target", "default archives", "cases", "", "every rung", "cases")
 
 
+def _target_text(sense: str, target: float | Sequence[float], form: str) -> str:
+    if isinstance(target, Sequence):
+        return f"{_text(target[0], form)} to {_text(target[1], form)}"
+    return ("at least " if sense == ">=" else "at most ") + _text(target, form)
+
+
 def _target_rows(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """Targets by row: they are set for default archives; every rung together beside them."""
     rows = []
     for entry, whole in zip(targets(of_default(scores)), targets(scores), strict=True):
-        share = entry["target"] <= 1.0 and ("kt" not in entry["what"])
-        form = "%" if share else ".3g"
-        sense = "at least" if entry["sense"] == ">=" else "at most"
+        plain = entry["what"].endswith((", kt", ", days"))
+        form = ".3g" if plain else "%"
         met = {True: "met", False: "not met", None: "no case"}[entry["met"]]
         rows.append(
-            [entry["what"], f"{sense} {_text(entry['target'], form)}",
+            [entry["what"], _target_text(entry["sense"], entry["target"], form),
              _text(entry["reached"], form), str(entry["cases"]), met,
              _text(whole["reached"], form), str(whole["cases"])]
         )  # fmt: skip
+    share, number = hard_and_real(scores)
+    rows.append(["hard world and real errors, 0.4 m/s and more: first name right", "at least 80 %",
+                 "–", "0", "–", _text(share, "%"), str(number)])  # fmt: skip
     return rows
 
 
@@ -99,7 +109,7 @@ def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None =
     """
     scores, settings = check.scores, check.settings
     withheld = [s for s in scores if s["kind"] in ("single", "pair")]
-    unnamed = [s for s in scores if s["kind"] in ("outside", "removed") and not s["failure"]]
+    singles = [s for s in withheld if s["kind"] == "single"]
     parts = [
         "# Blind check of the gap diagnosis",
         f"`{command}`: {len(scores)} sealed archives of {settings['aircraft']} aircraft and "
@@ -107,7 +117,8 @@ def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None =
         f"alone. Digest of the labels, published before the first diagnosis: `{check.digest}`.",
         "Rungs: 1 ordinary world, 2 hard world, 3 pairs, 4 outside or removed from the catalogue, "
         "5 real sensor or forecast errors with an effect added. Sizes are m/s root mean square "
-        "where the effect acts. A quarter of each rung holds nothing.",
+        "where the effect acts. Outside effects are drawn at random. The truth of a closure is the "
+        "archive's twin: the same reports made without the effect.",
         "## Against the targets",
         "The targets are set for default archives: the ordinary world, no real errors. Beside them "
         "stand all cases, the hard world's and real errors' among them.",
@@ -116,13 +127,15 @@ def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None =
     if proof:
         parts += ["## Rung 0: the generator's own numerical error, m/s",
                   _table(["", "rms"], [[k, f"{v:.4f}"] for k, v in proof.items()])]  # fmt: skip
-    parts += ["## Beside simple methods", _baseline_table(check)]
-    parts += ["## By effect", _group_table("effect", grouped(withheld, "effect"))]
-    singles = [s for s in withheld if s["kind"] == "single"]
-    parts += ["## By size", _group_table("m/s", grouped(singles, "size"))]
-    parts += ["## By rung", _group_table("rung", grouped(withheld, "rung"))]
+    if check.baselines:
+        parts += ["## Beside simple methods", _baseline_table(check)]
+    parts += ["## What stated probabilities are worth", _reliability_table(scores)]
+    parts += ["## Outside the catalogue", _outside_table(scores)]
+    parts += ["## Removed from the catalogue", _removed_table(scores)]
+    parts += [f"## By {by}\n\n{_group_table(title, grouped(cases, by))}" for by, title, cases in (
+        ("effect", "effect", withheld), ("variant", "variant", withheld),
+        ("size", "m/s", singles), ("rung", "rung", withheld))]  # fmt: skip
     parts += ["All of them: " + _one_line(summarise(withheld))]
-    parts += ["## Without a name for it", _unnamed_table(unnamed)]
     parts += ["## Nulls", _null_text(scores)]
     parts += ["## Every case", _case_table(check)]
     if check.failures:
@@ -148,17 +161,52 @@ def _baseline_table(check: Any) -> str:
     )  # fmt: skip
 
 
-def _unnamed_table(scores: Sequence[Mapping[str, Any]]) -> str:
+def _reliability_table(scores: Sequence[Mapping[str, Any]]) -> str:
+    """Stated probabilities by bin: of names, of unknowns, and of both together."""
+    claims = [c for s in of_default(scores) if not s.get("failure") for c in s["claims"]]
     rows = [
-        [", ".join(s["focus"]), s["kind"], f"{s['size']:g}", "yes" if s["unknown"] else "no",
-         "yes" if s["unknown_first"] else "no", "yes" if s["placed"] else "no",
-         ", ".join(s["claimed"]) or "–", _text(s["closure_stated"], ".2f"),
+        [kind, f"{row['low']:g} to {row['high']:g}", str(row["claims"]),
+         _text(row["stated"], ".3f"), _text(row["right"], ".3f")]
+        for kind in ("name", "unknown", "name and unknown")
+        for row in reliability_rows([c for c in claims if c[0] in kind.split(" and ")])
+    ]  # fmt: skip
+    return _table(["claim", "stated", "claims", "stated, mean", "right"], rows)
+
+
+def _outside_table(scores: Sequence[Mapping[str, Any]]) -> str:
+    rows = []
+    for s in sorted(_done(scores, "outside"), key=lambda s: (s["outside"]["shape"], s["size"])):
+        true = s["outside"]
+        rows.append(
+            [s["name"], true["component"], true["shape"], " x ".join(true["variables"]),
+             true["scope"], f"{s['size']:.2g}", _text(true["named_share"], "%"),
+             _yes(s["unknown"]), _yes(s["unknown_first"]), _yes(s.get("variable_first")),
+             _yes(s.get("variable_near")), _text(s.get("unknown_precision"), ".2f"),
+             _text(s.get("unknown_recall"), ".2f"), ", ".join(s["claimed"]) or "–",
+             _text(s["unknown_closure_stated"], ".2f"), _text(s["closure_true"], ".2f"),
+             _yes(s["unknown_closure_covered"])]
+        )  # fmt: skip
+    return _table(
+        ["case", "component", "shape", "by", "on", "m/s", "has a name", "unknown",
+         "no false name ahead", "variable first", "or one as good", "precision", "recall",
+         "named instead", "closure stated, kt", "true, kt", "interval holds"], rows,
+    )  # fmt: skip
+
+
+def _done(scores: Sequence[Mapping[str, Any]], kind: str) -> list[Mapping[str, Any]]:
+    return [s for s in scores if s["kind"] == kind and not s.get("failure")]
+
+
+def _removed_table(scores: Sequence[Mapping[str, Any]]) -> str:
+    rows = [
+        [s["name"], ", ".join(s["focus"]), f"{s['size']:g}", _yes(s["unknown"]),
+         _yes(s["placed"]), ", ".join(s["claimed"]) or "–", _text(s["closure_stated"], ".2f"),
          _text(s["closure_true"], ".2f")]
-        for s in sorted(scores, key=lambda s: (s["kind"], s["focus"], s["size"]))
+        for s in sorted(_done(scores, "removed"), key=lambda s: s["focus"])
     ]  # fmt: skip
     return _table(
-        ["effect", "", "m/s", "unknown", "no false name ahead", "placed", "named instead",
-         "closure stated, kt", "true, kt"], rows,
+        ["case", "effect", "m/s", "unknown", "placed", "named instead", "closure stated, kt",
+         "true, kt"], rows,
     )  # fmt: skip
 
 
@@ -182,14 +230,14 @@ def _case_table(check: Any) -> str:
         )
         right = "–" if label["kind"] in ("null", "outside") else _yes(score.get("first_right"))
         rows.append(
-            [label["name"], str(label["rung"]), label["kind"], label["world"],
-             ", ".join(label["focus"]) or "–", ", ".join(f"{v:g}" for v in label["sizes"]),
+            [label["name"], str(label["rung"]), label["kind"], label["variant"], label["world"],
+             ", ".join(label["focus"]) or "–", ", ".join(f"{v:.2g}" for v in label["sizes"]),
              str(told), right, _text(score.get("jaccard"), ".2f"),
              _text(score.get("parameter_error"), "%")]
         )  # fmt: skip
     return _table(
-        ["case", "rung", "kind", "world", "truth", "m/s", "diagnosis", "first right", "Jaccard",
-         "parameter error"], rows,
+        ["case", "rung", "kind", "variant", "world", "truth", "m/s", "diagnosis", "first right",
+         "Jaccard", "parameter error"], rows,
     )  # fmt: skip
 
 
@@ -246,7 +294,7 @@ def write_reports(
                 )
             ],
         )
-        for by in ("effect", "size", "rung")
+        for by in ("effect", "variant", "size", "rung")
     ]  # fmt: skip
     reached = targets(of_default(check.scores))
     met = [entry["met"] for entry in reached if entry["met"] is not None]

@@ -9,24 +9,26 @@ already diagnosed are kept, and the seal decides whether they are of this check.
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from airswing.products.fingerprint import code_digest
 from airswing.products.netcdf import write_json
-from airswing.synthetic.sealed.cases import Case, Size, plan_cases
+from airswing.synthetic.sealed.cases import Case, Size, World, plan_cases
 from airswing.synthetic.sealed.sealed_archives import Archivist
 from airswing.synthetic.sealed.sealing import open_seal, seal
 
-__all__ = ["Check", "gap_check", "run_public_command"]
+__all__ = ["Check", "Plan", "gap_check", "run_public_command"]
 
 Say = Callable[[str], None]
 Diagnoser = Callable[[Path, Path, Sequence[str]], dict[str, Any]]
@@ -93,16 +95,77 @@ def run_public_command(config: Path, output: Path, without: Sequence[str]) -> di
     return content
 
 
+@dataclass(frozen=True)
+class Plan:
+    """What is to be checked.
+
+    Parameters
+    ----------
+    cases, seed : int
+        How many; seed of every draw.
+    fast : bool
+        Small archives and effects of 0.8 and 1.6 m/s.
+    nulls : int, optional
+        How many of the cases hold nothing; a quarter by default.
+    rungs : tuple of int, optional
+        Rungs to play; all by default.
+    names : tuple of str
+        Catalogue effects to draw from; all by default.
+    real : Path, optional
+        Folder with real data; rung 5 is left out where it is absent.
+    """
+
+    cases: int = 60
+    seed: int = 1
+    fast: bool = False
+    nulls: int | None = None
+    rungs: tuple[int, ...] | None = None
+    names: tuple[str, ...] = ()
+    real: Path | None = None
+
+    @property
+    def size(self) -> Size:
+        """Size of the archives."""
+        return Size.fast() if self.fast else Size()
+
+    @property
+    def played(self) -> list[int]:
+        """Rungs that can be played."""
+        rungs = list(self.rungs or (1, 2, 3, 4, 5))
+        there = self.real is not None and (self.real / "heading").is_dir()
+        return rungs if there else [rung for rung in rungs if rung != 5]
+
+    def settings(self) -> dict[str, Any]:
+        """Return what repeats the check."""
+        return {
+            "cases": self.cases, "seed": self.seed, "fast": self.fast, "rungs": self.played,
+            "names": list(self.names), "days": self.size.days, "aircraft": self.size.aircraft,
+            "nulls": self.nulls,
+        }  # fmt: skip
+
+    def drawn(self) -> list[Case]:
+        """Return the cases."""
+        return plan_cases(
+            self.cases, seed=self.seed, size=self.size, rungs=self.played,
+            names=list(self.names) or None, nulls=self.nulls,
+        )  # fmt: skip
+
+    @property
+    def command(self) -> str:
+        """Return the command line that repeats the check."""
+        words = [f"airswing gap-check --cases {self.cases} --seed {self.seed}"]
+        words += ["--fast"] * self.fast
+        words += [] if self.nulls is None else [f"--nulls {self.nulls}"]
+        words += [f"--rung {rung}" for rung in self.rungs or ()]
+        words += [] if self.real is None else ["--real DIR"]
+        return " ".join(words)
+
+
 def gap_check(
     output: Path,
+    plan: Plan,
     *,
-    cases: int = 60,
-    seed: int = 1,
-    fast: bool = False,
     workers: int = 1,
-    real: Path | None = None,
-    rungs: Sequence[int] | None = None,
-    names: Sequence[str] | None = None,
     diagnoser: Diagnoser = run_public_command,
     baselines: bool = True,
     say: Say = lambda text: None,
@@ -113,18 +176,10 @@ def gap_check(
     ----------
     output : Path
         Folder of the check.
-    cases, seed : int
-        How many; seed of every draw.
-    fast : bool
-        Small archives and effects of 0.8 and 1.6 m/s.
+    plan : Plan
+        What is to be checked.
     workers : int
-        Diagnoses at a time.
-    real : Path, optional
-        Folder with real data; rung 5 is left out where it is absent.
-    rungs : sequence of int, optional
-        Rungs to play; all by default.
-    names : sequence of str, optional
-        Catalogue effects to draw from.
+        Archives written and diagnosed at a time.
     diagnoser : callable
         What is checked; the public command by default.
     baselines : bool
@@ -136,29 +191,25 @@ def gap_check(
     -------
     Check
     """
-    size = Size.fast() if fast else Size()
-    played = list(rungs or (1, 2, 3, 4, 5))
-    if real is None or not (real / "heading").is_dir():
-        say("no real data: rung 5 is left out")
-        played = [rung for rung in played if rung != 5]
-    plan = plan_cases(cases, seed=seed, size=size, rungs=played, names=names)
-    settings = {
-        "cases": cases, "seed": seed, "fast": fast, "rungs": played, "names": list(names or ()),
-        "days": size.days, "aircraft": size.aircraft,
-    }  # fmt: skip
-    digest = _sealed(output, plan, settings, real, say)
-    _of_this_code(output)
-    say(f"labels sealed, sha256 {digest}")
-    failures = _diagnose_all(output, plan, diagnoser, workers, say)
-    labels = open_seal(output / "sealed", digest=digest)
-    say("seals opened, digest verified")
     from airswing.blind_check.baselines import run_baselines
     from airswing.blind_check.scoring import score_case
 
+    if 5 not in plan.played:
+        say("no real data: rung 5 is left out")
+    drawn, settings = plan.drawn(), plan.settings()
+    digest = _sealed(output, drawn, settings, plan.real, workers, say)
+    _of_this_code(output)
+    say(f"labels sealed, sha256 {digest}")
+    failures = _diagnose_all(output, drawn, diagnoser, workers, say)
+    labels = open_seal(output / "sealed", digest=digest)
+    say("seals opened, digest verified")
     scores = [
-        score_case(label, _read(output, label["name"]), failure=failures.get(label["name"]))
+        score_case(
+            label, _read(output, label["name"]), failure=failures.get(label["name"]),
+            fleet=plan.size.tails,
+        )
         for label in labels
-    ]
+    ]  # fmt: skip
     beside = run_baselines(output, labels, say=say) if baselines else {}
     check = Check(digest, labels, scores, failures, beside, settings)
     write_json(
@@ -170,7 +221,12 @@ def gap_check(
 
 
 def _sealed(
-    output: Path, plan: Sequence[Case], settings: dict[str, Any], real: Path | None, say: Say
+    output: Path,
+    plan: Sequence[Case],
+    settings: dict[str, Any],
+    real: Path | None,
+    workers: int,
+    say: Say,
 ) -> str:
     """Write archives and labels unless this very check stands there already."""
     output.mkdir(parents=True, exist_ok=True)
@@ -183,12 +239,37 @@ def _sealed(
             shutil.rmtree(output / name, ignore_errors=True)
         published.unlink(missing_ok=True)
         write_json(note, settings)
-    archivist, labels = Archivist(output, real), []
     # World by world, so that the twin without effects is simulated once.
-    for case in sorted(plan, key=lambda case: (case.world.seed, case.world.kind)):
-        labels.append(_label(output, archivist, case, say))
+    worlds: dict[World, list[Case]] = {}
+    for case in plan:
+        worlds.setdefault(case.world, []).append(case)
+    labels = [label for own in _written(output, list(worlds.values()), real, workers, say)
+              for label in own]  # fmt: skip
     labels.sort(key=lambda label: str(label["name"]))
     return seal(labels, output / "sealed")
+
+
+def _written(
+    output: Path, worlds: Sequence[Sequence[Case]], real: Path | None, workers: int, say: Say
+) -> Iterator[list[dict[str, Any]]]:
+    """Write the cases of every world, several worlds at a time where asked to."""
+    if workers <= 1:
+        for cases in worlds:
+            yield _world_labels(output, real, cases)
+            say(f"{len(cases)} archives of one world written")
+        return
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for cases, labels in zip(
+            worlds, pool.map(partial(_world_labels, output, real), worlds), strict=True
+        ):
+            say(f"{len(cases)} archives of one world written")
+            yield labels
+
+
+def _world_labels(output: Path, real: Path | None, cases: Sequence[Case]) -> list[dict[str, Any]]:
+    """Write the archives of one world and return their labels."""
+    archivist = Archivist(output, real)
+    return [_label(output, archivist, case) for case in cases]
 
 
 def _of_this_code(output: Path) -> None:
@@ -200,17 +281,15 @@ def _of_this_code(output: Path) -> None:
         note.write_text(code, encoding="utf-8")
 
 
-def _label(output: Path, archivist: Archivist, case: Case, say: Say) -> dict[str, Any]:
+def _label(output: Path, archivist: Archivist, case: Case) -> dict[str, Any]:
     """Write one case, or read its label where an interrupted check has written it."""
     path = output / "sealed" / "parts" / f"{case.name}.json"
     if path.exists():
         known: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         return known
-    began = time.perf_counter()
     label = archivist.write(case)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_json(path, label)
-    say(f"{case.name} written, {time.perf_counter() - began:.1f} s")
     return label
 
 

@@ -13,10 +13,19 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["BY", "TARGETS", "baseline_rows", "grouped", "of_default", "summarise", "targets"]
+from airswing.blind_check.reliability_table import worst_gap
+
+__all__ = [
+    "BY", "TARGETS", "baseline_rows", "grouped", "hard_and_real", "of_default", "summarise",
+    "targets",
+]  # fmt: skip
 
 Score = Mapping[str, Any]
+Reached = tuple[float | None, int]
+Target = float | tuple[float, float]
 DETECTABLE = 0.4
+WORTH_KT = 0.1
+"""A closure that must not be missed."""
 
 
 def _share(scores: Iterable[Score], key: str) -> tuple[float | None, int]:
@@ -72,6 +81,7 @@ def summarise(scores: Sequence[Score]) -> dict[str, Any]:
 
 BY: dict[str, Callable[[Score], Any]] = {
     "effect": lambda score: " + ".join(score["focus"]) or "nothing",
+    "variant": lambda score: score["variant"],
     "size": lambda score: score["size"],
     "rung": lambda score: score["rung"],
 }
@@ -99,55 +109,120 @@ def grouped(scores: Sequence[Score], by: str) -> dict[Any, dict[str, Any]]:
 
 
 def _detectable(scores: Sequence[Score]) -> list[Score]:
-    return [
-        score
-        for score in scores
-        if score["kind"] == "single" and score["size"] >= DETECTABLE and not score.get("failure")
-    ]
+    return [score for score in _of(scores, "single") if score["size"] >= DETECTABLE]
 
 
 def _of(scores: Sequence[Score], kind: str) -> list[Score]:
     return [score for score in scores if score["kind"] == kind and not score.get("failure")]
 
 
-def _claims_on_nulls(scores: Sequence[Score]) -> tuple[float | None, int]:
+def _outside(scores: Sequence[Score]) -> list[Score]:
+    return [score for score in _of(scores, "outside") if score["size"] >= DETECTABLE]
+
+
+def _raised(scores: Sequence[Score]) -> list[Score]:
+    return [score for score in _outside(scores) if score["unknown"]]
+
+
+def _with_false_names(scores: Sequence[Score]) -> Reached:
+    """Archives in which a name stands that is not at work; what was taken out has none."""
+    judged = [s for s in scores if not s.get("failure") and s["kind"] != "removed"]
+    values = [bool(score["false_names"]) for score in judged]
+    return (float(np.mean(values)) if values else None), len(values)
+
+
+def _with_repeats(scores: Sequence[Score]) -> Reached:
+    values = [bool(score["repeated_names"]) for score in scores if not score.get("failure")]
+    return (float(np.mean(values)) if values else None), len(values)
+
+
+def _claims_on_nulls(scores: Sequence[Score]) -> Reached:
     nulls = _of(scores, "null")
     values = [bool(score["false_names"]) or bool(score["unknown"]) for score in nulls]
     return (float(np.mean(values)) if values else None), len(values)
+
+
+def _named(scores: Sequence[Score]) -> list[Score]:
+    """Single effects and pairs of which every one is named."""
+    both = [*_detectable(scores), *_of(scores, "pair")]
+    return [score for score in both if score.get("all_named")]
 
 
 def _named_singles(scores: Sequence[Score]) -> list[Score]:
     return [score for score in _detectable(scores) if score.get("all_named")]
 
 
-def _both_named(scores: Sequence[Score]) -> tuple[float | None, int]:
+def _both_named(scores: Sequence[Score]) -> Reached:
     return _share([s for s in _of(scores, "pair") if s["size"] >= DETECTABLE], "all_named")
 
 
-TARGETS: tuple[tuple[str, str, float, Callable[[Sequence[Score]], tuple[float | None, int]]], ...]
+def _removed(scores: Sequence[Score]) -> list[Score]:
+    """Effects taken out of the catalogue whose truth closes enough to be missed."""
+    return [score for score in _of(scores, "removed") if score["closure_true"] >= WORTH_KT]
+
+
+def _same_aircraft(scores: Sequence[Score]) -> list[Score]:
+    return [s for s in _of(scores, "pair") if s["variant"] == "same aircraft"]
+
+
+def _reliability(scores: Sequence[Score]) -> Reached:
+    return worst_gap([claim for s in scores if not s.get("failure") for claim in s["claims"]])
+
+
+TARGETS: tuple[tuple[str, str, Target, Callable[[Sequence[Score]], Reached]], ...]
 TARGETS = (
-    ("first name right, single effects of 0.4 m/s and more", ">=", 0.95,
+    ("outside, 0.4 m/s and more: unknown raised, no false name ahead", ">=", 0.90,
+     lambda s: _share(_outside(s), "unknown_first")),
+    ("of those raised: a true variable named first", ">=", 0.85,
+     lambda s: _share(_raised(s), "variable_first")),
+    ("of those raised: aircraft precision", ">=", 0.90,
+     lambda s: _mean(_raised(s), "unknown_precision")),
+    ("of those raised: aircraft recall", ">=", 0.90,
+     lambda s: _mean(_raised(s), "unknown_recall")),
+    ("outside: closure error, median, kt", "<=", 0.10,
+     lambda s: _median(_outside(s), "unknown_closure_error")),
+    ("outside: closure interval holds the truth", "in", (0.90, 0.98),
+     lambda s: _share(_outside(s), "unknown_closure_covered")),
+    ("first name right, single effects and their forms, any scope", ">=", 0.95,
      lambda s: _share(_detectable(s), "first_right")),
     ("truth in the ambiguity set, the same", ">=", 0.99,
      lambda s: _share(_detectable(s), "in_set")),
-    ("both of a pair named", ">=", 0.90, _both_named),
+    ("both of a pair named", ">=", 0.92, _both_named),
+    ("the same, on the same aircraft", ">=", 0.92, lambda s: _both_named(_same_aircraft(s))),
+    ("archives with a false name (of all but those with an effect removed)", "<=", 0.03,
+     _with_false_names),
+    ("archives with an effect told more than once", "<=", 0.03, _with_repeats),
     ("claims on nulls (a name or an unknown)", "<=", 0.02, _claims_on_nulls),
-    ("outside the catalogue: unknown raised, no false name ahead", ">=", 0.90,
-     lambda s: _share(_of(s, "outside"), "unknown_first")),
-    ("outside the catalogue: placed", ">=", 0.90, lambda s: _share(_of(s, "outside"), "placed")),
-    ("removed from the catalogue: never silent", ">=", 0.95,
-     lambda s: _share(_of(s, "removed"), "detected")),
-    ("aircraft precision", ">=", 0.95, lambda s: _mean(_named_singles(s), "precision")),
-    ("aircraft recall", ">=", 0.95, lambda s: _mean(_named_singles(s), "recall")),
+    ("reliability: worst bin of 20 claims and more", "<=", 0.05, _reliability),
+    ("removed from the catalogue, truth closes 0.1 kt or more: never silent", ">=", 0.95,
+     lambda s: _share(_removed(s), "detected")),
+    ("closure error of what is named, median, kt", "<=", 0.05,
+     lambda s: _median(_named(s), "closure_error")),
+    ("closure interval of what is named holds the truth", "in", (0.90, 0.98),
+     lambda s: _share(_named(s), "closure_covered")),
+    ("aircraft precision of names", ">=", 0.95, lambda s: _mean(_named_singles(s), "precision")),
+    ("aircraft recall of names", ">=", 0.95, lambda s: _mean(_named_singles(s), "recall")),
     ("parameter error, median", "<=", 0.08,
      lambda s: _median(_named_singles(s), "parameter_error")),
     ("date error, median, days", "<=", 3.0, lambda s: _median(_named_singles(s), "date_error")),
-    ("closure error, median, kt", "<=", 0.15,
-     lambda s: _median(_detectable(s), "closure_error")),
-    ("closure interval holds the truth", ">=", 0.90,
-     lambda s: _share(_detectable(s), "closure_covered")),
 )  # fmt: skip
 """What is measured, which way is good, the target, how it is computed (and from how many cases)."""
+
+
+def hard_and_real(scores: Sequence[Score]) -> Reached:
+    """Share of first names right in the hard world and with real errors, at 0.4 m/s and more.
+
+    Parameters
+    ----------
+    scores : sequence of mapping
+        Of all cases.
+
+    Returns
+    -------
+    share : float or None
+    number : int
+    """
+    return _share([s for s in _detectable(scores) if s["world"] != "default"], "first_right")
 
 
 def of_default(scores: Sequence[Score]) -> list[Score]:
@@ -180,14 +255,18 @@ def targets(scores: Sequence[Score]) -> list[dict[str, Any]]:
     out = []
     for what, sense, target, measure in TARGETS:
         reached, number = measure(scores)
-        met = None
-        if reached is not None:
-            met = reached >= target if sense == ">=" else reached <= target
+        met = None if reached is None else _is_met(reached, sense, target)
         out.append(
             {"what": what, "sense": sense, "target": target, "reached": reached,
              "cases": number, "met": met}
         )  # fmt: skip
     return out
+
+
+def _is_met(reached: float, sense: str, target: Target) -> bool:
+    if isinstance(target, tuple):
+        return target[0] <= reached <= target[1]
+    return reached >= target if sense == ">=" else reached <= target
 
 
 def baseline_rows(

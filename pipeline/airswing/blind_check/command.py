@@ -5,23 +5,17 @@ Assumes nothing but a folder to write to.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from airswing.blind_check.check_run import Plan
 
 __all__ = ["check_and_report"]
 
 
 def check_and_report(
-    output: Path,
-    *,
-    cases: int,
-    seed: int,
-    fast: bool,
-    workers: int,
-    real: Path | None,
-    rungs: Sequence[int] | None = None,
-    quiet: bool = False,
+    output: Path, plan: Plan, *, workers: int = 1, baselines: bool = True, quiet: bool = False
 ) -> tuple[dict[str, Any], str]:
     """Run a blind check and write its table, figure and page.
 
@@ -29,7 +23,9 @@ def check_and_report(
     ----------
     output : Path
         Folder for everything.
-    cases, seed, fast, workers, real, rungs
+    plan : Plan
+        What is to be checked.
+    workers, baselines
         See `airswing.blind_check.check_run.gap_check`.
     quiet : bool
         Say nothing on the way; the digest is then only in ``sealed.sha256``.
@@ -50,21 +46,9 @@ def check_and_report(
 
     require_writable(output)
     progress = Progress(quiet=quiet)
-    proof = prove_generator(output / "rung_0", seed=seed)
-    check = gap_check(
-        output,
-        cases=cases,
-        seed=seed,
-        fast=fast,
-        workers=workers,
-        real=real,
-        rungs=rungs,
-        say=progress.say,
-    )
-    command = f"airswing gap-check --cases {cases} --seed {seed}" + (" --fast" if fast else "")
-    command += "".join(f" --rung {rung}" for rung in rungs or ())
-    command += "" if real is None else " --real DIR"
-    page = write_reports(output, check, command=command, proof=proof)
+    proof = prove_generator(output / "rung_0", seed=plan.seed)
+    check = gap_check(output, plan, workers=workers, baselines=baselines, say=progress.say)
+    page = write_reports(output, check, command=plan.command, proof=proof)
     summary = {
         "digest": check.digest, "targets": targets(of_default(check.scores)),
         "every_rung": targets(check.scores), "proof": proof, "settings": check.settings,

@@ -9,9 +9,9 @@ Assumptions
 * In the hard world gross errors are really there: naming them is neither right nor wrong.
 * Log score: the mean over all catalogue names of log2 of the probability given to what is true
   (each name at work or not), probabilities held in [0.001, 0.999]; 0 is perfect.
-* A false name is *ahead* of a raised unknown when it is claimed and closes more held-out energy
-  (or, where that is not told, a larger share of the gap) than the unknown; with nothing told,
-  whenever it is claimed.
+* A false name is *ahead* of a raised unknown when it is claimed and closes more kt than the unknown
+  (or, where that is not told, more held-out energy, or a larger share of the gap); with nothing
+  told, whenever it is claimed.
 
 Units: kt, days, fractions.
 """
@@ -24,6 +24,8 @@ from typing import Any
 
 import numpy as np
 
+from airswing.blind_check.reliability_table import stated_claims
+from airswing.blind_check.unknown_scores import same_variable, unknown_scores
 from airswing.synthetic.sealed.draws import CATALOGUE_NAMES, FLEET
 
 __all__ = ["PLACES", "PRIMARY", "aircraft_overlap", "parameter_errors", "score_case"]
@@ -55,13 +57,6 @@ PRIMARY: dict[str, tuple[str, ...]] = {
 """Parameters compared with the truth; an amplitude and its phase are compared as one vector."""
 
 PLACES: dict[str, tuple[str, ...]] = {
-    "heading_by_temperature": ("temperature", "altitude", "pressure", "level"),
-    "heading_by_longitude": ("longitude", "region"),
-    "heading_by_hour": ("hour",),
-    "three_cycle": ("magnetic_heading", "heading"),
-    "pitot_icing": ("icing",),
-    "tas_by_altitude": ("altitude", "pressure", "level", "temperature"),
-    "heading_by_crosswind": ("wind_speed", "wind", "wind_direction", "crosswind", "drift"),
     "compass_drift": ("date", "time"),
     "compass_step": ("date", "time"),
     "heater_current": ("icing",),
@@ -72,10 +67,12 @@ PLACES: dict[str, tuple[str, ...]] = {
     "reference_speed_bias": ("wind_by_height", "wind_speed", "wind"),
     "reference_grid_relative": ("turned", "wind_direction"),
 }
-"""Variables that place an effect for which there is no name."""
+"""Variables that place an effect taken out of the catalogue."""
 
 
-def score_case(label: Label, gap: Gap | None, *, failure: str | None = None) -> dict[str, Any]:
+def score_case(
+    label: Label, gap: Gap | None, *, failure: str | None = None, fleet: Sequence[str] = ()
+) -> dict[str, Any]:
     """Score one diagnosis.
 
     Parameters
@@ -86,6 +83,8 @@ def score_case(label: Label, gap: Gap | None, *, failure: str | None = None) -> 
         Content of gap.json; None where the diagnosis failed.
     failure : str, optional
         Its message.
+    fleet : sequence of str
+        All aircraft of the archive.
 
     Returns
     -------
@@ -93,7 +92,7 @@ def score_case(label: Label, gap: Gap | None, *, failure: str | None = None) -> 
         Plain values; None where a score does not apply.
     """
     score: dict[str, Any] = {
-        key: label[key] for key in ("name", "rung", "kind", "world", "size", "focus")
+        key: label[key] for key in ("name", "rung", "kind", "variant", "world", "size", "focus")
     }
     score["failure"] = failure if gap is None else None
     if gap is None:
@@ -110,16 +109,45 @@ def score_case(label: Label, gap: Gap | None, *, failure: str | None = None) -> 
         "first_right": bool(names) and names[0] in truth,
         "all_named": bool(truth) and set(label["focus"]) & set(truth) <= set(names),
         "false_names": false,
+        "repeated_names": repeated_names(label, claims),
+        "claims": stated_claims(label, gap, truth),
         "log_score": log_score(claims, truth, skip=[*label["background"], *label["without"]]),
         "unknown": raised,
-        "unknown_first": raised and not _ahead(claims, false, gap["unknown"]),
+        "unknown_first": raised and not _ahead(claims, false, gap),
         "placed": _placed(label, gap["unknown"]) if raised else False,
+        "outside": label["outside"],
         "stated_before": gap["closure"].get("before"),
     }
     score |= _set_scores(claims, truth) | _closure_scores(label, gap)
     if label["kind"] in ("single", "pair"):
         score |= _match_scores(label, claims)
+    if label["kind"] == "outside":
+        score |= unknown_scores(label, gap, fleet)
     return score
+
+
+def repeated_names(label: Label, claims: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the effects told more often than they are there, on aircraft in common.
+
+    Parameters
+    ----------
+    label : mapping
+        Truth of the case.
+    claims : sequence of mapping
+        Entries with ``name, tails``.
+
+    Returns
+    -------
+    list of str
+    """
+    out = []
+    for name in dict.fromkeys(str(claim["name"]) for claim in claims):
+        own = [set(claim.get("tails") or ()) for claim in claims if claim["name"] == name]
+        there = sum(effect["name"] == name for effect in label["effects"])
+        common = sum(bool(a & b) for k, a in enumerate(own) for b in own[:k])
+        if common and len(own) > max(there, 1):
+            out.append(name)
+    return out
 
 
 def log_score(
@@ -191,15 +219,19 @@ def _closure_scores(label: Label, gap: Gap) -> dict[str, Any]:
     }
 
 
-def _ahead(
-    claims: Sequence[Mapping[str, Any]], false: Sequence[str], unknown: Mapping[str, Any]
-) -> bool:
+def _ahead(claims: Sequence[Mapping[str, Any]], false: Sequence[str], gap: Gap) -> bool:
     """Whether a false name stands before the unknown."""
     wrong = [claim for claim in claims if claim["name"] in false]
     if not wrong:
         return False
+    places = gap["unknown"]["where"]
+    closed = _numbers([place.get("closure") or {} for place in places], "reduction")
+    shares = _numbers(wrong, "share_of_gap")
+    named = _numbers([gap["closure"]], "reduction")
+    if closed and shares and named:
+        return max(shares) * named[0] > max(closed)
     for key in ("held_out_energy", "share_of_gap"):
-        own = _numbers(unknown["where"], key)
+        own = _numbers(places, key)
         rival = _numbers(wrong, key)
         if own and rival:
             return max(rival) > max(own)
@@ -214,12 +246,14 @@ def _numbers(entries: Sequence[Mapping[str, Any]], key: str) -> list[float]:
 
 
 def _placed(label: Label, unknown: Mapping[str, Any]) -> bool:
-    """Whether the unknown's place names a variable of the effect, or exactly its aircraft."""
+    """Whether a place of the unknown names a variable of the effect, or exactly its aircraft."""
     wanted = {name for focus in label["focus"] for name in PLACES.get(focus, ())}
+    if label["outside"] is not None:
+        wanted = set(label["outside"]["variables"])
     tails = {tail for effect in label["effects"] for tail in effect["tails"] or ()}
     for place in unknown["where"]:
         told = {str(place.get("variable")), *map(str, place.get("variables", ()))}
-        if told & wanted:
+        if any(same_variable(name, true) for name in told for true in wanted):
             return True
         named = set(place.get("tails") or ())
         if not wanted and tails and named and len(tails & named) / len(tails | named) >= 0.5:

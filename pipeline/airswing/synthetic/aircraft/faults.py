@@ -4,7 +4,8 @@ A fault is a mapping ``{"name", "tails", "parameters", "period"}``: ``tails`` nu
 the whole fleet, ``period`` null or ``[start, end]`` in ISO 8601 (either may be null). Names and
 parameters are those of the published catalogue of effects, but each is realised here by physics
 of the vector instrument (`airswing.synthetic.aircraft.instrument`), not by a formula for the curve
-it makes. Names under ``OUTSIDE`` are in no catalogue.
+it makes.
+``heading_by_temperature``, ``three_cycle`` and ``outside`` are in no catalogue.
 
 Assumptions and stated scales
 -----------------------------
@@ -13,6 +14,10 @@ Assumptions and stated scales
 * ``acceleration_error``: amplitude of sin(m) at 1 g along the heading and 45 degrees of dip,
   ``turn_error``: amplitude of cos(m) at one radian of bank and 45 degrees of dip; a freely hanging
   sensor has -57.3 degrees of both;
+* ``heater_current`` with ``between_degC`` acts by temperature, ``acceleration_error`` with
+  ``by_phase`` by phase (+ in climb, - in descent, as at 0.03 g);
+* ``outside`` moves any component of the wind by any variables
+  (`airswing.synthetic.aircraft.outside_effects`);
 * ``wind_coding``: ``step`` in kt and ``direction_step_deg``; ``position_coding``: ``step`` in
   arc-minutes;
 * ``reference_grid_relative``: ``fraction`` 1 leaves the rotation out, -1 makes it once too often;
@@ -37,11 +42,13 @@ from airswing.synthetic.aircraft.instrument import Unit
 from airswing.synthetic.world.earthfield import declination_of_year
 from airswing.synthetic.world.gridded_fields import ReferenceChange
 
-__all__ = ["OUTSIDE", "UNIT_FAULTS", "Fault", "Setting", "apply_unit_faults", "parse_faults"]
+__all__ = ["UNIT_FAULTS", "Fault", "Setting", "apply_unit_faults", "parse_faults"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _G = 9.80665
+_USUAL_ACCELERATION = 0.03
+"""What an error by phase takes for the acceleration of a climb, in units of gravity."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +95,12 @@ class Setting:
         Hours since the start, degrees, m.
     magnetic, declination, horizontal, down : ndarray
         True magnetic heading and declination (radians), H and Z (nT).
-    acceleration, bank, temperature, drift : ndarray
-        Along the heading (m s-2), radians, K, track minus heading (radians).
+    acceleration, bank, temperature : ndarray
+        Along the heading (m s-2), radians, K.
     icing : ndarray of bool
         Icing protection is on.
+    phase : ndarray of int
+        1 ascent, 2 cruise, 3 descent.
     box : (float, float, float, float)
         South, north, west, east in degrees.
 
@@ -114,8 +123,8 @@ class Setting:
     acceleration: Array
     bank: Array
     temperature: Array
-    drift: Array
     icing: Mask
+    phase: NDArray[np.int64]
     box: tuple[float, float, float, float]
     unit: Unit = field(init=False)
     usual_field: float = field(init=False)
@@ -159,12 +168,22 @@ def _drift(setting: Setting, fault: Fault, where: Mask) -> None:
 
 
 def _heater(setting: Setting, fault: Fault, where: Mask) -> None:
-    _both(setting, fault, where & setting.icing)
+    if fault.parameters.get("between_degC") is None:
+        on = setting.icing
+    else:
+        low, high = (float(edge) + 273.15 for edge in fault.parameters["between_degC"])
+        on = (setting.temperature >= low) & (setting.temperature < high)
+    _both(setting, fault, where & on)
 
 
 def _acceleration(setting: Setting, fault: Fault, where: Mask) -> None:
     gain = np.radians(fault.value("amplitude_deg"))
-    setting.unit.tilt_forward[where] -= gain * setting.acceleration[where] / _G
+    speeding = setting.acceleration / _G
+    if fault.parameters.get("by_phase"):
+        speeding = _USUAL_ACCELERATION * np.select(
+            [setting.phase == 1, setting.phase == 3], [1.0, -1.0], 0.0
+        )
+    setting.unit.tilt_forward[where] -= gain * speeding[where]
 
 
 def _turn(setting: Setting, fault: Fault, where: Mask) -> None:
@@ -197,36 +216,10 @@ def _by_temperature(setting: Setting, fault: Fault, where: Mask) -> None:
     setting.unit.rotation[where] += np.radians(fault.value("amplitude_deg")) * cold
 
 
-def _by_longitude(setting: Setting, fault: Fault, where: Mask) -> None:
-    centre = 0.5 * (setting.box[2] + setting.box[3])
-    half = 0.5 * (setting.box[3] - setting.box[2])
-    east = (setting.longitude[where] - centre) / half
-    setting.unit.rotation[where] += np.radians(fault.value("amplitude_deg")) * east
-
-
-def _by_hour(setting: Setting, fault: Fault, where: Mask) -> None:
-    hour = 2 * np.pi * setting.hours[where] / 24.0 + np.radians(fault.value("phase_deg"))
-    setting.unit.rotation[where] += np.radians(fault.value("amplitude_deg")) * np.sin(hour)
-
-
 def _three_cycle(setting: Setting, fault: Fault, where: Mask) -> None:
     sine, cosine = fault.cycle()
     setting.unit.third_sine[where] += sine
     setting.unit.third_cosine[where] += cosine
-
-
-def _pitot_icing(setting: Setting, fault: Fault, where: Mask) -> None:
-    factor = 1.0 + fault.value("scale_percent") / 100.0
-    setting.unit.airspeed_factor[where & setting.icing] *= factor
-
-
-def _tas_altitude(setting: Setting, fault: Fault, where: Mask) -> None:
-    height = (setting.altitude[where] - 4000.0) / 3000.0
-    setting.unit.airspeed_factor[where] *= 1.0 + fault.value("scale_percent") / 100.0 * height
-
-
-def _crosswind(setting: Setting, fault: Fault, where: Mask) -> None:
-    setting.unit.rotation[where] += fault.value("fraction") * setting.drift[where]
 
 
 UNIT_FAULTS: dict[str, Callable[[Setting, Fault, Mask], None]] = {
@@ -242,25 +235,9 @@ UNIT_FAULTS: dict[str, Callable[[Setting, Fault, Mask], None]] = {
     "tas_scale": _tas_scale,
     "tas_offset": _tas_offset,
     "heading_by_temperature": _by_temperature,
-    "heading_by_longitude": _by_longitude,
-    "heading_by_hour": _by_hour,
     "three_cycle": _three_cycle,
-    "pitot_icing": _pitot_icing,
-    "tas_by_altitude": _tas_altitude,
-    "heading_by_crosswind": _crosswind,
 }
 """Faults of the unit itself."""
-
-OUTSIDE = (
-    "heading_by_temperature",
-    "heading_by_longitude",
-    "heading_by_hour",
-    "three_cycle",
-    "pitot_icing",
-    "tas_by_altitude",
-    "heading_by_crosswind",
-)
-"""Faults that no catalogue of the package names."""
 
 _REFERENCE = ("reference_speed_bias", "reference_time_offset", "reference_grid_relative")
 _REPORTING = (
@@ -270,6 +247,7 @@ _REPORTING = (
     "wind_coding",
     "position_coding",
     "outliers",
+    "outside",
 )
 
 

@@ -21,6 +21,11 @@ from airswing.physics.atmosphere import pressure_from_altitude, standard_tempera
 from airswing.synthetic.aircraft.airborne_fleet import STEP, Flown
 from airswing.synthetic.aircraft.faults import Fault, Setting, acts, apply_unit_faults
 from airswing.synthetic.aircraft.instrument import coded, compute_wind, sensed_heading
+from airswing.synthetic.aircraft.outside_effects import (
+    outside_change,
+    report_variables,
+    scatter_change,
+)
 from airswing.synthetic.world.earthfield import EarthField
 from airswing.synthetic.world.gridded_fields import plane
 from airswing.synthetic.world.true_atmosphere import stream
@@ -92,18 +97,12 @@ def _state(
         v=blown[1],
         heading=heading,
         airspeed=np.hypot(*air),
-        drift=_wrap(np.arctan2(state["east"], state["north"]) - heading),
         acceleration=speeding[0] * np.sin(heading) + speeding[1] * np.cos(heading),
         declination=declination,
         horizontal=horizontal,
         down=down,
     )
     return state
-
-
-def _wrap(angle: Array) -> Array:
-    """Return an angle in (-pi, pi]."""
-    return np.asarray(np.pi - (np.pi - angle) % (2 * np.pi))
 
 
 def _weather(state: dict[str, Array], seed: int) -> tuple[Array, NDArray[np.bool_]]:
@@ -219,7 +218,8 @@ def observe(
         One row a report. Coded: ``latitude, longitude`` degrees, ``altitude`` m, ``hours``,
         ``direction`` degrees, ``speed`` kt, ``celsius``. Exact: ``true_*``, ``ground_u/v``,
         ``heading, airspeed`` as indicated, ``bank``, ``acceleration``, ``declination``,
-        ``horizontal``, ``dip`` (radians, SI).
+        ``horizontal``, ``dip`` (radians, SI); ``computed_u/v``, the wind the unit computed before
+        whatever became of it. ``made`` numbers the reports, with and without effects alike.
     """
     tail = flown.aircraft[flight]
     here = _state(flown, flight, step.astype(float), wind, field)
@@ -242,6 +242,7 @@ def observe(
         tail=tail,
         temperature=temperature,
         icing=icing,
+        phase=flown.phase[step, flight].astype(np.int64),
         box=box,
         magnetic=used["heading"] - used["declination"],
         **{
@@ -256,7 +257,6 @@ def observe(
                 "down",
                 "acceleration",
                 "bank",
-                "drift",
             )
         },
     )
@@ -292,6 +292,33 @@ def observe(
     return _report(frame, here, u, v, faults, tails, coding, seed)
 
 
+def _outside(
+    frame: pd.DataFrame,
+    u: Array,
+    v: Array,
+    hours: Array,
+    faults: Sequence[Fault],
+    tails: Sequence[str],
+    seed: int,
+) -> tuple[Array, Array]:
+    """Return the computed wind with the effects that are in no catalogue."""
+    frame["computed_u"], frame["computed_v"] = u, v
+    outside = [fault for fault in faults if fault.name == "outside"]
+    if not outside:
+        return u, v
+    variables = report_variables(frame, u, v, hours)
+    whose = frame["aircraft"].to_numpy()
+    for number, fault in enumerate(outside):
+        chosen = acts(fault, whose, hours, tails)
+        if "kind" in fault.parameters:
+            rng = stream(seed, f"outside {number}")
+            change = scatter_change(fault.parameters, u, v, variables, chosen, rng)
+        else:
+            change = outside_change(fault.parameters, u, v, variables, chosen)
+        u, v = u + change[:, 0], v + change[:, 1]
+    return u, v
+
+
 def _report(
     frame: pd.DataFrame,
     here: dict[str, Array],
@@ -302,9 +329,11 @@ def _report(
     coding: Coding,
     seed: int,
 ) -> pd.DataFrame:
-    """Add the coded columns: what stands in the message."""
+    """Add the coded columns (what stands in the message) and the number a report was made with."""
+    frame["made"] = np.arange(len(frame))
     tail, hours = frame["aircraft"].to_numpy(), here["hours"]
     count = hours.size
+    u, v = _outside(frame, u, v, hours, faults, tails, seed)
     steps = {
         "direction": np.full(count, coding.direction_deg),
         "speed": np.full(count, coding.speed_kt),

@@ -163,8 +163,8 @@ def unit_of(
         acceleration=one,
         bank=one,
         temperature=one + 260.0,
-        drift=one,
         icing=np.zeros(1, bool),
+        phase=np.full(1, 2),
         box=(0.0, 1.0, 0.0, 1.0),
     )
     if usual_field is not None:

@@ -3,14 +3,16 @@
 Assumptions
 -----------
 Rungs: 1 the generator's ordinary world, 2 its hard world (longer-reaching error, heavy tails, bias,
-1 % outliers, a little of everything everywhere), 3 two effects at once, 4 effects outside the
-catalogue and catalogue effects taken out of it for the diagnosis, 5 real data: the residual errors
-of a real flux valve, and the real error of a real forecast, with an effect added. A quarter of
-every rung holds nothing. (Rung 0 is the proof of the generator, `airswing.blind_check.proof`.)
+1 % outliers, a little of everything everywhere), 3 two effects at once, every other time on the
+same aircraft, 4 effects outside the catalogue, drawn at random, and catalogue effects taken out of
+it for the diagnosis, 5 real data: the residual errors of a real flux valve, and the real error of a
+real forecast, with an effect added. A quarter of every rung holds nothing, or as many as are asked
+for. (Rung 0 is the proof of the generator, `airswing.blind_check.proof`.)
 
-Effects and sizes are dealt like cards, every effect as often as every other. Cases of one rung
-share worlds a few at a time, so that fields need not be written for each; names are dealt last and
-say nothing.
+Effects, their variants (on all aircraft, in another form, in the last week) and sizes are dealt
+like cards, every effect as often as every other. Cases of one rung share worlds a few at a time, so
+that fields need not be written for each; names are dealt last and say nothing. An outside effect is
+dealt as several draws: the first that no name explains on its archive is taken.
 
 Units: m/s for sizes.
 """
@@ -18,24 +20,28 @@ Units: m/s for sizes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
 
 from airswing.synthetic.sealed.draws import (
     CATALOGUE_NAMES,
-    OUTSIDE_NAMES,
+    FLEET,
     SIZES,
     Drawn,
     draw_effect,
+    variants,
 )
+from airswing.synthetic.sealed.outside_draws import OUTSIDE_SHAPES, draw_outside
 
 __all__ = ["RUNGS", "Case", "Size", "World", "plan_cases"]
 
-RUNGS: dict[int, float] = {1: 0.4, 2: 0.15, 3: 0.15, 4: 0.2, 5: 0.1}
+RUNGS: dict[int, float] = {1: 0.35, 2: 0.1, 3: 0.15, 4: 0.3, 5: 0.1}
 """Share of the cases on each rung."""
 CASES_PER_WORLD = 8
+MOST_DRAWS = 12
+"""Draws an outside effect is dealt as."""
 START = datetime(2009, 3, 1)
 SENSOR_NAMES = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
 """Effects injected into real data: seen in a day, independent of what a G1000 does not record."""
@@ -115,6 +121,11 @@ class Case:
         Wanted strength of each, m/s.
     without : tuple of str
         Effects the diagnosis does without.
+    variant : str
+        Of the effect, see `airswing.synthetic.sealed.draws.variants`; of a pair ``same aircraft``
+        or ``apart``; of an outside effect its shape.
+    instead : tuple of Drawn
+        Outside effects to take where the first is not fit.
     """
 
     name: str
@@ -123,11 +134,13 @@ class Case:
     world: World
     drawn: tuple[Drawn, ...] = ()
     sizes: tuple[float, ...] = ()
-    without: tuple[str, ...] = field(default=())
+    without: tuple[str, ...] = ()
+    variant: str = "plain"
+    instead: tuple[Drawn, ...] = ()
 
 
 class _Deck:
-    """Deals (name, size) pairs: every name before any comes again, sizes in turn."""
+    """Deals (name, size, variant): every name before any comes again, the others in turn."""
 
     def __init__(
         self, names: Sequence[str], sizes: Sequence[float], rng: np.random.Generator
@@ -135,14 +148,18 @@ class _Deck:
         self._names, self._sizes, self._rng = list(names), list(sizes), rng
         self._hand: list[str] = []
         self._turn = {name: int(rng.integers(len(self._sizes))) for name in self._names}
+        self._variant = {name: int(rng.integers(8)) for name in self._names}
 
-    def deal(self) -> tuple[str, float]:
-        """Return the next pair."""
+    def deal(self) -> tuple[str, float, str]:
+        """Return the next card."""
         if not self._hand:
             self._hand = [str(name) for name in self._rng.permutation(self._names)]
         name = self._hand.pop()
         self._turn[name] += 1
-        return name, self._sizes[self._turn[name] % len(self._sizes)]
+        self._variant[name] += 1
+        forms = variants(name)
+        size = self._sizes[self._turn[name] % len(self._sizes)]
+        return name, size, forms[self._variant[name] % len(forms)]
 
 
 def plan_cases(
@@ -152,6 +169,7 @@ def plan_cases(
     size: Size,
     rungs: Sequence[int] = tuple(RUNGS),
     names: Sequence[str] | None = None,
+    nulls: int | None = None,
 ) -> list[Case]:
     """Draw the cases of a check.
 
@@ -167,6 +185,8 @@ def plan_cases(
         Rungs to play; the shares of the others are spread over them.
     names : sequence of str, optional
         Catalogue effects to draw from; all by default.
+    nulls : int, optional
+        How many of the cases hold nothing; a quarter by default.
 
     Returns
     -------
@@ -175,22 +195,18 @@ def plan_cases(
     """
     rng = np.random.default_rng([seed, 8])
     counts = _counts(number, rungs)
+    empty = {rung: round(count / 4) for rung, count in counts.items()}
+    if nulls is not None:
+        empty = _counts(min(nulls, number), rungs)
     drawn: list[Case] = []
     for rung, count in counts.items():
-        drawn += _rung(rung, count, rng, seed, size, list(names or CATALOGUE_NAMES))
+        dealer = _Dealer(rung, rng, seed, size, list(names or CATALOGUE_NAMES))
+        drawn += dealer.cases(count, min(empty[rung], count))
     order = rng.permutation(len(drawn))
     width = max(3, len(str(len(drawn))))
-    named = [
-        Case(f"case_{place + 1:0{width}d}", *_fields(drawn[int(k)]))
-        for place, k in enumerate(order)
+    return [
+        replace(drawn[int(k)], name=f"case_{place + 1:0{width}d}") for place, k in enumerate(order)
     ]
-    return named
-
-
-def _fields(
-    case: Case,
-) -> tuple[int, str, World, tuple[Drawn, ...], tuple[float, ...], tuple[str, ...]]:
-    return case.rung, case.kind, case.world, case.drawn, case.sizes, case.without
 
 
 def _counts(number: int, rungs: Sequence[int]) -> dict[int, int]:
@@ -205,51 +221,100 @@ def _counts(number: int, rungs: Sequence[int]) -> dict[int, int]:
     return counts
 
 
-def _rung(
-    rung: int, count: int, rng: np.random.Generator, seed: int, size: Size, names: list[str]
-) -> list[Case]:
-    """Draw the cases of one rung."""
-    nulls = round(count / 4)
-    larger = [value for value in size.sizes if value >= 0.4]
-    outside = _Deck(OUTSIDE_NAMES, larger, rng)
-    removed = _Deck([n for n in names if n != "tail_swap"], [0.8], rng)
-    paired = _Deck([n for n in names if n != "tail_swap"], larger, rng)
-    injected = _Deck([n for n in SENSOR_NAMES if n in names] or SENSOR_NAMES, larger, rng)
-    single = _Deck(names, size.sizes, rng)
-    out: list[Case] = []
-    # Archives without effects are the same where their worlds are: each null has its own.
-    worlds = max(nulls, -(-count // CASES_PER_WORLD))
-    for index in range(count):
-        world = _world(rung, index, worlds, seed, size)
-        if index < nulls:
-            out.append(Case("", rung, "null", world))
-            continue
-        kind = {3: "pair", 4: "removed" if index % 2 else "outside"}.get(rung, "single")
-        deck = {"pair": paired, "outside": outside, "removed": removed}.get(kind, single)
-        dealt = [(injected if rung == 5 else deck).deal()]
-        while kind == "pair" and len({name for name, _ in dealt}) < 2:
-            dealt = [dealt[0], deck.deal()]
-        parts = tuple(_draw(name, strength, rng, world, size) for name, strength in dealt)
-        out.append(
-            Case(
-                "", rung, kind, world, parts, tuple(strength for _, strength in dealt),
-                (dealt[0][0],) if kind == "removed" else (),
+class _Dealer:
+    """Draws the cases of one rung."""
+
+    def __init__(
+        self, rung: int, rng: np.random.Generator, seed: int, size: Size, names: list[str]
+    ) -> None:
+        self.rung, self.rng, self.seed, self.size = rung, rng, seed, size
+        larger = [value for value in size.sizes if value >= 0.4]
+        both = [name for name in names if name != "tail_swap"]
+        self._single = _Deck(names, size.sizes, rng)
+        self._removed = _Deck(both, [0.8], rng)
+        self._paired = _Deck(both, larger, rng)
+        self._injected = _Deck([n for n in SENSOR_NAMES if n in names] or SENSOR_NAMES, larger, rng)
+        self._sizes = larger
+        self._shapes: list[str] = []
+        self._number = 0
+
+    def cases(self, count: int, nulls: int) -> list[Case]:
+        """Return the cases, those that hold nothing first."""
+        # Archives without effects are the same where their worlds are: each null has its own.
+        worlds = max(nulls, -(-count // CASES_PER_WORLD))
+        out = []
+        for index in range(count):
+            world = self._world(index, worlds)
+            case = Case("", self.rung, "null", world)
+            out.append(case if index < nulls else self._with_effect(case, index))
+        return out
+
+    def _world(self, index: int, worlds: int) -> World:
+        kind = "hard" if self.rung == 2 else "default"
+        if self.rung == 5:
+            kind = "model" if index % 2 else "sensor"
+        number = 10_000 * self.seed + 1000 * self.rung + index % worlds
+        days = 1 if kind == "model" else self.size.days
+        return World(number, kind, days, self.size.aircraft, self.size.coarse)
+
+    def _with_effect(self, case: Case, index: int) -> Case:
+        if self.rung == 3:
+            return self._pair(case)
+        if self.rung == 4 and index % 3:
+            return self._outside(case)
+        deck = {4: self._removed, 5: self._injected}.get(self.rung, self._single)
+        name, strength, variant = deck.deal()
+        if self.rung >= 4:
+            variant = "plain"
+        parts = (self._draw(name, strength, case.world, variant=variant),)
+        dealt = replace(case, drawn=parts, sizes=(strength,), variant=variant)
+        if self.rung == 4:
+            return replace(dealt, kind="removed", without=(name,))
+        return replace(dealt, kind="single")
+
+    def _pair(self, case: Case) -> Case:
+        """Draw two effects, every other time on the same aircraft where they can be."""
+        first, size, _ = self._paired.deal()
+        second, other, _ = self._paired.deal()
+        while second == first:
+            second, other, _ = self._paired.deal()
+        self._number += 1
+        one = self._draw(first, size, case.world)
+        among = one.tails if self._number % 2 and second not in FLEET else None
+        two = self._draw(second, other, case.world, among=among)
+        variant = "apart" if among is None else "same aircraft"
+        return replace(case, kind="pair", drawn=(one, two), sizes=(size, other), variant=variant)
+
+    def _outside(self, case: Case) -> Case:
+        if not self._shapes:
+            self._shapes = [str(shape) for shape in self.rng.permutation(OUTSIDE_SHAPES)]
+        shape = self._shapes.pop()
+        self._number += 1
+        strength = self._sizes[self._number % len(self._sizes)]
+        draws = tuple(
+            Drawn(
+                "outside",
+                (draw_outside(self.rng, shape=shape, tails=self.size.tails, start=START,
+                              days=case.world.days, size=strength),),
             )
+            for _ in range(MOST_DRAWS)
         )  # fmt: skip
-    return out
+        return replace(
+            case, kind="outside", drawn=draws[:1], sizes=(strength,), variant=shape,
+            instead=draws[1:],
+        )  # fmt: skip
 
-
-def _world(rung: int, index: int, worlds: int, seed: int, size: Size) -> World:
-    kind = "hard" if rung == 2 else "default"
-    if rung == 5:
-        kind = "model" if index % 2 else "sensor"
-    number = 10_000 * seed + 1000 * rung + index % worlds
-    days = 1 if kind == "model" else size.days
-    return World(number, kind, days, size.aircraft, size.coarse)
-
-
-def _draw(name: str, strength: float, rng: np.random.Generator, world: World, size: Size) -> Drawn:
-    step = SIZES.index(strength) if strength in SIZES else 1
-    return draw_effect(
-        name, rng, tails=size.tails, start=START, days=world.days, step=step,
-    )  # fmt: skip
+    def _draw(
+        self,
+        name: str,
+        strength: float,
+        world: World,
+        *,
+        variant: str = "plain",
+        among: Sequence[str] | None = None,
+    ) -> Drawn:
+        step = SIZES.index(strength) if strength in SIZES else 1
+        return draw_effect(
+            name, self.rng, tails=self.size.tails, start=START, days=world.days, step=step,
+            among=among, variant=variant,
+        )  # fmt: skip

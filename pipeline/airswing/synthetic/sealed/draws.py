@@ -24,12 +24,12 @@ import numpy as np
 __all__ = [
     "CATALOGUE_NAMES",
     "LADDER",
-    "OUTSIDE_NAMES",
     "SCALED",
     "SIZES",
     "Drawn",
     "draw_effect",
     "scaled",
+    "variants",
 ]
 
 Effect = dict[str, Any]
@@ -54,13 +54,6 @@ SCALED: dict[str, tuple[str, ...]] = {
     "altitude_offset": ("offset_ft",),
     "time_lag": ("offset_s",),
     "tail_swap": ("amplitude_deg",),
-    "heading_by_temperature": ("amplitude_deg",),
-    "heading_by_longitude": ("amplitude_deg",),
-    "heading_by_hour": ("amplitude_deg",),
-    "three_cycle": ("amplitude_deg",),
-    "pitot_icing": ("scale_percent",),
-    "tas_by_altitude": ("scale_percent",),
-    "heading_by_crosswind": ("fraction",),
 }
 """Parameters that a strength multiplies."""
 
@@ -90,17 +83,7 @@ FLEET = (
     "reference_time_offset",
     "reference_grid_relative",
 )
-OUTSIDE_NAMES = (
-    "heading_by_temperature",
-    "heading_by_longitude",
-    "heading_by_hour",
-    "three_cycle",
-    "pitot_icing",
-    "tas_by_altitude",
-    "heading_by_crosswind",
-)
-"""Effects that stand in no catalogue."""
-CATALOGUE_NAMES = tuple(sorted({*SCALED, *LADDER} - set(OUTSIDE_NAMES)))
+CATALOGUE_NAMES = tuple(sorted({*SCALED, *LADDER}))
 """Effects of the published catalogue."""
 
 
@@ -156,10 +139,6 @@ def _signed(key: str, value: float = 1.0) -> Callable[[np.random.Generator], dic
     return lambda rng: {key: value * _sign(rng)}
 
 
-def _hour_cycle(rng: np.random.Generator) -> dict[str, Any]:
-    return {"amplitude_deg": 1.0, "phase_deg": _phase(rng)}
-
-
 def _declination(rng: np.random.Generator) -> dict[str, Any]:
     if rng.uniform() < 0.5:
         return {"factor": float(rng.choice([0.0, 0.5, 1.5])), "mean_deg": _sign(rng)}
@@ -169,6 +148,49 @@ def _declination(rng: np.random.Generator) -> dict[str, Any]:
 def _speed_bias(rng: np.random.Generator) -> dict[str, Any]:
     above = None if rng.uniform() < 0.5 else float(rng.choice([500.0, 600.0, 700.0]))
     return {"bias_percent": 5.0 * _sign(rng), "above_hPa": above}
+
+
+def _band(rng: np.random.Generator) -> dict[str, Any]:
+    """Return the heater's band of temperature: within what icing protection is used in."""
+    low = float(rng.choice([-20.0, -15.0, -10.0]))
+    return {"between_degC": [low, low + float(rng.choice([10.0, 15.0]))]}
+
+
+def _below(rng: np.random.Generator) -> dict[str, Any]:
+    return {"above_hPa": None, "below_hPa": float(rng.choice([600.0, 700.0, 800.0]))}
+
+
+_FORMS: dict[str, Callable[[np.random.Generator], dict[str, Any]]] = {
+    "heater_current": _band,
+    "acceleration_error": lambda rng: {"by_phase": True, "amplitude_deg": 10.0 * _sign(rng)},
+    "reference_speed_bias": _below,
+}
+"""Other forms of an effect: what they add to the parameters."""
+_DATED = ("compass_step", "compass_drift", "tail_swap")
+"""Effects that can begin in the last week."""
+
+
+def variants(name: str) -> tuple[str, ...]:
+    """Return the variants an effect comes in.
+
+    Parameters
+    ----------
+    name : str
+        Effect of the catalogue.
+
+    Returns
+    -------
+    tuple of str
+        ``plain``; ``fleet`` (all aircraft); ``form`` (another form of it); ``last week``.
+    """
+    out = ["plain"]
+    if name not in FLEET and name != "tail_swap":
+        out.append("fleet")
+    if name in _FORMS:
+        out.append("form")
+    if name in _DATED:
+        out.append("last week")
+    return tuple(out)
 
 
 _UNIT: dict[str, Callable[[np.random.Generator], dict[str, Any]]] = {
@@ -188,13 +210,6 @@ _UNIT: dict[str, Callable[[np.random.Generator], dict[str, Any]]] = {
     "reference_grid_relative": _signed("fraction"),
     "altitude_offset": _signed("offset_ft", 300.0),
     "time_lag": lambda rng: {"offset_s": 60.0},
-    "heading_by_temperature": _signed("amplitude_deg"),
-    "heading_by_longitude": _signed("amplitude_deg"),
-    "heading_by_hour": _hour_cycle,
-    "three_cycle": _cycle,
-    "pitot_icing": lambda rng: {"scale_percent": -3.0},
-    "tas_by_altitude": _signed("scale_percent"),
-    "heading_by_crosswind": _signed("fraction", 0.1),
 }
 
 
@@ -207,6 +222,7 @@ def draw_effect(
     days: int,
     step: int = 1,
     among: Sequence[str] | None = None,
+    variant: str = "plain",
 ) -> Drawn:
     """Draw whom, when and which way, at unit strength.
 
@@ -225,36 +241,44 @@ def draw_effect(
     step : int
         Rung of the ladder for effects that have one.
     among : sequence of str, optional
-        Aircraft to choose from; all by default.
+        Aircraft it acts on; by default they are drawn.
+    variant : str
+        Of `variants`.
 
     Returns
     -------
     Drawn
     """
+    last = variant == "last week"
     if name == "tail_swap":
-        return _swap(rng, list(among or tails), start, days)
-    chosen = None if name in FLEET else _aircraft(rng, list(among or tails))
+        return _swap(rng, list(tails), _date(rng, start, days, last=last))
+    chosen = None if name in FLEET else list(among or _aircraft(rng, list(tails)))
+    if variant == "fleet":
+        chosen = sorted(tails)
     parameters = dict(LADDER[name][step]) if name in LADDER else _UNIT[name](rng)
+    if variant == "form":
+        parameters |= _FORMS[name](rng)
     effect: Effect = {"name": name, "tails": chosen, "parameters": parameters, "period": None}
-    if name == "compass_step":
-        effect["period"] = [_date(rng, start, days), None]
+    if name == "compass_step" or last:
+        effect["period"] = [_date(rng, start, days, last=last), None]
     return Drawn(name, (effect,))
 
 
 def _aircraft(rng: np.random.Generator, tails: list[str]) -> list[str]:
-    """Return one to a third of the aircraft, one time in eight all of them."""
-    if rng.uniform() < 0.125:
-        return sorted(tails)
+    """Return one to a third of the aircraft."""
     number = int(rng.integers(1, max(2, len(tails) // 3) + 1))
     return sorted(str(tail) for tail in rng.choice(tails, min(number, len(tails)), replace=False))
 
 
-def _date(rng: np.random.Generator, start: datetime, days: int) -> str:
+def _date(rng: np.random.Generator, start: datetime, days: int, *, last: bool = False) -> str:
+    """Return a day in the middle half of the archive, or two to six days before its end."""
     day = round(float(rng.uniform(0.25, 0.75)) * days)
+    if last:
+        day = days - int(rng.integers(2, 7))
     return (start + timedelta(days=day)).isoformat()
 
 
-def _swap(rng: np.random.Generator, tails: list[str], start: datetime, days: int) -> Drawn:
+def _swap(rng: np.random.Generator, tails: list[str], date: str) -> Drawn:
     """Return two aircraft with opposite deviations that exchange names at a date."""
     pair = sorted(str(tail) for tail in rng.choice(tails, 2, replace=False))
     phase = _phase(rng)
@@ -271,7 +295,7 @@ def _swap(rng: np.random.Generator, tails: list[str], start: datetime, days: int
         "name": "tail_swap",
         "tails": pair,
         "parameters": {"pair": pair},
-        "period": [_date(rng, start, days), None],
+        "period": [date, None],
     }
     return Drawn("tail_swap", (*deviations, swap))
 

@@ -7,8 +7,9 @@ Assumptions
   as proportional to the effect's parameters.
 * The true closure is measured on the very reports written: the mean vector disagreement with the
   effect, and in the twin archive of the same seed without it (for the hard world, without the
-  effect but with the background everything has). Coarse coding and gross errors stay in the twin:
-  no simulation can take them off report by report, so their closure is nil.
+  effect but with the background everything has), over the reports that both archives use.
+* Of the draws of an outside effect the first is taken that acts on enough reports, is large enough
+  and of which what has a name explains less than `MOST_NAMED`.
 * GRIB files are written once per world and state of the references; cases point to them.
 
 Validity: the generator of `airswing.synthetic`, which shares no code with `airswing.gap.effects`.
@@ -36,10 +37,11 @@ from airswing.synthetic.sample import sample_archive as archive
 from airswing.synthetic.sample.sample_archive import Scenario, simulate_arrays, write_reports
 from airswing.synthetic.sealed.cases import START, Case, World
 from airswing.synthetic.sealed.draws import LADDER, Drawn, scaled
+from airswing.synthetic.sealed.outside_truth import is_fit, outside_truth
 from airswing.synthetic.world.gribwriter import write_reference
 from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
 
-__all__ = ["Archivist", "disagreement_kt", "strength_of"]
+__all__ = ["Archivist", "strength_of", "twin_closure"]
 
 Array = NDArray[np.float64]
 Effects = Sequence[Mapping[str, Any]]
@@ -84,11 +86,31 @@ def innovation(frame: pd.DataFrame) -> Array:
     return np.stack([np.asarray(part, float) for part in out], axis=-1)
 
 
-def disagreement_kt(frame: pd.DataFrame) -> float:
-    """Return the mean vector disagreement of the reports a diagnosis uses, kt."""
-    wind = innovation(frame)
-    keep = np.isfinite(wind).all(axis=1) & (frame["temperature_qc"] == "pass").to_numpy()
-    return float(np.hypot(*wind[keep].T).mean() / KNOT)
+def usable(frame: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return which reports (n,) a diagnosis uses."""
+    passed = (frame["temperature_qc"] == "pass").to_numpy(bool)
+    return np.asarray(np.isfinite(innovation(frame)).all(axis=1) & passed)
+
+
+def twin_closure(made: pd.DataFrame, twin: pd.DataFrame) -> dict[str, float]:
+    """Return the mean vector disagreement of an archive and of its twin, on the same reports.
+
+    Parameters
+    ----------
+    made, twin : pandas.DataFrame
+        Reports with the references' winds; ``made`` numbers the reports in both.
+
+    Returns
+    -------
+    dict
+        ``before`` (of the archive) and ``after`` (of the twin), kt.
+    """
+    own, bare = made.set_index("made"), twin.set_index("made").loc[made["made"]]
+    both = usable(own) & usable(bare)
+    return {
+        name: float(np.hypot(*innovation(frame)[both].T).mean() / KNOT)
+        for name, frame in (("before", own), ("after", bare))
+    }
 
 
 def acting(frame: pd.DataFrame, drawn: Drawn) -> NDArray[np.bool_]:
@@ -96,16 +118,21 @@ def acting(frame: pd.DataFrame, drawn: Drawn) -> NDArray[np.bool_]:
     here = np.ones(len(frame), bool)
     if drawn.tails is not None:
         here &= np.isin(frame["tail"].to_numpy(str), np.array(drawn.tails))
-    if drawn.name in ("heater_current", "pitot_icing"):
+    own = drawn.effects[0]["parameters"]
+    if drawn.name == "heater_current" and own.get("between_degC") is not None:
+        celsius = frame["temperature"].to_numpy() - 273.15
+        here &= (celsius >= own["between_degC"][0]) & (celsius < own["between_degC"][1])
+    elif drawn.name == "heater_current":
         here &= frame["icing"].to_numpy() == 1
     elif drawn.name == "acceleration_error":
         here &= frame["phase"].to_numpy() != 2
     elif drawn.name == "turn_error":
         here &= np.abs(frame["bank"].to_numpy()) > np.radians(2.0)
     elif drawn.name == "reference_speed_bias":
-        above = drawn.effects[0]["parameters"].get("above_hPa")
-        if above is not None:
-            here &= frame["pressure"].to_numpy() <= 100.0 * above
+        if own.get("above_hPa") is not None:
+            here &= frame["pressure"].to_numpy() <= 100.0 * own["above_hPa"]
+        if own.get("below_hPa") is not None:
+            here &= frame["pressure"].to_numpy() >= 100.0 * own["below_hPa"]
     return here
 
 
@@ -223,13 +250,18 @@ class Archivist:
         Returns
         -------
         dict
-            ``name, rung, kind, size, measured, effects, names, tails, without, closure`` and what
-            the world has in the background.
+            ``name, rung, kind, variant, size, sizes, focus, names, effects, without, closure``,
+            what the world has in the background, and of an outside effect ``outside``: component,
+            shape, variables, the share that has a name, and what each variable carries.
         """
-        drawn = tuple(
-            self._strengthened(part, size, case.world)
-            for part, size in zip(case.drawn, case.sizes, strict=True)
-        )
+        if case.kind == "outside":
+            drawn, outside = self._fit_draw(case)
+        else:
+            outside = None
+            drawn = tuple(
+                self._strengthened(part, size, case.world)
+                for part, size in zip(case.drawn, case.sizes, strict=True)
+            )
         effects = [effect for part in drawn for effect in part.effects]
         folder = self.root / "cases" / case.name
         if case.world.kind == "model":
@@ -238,13 +270,15 @@ class Archivist:
             closure = write_model_case(folder, self._real(), effects, case.world)
         else:
             closure = self._write_sample(folder, case.world, effects)
+        sizes = list(case.sizes) if outside is None else [outside["size_m_s"]]
         return {
             "name": case.name,
             "rung": case.rung,
             "kind": case.kind,
+            "variant": case.variant,
             "world": case.world.kind,
-            "size": max(case.sizes, default=0.0),
-            "sizes": list(case.sizes),
+            "size": max(sizes, default=0.0),
+            "sizes": sizes,
             "focus": [part.name for part in drawn],
             "names": list(dict.fromkeys(name for part in drawn for name in part.names)),
             "effects": effects,
@@ -252,7 +286,22 @@ class Archivist:
             # A real record's tails are as heavy as they are: who names them is right.
             "background": ["outliers"] if case.world.kind in ("hard", "sensor") else [],
             "closure": closure,
+            "outside": outside,
         }
+
+    def _fit_draw(self, case: Case) -> tuple[tuple[Drawn, ...], dict[str, Any]]:
+        """Return the first draw of an outside effect that is fit, and what is true of it.
+
+        Where none is (rare), the one furthest from having a name is taken.
+        """
+        bare = self._without(case.world)
+        tried = []
+        for part in (*case.drawn, *case.instead):
+            told = outside_truth(bare, part.effects[0], seed=case.world.seed)
+            if is_fit(told):
+                return (part,), told
+            tried.append(((part,), told))
+        return min(tried, key=lambda one: float(one[1]["named_share"]))
 
     def _real(self) -> Path:
         if self.real is None:
@@ -268,17 +317,14 @@ class Archivist:
     def _write_sample(self, folder: Path, world: World, effects: Effects) -> dict[str, float]:
         """Write reports and configuration; return the disagreement with and without effects."""
         made = self._simulated(world, effects)
-        random = [effect for effect in effects if effect["name"] in LADDER]
-        bare = self._without(world)
-        if random:
-            bare = made if len(random) == len(effects) else self._simulated(world, random)
+        bare = made if not effects else self._without(world)
         write_reports(folder / "reports", made)
         winds = self._winds_of(world, effects)
         config = yaml.safe_load((winds / "config.yaml").read_text(encoding="utf-8"))
         config["reports"]["files"] = str((folder / "reports" / "*.csv").resolve())
         config["output"] = str((folder / "results").resolve())
         (folder / "config.yaml").write_text(yaml.safe_dump(config, sort_keys=False), "utf-8")
-        return {"before": disagreement_kt(made), "after": disagreement_kt(bare)}
+        return twin_closure(made, bare)
 
     def _simulated(self, world: World, effects: Effects) -> pd.DataFrame:
         if world.kind != "sensor":

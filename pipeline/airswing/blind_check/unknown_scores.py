@@ -1,0 +1,139 @@
+"""What a diagnosis got right about an effect for which there is no name.
+
+Assumptions
+-----------
+* The places of an unknown (``unknown.where``) are judged as they stand, the one that closes most
+  first: its first variable is what the diagnosis says carries the effect.
+* A variable is right when it is one of those the effect acts by, under any of the names a report
+  has for it (`SAME`). Beside that strict score stands a lenient one: a variable that alone carries
+  at least `CARRIES` of what the best of the true ones carries on this archive is as good.
+* A place without aircraft is the whole fleet.
+* The closure of an unknown is ``unknown.closure`` with what the names beside it close; its truth is
+  the archive's against its twin. An unknown that states none, or is not raised, states nil.
+
+Units: kt, fractions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+__all__ = ["CARRIES", "SAME", "same_variable", "unknown_scores"]
+
+Label = Mapping[str, Any]
+Gap = Mapping[str, Any]
+CARRIES = 0.8
+
+SAME: dict[str, tuple[str, ...]] = {
+    "magnetic_heading": ("heading", "true_heading", "indicated_heading"),
+    "heading": ("magnetic_heading", "true_heading", "indicated_heading"),
+    "track": ("ground_track",),
+    "wind_direction": ("reported_wind_direction", "reported_direction", "direction"),
+    "wind_speed": ("reported_wind_speed", "reported_speed", "wind"),
+    "hour": ("hour_of_day", "time_of_day"),
+    "date": ("time", "day"),
+    "altitude": ("pressure", "level", "pressure_altitude", "height"),
+    "airspeed": ("true_airspeed", "indicated_airspeed"),
+    "temperature": ("air_temperature",),
+    "phase": ("flight_phase",),
+    "bank": ("roll",),
+    "drift": ("drift_angle", "crosswind"),
+    "acceleration": ("longitudinal_acceleration",),
+    "longitude": ("region",),
+    "latitude": ("region",),
+}
+"""Other names of a variable."""
+
+
+def same_variable(told: str, true: str) -> bool:
+    """Return whether a variable told is the true one, under any of its names.
+
+    Parameters
+    ----------
+    told, true : str
+        Names.
+
+    Returns
+    -------
+    bool
+    """
+    return told == true or told in SAME.get(true, ())
+
+
+def _variables(place: Mapping[str, Any]) -> list[str]:
+    own = [str(name) for name in place.get("variables") or ()]
+    return own or [str(place.get("variable", ""))]
+
+
+def _closes(place: Mapping[str, Any]) -> float:
+    closure = place.get("closure") or {}
+    return float(closure.get("reduction") or 0.0)
+
+
+def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, Any]:
+    """Score the unknown of a diagnosis.
+
+    Parameters
+    ----------
+    label : mapping
+        Truth of an outside case.
+    gap : mapping
+        Content of gap.json.
+    fleet : sequence of str
+        All aircraft.
+
+    Returns
+    -------
+    dict
+        ``variable_first, variable_near, variable_any, unknown_precision, unknown_recall,
+        unknown_closure_stated, unknown_closure_error, unknown_closure_covered``; all but the
+        closure None where no unknown is raised.
+    """
+    unknown = gap["unknown"]
+    closed = _closure(label, gap)
+    raised = bool(unknown["present"]) and bool(unknown["where"])
+    if not raised:
+        keys = ("variable_first", "variable_near", "variable_any", "unknown_precision",
+                "unknown_recall")  # fmt: skip
+        return dict.fromkeys(keys) | closed
+    places = sorted(unknown["where"], key=_closes, reverse=True)
+    truth = label["outside"]
+    first = _variables(places[0])[0]
+    every = [name for place in places for name in _variables(place)]
+    strict = any(same_variable(first, name) for name in truth["variables"])
+    carried = truth["carried"]
+    best = max((carried[name] for name in truth["variables"]), default=0.0)
+    near = max((share for name, share in carried.items() if same_variable(first, name)),
+               default=0.0)  # fmt: skip
+    told = {tail for place in places for tail in place.get("tails") or fleet}
+    own = {tail for effect in label["effects"] for tail in effect["tails"] or fleet}
+    return {
+        "variable_first": strict,
+        "variable_near": strict or (best > 0.0 and near >= CARRIES * best),
+        "variable_any": any(same_variable(t, n) for t in every for n in truth["variables"]),
+        "unknown_precision": len(told & own) / len(told) if told else 0.0,
+        "unknown_recall": len(told & own) / len(own) if own else 0.0,
+        **closed,
+    }
+
+
+def _closure(label: Label, gap: Gap) -> dict[str, Any]:
+    """Return what names and unknown close together against the truth, kt."""
+    true = label["closure"]["before"] - label["closure"]["after"]
+    parts = [gap["closure"], gap["unknown"].get("closure") or {}]
+    if parts[1].get("reduction") is None:
+        each = [place.get("closure") or {} for place in gap["unknown"]["where"]]
+        parts = [parts[0], *each]
+    stated, low, high = 0.0, 0.0, 0.0
+    for part in parts:
+        reduction = part.get("reduction")
+        if reduction is None and part.get("before") is not None and part.get("after") is not None:
+            reduction = part["before"] - part["after"]
+        ends = part.get("reduction_ci") or [reduction or 0.0] * 2
+        stated, low, high = stated + float(reduction or 0.0), low + ends[0], high + ends[1]
+    return {
+        "unknown_closure_stated": stated,
+        "unknown_closure_error": abs(stated - true),
+        "unknown_closure_covered": bool(low <= true <= high),
+    }

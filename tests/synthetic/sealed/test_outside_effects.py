@@ -1,0 +1,213 @@
+"""Effects nobody thought of: shapes and components by hand, draws, and how near a name comes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from datetime import datetime
+
+import numpy as np
+import pytest
+
+from airswing.synthetic.aircraft.outside_effects import (
+    COMPONENTS,
+    SCATTER,
+    VARIABLES,
+    outside_change,
+    part_values,
+    report_variables,
+    scatter_change,
+)
+from airswing.synthetic.sealed.nearness import carried_by, named_share
+from airswing.synthetic.sealed.outside_draws import ALIKE, OUTSIDE_SHAPES, draw_outside
+from airswing.synthetic.sealed.outside_truth import MOST_NAMED
+
+KNOT = 1852.0 / 3600.0
+START = datetime(2009, 3, 1)
+TAILS = [f"N{401 + k}" for k in range(14)]
+
+
+def part(variable="hour", shape="sector", at=0.25, width=0.1):
+    return {"variable": variable, "shape": shape, "at": at, "width": width}
+
+
+def effect(parts, component="across_wind", size=1.0, sign=1.0):
+    return {"parts": parts, "component": component, "size_m_s": size, "sign": sign}
+
+
+def test_shapes_of_a_variable_that_turns_by_hand():
+    hours = {"hour": np.array([0.0, 3.5, 4.0, 6.0, 8.0, 8.5, 23.0])}
+    sector = part_values(part("hour", "sector", at=0.25, width=0.1), hours)  # 6 h +- 2.4 h
+    assert sector.tolist() == [0, 0, 1, 1, 1, 0, 0]
+    round_midnight = part_values(part("hour", "sector", at=0.0, width=0.05), hours)
+    assert round_midnight.tolist() == [1, 0, 0, 0, 0, 0, 1]
+    bump = part_values(part("hour", "bump", at=0.25, width=1 / 12), hours)  # sd of 2 h
+    assert bump[3] == 1.0 and bump[4] == pytest.approx(np.exp(-0.5))
+    saw = part_values(
+        part("hour", "saw", at=0.0, width=0.5), {"hour": np.array([0.0, 6.0, 11.999])}
+    )
+    assert saw == pytest.approx([-1.0, 0.0, 1.0], abs=1e-3)
+
+
+def test_shapes_of_a_variable_with_a_range_by_hand():
+    z = {"altitude": np.linspace(0.0, 100.0, 1001)}
+    step = part_values(part("altitude", "step", at=0.75), z)
+    assert step.mean() == pytest.approx(0.25, abs=0.002)
+    hinge = part_values(part("altitude", "hinge", at=0.5), z)
+    assert hinge[500] == 0.0 and hinge[400] == 0.0
+    # the range is that between the 2nd and 98th percentile: 96 of 100 units
+    assert hinge[740] == pytest.approx(24 / 96, abs=1e-6)
+    flag = part_values({"variable": "phase", "shape": "flag", "equals": 3.0},
+                       {"phase": np.array([1, 2, 3])})  # fmt: skip
+    assert flag.tolist() == [0, 0, 1]
+
+
+def surroundings(n=4000, seed=0):
+    rng = np.random.default_rng(seed)
+    heading = rng.uniform(-np.pi, np.pi, n)
+    frame = {
+        "heading": heading, "declination": np.full(n, -0.1), "airspeed": rng.normal(120, 10, n),
+        "ground_u": 120 * np.sin(heading) + 5, "ground_v": 120 * np.cos(heading) - 3,
+        "true_latitude": rng.uniform(38, 46, n), "true_longitude": rng.uniform(-95, -80, n),
+        "true_altitude": rng.uniform(500, 7000, n), "temperature": rng.uniform(240, 290, n),
+        "icing": rng.integers(0, 2, n), "phase": rng.integers(1, 4, n),
+        "bank": rng.normal(0, 0.1, n), "acceleration": rng.normal(0, 0.3, n),
+    }  # fmt: skip
+    u, v = rng.normal(5, 8, n), rng.normal(0, 8, n)
+    return report_variables(frame, u, v, rng.uniform(0, 240, n)), u, v
+
+
+@pytest.mark.parametrize("component", COMPONENTS)
+def test_every_component_has_the_stated_size_where_it_acts_and_its_direction(component):
+    variables, u, v = surroundings()
+    chosen = np.arange(u.size) % 2 == 0
+    one = effect([part("hour", "sector", at=0.3, width=0.2)], component, size=0.4)
+    change = outside_change(one, u, v, variables, chosen)
+    acts = np.any(change != 0, axis=1)
+    assert not acts[~chosen].any() and acts.any()
+    assert np.sqrt((change[acts] ** 2).sum(1).mean()) == pytest.approx(0.4, rel=0.02)
+    heading = np.stack([np.sin(variables["heading"]), np.cos(variables["heading"])], -1)
+    wind = np.stack([u, v], -1) / np.hypot(u, v)[:, None]
+    axis = heading if component.endswith("heading") else wind
+    along = (change * axis).sum(1)[acts]
+    length = np.hypot(*change[acts].T)
+    if component in ("along_heading", "along_wind", "speed"):
+        assert np.abs(along) == pytest.approx(length, rel=1e-9)
+    elif component == "direction":
+        speeds = np.hypot(u + change[:, 0], v + change[:, 1])
+        assert speeds == pytest.approx(np.hypot(u, v), rel=1e-9)
+    else:
+        assert along == pytest.approx(np.zeros(acts.sum()), abs=1e-9)
+
+
+def test_a_turn_is_clockwise_and_the_sign_turns_it_back():
+    variables, _, _ = surroundings(3)
+    u, v = np.zeros(3), np.full(3, -10.0)  # from the north
+    everywhere = [part("wind_direction", "sector", at=0.0, width=0.4)]
+    variables |= {"wind_direction": np.zeros(3)}
+    change = outside_change(effect(everywhere, "direction"), u, v, variables, np.ones(3, bool))
+    assert (change[:, 0] < 0).all()  # from slightly east of north: blows to the west
+    back = outside_change(effect(everywhere, "direction", sign=-1.0), u, v, variables,
+                          np.ones(3, bool))  # fmt: skip
+    assert (back[:, 0] > 0).all()
+
+
+def test_scatter_by_hand():
+    variables, _, _ = surroundings(4)
+    u, v = KNOT * np.array([2.0, 10.0, 40.0, 0.0]), np.zeros(4)
+    here, rng = np.ones(4, bool), np.random.default_rng(0)
+
+    def speeds(**values):
+        change = scatter_change({"parts": [], **values}, u, v, variables, here, rng)
+        return np.hypot(u + change[:, 0], v + change[:, 1]) / KNOT
+
+    assert speeds(kind="floor", limit_kt=8.0)[:3] == pytest.approx([8, 10, 40])
+    assert speeds(kind="ceiling", limit_kt=30.0)[:3] == pytest.approx([2, 10, 30])
+    assert speeds(kind="hole", between_kt=[9.0, 20.0])[:3] == pytest.approx([2, 9, 40])
+    turned = KNOT * 10 * np.stack([np.sin(np.radians([20.0, 50.0])), np.cos(np.radians([20, 50]))])
+    lattice = {"kind": "lattice", "parts": [], "limit_kt": 20.0, "direction_step_deg": 45.0}
+    change = scatter_change(lattice, *turned, {}, np.ones(2, bool), rng)
+    moved = np.degrees(np.arctan2(turned[0] + change[:, 0], turned[1] + change[:, 1]))
+    assert moved == pytest.approx([0.0, 45.0], abs=1e-9)
+
+
+def test_jitter_and_gross_errors_act_where_they_should_and_as_often():
+    variables, u, v = surroundings(40_000)
+    here, rng = np.ones(u.size, bool), np.random.default_rng(0)
+    where = [part("hour", "sector", at=0.5, width=0.25)]
+    jitter = {"kind": "jitter", "parts": where, "size_m_s": 2.0}
+    change = scatter_change(jitter, u, v, variables, here, rng)
+    acts = np.any(change != 0, axis=1)
+    assert acts.mean() == pytest.approx(0.5, abs=0.02)
+    assert np.sqrt((change[acts] ** 2).sum(1).mean()) == pytest.approx(2.0, rel=0.03)
+    gross = scatter_change({"kind": "gross", "parts": [], "fraction": 0.05}, u, v, variables, here,
+                           rng)  # fmt: skip
+    assert np.any(gross != 0, axis=1).mean() == pytest.approx(0.05, abs=0.005)
+
+
+def test_unknown_variables_shapes_and_components_are_refused():
+    with pytest.raises(ValueError, match="no variable moon"):
+        part_values(part("moon"), {})
+    with pytest.raises(ValueError, match="no shape star"):
+        part_values(part("hour", "star"), {"hour": np.zeros(2)})
+    with pytest.raises(ValueError, match="no component up"):
+        outside_change(effect([part()], "up"), np.zeros(1), np.zeros(1), {}, np.ones(1, bool))
+
+
+@pytest.mark.parametrize("shape", OUTSIDE_SHAPES)
+def test_draws_are_what_they_say_and_make_a_change(shape):
+    variables, u, v = surroundings()
+    seen = Counter()
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        one = draw_outside(rng, shape=shape, tails=TAILS, start=START, days=45, size=0.8)
+        own = one["parameters"]
+        names = [p["variable"] for p in own["parts"]]
+        assert set(names) <= set(VARIABLES) and len(set(names)) == len(names)
+        assert not any(len(set(names) & group) > 1 for group in ALIKE)
+        here = np.ones(u.size, bool)
+        if shape == "scatter":
+            assert own["kind"] in SCATTER
+            change = scatter_change(own, u, v, variables, here, rng)
+        else:
+            assert len(names) == (2 if shape in ("product", "threshold") else 1)
+            change = outside_change(own, u, v, variables, here)
+        assert np.isfinite(change).all()
+        scope = "all" if one["tails"] is None else "one" if len(one["tails"]) == 1 else "some"
+        seen.update([scope, own["component"], *names, "late" if one["period"] else "always"])
+    assert {"one", "some", "all", "always"} <= set(seen)
+
+
+def test_all_components_and_variables_are_drawn():
+    seen = Counter()
+    for seed in range(600):
+        rng = np.random.default_rng(seed)
+        shape = OUTSIDE_SHAPES[seed % len(OUTSIDE_SHAPES)]
+        one = draw_outside(rng, shape=shape, tails=TAILS, start=START, days=45, size=0.8)
+        seen.update([one["parameters"]["component"], one["parameters"].get("kind", "")])
+        seen.update(p["variable"] for p in one["parameters"]["parts"])
+        seen["late"] += one["period"] is not None
+        if one["period"] is not None:
+            begins = datetime.fromisoformat(one["period"][0])
+            assert (begins - START).days == 38
+    assert {*COMPONENTS, *SCATTER, *VARIABLES} <= set(seen)
+    assert 30 < seen["late"] < 100
+
+
+def test_what_has_a_name_is_recognised_and_a_sector_of_wind_is_not():
+    variables, u, v = surroundings(8000)
+    aircraft = np.arange(u.size) % 4
+    across = np.stack([np.cos(variables["heading"]), -np.sin(variables["heading"])], -1)
+    iron = (variables["airspeed"] * 0.01 * np.sin(variables["magnetic_heading"] + 0.7))[:, None]
+    assert named_share(iron * across, variables, u, v, aircraft) == pytest.approx(1.0, abs=1e-9)
+    turned = effect([part("wind_direction", "sector", at=0.7, width=0.05)], "direction")
+    change = outside_change(turned, u, v, variables, aircraft < 2)
+    assert named_share(change, variables, u, v, aircraft) < MOST_NAMED
+    assert named_share(np.zeros_like(change), variables, u, v, aircraft) == 0.0
+
+
+def test_the_variable_an_effect_acts_by_carries_it():
+    variables, _, _ = surroundings(20_000)
+    size = np.where(variables["altitude"] > 5000, 1.0, 0.0)
+    carried = carried_by(size, variables)
+    assert carried["altitude"] > 0.95
+    assert carried["hour"] == pytest.approx(size.mean(), abs=0.02)  # its mean alone
