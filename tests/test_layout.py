@@ -22,6 +22,7 @@ ORDER = (
     "reports/formats",
     "reports",
     "reference/geometry",
+    "reference/packing",
     "reference/grib",
     "reference/gridded",
     "reference",

@@ -16,7 +16,6 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -27,7 +26,8 @@ from pydantic import (
     model_validator,
 )
 
-from airswing.errors import ConfigError, InputError
+from airswing.errors import ConfigError, InputError, shortened
+from airswing.plain_yaml import load_yaml
 
 
 @functools.cache
@@ -389,13 +389,9 @@ def load_postprocess(
 
 def _content(path: Path, output: Path | None) -> dict[str, Any]:
     """What the file says, with the output folder replaced."""
-    try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
-    except FileNotFoundError as err:
-        raise ConfigError("no such configuration", file=path) from err
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
-        reason = " ".join(str(err).split())
-        raise ConfigError("not a YAML file airswing can read", file=path, found=reason) from err
+    if not path.exists():
+        raise ConfigError("no such configuration", file=path)
+    content = load_yaml(path, ConfigError)
     if not isinstance(content, dict):
         raise ConfigError("a configuration is a mapping of keys to values", file=path)
     if output is not None:
@@ -439,21 +435,6 @@ def with_handover(config: Config, given: Mapping[str, object]) -> Handover:
         raise ConfigError(what, field=place, found=said.get(str((*fault["loc"], "")[0]))) from err
 
 
-class _Loader(yaml.SafeLoader):
-    """Plain YAML, but a key given twice is a fault: one of its values would go unheard."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[Any] = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, str) and key in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"the key {key!r} stands twice", key_node.start_mark
-                )
-            seen.add(key if isinstance(key, str) else None)
-        return super().construct_mapping(node, deep=deep)
-
-
 def _explain(err: ValidationError, path: Path) -> ConfigError:
     """Tell the first fault in one message, with the nearest known key for an unknown one."""
     fault = err.errors()[0]
@@ -465,8 +446,12 @@ def _explain(err: ValidationError, path: Path) -> ConfigError:
     if fault["type"] == "missing":
         return ConfigError(f"required key is missing{others}", file=path, field=place)
     what = str(fault["msg"]).removeprefix("Value error, ")
-    found = None if isinstance(fault["input"], (dict, BaseModel)) else repr(fault["input"])
+    found = None if isinstance(fault["input"], (dict, BaseModel)) else _written(fault["input"])
     return ConfigError(what + others, file=path, field=place or None, found=found)
+
+
+def _written(value: object) -> str:
+    return shortened(repr(value) if isinstance(value, str) else value)
 
 
 def _alternative(part: int | str) -> bool:

@@ -2,9 +2,54 @@
 
 Anything raised here is the user's input or configuration (exit status 2 at the command line);
 every other exception is a defect of ours (exit status 1).
+
+A message is one line of at most `LONGEST` characters, whatever a file holds: each part of it is cut
+here, and nowhere else.
 """
 
 from __future__ import annotations
+
+import reprlib
+
+LONGEST = 2_000
+"""Characters of a message."""
+_LONGEST_PART = 450
+
+_REPR = reprlib.Repr()
+_REPR.maxlevel, _REPR.maxdict, _REPR.maxlist, _REPR.maxtuple, _REPR.maxset = 3, 6, 8, 8, 8
+_REPR.maxstring = _REPR.maxother = _REPR.maxlong = 120
+
+
+def shortened(value: object, most: int = _LONGEST_PART) -> str:
+    """A value as one line of text.
+
+    Parameters
+    ----------
+    value : object
+        Text as it is; numbers, lists and mappings as Python writes them, of few items.
+    most : int, optional
+        Characters.
+
+    Returns
+    -------
+    str
+        Line breaks and other control characters are blanks; what is cut out is said.
+    """
+    if isinstance(value, str):
+        text = value
+    elif isinstance(value, list | tuple | dict | set | frozenset | int | bytes):
+        text = _REPR.repr(value)
+    else:
+        text = str(value)
+    over = len(text) - 4 * most  # before the costly part
+    if over > 0:
+        text = f"{text[: 2 * most]} ... {text[-most:]}"
+    text = "".join(c if c.isprintable() else " " for c in text)
+    text = " ".join(text.split(" ")) if len(text) <= most else " ".join(text.split())
+    if len(text) <= most:
+        return text
+    ends = most // 4
+    return f"{text[: most - ends - 5]} ... {text[-ends:]}"
 
 
 class AirswingError(Exception):
@@ -39,13 +84,12 @@ class InputError(AirswingError):
     ) -> None:
         self.what, self.file, self.field = what, file, field
         self.found, self.remedy = found, remedy
-        places = [str(file)] if file is not None else []
-        places += [field] if field is not None else []
-        message = f"{': '.join(places)}: {what}" if places else what
+        places = [shortened(part) for part in (file, field) if part is not None]
+        message = ": ".join([*places, shortened(what)])
         if found is not None:
-            message += f" (found: {found})"
+            message += f" (found: {shortened(found)})"
         if remedy is not None:
-            message += f". {remedy}"
+            message += f". {shortened(remedy, 250)}"
         super().__init__(message)
 
     def __reduce__(self) -> tuple[object, ...]:

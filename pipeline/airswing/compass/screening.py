@@ -11,8 +11,10 @@ On the size of residuals
 ------------------------
 Screening on the residual itself attenuates every deviation that is fitted afterwards. The gross
 error rule is therefore deliberately loose: 40 m/s or a third of the airspeed (a compass 19 degrees
-off), whichever is larger, against *every* reference, or an airspeed no aircraft flies. What lies
-between is for the robust fit to weigh.
+off), whichever is larger, or an airspeed no aircraft flies. What lies between is for the robust fit
+to weigh. It is judged against every reference a report has, each by itself: a report is used with
+all of them, so that one it is nowhere near, be it the report's fault or a damaged message's, would
+bend the fits of that reference and of every pool that holds it.
 
 Units
 -----
@@ -77,8 +79,8 @@ def screen(
     max_ground_velocity_error : float
         Largest standard error of the ground velocity, as a share of the ground speed.
     max_innovation : float
-        Gross errors: smallest vector difference, m s-1, that a report must show from every
-        reference it has (a third of its airspeed where that is more).
+        Gross errors: vector difference, m s-1, from any reference a report has (a third of its
+        airspeed where that is more).
 
     Returns
     -------
@@ -278,7 +280,7 @@ def _gross_error(headings: xr.Dataset, largest: float) -> xr.DataArray:
     north = headings["northward_wind"] - headings["reference_northward_wind"]
     airspeed = headings["airspeed"]
     allowed = (MAX_INNOVATION_SHARE * airspeed.fillna(0.0)).clip(min=largest)
-    # a report whose best reference still is that far away; with no reference there is no saying
-    nearest = (east**2 + north**2).min("reference")
+    # a missing reference says nothing
+    farthest = (east**2 + north**2).max("reference")
     slow, fast = AIRSPEEDS
-    return (nearest > allowed**2) | (airspeed < slow) | (airspeed > fast)
+    return (farthest > allowed**2) | (airspeed < slow) | (airspeed > fast)

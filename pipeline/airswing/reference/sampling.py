@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.reference.geometry.model_time import ModelTime, SourceFile
-from airswing.reference.grib.packing import UnreadableMessageError
+from airswing.reference.grib.credible import probes, require_credible, without_absurd
 from airswing.reference.grib.values import field_values
+from airswing.reference.packing.simple_packing import UnreadableMessageError
 from airswing.reference.winds import winds_at
 
 Floats = NDArray[np.float64]
@@ -103,15 +104,32 @@ class _Reader:
             return np.full(points.shape, np.nan)
         began = time.perf_counter()
         try:
-            values = field_values(descriptor, row, self.model.grid.size, points, sparse=self.sparse)
-        except (UnreadableMessageError, OSError) as error:
-            place = f"message at {int(row['offset'])}: {error}"
-            self.problems[self.model.files[number].path, place] = None
+            values = self._credible(descriptor, row, points)
+        except (UnreadableMessageError, OSError, MemoryError) as error:
+            self._note(row, str(error) or "not enough memory to decode it")
             return np.full(points.shape, np.nan)
         self.seconds += time.perf_counter() - began
         self.decoded += 1
         self.octets += int(row["length"])
         return values
+
+    def _credible(self, descriptor: int, row: Any, points: Ints) -> Floats:
+        """Values of a field that an atmosphere can have."""
+        size, kind = self.model.grid.size, int(row["kind"])
+        judged = probes(row, size)
+        looked_at = np.concatenate([points.ravel(), judged]) if judged.size else points
+        values = field_values(descriptor, row, size, looked_at, sparse=self.sparse)
+        if judged.size:
+            require_credible(kind, values[points.size :])
+            values = values[: points.size].reshape(points.shape)
+        values, absurd = without_absurd(kind, values)
+        if absurd:
+            self._note(row, "values that no atmosphere has left out")
+        return values
+
+    def _note(self, row: Any, reason: str) -> None:
+        path = self.model.files[int(row["file"])].path
+        self.problems[path, f"message at {int(row['offset'])}: {reason}"] = None
 
 
 def sample_model_time(

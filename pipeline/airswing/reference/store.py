@@ -29,11 +29,22 @@ from airswing.products.atomic import replacing
 from airswing.reference import interpolation, sampling, winds
 from airswing.reference.geometry import grids
 from airswing.reference.geometry.model_time import ModelTime
-from airswing.reference.grib import packing, values
+from airswing.reference.grib import consistency, credible, values
+from airswing.reference.packing import (
+    complex_packing,
+    decoder_process,
+    image_packing,
+    simple_packing,
+)
 from airswing.reference.sampling import Sample
 
 Floats = NDArray[np.float64]
 
+_MODULES = (
+    grids, simple_packing, complex_packing, image_packing, decoder_process, consistency, credible,
+    values, interpolation, winds, sampling,
+)  # fmt: skip
+"""What the values of a sample depend on."""
 _BEGUN = "begun"
 _HEADER_BYTES = 256
 _HEADER = re.compile(
@@ -47,7 +58,7 @@ _LOG = logging.getLogger("airswing.reference")
 @lru_cache(maxsize=1)
 def _code_version() -> bytes:
     digest = hashlib.blake2b(digest_size=12)
-    for module in (grids, packing, values, interpolation, winds, sampling):
+    for module in _MODULES:
         digest.update(Path(str(module.__file__)).read_bytes())
     return digest.digest()
 

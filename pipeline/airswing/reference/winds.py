@@ -13,6 +13,7 @@ Assumptions and validity
 ------------------------
 * Levels of one model time share one grid. Isobaric levels have one pressure; native levels have
   one in every column.
+* A wind over 150 m s-1 is none: no atmosphere has it.
 * Every report's value depends on that report alone: results are identical bit for bit however
   reports are divided among calls.
 """
@@ -26,6 +27,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.reference.grib.consistency import MAX_WIND
 from airswing.reference.interpolation import (
     Brackets,
     Corners,
@@ -119,7 +121,10 @@ def winds_at(
     u, v = (model.u, model.v) if top_down else (model.u[::-1], model.v[::-1])
     values = yield from _between_levels(u, v, cell.points.ravel(), brackets, both=derivatives)
     lat, lon = latitude[place], longitude[place]
-    table[:, place] = _to_true(model.grid, values, brackets, cell, lat, lon, derivatives)
+    found = _to_true(model.grid, values, brackets, cell, lat, lon, derivatives)
+    with np.errstate(invalid="ignore", over="ignore"):
+        found[:, ~(np.hypot(found[0], found[1]) <= MAX_WIND)] = np.nan
+    table[:, place] = found
     return table
 
 

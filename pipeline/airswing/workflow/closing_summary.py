@@ -19,7 +19,7 @@ from airswing.evaluation.compass_changes.stability import change_warnings
 from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
 from airswing.flags import CORRECTION, STATUS
 from airswing.products.ragged import aircraft_of_report, blocks
-from airswing.report.run.reading_warnings import reading_warnings, tally
+from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
 
 _WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
           "reference_northward_wind", "screening")  # fmt: skip
@@ -61,7 +61,11 @@ def summarise(
             "before": _knots(before.sum(), used.sum()),
             "after": _knots(after.sum(), used.sum()),
         },
-        "warnings": [*reading_warnings(tally(headings, "reading_audit")), *change_warnings(fits)],
+        "warnings": [
+            *reading_warnings(tally(headings, "reading_audit")),
+            *reference_warnings(tally(headings, "reference_audit")),
+            *change_warnings(fits),
+        ],
         "fits": [
             {
                 "aircraft": str(name),

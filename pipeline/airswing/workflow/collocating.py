@@ -19,7 +19,7 @@ import xarray as xr
 from airswing.errors import InputError
 from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.ragged import joined
-from airswing.report.run.reading_warnings import model_warnings, reading_warnings
+from airswing.report.run.reading_warnings import model_warnings, reading_warnings, unread
 from airswing.workflow.job import Blocks, Job
 
 if TYPE_CHECKING:
@@ -312,8 +312,8 @@ def collocated_blocks(
     places = set_places_down(archive, folder / "blocks")
     plans = plans_of(job, places, models, aircraft=archive.aircraft, derivatives=derivatives)
     require_overlap(plans)
-    unread = collocate_places(job, places, models, plans, folder, derivatives=derivatives)
-    lost = {file for met in unread.values() for _, file, reason in met if of_a_lost_file(reason)}
+    met = collocate_places(job, places, models, plans, folder, derivatives=derivatives)
+    lost = {file for one in met.values() for _, file, reason in one if of_a_lost_file(reason)}
     if lost:
         job.progress.say(
             f"  model files that vanished or changed before they were read: {len(lost):,}; their "
@@ -321,7 +321,8 @@ def collocated_blocks(
         )
     audit = {
         name: plans[name].as_dict()
-        | {"notes": model.notes, "skipped": model.skipped, "unread_messages": len(unread[name])}
+        | {"notes": model.notes, "skipped": model.skipped}
+        | {"unread_messages": len(met[name]), "unread": unread(met[name])}
         for name, model in models.items()
     }
     attrs: dict[str, Any] = {

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from tests.reference.builders import LAMBERT, LATLON, POLAR, build, write
 
-from airswing.reference.geometry.model_time import ISOBARIC
-from airswing.reference.grib.fields import HYBRID, PRESSURE, U, V
+from airswing.reference.geometry.model_time import HYBRID, ISOBARIC
+from airswing.reference.grib.fields import PRESSURE, U, V
 from airswing.reference.grib.gridsections import read_grid
 from airswing.reference.grib.messages import scan_file
 from airswing.reference.grib.values import field_values

@@ -26,10 +26,10 @@ from airswing.reference.geometry.grids import Grid, UnplaceableGridError
 from airswing.reference.grib.fields import GarbageError, Window
 from airswing.reference.grib.gridsections import read_grid
 from airswing.reference.grib.messages import whole_messages
-from airswing.reference.grib.octets import unsigned
-from airswing.reference.grib.packing import UnreadableMessageError
-from airswing.reference.grib.values import ABSENT
 from airswing.reference.interpolation import bilinear, corners
+from airswing.reference.packing.decoder_process import ABSENT
+from airswing.reference.packing.octets import unsigned
+from airswing.reference.packing.simple_packing import UnreadableMessageError
 
 Floats = NDArray[np.float64]
 _WANTED = {("2t", 2): "air_temperature", ("10u", 10): "u", ("10v", 10): "v"}
@@ -141,7 +141,7 @@ def _fields_of(
         skipped["file", f"cannot be opened ({err.strerror})"] += 1
         return
     try:
-        for start, edition, length in whole_messages(Window(descriptor), path, skipped):
+        for start, edition, length in whole_messages(Window(descriptor), skipped):
             message = os.pread(descriptor, length, start)
             try:
                 yield from _fields(message, edition, latitude, longitude, skipped)

@@ -268,7 +268,7 @@ def _pair(
     """Levels with both u and v (and pressure where hybrid), sorted by profile and level."""
     keys = (*_PROFILE, "level", "kind")
     order = np.lexsort([table[c] for c in ("part", "offset", "file", *reversed(keys))])
-    table = table[order]
+    table = _without_contradictions(table[order], keys, sources, skipped)
     notes = _duplicates(table, keys, sources)
     last = np.append(_changes(table, keys)[1:], True)[: table.size]
     table = table[last]
@@ -294,6 +294,40 @@ def _pair(
     skipped += [_skip(path, "level", why, n) for path, n in bare.items()]
     both &= ~hybrid | (pressure >= 0)
     return table[u[both]], table[v[both]], table[np.maximum(pressure[both], 0)], notes
+
+
+def _without_contradictions(
+    table: Table, keys: Sequence[str], sources: Sequence[SourceFile], skipped: Skipped
+) -> Table:
+    """Leave out what one file holds twice with different values: one header of two is wrong.
+
+    Which one cannot be told, so neither is used. Copies of one another are no contradiction.
+    """
+    same = ~_changes(table, (*keys, "file"))
+    doubtful = np.zeros(table.size, dtype=bool)
+    counts: Counter[str] = Counter()
+    group = np.cumsum(~same)
+    for number in np.unique(group[same]):
+        rows = np.flatnonzero(group == number)
+        path = sources[int(table["file"][rows[0]])].path
+        if len({_packed_octets(path, table[row]) for row in rows}) > 1:
+            doubtful[rows] = True
+            counts[path] += rows.size
+    why = "a field of one level and time given again with other values"
+    skipped += [_skip(path, "message", why, n) for path, n in counts.items()]
+    return table[~doubtful]
+
+
+def _packed_octets(path: str, row: Any) -> bytes:
+    """Octets that a field's values come from; empty where they cannot be read any more."""
+    start = int(row["section_data"])
+    scale = repr((row["packing"], row["bits"], row["decimal_scale"], row["coded"]))
+    try:
+        with open(path, "rb") as file:
+            file.seek(start)
+            return scale.encode() + file.read(int(row["data_end"]) - start)
+    except OSError:
+        return b""
 
 
 def _duplicates(table: Table, keys: Sequence[str], sources: Sequence[SourceFile]) -> list[str]:
@@ -388,9 +422,15 @@ def _no_winds(
     for skip in skipped:
         reasons[f"{skip['what']}: {skip['reason']}"] += skip["count"]
     found = "; ".join(f"{why} ({n})" for why, n in reasons.most_common(4))
+    remedy = "u and v are needed at the same levels, on a grid that is defined in the file"
+    if any(skip["what"] == "grid" for skip in skipped):
+        remedy = (
+            "Grids that can be placed are Lambert, polar stereographic, Mercator, and regular or "
+            "rotated latitude/longitude: take the same model's files on one of them"
+        )
     raise InputError(
         f"no wind on pressure levels that can be used in {len(sources)} file(s)",
         file=sources[0].path if len(sources) == 1 else None, field=where,
         found=found or "no u or v at all",
-        remedy="u and v are needed at the same levels, on a grid that is defined in the file",
+        remedy=remedy,
     )  # fmt: skip

@@ -10,9 +10,17 @@ from __future__ import annotations
 
 from airswing.reference.geometry.grids import UnplaceableGridError
 from airswing.reference.geometry.model_time import HYBRID, ISOBARIC
+from airswing.reference.grib.consistency import (
+    check_level,
+    check_lowest,
+    check_room,
+    damaged,
+    valid_time,
+)
 from airswing.reference.grib.fields import (
     PRESSURE,
     RANGES,
+    SPEED_ALONE,
     Field,
     FileContents,
     GarbageError,
@@ -20,14 +28,16 @@ from airswing.reference.grib.fields import (
     U,
     V,
     Window,
-    fits,
     off_levels,
     reference_time,
 )
 from airswing.reference.grib.gridsections import read_grid
-from airswing.reference.grib.octets import ibm_float, signed, unsigned
-from airswing.reference.grib.packing import MAX_BITS
+from airswing.reference.packing.octets import ibm_float, signed, unsigned
+from airswing.reference.packing.simple_packing import MAX_BITS, PADDING
 
+LARGE = 0x800000
+"""Octets from which on a message's length is written in another unit."""
+LARGE_UNIT, _WIDEST = 120, 64
 _TIME_UNITS = {
     0: 60,
     1: 3600,
@@ -75,6 +85,8 @@ def scan_grib1(window: Window, start: int, length: int, contents: FileContents) 
     product = window.get(start + 8, 28)
     kind = _kind_grib1(product)
     if kind is None:
+        if product[3] in (1, 2, 3) and product[8] in (31, 32):
+            contents.skipped[SPEED_ALONE] += 1
         return
     try:
         contents.fields.append(_field_grib1(window, start, length, kind, product, contents))
@@ -87,47 +99,79 @@ def _field_grib1(
     window: Window, start: int, length: int, kind: int, product: bytes, contents: FileContents
 ) -> Field:
     level_kind, level = _level_grib1(product, kind)
+    if level_kind == ISOBARIC:
+        check_level(level)
     lead = _lead_grib1(product)
     century, year = product[24], product[12]
-    base = reference_time((century - 1) * 100 + year, *product[13:17], 0)
-    flags = product[7]
-    at = start + 8 + unsigned(product, 0, 3)
-    if not flags & 0x80:
-        number = product[6]
-        raise SkippedError("grid", f"no grid section (predefined grid {number})")
-    grid_at, grid_section = at, _section1(window, at, start + length)
+    valid = valid_time(reference_time((century - 1) * 100 + year, *product[13:17], 0), lead)
+    at, end = start + 8, start + length - 4
+    at += len(_section(window, at, end, 28))
+    if not product[7] & 0x80:
+        raise SkippedError("grid", f"no grid section (predefined grid {product[6]})")
+    grid_at, grid_section = at, _section(window, at, end, 28)
     at += len(grid_section)
     try:
         grid = contents.grid_number(1, grid_section)
     except UnplaceableGridError as error:
         raise SkippedError("grid", str(error)) from None
-    bitmap_at = -1
-    if flags & 0x40:
-        head, bitmap_at = window.get(at, 6), at
-        if unsigned(head, 4, 2):
-            raise SkippedError("wind", f"predefined bitmap {unsigned(head, 4, 2)}")
-        at += unsigned(head, 0, 3)
-    data = window.get(at, 11)
-    if len(data) < 11 or at + 11 > start + length:
-        raise GarbageError
-    packing = data[3] >> 4
-    size = read_grid(1, grid_section).size
-    whole = fits(unsigned(data, 0, 3) - 11, data[10], size, bitmap_at)
-    sparse = packing == 0 and data[10] <= MAX_BITS and whole
-    return Field(
-        file=0, offset=start, length=length, part=0, edition=1, kind=kind, level_kind=level_kind,
-        level=level, valid=base + lead * 1_000_000_000, lead=lead, member=0, grid=grid,
-        packing=packing, sparse=sparse, bits=data[10], binary_scale=signed(data, 4, 2),
-        decimal_scale=signed(product, 26, 2), reference_value=ibm_float(data, 6),
-        data_start=at + 11, data_end=at + unsigned(data, 0, 3),
-        section_identification=-1, section_grid=grid_at,
-        section_product=start + 8, section_packing=start + 8, section_bitmap=bitmap_at,
-        section_data=at,
+    size, bitmap_at = read_grid(1, grid_section).size, -1
+    if product[7] & 0x40:
+        bitmap_at = at
+        at += _bitmap(window, at, end, size)
+    return _packed(
+        window, at, end,
+        Field(
+            file=0, offset=start, length=length, part=0, edition=1, kind=kind,
+            level_kind=level_kind, level=level, valid=valid, lead=lead, member=0, grid=grid,
+            packing=0, sparse=False, coded=-1, bits=0, binary_scale=0,
+            decimal_scale=signed(product, 26, 2), reference_value=0.0, data_start=0, data_end=0,
+            section_identification=-1, section_grid=grid_at, section_product=start + 8,
+            section_packing=start + 8, section_bitmap=bitmap_at, section_data=at,
+        ),
+        size,
     )  # fmt: skip
 
 
-def _section1(window: Window, at: int, end: int) -> bytes:
+def _packed(window: Window, at: int, end: int, field: Field, size: int) -> Field:
+    """The field with what its data section says of its packing."""
+    data = window.get(at, 11)
+    if len(data) < 11 or at + 11 > end:
+        raise GarbageError
+    octets, packing, bits = unsigned(data, 0, 3), data[3] >> 4, data[10]
+    # The length says something else in a message above 8 MB (see messages).
+    stop = end if field.length >= LARGE and octets < LARGE_UNIT else at + octets
+    if not at + 11 <= stop <= end:
+        raise GarbageError
+    if packing & 0x8:
+        raise damaged("spherical harmonics on a grid of points")
+    reference, scale = ibm_float(data, 6), signed(data, 4, 2)
+    check_lowest(field.kind, reference, scale, field.decimal_scale)
+    simple = packing == 0
+    if bits > _WIDEST:
+        raise damaged(f"{bits} bits a value")
+    if simple and field.section_bitmap < 0:
+        check_room(stop - at - 11, bits, size)
+    return field._replace(
+        packing=packing, sparse=simple and bits <= MAX_BITS, bits=bits, binary_scale=scale,
+        reference_value=reference, data_start=at + 11, data_end=stop,
+    )  # fmt: skip
+
+
+def _section(window: Window, at: int, end: int, least: int) -> bytes:
     length = unsigned(window.get(at, 3), 0, 3)
-    if length < 28 or at + length > end:
+    if length < least or at + length > end:
         raise GarbageError
     return window.get(at, length)
+
+
+def _bitmap(window: Window, at: int, end: int, size: int) -> int:
+    """Length of the bitmap section, which is as long as the grid needs."""
+    head = window.get(at, 6)
+    length, predefined = unsigned(head, 0, 3), unsigned(head, 4, 2)
+    if len(head) < 6 or length < 6 or at + length > end:
+        raise GarbageError
+    if predefined:
+        raise SkippedError("wind", f"predefined bitmap {predefined}")
+    if not 0 <= length - 6 - (size + 7) // 8 <= PADDING:
+        raise damaged("bitmap that is not its grid's")
+    return length

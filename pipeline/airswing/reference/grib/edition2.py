@@ -9,8 +9,20 @@ from __future__ import annotations
 
 from airswing.reference.geometry.grids import UnplaceableGridError
 from airswing.reference.geometry.model_time import HYBRID, ISOBARIC
+from airswing.reference.grib.consistency import (
+    check_count,
+    check_level,
+    check_lowest,
+    check_order,
+    check_room,
+    check_template,
+    damaged,
+    has_scaling,
+    valid_time,
+)
 from airswing.reference.grib.fields import (
     PRESSURE,
+    SPEED_ALONE,
     Field,
     FileContents,
     GarbageError,
@@ -18,17 +30,20 @@ from airswing.reference.grib.fields import (
     U,
     V,
     Window,
-    fits,
     off_levels,
     reference_time,
 )
 from airswing.reference.grib.gridsections import read_grid
-from airswing.reference.grib.octets import ieee_float, missing, signed, unsigned
-from airswing.reference.grib.packing import MAX_BITS
+from airswing.reference.packing.octets import ieee_float, missing, signed, unsigned
+from airswing.reference.packing.simple_packing import MAX_BITS, PADDING
 
 _TIME_UNITS = {0: 60, 1: 3600, 2: 86400, 10: 10800, 11: 21600, 12: 43200, 13: 1}
 
 
+_SHORTEST = {1: 21, 3: 14, 4: 34, 5: 11, 6: 6}
+"""Octets that every section of a number has."""
+_WIDEST, _WIDEST_PACKED = 64, 38
+"""Bits of a value under simple packing, and under those that compress."""
 SMALLEST_NORMAL = 2.0**-126
 """Smallest single-precision number with a full significand."""
 
@@ -37,13 +52,14 @@ def scan_grib2(window: Window, start: int, length: int, contents: FileContents) 
     """Add the wind and pressure fields of a message to `contents`, or what was skipped and why."""
     discipline, end = window.get(start, 8)[6], start + length - 4
     sections: dict[int, int] = {}
-    at, part, bitmap = start + 16, 0, -1
+    at, part, bitmap, before = start + 16, 0, -1, 0
     while at < end:
         head = window.get(at, 6)
         size, number = unsigned(head, 0, 4), head[4]
-        if size < 5 or at + size > end or number not in range(1, 8):
+        if size < _SHORTEST.get(number, 5) or at + size > end or number not in range(1, 8):
             raise GarbageError
-        sections[number] = at
+        check_order(before, number)
+        sections[number], before = at, number
         if number == 6 and head[5] == 0:
             bitmap = at
         if number == 7:
@@ -51,6 +67,8 @@ def scan_grib2(window: Window, start: int, length: int, contents: FileContents) 
             _scan_part(window, start, length, part, discipline, sections, bitmap, contents)
             part += 1
         at += size
+    if at != end or before != 7:
+        raise GarbageError
 
 
 def _scan_part(
@@ -63,11 +81,11 @@ def _scan_part(
     bitmap: int,
     contents: FileContents,
 ) -> None:
-    if not {1, 3, 4, 5, 6} <= sections.keys():
-        raise GarbageError
     product = window.get(sections[4], 37)
     kind = {(2, 2): U, (2, 3): V, (3, 0): PRESSURE}.get((product[9], product[10]))
     if discipline != 0 or kind is None:
+        if discipline == 0 and product[9] == 2 and product[10] in (0, 1):
+            contents.skipped[SPEED_ALONE] += 1
         return
     try:
         contents.fields.append(
@@ -94,6 +112,7 @@ def _lead_grib2(product: bytes) -> int:
         raise SkippedError("wind", f"not instantaneous (product template 4.{template})")
     if template not in (0, 1, 2):
         raise SkippedError("wind", f"product template 4.{template}")
+    check_template(4, unsigned(product, 0, 4), template)
     if template == 2 and product[34] not in (0, 1):
         raise SkippedError("wind", f"ensemble statistic that is no mean (code {product[34]})")
     if unit not in _TIME_UNITS:
@@ -113,40 +132,75 @@ def _field_grib2(
     contents: FileContents,
 ) -> Field:
     level_kind, level = _level_grib2(product, kind)
+    if level_kind == ISOBARIC:
+        check_level(level)
     lead = _lead_grib2(product)
     stamp = window.get(sections[1], 19)
-    base = reference_time(unsigned(stamp, 12, 2), *stamp[14:19])
-    grid_length = unsigned(window.get(sections[3], 4), 0, 4)
-    section = window.get(sections[3], grid_length)
+    valid = valid_time(reference_time(unsigned(stamp, 12, 2), *stamp[14:19]), lead)
+    section = _section(window, sections[3])
     try:
         grid = contents.grid_number(2, section)
     except UnplaceableGridError as error:
         raise SkippedError("grid", str(error)) from None
-    representation = window.get(sections[5], 21)
-    packing = unsigned(representation, 9, 2)
-    simple = packing == 0 and len(representation) >= 21
-    bits = representation[19] if simple else 0
-    indicator = window.get(sections[6], 6)[5]
-    bitmap_at = {255: -1, 0: sections[6], 254: bitmap}.get(indicator, -1)
+    size = read_grid(2, section).size
+    if unsigned(section, 6, 4) != size:
+        raise damaged(f"{unsigned(section, 6, 4):,} data points on a grid of {size:,}")
+    bitmap_at = _bitmap(window, sections[6], bitmap, size)
+    member = product[35] if unsigned(product, 7, 2) == 1 and not missing(product, 35, 1) else 0
+    return _packed(
+        window,
+        Field(
+            file=0, offset=start, length=length, part=part, edition=2, kind=kind,
+            level_kind=level_kind, level=level, valid=valid, lead=lead,
+            member=member, grid=grid, packing=0, sparse=False, coded=0, bits=0,
+            binary_scale=0, decimal_scale=0, reference_value=0.0,
+            data_start=sections[7] + 5,
+            data_end=sections[7] + unsigned(window.get(sections[7], 4), 0, 4),
+            section_identification=sections[1], section_grid=sections[3],
+            section_product=sections[4], section_packing=sections[5],
+            section_bitmap=bitmap_at, section_data=sections[7],
+        ),
+        size,
+    )  # fmt: skip
+
+
+def _section(window: Window, at: int) -> bytes:
+    return window.get(at, unsigned(window.get(at, 4), 0, 4))
+
+
+def _bitmap(window: Window, at: int, before: int, size: int) -> int:
+    """Offset of the bitmap section that holds, -1 where there is none."""
+    head = window.get(at, 6)
+    octets, indicator = unsigned(head, 0, 4) - 6, head[5]
+    bitmap_at = {255: -1, 0: at, 254: before}.get(indicator, -1)
     if indicator not in (0, 255) and bitmap_at < 0:
         raise SkippedError("wind", f"predefined bitmap {indicator}")
-    room = unsigned(window.get(sections[7], 4), 0, 4) - 5
-    size = read_grid(2, section).size
-    reference_value = ieee_float(representation, 11) if simple else 0.0
+    if bitmap_at == before != at and bitmap_at >= 0:
+        octets = unsigned(window.get(before, 4), 0, 4) - 6
+    if bitmap_at >= 0 and not 0 <= octets - (size + 7) // 8 <= PADDING:
+        raise damaged("bitmap that is not its grid's")
+    return bitmap_at
+
+
+def _packed(window: Window, field: Field, size: int) -> Field:
+    """The field with what section 5 says of its packing."""
+    section = window.get(field.section_packing, 21)
+    length, packing = unsigned(section, 0, 4), unsigned(section, 9, 2)
+    check_template(5, length, packing)
+    coded, bitmap = unsigned(section, 5, 4), field.section_bitmap >= 0
+    check_count(coded, size, bitmap=bitmap)
+    field = field._replace(packing=packing, coded=coded)
+    if not has_scaling(packing):
+        return field
+    reference, bits = ieee_float(section, 11), section[19]
+    binary, decimal = signed(section, 15, 2), signed(section, 17, 2)
+    check_lowest(field.kind, reference, binary, decimal)
+    field = field._replace(reference_value=reference, binary_scale=binary, decimal_scale=decimal)
+    if bits > (_WIDEST if packing == 0 else _WIDEST_PACKED):
+        raise damaged(f"{bits} bits a value")
+    if packing != 0:
+        return field
+    check_room(field.data_end - field.data_start, bits, coded)
     # eccodes reads subnormal references in a way of its own: those are left to it.
-    usual = reference_value == 0.0 or abs(reference_value) >= SMALLEST_NORMAL
-    sparse = simple and usual and bits <= MAX_BITS and fits(room, bits, size, bitmap_at)
-    member = product[35] if unsigned(product, 7, 2) == 1 and not missing(product, 35, 1) else 0
-    return Field(
-        file=0, offset=start, length=length, part=part, edition=2, kind=kind,
-        level_kind=level_kind, level=level, valid=base + lead * 1_000_000_000, lead=lead,
-        member=member, grid=grid, packing=packing, sparse=sparse, bits=bits,
-        binary_scale=signed(representation, 15, 2) if simple else 0,
-        decimal_scale=signed(representation, 17, 2) if simple else 0,
-        reference_value=reference_value,
-        data_start=sections[7] + 5, data_end=sections[7] + 5 + room,
-        section_identification=sections[1], section_grid=sections[3],
-        section_product=sections[4], section_packing=sections[5],
-        section_bitmap=bitmap_at,
-        section_data=sections[7],
-    )  # fmt: skip
+    usual = reference == 0.0 or abs(reference) >= SMALLEST_NORMAL
+    return field._replace(sparse=usual and bits <= MAX_BITS, bits=bits)

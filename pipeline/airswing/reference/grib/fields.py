@@ -21,8 +21,9 @@ from airswing.reference.grib.gridsections import read_grid
 #: Kinds of field: eastward (along x) wind, northward (along y) wind, pressure.
 U, V, PRESSURE = 0, 1, 2
 
-#: One row a field. `bits`, the scales, `reference_value` and `data_start`, `data_end` (offsets
-#: of packed values) describe simple packing; `section_*` are offsets of whole sections (-1: none).
+#: One row a field. `coded` is the count of values that section 5 of GRIB2 states (-1: not stated);
+#: `bits`, the scales, `reference_value` and `data_start`, `data_end` (offsets of packed values)
+#: describe simple packing; `section_*` are offsets of whole sections (-1: none).
 FIELD_DTYPE = np.dtype(
     [
         ("file", "i4"),
@@ -39,6 +40,7 @@ FIELD_DTYPE = np.dtype(
         ("grid", "i4"),
         ("packing", "i4"),
         ("sparse", "?"),
+        ("coded", "i8"),
         ("bits", "i2"),
         ("binary_scale", "i4"),
         ("decimal_scale", "i4"),
@@ -59,6 +61,10 @@ HEAD = 512
 RANGES = {2: "range", 3: "average", 4: "accumulation", 5: "difference", 6: "average", 7: "average"}
 
 
+SPEED_ALONE = "wind", "wind speed or direction, not u and v"
+"""What is said of messages that hold a wind in another form."""
+
+
 class Field(NamedTuple):
     """One row of `FIELD_DTYPE`; `grid` numbers `FileContents.grids`."""
 
@@ -76,6 +82,7 @@ class Field(NamedTuple):
     grid: int
     packing: int
     sparse: bool
+    coded: int
     bits: int
     binary_scale: int
     decimal_scale: int
@@ -171,12 +178,7 @@ def reference_time(*parts: int) -> int:
         return _nanoseconds(*parts)
     except (ValueError, OverflowError):
         date = "{:04d}-{:02d}-{:02d}T{:02d}:{:02d}:{:02d}".format(*parts)
-        raise SkippedError("wind", f"impossible reference time {date}") from None
-
-
-def fits(octets: int, bits: int, size: int, bitmap_at: int) -> bool:
-    """Whether a data section of a field without a bitmap has room for every point."""
-    return bitmap_at >= 0 or octets * 8 >= bits * size
+        raise SkippedError("message", f"damaged: impossible reference time {date}") from None
 
 
 def off_levels(kind: int, surface: int) -> SkippedError:

@@ -25,8 +25,16 @@ import numpy as np
 
 from airswing.reference.geometry import grids
 from airswing.reference.geometry.model_time import SourceFile
-from airswing.reference.grib import edition1, edition2, fields, gridsections, messages, octets
+from airswing.reference.grib import (
+    consistency,
+    edition1,
+    edition2,
+    fields,
+    gridsections,
+    messages,
+)
 from airswing.reference.grib.fields import FIELD_DTYPE, Field, FileContents
+from airswing.reference.packing import octets
 
 _SAMPLE = 256
 _NAME = "grib-headers.sqlite"
@@ -74,7 +82,7 @@ def identify(path: str) -> SourceFile:
 def code_version() -> str:
     """Hash of the source that reads headers."""
     digest = hashlib.blake2b(digest_size=12)
-    for module in (octets, grids, gridsections, fields, edition1, edition2, messages):
+    for module in (octets, grids, gridsections, fields, consistency, edition1, edition2, messages):
         digest.update(Path(str(module.__file__)).read_bytes())
     return digest.hexdigest()
 

@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import Any
 
 from airswing.reference.geometry.grids import Grid, UnplaceableGridError
-from airswing.reference.grib.octets import ibm_float, ieee_float, missing, signed, unsigned
+from airswing.reference.packing.octets import ibm_float, ieee_float, missing, signed, unsigned
 
 _GRIB1_NAMES = {
     4: "gaussian",
@@ -26,9 +26,9 @@ _GRIB1_NAMES = {
     50: "spherical harmonics",
     60: "rotated spherical harmonics",
     90: "space view",
-    201: "Arakawa semi-staggered E-grid",
-    202: "Arakawa filled E-grid",
-    203: "Arakawa staggered E-grid",
+    201: "Arakawa semi-staggered E",
+    202: "Arakawa filled E",
+    203: "Arakawa staggered E",
 }
 #: Octets of the sections, by edition and grid.
 _LENGTHS = {
@@ -52,9 +52,18 @@ _GRIB2_NAMES = {
     140: "Lambert azimuthal equal area",
     150: "HEALPix",
     204: "curvilinear orthogonal",
-    32768: "Arakawa staggered E-grid",
-    32769: "Arakawa staggered grid",
+    32768: "rotated latitude/longitude, Arakawa E staggered,",
+    32769: "rotated latitude/longitude, Arakawa non-E staggered,",
 }
+
+MAX_POINTS = 100_000_000
+"""Points of a grid: ten times the largest that winds are published on."""
+_RADII = (6.3e6, 6.4e6)
+"""Semi-axes of every earth in use, m."""
+_SHORTEST, _LONGEST = 10.0, 6e7
+"""Grid length, and extent of a projected grid (the earth once and a half around), m."""
+_STEP_TOLERANCE = 0.02
+"""Of a step: increments are written to a few digits only."""
 
 #: (semi-major axis m, semi-minor axis m) of GRIB2 code table 3.2.
 _EARTHS = {
@@ -90,11 +99,32 @@ def read_grid(edition: int, section: bytes) -> Grid:
     kind = section[5:6] if edition == 1 else section[12:14]
     if not kind or len(section) < _LENGTHS[edition].get(int.from_bytes(kind, "big"), 0):
         raise UnplaceableGridError("grid section too short for its type")
-    return _grib1(section) if edition == 1 else _grib2(section)
+    try:
+        grid = _grib1(section) if edition == 1 else _grib2(section)
+    except (ArithmeticError, ValueError, IndexError) as error:
+        raise UnplaceableGridError("grid section whose numbers contradict each other") from error
+    return _on_earth(grid)
+
+
+def _on_earth(grid: Grid) -> Grid:
+    """Refuse a grid that no program would have written: a damaged section."""
+    if grid.size > MAX_POINTS:
+        raise UnplaceableGridError(f"grid of {grid.ni:,} by {grid.nj:,} points")
+    latitudes = [grid.latitude_first, grid.true_latitude, grid.latin1, grid.latin2]
+    latitudes.append(grid.pole_latitude)
+    longitudes = (grid.longitude_first, grid.orientation, grid.pole_longitude)
+    if max(map(abs, latitudes)) > 90.0 or max(map(abs, longitudes)) > 360.0:
+        raise UnplaceableGridError("grid off the earth")
+    metres = not grid.kind.endswith("ll")
+    if metres and not (abs(grid.di) >= _SHORTEST and abs(grid.dj) >= _SHORTEST):
+        raise UnplaceableGridError(f"grid lengths of {grid.di:g} by {grid.dj:g} m")
+    if metres and max(abs(grid.di) * (grid.ni - 1), abs(grid.dj) * (grid.nj - 1)) > _LONGEST:
+        raise UnplaceableGridError("grid larger than the earth")
+    return grid
 
 
 def _eccentricity(major: float, minor: float) -> float:
-    if not (major >= minor > 0):
+    if not (_RADII[1] >= major >= minor >= _RADII[0]):
         raise UnplaceableGridError(f"impossible earth shape, axes {major} m and {minor} m")
     return math.sqrt(1.0 - (minor / major) ** 2)
 
@@ -119,10 +149,20 @@ def _signs(scan: int) -> tuple[float, float]:
 
 
 def _steps(
-    ni: int, nj: int, scan: int, first: tuple[float, float], last: tuple[float, float], unit: float
+    shape: tuple[int, int],
+    scan: int,
+    first: tuple[float, float],
+    last: tuple[float, float],
+    unit: float,
+    stated: tuple[float, float],
 ) -> dict[str, Any]:
-    """Steps in degrees from the corners; `unit` is the resolution they are written to."""
-    si, sj = _signs(scan)
+    """Steps in degrees from the corners; `unit` is the resolution they are written to.
+
+    `stated` increments (NaN: not given) must agree with them.
+    """
+    (ni, nj), (si, sj) = shape, _signs(scan)
+    if not (abs(last[0]) <= 90.0 + unit and abs(last[1]) <= 720.0):
+        raise UnplaceableGridError("grid off the earth")
     extent = (si * (last[1] - first[1])) % 360.0
     if ni > 1 and (extent < unit or 360.0 - extent < unit):
         extent = 360.0
@@ -130,10 +170,26 @@ def _steps(
     dj = (last[0] - first[0]) / (nj - 1) if nj > 1 else sj
     if di == 0 or dj == 0 or (nj > 1 and dj * sj < 0):
         raise UnplaceableGridError("corners and scanning direction contradict each other")
+    for step, said, number in ((di, stated[0], ni), (dj, stated[1], nj)):
+        if number > 1 and abs(abs(step) - said) > 2.0 * unit + _STEP_TOLERANCE * abs(step):
+            raise UnplaceableGridError("corners and increments contradict each other")
     periodic = abs(abs(di) * ni - 360.0) < ni * unit
     if periodic:
         di = si * 360.0 / ni
     return {"di": di, "dj": dj, "periodic": periodic}
+
+
+def _stated(
+    section: bytes, places: tuple[int, int], width: int, unit: float, *, given: bool
+) -> tuple[float, float]:
+    """Increments in degrees as the section has them; NaN where not given."""
+    steps = [
+        unsigned(section, place, width) * unit
+        if given and not missing(section, place, width)
+        else 0.0
+        for place in places
+    ]
+    return steps[0] or math.nan, steps[1] or math.nan
 
 
 def _grib1(section: bytes) -> Grid:
@@ -158,7 +214,8 @@ def _grib1(section: bytes) -> Grid:
     si, sj = _signs(scan)
     if kind in (0, 10):
         last = (signed(section, 17, 3) / 1e3, signed(section, 20, 3) / 1e3)
-        shared |= _steps(ni, nj, scan, first, last, 1e-3)
+        stated = _stated(section, (23, 25), 2, 1e-3, given=bool(flags & 0x80))
+        shared |= _steps((ni, nj), scan, first, last, 1e-3, stated)
         if kind == 0:
             return Grid("regular_ll", **shared)
         pole = (signed(section, 32, 3) / 1e3, signed(section, 35, 3) / 1e3)
@@ -249,12 +306,13 @@ def _grib2_degrees(section: bytes, kind: int, shared: dict[str, Any]) -> Grid:
     first = (signed(section, 46, 4) / scale, signed(section, 50, 4) / scale)
     last = (signed(section, 55, 4) / scale, signed(section, 59, 4) / scale)
     scan = section[71]
+    stated = _stated(section, (63, 67), 4, 1.0 / scale, given=section[54] & 0x30 == 0x30)
     shared |= {
         "latitude_first": first[0],
         "longitude_first": first[1],
         "wind_along_grid": bool(section[54] & 0x08),
         **_scanning(scan),
-        **_steps(shared["ni"], shared["nj"], scan, first, last, unit),
+        **_steps((shared["ni"], shared["nj"]), scan, first, last, unit, stated),
     }
     if kind == 0:
         return Grid("regular_ll", **shared)

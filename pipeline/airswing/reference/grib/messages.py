@@ -1,8 +1,8 @@
 """What a GRIB file holds, read from its octets: nothing is decoded.
 
 Lengths and fixed octets of GRIB1 and GRIB2 say where each wind field is,
-which level, time, grid and packing it has. eccodes is asked only for what
-is unusual (the length of GRIB1 messages above 8 MB).
+which level, time, grid and packing it has, and are held against each other
+(`airswing.reference.grib.consistency`): what contradicts itself is skipped and named.
 
 Assumptions and validity
 ------------------------
@@ -21,13 +21,17 @@ Assumptions and validity
 from __future__ import annotations
 
 import os
+import struct
 from collections import Counter
 from collections.abc import Iterator
 
-from airswing.reference.grib.edition1 import scan_grib1
+from airswing.reference.grib.edition1 import LARGE, LARGE_UNIT, scan_grib1
 from airswing.reference.grib.edition2 import scan_grib2
 from airswing.reference.grib.fields import FileContents, GarbageError, Window
-from airswing.reference.grib.octets import unsigned
+from airswing.reference.packing.octets import unsigned
+
+_LYING = (GarbageError, LookupError, ValueError, ArithmeticError, struct.error)
+"""What octets that contradict each other lead to."""
 
 
 def scan_file(path: str) -> FileContents:
@@ -50,16 +54,21 @@ def scan_file(path: str) -> FileContents:
     descriptor = os.open(path, os.O_RDONLY)
     try:
         window = Window(descriptor)
-        for start, edition, length in whole_messages(window, path, contents.skipped):
+        for start, edition, length in whole_messages(window, contents.skipped):
             contents.messages += 1
+            before = len(contents.fields)
             try:
                 if edition == 1:
                     contents.parts += 1
                     scan_grib1(window, start, length, contents)
                 else:
                     scan_grib2(window, start, length, contents)
-            except (GarbageError, IndexError):
-                contents.skipped["message", "garbage: section lengths do not add up"] += 1
+            except _LYING as reason:
+                # All or nothing: of a message that contradicts itself no part is used.
+                del contents.fields[before:]
+                told = str(reason) if isinstance(reason, GarbageError) else ""
+                told = told or "garbage: section lengths do not add up"
+                contents.skipped["message", told] += 1
     finally:
         os.close(descriptor)
     if contents.messages == 0:
@@ -68,7 +77,7 @@ def scan_file(path: str) -> FileContents:
 
 
 def whole_messages(
-    window: Window, path: str, skipped: Counter[tuple[str, str]]
+    window: Window, skipped: Counter[tuple[str, str]]
 ) -> Iterator[tuple[int, int, int]]:
     """Offset, edition and length of each whole message, over any garbage between.
 
@@ -76,8 +85,6 @@ def whole_messages(
     ----------
     window : Window
         The file.
-    path : str
-        Its name.
     skipped : Counter
         Takes what was passed over.
 
@@ -94,7 +101,7 @@ def whole_messages(
                 return
             continue
         try:
-            edition, length = _length(window, path, at, head)
+            edition, length = _length(window, at, head)
         except GarbageError as reason:
             skipped["message", str(reason)] += 1
             at += 4
@@ -114,14 +121,14 @@ def _next_mark(window: Window, at: int) -> int:
     return -1
 
 
-def _length(window: Window, path: str, at: int, head: bytes) -> tuple[int, int]:
+def _length(window: Window, at: int, head: bytes) -> tuple[int, int]:
     if len(head) < 16:
         raise GarbageError("truncated message")
     edition = head[7]
     if edition == 1:
         length = unsigned(head, 4, 3)
-        if length & 0x800000:
-            length = _length_by_eccodes(path, at)
+        if length & LARGE:
+            length = _large(window, at, length)
     elif edition == 2:
         length = unsigned(head, 8, 8)
     else:
@@ -133,19 +140,17 @@ def _length(window: Window, path: str, at: int, head: bytes) -> tuple[int, int]:
     return edition, length
 
 
-def _length_by_eccodes(path: str, at: int) -> int:
-    """Length of a GRIB1 message above 8 MB, which counts in units of 120 octets."""
-    import eccodes
+def _large(window: Window, at: int, stated: int) -> int:
+    """Length of a GRIB1 message above 8 MB.
 
-    with open(path, "rb") as file:
-        file.seek(at)
-        try:
-            handle = eccodes.codes_grib_new_from_file(file, headers_only=True)
-        except eccodes.CodesInternalError as error:
-            raise GarbageError(f"garbage: {error}") from error
-        if handle is None:
-            raise GarbageError("truncated message")
-        try:
-            return int(eccodes.codes_get(handle, "totalLength"))
-        finally:
-            eccodes.codes_release(handle)
+    The European centre's custom: the message's length counts in units of 120 octets, and the
+    length of section 4 holds what is too much in that, less than a unit. Where section 4 states
+    a length of its own, the message's is meant as it stands.
+    """
+    place, flags = at + 8, window.get(at + 15, 1)[0]
+    for present in (0xFF, flags & 0x80, flags & 0x40):
+        place += unsigned(window.get(place, 3), 0, 3) if present else 0
+    rest = unsigned(window.get(place, 3), 0, 3)
+    if rest >= LARGE_UNIT:
+        return stated
+    return (stated & ~LARGE) * LARGE_UNIT - rest + 4

@@ -1,11 +1,18 @@
 """Values of one catalogued field at chosen points, by the cheapest way that is exact.
 
-Simple packing is read in place (`airswing.reference.grib.packing`); everything
-else is decoded whole by eccodes. Both give the same doubles, bit for bit.
+Simple packing is read in place; everything else is decoded whole by eccodes. Both give the same
+doubles, bit for bit.
 
-A field of a multi-field GRIB2 message is handed to eccodes as a message of
-its own, put together from its sections, so that nothing depends on eccodes'
-global multi-field switch, which is not safe between threads.
+Assumptions and validity
+------------------------
+* eccodes is given a message of one field, put together from the sections that values depend on,
+  bitmap and data as they stand, and sections of our own that say what was read of the grid and
+  the product. So nothing depends on eccodes' multi-field switch, which is not safe between
+  threads, and nothing that those sections hold can lead it astray.
+* eccodes ends the process where one of its assertions fails. Simple packing and IEEE floats whose
+  lengths fit their grid, complex packing whose groups do and PNG streams that are whole leave it
+  nothing to assert: they are decoded here. All else is decoded where an end is survived
+  (`airswing.reference.packing.decoder`).
 """
 
 from __future__ import annotations
@@ -15,10 +22,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.grib.octets import unsigned
-from airswing.reference.grib.packing import (
+from airswing.reference.grib.edition1 import LARGE
+from airswing.reference.packing.complex_packing import require_sound_groups
+from airswing.reference.packing.decoder import decode_beside
+from airswing.reference.packing.decoder_process import ABSENT
+from airswing.reference.packing.image_packing import require_whole_png
+from airswing.reference.packing.octets import unsigned
+from airswing.reference.packing.simple_packing import (
     SimplePacking,
     UnreadableMessageError,
+    present_points,
     read_bytes,
     sparse_values,
 )
@@ -26,8 +39,26 @@ from airswing.reference.grib.packing import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: What eccodes is asked to put where a point is missing; no field holds it.
-ABSENT = 1e300
+_IDENTIFICATION = bytes([0, 0, 0, 21, 1, 0, 7, 0, 0, 2, 1, 1, 7, 217, 8, 1, 0, 0, 0, 0, 1])
+"""Section 1 of GRIB2: an analysis of 2009-08-01."""
+_PRODUCT = bytes([0, 0, 0, 34, 4, 0, 0, 0, 0, 2, 2, 2, 0, 96, 0, 0, 0, 1, 0, 0, 0, 0, 100, 0,
+                  0, 0, 195, 80, 255, 0, 0, 0, 0, 0])  # fmt: skip
+"""Section 4 of GRIB2: u at 500 hPa."""
+_PRODUCT_1 = bytes([0, 0, 28, 2, 7, 0, 255, 128, 33, 100, 1, 244, 9, 8, 1, 0, 0, 1, 0, 0, 0, 0, 0,
+                    0, 21, 0, 0, 0])  # fmt: skip
+"""Section 1 of GRIB1: the same."""
+_GRID = bytes([0, 0, 0, 72, 3, 0, 0, 0, 0, 0, 0, 0, 0, 0, 6, *[0] * 23, 0, 0, 0, 0,
+               255, 255, 255, 255, 2, 98, 90, 0, 0, 0, 0, 0, 48, 2, 98, 90, 0, 0, 0, 0, 0,
+               0, 15, 66, 64, 0, 15, 66, 64, 0])  # fmt: skip
+"""Section 3 of GRIB2: a grid in longitude and latitude; values depend on its counts alone."""
+_GRID_1 = bytes([0, 0, 32, 0, 255, 0, 0, 0, 0, 0, 0, 156, 64, 0, 0, 0, 128, 0, 156, 64, 0, 156, 64,
+                 3, 232, 3, 232, 0, 0, 0, 0, 0])  # fmt: skip
+"""Section 2 of GRIB1: the same."""
+_SCANNING = {0: 71, 1: 71, 10: 59, 20: 64, 30: 64}
+"""Place of the scanning mode in section 3 of GRIB2, by template."""
+_NO_BITMAP = bytes([0, 0, 0, 6, 6, 255])
+_CHANGED = "not the message the catalogue saw"
+_IEEE, _PNG = 4, (41, 40010)
 
 
 def field_values(
@@ -57,14 +88,47 @@ def field_values(
     UnreadableMessageError
         Where the octets are not the message the catalogue saw, or cannot be decoded.
     """
+    packed = simple_packing(row, size)
     if sparse and row["sparse"]:
-        return sparse_values(descriptor, simple_packing(row, size), points)
-    values = decode(message_bytes(descriptor, row))
-    if values.size != size:
-        raise UnreadableMessageError(f"{values.size} values on a grid of {size} points")
-    taken: Floats = values[points]
+        return sparse_values(descriptor, packed, points)
+    message = message_bytes(descriptor, row)
+    if _certain(row, message, packed, descriptor):
+        values = decode(message)
+        if values.size != size:
+            raise UnreadableMessageError(f"{values.size} values on a grid of {size} points")
+        taken: Floats = values[points]
+    else:
+        taken = decode_beside(message, size, points)
     taken[taken == ABSENT] = np.nan
     return taken
+
+
+def _certain(row: Any, message: bytes, packed: SimplePacking, descriptor: int) -> bool:
+    """Whether eccodes can find nothing to assert in a message.
+
+    Raises
+    ------
+    UnreadableMessageError
+        Where it certainly would, or would read what is not there.
+    """
+    edition, packing = int(row["edition"]), int(row["packing"])
+    present = packed.size if packed.bitmap < 0 else present_points(descriptor, packed)
+    if edition == 2 and int(row["coded"]) != present:
+        raise UnreadableMessageError(f"{int(row['coded'])} values, {present} in the bitmap")
+    octets = packed.end - packed.start
+    if edition == 1 and len(message) >= LARGE:
+        return False
+    if packing == 0:
+        if octets * 8 < packed.bits * present:
+            raise UnreadableMessageError("data section shorter than its grid and bitmap promise")
+        return packed.bits <= 32
+    if edition == 1:
+        return False
+    if packing == _IEEE:
+        return octets in (4 * present, 8 * present)
+    if packing in (2, 3):
+        return require_sound_groups(message, present)
+    return packing in _PNG and require_whole_png(message, present)
 
 
 def simple_packing(row: Any, size: int) -> SimplePacking:
@@ -83,29 +147,57 @@ def simple_packing(row: Any, size: int) -> SimplePacking:
 
 
 def message_bytes(descriptor: int, row: Any) -> bytes:
-    """The field as a complete GRIB message that holds nothing else."""
-    offset, length = int(row["offset"]), int(row["length"])
+    """The field as a complete GRIB message that holds nothing else, on a grid of our own.
+
+    Its grid has the counts and the scanning mode of the field's, by which eccodes orders values.
+    """
     if row["edition"] == 1:
-        return read_bytes(descriptor, offset, length)
-    head = read_bytes(descriptor, offset, 16)
-    if head[:4] != b"GRIB":
-        raise UnreadableMessageError("no GRIB message where the catalogue saw one")
-    starts = [row[f"section_{name}"] for name in ("identification", "grid", "product", "packing")]
-    body = [_section(descriptor, int(start)) for start in starts]
-    bitmap = int(row["section_bitmap"])
-    body.append(_section(descriptor, bitmap) if bitmap >= 0 else b"\x00\x00\x00\x06\x06\xff")
-    body.append(_section(descriptor, int(row["section_data"])))
+        return _message_1(descriptor, row)
+    own = _section(descriptor, row, "grid", 3)
+    grid = bytearray(_GRID)
+    grid[6:10], grid[30:38] = own[6:10], own[30:38]
+    scanning = _SCANNING.get(unsigned(own, 12, 2), len(own))
+    if scanning >= len(own):
+        raise UnreadableMessageError(_CHANGED)
+    grid[71] = own[scanning]
+    body = [_IDENTIFICATION, bytes(grid), _PRODUCT, _section(descriptor, row, "packing", 5)]
+    bitmap = row["section_bitmap"] >= 0
+    body.append(_section(descriptor, row, "bitmap", 6) if bitmap else _NO_BITMAP)
+    data = int(row["section_data"])
+    body.append(read_bytes(descriptor, data, int(row["data_end"]) - data))
     total = 16 + sum(map(len, body)) + 4
-    return b"".join([head[:8], total.to_bytes(8, "big"), *body, b"7777"])
+    head = b"GRIB\x00\x00\x00\x02"
+    return b"".join([head, total.to_bytes(8, "big"), *body, b"7777"])
 
 
-def _section(descriptor: int, start: int) -> bytes:
-    length = unsigned(read_bytes(descriptor, start, 4), 0, 4)
+def _message_1(descriptor: int, row: Any) -> bytes:
+    start, bitmap, data = (int(row[f"section_{name}"]) for name in ("grid", "bitmap", "data"))
+    own = read_bytes(descriptor, start, 28)
+    product, grid = bytearray(_PRODUCT_1), bytearray(_GRID_1)
+    product[7] |= 0x40 if bitmap >= 0 else 0
+    product[26:28] = read_bytes(descriptor, int(row["section_product"]) + 26, 2)
+    grid[6:10], grid[27] = own[6:10], own[27]
+    first = bitmap if bitmap >= 0 else data
+    body = read_bytes(descriptor, first, int(row["data_end"]) - first)
+    total = 8 + len(product) + len(grid) + len(body) + 4
+    if total >= LARGE:
+        # Above 8 MB the length is written in another unit: the message as it stands.
+        return read_bytes(descriptor, int(row["offset"]), int(row["length"]))
+    return b"".join([b"GRIB", total.to_bytes(3, "big"), b"\x01", product, grid, body, b"7777"])
+
+
+def _section(descriptor: int, row: Any, name: str, number: int) -> bytes:
+    """A section of GRIB2, which must still be what the catalogue saw."""
+    start, end = int(row[f"section_{name}"]), int(row["offset"]) + int(row["length"])
+    head = read_bytes(descriptor, start, 5)
+    length = unsigned(head, 0, 4)
+    if head[4] != number or not 5 < length <= end - start:
+        raise UnreadableMessageError(_CHANGED)
     return read_bytes(descriptor, start, length)
 
 
 def decode(message: bytes) -> Floats:
-    """Decode a single-field message by eccodes.
+    """Decode a single-field message by eccodes, in this process.
 
     Parameters
     ----------
@@ -129,7 +221,7 @@ def decode(message: bytes) -> Floats:
     try:
         eccodes.codes_set(handle, "missingValue", ABSENT)
         values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
-    except eccodes.CodesInternalError as error:
+    except (eccodes.CodesInternalError, MemoryError, ValueError) as error:
         raise UnreadableMessageError(f"not decodable: {error}") from error
     finally:
         eccodes.codes_release(handle)

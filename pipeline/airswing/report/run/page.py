@@ -347,7 +347,10 @@ def _on_the_way_in(headings: xr.Dataset) -> list[str]:
         *(
             f"{name}: {line}"
             for name, entry in tally(headings, "reference_audit").items()
-            for line in [*model_reasons(entry.get("skipped", [])), *entry.get("notes", [])]
+            for line in [
+                *model_reasons([*entry.get("skipped", []), *entry.get("unread", [])]),
+                *entry.get("notes", []),
+            ]
         ),
     ]
 

@@ -8,14 +8,17 @@ Assumes the tallies the readers leave behind: ``reading_audit`` of the reports
 from __future__ import annotations
 
 import json
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 GROUPS_SHOWN = 5
+ENTRIES_KEPT = 200
+_PLACE = re.compile(r"^message at \d+: ")
 _EXPECTED = "wind"
 """Kind of message that is no wind on levels: most files hold such, and nobody need be told."""
 
@@ -37,7 +40,7 @@ def tally(ds: xr.Dataset, name: str) -> dict[str, Any]:
     stored = ds.attrs.get(name, {})
     try:
         return dict(json.loads(stored) if isinstance(stored, str) else stored)
-    except json.JSONDecodeError:
+    except (TypeError, ValueError):
         return {}
 
 
@@ -85,6 +88,47 @@ def model_warnings(skipped: Sequence[Mapping[str, Any]]) -> list[str]:
         One line a reason; what is no wind on levels is not told.
     """
     return model_reasons([entry for entry in skipped if entry["what"] != _EXPECTED])
+
+
+def unread(problems: Iterable[tuple[Any, str, str]]) -> list[dict[str, Any]]:
+    """Count the messages that gave no wind when they were read, by file and reason.
+
+    Parameters
+    ----------
+    problems : iterable of (valid time, file, reason)
+        Of the collocation; a reason begins with the place of its message.
+
+    Returns
+    -------
+    list of {"file", "what", "reason", "count"}
+        As ``skipped`` of a catalogue; at most `ENTRIES_KEPT`, the most frequent first.
+    """
+    counts = Counter((file, _PLACE.sub("", reason)) for _, file, reason in problems)
+    return [
+        {"file": file, "what": "message", "reason": reason, "count": count}
+        for (file, reason), count in sorted(counts.items(), key=lambda one: (-one[1], one[0]))
+    ][:ENTRIES_KEPT]
+
+
+def reference_warnings(audits: Mapping[str, Any]) -> list[str]:
+    """Say which model files and messages were left out or gave no wind, reference by reference.
+
+    Parameters
+    ----------
+    audits : mapping of str to mapping
+        ``reference_audit`` of the headings.
+
+    Returns
+    -------
+    list of str
+        One line a reason.
+    """
+    return [
+        f"{name}: {line}"
+        for name, audit in audits.items()
+        if isinstance(audit, Mapping)
+        for line in model_warnings([*audit.get("skipped", []), *audit.get("unread", [])])
+    ]
 
 
 def model_reasons(skipped: Sequence[Mapping[str, Any]]) -> list[str]:

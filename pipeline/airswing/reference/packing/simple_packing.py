@@ -29,6 +29,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+#: Octets a data section may have beyond its values.
+PADDING = 16
 #: Widest packed integer that one unaligned 64-bit load holds at any bit offset.
 MAX_BITS = 57
 
@@ -126,7 +128,10 @@ def sparse_values(descriptor: int, packing: SimplePacking, points: Ints) -> Floa
     if packing.bitmap < 0:
         values = _unpack(descriptor, packing, flat)
         return values.reshape(points.shape)
-    bitmap = read_bytes(descriptor, packing.bitmap, (packing.size + 7) // 8)
+    bitmap = _bitmap(descriptor, packing)
+    needed = (packing.bits * _present(bitmap, packing.size) + 7) // 8
+    if not needed <= packing.end - packing.start <= needed + PADDING and packing.bits:
+        raise UnreadableMessageError("data section that is not as long as its bitmap promises")
     present, rank = _rank(bitmap, flat)
     values = np.full(flat.shape, np.nan)
     values[present] = _unpack(descriptor, packing, rank[present])
@@ -157,6 +162,32 @@ def _unpack(descriptor: int, packing: SimplePacking, order: Ints) -> Floats:
 def _constant(packing: SimplePacking) -> float:
     """Value of a field without packed integers; like eccodes' never a negative zero."""
     return packing.reference + 0.0
+
+
+def present_points(descriptor: int, packing: SimplePacking) -> int:
+    """Points that a field's bitmap says are there.
+
+    Parameters
+    ----------
+    descriptor : int
+    packing : SimplePacking
+        With a bitmap.
+
+    Returns
+    -------
+    int
+    """
+    return _present(_bitmap(descriptor, packing), packing.size)
+
+
+def _bitmap(descriptor: int, packing: SimplePacking) -> bytes:
+    return read_bytes(descriptor, packing.bitmap, (packing.size + 7) // 8)
+
+
+def _present(bitmap: bytes, size: int) -> int:
+    """Points present among the first `size`: the last octet may have bits to spare."""
+    last, before = _rank(bitmap, np.array([size - 1]))
+    return int(before[0]) + bool(last[0])
 
 
 @lru_cache(maxsize=16)
