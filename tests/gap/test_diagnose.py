@@ -12,7 +12,7 @@ from tests.gap.toy import make_frame
 from airswing.errors import InputError
 from airswing.gap.design.candidates import candidates
 from airswing.gap.design.exogenous import exogenous
-from airswing.gap.diagnose import _run, diagnose
+from airswing.gap.diagnose import Search, _run, diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.held_out.gradient_reliability import path_derivative
 from airswing.gap.held_out.reduction import take_off
@@ -103,14 +103,14 @@ def test_products_are_complete_and_serialise(struck):
 
 def test_a_search_ends_alike_from_nothing_from_its_result_and_from_a_wrong_start(struck):
     frame, _ = struck
-    first = _run(
-        frame, exogenous(frame), frame.residual, SMALL, Rules(), False, 0, lambda *_: None, None
-    )
-    pool = candidates(first.base.stats.layout, SMALL, dictionary=False)
+    search = Search(SMALL, Rules(), False, 0, lambda *_: None)
+    first = _run(frame, exogenous(frame), frame.residual, search)
+    base = first.problem.base
+    pool = candidates(base.stats.layout, SMALL, dictionary=False)
     (right,) = first.standing.found.terms
     wrong = replace(right, candidate=next(c for c in pool if c.name == "tas_scale"), tails=(0,))
     for start in ([right], [wrong]):
-        (term,) = settle(first.base, pool, Rules(), start).found.terms
+        (term,) = settle(base, pool, Rules(), start).found.terms
         assert (term.key, term.tails) == (right.key, (1, 4))
 
 

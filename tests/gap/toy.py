@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.noise.model import NoiseFit, fit_noise
+from airswing.gap.noise.model import NoiseFit, fit_noise, flown
 
 AIRPORTS = np.array(
     [[41.98, -87.9], [44.88, -93.2], [42.2, -83.4], [39.0, -84.7], [35.0, -90.0], [38.7, -90.4],
@@ -90,12 +90,7 @@ def make_frame(
 
 def noise_of(frame: Frame, columns: Frame | None = None) -> NoiseFit:
     """Noise of an archive; heading and airspeed of ``columns`` where given."""
-    steady = frame if columns is None else columns
-    return fit_noise(
-        frame.residual, aircraft=frame.aircraft, flight=frame.flight, time=frame.time,
-        latitude=frame.latitude, longitude=frame.longitude, pressure=frame.pressure,
-        heading=steady.heading, airspeed=steady.airspeed,
-    )  # fmt: skip
+    return fit_noise(frame.residual, flown(frame if columns is None else columns))
 
 
 def _paths(rng: np.random.Generator, aircraft: int, days: int) -> dict[str, Any]:

@@ -21,8 +21,8 @@ from airswing.workflow.progress import Progress
 
 ENDS = """
 import os, sys
-from airswing import durable
-from airswing.reference import filecache
+from airswing.products import atomic as durable
+from airswing.reference.grib import filecache
 
 replace, suffix, left = os.replace, sys.argv[2], int(sys.argv[3])
 

@@ -9,9 +9,8 @@ Validity: at least two aircraft-weeks and some thousand reports for anything but
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.gap.archive.frame import Frame
 from airswing.gap.checks.aliases import hidden_shares
 from airswing.gap.checks.assumptions import run_checks, with_aliases
 from airswing.gap.checks.refit_claims import Adjustment, make_adjustment
@@ -32,7 +32,6 @@ from airswing.gap.evidence.localisation import residual_maps, slices
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.held_out.attenuation import readout_factors
 from airswing.gap.held_out.reduction import (
-    Closure,
     close,
     is_sensor,
     take_off,
@@ -41,17 +40,18 @@ from airswing.gap.held_out.reduction import (
     term_fields,
     whole_coefficients,
 )
-from airswing.gap.noise.model import NoiseFit, fit_noise
-from airswing.gap.result.assembled import aircraft_probability, assemble, best_scores
+from airswing.gap.noise.model import fit_noise, flown
+from airswing.gap.result.assembled import Findings, aircraft_probability, assemble, best_scores
 from airswing.gap.search.absorbed_by_unknown import folded
 from airswing.gap.search.coding_and_outliers import second_moments
 from airswing.gap.search.cross_validated import Standing, settle
 from airswing.gap.search.excess_scatter import scattering
 from airswing.gap.search.stepwise import Found, Rules, with_background
-from airswing.gap.search.tail_swaps import exchange, find_swap
+from airswing.gap.search.tail_swaps import Swap, exchange, find_swap
 from airswing.gap.search.testability import absorbed, too_short
-from airswing.gap.sums.accumulate import DAY, accumulate, day_of_report
-from airswing.gap.sums.elimination import Base, eliminate_days
+from airswing.gap.sums.accumulate import DAY, accumulate
+from airswing.gap.sums.elimination import eliminate_days
+from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_prior, shared_variances
 from airswing.physics.turns import heading_doubt
 
@@ -89,15 +89,23 @@ class Diagnosis:
 class Pass:
     """One pass over the reports and the search on its sums."""
 
-    noise: NoiseFit
-    base: Base
+    problem: Problem
     standing: Standing
-    columns_frame: Any
-    plan: DictionaryPlan
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is looked for, and how."""
+
+    effects: Mapping[str, Any]
+    rules: Rules
+    dictionary: bool
+    seed: int
+    tell: Progress
 
 
 def usable_effects(
-    frame: Any, catalogue: Mapping[str, Any]
+    frame: Frame, catalogue: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Effects whose columns can be tested in an archive, and why the others cannot.
 
@@ -124,7 +132,7 @@ def usable_effects(
 
 
 def diagnose(
-    frame: Any,
+    frame: Frame,
     *,
     catalogue: Mapping[str, Any] | None = None,
     rules: Rules | None = None,
@@ -162,86 +170,95 @@ def diagnose(
         Fewer than 200 reports or fewer than four flights.
     """
     _check(frame)
-    tell = progress or (lambda stage, done: None)
     effects, untestable = usable_effects(frame, CATALOGUE if catalogue is None else catalogue)
-    rules = rules or Rules()
-    columns_frame = exogenous(frame)
-    first = _run(frame, columns_frame, frame.residual, effects, rules, dictionary, seed, tell, None)
-    swap = None
-    if catalogue is None or "tail_swap" in catalogue:
-        swap = find_swap(first.base, given_terms(first.base, []), effects)
-    if swap is not None:
-        start = float(first.base.stats.days[swap.day]) * DAY + first.base.stats.day_shift * 3600
-        frame = exchange(frame, swap, start)
-        columns_frame = exogenous(frame)
-        first = _run(
-            frame, columns_frame, frame.residual, effects, rules, dictionary, seed, tell, None
-        )
-    final = first
-    parts = _parts(frame, columns_frame, first, effects)
-    if parts.peak > PEAK or any(_large(t) for t in first.standing.found.terms):
-        quiet = take_off(frame, parts.sensor, parts.other)
-        final = _run(
-            frame, columns_frame, quiet + parts.linear, effects, rules, dictionary, seed, tell,
-            quiet, first.standing.found.terms,
-        )  # fmt: skip
-    found, base = final.standing.found, final.base
-    energy, energy_error = final.standing.energy, final.standing.error
-    days, _ = day_of_report(frame)
-    day = np.searchsorted(base.stats.days, days)
-    tell("closure", 0.0)
-    means = folded(found.terms, energy, energy_error)
-    stated = [k for k, t in enumerate(found.terms) if t.candidate.known and k not in means]
-    fitted = term_coefficients(found.given, found.terms)
-    factors, doubts = readout_factors(
-        frame, columns_frame, found.terms, fitted, base=base, noise=final.noise, effects=effects,
-        plan=final.plan, again=final is not first,
-    )  # fmt: skip
-    reduce = partial(
-        close, frame, base, effects=effects, plan=final.plan, day=day, factors=factors, seed=seed
-    )
-    closure = reduce([found.terms[k] for k in stated])
-    whole = closure if len(stated) == len(found.terms) else reduce(found.terms)
-    closure = with_interval(
-        closure, frame, base, found, known=stated, effects=effects, plan=final.plan, day=day,
-        factors=factors, doubts=doubts, seed=seed,
-    )  # fmt: skip
-    bare = given_terms(base, [])
-    hidden = absorbed(base, bare, candidates(base.stats.layout, effects, dictionary=False), effects)
-    named = {term.candidate.name for term in found.terms}
-    untestable |= {name: reason for name, reason in hidden.items() if name not in named}
-    untestable |= too_short(base, effects)
-    tell("where", 0.0)
-    where = slices(base, bare, final.plan) if dictionary else []
+    tell = progress or (lambda stage, done: None)
+    search = Search(effects, rules or Rules(), dictionary, seed, tell)
     known_names = set(CATALOGUE if catalogue is None else catalogue)
-    moments = [m for m in second_moments(frame, final.noise) if m.name in known_names]
-    told = {tail for moment in moments for tail in moment.tails}
-    jittery = None
-    if dictionary:
-        jittery = scattering(frame, whole.residual, final.noise, explained=told)
-    report, details = assemble(
-        frame, base=base, noise=final.noise, found=found, closure=closure, whole=whole,
-        where=where, effects=effects, untestable=untestable, plan=final.plan,
-        energy=(energy, energy_error), means=means, factors=factors, doubts=doubts,
-        seed=seed, swap=swap, moments=moments, jittery=jittery,
-    )  # fmt: skip
+    first, swap = _first_pass(frame, search, swaps="tail_swap" in known_names)
+    final = _second_pass(first, search)
+    problem, found = final.problem, final.standing.found
+    findings = _findings(final, search, again=final is not first, names=known_names)
+    findings = replace(findings, swap=swap, untestable=untestable | dict(findings.untestable))
+    report, details = assemble(problem, findings)
     tell("checks", 0.0)
-    checks = run_checks(
-        frame, final.columns_frame, base=base, noise=final.noise, plan=final.plan, found=found,
-        closure=closure, effects=effects, day=day, seed=seed,
-    )  # fmt: skip
-    unseen = [name for name, reason in hidden.items() if not reason.startswith("in part")]
-    with_aliases(report["effects"], checks.shares, hidden_shares(base.stats, found.terms, unseen))
-    dataset = _dataset(frame, final, found, closure, maps)
-    adjustment = make_adjustment(
-        frame, found.terms, whole_coefficients(fitted, found.terms, factors), effects=effects,
-        plan=final.plan, day=day, shape=base.stats.day_count.shape,
-    )  # fmt: skip
-    dataset = dataset.assign(checks.histograms())
+    checks = run_checks(problem, found, findings.closure)
+    unseen = [name for name, reason in findings.hidden.items() if not reason.startswith("in part")]
+    hidden = hidden_shares(problem.base.stats, found.terms, unseen)
+    with_aliases(report["effects"], checks.shares, hidden)
+    dataset = _dataset(problem, found, maps).assign(checks.histograms())
+    fitted = term_coefficients(found.given, found.terms)
+    whole = whole_coefficients(fitted, found.terms, findings.factors)
+    adjustment = make_adjustment(problem, found.terms, whole)
     return Diagnosis(report, dataset, details | checks.details(), adjustment)
 
 
-def _check(frame: Any) -> None:
+def _first_pass(frame: Frame, search: Search, *, swaps: bool) -> tuple[Pass, Swap | None]:
+    """Pass over the reports as they are; again where two aircraft exchanged identifiers."""
+    first = _run(frame, exogenous(frame), frame.residual, search)
+    base = first.problem.base
+    swap = find_swap(base, given_terms(base, []), search.effects) if swaps else None
+    if swap is not None:
+        start = float(base.stats.days[swap.day]) * DAY + base.stats.day_shift * 3600
+        frame = exchange(frame, swap, start)
+        first = _run(frame, exogenous(frame), frame.residual, search)
+    return first, swap
+
+
+def _second_pass(first: Pass, search: Search) -> Pass:
+    """Linearise about what was found first, where that is large; else the first pass."""
+    frame, context = first.problem.archive, first.problem.context
+    terms = first.standing.found.terms
+    parts = _parts(first)
+    if parts.peak <= PEAK and not any(_large(t) for t in terms):
+        return first
+    quiet = take_off(frame, parts.sensor, parts.other)
+    return _run(frame, context, quiet + parts.linear, search, quiet=quiet, start=terms)
+
+
+def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str]) -> Findings:
+    """Work out closure, where the gap lies, what shows in no mean, what cannot be tested."""
+    problem, standing = final.problem, final.standing
+    found, base, frame = standing.found, problem.base, problem.archive
+    search.tell("closure", 0.0)
+    means = folded(found.terms, standing.energy, standing.error)
+    stated = [k for k, t in enumerate(found.terms) if t.candidate.known and k not in means]
+    fitted = term_coefficients(found.given, found.terms)
+    factors, doubts = readout_factors(problem, found.terms, fitted, again=again)
+    closure = close(problem, [found.terms[k] for k in stated], factors=factors)
+    whole = closure
+    if len(stated) < len(found.terms):
+        whole = close(problem, found.terms, factors=factors)
+    closure = with_interval(closure, problem, found, known=stated, factors=factors, doubts=doubts)
+    bare = given_terms(base, [])
+    pool = candidates(base.stats.layout, search.effects, dictionary=False)
+    hidden = absorbed(base, bare, pool, search.effects)
+    named = {term.candidate.name for term in found.terms}
+    untestable = {name: reason for name, reason in hidden.items() if name not in named}
+    untestable |= too_short(base, search.effects)
+    search.tell("where", 0.0)
+    moments = [m for m in second_moments(frame, problem.noise) if m.name in names]
+    jittery = None
+    if search.dictionary:
+        explained = {tail for moment in moments for tail in moment.tails}
+        jittery = scattering(frame, whole.residual, problem.noise, explained=explained)
+    return Findings(
+        found=found,
+        closure=closure,
+        whole=whole,
+        where=slices(base, bare, problem.plan) if search.dictionary else [],
+        untestable=untestable,
+        hidden=hidden,
+        energy=(standing.energy, standing.error),
+        means=means,
+        factors=factors,
+        doubts=doubts,
+        swap=None,
+        moments=moments,
+        jittery=jittery,
+    )
+
+
+def _check(frame: Frame) -> None:
     flights = np.unique(frame.flight).size
     if frame.size < 200 or flights < 4:
         raise InputError(
@@ -256,15 +273,12 @@ def _large(term: Term) -> bool:
 
 
 def _run(
-    frame: Any,
-    columns_frame: Any,
+    frame: Frame,
+    context: Frame,
     residual: Floats,
-    effects: Mapping[str, Any],
-    rules: Rules,
-    dictionary: bool,
-    seed: int,
-    tell: Progress,
-    quiet: Floats | None,
+    search: Search,
+    *,
+    quiet: Floats | None = None,
     start: Sequence[Term] = (),
 ) -> Pass:
     """Fit the noise, accumulate and search; the noise on ``quiet`` residuals where given.
@@ -272,27 +286,30 @@ def _run(
     Beside that noise all that is at work stands out, most of all what is not conditioned on yet: a
     second search begins with the terms of the first.
     """
+    effects, tell = search.effects, search.tell
     tell("noise", 0.0)
-    noise = fit_noise(
-        residual if quiet is None else quiet, aircraft=frame.aircraft, flight=frame.flight,
-        time=frame.time, latitude=frame.latitude, longitude=frame.longitude,
-        pressure=frame.pressure, heading=columns_frame.heading, airspeed=columns_frame.airspeed,
-        doubt=heading_doubt(frame, columns_frame), seed=seed,
-    )  # fmt: skip
-    plan = plan_dictionary(columns_frame, effects)
-    if not dictionary:
+    calm = residual if quiet is None else quiet
+    noise = fit_noise(calm, flown(context, heading_doubt(frame, context)), seed=search.seed)
+    plan = plan_dictionary(context, effects)
+    if not search.dictionary:
         plan = DictionaryPlan(plan.knots, (), plan.centre, plan.means, plan.flags)
-    layout = make_layout(effects, plan, columns_frame)
+    layout = make_layout(effects, plan, context)
     stats = accumulate(
-        columns_frame, residual, noise=noise, layout=layout, effects=effects, plan=plan,
+        context,
+        residual,
+        noise=noise,
+        layout=layout,
+        effects=effects,
+        plan=plan,
         known=None if quiet is None else residual - quiet,
         progress=lambda done: tell("statistics", done),
-    )  # fmt: skip
+    )
     tell("search", 0.0)
     base = eliminate_days(stats, shared_variances(stats, shared_prior(layout, effects)))
-    pool = candidates(layout, effects, dictionary=dictionary)
+    pool = candidates(layout, effects, dictionary=search.dictionary)
     base = with_background(base, pool)
-    return Pass(noise, base, settle(base, pool, rules, start), columns_frame, plan)
+    problem = Problem(frame, context, effects, plan, noise, base, search.seed)
+    return Pass(problem, settle(base, pool, search.rules, start))
 
 
 def _quantile(size: Floats) -> float:
@@ -313,19 +330,18 @@ class _Parts:
     peak: float
 
 
-def _parts(frame: Any, columns_frame: Any, first: Pass, effects: Mapping[str, Any]) -> _Parts:
+def _parts(first: Pass) -> _Parts:
     """Evaluate the terms of a pass on every report."""
-    base, terms = first.base, first.standing.found.terms
-    days, _ = day_of_report(frame)
-    day = np.searchsorted(base.stats.days, days)
-    shape = base.stats.day_count.shape
+    problem, terms = first.problem, first.standing.found.terms
+    frame, columns_frame, effects = problem.archive, problem.context, problem.effects
+    day, shape = problem.day, problem.shape
     values = term_coefficients(first.standing.found.given, terms)
     sensor, other, linear = (np.zeros((frame.size, 2)) for _ in range(3))
     nothing = np.zeros(frame.size, np.int64)
     peak = 0.0
     for term, value in zip(terms, values, strict=True):
         for source in (frame, columns_frame):
-            fields = term_fields(source, term, effects=effects, plan=first.plan)
+            fields = term_fields(source, term, effects=effects, plan=problem.plan)
             part = term_error(fields, term, [value], aircraft=frame.aircraft, day=day,
                               fold=nothing, shape=shape)  # fmt: skip
             if source is columns_frame:
@@ -339,9 +355,9 @@ def _parts(frame: Any, columns_frame: Any, first: Pass, effects: Mapping[str, An
     return _Parts(sensor, other, linear, peak)
 
 
-def _dataset(frame: Any, final: Pass, found: Found, closure: Closure, maps: bool) -> xr.Dataset:
+def _dataset(problem: Problem, found: Found, maps: bool) -> xr.Dataset:
     """Maps, evidence table and statistics as one Dataset."""
-    stats = final.base.stats
+    frame, stats, noise = problem.archive, problem.base.stats, problem.noise
     out = residual_maps(frame) if maps else xr.Dataset(coords={"aircraft": list(frame.tails)})
     core = stats.layout.core
     names = np.array([f"{n}[{i}]" for n, b in stats.layout.blocks.items() if b.stop <= core
@@ -363,7 +379,6 @@ def _dataset(frame: Any, final: Pass, found: Found, closure: Closure, maps: bool
     out["aircraft_probability"] = (
         ("effect", "aircraft"), np.reshape(shares, (len(best), len(frame.tails)))
     )  # fmt: skip
-    noise = final.noise
     out["noise_distance"] = (("distance",), noise.distance_km)
     out["noise_autocovariance"] = (("distance",), noise.autocovariance)
     out["noise_autocovariance_model"] = (("distance",), noise.autocovariance_model)

@@ -27,9 +27,9 @@ def searched():
     held = {}
     whole = stages.assemble
 
-    def spy(*parts, **pieces):
-        held.update(pieces)
-        return whole(*parts, **pieces)
+    def spy(problem, findings):
+        held.update(base=problem.base, effects=problem.effects, found=findings.found)
+        return whole(problem, findings)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stages, "assemble", spy)

@@ -24,6 +24,7 @@ from airswing.gap.held_out.attenuation import (
 from airswing.gap.held_out.reduction import retimed, whole_coefficients
 from airswing.gap.sums.accumulate import accumulate
 from airswing.gap.sums.elimination import climatology, condition, eliminate_days
+from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_variances
 
 EFFECTS = {
@@ -43,7 +44,8 @@ def made():
     stats = accumulate(
         columns_frame, frame.residual, noise=noise, layout=layout, effects=EFFECTS, plan=plan
     )
-    return frame, columns_frame, noise, plan, eliminate_days(stats, shared_variances(stats))
+    base = eliminate_days(stats, shared_variances(stats))
+    return Problem(frame, columns_frame, EFFECTS, plan, noise, base)
 
 
 def _term(base, name, subset, tails):
@@ -60,28 +62,27 @@ def _term(base, name, subset, tails):
 
 
 def test_share_of_a_column_scaled_down_is_the_scale(made):
-    _, columns_frame, noise, plan, base = made
+    columns_frame, base = made.context, made.base
     term = _term(base, "reference_speed_bias", (4,), None)
     effect = EFFECTS["reference_speed_bias"]
     x = 0.7 * effect_columns(columns_frame, effect)[4]
-    share, error = _regressed(columns_frame, x, term, effect, base=base, noise=noise, plan=plan)
+    share, error = _regressed(made, columns_frame, x, term, effect)
     assert share == pytest.approx(0.7, rel=2e-3)
     assert 0 < error < 0.1
 
 
 def test_share_of_an_effect_on_the_references_own_wind(made):
-    frame, columns_frame, noise, plan, base = made
+    base = made.base
     term = _term(base, "reference_speed_bias", (4,), None)
-    options = dict(base=base, noise=noise, effects=EFFECTS, plan=plan)
     values = [np.array([[0.05]])]
-    share, doubts = readout_factors(frame, columns_frame, [term], values, **options)
+    share, doubts = readout_factors(made, [term], values)
     assert 0.6 < share["reference_speed_bias"] < 1.3
     assert doubts == {}
-    again, _ = readout_factors(frame, columns_frame, [term], values, again=True, **options)
+    again, _ = readout_factors(made, [term], values, again=True)
     left = (1 - share["reference_speed_bias"]) ** 2
     assert again["reference_speed_bias"] == pytest.approx(1 - left)
     offset = _term(base, "compass_offset", (0,), (1,))
-    assert readout_factors(frame, columns_frame, [offset], values, **options) == ({}, {})
+    assert readout_factors(made, [offset], values) == ({}, {})
 
 
 def test_tendency_of_the_large_scale_reported_wind():
@@ -112,14 +113,14 @@ def test_retimed_fields_take_off_their_covariance():
 
 
 def test_coefficients_are_made_whole(made):
-    term = _term(made[-1], "altitude_offset", (0,), (0, 2))
+    term = _term(made.base, "altitude_offset", (0,), (0, 2))
     whole = whole_coefficients([np.array([[2.0], [4.0]])], [term], {"altitude_offset": 0.8})
     np.testing.assert_allclose(whole[0], [[2.5], [5.0]])
     np.testing.assert_allclose(whole_coefficients([np.eye(2)], [term], None)[0], np.eye(2))
 
 
 def test_persistent_error_is_allowed_for_where_the_climatology_reaches(made):
-    base = made[-1]
+    base = made.base
     given = condition(base, climatology(base))
     layout = base.stats.layout
     wind = fleet_allowance(given, layout.columns("reference_speed_bias")[:1])
@@ -128,7 +129,7 @@ def test_persistent_error_is_allowed_for_where_the_climatology_reaches(made):
 
 
 def test_an_effect_of_the_wind_met_is_also_tried_for_all_aircraft(made):
-    pool = candidates(made[-1].stats.layout, EFFECTS)
+    pool = candidates(made.base.stats.layout, EFFECTS)
     scopes = {c.name: {d.scope for d in pool if d.name == c.name} for c in pool}
     assert scopes["altitude_offset"] == {"aircraft", "fleet"}
     assert scopes["compass_offset"] == {"aircraft"}

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airswing.gap.noise.model import fit_noise, gross_errors, level_factors, remove_smooth_effects
+from airswing.gap.noise.model import (
+    Flown,
+    fit_noise,
+    gross_errors,
+    level_factors,
+    remove_smooth_effects,
+)
 from airswing.gap.noise.whitening import flight_order, whiten
 
 
@@ -30,9 +36,14 @@ def _archive(seed: int = 0, flights: int = 900) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
+def fitted(data):
+    reports = {name: values for name, values in data.items() if name != "residual"}
+    return fit_noise(data["residual"], Flown(**reports))
+
+
 def test_parameters_recovered_and_innovations_white():
     data = _archive()
-    fit = fit_noise(**data)
+    fit = fitted(data)
     assert fit.model.correlated_sd == pytest.approx(2.3, rel=0.06)
     assert fit.model.white_sd == pytest.approx(0.9, rel=0.08)
     assert fit.model.length == pytest.approx(150e3, rel=0.15)
@@ -49,7 +60,7 @@ def test_large_deviation_of_one_aircraft_does_not_pass_for_noise():
     error = np.radians(8) * np.sin(data["heading"]) * (data["aircraft"] == 2) * 110
     cross = np.stack([np.cos(data["heading"]), -np.sin(data["heading"])], -1)
     data["residual"] = data["residual"] + error[:, None] * cross
-    fit = fit_noise(**data)
+    fit = fitted(data)
     assert fit.model.correlated_sd == pytest.approx(2.3, rel=0.07)
     assert fit.gross.mean() < 1e-3
 

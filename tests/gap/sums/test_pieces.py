@@ -14,15 +14,15 @@ from airswing.gap.design.basis import plan_dictionary
 from airswing.gap.design.exogenous import LargeScale, exogenous
 from airswing.gap.design.layout import make_layout
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.noise.model import fit_noise, fitted_gains
+from airswing.gap.noise.model import fit_noise, fitted_gains, flown
 from airswing.gap.sums.accumulate import accumulate, day_of_report
 from airswing.gap.sums.pieces import (
     Pieces,
-    noise_context,
     pieces_of_headings,
     prepare,
     statistics_of_pieces,
 )
+from airswing.physics.turns import heading_doubt
 
 EFFECTS = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "reference_speed_bias")}
 
@@ -42,8 +42,8 @@ def _pieces(frame):
 
 def test_pieces_have_the_winds_noise_plan_and_sums_of_the_whole(whole):
     columns = exogenous(whole)
-    context = noise_context(whole, columns)
-    noise, plan = fit_noise(whole.residual, **context), plan_dictionary(columns)
+    noise = fit_noise(whole.residual, flown(columns, heading_doubt(whole, columns)))
+    plan = plan_dictionary(columns)
     expected = accumulate(
         columns, whole.residual, noise=noise, effects=EFFECTS, plan=plan,
         layout=make_layout(EFFECTS, plan, columns),
@@ -89,9 +89,10 @@ def test_a_thin_sample_is_spread_over_time_and_aircraft(whole):
 
 
 def test_gains_of_fitted_reports_are_those_of_the_fit(whole):
-    context = noise_context(whole, exogenous(whole))
-    fit = fit_noise(whole.residual, **context)
-    again = fitted_gains(fit, whole.residual, **context)
+    columns = exogenous(whole)
+    reports = flown(columns, heading_doubt(whole, columns))
+    fit = fit_noise(whole.residual, reports)
+    again = fitted_gains(fit, whole.residual, reports)
     np.testing.assert_array_equal(again.gains.weight, fit.gains.weight)
     np.testing.assert_array_equal(again.gross, fit.gross)
 

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from airswing.gap.checks.aliases import ALIAS, HIDDEN_ALIAS, MORE_REGION, alias_table, separated_by
 from airswing.gap.checks.calibration import BINS, Calibration, calibrate
 from airswing.gap.checks.negative_control import Decoy, force_decoy
-from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.design.weather import climatology_columns, slope_columns
 from airswing.gap.evidence.terms import Term, fit_terms
 from airswing.gap.held_out.reduction import Closure, folds_of_days, restrict_term, select_days
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.elimination import Base, climatology, eliminate_days
+from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -81,66 +81,49 @@ class Checks:
         }
 
 
-def run_checks(
-    frame: Any,
-    columns_frame: Any,
-    *,
-    base: Base,
-    noise: NoiseFit,
-    plan: DictionaryPlan,
-    found: Found,
-    closure: Closure,
-    effects: Mapping[str, Any],
-    day: Integers,
-    seed: int = 0,
-) -> Checks:
+def run_checks(problem: Problem, found: Found, closure: Closure) -> Checks:
     """Check what a diagnosis rests on.
 
     Parameters
     ----------
-    frame, columns_frame : Frame
-        Reports, and what their design columns are made of (:mod:`airswing.gap.design.exogenous`).
-    base, noise, plan, found, closure, effects :
-        Pieces of the diagnosis.
-    day : (n,) int
-        Index of each report's day in the statistics.
-    seed : int
+    problem : Problem
+    found : Found
+    closure : Closure
+        Of what has a name.
 
     Returns
     -------
     Checks
     """
+    frame, base, noise = problem.archive, problem.base, problem.noise
+    day, seed = problem.day, problem.seed
     fold = folds_of_days(base.stats)[day]
-    steady = held_out_climatology(columns_frame, base, found.terms, plan=plan, day=day)
+    steady = held_out_climatology(problem, found.terms)
     after, before = (
         calibrate(frame, residual - steady, noise=noise, day=day, seed=seed)
         for residual in (closure.residual, frame.residual)
     )
     decoy = force_decoy(frame, closure.residual, noise=noise, day=day, fold=fold, seed=seed)
-    aliases, shares = alias_table(base, found.terms, effects)
+    aliases, shares = alias_table(base, found.terms, problem.effects)
     rows = assumptions(base=base, noise=noise, found=found, after=after, decoy=decoy)
     return Checks(after, before, decoy, aliases, shares, rows)
 
 
-def held_out_climatology(
-    columns_frame: Any, base: Base, terms: Sequence[Term], *, plan: DictionaryPlan, day: Integers
-) -> Floats:
+def held_out_climatology(problem: Problem, terms: Sequence[Term]) -> Floats:
     """Error of the reference that no effect is blamed for, fitted to other weeks.
 
     Parameters
     ----------
-    columns_frame : Frame
-    base : Base
+    problem : Problem
     terms : sequence of Term
         Fitted beside it.
-    plan : DictionaryPlan
-    day : (n,) int
 
     Returns
     -------
     (n, 2) float
         m s-1.
     """
+    base, context = problem.base, problem.context
     fold = folds_of_days(base.stats)
     number = len(climatology(base))
     theta = np.zeros((int(fold.max()) + 1, number))
@@ -149,9 +132,9 @@ def held_out_climatology(
         part = eliminate_days(select_days(base.stats, keep), base.variances)
         theta[f] = fit_terms(part, [restrict_term(t, keep) for t in terms]).coefficients[:number]
     columns = np.concatenate(
-        [climatology_columns(columns_frame, plan), slope_columns(columns_frame)], axis=-1
+        [climatology_columns(context, problem.plan), slope_columns(context)], axis=-1
     )
-    return np.asarray(np.einsum("ncq,nq->nc", columns, theta[fold[day]]))
+    return np.asarray(np.einsum("ncq,nq->nc", columns, theta[fold[problem.day]]))
 
 
 def assumptions(

@@ -20,9 +20,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import is_sensor, take_off, term_error, term_fields
+from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -52,33 +52,22 @@ class Adjustment:
 
 
 def make_adjustment(
-    frame: Any,
-    terms: Sequence[Term],
-    coefficients: Sequence[Floats],
-    *,
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
-    day: Integers,
-    shape: tuple[int, int],
+    problem: Problem, terms: Sequence[Term], coefficients: Sequence[Floats]
 ) -> Adjustment:
     """Work out what the effects found beside the deviation do to each report.
 
     Parameters
     ----------
-    frame : Frame
+    problem : Problem
     terms : sequence of Term
     coefficients : sequence of (t, k) float
         Of each term, on the whole archive.
-    effects : mapping
-    plan : DictionaryPlan
-    day : (n,) int
-        Index of each report's day.
-    shape : (A, D)
 
     Returns
     -------
     Adjustment
     """
+    frame, effects = problem.archive, problem.effects
     sensor, report, reference = (np.zeros((frame.size, 2)) for _ in range(3))
     nothing = np.zeros(frame.size, np.int64)
     names = []
@@ -86,9 +75,16 @@ def make_adjustment(
         name = term.candidate.name
         if not term.candidate.known or name in DEVIATION:
             continue
-        fields = term_fields(frame, term, effects=effects, plan=plan)
-        error = term_error(fields, term, [values], aircraft=frame.aircraft, day=day,
-                           fold=nothing, shape=shape)  # fmt: skip
+        fields = term_fields(frame, term, effects=effects, plan=problem.plan)
+        error = term_error(
+            fields,
+            term,
+            [values],
+            aircraft=frame.aircraft,
+            day=problem.day,
+            fold=nothing,
+            shape=problem.shape,
+        )
         if is_sensor(term, effects):
             sensor += error
         elif name.startswith("reference_"):

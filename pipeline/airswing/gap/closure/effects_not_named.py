@@ -26,6 +26,7 @@ from airswing.gap.evidence.of_candidate import LEAST_ACTING
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import term_fields
 from airswing.gap.search.stepwise import Found
+from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -38,40 +39,28 @@ LEAST_CHANCE = 0.002
 LEAST_SPEED = 0.5
 
 
-def left_over(
-    frame: Any,
-    found: Found,
-    rng: np.random.Generator,
-    draws: int,
-    *,
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
-    day: Integers,
-) -> Floats:
+def left_over(problem: Problem, found: Found, rng: np.random.Generator, draws: int) -> Floats:
     """Draws of what the effects that were not named would close together.
 
     Parameters
     ----------
-    frame : Frame
+    problem : Problem
     found : Found
     rng : numpy.random.Generator
     draws : int
-    effects : mapping
-    plan : DictionaryPlan
-    day : (n,) int
-        Index of each report's day in the statistics.
 
     Returns
     -------
     (draws,) float
         Mean reduction over all reports, m s-1.
     """
+    frame = problem.archive
     total = np.zeros(draws)
     silent = [s for s in _silent(found) if s.chance >= LEAST_CHANCE and s.units.any()]
     for own in _by_aircraft(frame):
-        part, when = frame.take(own), day[own]
+        part, when = frame.take(own), problem.day[own]
         for one in silent:
-            _add_slopes(one, part, when, effects=effects, plan=plan)
+            _add_slopes(one, part, when, effects=problem.effects, plan=problem.plan)
     for one in silent:
         steps = _drawn(found, one.score, one.units, rng, draws)
         steps *= (rng.uniform(size=draws) < one.chance)[:, None, None]

@@ -30,15 +30,13 @@ Results in knots.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.closure.effects_not_named import left_over
-from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.evidence.term_covariance import term_covariances, term_offsets
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import (
@@ -53,7 +51,7 @@ from airswing.gap.held_out.reduction import (
 )
 from airswing.gap.search.stepwise import Found
 from airswing.gap.search.testability import single_day
-from airswing.gap.sums.elimination import Base
+from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -64,17 +62,12 @@ LIMITS = (0.025, 0.975)
 
 def with_interval(
     closure: Closure,
-    frame: Any,
-    base: Base,
+    problem: Problem,
     found: Found,
     *,
     known: Sequence[int],
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
-    day: Integers,
     factors: Mapping[str, float] | None = None,
     doubts: Mapping[str, float] | None = None,
-    seed: int = 0,
     draws: int = 300,
 ) -> Closure:
     """Closure of the known terms with the interval of what is true.
@@ -83,75 +76,66 @@ def with_interval(
     ----------
     closure : Closure
         Of the known terms, held out.
-    frame : Frame
-    base : Base
+    problem : Problem
     found : Found
     known : sequence of int
         Positions of those terms.
-    effects : mapping
-    plan : DictionaryPlan
-    day : (n,) int
-        Index of each report's day in the statistics.
     factors : mapping, optional
         Effect name -> share of its coefficient that is fitted
         (`airswing.gap.held_out.attenuation`).
     doubts : mapping, optional
         Effect name -> relative standard error of that share.
-    seed, draws : int
+    draws : int
 
     Returns
     -------
     Closure
         With ``reduction_ci`` and ``after_ci`` that hold what is stated; None from one day.
     """
-    if single_day(base.stats):
+    if single_day(problem.base.stats):
         return replace(closure, reduction_ci=None, after_ci=None)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(problem.seed)
+    open_ = _Open(problem, found, rng, draws, factors or {}, doubts or {})
     alone = dict(zip(known, closure.alone, strict=True))
-    draw = partial(
-        _drawn, closure, frame, base, found, alone, rng, draws, effects=effects, plan=plan,
-        day=day, factors=factors or {}, doubts=doubts or {},
-    )  # fmt: skip
-    drawn = draw(known)
-    more = left_over(frame, found, rng, draws, effects=effects, plan=plan, day=day)
+    drawn = _drawn(open_, closure, alone, known)
+    more = left_over(problem, found, rng, draws)
     everything = range(len(found.terms))
-    most = drawn if len(known) == len(everything) else np.maximum(drawn, draw(everything))
+    most = drawn
+    if len(known) < len(everything):
+        most = np.maximum(drawn, _drawn(open_, closure, alone, everything))
     stated = closure.before - closure.after
     low = float(np.quantile(np.minimum(drawn, drawn + more), LIMITS[0])) / KNOT
     high = float(np.quantile(most + more, LIMITS[1])) / KNOT
     return closure.with_interval(min(low, stated), max(high, stated))
 
 
+@dataclass(frozen=True)
+class _Open:
+    """What the draws are made of: the problem, its terms, how far each read-out is sure."""
+
+    problem: Problem
+    found: Found
+    rng: np.random.Generator
+    draws: int
+    factors: Mapping[str, float]
+    doubts: Mapping[str, float]
+
+
 def _drawn(
-    closure: Closure,
-    frame: Any,
-    base: Base,
-    found: Found,
-    alone: Mapping[int, float],
-    rng: np.random.Generator,
-    draws: int,
-    terms: Sequence[int],
-    *,
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
-    day: Integers,
-    factors: Mapping[str, float],
-    doubts: Mapping[str, float],
+    open_: _Open, closure: Closure, alone: Mapping[int, float], terms: Sequence[int]
 ) -> Floats:
     """Reduction by some terms, by draw, m s-1; ``alone`` holds what each known one leaves, kt."""
+    frame, found, rng, draws = open_.problem.archive, open_.found, open_.rng, open_.draws
     if not terms:
         return np.zeros(draws)
-    residual, changes = _about_estimate(
-        frame, base, found, terms, rng, draws, effects=effects, plan=plan, day=day,
-        factors=factors, doubts=doubts,
-    )  # fmt: skip
+    residual, changes = _about_estimate(open_, terms)
     if any(found.terms[k].candidate.name == "reference_time_offset" for k in terms):
         residual = closure.residual  # taken off by more than its column
     gained = float(np.hypot(*frame.residual.T).mean() - np.hypot(*residual.T).mean())
     drawn = gained + reductions(residual, changes, draws)
     drawn += rounding_error(frame, changes) * rng.standard_normal(draws)
     for k in alone:
-        share = _told_share(found.terms[k], effects, factors)
+        share = _told_share(found.terms[k], open_.problem.effects, open_.factors)
         more = max(closure.before - alone[k], 0.0) * KNOT * (1 / share - 1)
         drawn += more * rng.uniform(0.0, 2.0, draws)
     return np.asarray(drawn)
@@ -225,22 +209,11 @@ def reductions(residual: Floats, changes: Sequence[Change], draws: int) -> Float
     return np.asarray(out / residual.shape[0])
 
 
-def _about_estimate(
-    frame: Any,
-    base: Base,
-    found: Found,
-    known: Sequence[int],
-    rng: np.random.Generator,
-    draws: int,
-    *,
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
-    day: Integers,
-    factors: Mapping[str, float],
-    doubts: Mapping[str, float],
-) -> tuple[Floats, list[Change]]:
+def _about_estimate(open_: _Open, known: Sequence[int]) -> tuple[Floats, list[Change]]:
     """Residual at the estimates, and draws about them, of the known terms."""
-    shape = base.stats.day_count.shape
+    frame, base, effects = open_.problem.archive, open_.problem.base, open_.problem.effects
+    found, rng, draws, factors = open_.found, open_.rng, open_.draws, open_.factors
+    day = open_.problem.day
     values = whole_coefficients(term_coefficients(found.given, found.terms), found.terms, factors)
     offsets = term_offsets(found.given, found.terms)
     sensor, other = np.zeros((2, frame.size, 2))
@@ -248,14 +221,21 @@ def _about_estimate(
     changes: list[Change] = []
     for k in known:
         term = found.terms[k]
-        fields = term_fields(frame, term, effects=effects, plan=plan)
-        part = term_error(fields, term, [values[k]], aircraft=frame.aircraft, day=day, fold=none,
-                          shape=shape)  # fmt: skip
+        fields = term_fields(frame, term, effects=effects, plan=open_.problem.plan)
+        part = term_error(
+            fields,
+            term,
+            [values[k]],
+            aircraft=frame.aircraft,
+            day=day,
+            fold=none,
+            shape=open_.problem.shape,
+        )
         total = sensor if is_sensor(term, effects) else other
         total += part
         rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
         shared = rng.standard_normal((draws, term.candidate.columns.size))
-        scale = doubts.get(term.candidate.name, 0.0) * rng.standard_normal(draws)
+        scale = open_.doubts.get(term.candidate.name, 0.0) * rng.standard_normal(draws)
         for row in range(rows):
             formal, allowed = term_covariances(base.stats, found.given, term, offsets[k], row)
             steps = _draw(formal, rng, draws) + shared @ _root(allowed).T

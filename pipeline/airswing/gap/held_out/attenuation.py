@@ -19,7 +19,7 @@ Carroll et al. 2006, ch. 1.4.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -27,14 +27,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.layout import effect_columns, make_layout
 from airswing.gap.evidence.terms import Term, term_weights
 from airswing.gap.held_out.gradient_reliability import lag_reliability
 from airswing.gap.held_out.reduction import term_error, term_fields
-from airswing.gap.noise.model import NoiseFit
-from airswing.gap.sums.accumulate import accumulate, day_of_report
-from airswing.gap.sums.elimination import Base, Included, climatology, eliminate_days, fit_included
+from airswing.gap.sums.accumulate import accumulate
+from airswing.gap.sums.elimination import Included, climatology, eliminate_days, fit_included
+from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -52,29 +52,21 @@ USUAL = 0.4
 
 
 def readout_factors(
-    frame: Any,
-    columns_frame: Any,
+    problem: Problem,
     terms: Sequence[Term],
     coefficients: Sequence[Floats],
     *,
-    base: Base,
-    noise: NoiseFit,
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
     again: bool = False,
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Share of each wind effect's true coefficient that its estimate holds, and its doubt.
 
     Parameters
     ----------
-    frame, columns_frame : Frame
-        Reports, and what their design columns are made of.
+    problem : Problem
     terms : sequence of Term
         Found; those of other effects are passed over.
     coefficients : sequence of (t, k)
         As fitted.
-    base, noise, effects, plan :
-        Pieces of the diagnosis.
     again : bool
         The estimates are of a second pass, linearised about those of a first, which has taken the
         error of a share s from 1 - s to its square.
@@ -86,26 +78,25 @@ def readout_factors(
     doubts : dict
         Effect name -> standard error of its share, relative to it, where an instrument told it.
     """
-    days, _ = day_of_report(frame, shift=base.stats.day_shift)
-    day = np.searchsorted(base.stats.days, days)
-    regress = partial(_regressed, base=base, noise=noise, plan=plan)
+    frame, columns_frame, noise = problem.archive, problem.context, problem.noise
+    regress = partial(_regressed, problem)
     out: dict[str, float] = {}
     doubts: dict[str, float] = {}
     for k, term in enumerate(terms):
         name = term.candidate.name
         if len(term.candidate.subset) != 1 or name not in (*EXOGENOUS, TIMED, LAGGED):
             continue
-        effect = effects[name]
+        effect = problem.effects[name]
         if name == LAGGED:
             out[name] = lag_reliability(frame, columns_frame, noise, effect)
             continue
-        acting = term_weights(term, base.stats.day_count.shape)[frame.aircraft, day, None]
+        acting = term_weights(term, problem.shape)[frame.aircraft, problem.day, None]
         x = effect_columns(frame, effect)[term.candidate.subset[0]] * acting
         if name in EXOGENOUS:
             share, _ = regress(columns_frame, x, term, effect)
             out[name] = 1.0 - (1.0 - share) ** 2 if again else share
             continue
-        rest = _without_others(frame, terms, coefficients, k, effects=effects, plan=plan, day=day)
+        rest = _without_others(problem, terms, coefficients, k)
         free = with_large_scale_tendency(columns_frame)
         under, _ = regress(free, x, term, effect)
         found, error = regress(free, rest, term, effect)
@@ -126,21 +117,15 @@ def _shrunk(share: float, error: float) -> tuple[float, float]:
 
 
 def _without_others(
-    frame: Any,
-    terms: Sequence[Term],
-    coefficients: Sequence[Floats],
-    one: int,
-    *,
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
-    day: Integers,
+    problem: Problem, terms: Sequence[Term], coefficients: Sequence[Floats], one: int
 ) -> Floats:
     """Residual (n, 2) with all terms but one taken off, to first order."""
+    frame, day = problem.archive, problem.day
     rest, nothing = frame.residual, np.zeros_like(day)
     shape = (len(frame.tails), int(day.max()) + 1)
     for k, (term, values) in enumerate(zip(terms, coefficients, strict=True)):
         if k != one:
-            fields = term_fields(frame, term, effects=effects, plan=plan)
+            fields = term_fields(frame, term, effects=problem.effects, plan=problem.plan)
             rest = rest - term_error(
                 fields, term, [values], aircraft=frame.aircraft, day=day, fold=nothing, shape=shape
             )
@@ -148,17 +133,11 @@ def _without_others(
 
 
 def _regressed(
-    columns_frame: Any,
-    target: Floats,
-    term: Term,
-    effect: Any,
-    *,
-    base: Base,
-    noise: NoiseFit,
-    plan: DictionaryPlan,
+    problem: Problem, columns_frame: Frame, target: Floats, term: Term, effect: Any
 ) -> tuple[float, float]:
     """Coefficient of a target (n, 2) on a term's column in the mixed model, and its error."""
-    bare, own = replace(plan, groups=()), {effect.name: effect}
+    base, noise = problem.base, problem.noise
+    bare, own = replace(problem.plan, groups=()), {effect.name: effect}
     layout = make_layout(own, bare, columns_frame)
     stats = accumulate(
         columns_frame, target, noise=noise, layout=layout, effects=own, plan=bare, clip=np.inf,

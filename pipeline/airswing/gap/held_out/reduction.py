@@ -25,6 +25,7 @@ from airswing.gap.design.layout import effect_columns
 from airswing.gap.evidence.terms import Term, fit_terms, term_weights
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, Conditional, Fit, eliminate_days
+from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -299,39 +300,30 @@ def is_sensor(term: Term, effects: Mapping[str, Any]) -> bool:
 
 
 def close(
-    frame: Any,
-    base: Base,
+    problem: Problem,
     terms: Sequence[Term],
     *,
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
-    day: Integers,
     factors: Mapping[str, float] | None = None,
-    seed: int = 0,
     draws: int = 400,
 ) -> Closure:
     """Held-out closure of the terms, in sequence and alone.
 
     Parameters
     ----------
-    frame : Frame
-        Reports as they are.
-    base : Base
+    problem : Problem
     terms : sequence of Term
-    effects : mapping
-    plan : DictionaryPlan
-    day : (n,) int
-        Index of each report's day in the statistics.
     factors : mapping, optional
         Effect name -> share of its coefficient that is fitted
         (:mod:`airswing.gap.held_out.attenuation`): what is taken off is the effect in full.
-    seed, draws : int
+    draws : int
         Of the bootstrap over days.
 
     Returns
     -------
     Closure
     """
+    frame, base, day, seed = problem.archive, problem.base, problem.day, problem.seed
+    effects = problem.effects
     before = np.hypot(*frame.residual.T)
     if not terms:
         mean = float(before.mean()) / KNOT
@@ -342,7 +334,7 @@ def close(
     by_fold = [whole_coefficients(c, terms, factors) for c in fold_coefficients(base, terms, fold)]
     errors = []
     for k, term in enumerate(terms):
-        fields = term_fields(frame, term, effects=effects, plan=plan)
+        fields = term_fields(frame, term, effects=effects, plan=problem.plan)
         errors.append(
             term_error(fields, term, [c[k] for c in by_fold], aircraft=frame.aircraft, day=day,
                        fold=fold[day], shape=shape)

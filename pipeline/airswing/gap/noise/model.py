@@ -17,7 +17,7 @@ recursion of :mod:`airswing.gap.noise.whitening`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -287,27 +287,12 @@ def _likelihood(
     )
 
 
-def fit_noise(
-    residual: Floats,
-    *,
-    aircraft: NDArray[np.integer],
-    flight: NDArray[np.integer],
-    time: Floats,
-    latitude: Floats,
-    longitude: Floats,
-    pressure: Floats,
-    heading: Floats,
-    airspeed: Floats,
-    doubt: Floats | None = None,
-    most_reports: int = 24_000,
-    seed: int = 0,
-) -> NoiseFit:
-    """Fit the noise model and return the whitening gains of every report.
+@dataclass(frozen=True)
+class Flown:
+    """Where and how reports were flown, as the noise needs it.
 
-    Parameters
+    Attributes
     ----------
-    residual : (n, 2) float
-        Reported minus simulated wind (u, v), m s-1.
     aircraft, flight : (n,) int
     time : (n,) float
         s.
@@ -319,8 +304,49 @@ def fit_noise(
         rad, true.
     airspeed : (n,) float
         m s-1.
-    doubt : (n,) float, optional
+    doubt : (n,) float or None
         Further white error of each report (see :mod:`airswing.physics.turns`), m s-1.
+    """
+
+    aircraft: NDArray[np.integer]
+    flight: NDArray[np.integer]
+    time: Floats
+    latitude: Floats
+    longitude: Floats
+    pressure: Floats
+    heading: Floats
+    airspeed: Floats
+    doubt: Floats | None = None
+
+
+def flown(frame: object, doubt: Floats | None = None) -> Flown:
+    """Columns of a frame that the noise needs.
+
+    Parameters
+    ----------
+    frame : Frame
+        With the heading and airspeed that design columns are made of.
+    doubt : (n,) float, optional
+        Further white error of each report, m s-1.
+
+    Returns
+    -------
+    Flown
+    """
+    names = [one.name for one in fields(Flown) if one.name != "doubt"]
+    return Flown(**{name: getattr(frame, name) for name in names}, doubt=doubt)
+
+
+def fit_noise(
+    residual: Floats, reports: Flown, *, most_reports: int = 24_000, seed: int = 0
+) -> NoiseFit:
+    """Fit the noise model and return the whitening gains of every report.
+
+    Parameters
+    ----------
+    residual : (n, 2) float
+        Reported minus simulated wind (u, v), m s-1.
+    reports : Flown
     most_reports : int
         Whole flights are drawn until this many reports enter the likelihood.
     seed : int
@@ -330,58 +356,47 @@ def fit_noise(
     -------
     NoiseFit
     """
-    order = flight_order(flight, time)
-    log_pressure = np.log(pressure)
-    distance, step = flight_steps(latitude, longitude, log_pressure, order)
-    smooth = remove_smooth_effects(residual, aircraft, heading, airspeed)
+    order = flight_order(reports.flight, reports.time)
+    log_pressure = np.log(reports.pressure)
+    distance, step = flight_steps(reports.latitude, reports.longitude, log_pressure, order)
+    smooth = remove_smooth_effects(residual, reports.aircraft, reports.heading, reports.airspeed)
     gross = gross_errors(smooth, order)
     nodes, factors = level_factors(smooth[~gross], log_pressure[~gross])
     values = smooth / np.interp(log_pressure, nodes, factors)[:, None]
-    chosen = _draw_flights(flight, most_reports, seed)
-    model = _maximise(values, chosen, flight, time, distance, step, ~gross)
+    chosen = _draw_flights(reports.flight, most_reports, seed)
+    model = _maximise(values, chosen, reports.flight, reports.time, distance, step, ~gross)
     model = replace(model, level_nodes=nodes, level_factors=factors)
-    gains = _gains(model, order, distance, step, log_pressure, ~gross, doubt)
+    gains = _gains(model, order, distance, step, log_pressure, ~gross, reports.doubt)
     centre, covariance, count = autocovariance(
         np.where(gross[chosen, None], 0.0, values[chosen]), distance[chosen],
-        flight_order(flight[chosen], time[chosen]),
+        flight_order(reports.flight[chosen], reports.time[chosen]),
     )  # fmt: skip
     fitted = model.correlated_sd**2 * np.exp(-centre / model.length)
     fitted[0] = model.correlated_sd**2 + model.white_sd**2
     return NoiseFit(model, order, gains, centre / 1e3, covariance, fitted, count, gross)
 
 
-def fitted_gains(
-    fit: NoiseFit,
-    residual: Floats,
-    *,
-    aircraft: NDArray[np.integer],
-    flight: NDArray[np.integer],
-    time: Floats,
-    latitude: Floats,
-    longitude: Floats,
-    pressure: Floats,
-    heading: Floats,
-    airspeed: Floats,
-    doubt: Floats | None = None,
-) -> NoiseFit:
+def fitted_gains(fit: NoiseFit, residual: Floats, reports: Flown) -> NoiseFit:
     """Gains of reports the noise was not fitted to: the fitted model, their own gross errors.
 
     Parameters
     ----------
     fit : NoiseFit
         Of a sample of the archive.
-    residual, aircraft, flight, time, latitude, longitude, pressure, heading, airspeed, doubt
-        As in :func:`fit_noise`.
+    residual : (n, 2) float
+    reports : Flown
 
     Returns
     -------
     NoiseFit
     """
-    order = flight_order(flight, time)
-    log_pressure = np.log(pressure)
-    distance, step = flight_steps(latitude, longitude, log_pressure, order)
-    gross = gross_errors(remove_smooth_effects(residual, aircraft, heading, airspeed), order)
-    gains = _gains(fit.model, order, distance, step, log_pressure, ~gross, doubt)
+    order = flight_order(reports.flight, reports.time)
+    log_pressure = np.log(reports.pressure)
+    distance, step = flight_steps(reports.latitude, reports.longitude, log_pressure, order)
+    gross = gross_errors(
+        remove_smooth_effects(residual, reports.aircraft, reports.heading, reports.airspeed), order
+    )
+    gains = _gains(fit.model, order, distance, step, log_pressure, ~gross, reports.doubt)
     return replace(fit, order=order, gains=gains, gross=gross)
 
 

@@ -10,18 +10,17 @@ Validity: as the modules that made the pieces. Speeds in kt in the ``gap`` and `
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.localisation import Slice
 from airswing.gap.evidence.term_covariance import term_offsets
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import Closure
-from airswing.gap.noise.model import NoiseFit
 from airswing.gap.result.describe import (
     ambiguity,
     day_text,
@@ -34,70 +33,131 @@ from airswing.gap.search.excess_scatter import Scattering
 from airswing.gap.search.stepwise import Found
 from airswing.gap.search.tail_swaps import Swap
 from airswing.gap.sums.elimination import Base
+from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
 
 
-def assemble(
-    frame: Any,
-    *,
-    base: Base,
-    noise: NoiseFit,
-    found: Found,
-    closure: Closure,
-    whole: Closure,
-    where: Sequence[Slice],
-    effects: Mapping[str, Any],
-    untestable: Mapping[str, str],
-    plan: DictionaryPlan,
-    energy: tuple[Floats, Floats],
-    means: Mapping[int, int],
-    factors: Mapping[str, float],
-    doubts: Mapping[str, float],
-    seed: int,
-    swap: Swap | None,
-    moments: Sequence[MomentVerdict],
-    jittery: Scattering | None,
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Make the content of gap.json and the details.
+@dataclass(frozen=True)
+class Findings:
+    """What the steps of a diagnosis found.
 
-    Parameters
+    Attributes
     ----------
-    frame : Frame
-    base, noise, found, closure, whole, where, effects, untestable, plan :
-        Pieces of the diagnosis; ``whole`` is the closure with unknown terms as well.
+    found : Found
+        Terms, with their rivals.
+    closure, whole : Closure
+        Of what has a name, and with unknown terms as well.
+    where : sequence of Slice
+    untestable : mapping
+        Name -> why the archive cannot show it.
+    hidden : mapping
+        The same of effects that what is always fitted takes up, named or not.
     energy : (t,), (t,) float
         Held-out energy of the terms and its standard error.
     means : mapping
         Positions of terms that are the mean of an unknown one -> that one's.
     factors, doubts : mapping
         Reliabilities of the gradient effects, and their relative standard errors.
-    seed : int
+    swap : Swap or None
     moments : sequence of MomentVerdict
     jittery : Scattering or None
+    """
+
+    found: Found
+    closure: Closure
+    whole: Closure
+    where: Sequence[Slice]
+    untestable: Mapping[str, str]
+    hidden: Mapping[str, str]
+    energy: tuple[Floats, Floats]
+    means: Mapping[int, int]
+    factors: Mapping[str, float]
+    doubts: Mapping[str, float]
+    swap: Swap | None
+    moments: Sequence[MomentVerdict]
+    jittery: Scattering | None
+
+
+def assemble(problem: Problem, findings: Findings) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Make the content of gap.json and the details.
+
+    Parameters
+    ----------
+    problem : Problem
+    findings : Findings
 
     Returns
     -------
     report, details : dict
     """
-    entries, unknown = [], []
+    closure, whole = findings.closure, findings.whole
+    entries, unknown = _entries(problem, findings)
+    everything = closure.before - whole.after
+    explained = closure.before - closure.after
+    fraction = float(np.clip(explained / everything, 0, 1)) if everything > 1e-6 else None
+    best = max((t.score.tempered for t in findings.found.terms), default=0.0)
+    best = max([best, *(e["evidence_nats"] for e in [*entries, *unknown])])
+    report = {
+        "gap": {
+            "mean_vector_disagreement_kt": closure.before, "noise_floor_kt": whole.after,
+            "significance": float(min(1.0, 50.0 * np.exp(-np.clip(best, 0, 60)))),
+        },
+        "where": [_slice_entry(s) for s in findings.where if s.q_value < 0.05][:20],
+        "effects": entries,
+        "unknown": {"present": bool(unknown), "where": unknown},
+        "closure": {
+            "before": closure.before, "after": closure.after, "ci": _bounds(closure.after_ci),
+            "fraction_of_excess": fraction, "held_out": True,
+            "reduction": explained, "reduction_ci": _bounds(closure.reduction_ci),
+        },
+    }  # fmt: skip
+    stats = problem.base.stats
+    details = {
+        "waterfall": _waterfall(closure, whole), "alone_kt": list(closure.alone),
+        "evidence": evidence_table(findings.found), "noise": _noise_entry(problem),
+        "untestable": dict(findings.untestable),
+        "slices": [_slice_entry(s) for s in findings.where],
+        "reliability": dict(findings.factors), "seed": problem.seed, "ambiguity":
+        {e["name"]: e["ambiguity"] for e in entries}, "counts": {
+            "reports": problem.archive.size, "flights": int(np.unique(problem.archive.flight).size),
+            "days": int(stats.days.size), "clipped": float(stats.clipped.sum()),
+            "gross": float(stats.gross.sum()),
+        },
+    }  # fmt: skip
+    return report, details
+
+
+def _entries(
+    problem: Problem, findings: Findings
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Entries of ``effects`` and of ``unknown.where``."""
+    found, energy = findings.found, findings.energy
+    entries: list[dict[str, Any]] = []
+    unknown: list[dict[str, Any]] = []
     described: dict[int, dict[str, Any]] = {}
     offsets = term_offsets(found.given, found.terms)
-    shares = _shares(found.terms, closure)
+    shares = _shares(found.terms, findings.closure)
     rank = 0
     for k, term in enumerate(found.terms):
         if not term.candidate.known:
-            group = next(g for g in plan.groups if g.name == term.candidate.name)
-            place = unknown_place(term, found.given, offsets[k], base.stats, group.labels,
-                                  found.rivals[k])  # fmt: skip
+            place = _unnamed(problem, found, k, offsets[k])
             place["held_out_energy"] = float(energy[0][k])
             place["held_out_energy_standard_error"] = float(energy[1][k])
             described[k] = place
             unknown.append(place)
             continue
-        entry = describe_term(term, offsets[k], found, base, effects=effects, frame=frame,
-                              reliability=factors, doubts=doubts)  # fmt: skip
-        if k in means:
+        entry = describe_term(
+            term,
+            offsets[k],
+            found,
+            problem.base,
+            effects=problem.effects,
+            frame=problem.archive,
+            reliability=findings.factors,
+            doubts=findings.doubts,
+        )
+        if k in findings.means:
             described[k] = entry
             continue
         rivals = ambiguity(term, found.rivals[k], found.left)
@@ -108,50 +168,27 @@ def assemble(
         entry["held_out_energy_standard_error"] = float(energy[1][k])
         entries.append(entry)
         rank += 1
-    for part, whole_of in means.items():
+    for part, whole_of in findings.means.items():
         kept = ("name", "tails", "parameters", "standard_errors")
         described[whole_of]["mean"] = {key: described[part][key] for key in kept}
     total = sum(max(e["held_out_energy"], 0) for e in entries) or 1.0
     for entry in entries:
         entry["share_of_energy"] = max(entry["held_out_energy"], 0) / total
-    entries += [moment_entry(m) for m in moments]
-    if jittery is not None:
-        unknown.append(scatter_place(jittery))
-    if swap is not None:
-        entries.append(swap_entry(swap, base))
+    entries += [moment_entry(m) for m in findings.moments]
+    if findings.jittery is not None:
+        unknown.append(scatter_place(findings.jittery))
+    if findings.swap is not None:
+        entries.append(swap_entry(findings.swap, problem.base))
     entries.sort(key=lambda e: -e["held_out_energy"])
-    everything = closure.before - whole.after
-    explained = closure.before - closure.after
-    fraction = float(np.clip(explained / everything, 0, 1)) if everything > 1e-6 else None
-    best = max((t.score.tempered for t in found.terms), default=0.0)
-    best = max([best, *(e["evidence_nats"] for e in [*entries, *unknown])])
-    report = {
-        "gap": {
-            "mean_vector_disagreement_kt": closure.before, "noise_floor_kt": whole.after,
-            "significance": float(min(1.0, 50.0 * np.exp(-np.clip(best, 0, 60)))),
-        },
-        "where": [_slice_entry(s) for s in where if s.q_value < 0.05][:20],
-        "effects": entries,
-        "unknown": {"present": bool(unknown), "where": unknown},
-        "closure": {
-            "before": closure.before, "after": closure.after, "ci": _bounds(closure.after_ci),
-            "fraction_of_excess": fraction, "held_out": True,
-            "reduction": explained, "reduction_ci": _bounds(closure.reduction_ci),
-        },
-    }  # fmt: skip
-    details = {
-        "waterfall": _waterfall(closure, whole), "alone_kt": list(closure.alone),
-        "evidence": evidence_table(found), "noise": _noise_entry(noise, base),
-        "untestable": dict(untestable), "slices": [_slice_entry(s) for s in where],
-        "reliability": dict(factors), "seed": seed,
-        "ambiguity": {e["name"]: e["ambiguity"] for e in entries},
-        "counts": {
-            "reports": frame.size, "flights": int(np.unique(frame.flight).size),
-            "days": int(base.stats.days.size), "clipped": float(base.stats.clipped.sum()),
-            "gross": float(base.stats.gross.sum()),
-        },
-    }  # fmt: skip
-    return report, details
+    return entries, unknown
+
+
+def _unnamed(problem: Problem, found: Found, k: int, offset: int) -> dict[str, Any]:
+    """Place of a term of the nonparametric basis."""
+    term = found.terms[k]
+    group = next(g for g in problem.plan.groups if g.name == term.candidate.name)
+    stats = problem.base.stats
+    return unknown_place(term, found.given, offset, stats, group.labels, found.rivals[k])
 
 
 def moment_entry(verdict: MomentVerdict) -> dict[str, Any]:
@@ -238,7 +275,8 @@ def _waterfall(closure: Closure, whole: Closure) -> list[dict[str, Any]]:
     return [*out, {"label": "noise floor", "kt": whole.after, "step_ci": None}]
 
 
-def _noise_entry(noise: NoiseFit, base: Base) -> dict[str, Any]:
+def _noise_entry(problem: Problem) -> dict[str, Any]:
+    noise, base = problem.noise, problem.base
     model = noise.model
     return {
         "correlated_sd_m_s": float(model.correlated_sd), "white_sd_m_s": float(model.white_sd),

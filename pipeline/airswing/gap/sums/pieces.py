@@ -27,7 +27,7 @@ from airswing.gap.archive.headings_columns import middle_longitude
 from airswing.gap.design.basis import DictionaryPlan, plan_dictionary
 from airswing.gap.design.exogenous import LargeScale, centre_of, day_sums, exogenous
 from airswing.gap.design.layout import make_layout
-from airswing.gap.noise.model import NoiseFit, fit_noise, fitted_gains
+from airswing.gap.noise.model import NoiseFit, fit_noise, fitted_gains, flown
 from airswing.gap.sums.accumulate import Statistics, add_reports, day_of_report, empty_statistics
 from airswing.physics.turns import heading_doubt
 
@@ -164,7 +164,7 @@ def prepare(pieces: Pieces, *, workers: int = 1, most: int = MOST, seed: int = 0
         parts.append(part)
     winds = LargeScale.solved(parts, float(sample.epoch), centre)
     columns = exogenous(sample, winds)
-    noise = fit_noise(sample.residual, **noise_context(sample, columns), seed=seed)
+    noise = fit_noise(sample.residual, flown(columns, heading_doubt(sample, columns)), seed=seed)
     return Prepared(sample, winds, noise, plan_dictionary(columns), np.array(sorted(days)), shift)
 
 
@@ -202,7 +202,9 @@ def statistics_of_pieces(
 
     def add(frame: Frame) -> int:
         columns = exogenous(frame, ready.winds)
-        noise = fitted_gains(ready.noise, frame.residual, **noise_context(frame, columns))
+        noise = fitted_gains(
+            ready.noise, frame.residual, flown(columns, heading_doubt(frame, columns))
+        )
         add_reports(
             out, columns, frame.residual, noise=noise, effects=effects, plan=ready.plan, clip=clip
         )
@@ -214,26 +216,6 @@ def statistics_of_pieces(
         if progress is not None:
             progress(done / pieces.size)
     return out
-
-
-def noise_context(frame: Frame, columns: Frame) -> dict[str, Any]:
-    """Arguments of the noise fit beside the residual.
-
-    Parameters
-    ----------
-    frame, columns : Frame
-        As reported, and as its design columns take it.
-
-    Returns
-    -------
-    dict
-        Of `airswing.gap.noise.model.fit_noise`.
-    """
-    names = ("aircraft", "flight", "time", "latitude", "longitude", "pressure", "heading",
-             "airspeed")  # fmt: skip
-    return {name: getattr(columns, name) for name in names} | {
-        "doubt": heading_doubt(frame, columns)
-    }
 
 
 def _in_turn(

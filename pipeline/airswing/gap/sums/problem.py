@@ -1,0 +1,64 @@
+"""What every step after the sums needs, as one object.
+
+Assumes sums and noise of one pass over the reports. Steps that differ in what they look for
+(closure, checks, interval, read-out) take the same problem and nothing of it apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.frame import Frame
+from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.noise.model import NoiseFit
+from airswing.gap.sums.accumulate import day_of_report
+from airswing.gap.sums.elimination import Base
+
+
+@dataclass(frozen=True)
+class Problem:
+    """An archive with its noise, its columns and the sums made of them.
+
+    Attributes
+    ----------
+    archive : Frame
+        Reports as they are.
+    context : Frame
+        The same with the heading and airspeed design columns are made of
+        (:mod:`airswing.gap.design.exogenous`).
+    effects : mapping
+        Name -> effect that has design columns.
+    plan : DictionaryPlan
+        The nonparametric basis.
+    noise : NoiseFit
+    base : Base
+        Sums with the day fields eliminated.
+    seed : int
+        Of everything drawn.
+    """
+
+    archive: Frame
+    context: Frame
+    effects: Mapping[str, Any]
+    plan: DictionaryPlan
+    noise: NoiseFit
+    base: Base
+    seed: int = 0
+
+    @cached_property
+    def day(self) -> NDArray[np.int64]:
+        """Index of each report's day in the sums, (n,)."""
+        days, _ = day_of_report(self.archive, shift=self.base.stats.day_shift)
+        return np.searchsorted(self.base.stats.days, days)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of aircraft and of days."""
+        aircraft, days = self.base.stats.day_count.shape
+        return aircraft, days
