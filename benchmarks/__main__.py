@@ -19,6 +19,7 @@ SHORT = {
     "collocation": ["--hours", "24", "--repeats", "3"],
     "fit": ["--days", "120", "--repeats", "3"],
     "storage": ["--reports", "1000000"],
+    "export": ["--reports", "1000000"],
     "fault_drill": ["--kills", "6", "--days", "8", "--aircraft", "3"],
     "year": ["--share", "0.05"],
     "adding": ["--share", "0.02", "--main"],

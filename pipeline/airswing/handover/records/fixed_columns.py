@@ -80,28 +80,33 @@ def put_number(
         raise ValueError(f"a number cannot stand in {width} columns")
     rest = np.rint(np.abs(numbers) * 10.0**decimals).astype(np.int64)
     sign = (numbers < 0) & (rest > 0)
-    place = column + width - 2
+    field = np.empty((width, rest.size), dtype=np.uint8)  # a row a column: written in one piece
+    place = width - 1
     for _ in range(decimals):
-        rest = _put_digit(lines, place, rest)
+        rest = _put_digit(field[place], rest)
         place -= 1
     if decimals:
-        lines[:, place] = _POINT
+        field[place] = _POINT
         place -= 1
-    rest = _put_digit(lines, place, rest)
-    for here in range(place - 1, column - 2, -1):
-        open_still = rest > 0
-        after = _put_digit(lines, here, rest)
-        lines[~open_still, here] = np.where(sign[~open_still], _MINUS, _SPACE)
-        sign &= open_still
-        rest = after
+    rest = _put_digit(field[place], rest)
+    for row in field[:place][::-1]:
+        if rest.any():
+            here = rest > 0
+            rest = _put_digit(row, rest)
+            row[~here] = np.where(sign[~here], _MINUS, _SPACE)
+            sign &= here
+        else:
+            row[:] = np.where(sign, _MINUS, _SPACE)
+            sign[:] = False
     if rest.any() or sign.any():
         raise ValueError(f"a number is wider than {width} columns")
+    lines[:, column - 1 : column - 1 + width] = field.T
 
 
-def _put_digit(lines: Lines, place: int, rest: NDArray[np.int64]) -> NDArray[np.int64]:
+def _put_digit(row: NDArray[np.uint8], rest: NDArray[np.int64]) -> NDArray[np.int64]:
     """Write the last digit; what is left of the number."""
     left = rest // 10
-    lines[:, place] = rest - 10 * left + _ZERO
+    row[:] = rest - 10 * left + _ZERO
     return left
 
 

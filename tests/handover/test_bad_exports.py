@@ -1,0 +1,151 @@
+"""What cannot be exported ends in one message and status 2, with nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import airswing
+from airswing import cli
+from airswing.config import Handover
+from airswing.errors import InputError
+from airswing.products.netcdf import write_product
+from tests.handover.archives import corrected
+
+FORMATS = ("obs_domain", "little_r", "ob_ascii")
+CONFIG = "reports: {files: r.csv}\nreferences: {ruc: {files: x}}\noutput: out\n"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with a configuration and the product of a run."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    write_product(corrected({"N1": 5}), tmp_path / "out/corrected.nc", title="test")
+    return tmp_path
+
+
+def call(monkeypatch, capsys, *words):
+    monkeypatch.setattr("sys.argv", ["airswing", "export", "c.yaml", *words])
+    status = 0
+    try:
+        cli.main()
+    except SystemExit as end:
+        status = end.code
+    told = capsys.readouterr()
+    return status, told.out, told.err
+
+
+def left(folder):
+    return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--to", "grib", "-o", "f"), ("no such export format", "grib", "obs_domain")),
+        (("--to", "obs_domain", "-o", "f", "--winds", "best"), ("--winds", "best")),
+        (("--to", "obs_domain", "-o", "f", "--window", "soon"), ("--window", "soon")),
+        (("--to", "obs_domain", "-o", "f", "--window", "0.5 s"), ("--window", "0.5 s")),
+        (("--to", "obs_domain", "-o", "f", "--domain", "12"), ("--domain", "12")),
+        (("--to", "obs_domain", "-o", "f", "--platform", "BOAT"), ("--platform", "BOAT")),
+        (("--to", "obs_domain", "-o", "f", "--start", "noon"), ("--start", "noon")),
+        (
+            ("--to", "little_r", "-o", "f", "--start", "2020-01-01", "--end", "2020-01-02"),
+            ("no report", "before_the_period 5"),
+        ),
+        (
+            ("--to", "little_r", "-o", "f", "--start", "2020-01-02", "--end", "2020-01-01"),
+            ("end must be later",),
+        ),
+        (("--to", "obs_domain", "-o", "OBS_DOMAIN301"), ("OBS_DOMAIN301", "--domain 3")),
+        (("--to", "ob_ascii", "-o", "c.yaml"), ("c.yaml", "--overwrite")),
+        (("--to", "ob_ascii", "-o", "c.yaml/sub/f"), ("c.yaml/sub/f",)),
+    ],
+)
+def test_bad_requests(folder, monkeypatch, capsys, words, said):
+    before = left(folder)
+    status, out, err = call(monkeypatch, capsys, *words, "--quiet")
+    assert status == 2 and out == ""
+    assert err.startswith("airswing: ") and len(err) < 2000 and err.count("\n") == 1
+    assert all(word in err for word in said), err
+    assert left(folder) == before and (folder / "c.yaml").read_text() == CONFIG
+
+
+def test_without_a_product_the_run_is_named(folder, monkeypatch, capsys):
+    (folder / "out/corrected.nc").unlink()
+    status, _, err = call(monkeypatch, capsys, "--to", "little_r", "-o", "f")
+    assert status == 2 and "corrected.nc" in err and "airswing run" in err
+
+
+def test_the_command_writes_and_tells(folder, monkeypatch, capsys):
+    words = ("--to", "ob_ascii", "-o", "w/", "--window", "2 min", "--quiet")
+    status, out, err = call(monkeypatch, capsys, *words, "--json")
+    assert (status, err) == (0, "")
+    told = json.loads(out)
+    assert told["reports"] == 5 and [file["reports"] for file in told["files"]] == [2, 2, 1]
+    assert all((folder / file["path"]).is_file() for file in told["files"])
+    status, _, err = call(monkeypatch, capsys, *words)
+    assert status == 2 and "ob.ascii" in err and "is there already" in err
+    status, out, _ = call(monkeypatch, capsys, *words, "--overwrite")
+    assert status == 0 and "5 reports, 5 winds as corrected, in 3 files" in out
+    assert not [*folder.rglob(".airswing*")]
+
+
+def test_a_folder_gets_the_name_its_reader_expects(folder, monkeypatch, capsys):
+    for to, name in (("obs_domain", "OBS_DOMAIN401"), ("little_r", "obs.little_r")):
+        status, _, _ = call(monkeypatch, capsys, "--to", to, "-o", "d/", "--domain", "4")
+        assert status == 0 and (folder / "d" / name).is_file()
+
+
+@pytest.mark.parametrize("name", ["x" * 41, "Ä1", "N1\nN2", "N\t1"])
+@pytest.mark.parametrize("to", FORMATS)
+def test_identifiers_no_format_can_hold(tmp_path, name, to):
+    with pytest.raises(InputError, match=r"identifier.*40 characters"):
+        airswing.export(corrected({"N1": 2, name: 2}), to=to, path=tmp_path / "f")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_files_of_several_kinds_do_not_tell_the_platform(tmp_path):
+    audit = json.dumps({"formats": {"madis": 3, "csv": 1}})
+    ds = corrected({"N1": 2, "EU2": 2}).assign_attrs(reading_audit=audit)
+    with pytest.raises(InputError, match=r"--platform.*madis, csv.*handover"):
+        airswing.export(ds, to="ob_ascii", path=tmp_path / "f")
+    told = Handover(aircraft={"AMDAR": ["EU*"], "TAMDAR": ["N?"]})
+    done = airswing.export(ds, to="ob_ascii", path=tmp_path / "f", settings=told)
+    assert done["platforms"] == {"TAMDAR": 2, "AMDAR": 2, "ACARS": 0, "AIREP": 0}
+
+
+@pytest.mark.parametrize(
+    "name", ["correction_applied", "screening", "corrected_eastward_wind", "flight", "pressure"]
+)
+def test_a_variable_that_is_needed_is_named(tmp_path, name):
+    with pytest.raises(InputError, match=name):
+        airswing.export(corrected({"N1": 2}).drop_vars(name), to="obs_domain", path=tmp_path / "f")
+
+
+def test_what_is_no_dataset_is_a_defect_of_the_caller(tmp_path):
+    with pytest.raises(TypeError, match="Dataset"):
+        airswing.export(np.zeros(3), to="obs_domain", path=tmp_path / "f")
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_a_full_disk_leaves_nothing(folder, to):
+    write_product(corrected({"N1": 900}), folder / "out/corrected.nc", title="test")
+    before = left(folder)
+
+    def narrow() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+
+    done = subprocess.run(
+        [sys.executable, "-m", "airswing", "export", "c.yaml", "--to", to, "-o", "new/f"],
+        preexec_fn=narrow, cwd=folder, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr and "cannot write the export" in done.stderr
+    assert left(folder) == before
