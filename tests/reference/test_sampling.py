@@ -15,13 +15,18 @@ from hypothesis import strategies as st
 from pyproj import Proj
 
 from airswing.reference.geometry.grids import Grid
+from airswing.reference.geometry.interpolation import (
+    bilinear,
+    bilinear_slopes,
+    corners,
+    level_brackets,
+)
 from airswing.reference.geometry.model_time import ModelTime
+from airswing.reference.geometry.winds import EARTH_RADIUS
 from airswing.reference.grib.catalogue import build_catalogue
 from airswing.reference.grib.gridsections import read_grid
 from airswing.reference.grib.messages import scan_file
-from airswing.reference.interpolation import bilinear, bilinear_slopes, corners, level_brackets
 from airswing.reference.sampling import sample_model_time
-from airswing.reference.winds import EARTH_RADIUS
 from tests.reference.builders import LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
 
 SHAPE = (LATLON["Nj"], LATLON["Ni"])

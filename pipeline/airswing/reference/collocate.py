@@ -33,8 +33,8 @@ from dask.highlevelgraph import HighLevelGraph
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.reference.geometry.model_time import ModelTime
-from airswing.reference.grib.catalogue import Catalogue
+from airswing.reference.geometry.model_time import ModelTime, Sample
+from airswing.reference.geometry.profiles import Catalogue
 from airswing.reference.planning import (
     Plan,
     Points,
@@ -43,7 +43,7 @@ from airswing.reference.planning import (
     points_of,
     schedule,
 )
-from airswing.reference.sampling import Sample, sample_model_time
+from airswing.reference.sampling import sample_model_time
 from airswing.reference.store import SampleStore
 from airswing.vocabulary import describe
 

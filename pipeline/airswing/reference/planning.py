@@ -21,9 +21,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.reference.geometry.interpolation import level_brackets
 from airswing.reference.geometry.model_time import ISOBARIC, ModelTime
-from airswing.reference.grib.catalogue import Catalogue
-from airswing.reference.interpolation import level_brackets
+from airswing.reference.geometry.profiles import Catalogue
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -347,11 +347,7 @@ class Need:
         for number in np.flatnonzero(self.times & ~self.finished if left else self.times):
             bounds = slice(int(catalogue.bounds[number]), int(catalogue.bounds[number + 1]))
             needed = self.rows[bounds]
-            tables = [catalogue.u[bounds][needed], catalogue.v[bounds][needed]]
-            if catalogue.level_kinds[number] != ISOBARIC and needed.any():
-                tables.append(catalogue.pressure[bounds])
-            table = np.concatenate(tables)
-            counts += [bool(needed.any()), table.size, _octets(table), table["sparse"].sum()]
+            counts += [bool(needed.any()), *catalogue.reading(int(number), needed)]
         ends = np.array([self.first, self.last] if self.first <= self.last else [], dtype=np.int64)
         return Plan(
             reference=reference,
@@ -370,12 +366,6 @@ class Need:
             model_box=_outline(catalogue),
             model_levels=_level_span(catalogue),
         )
-
-
-def _octets(table: NDArray[Any]) -> int:
-    """Octets of fields as stored; a message of many fields counts once."""
-    firsts = np.unique(table[["file", "offset", "length"]])
-    return int(firsts["length"].sum())
 
 
 def _needs(

@@ -1,7 +1,7 @@
 """One model time of GRIB messages in, winds at its reports out.
 
-The winds are put together by :mod:`airswing.reference.winds`; this module reads the messages
-they need, one after another.
+The winds are put together by :mod:`airswing.reference.geometry.winds`; this module reads the
+messages they need, one after another.
 
 Assumptions and validity
 ------------------------
@@ -13,54 +13,25 @@ from __future__ import annotations
 
 import os
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.geometry.model_time import ModelTime, SourceFile
+from airswing.reference.geometry.model_time import (
+    NOT_OPENED,
+    REPLACED,
+    ModelTime,
+    Sample,
+    SourceFile,
+)
+from airswing.reference.geometry.winds import winds_at
 from airswing.reference.grib.credible import probes, require_credible, without_absurd
 from airswing.reference.grib.values import field_values
 from airswing.reference.packing.simple_packing import UnreadableMessageError
-from airswing.reference.winds import winds_at
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-
-NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"
-
-
-def of_a_lost_file(reason: str) -> bool:
-    """Whether a problem is of a file that vanished or changed, not of what stands in it.
-
-    Parameters
-    ----------
-    reason : str
-        Of `Sample.problems`.
-
-    Returns
-    -------
-    bool
-        Such a problem may be gone when the file is there again, though nothing tells it is another.
-    """
-    return reason.startswith((NOT_OPENED, REPLACED))
-
-
-class Sample(NamedTuple):
-    """Winds of one model time at its reports.
-
-    `table` is (2 or 9, report): rows `WINDS` then `DERIVATIVES`, true east and
-    north, m s-1; per ln p; s-1; rad. `problems` lists (file, reason) of what could not
-    be read; `decoded` counts messages read, `octets` their length, and `seconds` is the
-    time that reading and decoding them took.
-    """
-
-    table: Floats
-    problems: tuple[tuple[str, str], ...]
-    decoded: int
-    octets: int = 0
-    seconds: float = 0.0
 
 
 class _Reader:

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.products.atomic import replacing
-from airswing.reference import interpolation, sampling, winds
-from airswing.reference.geometry import grids
-from airswing.reference.geometry.model_time import ModelTime
+from airswing.reference import sampling
+from airswing.reference.geometry import grids, interpolation, winds
+from airswing.reference.geometry.model_time import ModelTime, Sample
 from airswing.reference.grib import consistency, credible, values
 from airswing.reference.packing import (
     complex_packing,
@@ -36,7 +36,6 @@ from airswing.reference.packing import (
     image_packing,
     simple_packing,
 )
-from airswing.reference.sampling import Sample
 
 Floats = NDArray[np.float64]
 
@@ -81,7 +80,8 @@ class SampleStore:
         """File of a sample; its name changes with anything its values depend on."""
         digest = hashlib.blake2b(digest_size=16)
         digest.update(_code_version())
-        digest.update(repr((model.valid, model.grid, model.files, derivatives)).encode())
+        known = (model.valid, model.grid, model.files, model.storage, derivatives)
+        digest.update(repr(known).encode())
         for array in (model.u, model.v, model.pressure, *places):
             digest.update(np.ascontiguousarray(array).tobytes())
         return self.folder / f"{digest.hexdigest()}.npy"

@@ -24,7 +24,7 @@ from airswing.workflow.job import Blocks, Job
 
 if TYPE_CHECKING:
     from airswing.compass.kept_headings import KeptHeadings
-    from airswing.reference.grib.catalogue import Catalogue
+    from airswing.reference.geometry.profiles import Catalogue
     from airswing.reference.places import Places
     from airswing.reference.planning import Need, Plan
     from airswing.reference.store import SampleStore
@@ -303,8 +303,8 @@ def collocated_blocks(
         ``reading_audit``, ``reference_audit`` and ``ground_vector_evidence`` in the attributes.
     """
     from airswing.compass.kept_headings import KeptHeadings
+    from airswing.reference.geometry.model_time import of_a_lost_file
     from airswing.reference.overlap import require_overlap
-    from airswing.reference.sampling import of_a_lost_file
 
     folder = job.gap_store if derivatives else job.store
     archive = read(job, folder)

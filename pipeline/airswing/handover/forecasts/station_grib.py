@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.handover.forecasts.correcting import TIME
 from airswing.reference.geometry.grids import Grid, UnplaceableGridError
+from airswing.reference.geometry.interpolation import bilinear, corners
 from airswing.reference.grib.fields import GarbageError, Window
 from airswing.reference.grib.gridsections import read_grid
 from airswing.reference.grib.messages import whole_messages
-from airswing.reference.interpolation import bilinear, corners
 from airswing.reference.packing.decoder_process import ABSENT
 from airswing.reference.packing.octets import unsigned
 from airswing.reference.packing.simple_packing import UnreadableMessageError

@@ -8,9 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.geometry.grids import Grid
+from airswing.reference.geometry.placing import Placing
 
 #: Kinds of level.
 ISOBARIC, HYBRID = 0, 1
@@ -35,7 +36,7 @@ class ModelTime:
         Valid time, ns since 1970.
     lead : int
         Lead time, s.
-    grid : Grid
+    grid : Placing
     level_kind : int
         `ISOBARIC` or `HYBRID`.
     u, v, pressure : (level,) arrays of `fields.FIELD_DTYPE`
@@ -46,7 +47,7 @@ class ModelTime:
 
     valid: int
     lead: int
-    grid: Grid
+    grid: Placing
     level_kind: int
     u: NDArray[Any]
     v: NDArray[Any]
@@ -57,3 +58,43 @@ class ModelTime:
     def native(self) -> bool:
         """Levels are native ones, with a pressure field."""
         return self.level_kind != ISOBARIC
+
+    @property
+    def storage(self) -> str:
+        """What its values depend on beside rows, files and grid."""
+        return ""
+
+
+class Sample(NamedTuple):
+    """Winds of one model time at its reports.
+
+    `table` is (2 or 9, report): u and v, then derivatives, see
+    :mod:`airswing.reference.geometry.winds`. `problems` lists (file, reason) of what could not
+    be read; `decoded` counts messages or chunks read, `octets` their length, and `seconds` is the
+    time that reading and decoding them took.
+    """
+
+    table: NDArray[np.float64]
+    problems: tuple[tuple[str, str], ...]
+    decoded: int
+    octets: int = 0
+    seconds: float = 0.0
+
+
+NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"
+
+
+def of_a_lost_file(reason: str) -> bool:
+    """Whether a problem is of a file that vanished or changed, not of what stands in it.
+
+    Parameters
+    ----------
+    reason : str
+        Of `Sample.problems`.
+
+    Returns
+    -------
+    bool
+        Such a problem may be gone when the file is there again, though nothing tells it is another.
+    """
+    return reason.startswith((NOT_OPENED, REPLACED))

@@ -18,11 +18,10 @@ from __future__ import annotations
 
 import math
 
+from airswing.reference.geometry.winds import MAX_WIND
 from airswing.reference.grib.fields import PRESSURE, GarbageError, SkippedError
 from airswing.reference.packing.simple_packing import PADDING
 
-MAX_WIND = 150.0
-"""m s-1: the limit reports have, too."""
 MAX_PRESSURE = 120_000.0
 """Pa."""
 _EARLIEST, _LATEST = -2_208_988_800, 4_102_444_800  # s since 1970: the years 1900 and 2100

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.placing import Placing
+from airswing.reference.geometry.placing import Placing
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -27,8 +27,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.grib.consistency import MAX_WIND
-from airswing.reference.interpolation import (
+from airswing.reference.geometry.interpolation import (
     Brackets,
     Corners,
     bilinear,
@@ -37,7 +36,7 @@ from airswing.reference.interpolation import (
     level_brackets,
     weighted,
 )
-from airswing.reference.placing import Placing
+from airswing.reference.geometry.placing import Placing
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -49,6 +48,8 @@ Winds = Generator[Asked, list[Floats], Floats]
 WINDS = ("u", "v")
 DERIVATIVES = ("u_lnp", "v_lnp", "u_x", "v_x", "u_y", "v_y", "convergence")
 
+#: The limit reports have, too, m s-1.
+MAX_WIND = 150.0
 #: Radius of the sphere on which distances for derivatives are measured (m).
 EARTH_RADIUS = 6371229.0
 #: Half step of the central differences that give the grid's metric (degrees).
