@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.grib.consistency import MAX_PRESSURE, MAX_WIND
+from airswing.reference.geometry.winds import MAX_WIND
+from airswing.reference.grib.consistency import MAX_PRESSURE
 from airswing.reference.grib.fields import PRESSURE
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
