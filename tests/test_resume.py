@@ -301,5 +301,5 @@ def test_a_full_disk_ends_collocation_in_one_message(tmp_path, root, monkeypatch
         dask.config.set(scheduler="synchronous"),
         pytest.raises(InputError, match=r"finished model time.*No space left"),
     ):
-        workflow.collocated_headings(job_of(config_in(tmp_path, root)), names=["ruc"])
+        workflow.make_headings(job_of(config_in(tmp_path, root)))
     assert not list(tmp_path.rglob("*.part"))

@@ -155,7 +155,7 @@ def _frame(
         u_rep=reported[:, 0], v_rep=reported[:, 1], u_ref=wind[:, 0], v_ref=wind[:, 1],
         heading=heading, magnetic_heading=heading - context["declination"],
         airspeed=np.hypot(*air.T), ground_u=ground[:, 0], ground_v=ground[:, 1],
-        ground_error=zeros + 1.0, declination=context["declination"], dip=zeros + 1.2,
+        heading_error=zeros, declination=context["declination"], dip=zeros + 1.2,
         horizontal_field=context["horizontal_field"], acceleration=acceleration,
         bank=rng.normal(0, 0.05, n),
         climb_rate=np.where(phase == 1, 5.0, np.where(phase == 3, -5.0, 0)),

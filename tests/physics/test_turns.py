@@ -1,95 +1,127 @@
-"""Doubt about the heading at reports in a turn."""
+"""Headings beside turns against flights whose heading is known at every second."""
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
+import pytest
 
-from airswing.physics.turns import ground_at_fixes, heading_doubt, turn_at_reports
+import airswing  # noqa: F401
+from airswing.flags import ROLL
+from airswing.physics.triangle import wrap_signed
+from airswing.physics.turns import beside_turns
 
-
-def test_the_turn_at_a_report_is_the_larger_of_its_two_sides():
-    track = np.radians([0.0, 0.0, 90.0, 90.0, 350.0, 10.0])
-    flight = np.array([1, 1, 1, 1, 2, 2])
-    found = np.degrees(turn_at_reports(track, flight, np.arange(6.0)))
-    np.testing.assert_allclose(found, [0, 90, 90, 0, 20, 20], atol=1e-9)
-
-
-def test_rows_in_any_order_give_the_same():
-    rng = np.random.default_rng(0)
-    track, flight, time = (
-        rng.uniform(0, 6, 40),
-        np.repeat([3, 1], 20),
-        rng.permutation(40).astype(float),
-    )
-    order = rng.permutation(40)
-    found = turn_at_reports(track, flight, time)
-    again = turn_at_reports(track[order], flight[order], time[order])
-    np.testing.assert_allclose(again, found[order])
+SPEED = 100.0
 
 
-def test_only_a_deviated_aircraft_is_doubted_and_only_in_a_turn():
-    heading = np.radians([0.0, 0.0, 60.0, 60.0] * 2)
-    frame = SimpleNamespace(
-        tails=("N1", "N2"),
-        aircraft=np.repeat([0, 1], 4),
-        flight=np.repeat([0, 1], 4),
-        time=np.arange(8.0),
-        ground_u=100 * np.sin(heading),
-        ground_v=100 * np.cos(heading),
-        u_ref=np.zeros(8),
-        v_ref=np.zeros(8),
-    )
-    deviated = np.repeat([0.0, np.radians(3.0)], 4)
-    columns = SimpleNamespace(heading=heading + deviated, airspeed=np.full(8, 100.0))
-    doubt = heading_doubt(frame, columns)
-    np.testing.assert_allclose(doubt[:4], 0.0, atol=1e-9)
-    np.testing.assert_allclose(doubt[[4, 7]], 0.0, atol=1e-9)
-    np.testing.assert_allclose(doubt[5:7], 100 * np.radians(3.0) * np.radians(60.0), rtol=1e-6)
-
-
-def flown(legs, *, minutes=3.0, reported=None):
-    """Reports of one flight: a speed east and north for each leg between them, no wind."""
-    east, north = (np.r_[0.0, np.cumsum(part)] * minutes * 60 for part in np.transpose(legs))
-    latitude = np.degrees(north / 6371008.8)
-    longitude = np.degrees(east / 6371008.8)
-    n = len(legs) + 1
-    middle = np.array([legs[0], *np.add(legs[1:], legs[:-1]) / 2, legs[-1]], float).T
-    heading = np.arctan2(*middle) % (2 * np.pi)
+def flown(heading, *, interval=60, wind=(0.0, 0.0), noise=0.0, seed=0):
+    """What a flight reports whose heading (rad) is given for every second."""
+    air = SPEED * np.sin(heading), SPEED * np.cos(heading)
+    at = np.arange(0, heading.size, interval)
+    rng = np.random.default_rng(seed)
+    leg = []
+    for part, blown in zip(air, wind, strict=True):
+        place = np.r_[0.0, np.cumsum(part + blown)]  # second by second
+        fix = place[at] + rng.normal(0.0, noise, at.size)
+        leg.append(np.r_[np.diff(fix) / interval, np.nan])
+    error = np.full(at.size, np.sqrt(2.0) * noise / interval)
+    centred = [0.5 * (np.r_[np.nan, part[:-1]] + part) for part in leg]
+    for part, own in zip(centred, leg, strict=True):
+        part[0], part[-1] = own[0], own[-2]
+    one = np.ones(at.size)
     return {
-        "latitude": latitude, "longitude": longitude, "time": np.arange(n) * minutes * 60.0,
-        "flight": np.zeros(n, int), "ground_u": middle[0], "ground_v": middle[1],
-        "u_rep": np.zeros(n), "v_rep": np.zeros(n), "airspeed": np.hypot(*middle),
-        "heading": heading if reported is None else reported,
-        "magnetic_heading": heading if reported is None else reported,
-    }  # fmt: skip
+        "leg": (*leg, error),
+        "wind": (wind[0] * one, wind[1] * one),
+        "straight": (*centred, 0.5 * one, 0.5 * one),
+        "seconds": at.astype(float),
+        "flight": np.zeros(at.size, int),
+        "truth": heading[at],
+        "parabola": np.arctan2(centred[0] - wind[0], centred[1] - wind[1]),
+    }
+
+
+def looked_at(made, **options):
+    values = [made[name] for name in ("leg", "wind", "straight", "seconds", "flight")]
+    return beside_turns(*values, **options)
+
+
+def turn(begin, end, degrees, *, seconds=900):
+    return np.radians(np.interp(np.arange(seconds), [begin, end], [0.0, degrees]))
 
 
 def test_a_turn_within_a_leg_stands_between_its_two_reports():
-    # 80 m/s north, a turn within one leg (flown at 45 degrees on average), then east
-    made = ground_at_fixes(flown([(0, 80)] * 3 + [(50, 50)] + [(80, 0)] * 3))
-    heading = np.degrees(made["heading"])
-    np.testing.assert_allclose(heading[:4], 0.0, atol=1.0)
-    np.testing.assert_allclose(heading[4:], 90.0, atol=1.0)
-    np.testing.assert_allclose(made["airspeed"], 80.0, rtol=0.01)
+    made = flown(turn(435, 465, 60.0), interval=60, wind=(12.0, -5.0))
+    found = looked_at(made)
+    assert {6, 7, 8, 9} <= set(found.report)
+    off = wrap_signed(found.heading - made["truth"][found.report])
+    assert np.degrees(np.abs(off)).max() < 3.0
+    assert found.airspeed == pytest.approx(np.full(found.report.size, SPEED), rel=0.02)
+    # the mean of both legs was off by a quarter of the turn
+    assert np.degrees(np.abs(wrap_signed(made["parabola"] - made["truth"]))).max() > 10.0
 
 
-def test_a_straight_flight_keeps_its_ground_vector():
-    values = flown([(30, 70)] * 6)
-    made = ground_at_fixes(values)
-    for name in ("ground_u", "ground_v", "airspeed", "heading"):
-        np.testing.assert_allclose(made[name], values[name], rtol=1e-4)
+def test_a_turn_across_a_report_is_divided_by_the_square_roots_of_what_it_does_to_both_legs():
+    # 40 s before the report at 480 s, 20 s after it: 60 of 90 degrees are made there
+    made = flown(turn(440, 500, 90.0))
+    found = looked_at(made)
+    at = np.flatnonzero(found.report == 8)[0]
+    assert np.degrees(found.heading[at]) == pytest.approx(60.0, abs=6.0)
+    assert np.degrees(found.heading_error[at]) < 15.0
 
 
-def test_a_heading_the_unit_reported_stays():
-    told = np.full(8, 0.3)
-    values = flown([(0, 80)] * 3 + [(50, 50)] + [(80, 0)] * 3, reported=told)
-    made = ground_at_fixes(values)
-    np.testing.assert_array_equal(made["heading"][:6], told[:6])
+@pytest.mark.parametrize(("flag", "low", "high"), [("good", 0.0, 12.0), ("bad", 5.0, 60.0)])
+def test_the_roll_flag_tells_whether_the_turn_had_begun(flag, low, high):
+    made = flown(turn(470, 510, 60.0), noise=50.0, seed=3)
+    roll = np.full(15, ROLL["good"])
+    roll[8] = ROLL[flag]
+    found = looked_at(made, roll_flag=roll)
+    told = np.degrees(wrap_signed(found.heading[found.report == 8]))[0]
+    assert low - 3.0 < told < high
 
 
-def test_one_report_alone_keeps_what_it_has():
-    values = {name: array[:1] for name, array in flown([(0, 80)]).items()}
-    made = ground_at_fixes(values)
-    assert all(made[name][0] == values[name][0] for name in made)
+def test_turns_of_all_sizes_are_found_within_their_standard_error():
+    rng = np.random.default_rng(1)
+    error, parabola, beyond = [], [], []
+    for seed in range(150):
+        begin = rng.uniform(330.0, 570.0)
+        bank = np.radians(12.0 * np.exp(rng.normal(0.0, 0.4)))
+        size = rng.uniform(20.0, 120.0) * rng.choice([-1, 1])
+        lasts = np.radians(abs(size)) * SPEED / (9.80665 * np.tan(bank))
+        made = flown(turn(begin, begin + lasts, size), noise=50.0, seed=seed, wind=(20.0, 10.0))
+        found = looked_at(made)
+        inside = (found.report > 1) & (found.report < 13)
+        off = wrap_signed(found.heading - made["truth"][found.report])[inside]
+        error.append(off)
+        beyond.append(np.abs(off) > 2.0 * found.heading_error[inside])
+        parabola.append(wrap_signed(made["parabola"] - made["truth"])[found.report[inside]])
+    rms = np.degrees(np.sqrt(np.mean(np.concatenate(error) ** 2)))
+    before = np.degrees(np.sqrt(np.mean(np.concatenate(parabola) ** 2)))
+    assert rms < 0.4 * before
+    assert np.mean(np.concatenate(beyond)) < 0.05
+
+
+def test_straight_flight_is_left_alone_but_for_its_ends():
+    made = flown(turn(0, 1, 0.0) + 0.7, wind=(5.0, 5.0))
+    found = looked_at(made)
+    np.testing.assert_array_equal(found.report, [0, 14])
+    np.testing.assert_allclose(found.heading, 0.7, atol=np.radians(0.1))
+    np.testing.assert_allclose(found.airspeed, SPEED, rtol=1e-3)
+
+
+def test_what_is_found_of_a_flight_does_not_depend_on_the_flights_beside_it():
+    one, two = flown(turn(400, 460, 70.0), noise=50.0), flown(turn(300, 330, -40.0), noise=50.0)
+    parts = ("leg", "wind", "straight")
+    both = {name: tuple(map(np.concatenate, zip(one[name], two[name]))) for name in parts}  # noqa: B905
+    both["seconds"] = np.r_[one["seconds"], two["seconds"] + 5000.0]
+    both["flight"] = np.r_[one["flight"], two["flight"] + 1]
+    alone, together = looked_at(two), looked_at(both)
+    own = together.report >= 15
+    np.testing.assert_array_equal(together.report[own] - 15, alone.report)
+    for name in ("heading", "airspeed", "heading_error", "airspeed_error"):
+        np.testing.assert_array_equal(getattr(together, name)[own], getattr(alone, name))
+
+
+def test_reports_without_a_leg_are_passed_over():
+    made = flown(turn(400, 460, 70.0))
+    for part in made["leg"]:
+        part[:] = np.nan
+    assert looked_at(made, roll_flag=np.full(15, ROLL["bad"])).report.size == 0

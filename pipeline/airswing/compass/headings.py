@@ -10,7 +10,7 @@ true heading and airspeed, and they agree with its fixes, they are believed befo
 (`airswing.compass.ground_vector`).
 
 Where the path turns, chords tell neither heading nor speed at the report: they are then those of
-the legs around it (`airswing.physics.heading_in_turns`), and the ground vector follows from them,
+the legs around it (`airswing.physics.turns`), and the ground vector follows from them,
 so that V_G = V_A + W holds everywhere and the standard errors say how much a turn leaves open.
 
 What the standard errors mean
@@ -42,8 +42,8 @@ from airswing.compass.ground_vector import Evidence, choose_ground_vector
 from airswing.errors import InputError
 from airswing.physics import triangle
 from airswing.physics.geomagnetism import FieldLattice
-from airswing.physics.heading_in_turns import beside_turns
 from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, ground_track
+from airswing.physics.turns import beside_turns
 from airswing.products.ragged import aircraft_of_report
 from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
 from airswing.vocabulary import VARIABLES, describe

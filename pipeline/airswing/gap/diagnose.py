@@ -26,6 +26,7 @@ from airswing.gap.closure.interval import with_interval
 from airswing.gap.design.basis import DictionaryPlan, plan_dictionary
 from airswing.gap.design.candidates import candidates
 from airswing.gap.design.exogenous import exogenous
+from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.design.layout import make_layout
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.localisation import residual_maps, slices
@@ -53,7 +54,6 @@ from airswing.gap.sums.accumulate import DAY, accumulate
 from airswing.gap.sums.elimination import eliminate_days
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_prior, shared_variances
-from airswing.physics.turns import heading_doubt
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]

@@ -1,165 +1,448 @@
-"""Which way an aircraft flies at a report beside a turn, and how far that can be trusted.
+"""Heading and airspeed at reports beside a turn, from the legs around them.
 
-Assumptions: turns are short against the time between fixes, so one lies mostly within one leg. The
-mean of the legs before and after then spreads a turn over two reports, where the unit's heading had
-it between them: design columns change less than the residual, and whitening, which lives on
-differences between neighbouring reports, makes every coefficient larger (by 11 % in trials of an
-airspeed offset). So each leg counts by how straight the path goes on beyond it: at the report
-before a turn the leg that led there speaks, after it the one that leads away (by 2 % in the same
-trials). What direction is left unknown makes a column miss its residual by about airspeed x
-deviation x heading error; that miss is added to the report's noise.
+Assumptions
+-----------
+A turn is short against the time between reports, so that neither leg beside a report, nor the mean
+of both, is the direction flown at the report: the parabola through three fixes is off by 10 to 20
+degrees there. The aircraft flies straight, makes one turn of constant rate somewhere within the two
+legs before and the two after the report, and flies straight on; or it makes none. Each leg then
+tells the mean direction of the air vector over it, ground vector less reported wind: a mean of the
+course before and after, weighted by when the turn began and ended.
 
-Validity: reports minutes apart. A turn that goes on over several reports is seen as by the mean.
+Method
+------
+Every begin and end on a lattice of a quarter of a leg is a hypothesis. Course before and turn
+follow from the four legs by linear least squares; the hypothesis' probability from the legs' misfit
+(with its determinant: the evidence of a linear model), from the bank it takes and from the roll
+flags of the report and its neighbours (G: banked by less than five degrees, B: by more). Heading
+and standard error are mean and spread over all hypotheses, so that a report at which a turn may or
+may not have begun says so. The airspeed is that of the legs beside the report, longer than their
+mean vectors by what the turn takes off them.
 
-SI units and radians.
+What no turn of constant rate holds (rolling in and out, courses intercepted) is a part of the turn
+seen: `SHAPE`. A flight's first and last report have legs on one side only; more stays unknown.
+
+Validity
+--------
+Intervals of half a minute to some minutes, one turn within four legs; several at once are taken for
+one, and the misfit of the legs widens the standard error. Units: m s-1, s, radians.
+
+References
+----------
+MacKay 1992, Neural Computation 4:415-447, for the evidence of linear models; FAA-H-8083-15B ch. 4
+for ordinary turns (standard rate, bank of 15 to 25 degrees at these speeds).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.flags import ROLL
+from airswing.physics.atmosphere import GRAVITY
 from airswing.physics.triangle import wrap_signed
 
-Floats = NDArray[np.float64]
+__all__ = ["BesideTurns", "beside_turns"]
 
-SHARE = 1.0
-"""Part of the turn to the neighbouring report by which the heading may be off."""
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+REACH = 2
+"""Legs looked at on each side."""
+NODES = 4
+"""Steps of a leg at which a turn may begin or end."""
+WANDER = 0.7
+"""Error of a leg's air vector beside that of its fixes: coded winds, gusts, airspeed; m s-1."""
+SEEN = float(np.radians(2.0))
+"""Change of direction between two legs, beyond three standard errors, that is a turn, rad."""
+BANK, BANK_SPREAD = float(np.radians(12.0)), 0.7
+"""Median bank of a turn, and the spread of its logarithm."""
+FLAGGED = float(np.radians(5.0))
+"""Bank at which the roll flag turns bad, rad."""
+WRONG_FLAG = -3.0
+"""Logarithm of the odds that a roll flag is wrong."""
+TURN = float(np.radians(60.0))
+"""Standard deviation of turns, rad."""
+STRAIGHT, STRAIGHT_AT_END = 1.0, 0.3
+"""Odds that there is no turn, before the legs are looked at, within a flight and at its ends."""
+MISFIT, SHAPE = 0.02, 0.05
+"""Part of the turn by which a leg, and the heading, differ from those of a constant rate."""
+SHORTEST = 0.3
+"""Least length of a mean vector over the airspeed."""
+ROWS = 128
+"""Reports worked on at a time: arrays that stay in the processor's cache."""
 
 
-EARTH_RADIUS = 6371008.8
-STRAIGHT = np.radians(3.0)
-"""Changes of track under which a leg counts as straight, whatever its noise, rad."""
-AGREE = 3.0
-"""Median difference from the ground vectors given, from which on they are left alone, m s-1."""
-DERIVED = 0.01
-"""A heading further than this from that of ground vector minus wind was reported, rad."""
+class BesideTurns(NamedTuple):
+    """Headings and airspeeds found; arrays of shape (found,).
+
+    Attributes
+    ----------
+    report : ndarray of int
+        Where they are: reports with a turn in sight, and those at a flight's ends.
+    heading, airspeed : ndarray
+        Direction (from north, clockwise) and length of the air vector, rad and m s-1.
+    heading_error, airspeed_error : ndarray
+        Their standard errors.
+    """
+
+    report: Index
+    heading: Array
+    airspeed: Array
+    heading_error: Array
+    airspeed_error: Array
 
 
-def ground_at_fixes(values: Mapping[str, Any]) -> dict[str, Floats]:
-    """Ground velocity at each report from the leg whose path goes on straight, and what follows.
+class _Legs(NamedTuple):
+    """Legs from each report to the next, and what is known of the reports; (report,)."""
+
+    direction: Array  # of the air vector, rad; NaN where there is none
+    speed: Array  # its length, m s-1
+    error: Array  # standard error of the direction, rad
+    seconds: Array
+    flight: Index
+    roll: Index
+
+
+class _Known(NamedTuple):
+    """What straight flight makes of each report: heading (rad), airspeed and their errors."""
+
+    heading: Array
+    airspeed: Array
+    heading_error: Array
+    airspeed_error: Array
+
+
+def beside_turns(
+    leg: tuple[Array, Array, Array],
+    wind: tuple[Array, Array],
+    straight: tuple[Array, Array, Array, Array],
+    seconds: Array,
+    flight: NDArray[np.integer],
+    *,
+    roll_flag: NDArray[np.integer] | None = None,
+) -> BesideTurns:
+    """Heading and airspeed at the reports beside a turn and at the ends of flights.
 
     Parameters
     ----------
-    values : mapping of str to (n,) array
-        Of a :class:`~airswing.gap.archive.frame.Frame`: ``latitude, longitude`` (degrees), ``time``
-        (s), ``flight, ground_u, ground_v, u_rep, v_rep, airspeed`` (m s-1), ``heading,
-        magnetic_heading`` (rad).
+    leg : three ndarrays, shape (report,)
+        Eastward and northward mean ground velocity from each report to the next of its flight, and
+        the standard error of a component, m s-1; NaN where there is none.
+    wind : two ndarrays, shape (report,)
+        Eastward and northward reported wind, m s-1.
+    straight : four ndarrays, shape (report,)
+        Eastward and northward ground velocity at each report as of straight flight, and its
+        standard errors along and across, m s-1.
+    seconds : ndarray, shape (report,)
+        Ascending within a flight.
+    flight : ndarray of int, shape (report,)
+        The same for reports that stand together and belong together.
+    roll_flag : ndarray of int, shape (report,), optional
+        Codes of `airswing.flags.ROLL`.
 
     Returns
     -------
-    dict
-        ``ground_u, ground_v, airspeed, heading, magnetic_heading`` anew. Where the unit reported
-        its heading itself that one stays, and all five where a flight has no leg or where the
-        ground vectors given are not those of the positions.
-
-    References
-    ----------
-    Jiang & Shu 1996, J. Comput. Phys. 126: weights by the smoothness of each stencil.
+    BesideTurns
     """
-    u, v, centred = _ground(
-        values["latitude"], values["longitude"], values["time"], values["flight"]
-    )
-    known = np.isfinite(u) & np.isfinite(v)
-    apart = np.hypot(centred[0] - values["ground_u"], centred[1] - values["ground_v"])[known]
-    if np.isnan(apart).all() or np.nanmedian(apart) > AGREE:
-        known[:] = False  # the ground vectors came from elsewhere than these positions
-    east, north = (
-        (np.where(known, new, values[ground]) - values[wind], values[ground] - values[wind])
-        for new, ground, wind in ((u, "ground_u", "u_rep"), (v, "ground_v", "v_rep"))
-    )
-    turned = wrap_signed(np.arctan2(east[0], north[0]) - np.arctan2(east[1], north[1]))
-    told = wrap_signed(values["heading"] - np.arctan2(east[1], north[1]))
-    derived = known & ~(np.abs(told) > DERIVED)
-    out = {
-        "ground_u": np.where(known, u, values["ground_u"]),
-        "ground_v": np.where(known, v, values["ground_v"]),
-        "airspeed": np.where(derived, np.hypot(east[0], north[0]), values["airspeed"]),
-    }
-    for name in ("heading", "magnetic_heading"):
-        out[name] = np.where(
-            derived, np.mod(values[name] + turned, 2 * np.pi), np.asarray(values[name])
-        )
-    return out
-
-
-def _ground(
-    latitude: Floats, longitude: Floats, time: Floats, flight: NDArray[np.integer]
-) -> tuple[Floats, Floats, Floats]:
-    """Mean of the legs before and after, each weighed by how straight the path is beyond it.
-
-    Beside it the plain mean over both legs' time, (2, n).
-    """
-    order = np.lexsort((time, flight))
-    phi, lam = np.radians(latitude[order]), np.radians(longitude[order])
-    flight, time = flight[order], time[order]
-    step = np.where(flight[1:] == flight[:-1], np.maximum(np.diff(time), 1.0), np.nan)
-    leg = np.stack([np.cos(0.5 * (phi[1:] + phi[:-1])) * wrap_signed(np.diff(lam)), np.diff(phi)])
-    leg *= EARTH_RADIUS / step
-    none = np.full((2, 1), np.nan)
-    before, after = np.hstack([none, leg]), np.hstack([leg, none])
-    turn = np.nan_to_num(wrap_signed(np.arctan2(*after) - np.arctan2(*before)))
-    weights = [
-        np.where(np.isfinite(part[0]), 1.0 / (beyond**2 + STRAIGHT**2), 0.0)
-        for part, beyond in ((before, np.r_[0.0, turn[:-1]]), (after, np.r_[turn[1:], 0.0]))
+    size = seconds.size
+    roll = np.zeros(size, np.int64) if roll_flag is None else np.asarray(roll_flag, np.int64)
+    legs = _air_legs(leg, wind, seconds, np.asarray(flight, np.int64), roll)
+    air = straight[0] - wind[0], straight[1] - wind[1]
+    speed = np.hypot(*air)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        known = _Known(np.arctan2(*air), speed, straight[3] / speed, straight[2])
+    index = np.flatnonzero(_in_question(legs) & np.isfinite(speed) & (speed > 0.0))
+    parts = [
+        _found(index[start : start + ROWS], legs, known) for start in range(0, index.size, ROWS)
     ]
-    total = weights[0] + weights[1]
-    mean = np.nan_to_num(before) * weights[0] + np.nan_to_num(after) * weights[1]
-    out, centred = np.empty_like(mean), np.empty_like(mean)
-    out[:, order] = mean / np.where(total > 0, total, np.nan)
-    took = [np.nan_to_num(part) for part in (np.r_[np.nan, step], np.r_[step, np.nan])]
-    way = np.nan_to_num(before) * took[0] + np.nan_to_num(after) * took[1]
-    centred[:, order] = way / np.where(total > 0, took[0] + took[1], np.nan)
-    return out[0], out[1], centred
+    if not parts:
+        none = np.zeros(0)
+        return BesideTurns(index, none, none, none, none)
+    return BesideTurns(index, *(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def turn_at_reports(track: Floats, flight: NDArray[np.integer], time: Floats) -> Floats:
-    """Largest change of track to the report before or after in the same flight.
+def _air_legs(
+    leg: tuple[Array, Array, Array], wind: tuple[Array, Array], seconds: Array, flight: Index,
+    roll: Index,
+) -> _Legs:  # fmt: skip
+    """Mean air vector of each leg, as the unit sees it: ground vector less the wind it reports."""
+    air = []
+    for part, blown in zip(leg[:2], wind, strict=True):
+        own = np.full(seconds.size, np.nan)
+        own[:-1] = part[:-1] - 0.5 * (blown[:-1] + blown[1:])
+        air.append(own)
+    speed = np.hypot(*air)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.hypot(leg[2], WANDER) / speed
+    sound = np.isfinite(error)
+    direction = np.where(sound, np.arctan2(*air), np.nan)
+    return _Legs(direction, speed, error, seconds, flight, roll)
 
-    Parameters
+
+def _in_question(legs: _Legs) -> Mask:
+    """Reports beside a bend of the path or banked, and the first and last of every flight."""
+    size = legs.seconds.size
+    bend = np.zeros(size, bool)
+    if size > 1:
+        error = 3.0 * np.hypot(legs.error[1:], legs.error[:-1]) + SEEN
+        change = np.abs(wrap_signed(np.diff(legs.direction)))
+        bend[1:] = np.nan_to_num(change) > np.nan_to_num(error, nan=np.inf)
+    beside = bend.copy()
+    beside[1:] |= bend[:-1]
+    beside[:-1] |= bend[1:]
+    linked = _linked(legs)
+    return np.asarray(((beside | (legs.roll == ROLL["bad"])) & (linked > 0)) | (linked == 1))
+
+
+def _linked(legs: _Legs) -> Index:
+    """How many legs, of the one before and the one after, each report has."""
+    after = np.isfinite(legs.direction).astype(np.int64)
+    before = np.zeros_like(after)
+    before[1:] = after[:-1]
+    return after + before
+
+
+class _Window(NamedTuple):
+    """The legs around some reports; leg ``REACH`` is the one that begins at the report.
+
+    Attributes
     ----------
-    track : (n,) float
-        rad.
-    flight : (n,) int
-    time : (n,) float
-        s.
-
-    Returns
-    -------
-    (n,) float
-        rad, 0 to pi; 0 where a flight has one report.
+    there : (m, 4) bool
+    times : (m, 5) float
+        Of the fixes from the report's own, s; where there is none, a mean leg further.
+    base : (m,) float
+        Direction of a leg beside the report, rad.
+    off : (m, 4) float
+        Directions from there, turned through the legs between, rad.
+    weight : (m, 4) float
+        One over the variance of `off`; 0 where there is no leg.
+    speed : (m, 4) float
+        m s-1; 0 where there is no leg.
+    roll : (m, 5) int
     """
-    order = np.lexsort((time, flight))
-    change = np.abs(wrap_signed(np.diff(track[order])))
-    change[np.diff(flight[order]) != 0] = 0.0
-    change = np.nan_to_num(change)
-    found = np.zeros(track.size)
-    found[order] = np.maximum(np.r_[0.0, change], np.r_[change, 0.0])
-    return found
+
+    there: Mask
+    times: Array
+    base: Array
+    off: Array
+    weight: Array
+    speed: Array
+    roll: Index
+
+    @property
+    def duration(self) -> Array:
+        """Of the legs, (m, 4) s."""
+        return np.diff(self.times, axis=1)
+
+    @property
+    def seen(self) -> Array:
+        """Turn between the legs, (m,) rad."""
+        off = np.where(self.there, self.off, 0.0)
+        return np.asarray(off.max(axis=1) - off.min(axis=1))
 
 
-def heading_doubt(frame: Any, columns_frame: Any) -> Floats:
-    """Error of the deviation's columns at reports in a turn.
+def _window(index: Index, legs: _Legs) -> _Window:
+    size = legs.seconds.size
+    at = index[:, None] + np.arange(-REACH, REACH + 1)
+    fix = np.clip(at, 0, size - 1)
+    own = (at == fix) & (legs.flight[fix] == legs.flight[index][:, None])
+    leg = fix[:, :-1]
+    there = own[:, :-1] & own[:, 1:] & np.isfinite(legs.direction[leg])
+    # a leg beyond a gap says nothing of the report
+    for k in range(REACH - 2, -1, -1):
+        there[:, k] &= there[:, k + 1]
+    for k in range(REACH + 1, 2 * REACH):
+        there[:, k] &= there[:, k - 1]
+    direction = np.where(there, legs.direction[leg], 0.0)
+    base = np.where(there[:, REACH], direction[:, REACH], direction[:, REACH - 1])
+    off = np.zeros(leg.shape)
+    for side in (range(REACH, 2 * REACH), range(REACH - 1, -1, -1)):
+        last, turned = base, np.zeros(index.size)
+        for k in side:
+            here = np.where(there[:, k], direction[:, k], last)
+            turned = turned + wrap_signed(here - last)
+            off[:, k], last = turned, here
+    speed = np.where(there, legs.speed[leg], 0.0)
+    roll = np.where(own, legs.roll[fix], ROLL["missing"])
+    error = np.where(there, legs.error[leg], 1.0)
+    made = _Window(there, _times(fix, there, legs), base, off, error, speed, roll)
+    spread = error**2 + (MISFIT * made.seen[:, None]) ** 2
+    return made._replace(weight=np.where(there, 1.0 / spread, 0.0))
 
-    Parameters
-    ----------
-    frame : Frame
-        As reported.
-    columns_frame : Frame
-        With the heading that stands in the columns.
 
-    Returns
-    -------
-    (n,) float
-        Standard deviation per component, m s-1.
+def _times(fix: Index, there: Mask, legs: _Legs) -> Array:
+    """Times of the fixes from the middle one, in steps of a mean leg where there is none."""
+    times = legs.seconds[fix] - legs.seconds[fix[:, REACH]][:, None]
+    number = np.maximum(there.sum(axis=1), 1)
+    mean = np.where(there, np.diff(times, axis=1), 0.0).sum(axis=1) / number
+    mean = np.where(mean > 0.0, mean, 60.0)
+    for k in range(REACH):
+        after, before = REACH + k, REACH - 1 - k
+        times[:, after + 1] = np.where(there[:, after], times[:, after + 1], times[:, after] + mean)
+        times[:, before] = np.where(there[:, before], times[:, before], times[:, before + 1] - mean)
+    return times
+
+
+class _Turns:
+    """Every turn a window may hold: begin and end on the lattice, (m, h) in single precision."""
+
+    def __init__(self, window: _Window) -> None:
+        self.window = window
+        fraction = np.arange(NODES) / NODES
+        nodes = window.times[:, :-1, None] + window.duration[:, :, None] * fraction
+        nodes = np.concatenate([nodes.reshape(len(nodes), -1), window.times[:, -1:]], axis=1)
+        first, last = np.triu_indices(nodes.shape[1], 1)
+        nodes = nodes.astype(np.float32)
+        self.begin, self.end = nodes[:, first], nodes[:, last]
+        self.length = self.end - self.begin
+
+    def gone(self, k: int) -> Single:
+        """Part of the turn made at fix `k`."""
+        at = self.window.times[:, k : k + 1].astype(np.float32)
+        return np.asarray(np.clip((at - self.begin) / self.length, 0.0, 1.0))
+
+    @cached_property
+    def sums(self) -> list[tuple[Any, Any]]:
+        """Integral up to each fix of the part made, and of its square, each (m, h) s."""
+        found = []
+        for k in range(2 * REACH + 1):
+            at = self.window.times[:, k : k + 1].astype(np.float32)
+            part = self.gone(k)
+            beyond = np.maximum(at - self.end, np.float32(0.0))
+            found.append(
+                (
+                    part * part * self.length * np.float32(0.5) + beyond,
+                    part**3 * self.length * np.float32(1 / 3) + beyond,
+                )
+            )
+        return found
+
+    def means(self, leg: int) -> tuple[Single, Single]:
+        """Mean and mean square over a leg of the part made."""
+        duration = self.window.duration[:, leg : leg + 1].astype(np.float32)
+        low, high = self.sums[leg], self.sums[leg + 1]
+        return (high[0] - low[0]) / duration, (high[1] - low[1]) / duration
+
+    def banked(self, k: int, steep: NDArray[np.bool_]) -> Single:
+        """Log odds of the roll flag at fix `k`, where turns are `steep` enough to set it."""
+        at = self.window.times[:, k : k + 1].astype(np.float32)
+        flag = self.window.roll[:, k : k + 1]
+        turning = (self.begin < at) & (self.end > at) & steep
+        wrong = ((flag == ROLL["good"]) & turning) | ((flag == ROLL["bad"]) & ~turning)
+        return np.where(wrong, np.float32(WRONG_FLAG), np.float32(0.0))
+
+
+class _Fitted(NamedTuple):
+    """Course before, turn and heading of every hypothesis, and its probability; (m, h)."""
+
+    turn: Single
+    off: Single  # heading at the report from the window's base, rad
+    variance: Single  # of the heading, rad2
+    probability: Single
+    straight: Array  # probability of no turn, (m,)
+
+
+def _fitted(window: _Window, turns: _Turns) -> _Fitted:
+    weight, off = window.weight, window.off
+    s = weight.sum(axis=1)[:, None].astype(np.float32)
+    sy = (weight * off).sum(axis=1)[:, None].astype(np.float32)
+    syy = (weight * off**2).sum(axis=1)[:, None].astype(np.float32)
+    sg, sgy = np.zeros_like(turns.begin), np.zeros_like(turns.begin)
+    sgg = np.full_like(turns.begin, 1.0 / TURN**2)
+    for k in range(2 * REACH):
+        share, own = turns.means(k)[0], weight[:, k : k + 1].astype(np.float32)
+        weighted = own * share
+        sg += weighted
+        sgg += weighted * share
+        sgy += weighted * off[:, k : k + 1].astype(np.float32)
+    determinant = s * sgg - sg * sg
+    turn = (s * sgy - sg * sy) / determinant
+    before = (sgg * sy - sg * sgy) / determinant
+    misfit = syy - before * sy - turn * sgy
+    log = -0.5 * (misfit + np.log(determinant)) - np.float32(np.log(TURN))
+    log += _prior(window, turns, turn)
+    none = -0.5 * (syy - sy * sy / s + np.log(s))[:, 0] + np.log(_odds(window))
+    flags = window.roll[:, REACH - 1 : REACH + 2] == ROLL["bad"]
+    none = none + WRONG_FLAG * flags.sum(axis=1)
+    best = np.maximum(log.max(axis=1), none)
+    chance, nothing = np.exp(log - best[:, None]), np.exp(none - best)
+    total = chance.sum(axis=1) + nothing
+    gone = turns.gone(REACH)
+    step = (window.duration.max(axis=1, keepdims=True) / NODES).astype(np.float32)
+    within = (gone > 0.0) & (gone < 1.0)
+    lattice = np.where(within, (turn / turns.length * step) ** 2 / np.float32(12.0), 0.0)
+    variance = (sgg - 2.0 * gone * sg + gone * gone * s) / determinant + lattice
+    return _Fitted(turn, before + turn * gone, variance, chance / total[:, None], nothing / total)
+
+
+def _odds(window: _Window) -> Array:
+    """Odds against a turn before the legs are looked at."""
+    whole = window.there[:, REACH - 1] & window.there[:, REACH]
+    return np.where(whole, STRAIGHT, STRAIGHT_AT_END)
+
+
+def _prior(window: _Window, turns: _Turns, turn: Single) -> Single:
+    """Log probability of every hypothesis before the legs are looked at."""
+    number = np.maximum(window.there.sum(axis=1), 1)
+    speed = (window.speed.sum(axis=1) / number)[:, None].astype(np.float32)
+    bank = np.arctan(np.abs(turn) / turns.length * speed / np.float32(GRAVITY))
+    usual = np.log(np.maximum(bank, np.float32(1e-3)) / np.float32(BANK)) / BANK_SPREAD
+    mean = window.duration.mean(axis=1)[:, None].astype(np.float32)
+    log = -0.5 * usual**2 - np.log(turns.length / mean) - np.log(turns.length.shape[1])
+    steep = bank > FLAGGED
+    for k in range(REACH - 1, REACH + 2):
+        log = log + turns.banked(k, steep)
+    return np.asarray(log, dtype=np.float32)
+
+
+def _found(index: Index, legs: _Legs, known: _Known) -> tuple[Array, Array, Array, Array]:
+    """Heading, airspeed and their standard errors at some reports."""
+    window = _window(index, legs)
+    turns = _Turns(window)
+    fit = _fitted(window, turns)
+    straight = wrap_signed(known.heading[index] - window.base)
+    mean = (fit.probability * fit.off).sum(axis=1) + fit.straight * straight
+    spread = (fit.probability * ((fit.off - mean[:, None]) ** 2 + fit.variance)).sum(axis=1)
+    own = known.heading_error[index] ** 2 + (straight - mean) ** 2
+    variance = spread + fit.straight * own
+    variance += (SHAPE * window.seen * (1.0 - fit.straight)) ** 2
+    turned = 1.0 - fit.straight
+    speed, speed_error = _airspeed(window, turns, fit)
+    airspeed = turned * speed + fit.straight * known.airspeed[index]
+    apart = turned * (speed_error**2 + (speed - airspeed) ** 2)
+    apart += fit.straight * (
+        known.airspeed_error[index] ** 2 + (known.airspeed[index] - airspeed) ** 2
+    )
+    return (
+        np.mod(window.base + mean, 2.0 * np.pi), airspeed, np.sqrt(variance), np.sqrt(apart),
+    )  # fmt: skip
+
+
+def _airspeed(window: _Window, turns: _Turns, fit: _Fitted) -> tuple[Array, Array]:
+    """Airspeed of the legs beside the reports where there is a turn, and its standard error.
+
+    The mean of a unit vector that turns is shorter than one by half the variance of its direction.
     """
-    implied = np.arctan2(frame.ground_u - frame.u_ref, frame.ground_v - frame.v_ref)
-    squared = wrap_signed(columns_frame.heading - implied) ** 2
-    count = np.maximum(np.bincount(frame.aircraft, minlength=len(frame.tails)), 1)
-    deviation = np.sqrt(np.bincount(frame.aircraft, squared, minlength=len(frame.tails)) / count)
-    turn = turn_at_reports(np.arctan2(frame.ground_u, frame.ground_v), frame.flight, frame.time)
-    off = SHARE * np.minimum(turn, np.pi / 2)
-    return np.asarray(columns_frame.airspeed * deviation[frame.aircraft] * off)
+    turned = np.maximum(1.0 - fit.straight, 1e-6)
+    total, share, doubt = (np.zeros(len(turned)) for _ in range(3))
+    lengths: list[Any] = []
+    for k in (REACH - 1, REACH):
+        mean, square = turns.means(k)
+        short = 1.0 - 0.5 * fit.turn**2 * np.maximum(square - mean**2, 0.0)
+        longer = 1.0 / np.maximum(short, SHORTEST)
+        factor = (fit.probability * longer).sum(axis=1) / turned
+        spread = (fit.probability * (longer - factor[:, None]) ** 2).sum(axis=1) / turned
+        weight = np.where(window.there[:, k], 1.0 / window.duration[:, k], 0.0)
+        total += weight * window.speed[:, k] * factor
+        doubt += weight * (window.speed[:, k] ** 2 * spread + WANDER**2)
+        share += weight
+        lengths.append(np.where(window.there[:, k], window.speed[:, k] * factor, np.nan))
+    speed = total / share
+    change = np.nan_to_num(lengths[1] - lengths[0])  # speeding up: which part before the report
+    return speed, np.sqrt(doubt / share + change**2 / 12.0)

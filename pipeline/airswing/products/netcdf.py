@@ -61,6 +61,15 @@ STORED_STEP = {
     "declination": 2.0**-10,
     "dip": 2.0**-10,
     "horizontal_field": 2.0**-4,
+    "reference_eastward_wind_tendency": 2.0**-24,
+    "reference_northward_wind_tendency": 2.0**-24,
+    "reference_eastward_wind_lnp_derivative": 2.0**-8,
+    "reference_northward_wind_lnp_derivative": 2.0**-8,
+    "reference_eastward_wind_x_derivative": 2.0**-27,
+    "reference_northward_wind_x_derivative": 2.0**-27,
+    "reference_eastward_wind_y_derivative": 2.0**-27,
+    "reference_northward_wind_y_derivative": 2.0**-27,
+    "grid_convergence": 2.0**-10,
 }
 """Step that derived variables of every report are rounded to before they are written, in their
 unit: about a thousandth of a degree or of a metre a second, far below what they are known to. The

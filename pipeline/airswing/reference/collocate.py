@@ -52,7 +52,7 @@ __all__ = ["Plan", "collocate", "plan"]
 Floats = NDArray[np.float64]
 
 _WINDS = ("reference_eastward_wind", "reference_northward_wind", "lead_time")
-_DERIVATIVES = (
+DERIVATIVES = (
     "reference_eastward_wind_tendency",
     "reference_northward_wind_tendency",
     "reference_eastward_wind_lnp_derivative",
@@ -63,6 +63,7 @@ _DERIVATIVES = (
     "reference_northward_wind_y_derivative",
     "grid_convergence",
 )
+"""What is given of the reference wind beside it."""
 ACCOUNT = ("unread_messages", "decoded_messages", "decoded_bytes", "decoding_seconds")
 """What reading a reference took; the first is part of every result."""
 PROBLEMS = "problems"
@@ -223,7 +224,7 @@ def collocate(
     if not catalogues:
         raise InputError("no reference given", field="references")
     points = points_of(reports)
-    names = [*_WINDS, *(_DERIVATIVES if derivatives else ())]
+    names = [*_WINDS, *(DERIVATIVES if derivatives else ())]
     options = _Options(max_time_gap, derivatives, sparse, None if store is None else str(store))
     graph: dict[Any, Any] = {}
     joins = [_add_reference(graph, points, one, options) for one in catalogues.values()]

@@ -4,7 +4,6 @@
 and ``ranking_stage`` hold its stages, ``gap_stage`` those of the gap; ``job`` what they share.
 """
 
-from airswing.workflow.collocating import collocated_headings
 from airswing.workflow.evaluation_stage import (
     make_evaluation,
     make_field_test,
@@ -38,7 +37,6 @@ __all__ = [
     "PROFILES",
     "SENSITIVITY",
     "Job",
-    "collocated_headings",
     "main_reference",
     "make_corrected",
     "make_evaluation",

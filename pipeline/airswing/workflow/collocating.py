@@ -18,7 +18,6 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.products.fingerprint import code_digest, fingerprint
-from airswing.products.ragged import joined
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, unread
 from airswing.workflow.job import Blocks, Job
 
@@ -148,7 +147,6 @@ def needs_of(
     places: Places,
     models: dict[str, Catalogue],
     *,
-    derivatives: bool = False,
     kept: SampleStore | None = None,
 ) -> dict[str, Need]:
     """What all reports need of each reference.
@@ -158,7 +156,6 @@ def needs_of(
     job : Job
     places : Places
     models : dict of str to Catalogue
-    derivatives : bool
     kept : SampleStore, optional
         Of an earlier run: says what need not be read again.
 
@@ -169,13 +166,11 @@ def needs_of(
     from airswing.reference.planning import Need, points_of
 
     gap, needs = job.config.collocation.max_time_gap, dict[str, Need]()
-    finished = None if kept is None else partial(kept.holds, derivatives=derivatives)
+    finished = None if kept is None else partial(kept.holds, derivatives=True)
     for number in range(len(places)):
         points = points_of(places.reports(number))
         for name, model in models.items():
-            own = Need.of(
-                points, model, max_time_gap=gap, derivatives=derivatives, finished=finished
-            )
+            own = Need.of(points, model, max_time_gap=gap, derivatives=True, finished=finished)
             needs[name] = needs[name] + own if name in needs else own
     return needs
 
@@ -186,7 +181,6 @@ def plans_of(
     models: dict[str, Catalogue],
     *,
     aircraft: int,
-    derivatives: bool = False,
 ) -> dict[str, Plan]:
     """What the collocation will read, and which reports have no model.
 
@@ -197,7 +191,6 @@ def plans_of(
     models : dict of str to Catalogue
     aircraft : int
         How many there are.
-    derivatives : bool
 
     Returns
     -------
@@ -208,7 +201,7 @@ def plans_of(
     with job.progress.stage("plan") as stage:
         plans = {
             name: need.plan(name, models[name], sparse=job.config.collocation.sparse)
-            for name, need in needs_of(job, places, models, derivatives=derivatives).items()
+            for name, need in needs_of(job, places, models).items()
         }
         messages = sum(one.messages for one in plans.values())
         stage.note = f"{messages:,} messages to read"
@@ -224,8 +217,6 @@ def collocate_places(
     models: dict[str, Catalogue],
     plans: dict[str, Plan],
     folder: Path,
-    *,
-    derivatives: bool,
 ) -> dict[str, set[Any]]:
     """Find the model winds of every stretch of time.
 
@@ -238,7 +229,6 @@ def collocate_places(
     plans : dict of str to Plan
     folder : Path
         For the finished model times; those of it that are no longer used are removed.
-    derivatives : bool
 
     Returns
     -------
@@ -258,7 +248,7 @@ def collocate_places(
         for number in range(len(places)):
             winds = collocate(
                 places.reports(number), models, store=folder, account=True,
-                max_time_gap=asked.max_time_gap, sparse=asked.sparse, derivatives=derivatives,
+                max_time_gap=asked.max_time_gap, sparse=asked.sparse, derivatives=True,
             ).compute()  # fmt: skip
             _account(stage, winds)
             for name, met in zip(models, winds[PROBLEMS].to_numpy(), strict=True):
@@ -282,7 +272,6 @@ def collocated_blocks(
     job: Job,
     *,
     names: list[str],
-    derivatives: bool = False,
     kept: KeptHeadings | None = None,
 ) -> Blocks:
     """Reports with model winds and headings, some aircraft at a time; not screened or written.
@@ -292,27 +281,25 @@ def collocated_blocks(
     job : Job
     names : list of str
         References to sample.
-    derivatives : bool, default False
-        Also sample the reference wind's derivatives, which the gap diagnosis needs.
     kept : KeptHeadings, optional
         What an earlier run derived.
 
     Returns
     -------
     Blocks
-        ``reading_audit``, ``reference_audit`` and ``ground_vector_evidence`` in the attributes.
+        With the reference wind's derivatives, which the gap diagnosis needs; ``reading_audit``, ``reference_audit`` and ``ground_vector_evidence`` in the attributes.
     """
     from airswing.compass.kept_headings import KeptHeadings
+    from airswing.reference.collocate import DERIVATIVES
     from airswing.reference.geometry.model_time import of_a_lost_file
     from airswing.reference.overlap import require_overlap
 
-    folder = job.gap_store if derivatives else job.store
-    archive = read(job, folder)
+    archive = read(job, job.store)
     models = catalogues(job, names)
-    places = set_places_down(archive, folder / "blocks")
-    plans = plans_of(job, places, models, aircraft=archive.aircraft, derivatives=derivatives)
+    places = set_places_down(archive, job.store / "blocks")
+    plans = plans_of(job, places, models, aircraft=archive.aircraft)
     require_overlap(plans)
-    met = collocate_places(job, places, models, plans, folder, derivatives=derivatives)
+    met = collocate_places(job, places, models, plans, job.store)
     lost = {file for one in met.values() for _, file, reason in one if of_a_lost_file(reason)}
     if lost:
         job.progress.say(
@@ -335,27 +322,9 @@ def collocated_blocks(
 
     def each(stage: StageRecord) -> Iterator[xr.Dataset]:
         for number, reports in enumerate(archive):
-            yield found.derive(reports, places.winds(number, reports))
+            winds = places.winds(number, reports)
+            headings = found.derive(reports, winds.drop_vars(DERIVATIVES))
+            yield headings.assign(winds[list(DERIVATIVES)])
         attrs["ground_vector_evidence"] = json.dumps(found.evidence)
 
     return Blocks(archive.reports, archive.aircraft, each, "headings", attrs, whole=not lost)
-
-
-def collocated_headings(job: Job, *, names: list[str], derivatives: bool = False) -> xr.Dataset:
-    """Reports with model winds and headings in memory, not yet screened or written.
-
-    Parameters
-    ----------
-    job, names, derivatives
-        As for :func:`collocated_blocks`.
-
-    Returns
-    -------
-    Dataset
-        In memory; attributes as of :func:`collocated_blocks`.
-    """
-    made = collocated_blocks(job, names=names, derivatives=derivatives)
-    with job.progress.stage(made.stage) as stage:
-        headings = joined(list(made.each(stage)))
-        stage.reports = headings.sizes["report"]
-    return headings.assign_attrs(made.attrs)

@@ -1,12 +1,14 @@
 """The stages of the gap, in order: simulate the reports, diagnose where and why the real ones part.
 
-Assumes the configuration of the main job. The gap needs the reference wind's derivatives, which
-``headings.nc`` does not hold, so the reports are collocated anew against the gap's reference.
+Assumes the configuration of the main job, and works on its products: ``headings.nc`` and, beside
+it, the derivatives of the reference wind (:mod:`airswing.workflow.gap_inputs`). Where they still
+hold they are read as they stand; where not they are made, as the main job makes them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +16,10 @@ import xarray as xr
 
 from airswing.config import as_json
 from airswing.errors import InputError
-from airswing.products.netcdf import plain, write_json, write_product
-from airswing.workflow import Job, collocated_headings
+from airswing.products.netcdf import plain, read_product, write_json, write_product
+from airswing.workflow.gap_inputs import MARK
+from airswing.workflow.headings_stage import make_headings
+from airswing.workflow.job import GAP_INPUTS, Job
 
 if TYPE_CHECKING:
     from airswing.gap.checks.refit_claims import Adjustment
@@ -25,7 +29,7 @@ GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
 
 
 def gap_headings(job: Job) -> xr.Dataset:
-    """Screened headings against the gap's reference, with the derivatives of its wind.
+    """Screened headings with the derivatives of the reference wind.
 
     Parameters
     ----------
@@ -34,16 +38,16 @@ def gap_headings(job: Job) -> xr.Dataset:
     Returns
     -------
     Dataset
-        Not written.
+        ``headings.nc`` with ``gap_inputs.nc``, read lazily; made where they do not hold.
     """
-    from airswing.compass.screening import screen
-
-    config = job.config
-    job.begin_store(job.gap_store)
-    members = config.pools()[config.gap_reference()]
-    headings = collocated_headings(job, names=members, derivatives=True)
-    job.end_store(job.gap_store)
-    return screen(headings, **config.screening.model_dump())
+    headings = make_headings(replace(job, resume=True))
+    inputs = read_product(job.output / GAP_INPUTS, lazy=True)
+    if inputs.attrs.get(MARK) != headings.attrs.get(MARK):
+        raise InputError(
+            "the derivatives of the model winds are not of these headings", file=GAP_INPUTS,
+            remedy="Remove both products, then run again",
+        )  # fmt: skip
+    return headings.assign(inputs.drop_vars("row_size").data_vars)
 
 
 def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -> Path:
@@ -142,7 +146,10 @@ def diagnosis(job: Job, *, without: Sequence[str] = ()) -> dict[str, Any]:
         found = diagnose(frame, catalogue=_catalogue(without))
         names = [effect["name"] for effect in found.report["effects"]]
         stage.note = ", ".join(names) or "no effect missing"
-    content = found.report | {"reference": config.gap_reference(), **found.details}
+    content = found.report | {
+        "reference": config.gap_reference(), "headings_uuid": headings.attrs["uuid"],
+        **found.details,
+    }  # fmt: skip
     content["claims"] = _claims(job, headings, found.adjustment)
     write_json(job.output / GAP_JSON, content)
     write_effects(active_effects(found.report), job.output / GAP_EFFECTS)
@@ -152,6 +159,7 @@ def diagnosis(job: Job, *, without: Sequence[str] = ()) -> dict[str, Any]:
         title="Gap between reported and simulated winds: maps, evidence and statistics",
         config_json=as_json(config),
         sources=[*config.reports.files, *config.references],
+        source_uuids=[headings.attrs["uuid"]],
     )
     with job.progress.stage("page") as stage:
         stage.note = str(write_gap_page(job.output / "gap", gap=content, maps=found.dataset))

@@ -28,6 +28,7 @@ from airswing.workflow.collocating import (
     set_places_down,
     written_to,
 )
+from airswing.workflow.gap_inputs import MARK, inputs_hold, set_apart
 from airswing.workflow.job import COLLOCATING, HEADINGS, Blocks, Job, earlier, ragged_product
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def plan_run(job: Job) -> dict[str, Any]:
 
 
 def make_headings(job: Job) -> xr.Dataset:
-    """Reports, model winds, headings and screening: ``headings.nc``.
+    """Reports, model winds, headings and screening: ``headings.nc``, and ``gap_inputs.nc``.
 
     Parameters
     ----------
@@ -109,12 +110,15 @@ def make_headings(job: Job) -> xr.Dataset:
         code_digest(*COLLOCATING),
     )
 
+    beside = inputs_hold(job, unscreened)
+
     def make() -> Blocks:
-        made = _unscreened(job, unscreened)
+        made = _unscreened(job, unscreened) if beside else None
         if made is None:
-            job.begin_store(job.store)
+            job.begin_store()
             made = _collocated(job, names)
-        made.attrs["unscreened_fingerprint"] = unscreened if made.whole else ""
+            made = set_apart(job, made, unscreened if made.whole else "")
+        made.attrs[MARK] = unscreened if made.whole else ""
         return _screened(job, made)
 
     headings = ragged_product(
@@ -127,8 +131,9 @@ def make_headings(job: Job) -> xr.Dataset:
             config.model_dump(include={"screening", "field_test"}),
             code_digest("airswing.compass.screening"),
         ),
+        whole=beside,
     )
-    job.end_store(job.store)
+    job.end_store()
     return headings
 
 
@@ -216,7 +221,7 @@ def _unscreened(job: Job, mark: str) -> Blocks | None:
     found = earlier(job, job.output / HEADINGS)
     if found is None:
         return None
-    if found.attrs.get("unscreened_fingerprint") != mark:
+    if found.attrs.get(MARK) != mark:
         found.close()
         return None
     job.progress.say(f"{HEADINGS}: model winds kept, screened anew")

@@ -22,6 +22,7 @@ from airswing.products.ragged_product import ragged_writer
 from airswing.workflow.progress import Progress, StageRecord
 
 HEADINGS, FITS, CORRECTED = "headings.nc", "fits.nc", "corrected.nc"
+GAP_INPUTS = "gap_inputs.nc"
 PROFILES, FIELD_TEST, SENSITIVITY = "error_profiles.nc", "field_test.json", "sensitivity.json"
 
 COLLOCATING = (
@@ -70,32 +71,15 @@ class Job:
         """Which of the headings' rows a later run can take up, and for what."""
         return self.store / "headings.json"
 
-    @property
-    def gap_store(self) -> Path:
-        """The same of the gap, whose model times hold more; never kept when it is through."""
-        return self.output / ".collocated_gap"
-
-    def begin_store(self, folder: Path) -> None:
-        """Remove what an earlier run kept, unless this one goes on with it.
-
-        Parameters
-        ----------
-        folder : Path
-            `store` or `gap_store`.
-        """
+    def begin_store(self) -> None:
+        """Remove what an earlier run kept, unless this one goes on with it."""
         if not self.resume:
-            shutil.rmtree(folder, ignore_errors=True)
+            shutil.rmtree(self.store, ignore_errors=True)
 
-    def end_store(self, folder: Path) -> None:
-        """Remove what serves this run alone, or all of it where nothing is to be kept.
-
-        Parameters
-        ----------
-        folder : Path
-            `store` or `gap_store`.
-        """
-        kept = folder == self.store and self.config.compute.keep_samples
-        shutil.rmtree(folder / "blocks" if kept else folder, ignore_errors=True)
+    def end_store(self) -> None:
+        """Remove what serves this run alone, or all of it where nothing is to be kept."""
+        kept = self.config.compute.keep_samples
+        shutil.rmtree(self.store / "blocks" if kept else self.store, ignore_errors=True)
 
 
 @dataclass
@@ -197,6 +181,7 @@ def product(
     found = _kept(job, path, mark)
     if found is not None:
         return found.load()
+    require_writable(job.output)
     made = make()
     made.attrs["fingerprint"] = mark
     write_product(made, path, **_told(job, title, sources))
@@ -211,6 +196,7 @@ def ragged_product(
     title: str,
     depends: tuple[Any, ...],
     sources: tuple[xr.Dataset, ...] = (),
+    whole: bool = True,
 ) -> xr.Dataset:
     """Read a product that still holds, or make it and write it, some aircraft at a time.
 
@@ -220,6 +206,8 @@ def ragged_product(
         As for :func:`product`.
     make : callable
         Gives its blocks.
+    whole : bool, default True
+        False where what is written beside it is not there: it is made again.
 
     Returns
     -------
@@ -227,9 +215,10 @@ def ragged_product(
         Read lazily from the file.
     """
     path, mark = job.output / name, fingerprint(name, *depends)
-    found = _kept(job, path, mark)
+    found = _kept(job, path, mark) if whole else None
     if found is not None:
         return found
+    require_writable(job.output)
     made = make()
     with (
         job.progress.stage(made.stage) as stage,
@@ -276,7 +265,6 @@ def _kept(job: Job, path: Path, mark: str) -> xr.Dataset | None:
             job.progress.say(f"{path.name}: nothing changed, kept")
             return found
         found.close()
-    require_writable(job.output)
     return None
 
 

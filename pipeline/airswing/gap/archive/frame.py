@@ -66,8 +66,8 @@ class Frame:
         Indicated true airspeed, m s-1.
     ground_u, ground_v : (n,) float
         Ground velocity, m s-1.
-    ground_error : (n,) float
-        Standard error of one component of the ground velocity, m s-1.
+    heading_error : (n,) float
+        Standard error of the indicated heading, rad.
     declination, dip : (n,) float
         rad, dip positive downward.
     horizontal_field : (n,) float
@@ -116,7 +116,7 @@ class Frame:
     airspeed: FloatArray
     ground_u: FloatArray
     ground_v: FloatArray
-    ground_error: FloatArray
+    heading_error: FloatArray
     declination: FloatArray
     dip: FloatArray
     horizontal_field: FloatArray

@@ -1,4 +1,4 @@
-"""Columns of a headings product as a frame's arrays: radians, SI units, ground at the fixes.
+"""Columns of a headings product as a frame's arrays: radians, in SI units.
 
 Assumptions: the names of the product (FORMATS.md); a pool's wind is the mean of its members where
 they exist. What is not in the product is NaN (or the code for unknown), so a product without
@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.flags import PHASE, ROLL
 from airswing.physics.bank import bank_at_reports
-from airswing.physics.turns import ground_at_fixes
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -44,7 +43,7 @@ _PER_REPORT: dict[str, tuple[str, bool]] = {
     "airspeed": ("airspeed", False),
     "ground_u": ("ground_eastward_velocity", False),
     "ground_v": ("ground_northward_velocity", False),
-    "ground_error": ("ground_velocity_error", False),
+    "heading_error": ("heading_standard_error", True),
     "declination": ("declination", True),
     "dip": ("dip", True),
     "horizontal_field": ("horizontal_field", False),
@@ -141,7 +140,6 @@ def headings_columns(
     values["longitude"] = np.where(
         np.abs(east) > 180.0, middle + wrapped(east), values["longitude"]
     )
-    values |= ground_at_fixes(values)
     values["bank"] = bank_at_reports(
         values["bank"], _codes(ds, "roll_flag", ROLL["missing"]), values["flight"], values["time"],
         latitude=values["latitude"], longitude=values["longitude"],

@@ -26,10 +26,10 @@ from airswing.gap.archive.frame import REPORT_FIELDS, Frame
 from airswing.gap.archive.headings_columns import middle_longitude
 from airswing.gap.design.basis import DictionaryPlan, plan_dictionary
 from airswing.gap.design.exogenous import LargeScale, centre_of, day_sums, exogenous
+from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.design.layout import make_layout
 from airswing.gap.noise.model import NoiseFit, fit_noise, fitted_gains, flown
 from airswing.gap.sums.accumulate import Statistics, add_reports, day_of_report, empty_statistics
-from airswing.physics.turns import heading_doubt
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -1,0 +1,93 @@
+"""The gap works on the headings of the main job: the same ones, and nothing is decoded again."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from airswing.config import load_config
+from airswing.gap.archive.frame import Frame
+from airswing.products.netcdf import read_product
+from airswing.reference.collocate import DERIVATIVES
+from airswing.synthetic.sample.sample_archive import write_archive
+from airswing.workflow import HEADINGS, Job, make_headings
+from airswing.workflow.gap_inputs import MARK
+from airswing.workflow.gap_stage import GAP_JSON, diagnosis, gap_headings
+from airswing.workflow.job import GAP_INPUTS
+from airswing.workflow.progress import Progress
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A job whose headings are made, and its configuration."""
+    folder = tmp_path_factory.mktemp("gap")
+    path = write_archive(folder, days=3, aircraft=2, seed=3, references=("ruc",))
+    job = Job(load_config(path), Progress(quiet=True))
+    make_headings(job)
+    return path, job
+
+
+def decoded(job):
+    return sum(record.messages for record in job.progress.records)
+
+
+def again(path, **changes):
+    return Job(load_config(path).model_copy(update=changes), Progress(quiet=True))
+
+
+def test_gap_json_and_headings_tell_of_the_same_headings(run):
+    path, first = run
+    job = again(path)
+    content = diagnosis(job)
+    assert decoded(first) > 0
+    assert decoded(job) == 0  # nothing is decoded, or collocated, again
+    headings = read_product(job.output / HEADINGS)
+    assert content["headings_uuid"] == headings.attrs["uuid"]
+    written = json.loads((job.output / GAP_JSON).read_text())
+    assert written["headings_uuid"] == headings.attrs["uuid"]
+    frame = Frame.from_headings(gap_headings(job), reference="ruc")
+    for field, name in (("heading", "heading"), ("magnetic_heading", "magnetic_heading"),
+                        ("heading_error", "heading_standard_error")):  # fmt: skip
+        told = np.radians(headings[name].to_numpy().astype(float))[frame.report]
+        np.testing.assert_array_equal(getattr(frame, field), told)
+    for field, name in (("airspeed", "airspeed"), ("ground_u", "ground_eastward_velocity"),
+                        ("ground_v", "ground_northward_velocity")):  # fmt: skip
+        np.testing.assert_array_equal(
+            getattr(frame, field), headings[name].to_numpy()[frame.report]
+        )
+
+
+def test_what_only_the_gap_needs_stands_beside_the_headings(run):
+    _, job = run
+    headings, inputs = (read_product(job.output / name) for name in (HEADINGS, GAP_INPUTS))
+    assert not set(DERIVATIVES) & set(headings.variables)
+    assert set(DERIVATIVES) <= set(inputs.variables)
+    assert inputs.attrs[MARK] == headings.attrs[MARK] != ""
+    np.testing.assert_array_equal(inputs["row_size"], headings["row_size"])
+    known = np.isfinite(headings["reference_eastward_wind"].to_numpy())
+    for name in DERIVATIVES:
+        assert np.isfinite(inputs[name].to_numpy()[known]).mean() > 0.9, name
+
+
+def test_another_screening_decodes_nothing_and_keeps_the_inputs(run):
+    path, _ = run
+    job = again(path)
+    before = read_product(job.output / GAP_INPUTS).attrs["uuid"]
+    strict = job.config.screening.model_copy(update={"max_turn": 0.05})
+    made = gap_headings(again(path, screening=strict))
+    assert (made["screening"] & 8 > 0).sum() > 0
+    assert read_product(job.output / GAP_INPUTS).attrs["uuid"] == before
+    gap_headings(job)
+
+
+def test_alone_it_makes_what_is_missing(run):
+    path, _ = run
+    job = again(path)
+    (job.output / GAP_INPUTS).unlink()
+    shutil.rmtree(job.store)
+    made = gap_headings(job)
+    assert decoded(job) > 0
+    assert set(DERIVATIVES) <= set(made.variables)
