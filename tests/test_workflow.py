@@ -19,6 +19,7 @@ from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.products.netcdf import read_product
 from airswing.vocabulary import lookup
+from airswing.workflow.job import GAP_INPUTS
 from airswing.workflow.progress import Progress
 
 PRODUCTS = (workflow.HEADINGS, workflow.FITS, workflow.CORRECTED, workflow.PROFILES)
@@ -95,7 +96,7 @@ def test_an_aircraft_without_enough_data_is_refused_with_its_reason(finished):
     assert status["too_few_reports"] + status["poor_heading_coverage"] >= 1
 
 
-@pytest.mark.parametrize("name", PRODUCTS)
+@pytest.mark.parametrize("name", [*PRODUCTS, GAP_INPUTS])
 def test_every_product_keeps_the_contract(finished, name):
     path = finished[0].output / name
     with netCDF4.Dataset(path) as file:
@@ -104,7 +105,7 @@ def test_every_product_keeps_the_contract(finished, name):
         assert all(key in ds.attrs for key in GLOBAL)
         assert ds.attrs["Conventions"] == "CF-1.11"
         assert ds.attrs["airswing_config"].startswith("{")
-        if name != workflow.HEADINGS:
+        if name not in (workflow.HEADINGS, GAP_INPUTS):
             parents = {
                 read_product(finished[0].output / parent).attrs["uuid"] for parent in PRODUCTS[:2]
             }

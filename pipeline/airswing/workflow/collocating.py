@@ -287,7 +287,8 @@ def collocated_blocks(
     Returns
     -------
     Blocks
-        With the reference wind's derivatives, which the gap diagnosis needs; ``reading_audit``, ``reference_audit`` and ``ground_vector_evidence`` in the attributes.
+        With the reference wind's derivatives, which the gap diagnosis needs; ``reading_audit``,
+        ``reference_audit`` and ``ground_vector_evidence`` in the attributes.
     """
     from airswing.compass.kept_headings import KeptHeadings
     from airswing.reference.collocate import DERIVATIVES

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from tests.gap.toy import make_frame, noise_of
@@ -14,7 +12,13 @@ from airswing.gap.design.layout import build_columns, make_layout
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import flight_order, take_gains, whiten
-from airswing.gap.sums.accumulate import accumulate, day_of_report, merge_statistics
+from airswing.gap.sums.accumulate import (
+    accumulate,
+    add_reports,
+    day_of_report,
+    empty_statistics,
+    together,
+)
 from airswing.gap.sums.elimination import (
     Included,
     beyond,
@@ -104,10 +108,10 @@ def test_day_fields_and_conditioning_equal_dense_mixed_model(made):
     )
 
 
-def test_merging_two_periods_equals_one_pass(made):
+def test_reports_may_be_added_in_parts(made):
     frame, noise, plan, layout, stats = made
     days, _ = day_of_report(frame)
-    parts = []
+    both = empty_statistics(layout, stats.tails, np.unique(days), stats.day_shift)
     for keep in (days < np.median(days), days >= np.median(days)):
         index = np.flatnonzero(keep)
         part = frame.take(index)
@@ -115,16 +119,12 @@ def test_merging_two_periods_equals_one_pass(made):
         own = NoiseFit(noise.model, order, take_gains(noise.gains, index),
                        noise.distance_km, noise.autocovariance, noise.autocovariance_model,
                        noise.pair_count, noise.gross[index])  # fmt: skip
-        parts.append(
-            accumulate(part, part.residual, noise=own, layout=layout, effects=EFFECTS, plan=plan,
-                       clip=50.0, day_shift=stats.day_shift)
+        add_reports(
+            both, part, part.residual, noise=own, effects=EFFECTS, plan=plan, clip=50.0
         )  # fmt: skip
-    both = merge_statistics(*parts)
     np.testing.assert_array_equal(both.days, stats.days)
     np.testing.assert_allclose(both.day_score, stats.day_score, atol=1e-6)
     np.testing.assert_allclose(both.week_gram, stats.week_gram, rtol=1e-4, atol=1e-3)
-    with pytest.raises(ValueError, match="different columns"):
-        merge_statistics(stats, replace(stats, tails=("x",)))
 
 
 def test_beyond_leaves_nothing_of_what_it_projects(made):
@@ -147,3 +147,38 @@ def test_hats_sum_to_one_and_hit_their_knots():
     np.testing.assert_allclose(out[:, 2], [0.5, 0.5, 0.0])
     np.testing.assert_allclose(out[:, 4], [0.0, 0.5, 0.5])
     np.testing.assert_allclose(out[:, -1], 0.0)
+
+
+def test_days_of_a_long_archive_are_taken_together():
+    np.testing.assert_array_equal(
+        together(np.arange(14300, 14345), 14, 3600), np.arange(14300, 14345)
+    )
+    year = together(np.arange(14245, 14610), 60, 3600)
+    assert 40 < year.size <= 60
+    assert np.unique(np.diff(year)).tolist() == [7]
+    one = together(np.arange(10), 10_000, 3600)
+    assert one.size == 1
+
+
+def test_sums_of_days_together_are_the_sums_of_the_days(monkeypatch):
+    columns = exogenous(make_frame(seed=2, aircraft=3, days=16))
+    noise, plan = noise_of(columns), plan_dictionary(columns)
+    made = {}
+    for most in (10_000, 12):
+        monkeypatch.setattr("airswing.gap.sums.accumulate.AIRCRAFT_DAYS", most)
+        made[most] = accumulate(
+            columns, columns.residual, noise=noise, effects=EFFECTS, plan=plan,
+            layout=make_layout(EFFECTS, plan, columns),
+        )  # fmt: skip
+    fine, coarse = made[10_000], made[12]
+    assert coarse.days.size <= 4 < fine.days.size
+    for name in ("day_gram", "day_score", "day_count", "day_energy", "day_cross"):
+        one, two = getattr(fine, name), getattr(coarse, name)
+        scale = 1e-5 * np.abs(one).sum(axis=1).max()
+        np.testing.assert_allclose(one.sum(axis=1), two.sum(axis=1), rtol=1e-3, atol=scale)
+    place = coarse.day_index(fine.days)
+    np.testing.assert_allclose(
+        np.stack([fine.day_count[:, place == k].sum(axis=1) for k in range(coarse.days.size)], 1),
+        coarse.day_count,
+    )
+    assert set(coarse.week_of_day) == set(range(coarse.weeks.size))

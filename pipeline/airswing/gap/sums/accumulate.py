@@ -8,7 +8,7 @@ residual is winsorised at 5 standard deviations *about a smooth per-aircraft fit
 effect is not clipped with the outliers; the count is kept.
 
 Validity: columns are evaluated, and their products summed, in chunks of one aircraft and one week,
-in single precision; scores are in double. Sums of two periods merge (:func:`merge_statistics`).
+in single precision; scores are in double. Reports may be added in parts (:func:`add_reports`).
 Memory: 4 p^2 bytes per aircraft-week and 4 c^2 bytes per aircraft-day (c core columns).
 
 Source: GAP.md section 3.
@@ -34,6 +34,11 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 DAY = 86400.0
+AIRCRAFT_DAYS = 3_600
+"""Aircraft times days of which sums are kept apart. Beyond, "days" are some days together: the sums
+of a year of sixty aircraft then take hardly more memory than those of a month."""
+AIRCRAFT_WEEKS = 600
+"""The same of weeks."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +50,10 @@ class Statistics:
     layout : Layout
     tails : tuple of str
     days : (D,) int
-        Whole days since 1970 (with ``day_shift`` hours taken off the time first).
+        Whole days since 1970 (with ``day_shift`` hours taken off the time first); the first of
+        each where several are taken together (`AIRCRAFT_DAYS`).
     weeks : (W,) int
-        Week of each entry of ``week_gram``: day // 7 counted from 1970.
+        Week of each entry of ``week_gram``: day // 7 counted from 1970; the first likewise.
     week_gram : (A, W, p, p) float
         Whitened X'X.
     day_gram : (A, D, c, c) float
@@ -102,7 +108,11 @@ class Statistics:
     @cached_property
     def week_of_day(self) -> Integers:
         """Position in ``weeks`` of every day, (D,)."""
-        return np.asarray(np.searchsorted(self.weeks, self.days // 7))
+        return np.asarray(np.searchsorted(self.weeks, self.days // 7, side="right") - 1)
+
+    def day_index(self, day: Integers) -> Integers:
+        """Position in ``days`` of whole days since 1970, (n,)."""
+        return np.asarray(np.searchsorted(self.days, day, side="right") - 1)
 
     @cached_property
     def day_share(self) -> Floats:
@@ -157,15 +167,36 @@ def empty_statistics(
     -------
     Statistics
     """
+    days = together(np.unique(days), len(tails), AIRCRAFT_DAYS)
+    weeks = together(np.unique(days // 7), len(tails), AIRCRAFT_WEEKS)
     a, d, p, c = len(tails), days.size, layout.size, layout.core
     q = layout.blocks["day_fields"].stop
-    weeks = np.unique(days // 7)
     return Statistics(
         layout, tails, days, weeks,
         np.zeros((a, weeks.size, p, p), np.float32), np.zeros((a, d, c, c), np.float32),
         np.zeros((a, d, q, p), np.float32), np.zeros((a, d, p)), np.zeros((a, d)), np.zeros((a, d)),
         np.zeros((a, c, c)), np.zeros((a, c)), np.zeros(a), np.zeros(a), shift,
     )  # fmt: skip
+
+
+def together(numbers: Integers, aircraft: int, most: int) -> Integers:
+    """Days or weeks, as many of them taken together as leave no more than `most` of the fleet.
+
+    Parameters
+    ----------
+    numbers : (d,) int
+        Ascending.
+    aircraft, most : int
+
+    Returns
+    -------
+    (e,) int
+        The first of each that stand together.
+    """
+    step = 1
+    while aircraft * np.unique(numbers // step).size > max(most, aircraft):
+        step += 1
+    return np.unique(numbers // step) * step
 
 
 def aircraft_weeks(aircraft: Integers, day: Integers) -> Iterator[Integers]:
@@ -265,6 +296,7 @@ def add_reports(
     """
     if day is None:
         day, _ = day_of_report(frame, shift=out.day_shift)
+    day = out.days[out.day_index(day)]
     values = clipped_residual(frame, residual, noise=noise, clip=clip, known=known)
     own = np.unique(frame.aircraft)  # other aircraft may be added by other threads
     out.clipped[own] += np.bincount(frame.aircraft, values[1])[own]
@@ -335,7 +367,7 @@ def _add_chunk(
     _add_raw(out, aircraft, columns, part, effects)
     whiten_blocks(columns, own.starts, gains)
     target = np.asarray(values[index].T, np.float32)
-    week = int(np.searchsorted(out.weeks, day[index[0]] // 7))
+    week = int(out.week_of_day[out.day_index(day[index[:1]])[0]])
     total = np.zeros((out.layout.size, out.layout.size))
     q, c = out.layout.blocks["day_fields"].stop, out.layout.core
     for one in np.unique(day[index]):
@@ -369,36 +401,3 @@ def _add_raw(
         if where is not None:
             there[out.layout.blocks[name]] &= where
     out.acting[aircraft] += np.count_nonzero(there, axis=1)
-
-
-def merge_statistics(first: Statistics, second: Statistics) -> Statistics:
-    """Sums of two archives of the same aircraft and columns taken together.
-
-    Parameters
-    ----------
-    first, second : Statistics
-        With equal layouts and tails; days may overlap.
-
-    Returns
-    -------
-    Statistics
-
-    Raises
-    ------
-    ValueError
-        Layouts, tails or hours at which days start differ.
-    """
-    if (first.layout, first.tails, first.day_shift) != (
-        second.layout, second.tails, second.day_shift,
-    ):  # fmt: skip
-        raise ValueError("statistics of different columns, aircraft or days cannot be merged")
-    days = np.union1d(first.days, second.days)
-    out = empty_statistics(first.layout, first.tails, days, first.day_shift)
-    for part in (first, second):
-        at, week = np.searchsorted(days, part.days), np.searchsorted(out.weeks, part.weeks)
-        out.week_gram[:, week] += part.week_gram
-        for name in ("day_gram", "day_cross", "day_score", "day_energy", "day_count"):
-            getattr(out, name)[:, at] += getattr(part, name)
-        for name in ("raw_gram", "acting", "clipped", "gross"):
-            getattr(out, name)[...] += getattr(part, name)
-    return out

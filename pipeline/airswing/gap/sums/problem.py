@@ -55,7 +55,7 @@ class Problem:
     def day(self) -> NDArray[np.int64]:
         """Index of each report's day in the sums, (n,)."""
         days, _ = day_of_report(self.archive, shift=self.base.stats.day_shift)
-        return np.searchsorted(self.base.stats.days, days)
+        return self.base.stats.day_index(days)
 
     @property
     def shape(self) -> tuple[int, int]:
