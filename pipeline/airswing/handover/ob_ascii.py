@@ -16,6 +16,7 @@ What the reader makes of a value decides how it is written:
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ from airswing.handover.records.record_files import (
 )
 from airswing.handover.records.registry import ExportFormat, Request, register
 from airswing.handover.records.wind import speed_and_direction
-from airswing.handover.records.wind_error import component_errors
+from airswing.handover.records.wind_error import PRODUCT, WindErrors, known_errors
 
 _KINDS = (
     "SYNOP METAR SHIP BUOY BOGUS TEMP", "AMDAR AIREP TAMDAR PILOT SATEM SATOB",
@@ -82,7 +83,7 @@ def _header(counts: Mapping[str, int]) -> bytes:
     return "\n".join([total, *lines, _FORMATS]).encode("ascii")
 
 
-def _encode(records: Records) -> bytes:
+def _encode(records: Records, *, errors: WindErrors) -> bytes:
     head, own = lines_of(_HEAD, records.size.size), records.heads["aircraft"]
     codes = [CODES[name][:12] for name in PLATFORMS]
     put_text(head, 1, text_table(codes, 12)[records.platform[own]])
@@ -92,7 +93,7 @@ def _encode(records: Records) -> bytes:
     put_number(head, 81, 12, records.heads["latitude"], decimals=3)
     put_number(head, 104, 12, records.heads["longitude"], decimals=3)
     put_text(head, 156, records.identifiers[own])
-    error = component_errors(records.levels, records.platform[records.levels["aircraft"]])
+    error = errors.of(records.levels, records.platform[records.levels["aircraft"]])
     empty = lines_of("", records.size.size)
     return interleaved(records, head, _levels(records.levels, error), empty)
 
@@ -132,12 +133,17 @@ def write_ob_ascii(request: Request) -> dict[str, Any]:
     Returns
     -------
     dict
-        Of :func:`~airswing.handover.records.record_files.write_records`.
+        Of :func:`~airswing.handover.records.record_files.write_records`, with ``errors_from``.
     """
-    told = write_records(request, Layout("ob.ascii", _encode, _header))
+    known = known_errors(request.products)
+    errors = WindErrors(known, request.winds)
+    layout = Layout("ob.ascii", partial(_encode, errors=errors), _header, look=errors.look)
+    told = write_records(request, layout)
+    told["errors_from"] = PRODUCT if known is not None else "WRFDA's own table"
     told["notes"] = [
+        f"errors of the winds from {told['errors_from']}, with each correction's own",
         "WRFDA namelist: ob_format = 2; its gross check rejects a component that departs from the "
-        "first guess by more than max_error_uv (5.0) times the report's error"
+        "first guess by more than max_error_uv (5.0) times the report's error",
     ]
     return told
 

@@ -83,12 +83,15 @@ class Layout:
         the counts.
     barred : callable
         Takes rows and gives, by reason, those the reader would not take.
+    look : callable
+        Sees all rows that are written, before the first of them is encoded.
     """
 
     file_name: str
     encode: Callable[[Records], bytes]
     header: Callable[[Mapping[str, int]], bytes] = _no_header
     barred: Callable[[NDArray[np.void]], Mapping[str, NDArray[np.bool_]]] = lambda rows: {}
+    look: Callable[[NDArray[np.void]], None] = lambda rows: None
 
 
 @dataclass
@@ -152,6 +155,7 @@ def _write(request: Request, layout: Layout, folder: Path) -> dict[str, Any]:
     for rows in _rows(request, layout, left_out):
         windows.update(np.unique(_window(request, rows["time"])).tolist())
         order.add(rows)
+        layout.look(rows)
     if not windows:
         raise _nothing(left_out)
     targets = {window: _target(request, layout, window) for window in sorted(windows)}
