@@ -240,6 +240,20 @@ def gap(
         list[str] | None,
         typer.Option(help="Effect to do without, as if unknown.", metavar="EFFECT"),
     ] = None,
+    known: Annotated[
+        Path | None,
+        typer.Option(
+            help="What the simulation has already: effects.yaml, or a run's fits.nc.",
+            metavar="FILE",
+        ),
+    ] = None,
+    simulated: Annotated[
+        str | None,
+        typer.Option(
+            help="Reports a simulation made elsewhere (file, glob, or its configuration).",
+            metavar="REPORTS",
+        ),
+    ] = None,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -248,7 +262,12 @@ def gap(
     from airswing.workflow import gap_stage as gap_workflow
 
     job = _job(config, output=output, resume=resume, quiet=quiet, scheduler=scheduler)
-    result = _alone(job, lambda job: gap_workflow.diagnosis(job, without=without or ()))
+    result = _alone(
+        job,
+        lambda job: gap_workflow.diagnosis(
+            job, without=without or (), known=known, simulated=simulated
+        ),
+    )
     text = f"{verdict(result)}\npage: {job.output / 'gap' / 'index.html'}"
     _print(result, as_json=json, text=text)
 

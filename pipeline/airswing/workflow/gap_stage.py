@@ -113,7 +113,13 @@ def active_effects(report: Mapping[str, Any]) -> list[ActiveEffect]:
     return parse_effects(plain(entries))
 
 
-def diagnosis(job: Job, *, without: Sequence[str] = ()) -> dict[str, Any]:
+def diagnosis(
+    job: Job,
+    *,
+    without: Sequence[str] = (),
+    known: Path | None = None,
+    simulated: str | None = None,
+) -> dict[str, Any]:
     """Diagnose the gap: ``gap.json``, ``gap.nc``, ``effects.yaml`` and ``gap/index.html``.
 
     Parameters
@@ -121,6 +127,11 @@ def diagnosis(job: Job, *, without: Sequence[str] = ()) -> dict[str, Any]:
     job : Job
     without : sequence of str, optional
         Effects of the catalogue to do without, as if nobody knew them.
+    known : Path, optional
+        ``effects.yaml`` or ``fits.nc``: what the simulation has already. The gap told is what is
+        left, and ``effects.yaml`` then holds both.
+    simulated : str, optional
+        Reports that a simulation made elsewhere, in place of a perfect instrument's.
 
     Returns
     -------
@@ -130,29 +141,34 @@ def diagnosis(job: Job, *, without: Sequence[str] = ()) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If an effect to do without is unknown.
+        If an effect to do without is unknown, or what the diagnosis starts from cannot be read.
     """
     from airswing.gap.archive.frame import Frame
     from airswing.gap.diagnose import diagnose
     from airswing.gap.simulation.effects_file import write_effects
+    from airswing.gap.simulation.known_effects import not_known
     from airswing.report.gap.gap_page import write_gap_page
+    from airswing.workflow.gap_start import read_start, starting_point
 
     config = job.config
+    asked = read_start(job, known=known, simulated=simulated)
     headings = gap_headings(job)
     frame = Frame.from_headings(
         headings, reference=config.pools()[config.gap_reference()], phases=config.gap.phases
     )
+    start = starting_point(job, frame, asked, effects_of=_effects_of_archive)
     with job.progress.stage("diagnose") as stage:
-        found = diagnose(frame, catalogue=_catalogue(without))
+        found = diagnose(start.frame, catalogue=_catalogue(without))
+        found.report["effects"] = not_known(found.report["effects"], start.known)
         names = [effect["name"] for effect in found.report["effects"]]
         stage.note = ", ".join(names) or "no effect missing"
     content = found.report | {
         "reference": config.gap_reference(), "headings_uuid": headings.attrs["uuid"],
-        **found.details,
+        **found.details, **start.record,
     }  # fmt: skip
     content["claims"] = _claims(job, headings, found.adjustment)
     write_json(job.output / GAP_JSON, content)
-    write_effects(active_effects(found.report), job.output / GAP_EFFECTS)
+    write_effects([*start.known, *active_effects(found.report)], job.output / GAP_EFFECTS)
     write_product(
         found.dataset,
         job.output / GAP_PRODUCT,
@@ -164,6 +180,23 @@ def diagnosis(job: Job, *, without: Sequence[str] = ()) -> dict[str, Any]:
     with job.progress.stage("page") as stage:
         stage.note = str(write_gap_page(job.output / "gap", gap=content, maps=found.dataset))
     return content
+
+
+def _effects_of_archive(job: Job) -> list[ActiveEffect]:
+    """Diagnose another archive (a simulation's) for what it has."""
+    from airswing.gap.archive.frame import Frame
+    from airswing.gap.diagnose import diagnose
+
+    config = job.config
+    frame = Frame.from_headings(
+        gap_headings(job),
+        reference=config.pools()[config.gap_reference()],
+        phases=config.gap.phases,
+    )
+    with job.progress.stage("diagnose the simulation") as stage:
+        found = active_effects(diagnose(frame).report)
+        stage.note = f"{len(found)} effects"
+    return found
 
 
 def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> dict[str, Any]:

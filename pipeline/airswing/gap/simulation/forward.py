@@ -128,7 +128,7 @@ class Coding:
 
 
 @dataclass(frozen=True)
-class _Work:
+class Work:
     """One effect with its complete parameters, whom it strikes, and its own random numbers."""
 
     effect: Effect
@@ -137,6 +137,7 @@ class _Work:
     seed: np.random.SeedSequence
 
     def rng(self) -> np.random.Generator:
+        """Return its random numbers, the same each time."""
         return np.random.default_rng(self.seed)
 
 
@@ -176,7 +177,7 @@ def simulate(
         An effect or aircraft is unknown, or the context an effect acts on is absent.
     """
     noise_seed, *seeds = np.random.SeedSequence(seed).spawn(1 + len(effects))
-    work = [_prepared(active, frame, s) for active, s in zip(effects, seeds, strict=True)]
+    work = [prepared(active, frame, s) for active, s in zip(effects, seeds, strict=True)]
     wind = np.stack([frame.u_ref, frame.v_ref], axis=-1)
     if noise is not None:
         wind = wind + draw_noise(frame, noise, rng=np.random.default_rng(noise_seed))
@@ -187,9 +188,9 @@ def simulate(
         latitude=frame.latitude, longitude=frame.longitude,
     )  # fmt: skip
     for stage in ("identity", "atmosphere"):
-        state = _applied(state, frame, work, stage)
+        state = apply_stage(state, frame, work, stage)
     state = _measured(state, frame, work)
-    state = _applied(state, frame, work, "report")
+    state = apply_stage(state, frame, work, "report")
     return _sent(state, frame, coding)
 
 
@@ -250,10 +251,30 @@ def check_effects(effects: Sequence[ActiveEffect], frame: Frame) -> None:
         With the nearest known name.
     """
     for active in effects:
-        _prepared(active, frame, np.random.SeedSequence(0))
+        prepared(active, frame, np.random.SeedSequence(0))
 
 
-def _prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -> _Work:
+def prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -> Work:
+    """Return an effect made ready to act on a frame.
+
+    Parameters
+    ----------
+    active : ActiveEffect
+        Which, on whom, when, how much.
+    frame : Frame
+        Reports.
+    seed : numpy.random.SeedSequence
+        Of what it draws.
+
+    Returns
+    -------
+    Work
+
+    Raises
+    ------
+    InputError
+        The effect or an aircraft is unknown, a parameter missing, or the context absent.
+    """
     effect = CATALOGUE.get(active.name)
     if effect is None:
         near = difflib.get_close_matches(active.name, list(CATALOGUE), n=1, cutoff=0.0)
@@ -266,10 +287,10 @@ def _prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) 
         reason = absent_context(frame, name)
         if reason is not None:
             raise InputError(f"{active.name} cannot be simulated: {reason}", field=active.name)
-    return _Work(effect, active, effect.complete(active.parameters), seed)
+    return Work(effect, active, effect.complete(active.parameters), seed)
 
 
-def _mask(work: _Work, state: State, frame: Frame) -> NDArray[np.bool_]:
+def _mask(work: Work, state: State, frame: Frame) -> NDArray[np.bool_]:
     """Whom the effect strikes: the physical airframes named, within the period."""
     struck = np.ones(frame.size, dtype=np.bool_)
     if work.active.tails is not None:
@@ -282,8 +303,24 @@ def _mask(work: _Work, state: State, frame: Frame) -> NDArray[np.bool_]:
     return struck
 
 
-def _applied(state: State, frame: Frame, work: Sequence[_Work], stage: Stage | str) -> State:
-    """Pass a state through all effects of one stage, in the order given."""
+def apply_stage(state: State, frame: Frame, work: Sequence[Work], stage: Stage | str) -> State:
+    """Pass a state through all effects of one stage, in the order given.
+
+    Parameters
+    ----------
+    state : State
+        The measurement so far.
+    frame : Frame
+        Context.
+    work : sequence of Work
+        From `prepared`; those of other stages are passed over.
+    stage : str
+        Of `airswing.gap.effects.base.STAGES`.
+
+    Returns
+    -------
+    State
+    """
     for item in work:
         if item.effect.stage != stage:
             continue
@@ -298,7 +335,7 @@ def _applied(state: State, frame: Frame, work: Sequence[_Work], stage: Stage | s
     return state
 
 
-def _measured(state: State, frame: Frame, work: Sequence[_Work]) -> State:
+def _measured(state: State, frame: Frame, work: Sequence[Work]) -> State:
     """Find the indicated heading and airspeed, and the wind computed from them."""
     air_u, air_v = frame.ground_u - state.wind_u, frame.ground_v - state.wind_v
     airspeed = np.hypot(air_u, air_v)
@@ -314,7 +351,7 @@ def _measured(state: State, frame: Frame, work: Sequence[_Work]) -> State:
             airspeed=airspeed,
         )
         before = after.heading_error
-        after = _applied(clean, view, work, "sensor")
+        after = apply_stage(clean, view, work, "sensor")
         moved = np.max(np.abs(after.heading_error - before), initial=0.0)
         if moved < TOLERANCE:
             break

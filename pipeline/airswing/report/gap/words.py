@@ -233,8 +233,43 @@ def closure_sentence(gap: Mapping[str, Any]) -> str:
     )
 
 
+def start_words(gap: Mapping[str, Any]) -> str:
+    """Return what the diagnosis started from; empty for the perfect instrument.
+
+    Parameters
+    ----------
+    gap : mapping
+        Content of ``gap.json``; ``simulation`` and ``known`` where given.
+
+    Returns
+    -------
+    str
+        Whole sentences, each with a blank behind it.
+    """
+    out = []
+    other = gap.get("simulation")
+    if other:
+        text = f"Against the simulation in {other['source']}"
+        if other["matched_by"] == "distribution":
+            text += ", which flew other paths and was compared by what it has"
+        else:
+            text += f" ({other['matched']:,} of {other['of']:,} reports matched)"
+        out.append(f"{text}.")
+    for known in gap.get("known") or []:
+        number = len(known["effects"])
+        out.append(
+            f"Beyond {number} known effect{'' if number == 1 else 's'} of {known['source']}, which "
+            f"take{'s' if number == 1 else ''} the disagreement from "
+            f"{float(known['disagreement_without_kt']):.1f} to "
+            f"{float(known['disagreement_with_kt']):.1f} kt:"
+        )
+    return "".join(f"{text} " for text in out)
+
+
 def verdict(gap: Mapping[str, Any], *, most: int = 3) -> str:
     """Return the verdict: what is missing, how much of the gap it is, what adding it buys.
+
+    What the diagnosis started from stands before it where that is not the perfect instrument.
 
     Parameters
     ----------
@@ -247,6 +282,10 @@ def verdict(gap: Mapping[str, Any], *, most: int = 3) -> str:
     -------
     str
     """
+    return start_words(gap) + _what_is_missing(gap, most)
+
+
+def _what_is_missing(gap: Mapping[str, Any], most: int) -> str:
     effects = list(gap.get("effects") or [])
     unknown = bool((gap.get("unknown") or {}).get("present"))
     if not effects:

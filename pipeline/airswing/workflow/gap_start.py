@@ -1,0 +1,258 @@
+"""What a diagnosis starts from: the perfect instrument, known effects, or another's simulation.
+
+Assumptions: known effects are taken off the reports (`airswing.gap.simulation.known_effects`), so
+the gap told is what is left. Reports of a simulation made elsewhere are matched by aircraft and
+time where it flew the archive's paths, and their wind stands in place of the reference's
+(`airswing.gap.simulation.other_simulation`). Where it flew other paths, it is diagnosed as the
+archive is, against model winds at its own places, and what it has is known of the archive: effects
+of the whole fleet, and those of aircraft that fly in both.
+
+Validity: a simulation on other paths must be long enough for a diagnosis of its own. Unit: kt.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from glob import glob
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from airswing.errors import InputError
+from airswing.workflow.job import Job
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from airswing.config import Reports
+    from airswing.gap.archive.frame import Frame
+    from airswing.gap.effects import ActiveEffect
+
+__all__ = ["Asked", "Start", "job_of_simulation", "read_start", "starting_point"]
+
+KNOT = 1852.0 / 3600.0
+SIMULATION_FOLDER = ".simulation"
+"""Where the collocation of a simulation on other paths is kept while it is diagnosed."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Reports as a diagnosis takes them, and what it starts from.
+
+    Attributes
+    ----------
+    frame : Frame
+    known : list of ActiveEffect
+        Taken off.
+    record : dict
+        ``known`` and ``simulation`` of ``gap.json``; empty for the perfect instrument.
+    """
+
+    frame: Frame
+    known: list[ActiveEffect] = field(default_factory=list)
+    record: dict[str, Any] = field(default_factory=dict)
+
+
+def disagreement_kt(frame: Frame) -> float:
+    """Return the mean vector disagreement of reports and simulation, kt."""
+    return float(np.hypot(*frame.residual.T).mean() / KNOT)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a diagnosis shall start from, read and checked before the archive is.
+
+    Attributes
+    ----------
+    known : list of ActiveEffect or None
+    known_file : Path or None
+    simulated : str or None
+    reports : Dataset or None
+        Of the simulation.
+    section : Reports or None
+        How they are read.
+    """
+
+    known: list[ActiveEffect] | None = None
+    known_file: Path | None = None
+    simulated: str | None = None
+    reports: xr.Dataset | None = None
+    section: Reports | None = None
+
+
+def read_start(job: Job, *, known: Path | None = None, simulated: str | None = None) -> Asked:
+    """Read what a diagnosis shall start from.
+
+    Parameters
+    ----------
+    job : Job
+    known : Path, optional
+        ``effects.yaml`` or ``fits.nc``: what the simulation has.
+    simulated : str, optional
+        Reports that a simulation made: a file, a glob, or the configuration of an archive of its
+        own.
+
+    Returns
+    -------
+    Asked
+
+    Raises
+    ------
+    InputError
+        A file is missing or holds something else.
+    """
+    effects, reports, section = None, None, None
+    if known is not None:
+        from airswing.gap.simulation.known_effects import read_known
+
+        effects = read_known(known, reference=job.config.gap_reference())
+    if simulated is not None:
+        reports, section = _read(job, simulated)
+    return Asked(effects, known, simulated, reports, section)
+
+
+def starting_point(
+    job: Job, frame: Frame, asked: Asked, *, effects_of: Callable[[Job], list[ActiveEffect]]
+) -> Start:
+    """Return what a diagnosis starts from.
+
+    Parameters
+    ----------
+    job : Job
+    frame : Frame
+        Reports of the archive against the reference.
+    asked : Asked
+        From `read_start`.
+    effects_of : callable
+        Diagnoses the archive of a job: for a simulation on other paths.
+
+    Returns
+    -------
+    Start
+
+    Raises
+    ------
+    InputError
+        An effect acts on an aircraft, or by a context, that the archive does not have.
+    """
+    start = Start(frame)
+    start = _against(job, start, asked, effects_of)
+    if asked.known is not None and asked.known_file is not None:
+        strict = asked.known_file.suffix != ".nc"
+        start = _without(start, asked.known, str(asked.known_file), strict=strict)
+    return start
+
+
+def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, strict: bool) -> Start:
+    """Take effects off; those of aircraft that are not in the archive are refused or left out."""
+    from airswing.gap.simulation.effects_file import plain_effects
+    from airswing.gap.simulation.known_effects import take_off_known
+
+    own = list(effects) if strict else _of_archive(effects, start.frame.tails)
+    try:
+        left = take_off_known(start.frame, own)
+    except InputError as err:
+        raise InputError(
+            err.what, file=source, field=err.field, found=err.found, remedy=err.remedy
+        ) from err
+    told = {
+        "source": source, "effects": plain_effects(own), "left_out": len(effects) - len(own),
+        "disagreement_without_kt": disagreement_kt(start.frame),
+        "disagreement_with_kt": disagreement_kt(left),
+    }  # fmt: skip
+    known = [*start.record.get("known", []), told]
+    return Start(left, [*start.known, *own], start.record | {"known": known})
+
+
+def _of_archive(effects: Sequence[ActiveEffect], tails: Sequence[str]) -> list[ActiveEffect]:
+    """Return the effects on aircraft of the archive; those on all stay."""
+    out = []
+    for one in effects:
+        both = None if one.tails is None else tuple(t for t in one.tails if t in tails)
+        if both is None or (both and (one.name != "tail_swap" or len(both) == 2)):
+            out.append(replace(one, tails=both))
+    return out
+
+
+def _against(
+    job: Job, start: Start, asked: Asked, effects_of: Callable[[Job], list[ActiveEffect]]
+) -> Start:
+    """Put a simulation made elsewhere, if any, in place of the perfect instrument."""
+    from airswing.gap.simulation.other_simulation import (
+        match_reports,
+        same_paths,
+        with_simulated_wind,
+    )
+
+    simulated, reports, section = asked.simulated, asked.reports, asked.section
+    if simulated is None or reports is None or section is None:
+        return start
+    with job.progress.stage("match") as stage:
+        matched = match_reports(start.frame, reports)
+        number = int(matched.found.sum())
+        stage.note = f"{number:,} of {start.frame.size:,} reports are in the simulation"
+    told: dict[str, Any] = {
+        "source": simulated, "reports": matched.simulated, "matched": number,
+        "of": start.frame.size, "matched_by": "aircraft and time",
+    }  # fmt: skip
+    if same_paths(matched):
+        frame = with_simulated_wind(start.frame, matched)
+        return Start(frame, record={"simulation": told})
+    other = job_of_simulation(job, simulated, section)
+    effects = effects_of(other)
+    shutil.rmtree(other.output, ignore_errors=True)
+    shared = set(start.frame.tails) & {str(name) for name in reports["aircraft"].values}
+    told |= {"matched_by": "distribution", "aircraft_in_both": sorted(shared)}
+    found = _without(Start(start.frame), effects, simulated, strict=False)
+    return replace(found, record=found.record | {"simulation": told})
+
+
+def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Reports]:
+    """Read the simulation's reports; by the archive's names of columns where they are its."""
+    from airswing.config import load_config
+    from airswing.reports import read_reports
+
+    if Path(simulated).suffix in {".yaml", ".yml"}:
+        section = load_config(Path(simulated)).reports
+        found = read_reports(section.files, format=section.format, columns=section.columns)
+        return found, section
+    own = job.config.reports
+    section = own.model_copy(update={"files": [simulated], "format": "auto", "columns": {}})
+    if not glob(simulated, recursive=True):
+        raise InputError("no reports of a simulation", file=simulated, field="--simulated")
+    try:
+        return read_reports(section.files), section
+    except InputError:
+        if not own.columns:
+            raise
+    section = section.model_copy(update={"columns": own.columns})
+    return read_reports(section.files, columns=section.columns), section
+
+
+def job_of_simulation(job: Job, simulated: str, reports: Reports) -> Job:
+    """Return the job that diagnoses a simulation on paths of its own.
+
+    Parameters
+    ----------
+    job : Job
+        Of the archive; its references are used unless the simulation has its own.
+    simulated : str
+        Reports, or the configuration of an archive.
+    reports : Reports
+        How they are read.
+
+    Returns
+    -------
+    Job
+        Its products go to a folder inside the archive's output.
+    """
+    from airswing.config import load_config
+
+    output = job.output / SIMULATION_FOLDER
+    config = job.config.model_copy(update={"reports": reports, "output": output})
+    if Path(simulated).suffix in {".yaml", ".yml"}:
+        config = load_config(Path(simulated), output=output)
+    return replace(job, config=config, resume=False)

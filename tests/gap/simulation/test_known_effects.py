@@ -1,0 +1,140 @@
+"""Known effects are taken off exactly, from a file of effects and from fitted deviations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from tests.gap import frames
+
+from airswing.errors import InputError
+from airswing.flags import STATUS
+from airswing.gap.effects import ActiveEffect
+from airswing.gap.simulation.effects_file import write_effects
+from airswing.gap.simulation.forward import simulate
+from airswing.gap.simulation.known_effects import (
+    effects_of_fits,
+    not_known,
+    read_known,
+    take_off_known,
+)
+from airswing.products.netcdf import write_product
+
+START = frames.START.astype("datetime64[s]").astype(float)
+ONE = {
+    "sensors": [
+        ActiveEffect("hard_iron", {"amplitude_deg": 6.0, "phase_deg": 50.0}, ("N401",)),
+        ActiveEffect("soft_iron", {"amplitude_deg": 2.0, "phase_deg": -20.0}),
+        ActiveEffect("tas_scale", {"scale_percent": 4.0}, ("N401", "N402")),
+        ActiveEffect("compass_step", {"offset_deg": 3.0}, ("N403",), (START + 9 * 86400.0, None)),
+    ],
+    "reference": [ActiveEffect("reference_speed_bias", {"bias_percent": 8.0, "above_hPa": 600.0})],
+    "height": [ActiveEffect("altitude_offset", {"offset_ft": 400.0}, ("N402",))],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ONE)
+def test_what_a_simulation_has_is_taken_off_to_rounding(name):
+    perfect = frames.frame()
+    sent = simulate(perfect, effects=ONE[name])
+    assert np.hypot(*sent.residual.T).max() > 0.2
+    left = take_off_known(sent, ONE[name])
+    assert np.hypot(*left.residual.T).max() < 2e-6
+    # what the unit would have indicated without them
+    turned = np.angle(np.exp(1j * (left.heading - perfect.heading)))
+    if name == "sensors":
+        assert np.abs(turned).max() < 1e-7
+        assert left.airspeed == pytest.approx(perfect.airspeed, abs=1e-5)
+
+
+def test_exchanged_identifiers_are_given_back():
+    perfect = frames.frame()
+    swap = ActiveEffect("tail_swap", {"pair": ["N401", "N402"]}, ("N401", "N402"),
+                        (START + 9 * 86400.0, None))  # fmt: skip
+    left = take_off_known(perfect, [swap])
+    late = perfect.time >= START + 9 * 86400.0
+    exchanged = np.array([1, 0, 2])[perfect.aircraft]
+    assert (left.aircraft == np.where(late, exchanged, perfect.aircraft)).all()
+    assert left.u_rep == pytest.approx(perfect.u_rep, abs=1e-12)
+
+
+def test_nothing_known_changes_nothing():
+    perfect = frames.frame()
+    left = take_off_known(perfect, [])
+    assert left.u_rep == pytest.approx(perfect.u_rep, abs=1e-12)
+    assert left.magnetic_heading == pytest.approx(np.mod(perfect.magnetic_heading, 2 * np.pi))
+
+
+def fits(status=STATUS["ok"]):
+    values = np.array([[[1.5, 3.0, 4.0, 0.5, 0.0], [0.7, 1.0, 0.0, 0.0, 0.0]]])
+    two = np.array([[0, status]], np.int8)
+    return xr.Dataset(
+        {
+            "deviation": (("reference", "aircraft", "coefficient"), values),
+            "airspeed_scale": (("reference", "aircraft"), np.array([[0.01, np.nan]])),
+            "mean_horizontal_field": (("reference", "aircraft"), np.array([[18000.0, 19000.0]])),
+            "status": (("reference", "aircraft"), two),
+        },
+        coords={"reference": ["ruc"], "aircraft": ["N401", "N402"],
+                "coefficient": list("ABCDE")},
+    )  # fmt: skip
+
+
+def test_a_fitted_curve_becomes_effects_by_hand():
+    found = effects_of_fits(fits(), reference="ruc")
+    told = [(one.name, one.tails) for one in found]
+    assert told == [("compass_offset", ("N401",)), ("hard_iron", ("N401",)),
+                    ("soft_iron", ("N401",)), ("tas_scale", ("N401",)),
+                    ("compass_offset", ("N402",)), ("hard_iron", ("N402",))]  # fmt: skip
+    iron = found[1].parameters
+    # 3 sin m + 4 cos m = 5 sin(m + atan2(4, 3))
+    assert iron["amplitude_deg"] == pytest.approx(5.0)
+    assert iron["phase_deg"] == pytest.approx(np.degrees(np.arctan2(4, 3)))
+    assert iron["at_horizontal_field_nT"] == 18000.0
+    assert found[3].parameters["scale_percent"] == pytest.approx(1.0)
+
+
+def test_the_curve_taken_off_is_the_curve_fitted():
+    frame = frames.frame()
+    left = take_off_known(frame, effects_of_fits(fits(), reference="ruc")[:3])
+    rows = frame.aircraft == 0
+    m, field = frame.magnetic_heading[rows], frame.horizontal_field[rows]
+    curve = 1.5 + 18000.0 / field * (3.0 * np.sin(m) + 4.0 * np.cos(m)) + 0.5 * np.sin(2 * m)
+    turned = np.degrees(np.angle(np.exp(1j * (frame.heading - left.heading))))[rows]
+    assert turned == pytest.approx(curve, abs=1e-9)
+
+
+def test_fits_that_were_not_accepted_are_left_out():
+    assert {one.tails for one in effects_of_fits(fits(1), reference="ruc")} == {("N401",)}
+
+
+def test_files_that_hold_nothing_known_are_told_clearly(tmp_path):
+    with pytest.raises(InputError, match="no file of known effects"):
+        read_known(tmp_path / "nothing.yaml", reference="ruc")
+    with pytest.raises(InputError, match="no fit against the gap's reference") as caught:
+        effects_of_fits(fits(), reference="rtfdaa", file=tmp_path / "fits.nc")
+    assert "fitted were ruc" in str(caught.value)
+    other = write_product(xr.Dataset({"latitude": ("report", [1.0])}), tmp_path / "other.nc",
+                          title="x", config_json="{}", sources=[])  # fmt: skip
+    del other
+    with pytest.raises(InputError, match="holds no fitted deviations"):
+        read_known(tmp_path / "other.nc", reference="ruc")
+    unknown = [ActiveEffect("hard_iron", {"amplitude_deg": 1.0}, ("N999",))]
+    write_effects(unknown, tmp_path / "effects.yaml")
+    with pytest.raises(InputError, match="unknown aircraft"):
+        take_off_known(frames.frame(), read_known(tmp_path / "effects.yaml", reference="ruc"))
+
+
+def test_scatter_that_was_known_is_not_named_again():
+    entries = [
+        {"name": "outliers", "tails": ["N401", "N402"], "per_tail": {"N401": {}, "N402": {}}},
+        {"name": "hard_iron", "tails": ["N401"]},
+    ]
+    known = [ActiveEffect("outliers", {"fraction": 0.02}, ("N401",)),
+             ActiveEffect("hard_iron", {"amplitude_deg": 1.0}, ("N401",))]  # fmt: skip
+    left = not_known(entries, known)
+    assert [(one["name"], one["tails"]) for one in left] == [
+        ("outliers", ["N402"]), ("hard_iron", ["N401"]),
+    ]  # fmt: skip
+    everyone = [ActiveEffect("outliers", {"fraction": 0.02})]
+    assert [one["name"] for one in not_known(entries, everyone)] == ["hard_iron"]

@@ -1,0 +1,188 @@
+"""A diagnosis that starts from known effects, or from reports that a simulation made elsewhere."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from airswing import cli
+from airswing.cli import app
+from airswing.config import load_config
+from airswing.gap.archive.frame import Frame
+from airswing.gap.simulation.effects_file import read_effects
+from airswing.report.gap.words import start_words, verdict
+from airswing.synthetic.sealed.cases import Case, World
+from airswing.synthetic.sealed.draws import Drawn
+from airswing.synthetic.sealed.sealed_archives import Archivist
+from airswing.workflow import Job, gap_stage
+from airswing.workflow.gap_start import read_start, starting_point
+from airswing.workflow.progress import Progress
+
+WORLD = World(11, "default", 14, 6, coarse=True)
+IRON = {"name": "hard_iron", "tails": ["N401"], "period": None,
+        "parameters": {"amplitude_deg": 6.0, "phase_deg": 40.0}}  # fmt: skip
+SCALE = {"name": "tas_scale", "tails": ["N403"], "period": None,
+         "parameters": {"scale_percent": 3.0}}  # fmt: skip
+
+
+def effects_file(path, *effects):
+    path.write_text(yaml.safe_dump(list(effects)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    """Two effects at the strength they are drawn with, and the job that reads their archive."""
+    root = tmp_path_factory.mktemp("start")
+    drawn = tuple(Drawn(one["name"], (one,)) for one in (IRON, SCALE))
+
+    class AsDrawn(Archivist):
+        def _strengthened(self, drawn, size, world):
+            return drawn
+
+    AsDrawn(root).write(Case("case", 3, "pair", WORLD, drawn, (1.0, 1.0)))
+    return root / "cases" / "case" / "config.yaml"
+
+
+def job_of(config, output):
+    return Job(load_config(config, output=output), Progress(quiet=True))
+
+
+@pytest.fixture(scope="module")
+def frame(archive, tmp_path_factory):
+    job = job_of(archive, tmp_path_factory.mktemp("frame"))
+    members = job.config.pools()[job.config.gap_reference()]
+    return job, Frame.from_headings(gap_stage.gap_headings(job), reference=members)
+
+
+def never(job):
+    raise AssertionError("the simulation flew the archive's paths")
+
+
+def begin(job, frame, effects_of=never, **given):
+    return starting_point(job, frame, read_start(job, **given), effects_of=effects_of)
+
+
+def test_what_is_known_is_not_told_again(archive, tmp_path):
+    known = effects_file(tmp_path / "known.yaml", IRON)
+    result = CliRunner().invoke(
+        app, ["gap", str(archive), "--output", str(tmp_path / "out"), "--known", str(known),
+              "--quiet"],
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "out" / "gap.json").read_text())
+    assert [(e["name"], e["tails"]) for e in found["effects"]] == [("tas_scale", ["N403"])]
+    (told,) = found["known"]
+    assert told["disagreement_without_kt"] > told["disagreement_with_kt"] + 0.2
+    assert found["gap"]["mean_vector_disagreement_kt"] == pytest.approx(
+        told["disagreement_with_kt"], abs=0.05
+    )
+    assert "Beyond 1 known effect of" in result.output
+    assert "Beyond 1 known effect of" in (tmp_path / "out" / "gap" / "index.html").read_text()
+    both = read_effects(tmp_path / "out" / "effects.yaml")
+    assert [one.name for one in both] == ["hard_iron", "tas_scale"]
+
+
+def test_reports_of_the_package_s_own_simulation_match_and_leave_what_it_lacks(archive, tmp_path):
+    effects = effects_file(tmp_path / "effects.yaml", SCALE)
+    sent = tmp_path / "sent.csv"
+    done = CliRunner().invoke(
+        app, ["simulate", str(archive), "--effects", str(effects), "-o", str(sent), "--quiet"]
+    )
+    assert done.exit_code == 0, done.output
+    job = job_of(archive, tmp_path / "out")
+    found = gap_stage.diagnosis(job, simulated=str(sent))
+    assert [(e["name"], e["tails"]) for e in found["effects"]] == [("hard_iron", ["N401"])]
+    assert found["simulation"]["matched"] == found["simulation"]["of"]
+    assert "reports matched)" in verdict(found)
+
+
+def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp_path):
+    job, own = frame
+    folder = tmp_path / "other"
+    folder.mkdir()
+    for path in archive.parent.glob("reports/*.csv"):
+        table = path.read_text().replace("2009-03-", "2009-04-").splitlines(keepends=True)
+        (folder / path.name).write_text("".join(table).replace("N406", "N906"))
+    asked = []
+
+    def effects_of(other):
+        asked.append(other)
+        entries = [IRON, {**SCALE, "tails": ["N906"]},
+                   {**SCALE, "name": "tas_offset", "tails": "all",
+                    "parameters": {"offset_m_s": 1.0}}]  # fmt: skip
+        return read_effects(effects_file(tmp_path / "its.yaml", *entries))
+
+    start = begin(job, own, effects_of, simulated=f"{folder}/*.csv")
+    assert asked[0].config.reports.files == [f"{folder}/*.csv"]
+    assert asked[0].output.parent == job.output
+    assert [(one.name, one.tails) for one in start.known] == [
+        ("hard_iron", ("N401",)), ("tas_offset", None),
+    ]  # fmt: skip
+    told = start.record["simulation"]
+    assert told["matched"] == 0 and told["matched_by"] == "distribution"
+    assert told["aircraft_in_both"] == [f"N{k}" for k in range(401, 406)]
+    assert start.record["known"][0]["left_out"] == 1
+    assert start.frame.airspeed == pytest.approx(own.airspeed - 1.0, abs=1e-9)
+    assert "flew other paths" in start_words(start.record)
+
+
+def test_an_archive_against_itself_has_no_gap(archive, frame):
+    job, own = frame
+    start = begin(job, own, simulated=str(archive.parent / "reports" / "*.csv"))
+    assert np.abs(start.frame.residual).max() < 1e-6
+    assert start.record["simulation"]["matched_by"] == "aircraft and time"
+
+
+def test_nothing_given_is_the_perfect_instrument(frame):
+    job, own = frame
+    start = begin(job, own)
+    assert start.frame is own and start.record == {} and start_words(start.record) == ""
+
+
+@pytest.mark.parametrize(
+    ("option", "content", "message"),
+    [
+        ("--known", None, "no file of known effects"),
+        ("--known", "- {name: hard_irn}", "unknown effect"),
+        ("--known", "- {name: hard_iron, tails: [N999], parameters: {amplitude_deg: 1}}",
+         "unknown aircraft"),
+        ("--simulated", None, "no reports of a simulation"),
+        ("--simulated", "a,b\n1,2\n", "a required column is missing"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_message_and_nothing_written(
+    archive, tmp_path, option, content, message, monkeypatch, frame, capsys
+):
+    _, own = frame
+    monkeypatch.setattr(gap_stage, "gap_headings", lambda job: None)
+    monkeypatch.setattr(Frame, "from_headings", classmethod(lambda cls, *a, **k: own))
+    file = tmp_path / ("bad.yaml" if option == "--known" else "bad.csv")
+    if content is not None:
+        file.write_text(content)
+    words = ["airswing", "gap", str(archive), "--output", str(tmp_path / "out"), "--quiet"]
+    monkeypatch.setattr("sys.argv", [*words, option, str(file)])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    told = capsys.readouterr().err
+    assert stopped.value.code == 2
+    assert message in told and "Traceback" not in told
+    assert len(told) < 2000 and str(file) in told.replace("\n", "")
+    assert not list((tmp_path / "out").rglob("gap.*"))
+
+
+def test_reports_named_otherwise_are_read_by_the_archive_s_names(archive, frame, tmp_path):
+    job, own = frame
+    source = next(archive.parent.glob("reports/N401.csv"))
+    renamed = source.read_text().replace("wind_speed_kt", "spd", 1)
+    (tmp_path / "own.csv").write_text(renamed)
+    reports = job.config.reports.model_copy(update={"columns": {"spd": "wind_speed_kt"}})
+    config = job.config.model_copy(update={"reports": reports})
+    job = replace(job, config=config)
+    start = begin(job, own.of_aircraft("N401"), simulated=str(tmp_path / "own.csv"))
+    assert np.abs(start.frame.residual).max() < 1e-6
