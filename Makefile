@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test lint benchmarks clean
+.PHONY: run test quick lint benchmarks clean
 
 run: $(VENV)/run.done
 	$(BIN)/airswing run configs/quickstart.yaml
@@ -12,6 +12,10 @@ run: $(VENV)/run.done
 test: $(VENV)/test.done lint
 	$(BIN)/python -m pytest -n 2 --dist loadgroup tests
 	$(BIN)/python -m pytest --nbmake --nbmake-timeout=300 notebooks
+
+# Under a minute: lint, the layout, and the tests that mirror what changed since main (or the kernels').
+quick: $(VENV)/test.done lint
+	$(BIN)/python -m pytest -q -n 2 tests/test_layout.py $$($(BIN)/python tests/of_changes.py)
 
 lint: $(VENV)/test.done
 	$(BIN)/ruff check pipeline tests benchmarks configs docs

@@ -28,6 +28,7 @@ from pydantic import (
 
 from airswing.errors import ConfigError, InputError, shortened
 from airswing.plain_yaml import load_yaml
+from airswing.units import KNOT
 
 
 @functools.cache
@@ -150,7 +151,7 @@ class Screening(_Section):
     roll: Literal["reject_bad", "require_good", "ignore"] = "reject_bad"
     temperature_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail"
     max_turn: Radians = Field(math.radians(10.0), gt=0)
-    min_ground_speed: MetresPerSecond = Field(80 * 1852 / 3600, ge=0)
+    min_ground_speed: MetresPerSecond = Field(80 * KNOT, ge=0)
 
 
 class Fit(_Section):

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.units import DAY
 
 _OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     ">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt, "==": operator.eq,
 }  # fmt: skip
-_TIME_UNITS = {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "min": 60.0, "s": 1.0, "d": 86400.0}
+_TIME_UNITS = {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "min": 60.0, "s": 1.0, "d": DAY}
 
 
 def lead_condition(text: str) -> Callable[[NDArray[Any]], NDArray[np.bool_]]:

@@ -14,8 +14,8 @@ import numpy as np
 import xarray as xr
 from scipy.stats import rice
 
-from airswing.evaluation.disagreement import KNOT
 from airswing.flags import ROLL, TEMPERATURE_QC
+from airswing.units import KNOT
 
 BEFORE_START = date(2009, 7, 20)
 START = date(2009, 10, 20)

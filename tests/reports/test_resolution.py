@@ -7,13 +7,13 @@ import pytest
 
 from airswing.reports.resolution import (
     DIRECTION_STEPS,
-    KNOT,
     POSITION_STEPS,
     SPEED_STEPS,
     TIME_STEPS,
     detect_resolution,
     lattice_step,
 )
+from airswing.units import KNOT
 
 RNG = np.random.default_rng(20090105)
 

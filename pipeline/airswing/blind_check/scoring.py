@@ -27,6 +27,7 @@ import numpy as np
 from airswing.blind_check.reliability_table import stated_claims
 from airswing.blind_check.unknown_scores import same_variable, unknown_scores
 from airswing.synthetic.sealed.draws import CATALOGUE_NAMES, FLEET
+from airswing.units import DAY
 
 __all__ = ["PLACES", "PRIMARY", "aircraft_overlap", "parameter_errors", "score_case"]
 
@@ -362,7 +363,7 @@ def date_error(period: Sequence[Any], told: Sequence[Any]) -> float | None:
     true = _date(period[0])
     starts = [_date(one[0]) for one in told if one]
     apart = [
-        abs((start - true).total_seconds()) / 86400.0
+        abs((start - true).total_seconds()) / DAY
         for start in starts
         if start is not None and true is not None
     ]

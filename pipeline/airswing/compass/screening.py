@@ -33,11 +33,11 @@ from numpy.typing import NDArray
 from airswing.errors import ConfigError
 from airswing.flags import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC
 from airswing.products.ragged import aircraft_of_report, blocks
+from airswing.units import KNOT
 from airswing.vocabulary import describe
 
 __all__ = ["audit", "kept", "screen"]
 
-KNOT = 1852.0 / 3600.0
 MAX_INNOVATION = 40.0
 """m s-1."""
 MAX_INNOVATION_SHARE = 1.0 / 3.0

@@ -14,9 +14,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-KNOT = 1852.0 / 3600.0
-"""Metres per second in one knot (exact by definition)."""
-
 FloatArray = NDArray[np.floating[Any]]
 
 

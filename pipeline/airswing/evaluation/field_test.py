@@ -33,7 +33,6 @@ from airswing.evaluation.day_sums import (
     interval_95,
 )
 from airswing.evaluation.disagreement import (
-    KNOT,
     disagreement_sums,
     measures_of,
     reference_mean,
@@ -42,6 +41,7 @@ from airswing.evaluation.disagreement import (
 from airswing.evaluation.robustness import scrutinise
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
+from airswing.units import KNOT
 
 _COLUMNS = ("time", "screening", "roll_flag", "temperature_qc", "heading", "eastward_wind",
             "northward_wind", "reference_eastward_wind", "reference_northward_wind")  # fmt: skip

@@ -50,10 +50,11 @@ from airswing.gap.search.excess_scatter import scattering
 from airswing.gap.search.stepwise import Found, Rules, with_background
 from airswing.gap.search.tail_swaps import Swap, exchange, find_swap
 from airswing.gap.search.testability import absorbed, too_short
-from airswing.gap.sums.accumulate import DAY, accumulate
+from airswing.gap.sums.accumulate import accumulate
 from airswing.gap.sums.elimination import eliminate_days
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_prior, shared_variances
+from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]

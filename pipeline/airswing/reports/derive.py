@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.flags import PHASE
+from airswing.units import EARTH_RADIUS
 
 LABELLED_GAP = 6 * 3600.0
 """s that one flight number may fall silent."""
@@ -41,7 +42,6 @@ NEAREST, FARTHEST = 30.0, 1200.0
 """s: how far the neighbours of a climb rate may be."""
 LOWEST_CRUISE = 609.6
 """m pressure altitude, 2,000 ft."""
-_EARTH_RADIUS = 6371008.8  # m, mean radius (IUGG)
 
 
 def seconds_since_1970(time: NDArray[np.datetime64]) -> NDArray[np.float64]:
@@ -79,7 +79,7 @@ def step_distance(
         np.sin(np.diff(phi) / 2.0) ** 2
         + np.cos(phi[1:]) * np.cos(phi[:-1]) * np.sin(np.diff(lam) / 2.0) ** 2
     )
-    return np.asarray(2.0 * _EARTH_RADIUS * np.arcsin(np.sqrt(np.clip(chord, 0.0, 1.0))))
+    return np.asarray(2.0 * EARTH_RADIUS * np.arcsin(np.sqrt(np.clip(chord, 0.0, 1.0))))
 
 
 def derive_flight(columns: dict[str, NDArray[Any]]) -> NDArray[np.int32]:

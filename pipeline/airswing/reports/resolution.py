@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.reports.derive import seconds_since_1970, step_distance
+from airswing.units import KNOT
 
-KNOT = 1852.0 / 3600.0
-"""m/s (exact, by definition)."""
 ARC_MINUTE = 1.0 / 60.0
 
 Step = tuple[float, float]

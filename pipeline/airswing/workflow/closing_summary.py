@@ -16,10 +16,11 @@ import xarray as xr
 from airswing.compass.fit.cycles import NORMAL_95
 from airswing.config import Config
 from airswing.evaluation.compass_changes.stability import change_warnings
-from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
+from airswing.evaluation.disagreement import reference_mean, vector_difference
 from airswing.flags import CORRECTION, STATUS
 from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
+from airswing.units import KNOT
 
 _WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
           "reference_northward_wind", "screening")  # fmt: skip

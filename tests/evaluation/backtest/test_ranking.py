@@ -16,7 +16,7 @@ from airswing.evaluation.backtest.ranking import (
     flown_reports,
     rank_aircraft,
 )
-from airswing.evaluation.disagreement import KNOT
+from airswing.units import KNOT
 
 AMPLITUDE = np.array([6.0, 0.0, 3.0, 1.5])
 

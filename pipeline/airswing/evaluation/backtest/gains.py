@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from airswing.compass.correction import correct
 from airswing.errors import InputError
 from airswing.evaluation.day_sums import day_weights, interval_95
-from airswing.evaluation.disagreement import KNOT, reference_mean, vector_difference
+from airswing.evaluation.disagreement import reference_mean, vector_difference
 from airswing.flags import CORRECTION
 from airswing.products.ragged import row_bounds
+from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 

@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 
 from airswing.compass.correction import corrected_wind, curve_standard_error
 from airswing.evaluation.backtest.learning import require_reference
-from airswing.evaluation.disagreement import KNOT, reference_mean
+from airswing.evaluation.disagreement import reference_mean
 from airswing.flags import STATUS
 from airswing.products.ragged import blocks, row_bounds
+from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 _FLOWN = ("eastward_wind", "northward_wind", "reference_eastward_wind",

@@ -24,12 +24,11 @@ from airswing.errors import InputError
 from airswing.flags import PHASE, SCREENING
 from airswing.gap.archive.acceleration import acceleration_at_reports
 from airswing.gap.archive.headings_columns import AIRCRAFT_FIELDS, headings_columns
+from airswing.units import DAY, EARTH_RADIUS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-EARTH_RADIUS = 6371008.8
-"""Mean radius of the WGS84 ellipsoid (m)."""
 DEFAULT_HORIZONTAL_FIELD = 20000.0
 """Horizontal field (nT) stated where an archive gives none."""
 EXCLUDED = ("temperature_qc", "wind_qc", "ground_speed")
@@ -149,7 +148,7 @@ class Frame:
     @property
     def day(self) -> IntArray:
         """Whole days since 1970, (n,)."""
-        return np.floor_divide(self.time, 86400.0).astype(np.int64)
+        return np.floor_divide(self.time, DAY).astype(np.int64)
 
     @property
     def residual(self) -> FloatArray:

@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.basis import unit_vectors
-from airswing.gap.held_out.reduction import KNOT, day_interval
+from airswing.gap.held_out.reduction import day_interval
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import whiten
+from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -40,7 +40,6 @@ from airswing.gap.closure.effects_not_named import left_over
 from airswing.gap.evidence.term_covariance import term_covariances, term_offsets
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import (
-    KNOT,
     Closure,
     is_sensor,
     take_off,
@@ -52,6 +51,7 @@ from airswing.gap.held_out.reduction import (
 from airswing.gap.search.stepwise import Found
 from airswing.gap.search.testability import single_day
 from airswing.gap.sums.problem import Problem
+from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.physics.splines import hats
+from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 
@@ -129,7 +130,7 @@ def variable(frame: Any, name: str) -> Floats:
         "bank": lambda: np.degrees(frame.bank),
         "acceleration": lambda: frame.acceleration,
         "hour": lambda: np.mod(frame.time / 3600.0, 24.0),
-        "date": lambda: (frame.time - frame.epoch) / 86400.0,
+        "date": lambda: (frame.time - frame.epoch) / DAY,
         "latitude": lambda: frame.latitude,
         "longitude": lambda: frame.longitude,
         "wind_speed": lambda: np.hypot(frame.u_ref, frame.v_ref),

@@ -27,6 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.physics.splines import hats
+from airswing.physics.triangle import wrap_signed
+from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -34,11 +36,6 @@ Integers = NDArray[np.int64]
 
 TERMS = 13
 """Terms of the large-scale wind."""
-
-
-def wrap(angle: Floats) -> Floats:
-    """Angle in (-pi, pi], rad."""
-    return np.asarray(np.pi - np.mod(np.pi - angle, 2 * np.pi))
 
 
 def exogenous(frame: Any, winds: LargeScale | None = None) -> Any:
@@ -57,8 +54,8 @@ def exogenous(frame: Any, winds: LargeScale | None = None) -> Any:
         reference's wind and shear by the large-scale reported ones.
     """
     implied = np.arctan2(frame.ground_u - frame.u_ref, frame.ground_v - frame.v_ref)
-    difference = wrap(frame.heading - implied)
-    declination = np.nan_to_num(wrap(frame.heading - frame.magnetic_heading))
+    difference = wrap_signed(frame.heading - implied)
+    declination = np.nan_to_num(wrap_signed(frame.heading - frame.magnetic_heading))
     smooth, shear = (winds or LargeScale.of(frame)).at(frame)
     known = np.isfinite(frame.dudlnp) & np.isfinite(frame.dvdlnp)
     heading = implied + smooth_deviation(difference, implied - declination, frame.aircraft)
@@ -159,7 +156,7 @@ def day_sums(frame: Any, centre: Floats) -> tuple[Integers, Floats]:
 
 
 def _day_of_archive(frame: Any) -> Integers:
-    return np.asarray(np.floor((frame.time - frame.epoch) / 86400.0).astype(np.int64))
+    return np.asarray(np.floor((frame.time - frame.epoch) / DAY).astype(np.int64))
 
 
 def _large_scale_terms(frame: Any, centre: Floats) -> tuple[Floats, Floats]:
@@ -169,7 +166,7 @@ def _large_scale_terms(frame: Any, centre: Floats) -> tuple[Floats, Floats]:
         np.clip((v - mean) / spread, -3, 3)
         for v, (mean, spread) in zip(places, centre, strict=True)
     )
-    hour = np.mod(frame.time / 86400.0, 1.0) - 0.5
+    hour = np.mod(frame.time / DAY, 1.0) - 0.5
     one, none = np.ones_like(x), np.zeros_like(x)
     terms = [one, x, y, z, z * z, z**3, x * z, y * z, hour, hour * z, x * x, y * y, x * y]
     rates = [none, none, none, one, 2 * z, 3 * z * z, x, y, none, hour, none, none, none]

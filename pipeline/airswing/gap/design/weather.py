@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.basis import DictionaryPlan
+from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +61,7 @@ def climatology_columns(frame: Any, plan: DictionaryPlan) -> Floats:
     (n, 2, m) float
     """
     x, y, z = _places(frame, plan)
-    angle = 2 * np.pi * frame.time / 86400.0
+    angle = 2 * np.pi * frame.time / DAY
     flat = [x, y, x * y, x * x - 1, y * y - 1]
     terms = [np.ones(frame.size), z, z * z - 1, *flat, *(term * z for term in flat)]
     terms += [x * (z * z - 1), y * (z * z - 1), np.sin(angle), np.cos(angle)]

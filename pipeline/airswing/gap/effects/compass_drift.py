@@ -10,8 +10,7 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error, told
-
-DAY = 86400.0
+from airswing.units import DAY
 
 
 class CompassDrift(HeadingEffect):

@@ -16,8 +16,9 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray
 from airswing.gap.effects.forms import known
 from airswing.physics.geomagnetism import FieldLattice
+from airswing.units import DAY
 
-YEAR = 365.25 * 86400.0
+YEAR = 365.25 * DAY
 FIRST, LAST = 1900.01, 2029.99
 HEIGHT = 5000.0
 """m: secular variation hardly depends on height."""

@@ -12,8 +12,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Parameter, Parameters, State
 from airswing.gap.effects.forms import MomentEffect, told
 from airswing.physics.triangle import wind_components, wind_from_direction
-
-KNOT = 1852.0 / 3600.0
+from airswing.units import KNOT
 
 
 class WindCoding(MomentEffect):

@@ -26,6 +26,7 @@ from scipy.stats import chi2
 from airswing.gap.design.basis import DictionaryPlan, unit_vectors
 from airswing.gap.sums.cluster_inflation import aircraft_factor, fleet_factor
 from airswing.gap.sums.elimination import Base, Conditional, beyond
+from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -265,7 +266,7 @@ def residual_maps(frame: Any) -> xr.Dataset:
     degrees = -np.degrees(across / np.maximum(frame.airspeed, 1.0))
     octant = np.mod(np.round(np.degrees(frame.magnetic_heading) / 45.0).astype(np.int64), 8)
     count = len(frame.tails)
-    week = np.floor((frame.time - frame.epoch) / (7 * 86400.0)).astype(np.int64)
+    week = np.floor((frame.time - frame.epoch) / (7 * DAY)).astype(np.int64)
     weeks = int(week.max()) + 1
     edges = np.array([0, 400, 500, 600, 700, 850, 1100.0]) * 100
     level = np.searchsorted(edges, frame.pressure) - 1

@@ -35,6 +35,7 @@ from airswing.gap.held_out.reduction import term_error, term_fields
 from airswing.gap.sums.accumulate import accumulate
 from airswing.gap.sums.elimination import Included, climatology, eliminate_days, fit_included
 from airswing.gap.sums.problem import Problem
+from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -182,9 +183,9 @@ def with_large_scale_tendency(frame: Any) -> Any:
 
 def _in_space_and_time(frame: Any) -> tuple[Floats, Floats, Floats]:
     """Time in days from the quietest hour, the design of the fit and its derivative (s-1)."""
-    hours = np.bincount((np.mod(frame.time, 86400.0) // 3600).astype(int), minlength=24)
+    hours = np.bincount((np.mod(frame.time, DAY) // 3600).astype(int), minlength=24)
     quiet = int(np.argmin(hours + np.roll(hours, 1) + np.roll(hours, -1)))
-    time = (frame.time - 3600.0 * quiet) / 86400.0
+    time = (frame.time - 3600.0 * quiet) / DAY
     t = 4.0 * (np.mod(time, 1.0) - 0.5)
     x, y, z = (
         np.clip((v - v.mean()) / (v.std() or 1.0), -3, 3)
@@ -195,4 +196,4 @@ def _in_space_and_time(frame: Any) -> tuple[Floats, Floats, Floats]:
     space = [*low, x * x, x * y, y * y, z * z, z**3, z * z * x, z * z * y]
     terms = [*space, *(s * t for s in space), *(s * t * t for s in low)]
     rates = [none for _ in space] + space + [2 * s * t for s in low]
-    return time, np.stack(terms, -1), np.stack(rates, -1) * (4.0 / 86400.0)
+    return time, np.stack(terms, -1), np.stack(rates, -1) * (4.0 / DAY)

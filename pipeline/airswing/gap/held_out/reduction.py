@@ -26,11 +26,10 @@ from airswing.gap.evidence.terms import Term, fit_terms, term_weights
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, Conditional, Fit, eliminate_days
 from airswing.gap.sums.problem import Problem
+from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-KNOT = 1852.0 / 3600.0
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,9 @@ from airswing.gap.evidence.gaussian import (
 from airswing.gap.evidence.term_covariance import term_covariances
 from airswing.gap.evidence.terms import Term
 from airswing.gap.search.stepwise import Found
-from airswing.gap.sums.accumulate import DAY, Statistics
+from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, Conditional
+from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 

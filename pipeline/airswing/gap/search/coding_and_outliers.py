@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.noise.model import NoiseFit
+from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 
-KNOT = 1852.0 / 3600.0
 SPEED_STEPS = (2.0, 5.0, 10.0)
 DIRECTION_STEPS = (2.0, 5.0, 10.0)
 POSITION_STEPS = (0.5, 0.6, 1.0, 2.0, 3.0, 5.0, 6.0, 10.0)

@@ -27,8 +27,8 @@ from airswing.gap.effects import ActiveEffect
 from airswing.gap.simulation.forward import Coding, NoiseLike, simulate
 from airswing.physics.triangle import wind_from_direction
 from airswing.products.netcdf import atomic
+from airswing.units import KNOT
 
-KNOT = 1852.0 / 3600.0
 FOOT = 0.3048
 _FLAGS: dict[str, dict[int, str]] = {
     "roll_flag": {ROLL["good"]: "G", ROLL["bad"]: "B", ROLL["not_available"]: "N"},

@@ -29,11 +29,11 @@ from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.design.layout import Layout, build_columns
 from airswing.gap.noise.model import NoiseFit, remove_smooth_effects
 from airswing.gap.noise.whitening import flight_order, take_gains, whiten, whiten_blocks
+from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-DAY = 86400.0
 AIRCRAFT_DAYS = 3_600
 """Aircraft times days of which sums are kept apart. Beyond, "days" are some days together: the sums
 of a year of sixty aircraft then take hardly more memory than those of a month."""

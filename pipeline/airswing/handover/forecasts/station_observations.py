@@ -18,7 +18,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import KNOT
 from airswing.handover.forecasts.correcting import TIME
 from airswing.handover.forecasts.forecast_pairs import PLACES, STATION, VALID, on_axes
 from airswing.handover.forecasts.station_grib import UNITS, forecasts_at_stations
@@ -29,6 +28,7 @@ from airswing.handover.forecasts.station_table import (
     read_table,
     times,
 )
+from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 _ZERO_CELSIUS = 273.15

@@ -30,6 +30,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.units import MODEL_EARTH_RADIUS
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -82,7 +84,7 @@ class Grid:
     longitude_first: float
     di: float
     dj: float
-    radius: float = 6371229.0
+    radius: float = MODEL_EARTH_RADIUS
     eccentricity: float = 0.0
     orientation: float = 0.0
     true_latitude: float = 0.0

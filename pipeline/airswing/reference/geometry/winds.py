@@ -37,6 +37,7 @@ from airswing.reference.geometry.interpolation import (
     weighted,
 )
 from airswing.reference.geometry.placing import Placing
+from airswing.units import MODEL_EARTH_RADIUS
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -50,8 +51,6 @@ DERIVATIVES = ("u_lnp", "v_lnp", "u_x", "v_x", "u_y", "v_y", "convergence")
 
 #: The limit reports have, too, m s-1.
 MAX_WIND = 150.0
-#: Radius of the sphere on which distances for derivatives are measured (m).
-EARTH_RADIUS = 6371229.0
 #: Half step of the central differences that give the grid's metric (degrees).
 _METRIC_STEP = 1e-3
 
@@ -223,7 +222,7 @@ def _true_slopes(
     result: list[Floats] = []
     for step_lat, step_lon in ((0.0, _METRIC_STEP), (_METRIC_STEP, 0.0)):
         stretch = np.cos(np.radians(lat)) if step_lon else np.ones_like(lat)
-        distance = 2.0 * np.radians(_METRIC_STEP) * EARTH_RADIUS * stretch
+        distance = 2.0 * np.radians(_METRIC_STEP) * MODEL_EARTH_RADIUS * stretch
         one = (lat + step_lat, lon + step_lon)
         two = (lat - step_lat, lon - step_lon)
         (i1, j1), (i0, j0) = grid.plane(*one), grid.plane(*two)

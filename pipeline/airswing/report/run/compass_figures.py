@@ -45,9 +45,9 @@ from airswing.report.run.selection import (
     tails,
     used,
 )
+from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
-NORMAL_95 = 1.96
 BIN_WIDTH = 15.0
 SECTORS = 24
 

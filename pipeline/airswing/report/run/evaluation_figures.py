@@ -28,8 +28,8 @@ from airswing.report.html.style import (
     styled,
     thousands,
 )
+from airswing.units import NORMAL_95
 
-NORMAL_95 = 1.96
 PROFILES = (
     ("eastward_rms", "eastward wind, rms (m/s)"),
     ("northward_rms", "northward wind, rms (m/s)"),

@@ -29,9 +29,10 @@ from airswing.report.html.style import (
     styled,
     thousands,
 )
-from airswing.report.run.page_numbers import NORMAL_95, disagreement, kept_reports, screening_audit
+from airswing.report.run.page_numbers import disagreement, kept_reports, screening_audit
 from airswing.report.run.reading_warnings import tally
 from airswing.report.run.selection import headline_reference, tails
+from airswing.units import NORMAL_95
 
 PAGE_OF_AIRCRAFT = 40
 """Aircraft in one overview figure; larger fleets get several."""

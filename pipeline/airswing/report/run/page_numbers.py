@@ -18,10 +18,9 @@ from airswing.evaluation.clustered_mean import cluster_sums, clustered_mean
 from airswing.flags import SCREENING
 from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.report.run.selection import pooled, status_words, tails, used
+from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
-KNOT = 1852.0 / 3600.0
-NORMAL_95 = 1.96
 RANGE_FROM = 10
 """Aircraft from which on nine in ten can be told from all."""
 _WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind",

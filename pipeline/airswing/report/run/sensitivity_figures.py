@@ -24,8 +24,8 @@ from airswing.report.html.style import (
     plural,
     styled,
 )
+from airswing.units import NORMAL_95
 
-NORMAL_95 = 1.96
 COEFFICIENTS = ("A", "B", "C", "D", "E")
 MOST_AIRCRAFT = 40
 

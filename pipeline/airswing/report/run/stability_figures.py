@@ -27,8 +27,8 @@ from airswing.report.html.style import (
     plural,
     styled,
 )
+from airswing.units import NORMAL_95
 
-NORMAL_95 = 1.96
 MOST_ROWS = 10
 MOST_BARS = 40
 PARTS = (("offset", "offset (degree)", BLUE), ("amplitude", "amplitude (degree)", ORANGE))

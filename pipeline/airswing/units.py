@@ -1,0 +1,17 @@
+"""Constants that more than one room needs, each once, with unit and source.
+
+The synthetic archives share none of them: they are the independent truth.
+"""
+
+from __future__ import annotations
+
+KNOT = 1852.0 / 3600.0
+"""Metres a second in a knot: the international nautical mile an hour (BIPM, SI brochure)."""
+DAY = 86400.0
+"""Seconds in a day."""
+EARTH_RADIUS = 6371008.8
+"""Mean radius of the earth, m (IUGG 1980), where a sphere is near enough."""
+MODEL_EARTH_RADIUS = 6371229.0
+"""Radius of the sphere most models are computed on, m (GRIB2 code table 3.2, entry 6)."""
+NORMAL_95 = 1.96
+"""Standard errors on either side of a normal estimate that hold 95 % of it."""
