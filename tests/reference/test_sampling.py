@@ -22,11 +22,11 @@ from airswing.reference.geometry.interpolation import (
     level_brackets,
 )
 from airswing.reference.geometry.model_time import ModelTime
-from airswing.reference.geometry.winds import EARTH_RADIUS
 from airswing.reference.grib.catalogue import build_catalogue
 from airswing.reference.grib.gridsections import read_grid
 from airswing.reference.grib.messages import scan_file
 from airswing.reference.sampling import sample_model_time
+from airswing.units import MODEL_EARTH_RADIUS as EARTH_RADIUS
 from tests.reference.builders import LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
 
 SHAPE = (LATLON["Nj"], LATLON["Ni"])
