@@ -414,6 +414,78 @@ _GAP = [
     ),
 ]
 
+_PLS = ("flight_phase", "layer", "state")
+_OBSERVATION_ERRORS = [
+    *[
+        _V(f"{name}{kind}", units, f"{before}{text}", (*dims, *more), "f8")
+        for name, units, text, dims in (
+            (
+                "observation_error",
+                "m s-1",
+                "standard error of a wind component of the reports alone",
+                _PLS,
+            ),
+            (
+                "fleet_observation_error",
+                "m s-1",
+                "standard error of a wind component of the reports alone, over all reports",
+                ("state",),
+            ),
+            (
+                "observation_error_by_method",
+                "m s-1",
+                "standard error of a wind component of the reports alone, by way of separating it",
+                ("way", *_PLS),
+            ),
+            (
+                "fleet_observation_error_by_method",
+                "m s-1",
+                "standard error of a wind component over all reports, by way of separating it",
+                ("way", "state"),
+            ),
+            (
+                "aircraft_observation_error",
+                "m s-1",
+                "standard error of a wind component of the aircraft's reports alone",
+                ("aircraft", "state"),
+            ),
+            (
+                "weight_gain",
+                "1",
+                "reported winds that a corrected one weighs as in an analysis",
+                _PLS[:2],
+            ),
+            (
+                "fleet_weight_gain",
+                "1",
+                "reported winds that a corrected one weighs as, over all reports",
+                (),
+            ),
+            (
+                "reference_error_covariance",
+                "m2 s-2",
+                "covariance of the errors of two references, a component, as neighbours tell it",
+                (),
+            ),
+        )
+        for kind, before, more in (("", "", ()), ("_interval", "95 % interval: ", ("bound",)))
+    ],
+    _V(
+        "observation_error_filled",
+        "m s-1",
+        "observation_error, and where it is not known that of the layer, else of all reports",
+        _PLS,
+        "f8",
+    ),
+    _V("way", "", "how the reports' error was separated", ("way",), "str"),
+    _V("observation_count", "1", "reports in the cell", _PLS[:2], "i8"),
+    _V("disagreement_rms", "m s-1", "rms disagreement of a component with the reference", _PLS),
+    _V("median_wind_speed", "m s-1", "median speed of the reference wind", ("layer",)),
+    _V("wrfda_tamdar_error", "m s-1", "wind error WRFDA uses for TAMDAR", ("layer",)),
+    _V("wrfda_airep_error", "m s-1", "wind error WRFDA uses for AIREP and AMDAR", ("layer",)),
+    _V("nam_tamdar_error", "m s-1", "wind error NAM used for TAMDAR", ("layer",)),
+    _V("nam_mdcrs_error", "m s-1", "wind error NAM used for MDCRS", ("layer",)),
+]
 _STATIONS = ("variable", "station", "forecast_reference_time", "lead")
 _SCORED = ("variable", "period", "correction")
 _POSTPROCESS = [
@@ -466,7 +538,7 @@ _POSTPROCESS = [
 _PHASE_ANGLE = _V("phase", "degree", "phase of the sinusoid", _RA, "f8")
 _EVERY = [
     *_REPORTS, *_WINDS, *_HEADINGS, *_FITS, _PHASE_ANGLE, *_CORRECTED, *_PROFILES, *_GAP,
-    *_POSTPROCESS,
+    *_POSTPROCESS, *_OBSERVATION_ERRORS,
 ]  # fmt: skip
 
 VARIABLES: dict[str, Variable] = {entry.name: entry for entry in reversed(_EVERY)}

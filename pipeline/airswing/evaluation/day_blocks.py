@@ -31,13 +31,48 @@ def block_weights(days: int, *, draws: int, seed: int, block: int | None = None)
         Mean 1; the distance from 1 is stretched by sqrt(m / (m - 1)), m the blocks of a draw, as
         drawing m of m again has too small a variance by that much.
     """
-    length = max(round(days ** (1.0 / 3.0)), 1) if block is None else block
+    length = block_length(days) if block is None else block
     number = -(-days // length)
     first = np.random.default_rng(seed).integers(0, days, size=(draws, number))
     drawn = (first[..., None] + np.arange(length)).reshape(draws, -1)[:, :days] % days
     row = np.arange(draws)[:, None] * days
     weights = np.bincount((row + drawn).ravel(), minlength=draws * days).reshape(draws, days)
     return np.asarray(1.0 + (weights - 1.0) * np.sqrt(number / max(number - 1.0, 1.0)))
+
+
+def block_length(days: int) -> int:
+    """Days of a block: the cube root of all.
+
+    Parameters
+    ----------
+    days : int
+
+    Returns
+    -------
+    int
+    """
+    length: int = round(days ** (1.0 / 3.0))
+    return max(length, 1)
+
+
+def widened(drawn: Floats, days: int) -> Floats:
+    """Draws as far from what was found as few blocks call for: Student's t in place of the normal.
+
+    Parameters
+    ----------
+    drawn : array, shape (1 + draw, ...)
+        What was found, then the draws.
+    days : int
+
+    Returns
+    -------
+    array, shape (1 + draw, ...)
+    """
+    from scipy.stats import norm, t
+
+    blocks = -(-days // block_length(days))
+    factor = t.ppf(0.975, max(blocks - 1, 1)) / norm.ppf(0.975)
+    return np.asarray(drawn[:1] + (drawn - drawn[:1]) * factor)
 
 
 def interval(drawn: Floats, level: float = 0.95) -> Floats:

@@ -22,6 +22,8 @@ from airswing.products.ragged import aircraft_of_report, blocks
 STATES = ("reported", "corrected")
 LEVEL_EDGES_HPA = (1100.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0)
 """Edges of the layers, hPa, from the ground up (those of the WRFDA error table, merged)."""
+CELLS = len(PHASE) * (len(LEVEL_EDGES_HPA) - 1)
+"""Phases of flight times layers."""
 _UNUSABLE = ("no_reference", "missing_wind", "wind_qc", "gross_error", "no_ground_vector")
 _COLUMNS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
             "reference_northward_wind", "pressure", "phase", "flight", "screening")  # fmt: skip
@@ -123,7 +125,7 @@ def _block_sums(
     headings: xr.Dataset, corrected: xr.Dataset, pools: Mapping[str, list[str]]
 ) -> dict[tuple[int, int, str], NDArray[np.float64]]:
     """Sums of each aircraft of a block, by pool, state and error: (6, aircraft, cell)."""
-    cell, cells = _cells(headings)
+    cell, cells = profile_cells(headings)
     flight = headings["flight"].to_numpy().astype(np.int64)
     row, size = aircraft_of_report(headings), headings.sizes["aircraft"]
     inside = np.where(cell >= 0, row * cells + cell, -1)
@@ -147,8 +149,21 @@ def _block_sums(
     return found
 
 
-def _cells(headings: xr.Dataset) -> tuple[NDArray[np.int64], int]:
-    """Phase and layer of every report as one number, -1 where it does not count."""
+def profile_cells(headings: xr.Dataset) -> tuple[NDArray[np.int64], int]:
+    """Phase and layer of every report as one number, -1 where it does not count.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened.
+
+    Returns
+    -------
+    array of int, shape (report,)
+        Phase times the number of layers, plus the layer from the ground up.
+    int
+        Number of cells.
+    """
     bits = sum(SCREENING[name] for name in _UNUSABLE)
     usable = (headings["screening"].to_numpy() & bits) == 0
     layers = len(LEVEL_EDGES_HPA) - 1
@@ -156,7 +171,7 @@ def _cells(headings: xr.Dataset) -> tuple[NDArray[np.int64], int]:
     layer = np.digitize(-headings["pressure"].to_numpy() / 100.0, -np.array(LEVEL_EDGES_HPA)) - 1
     phase = headings["phase"].to_numpy().astype(np.int64)
     cell = np.where(usable & (layer >= 0) & (layer < layers), phase * layers + layer, -1)
-    return np.asarray(cell, dtype=np.int64), len(PHASE) * layers
+    return np.asarray(cell, dtype=np.int64), CELLS
 
 
 def _squares(wind: tuple[Any, ...], reference: tuple[Any, ...]) -> dict[str, Any]:

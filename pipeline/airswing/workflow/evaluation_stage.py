@@ -15,6 +15,7 @@ from airswing.products.netcdf import write_json, write_product
 from airswing.workflow.job import (
     FIELD_TEST,
     HEADINGS,
+    OBSERVATION_ERRORS,
     PROFILES,
     SENSITIVITY,
     Job,
@@ -37,12 +38,13 @@ def make_evaluation(
     Returns
     -------
     dict
-        ``profiles``, ``stability``, ``ranking``, ``virtual``, and ``field_test`` and
-        ``sensitivity`` where there are groups and more than one reference; the keywords of
-        :func:`airswing.report.run.page.write_page`.
+        ``profiles``, ``observation_errors``, ``stability``, ``ranking``, ``virtual``, and
+        ``field_test`` and ``sensitivity`` where there are groups and more than one reference; the
+        keywords of :func:`airswing.report.run.page.write_page`.
     """
     found: dict[str, Any] = {
         "profiles": make_profiles(job, headings, corrected),
+        "observation_errors": make_observation_errors(job, headings, corrected),
         "stability": make_stability(job, headings, fits),
         "ranking": make_ranking(job, headings, fits),
     }
@@ -78,6 +80,35 @@ def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.D
             source_uuids=[headings.attrs["uuid"], corrected.attrs["uuid"]],
         )
     return profiles
+
+
+def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
+    """Error of the reports alone, by phase of flight and layer: ``observation_errors.nc``.
+
+    Parameters
+    ----------
+    job : Job
+    headings, corrected : Dataset
+
+    Returns
+    -------
+    Dataset
+    """
+    from airswing.evaluation.report_errors.observation_errors import observation_errors
+
+    with job.progress.stage("observation errors") as stage:
+        found = observation_errors(
+            headings, corrected, pools=job.config.pools(), reference=main_reference(job.config)
+        )
+        write_product(
+            found,
+            job.output / OBSERVATION_ERRORS,
+            title="Standard error of a wind component of the reports alone",
+            config_json=as_json(job.config),
+            source_uuids=[headings.attrs["uuid"], corrected.attrs["uuid"]],
+        )
+        stage.note = found.attrs["believed"] or found.attrs["believed_because"]
+    return found
 
 
 def make_field_test(job: Job, headings: xr.Dataset | None = None) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from airswing.workflow.progress import Progress, StageRecord
 HEADINGS, FITS, CORRECTED = "headings.nc", "fits.nc", "corrected.nc"
 GAP_INPUTS = "gap_inputs.nc"
 PROFILES, FIELD_TEST, SENSITIVITY = "error_profiles.nc", "field_test.json", "sensitivity.json"
+OBSERVATION_ERRORS = "observation_errors.nc"
 
 COLLOCATING = (
     "airswing.reports.report_blocks",

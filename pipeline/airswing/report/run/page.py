@@ -49,6 +49,7 @@ from airswing.report.run.page_numbers import (
     screening_audit,
 )
 from airswing.report.run.reading_warnings import model_reasons, reading_warnings, tally
+from airswing.report.run.report_errors import report_errors_section
 from airswing.report.run.selection import adds_error, headline_reference, one_fit
 from airswing.report.run.stability_sections import ranking_section, stability_section
 
@@ -74,6 +75,7 @@ def write_page(
     stability: Mapping[str, Any] | None = None,
     ranking: Sequence[Mapping[str, Any]] | None = None,
     virtual: Mapping[str, Any] | None = None,
+    observation_errors: xr.Dataset | None = None,
 ) -> Path:
     """Write the page of a run, ``index.html``, into its folder.
 
@@ -95,6 +97,8 @@ def write_page(
         ``error_profiles.nc``.
     stability, virtual : mapping, optional
         Contents of ``stability.json`` and ``virtual_field_test.json``.
+    observation_errors : Dataset, optional
+        ``observation_errors.nc``.
     ranking : sequence of mapping, optional
         Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
 
@@ -120,6 +124,7 @@ def write_page(
         field_test_section(field_test),
         sensitivity_section(sensitivity),
         profiles_section(profiles, reference),
+        report_errors_section(observation_errors),
         _places_section(headings),
         _audit_section(headings),
         _run_section(summary, headings),
@@ -152,6 +157,7 @@ PRODUCTS = {
     "field_test.json": "field test (JSON)",
     "sensitivity.json": "sensitivity to the reference (JSON)",
     "error_profiles.nc": "error profiles (NetCDF)",
+    "observation_errors.nc": "the reports' own error by phase of flight and layer (NetCDF)",
     "gap/index.html": "the sim-to-real gap (page)",
     "postprocess/index.html": "forecasts corrected after the fact (page)",
 }

@@ -1,0 +1,285 @@
+"""What reports and references disagree by, laid out by day, cell and class of aircraft.
+
+Assumes screened headings and their correction with reports in the same order. A cell is a phase of
+flight in a layer of pressure (those of :mod:`airswing.evaluation.profiles`). A report counts where
+it has a reported wind, a corrected one (what could not be corrected is left out) and every
+reference asked for. Aircraft are put in classes by their disagreement, each in one of its own while
+there are few. Of archives too large to pair whole days are taken, evenly spread. m/s, m2/s2,
+degrees, Pa, seconds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.profiles import CELLS, STATES, profile_cells
+from airswing.evaluation.report_errors.neighbours import half_squares, neighbouring_pairs
+from airswing.evaluation.report_errors.separation import PairTable
+from airswing.flags import CORRECTION
+from airswing.products.ragged import aircraft_of_report, blocks
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MOST_REPORTS, MOST_PAIRS, MOST_CLASSES = 1_000_000, 800_000, 40
+SPEED_BINS = 100
+"""Of 1 m/s, for the median speed of a layer."""
+_NAMES = (
+    "eastward_wind",
+    "northward_wind",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+    "latitude",
+    "longitude",
+    "pressure",
+    "time",
+    "phase",
+    "screening",
+)
+_CORRECTED = ("corrected_eastward_wind", "corrected_northward_wind")
+_APPLIED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
+
+
+@dataclass(frozen=True)
+class Disagreements:
+    """Sums over all reports, and the reports that are paired.
+
+    Parameters
+    ----------
+    days : array of datetime64[D], shape (day,)
+    number : array, shape (cell, day)
+    squares : array, shape (state, cell, day)
+        Summed squared disagreement with the reference, mean of both components.
+    products : array, shape (combination, state, cell, day)
+        Summed products of disagreements with two references, mean of both components, by
+        `combinations_with_replacement` of the members.
+    aircraft_number : array, shape (aircraft, cell)
+    aircraft_day_number : array, shape (aircraft, day)
+    aircraft_squares : array, shape (state, aircraft, day)
+    speeds : array, shape (cell, speed bin)
+    reports : dict of arrays, shape (report,)
+        ``latitude, longitude, pressure, time, aircraft, cell, day`` and, of the corrected winds,
+        ``east, north``: disagreement, m/s.
+    """
+
+    days: NDArray[np.datetime64]
+    number: Floats
+    squares: Floats
+    products: Floats
+    aircraft_number: Floats
+    aircraft_day_number: Floats
+    aircraft_squares: Floats
+    speeds: Floats
+    reports: dict[str, NDArray[Any]]
+
+
+def disagreements(
+    headings: xr.Dataset, corrected: xr.Dataset, members: list[str], pool: list[str]
+) -> Disagreements:
+    """Lay out an archive, some whole aircraft at a time.
+
+    Parameters
+    ----------
+    headings, corrected : Dataset
+        In memory or opened lazily.
+    members : list of str
+        References compared with each other.
+    pool : list of str
+        References whose mean the pairs are held against.
+
+    Returns
+    -------
+    Disagreements
+    """
+    every = _days(headings)
+    stride = -(-headings.sizes["report"] // MOST_REPORTS)
+    stride += stride > 1 and stride % 7 == 0  # no day of the week stands for all
+    parts, first = [], 0
+    mended = blocks(corrected, [*_CORRECTED, "correction_applied"])
+    sums = _Sums(len(every), headings.sizes["aircraft"], len(members))
+    for block, better in zip(blocks(headings, list(_NAMES)), mended, strict=True):
+        columns = _columns(block, better, members, pool, every)
+        columns["aircraft"] += first
+        sums.add(columns)
+        kept = columns["day"] % stride == 0
+        parts.append({name: columns[name][kept] for name in _KEPT})
+        first += block.sizes["aircraft"]
+    reports = {name: np.concatenate([part[name] for part in parts]) for name in _KEPT}
+    return sums.of(every, reports)
+
+
+_KEPT = ("latitude", "longitude", "pressure", "time", "aircraft", "cell", "day", "east", "north")
+
+
+def _days(headings: xr.Dataset) -> NDArray[np.datetime64]:
+    """Days with reports, in order."""
+    found = [
+        np.unique(block["time"].to_numpy().astype("datetime64[D]"))
+        for block in blocks(headings, ["time"])
+    ]
+    days = np.unique(np.concatenate(found)) if found else np.empty(0, "datetime64[D]")
+    return np.asarray(days[~np.isnat(days)])
+
+
+def _columns(
+    block: xr.Dataset,
+    better: xr.Dataset,
+    members: list[str],
+    pool: list[str],
+    days: NDArray[np.datetime64],
+) -> dict[str, NDArray[Any]]:
+    """Usable reports of a block."""
+    cell, _ = profile_cells(block)
+    model = reference_mean(block, pool)
+    wind = {
+        "reported": [block[name].to_numpy() for name in _NAMES[:2]],
+        "corrected": [better[name].to_numpy() for name in _CORRECTED],
+    }
+    names = [f"reference_{way}_wind" for way in ("eastward", "northward")]
+    pooled = [model[name].to_numpy() for name in names]
+    single = [
+        [block[name].sel(reference=member).to_numpy() for name in names] for member in members
+    ]
+    every = [
+        *wind["reported"],
+        *wind["corrected"],
+        *pooled,
+        *(part for one in single for part in one),
+    ]
+    good = (cell >= 0) & np.all(np.isfinite(every), axis=0)
+    if "correction_applied" in better:
+        good &= np.isin(better["correction_applied"].to_numpy(), _APPLIED)
+    time = block["time"].to_numpy()
+    found = {
+        name: block[name].to_numpy()[good].astype(np.float64)
+        for name in ("latitude", "longitude", "pressure")
+    }
+    found["time"] = time[good].astype("datetime64[ms]").astype(np.float64) / 1000.0
+    found["day"] = np.searchsorted(days, time[good].astype("datetime64[D]"))
+    found["cell"], found["aircraft"] = cell[good], aircraft_of_report(block)[good].copy()
+    for state, (u, v) in wind.items():
+        found[state] = np.stack([(u - pooled[0])[good], (v - pooled[1])[good]]).astype(np.float64)
+        found[f"{state}_of_each"] = np.array(
+            [[(u - east)[good], (v - north)[good]] for east, north in single], dtype=np.float64
+        )
+    found["east"], found["north"] = found["corrected"]
+    found["speed"] = np.hypot(*(part[good] for part in pooled)).astype(np.float64)
+    return found
+
+
+class _Sums:
+    """Sums of reports as blocks come."""
+
+    def __init__(self, days: int, aircraft: int, members: int) -> None:
+        self.combinations = list(combinations_with_replacement(range(members), 2))
+        cells = CELLS
+        self.number = np.zeros((cells, days))
+        self.squares = np.zeros((len(STATES), cells, days))
+        self.products = np.zeros((len(self.combinations), len(STATES), cells, days))
+        self.aircraft_number = np.zeros((aircraft, cells))
+        self.aircraft_day_number = np.zeros((aircraft, days))
+        self.aircraft_squares = np.zeros((len(STATES), aircraft, days))
+        self.speeds = np.zeros((cells, SPEED_BINS))
+
+    def add(self, columns: dict[str, NDArray[Any]]) -> None:
+        """Add a block's reports."""
+        day, cell, aircraft = columns["day"], columns["cell"], columns["aircraft"]
+        ones = np.ones(day.size)
+        self.number += _summed(cell, day, ones, self.number.shape)
+        self.aircraft_number += _summed(aircraft, cell, ones, self.aircraft_number.shape)
+        shape = self.aircraft_day_number.shape
+        self.aircraft_day_number += _summed(aircraft, day, ones, shape)
+        speed = np.minimum(columns["speed"], SPEED_BINS - 1).astype(np.int64)
+        self.speeds += _summed(cell, speed, ones, self.speeds.shape)
+        for place, state in enumerate(STATES):
+            square = 0.5 * (columns[state] ** 2).sum(axis=0)
+            self.squares[place] += _summed(cell, day, square, self.number.shape)
+            self.aircraft_squares[place] += _summed(aircraft, day, square, shape)
+            for row, (one, two) in enumerate(self.combinations):
+                each = columns[f"{state}_of_each"]
+                product = 0.5 * (each[one] * each[two]).sum(axis=0)
+                self.products[row, place] += _summed(cell, day, product, self.number.shape)
+
+    def of(self, days: NDArray[np.datetime64], reports: dict[str, NDArray[Any]]) -> Disagreements:
+        """All of it."""
+        return Disagreements(
+            days,
+            self.number,
+            self.squares,
+            self.products,
+            self.aircraft_number,
+            self.aircraft_day_number,
+            self.aircraft_squares,
+            self.speeds,
+            reports,
+        )
+
+
+def _summed(first: Ints, second: Ints, values: Floats, shape: tuple[int, ...]) -> Floats:
+    flat = np.bincount(first * shape[1] + second, weights=values, minlength=shape[0] * shape[1])
+    return np.asarray(flat, dtype=np.float64).reshape(shape)
+
+
+def aircraft_classes(found: Disagreements) -> Ints:
+    """Class of every aircraft: one of its own, or with those that disagree as much.
+
+    Parameters
+    ----------
+    found : Disagreements
+
+    Returns
+    -------
+    array of int, shape (aircraft,)
+    """
+    number = found.aircraft_number.sum(axis=1)
+    square = found.aircraft_squares[-1].sum(axis=1) / np.maximum(number, 1.0)
+    order = np.argsort(square, kind="stable")
+    classes = np.empty(number.size, dtype=np.int64)
+    size = min(MOST_CLASSES, number.size)
+    classes[order] = np.arange(number.size) * size // max(number.size, 1)
+    return classes
+
+
+def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
+    """Pair the neighbouring reports of every day.
+
+    Parameters
+    ----------
+    found : Disagreements
+    classes : array of int, shape (aircraft,)
+
+    Returns
+    -------
+    PairTable
+    """
+    table = found.reports
+    order = np.argsort(table["day"], kind="stable")
+    edges = np.searchsorted(table["day"][order], np.arange(found.days.size + 1))
+    rng, most = np.random.default_rng(0), max(MOST_PAIRS // max(found.days.size, 1), 1)
+    parts = []
+    for day in range(found.days.size):
+        rows = order[edges[day] : edges[day + 1]]
+        own = {name: values[rows] for name, values in table.items()}
+        pairs = neighbouring_pairs(
+            own["latitude"], own["longitude"], own["pressure"], own["time"], own["aircraft"]
+        )
+        if pairs.first.size > most:
+            pairs = pairs.some(np.sort(rng.permutation(pairs.first.size)[:most]))
+        ends = np.column_stack([pairs.first, pairs.second])
+        parts.append(
+            (
+                np.full(pairs.first.size, day),
+                own["cell"][ends],
+                classes[own["aircraft"][ends]],
+                pairs.separation,
+                half_squares(own["east"], own["north"], pairs),
+            )
+        )
+    return PairTable(*(np.concatenate(column) for column in zip(*parts, strict=True)))

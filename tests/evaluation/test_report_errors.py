@@ -1,0 +1,239 @@
+"""The reports' own error: neighbours by hand, fields of known error, a simulated archive."""
+
+import benchmarks.observation_errors as archive
+import numpy as np
+import pytest
+import xarray as xr
+
+from airswing.evaluation.day_blocks import block_weights, interval, widened
+from airswing.evaluation.report_errors.neighbours import REACH, half_squares, neighbouring_pairs
+from airswing.evaluation.report_errors.observation_errors import observation_errors
+from airswing.evaluation.report_errors.used_errors import used_error
+from airswing.products.netcdf import read_product, write_product
+from airswing.report.run.report_errors import report_errors_section, worth_sentence
+
+
+def pairs_of(latitude, longitude, pressure, time, aircraft):
+    arrays = (np.asarray(part, dtype=float) for part in (latitude, longitude, pressure, time))
+    return neighbouring_pairs(*arrays, np.asarray(aircraft))
+
+
+def test_neighbours_by_hand():
+    # 0.1 degree of longitude on the equator is 11.12 km; the third is 33 km off, the fourth late.
+    found = pairs_of(
+        [0, 0, 0, 0, 0],
+        [179.95, -179.95, 179.65, 179.95, 179.95],
+        [50_000, 50_500, 50_000, 50_000, 50_000],
+        [0, 60, 0, 1400, 10],
+        [0, 1, 1, 1, 0],
+    )
+    assert sorted(zip(found.first.tolist(), found.second.tolist(), strict=True)) == [(0, 1), (1, 4)]
+    distance, depth, late = found.separation[found.first.tolist().index(0)]
+    assert distance * REACH[0] == pytest.approx(11_120, rel=1e-3)
+    assert depth * REACH[1] == pytest.approx(np.log(1.01))
+    assert late * REACH[2] == pytest.approx(60.0)
+    squares = half_squares(np.array([1.0, 4, 0, 0, 2]), np.array([0.0, -1, 0, 0, 0]), found)
+    assert sorted(squares) == pytest.approx([0.25 * (4 + 1), 0.25 * (9 + 1)])
+
+
+def test_blocks_keep_what_lasts():
+    rng = np.random.default_rng(1)
+    lasting = np.repeat(rng.normal(size=200), 6)
+    weights = block_weights(1200, draws=2000, seed=0)
+    assert weights.mean() == pytest.approx(1.0, abs=0.01)
+    # Blocks of 11 days see most of what six successive days share; single days see none.
+    true = lasting.reshape(-1, 6).mean(axis=1).std() / np.sqrt(200)
+    drawn = (weights @ lasting / 1200).std()
+    alone = (block_weights(1200, draws=2000, seed=0, block=1) @ lasting / 1200).std()
+    assert 0.8 * true < drawn < 1.05 * true
+    assert alone < 0.5 * true
+
+
+def test_few_blocks_widen_the_interval_as_students_t_does():
+    drawn = np.concatenate([[0.0], np.random.default_rng(0).normal(size=20_000)])
+    low, high = interval(widened(drawn, 27)[1:])
+    assert (high - low) / 2 == pytest.approx(2.306, rel=0.03)  # 9 blocks of 3 days
+
+
+def made(seed, *, days=30, aircraft=8, references=(("a", 2.0),), shared=0.0, own=0.5, far=False):
+    """Aircraft over one place in smooth errors of references: own is the reports' true error."""
+    rng = np.random.default_rng(seed)
+    meet, size = 12, days * 12
+    day = np.repeat(np.arange(days), meet)
+    waves = rng.normal(size=(len(references) + 1, 2, days, 6, 3))
+
+    def field(number, x, y, t):
+        """Sum of waves some 150 km long, drawn anew each day."""
+        angle = rng_angle[number]
+        total = np.zeros((2, x.size))
+        for k in range(6):
+            phase = (x * np.cos(angle[k]) + y * np.sin(angle[k])) / 60.0 + t / 3.0
+            amplitude = waves[number][:, day_of, k]
+            total += amplitude[..., 0] * np.sin(phase) + amplitude[..., 1] * np.cos(phase)
+        return total / np.sqrt(6.0)
+
+    rng_angle = rng.uniform(0, 2 * np.pi, (len(references) + 1, 6))
+    columns = {name: [] for name in ("x", "y", "t", "day")}
+    for number in range(aircraft):
+        offset = 500.0 * number if far else 0.0
+        columns["x"].append(rng.uniform(-40, 40, size) + offset)
+        columns["y"].append(rng.uniform(-40, 40, size))
+        columns["t"].append(np.tile(np.arange(meet) * 1.5, days) + rng.uniform(0, 0.5, size))
+        columns["day"].append(day)
+    x, y, t = (np.concatenate(columns[name]) for name in ("x", "y", "t"))
+    day_of = np.concatenate(columns["day"])
+    common = np.sqrt(shared) * field(len(references), x, y, t)
+    winds = [spread * field(k, x, y, t) + common for k, (_, spread) in enumerate(references)]
+    noise = own * rng.normal(size=(2, x.size))
+    fault = np.repeat(rng.normal(0, 2.0, (2, aircraft)), size, axis=1)
+    time = np.datetime64("2009-01-01", "ns") + (day_of * 86400e9 + t * 3600e9).astype(int)
+    one, sizes = ("report",), np.full(aircraft, size)
+    headings = xr.Dataset(
+        {
+            "latitude": (one, 40.0 + y / 111.2),
+            "longitude": (one, -90.0 + x / (111.2 * np.cos(np.radians(40)))),
+            "pressure": (one, rng.uniform(44_000, 46_000, x.size)),
+            "time": (one, time.astype("datetime64[ns]")),
+            "phase": (one, np.full(x.size, 2, dtype=np.int8)),
+            "screening": (one, np.zeros(x.size, dtype=np.int32)),
+            "eastward_wind": (one, 20.0 + noise[0] + fault[0]),
+            "northward_wind": (one, noise[1] + fault[1]),
+            "reference_eastward_wind": (
+                ("reference", "report"),
+                np.array([w[0] for w in winds]) + 20.0,
+            ),
+            "reference_northward_wind": (("reference", "report"), np.array([w[1] for w in winds])),
+            "row_size": ("aircraft", sizes),
+        },
+        coords={
+            "reference": [name for name, _ in references],
+            "aircraft": [f"N{k}" for k in range(aircraft)],
+        },
+    )
+    corrected = xr.Dataset(
+        {
+            "corrected_eastward_wind": (one, 20.0 + noise[0]),
+            "corrected_northward_wind": (one, noise[1]),
+            "row_size": ("aircraft", sizes),
+        }
+    )
+    return headings, corrected, np.sqrt(0.5 * ((noise + fault) ** 2).sum(axis=0).mean())
+
+
+def test_one_reference_and_neighbours():
+    headings, corrected, reported = made(3)
+    found = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
+    assert found.attrs["believed"] == "separation"
+    before, after = found["fleet_observation_error"].to_numpy()
+    assert after == pytest.approx(0.5, rel=0.1)
+    assert before == pytest.approx(reported, rel=0.05)
+    low, high = found["fleet_observation_error_interval"].sel(state="corrected").to_numpy()
+    assert low < 0.5 < high and high - low < 0.2
+    gain = found["fleet_weight_gain"].item()
+    assert gain == pytest.approx((before / after) ** 2)
+    hat = found["fleet_observation_error_by_method"].sel(way="three_cornered_hat")
+    assert bool(hat.isnull().all())
+    cell = found["observation_error"].sel(flight_phase="cruise", state="corrected").to_numpy()
+    assert np.isfinite(cell).sum() == 1 and cell[5] == pytest.approx(after, rel=1e-6)
+    filled = found["observation_error_filled"].sel(state="corrected").to_numpy()
+    assert np.isfinite(filled).all() and filled[1, 0] == pytest.approx(after)
+
+
+def test_two_references_of_independent_error_make_a_hat():
+    headings, corrected, reported = made(5, references=(("a", 2.0), ("b", 1.5)), far=True, days=60)
+    pools = {"a": ["a"], "b": ["b"], "a+b": ["a", "b"]}
+    found = observation_errors(headings, corrected, pools=pools, reference="a+b")
+    assert found.attrs["believed"] == "three_cornered_hat"
+    assert "too few aircraft meet" in found.attrs["believed_because"]
+    before, after = found["fleet_observation_error"].to_numpy()
+    low, high = found["fleet_observation_error_interval"].sel(state="corrected").to_numpy()
+    assert low < 0.5 < high and after < 0.8
+    assert before == pytest.approx(reported, rel=0.1)
+
+
+def test_references_that_err_together_are_found_out():
+    headings, corrected, _ = made(7, references=(("a", 1.5), ("b", 1.5)), shared=1.0, days=40)
+    pools = {"a": ["a"], "b": ["b"], "a+b": ["a", "b"]}
+    found = observation_errors(headings, corrected, pools=pools, reference="a+b")
+    assert found.attrs["believed"] == "separation"
+    assert found["fleet_observation_error"].sel(state="corrected").item() == pytest.approx(
+        0.5, rel=0.12
+    )
+    hat = found["fleet_observation_error_by_method"].sel(
+        way="three_cornered_hat", state="corrected"
+    )
+    assert hat.item() > 0.9
+    low, high = found["reference_error_covariance_interval"].to_numpy()
+    assert 0.3 < low < found["reference_error_covariance"].item() < high < 2.0
+    told = observation_errors(
+        headings,
+        corrected,
+        pools=pools,
+        reference="a+b",
+        covariance=found["reference_error_covariance"].item(),
+    )
+    taken = told["fleet_observation_error_by_method"].sel(
+        way="three_cornered_hat", state="corrected"
+    )
+    assert taken.item() == pytest.approx(
+        found["fleet_observation_error"].sel(state="corrected").item(), rel=1e-6
+    )
+
+
+def test_one_day_of_one_reference_says_nothing_and_says_so(tmp_path):
+    headings, corrected, _ = made(1, days=1)
+    found = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
+    assert found.attrs["believed"] == ""
+    assert bool(found["observation_error"].isnull().all())
+    assert "Not known" in report_errors_section(found).lead
+
+
+def test_what_could_not_be_corrected_does_not_count():
+    headings, corrected, _ = made(3, days=10)
+    applied = np.zeros(headings.sizes["report"], dtype=np.int8)
+    applied[: headings["row_size"].to_numpy()[0]] = 1
+    found = observation_errors(
+        headings,
+        corrected.assign(correction_applied=("report", applied)),
+        pools={"a": ["a"]},
+        reference="a",
+    )
+    own = found["aircraft_observation_error"].sel(state="corrected").to_numpy()
+    assert np.isnan(own[0]) and np.isfinite(own[1:]).all()
+    assert int(found["observation_count"].sel(flight_phase="all").sum()) == (applied == 0).sum()
+
+
+def test_figures_others_use():
+    assert used_error("wrfda_tamdar", [10_000, 20_000, 70_000, 100_000]).tolist() == [
+        3.6,
+        3.2,
+        2.7,
+        2.3,
+    ]
+    assert used_error("wrfda_tamdar", 17_500) == pytest.approx(3.4)
+    assert used_error("nam_tamdar", 70_000) == 4.80
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    return archive.simulated(11, days=16, aircraft=12)
+
+
+def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
+    reported, right = simulated
+    headings, corrected = archive.datasets(reported, right)
+    found = observation_errors(headings, corrected, pools=archive.POOLS, reference="ruc+rtfdaa")
+    for state, frame, share in (("reported", reported, 0.05), ("corrected", right, 0.2)):
+        true, _ = archive.truth(frame, headings)
+        own = found.sel(state=state)
+        assert own["fleet_observation_error"].item() == pytest.approx(true, rel=share)
+        low, high = own["fleet_observation_error_interval"].to_numpy()
+        assert low < true < high
+    assert found.attrs["believed"] == "separation"
+    write_product(found, tmp_path / "observation_errors.nc", title="errors")
+    product = read_product(tmp_path / "observation_errors.nc")
+    assert product["observation_error"].dims == ("flight_phase", "layer", "state")
+    assert product["observation_error"].attrs["units"] == "m s-1"
+    assert product["state"].to_numpy().tolist() == ["reported", "corrected"]
+    section = report_errors_section(product)
+    assert "weighs as" in worth_sentence(product) and len(section.parts) == 3
