@@ -56,6 +56,7 @@ ORDER = (
     "report/forecasts",
     "report/gap",
     "workflow",
+    "workflow/forecasts",
     "blind_check",
 )
 #: Folders whose ``__init__`` only hands on what stands in their rooms.

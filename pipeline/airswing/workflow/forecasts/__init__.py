@@ -1,0 +1,1 @@
+"""The job of correcting forecasts after the fact."""
