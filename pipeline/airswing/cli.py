@@ -186,6 +186,9 @@ def export(
     platform: Annotated[
         str | None, typer.Option(help="TAMDAR, AMDAR, ACARS or AIREP; else by source.")
     ] = None,
+    identifiers: Annotated[
+        str | None, typer.Option(help="tail, or number: five digits an aircraft.")
+    ] = None,
     start: Annotated[str | None, typer.Option(help="First time (ISO 8601, UTC).")] = None,
     end: Annotated[str | None, typer.Option(help="First time no longer taken.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
@@ -199,7 +202,10 @@ def export(
     from airswing.handover.export import export as hand_over
 
     job = _job(config, quiet=quiet)
-    given = {"domain": domain, "platform": platform, "start": start, "end": end}
+    given = {
+        "domain": domain, "platform": platform, "identifiers": identifiers, "start": start,
+        "end": end,
+    }  # fmt: skip
     with job.progress.stage("export") as stage:
         result = hand_over(
             job.output / workflow.CORRECTED,

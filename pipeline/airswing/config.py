@@ -209,6 +209,7 @@ class Handover(_Section):
 
     platform: Literal["auto"] | Platform = "auto"
     aircraft: dict[Platform, list[str]] = {}
+    identifiers: Literal["tail", "number"] = "tail"
     accept: list[Screened] = ["phase", "field_test"]
     domain: int = Field(1, ge=1, le=9)
     start: Moment | None = None

@@ -20,6 +20,7 @@ import airswing
 from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, PHASE, SCREENING
+from airswing.handover.export import as_text
 from airswing.handover.records import time_order
 from tests.handover import obsproc, wrf_nudging, wrfda
 from tests.handover.archives import corrected
@@ -194,10 +195,11 @@ def test_memory_is_cut_into_bins_and_the_file_is_the_same(tmp_path, monkeypatch,
 
 BAD = {
     "no_time": {"time": np.datetime64("NaT", "ns")},
-    "no_position": {"latitude": np.nan},
+    "impossible_time": {"time": np.datetime64("2100-01-01", "ns")},
+    "no_position": {"longitude": np.inf},
     "at_a_pole": {"latitude": 90.0},
     "no_wind": {"corrected_northward_wind": np.nan},
-    "impossible_wind": {"corrected_eastward_wind": 400.0},
+    "impossible_wind": {"corrected_eastward_wind": -np.inf},
     "no_level": {"pressure": np.nan},
     "impossible_level": {"pressure": 2e6},
     "not_corrected_no_fit": {"correction_applied": CORRECTION["no_fit"]},
@@ -363,3 +365,16 @@ def test_the_platform_follows_the_source(tmp_path, formats, code):
     ds = corrected({"N1": 1}).assign_attrs(reading_audit=json.dumps({"formats": formats}))
     airswing.export(ds, to="ob_ascii", path=tmp_path / "f")
     assert wrfda.read((tmp_path / "f").read_text())[0][0]["platform"] == code
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_aircraft_by_number(tmp_path, to):
+    """What is a number stays it; 0000751 and 751 are two aircraft, and the first has the number."""
+    names = ["0000751", "00002", "123456", "751", "N751A", "X"]
+    ds = corrected(dict.fromkeys(names, 1))
+    told = airswing.export(ds, to=to, path=tmp_path / "f", settings=Handover(identifiers="number"))
+    numbers = ["00751", "00002", "00001", "00003", "00004", "00005"]
+    assert told["identifiers"] == dict(zip(names, numbers, strict=True))
+    assert [one["id"] for one in understood(to, tmp_path / "f")] == numbers
+    assert "identifiers" not in airswing.export(ds, to=to, path=tmp_path / "g")
+    assert "N751A 00004, and 1 more" in as_text(told)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["as_text", "export"]
 
 SHOWN = 5
-"""Files named to a person."""
+"""Files, and aircraft, named to a person."""
 
 
 def export(
@@ -45,8 +45,8 @@ def export(
         Name of a format: ``obs_domain`` (WRF observation nudging), ``little_r`` (OBSPROC),
         ``ob_ascii`` (WRFDA) and others; see `airswing export --help`.
     path : path-like
-        File to write. A folder (one that is there, a name that ends in a slash, or any name with
-        ``window``) gets files named as their reader expects them.
+        File to write. A folder (one that is there, a string that ends in a slash, or any name
+        with ``window``) gets files named as their reader expects them.
     winds : {"corrected", "reported"}, default "corrected"
         Which winds to write.
     window : str, optional
@@ -62,7 +62,8 @@ def export(
     -------
     dict
         ``format``, ``files`` with their reports and levels, ``reports``, ``levels``,
-        ``left_out`` (counts by reason) and ``notes``.
+        ``left_out`` (counts by reason), ``platforms``, ``notes``, and ``identifiers`` where
+        aircraft are written as numbers.
 
     Raises
     ------
@@ -148,4 +149,8 @@ def as_text(result: dict[str, Any]) -> str:
     if left_out:
         told = ", ".join(f"{reason.replace('_', ' ')} {n:,}" for reason, n in left_out.items())
         lines.append(f"left out {sum(left_out.values()):,}: {told}")
+    numbers = [f"{name} {number}" for name, number in result.get("identifiers", {}).items()]
+    if numbers:
+        more = [f"and {len(numbers) - SHOWN:,} more (--json)"] if len(numbers) > SHOWN else []
+        lines.append(f"aircraft by number: {', '.join([*numbers[:SHOWN], *more])}")
     return "\n".join([*lines, *result.get("notes", [])])

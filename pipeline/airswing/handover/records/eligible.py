@@ -44,6 +44,8 @@ NEEDED = (
 _REQUIRED = ("time", "latitude", "longitude", "screening", "phase", "flight")
 _POLE = 89.999
 """Degrees: nearer to a pole a wind has no direction a reader could turn."""
+_CENTURIES = tuple(int(np.datetime64(year, "s").astype(np.int64)) for year in ("1900", "2100"))
+"""s since 1970: OBSPROC knows years that begin with 19 or 20."""
 _AS_CORRECTED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
 
 
@@ -137,7 +139,8 @@ def _all_rows(block: xr.Dataset, request: Request) -> NDArray[np.void]:
         unknown = np.isnan(rows["pressure"])
         altitude = block["pressure_altitude"].to_numpy()[unknown]
         rows["pressure"][unknown] = pressure_from_altitude(altitude)
-    rows["longitude"] = (rows["longitude"] + 180.0) % 360.0 - 180.0
+    with np.errstate(invalid="ignore"):  # an infinite longitude becomes none
+        rows["longitude"] = (rows["longitude"] + 180.0) % 360.0 - 180.0
     return rows
 
 
@@ -150,9 +153,16 @@ def _reasons(
     speed = np.hypot(rows["u"], rows["v"])
     low, high = LIMITS["pressure"]
     start, end = request.settings.start, request.settings.end
+    found = [
+        ("no_time", rows["time"] == np.iinfo(np.int64).min),
+        ("impossible_time", (rows["time"] < _CENTURIES[0]) | (rows["time"] >= _CENTURIES[1])),
+    ]
+    if start is not None:
+        found.append(("before_the_period", rows["time"] < start.timestamp()))
+    if end is not None:
+        found.append(("after_the_period", rows["time"] >= end.timestamp()))
     with np.errstate(invalid="ignore"):
-        found = [
-            ("no_time", rows["time"] == np.iinfo(np.int64).min),
+        found += [
             ("no_position", ~(np.abs(rows["latitude"]) <= 90.0) | np.isnan(rows["longitude"])),
             ("at_a_pole", np.abs(rows["latitude"]) > _POLE),
             ("no_wind", np.isnan(speed)),
@@ -163,10 +173,6 @@ def _reasons(
     if request.winds == "corrected":
         found += _uncorrected(block["correction_applied"].to_numpy())
     found += _rejected(block["screening"].to_numpy(), request.settings.accept)
-    if start is not None:
-        found.append(("before_the_period", rows["time"] < start.timestamp()))
-    if end is not None:
-        found.append(("after_the_period", rows["time"] >= end.timestamp()))
     return found
 
 

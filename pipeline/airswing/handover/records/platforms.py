@@ -5,6 +5,10 @@ AMDAR, and tables the reports of the units this package is about, TAMDAR. Where 
 from several kinds of file its Dataset does not tell which aircraft came from which; then the
 configuration or the command has to (``handover: {platform: ..., aircraft: {AMDAR: ["EU*"]}}``).
 
+Identifiers are written as they are, or as numbers of five digits for those who let WRFDA correct
+biases by aircraft (VarBC reads ``00751``, and stops at ``N751A``): an aircraft that is called by a
+number keeps it, the others get those that are free, in their order.
+
 The code behind ``FM-`` decides what a reader does: OBSPROC and WRFDA take 101 as ``tamdar``, 42, 96
 and 97 as ``airep`` (var/obsproc/src/fm_decoder.F90), each with error tables and rules of its own.
 """
@@ -20,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.handover.records.fixed_columns import Lines, text_table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,19 +37,23 @@ CODES = {
 }  # fmt: skip
 """What stands in LITTLE_R and ob.ascii."""
 LONGEST_IDENTIFIER = 40
+LARGEST_NUMBER = 99_999
 _OF_FORMAT = {"csv": "TAMDAR", "parquet": "TAMDAR", "madis": "ACARS", "bufr": "AMDAR"}
 
 
-def identifiers(corrected: xr.Dataset) -> Lines:
+def identifiers(corrected: xr.Dataset, settings: Handover) -> list[str]:
     """Identifiers of all aircraft, as every format holds them.
 
     Parameters
     ----------
     corrected : Dataset
+    settings : Handover
+        ``identifiers``: ``tail`` or ``number``.
 
     Returns
     -------
-    array of uint8, shape (aircraft, 40)
+    list of str
+        In the order of the aircraft, up to 40 characters each.
 
     Raises
     ------
@@ -63,7 +70,19 @@ def identifiers(corrected: xr.Dataset) -> Lines:
                 found=ascii(name[:120]),
                 remedy="Give the aircraft a shorter name in the reports and run again",
             )
-    return text_table(names, LONGEST_IDENTIFIER)
+    return list(names) if settings.identifiers == "tail" else _numbers(names)
+
+
+def _numbers(names: Sequence[str]) -> list[str]:
+    if len(names) > LARGEST_NUMBER:
+        raise InputError("more aircraft than numbers of five digits", found=len(names))
+    own: dict[int, str] = {}
+    for name in names:
+        if name.isdigit() and 0 < int(name) <= LARGEST_NUMBER:
+            own.setdefault(int(name), name)
+    number_of = {name: number for number, name in own.items()}
+    free = (number for number in range(1, LARGEST_NUMBER + 1) if number not in own)
+    return [f"{number_of.get(name) or next(free):05d}" for name in names]
 
 
 def platforms(corrected: xr.Dataset, settings: Handover) -> NDArray[np.int8]:

@@ -28,7 +28,12 @@ from airswing.handover.records.fixed_columns import (
     put_text,
     text_table,
 )
-from airswing.handover.records.platforms import PLATFORMS, identifiers, platforms
+from airswing.handover.records.platforms import (
+    LONGEST_IDENTIFIER,
+    PLATFORMS,
+    identifiers,
+    platforms,
+)
 from airswing.handover.records.registry import Request
 from airswing.handover.records.soundings import joined_soundings
 from airswing.handover.records.time_order import TimeOrder
@@ -122,7 +127,8 @@ def write_records(request: Request, layout: Layout) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``files``, ``reports``, ``levels``, ``platforms`` and ``left_out`` (counts by name).
+        ``files``, ``reports``, ``levels``, ``platforms`` and ``left_out`` (counts by name), and
+        ``identifiers`` where aircraft are written as numbers.
 
     Raises
     ------
@@ -148,7 +154,8 @@ def _write(request: Request, layout: Layout, folder: Path) -> dict[str, Any]:
     from airswing.products.ragged import blocks
 
     ds = request.corrected
-    fleet = identifiers(ds), platforms(ds, request.settings)
+    written = identifiers(ds, request.settings)
+    fleet = text_table(written, LONGEST_IDENTIFIER), platforms(ds, request.settings)
     order = TimeOrder(folder / "bins", (one["time"].to_numpy() for one in blocks(ds, ["time"])))
     left_out: Counter[str] = Counter()
     windows: set[int] = set()
@@ -167,6 +174,8 @@ def _write(request: Request, layout: Layout, folder: Path) -> dict[str, Any]:
     _fill(order, place, request, layout, fleet)
     for file in files:
         _publish(file)
+    aircraft = ds["aircraft"].to_numpy().astype(str)
+    table = dict(zip(aircraft.tolist(), written, strict=True))
     total: Counter[str] = Counter()
     for file in files:
         total.update(file.platforms)
@@ -176,6 +185,7 @@ def _write(request: Request, layout: Layout, folder: Path) -> dict[str, Any]:
         "levels": sum(file.levels for file in files),
         "platforms": dict(total),
         "left_out": dict(left_out),
+        **({"identifiers": table} if request.settings.identifiers == "number" else {}),
     }
 
 
