@@ -14,11 +14,12 @@ from tests.gap.toy import make_frame
 from airswing.blind_check import Plan, baselines, gap_check
 from airswing.blind_check.check_figures import check_figure, confusion, wilson
 from airswing.blind_check.check_report import as_markdown, short_text, write_reports
+from airswing.blind_check.scoring import draws
 from airswing.errors import InputError
 from airswing.synthetic.sample.sample_archive import simulate_arrays
 from airswing.synthetic.sealed import sealed_archives as archives
 from airswing.synthetic.sealed.cases import Case, Size, World
-from airswing.synthetic.sealed.draws import CATALOGUE_NAMES, Drawn
+from airswing.synthetic.sealed.draws import Drawn
 from airswing.synthetic.sealed.injection import real_sensor, sensor_record, with_real_sensor
 from airswing.synthetic.sealed.sealed_archives import Archivist, strength_of, twin_closure
 from airswing.synthetic.sealed.sealing import digest_of
@@ -32,7 +33,8 @@ PLAN = Plan(10, 4, True, rungs=(1, 3),
 
 
 def drawn(name, tails, **parameters):
-    return Drawn(name, ({"name": name, "tails": tails, "parameters": parameters, "period": None},))
+    one = {"name": name, "tails": tails, "parameters": parameters, "period": None}
+    return Drawn(name, (one,), draws()[name])
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +96,7 @@ def test_nothing_handed_to_the_diagnosis_tells_the_effect(checked):
         folder = entry["config"].parent
         paths = " ".join(str(path.relative_to(root)) for path in folder.rglob("*"))
         text = entry["config"].read_text() + paths
-        assert not any(name in text for name in (*CATALOGUE_NAMES, "outside"))
+        assert not any(name in text for name in (*draws(), "outside"))
         assert "null" not in text and "sealed" not in text
         assert not (folder / "truth").exists()
 

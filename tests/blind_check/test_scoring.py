@@ -23,12 +23,12 @@ from airswing.blind_check.reliability_table import (
 from airswing.blind_check.scoring import (
     aircraft_overlap,
     date_error,
+    draws,
     log_score,
     parameter_errors,
     score_case,
 )
 from airswing.errors import InputError
-from airswing.synthetic.sealed.draws import CATALOGUE_NAMES
 from airswing.synthetic.sealed.sealing import digest_of, open_seal, seal
 
 
@@ -150,7 +150,7 @@ def test_closure_interval_turns_into_one_of_the_reduction():
 
 
 def test_log_score_by_hand():
-    number = len(CATALOGUE_NAMES)
+    number = len(draws())
     assert log_score([], []) == pytest.approx(np.log2(0.999))
     half = [{"name": "hard_iron", "probability": 0.5}]
     rest = (number - 1) * np.log2(0.999)

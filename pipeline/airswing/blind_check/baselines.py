@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.blind_check.scoring import draws
 from airswing.gap.archive.frame import Frame
 from airswing.products.netcdf import write_json
 
@@ -211,22 +212,6 @@ def _training(frame: Frame) -> NDArray[np.bool_]:
     return np.asarray((np.random.default_rng(0).permutation(flights.size) % 3 > 0)[which])
 
 
-_READING: dict[tuple[str, frozenset[str]], str] = {
-    ("across", frozenset({"aircraft"})): "compass_offset",
-    ("across", frozenset({"heading"})): "hard_iron",
-    ("across", frozenset({"icing"})): "heater_current",
-    ("across", frozenset({"date"})): "compass_step",
-    ("across", frozenset({"phase"})): "acceleration_error",
-    ("across", frozenset({"bank"})): "turn_error",
-    ("across", frozenset({"longitude"})): "declination_error",
-    ("along", frozenset({"aircraft"})): "tas_scale",
-    ("along", frozenset({"pressure"})): "altitude_offset",
-    ("along", frozenset({"phase"})): "altitude_offset",
-    ("along", frozenset({"heading"})): "reference_speed_bias",
-}
-"""How a person reads the variable a tree splits on most, beside the aircraft."""
-
-
 def slice_tree(frame: Frame, without: Sequence[str] = ()) -> Claim:
     """Grow a regression tree on slices and read it.
 
@@ -283,7 +268,10 @@ def _read_tree(component: str, weights: Mapping[str, float]) -> str | None:
     lead = "aircraft"
     if other and max(other.values()) > 0.5 * weights.get("aircraft", 0.0):
         lead = max(other, key=lambda name: other[name])
-    return _READING.get((component, frozenset({lead})))
+    for name, how in draws().items():
+        if (component, lead) in how.read_from:
+            return name
+    return None
 
 
 def classifier(frame: Frame, without: Sequence[str] = ()) -> Claim:

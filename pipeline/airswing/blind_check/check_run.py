@@ -145,9 +145,12 @@ class Plan:
 
     def drawn(self) -> list[Case]:
         """Return the cases."""
+        from airswing.blind_check.scoring import draws
+
+        own = {name: how for name, how in draws().items() if not self.names or name in self.names}
         return plan_cases(
-            self.cases, seed=self.seed, size=self.size, rungs=self.played,
-            names=list(self.names) or None, nulls=self.nulls,
+            self.cases, seed=self.seed, size=self.size, draws=own, rungs=self.played,
+            nulls=self.nulls,
         )  # fmt: skip
 
     @property

@@ -26,49 +26,19 @@ import numpy as np
 
 from airswing.blind_check.reliability_table import stated_claims
 from airswing.blind_check.unknown_scores import same_variable, unknown_scores
-from airswing.synthetic.sealed.draws import CATALOGUE_NAMES, FLEET
+from airswing.gap.effects import CATALOGUE
+from airswing.synthetic.sealed.draws import Draw
 from airswing.units import DAY
 
-__all__ = ["PLACES", "PRIMARY", "aircraft_overlap", "parameter_errors", "score_case"]
+__all__ = ["aircraft_overlap", "draws", "parameter_errors", "score_case"]
 
 Label = Mapping[str, Any]
 Gap = Mapping[str, Any]
 
-PRIMARY: dict[str, tuple[str, ...]] = {
-    "compass_offset": ("offset_deg",),
-    "hard_iron": ("amplitude_deg", "phase_deg"),
-    "soft_iron": ("amplitude_deg", "phase_deg"),
-    "compass_step": ("offset_deg", "amplitude_deg", "phase_deg"),
-    "compass_drift": ("rate_deg_per_day",),
-    "heater_current": ("offset_deg", "amplitude_deg", "phase_deg"),
-    "acceleration_error": ("amplitude_deg",),
-    "turn_error": ("amplitude_deg",),
-    "declination_error": ("mean_deg",),
-    "tas_scale": ("scale_percent",),
-    "tas_offset": ("offset_m_s",),
-    "reference_speed_bias": ("bias_percent",),
-    "reference_time_offset": ("offset_h",),
-    "reference_grid_relative": ("fraction",),
-    "altitude_offset": ("offset_ft",),
-    "time_lag": ("offset_s",),
-    "wind_coding": ("step",),
-    "position_coding": ("step",),
-    "outliers": ("fraction",),
-}
-"""Parameters compared with the truth; an amplitude and its phase are compared as one vector."""
 
-PLACES: dict[str, tuple[str, ...]] = {
-    "compass_drift": ("date", "time"),
-    "compass_step": ("date", "time"),
-    "heater_current": ("icing",),
-    "acceleration_error": ("acceleration", "phase"),
-    "turn_error": ("bank",),
-    "reference_time_offset": ("tendency",),
-    "altitude_offset": ("shear", "altitude"),
-    "reference_speed_bias": ("wind_by_height", "wind_speed", "wind"),
-    "reference_grid_relative": ("turned", "wind_direction"),
-}
-"""Variables that place an effect taken out of the catalogue."""
+def draws() -> dict[str, Draw]:
+    """Return how each effect of the catalogue that the check draws is drawn and judged."""
+    return {name: one.draw for name, one in CATALOGUE.items() if one.draw is not None}
 
 
 def score_case(
@@ -101,7 +71,7 @@ def score_case(
     claims = [dict(effect) for effect in gap["effects"]]
     names = list(dict.fromkeys(str(claim["name"]) for claim in claims))
     truth = [name for name in label["names"] if name not in label["without"]]
-    truth = [name for name in truth if name in CATALOGUE_NAMES]
+    truth = [name for name in truth if name in CATALOGUE]
     false = [n for n in names if n not in truth and n not in label["background"]]
     raised = bool(gap["unknown"]["present"])
     score |= {
@@ -168,7 +138,7 @@ def log_score(
     float
         Zero is perfect, -1 a coin for every name.
     """
-    stated = {name: 0.0 for name in CATALOGUE_NAMES if name not in skip}
+    stated = {name: 0.0 for name in draws() if name not in skip}
     for claim in claims:
         if claim["name"] in stated:
             stated[claim["name"]] = max(stated[claim["name"]], float(claim["probability"]))
@@ -177,6 +147,10 @@ def log_score(
         given = probability if name in truth else 1.0 - probability
         total += float(np.log2(np.clip(given, 1e-3, 1 - 1e-3)))
     return total / len(stated)
+
+
+def _how(name: str) -> Draw:
+    return draws().get(name, Draw())
 
 
 def _set_scores(claims: Sequence[Mapping[str, Any]], truth: Sequence[str]) -> dict[str, Any]:
@@ -248,7 +222,7 @@ def _numbers(entries: Sequence[Mapping[str, Any]], key: str) -> list[float]:
 
 def _placed(label: Label, unknown: Mapping[str, Any]) -> bool:
     """Whether a place of the unknown names a variable of the effect, or exactly its aircraft."""
-    wanted = {name for focus in label["focus"] for name in PLACES.get(focus, ())}
+    wanted = {name for focus in label["focus"] for name in _how(focus).places}
     if label["outside"] is not None:
         wanted = set(label["outside"]["variables"])
     tails = {tail for effect in label["effects"] for tail in effect["tails"] or ()}
@@ -270,7 +244,7 @@ def _match_scores(label: Label, claims: Sequence[Mapping[str, Any]]) -> dict[str
         found = [claim for claim in claims if claim["name"] == name]
         if not found:
             continue
-        if name not in FLEET and own[0]["tails"] is not None:
+        if _how(name).whose != "fleet" and own[0]["tails"] is not None:
             overlaps.append(aircraft_overlap(own, found))
         errors += parameter_errors(name, own, found)
         if own[0].get("period"):
@@ -346,11 +320,12 @@ def parameter_errors(
 def _vector(name: str, parameters: Mapping[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Return the primary parameters as orthogonal components."""
     out = []
-    for key in PRIMARY.get(name, ()):
+    compared = _how(name).compared
+    for key in compared:
         if key == "phase_deg":
             continue
         value = float(parameters.get(key) or 0.0)
-        if key == "amplitude_deg" and "phase_deg" in PRIMARY[name]:
+        if key == "amplitude_deg" and "phase_deg" in compared:
             angle = np.radians(float(parameters.get("phase_deg") or 0.0))
             out += [value * np.cos(angle) / np.sqrt(2), value * np.sin(angle) / np.sqrt(2)]
         else:

@@ -8,46 +8,46 @@ from datetime import datetime
 import numpy as np
 import pytest
 
+from airswing.blind_check.scoring import draws
 from airswing.gap.effects import CATALOGUE
 from airswing.synthetic.aircraft.faults import parse_faults
 from airswing.synthetic.aircraft.truth import LITTLE, small_effects
-from airswing.synthetic.sealed.cases import RUNGS, Size, World, plan_cases
-from airswing.synthetic.sealed.draws import (
-    CATALOGUE_NAMES,
-    LADDER,
-    SCALED,
-    Drawn,
-    draw_effect,
-    scaled,
-)
+from airswing.synthetic.sealed.cases import RUNGS, Size, World
+from airswing.synthetic.sealed.cases import plan_cases as plan
+from airswing.synthetic.sealed.draws import Draw, Drawn, Occasion, draw_effect, scaled
 from airswing.synthetic.sealed.sealed_archives import strength_of
 
 TAILS = Size().tails
 START = datetime(2009, 3, 1)
+DRAWS = draws()
 
 
-def draw(name, seed=0, days=40):
-    return draw_effect(
-        name, np.random.default_rng(seed), tails=TAILS, start=START, days=days, step=2
-    )
+def draw(name, seed=0, days=40, **options):
+    rng = np.random.default_rng(seed)
+    occasion = Occasion(tuple(TAILS), START, days)
+    return draw_effect(name, DRAWS[name], rng, occasion, step=2, **options)
+
+
+def plan_cases(*args, **options):
+    return plan(*args, draws=DRAWS, **options)
 
 
 def test_plan_deals_rungs_nulls_and_effects_evenly():
-    plan = plan_cases(160, seed=3, size=Size())
-    rungs = Counter(case.rung for case in plan)
+    planned = plan_cases(160, seed=3, size=Size())
+    rungs = Counter(case.rung for case in planned)
     assert rungs == {rung: round(160 * share) for rung, share in RUNGS.items()}
     for rung, count in rungs.items():
-        nulls = sum(case.kind == "null" for case in plan if case.rung == rung)
+        nulls = sum(case.kind == "null" for case in planned if case.rung == rung)
         assert nulls == count // 4
-    singles = Counter(case.drawn[0].name for case in plan if case.rung == 1 and case.drawn)
-    assert set(singles) == set(CATALOGUE_NAMES)
+    singles = Counter(case.drawn[0].name for case in planned if case.rung == 1 and case.drawn)
+    assert set(singles) == set(DRAWS)
     assert max(singles.values()) - min(singles.values()) <= 1
 
 
 @pytest.mark.parametrize("rungs", [(1,), (1, 2), (1, 2, 3, 4, 5)])
 def test_no_two_nulls_are_the_same_archive(rungs):
-    plan = plan_cases(100, seed=4, size=Size(), rungs=rungs)
-    nulls = [case.world for case in plan if case.kind == "null"]
+    planned = plan_cases(100, seed=4, size=Size(), rungs=rungs)
+    nulls = [case.world for case in planned if case.kind == "null"]
     assert len(nulls) > 20
     assert len(set(nulls)) == len(nulls)
 
@@ -58,17 +58,17 @@ def test_plan_repeats_with_its_seed_and_differs_with_another():
 
 
 def test_names_are_numbers_and_order_does_not_follow_rungs():
-    plan = plan_cases(60, seed=1, size=Size())
-    assert [case.name for case in plan] == [f"case_{k:03d}" for k in range(1, 61)]
-    rungs = [case.rung for case in plan]
+    planned = plan_cases(60, seed=1, size=Size())
+    assert [case.name for case in planned] == [f"case_{k:03d}" for k in range(1, 61)]
+    rungs = [case.rung for case in planned]
     assert rungs != sorted(rungs)
 
 
 def test_pairs_hold_two_different_effects_and_removed_ones_are_left_out_of_the_diagnosis():
-    plan = plan_cases(120, seed=2, size=Size())
-    pairs = [case for case in plan if case.kind == "pair"]
-    removed = [case for case in plan if case.kind == "removed"]
-    outside = [case for case in plan if case.kind == "outside"]
+    planned = plan_cases(120, seed=2, size=Size())
+    pairs = [case for case in planned if case.kind == "pair"]
+    removed = [case for case in planned if case.kind == "removed"]
+    outside = [case for case in planned if case.kind == "outside"]
     assert pairs and removed and outside
     assert all(len({part.name for part in case.drawn}) == 2 for case in pairs)
     assert all(case.without == (case.drawn[0].name,) for case in removed)
@@ -76,9 +76,9 @@ def test_pairs_hold_two_different_effects_and_removed_ones_are_left_out_of_the_d
 
 
 def test_rungs_left_out_give_their_cases_to_the_others():
-    plan = plan_cases(40, seed=1, size=Size(), rungs=(1, 2))
-    assert len(plan) == 40
-    assert {case.rung for case in plan} == {1, 2}
+    planned = plan_cases(40, seed=1, size=Size(), rungs=(1, 2))
+    assert len(planned) == 40
+    assert {case.rung for case in planned} == {1, 2}
 
 
 def test_background_of_the_hard_world_is_as_small_as_it_says():
@@ -88,21 +88,22 @@ def test_background_of_the_hard_world_is_as_small_as_it_says():
     for name in {effect["name"] for effect in effects} - {"outliers"}:
         own = [effect for effect in effects if effect["name"] == name]
         assert len(own) == 8
-        size = strength_of(Drawn(name, ({**own[0], "period": None},)), world)
+        how = DRAWS.get(name, Draw())
+        size = strength_of(Drawn(name, ({**own[0], "period": None},), how), world)
         assert 0.75 * LITTLE[0] < size < 1.4 * LITTLE[1], name  # one aircraft's turns differ
 
 
 def test_fast_archives_are_small_and_effects_clear():
-    plan = plan_cases(40, seed=1, size=Size.fast(), rungs=(1, 2, 3))
-    assert all(case.world.days == 21 and case.world.aircraft == 8 for case in plan)
-    assert {size for case in plan for size in case.sizes} == {0.8, 1.6}
+    planned = plan_cases(40, seed=1, size=Size.fast(), rungs=(1, 2, 3))
+    assert all(case.world.days == 21 and case.world.aircraft == 8 for case in planned)
+    assert {size for case in planned for size in case.sizes} == {0.8, 1.6}
 
 
-def test_every_effect_of_the_catalogue_is_drawn_and_none_outside_it():
-    assert set(CATALOGUE_NAMES) == set(CATALOGUE)
+def test_every_effect_of_the_catalogue_with_a_physics_of_its_own_is_drawn():
+    assert set(DRAWS) == {name for name in CATALOGUE if name != "empirical"}
 
 
-@pytest.mark.parametrize("name", CATALOGUE_NAMES)
+@pytest.mark.parametrize("name", DRAWS)
 def test_the_generator_takes_every_draw(name):
     for seed in range(4):
         drawn = draw(name, seed)
@@ -113,9 +114,39 @@ def test_the_generator_takes_every_draw(name):
         assert known is None or set(own["parameters"]) <= known
 
 
+def test_variants_are_what_they_say():
+    assert set(draw("hard_iron", variant="fleet").tails) == set(TAILS)
+    assert draw("heater_current", variant="form").effects[0]["parameters"]["between_degC"]
+    assert draw("acceleration_error", variant="form").effects[0]["parameters"]["by_phase"] is True
+    below = draw("reference_speed_bias", variant="form").effects[0]["parameters"]
+    assert below["above_hPa"] is None and 600 <= below["below_hPa"] <= 800
+    for name in ("compass_step", "compass_drift", "tail_swap"):
+        own = draw(name, variant="last week").effects[-1]
+        assert 2 <= 40 - (datetime.fromisoformat(own["period"][0]) - START).days <= 6
+    assert draw("compass_offset", among=["N403"]).tails == ("N403",)
+    assert draw("declination_error", among=["N403"]).tails is None
+
+
+def test_the_plan_holds_every_variant_and_pairs_on_the_same_aircraft():
+    planned = plan_cases(400, seed=5, size=Size(), rungs=(1, 3))
+    assert {"fleet", "form", "last week"} <= {case.variant for case in planned if case.rung == 1}
+    same = [case for case in planned if case.variant == "same aircraft"]
+    apart = [case for case in planned if case.variant == "apart"]
+    assert len(same) > 15 and len(apart) > 15
+    assert all(case.drawn[0].tails == case.drawn[1].tails for case in same)
+
+
+def test_as_many_nulls_as_are_asked_for():
+    planned = plan_cases(100, seed=5, size=Size(), nulls=60)
+    nulls = [case.world for case in planned if case.kind == "null"]
+    assert len(planned) == 100 and len(nulls) == len(set(nulls)) == 60
+    assert not any(c.kind == "null" for c in plan_cases(20, seed=5, size=Size(), nulls=0))
+
+
 def test_scaling_multiplies_sizes_and_leaves_phases():
     parameters = {"amplitude_deg": 1.0, "phase_deg": 40.0}
-    drawn = Drawn("hard_iron", ({"name": "hard_iron", "tails": None, "parameters": parameters},))
+    drawn = Drawn("hard_iron", ({"name": "hard_iron", "tails": None, "parameters": parameters},),
+                  DRAWS["hard_iron"])  # fmt: skip
     out = scaled(drawn, 2.5).effects[0]["parameters"]
     assert out == {"amplitude_deg": 2.5, "phase_deg": 40.0}
     assert drawn.effects[0]["parameters"]["amplitude_deg"] == 1.0
@@ -127,8 +158,8 @@ def test_a_rotation_cannot_be_missed_more_than_wholly_and_ladders_stay():
     )
     coding = draw("wind_coding")
     assert scaled(coding, 3.0) == coding
-    assert coding.effects[0]["parameters"] == LADDER["wind_coding"][2]
-    assert set(SCALED) | set(LADDER) == set(CATALOGUE_NAMES)
+    assert coding.effects[0]["parameters"] == DRAWS["wind_coding"].ladder[2]
+    assert all(bool(how.scaled) != bool(how.ladder) for how in DRAWS.values())
 
 
 def test_a_swap_comes_with_the_opposite_deviations_that_make_it_visible():

@@ -21,26 +21,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.terms import Term, term_weights
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, climatology, included_sums
 
 Floats = NDArray[np.float64]
-
-#: What data would separate two effects that this archive cannot.
-SEPARATING = {
-    frozenset({"tas_scale", "tas_offset"}): "reports over a wider range of airspeeds",
-    frozenset({"hard_iron", "soft_iron"}): "headings in more compass points",
-    frozenset(
-        {"compass_offset", "declination_error"}
-    ): "flights over a larger region, where the declination varies",
-    frozenset({"compass_drift", "compass_step"}): "a longer record before and after the change",
-    frozenset({"compass_offset", "compass_step"}): "a longer record before and after the change",
-    frozenset({"hard_iron", "compass_step"}): "a longer record before and after the change",
-    frozenset({"altitude_offset", "time_lag"}): "both climbs and descents through the same shear",
-    frozenset({"time_lag", "reference_time_offset"}): "flights against the motion of the weather",
-    frozenset({"heater_current", "compass_offset"}): "the icing flag, on and off on each heading",
-}
 
 #: Share of energy in common above which two effects are listed.
 LISTED = 0.8
@@ -218,9 +204,12 @@ def explained(cross: Floats, gram: Floats) -> float:
     return float(np.trace(sides @ inner @ sides.T))
 
 
-def separated_by(effect: str, other: str) -> str:
-    """Data that would tell two effects apart, in words."""
-    return SEPARATING.get(frozenset({effect, other}), "other flights")
+def separated_by(effect: str, other: str, *, otherwise: str = "other flights") -> str:
+    """Data that would tell two effects apart, in words, as the file of either of them says."""
+    for own, rival in ((effect, other), (other, effect)):
+        if own in CATALOGUE and rival in CATALOGUE[own].told_apart_by:
+            return CATALOGUE[own].told_apart_by[rival]
+    return otherwise
 
 
 def alias_table(

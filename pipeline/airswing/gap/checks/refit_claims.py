@@ -27,9 +27,6 @@ from airswing.gap.sums.problem import Problem
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Effects that are the deviation the product corrects, or a change of it: never taken off.
-DEVIATION = ("compass_offset", "hard_iron", "soft_iron", "compass_step", "compass_drift")
-
 
 @dataclass(frozen=True)
 class Adjustment:
@@ -73,7 +70,7 @@ def make_adjustment(
     names = []
     for term, values in zip(terms, coefficients, strict=True):
         name = term.candidate.name
-        if not term.candidate.known or name in DEVIATION:
+        if not term.candidate.known or effects[name].deviates:
             continue
         fields = term_fields(frame, term, effects=effects, plan=problem.plan)
         error = term_error(

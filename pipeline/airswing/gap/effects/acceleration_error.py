@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,22 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
 from airswing.physics.atmosphere import GRAVITY
+from airswing.synthetic.sealed.draws import Draw, Signed, sign
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 STEADY = 0.02
 """Acceleration (m s-2) that is noise of the positions in cruise."""
+
+
+def _by_phase(rng: np.random.Generator) -> dict[str, Any]:
+    """Draw an error by phase: + in climb, - in descent, none in cruise."""
+    return {"by_phase": True, "amplitude_deg": 10.0 * sign(rng)}
+
+
+def _out_of_cruise(frame: pd.DataFrame, values: Mapping[str, Any]) -> NDArray[np.bool_]:
+    return np.asarray(frame["phase"] != 2)
 
 
 class AccelerationError(OneCoefficient, HeadingEffect):
@@ -27,6 +40,16 @@ class AccelerationError(OneCoefficient, HeadingEffect):
     """
 
     name = "acceleration_error"
+    title = "heading error from acceleration in climb and descent"
+    draw = Draw(
+        Signed("amplitude_deg", 20.0),
+        ("amplitude_deg",),
+        form=_by_phase,
+        acts=_out_of_cruise,
+        compared=("amplitude_deg",),
+        places=("acceleration", "phase"),
+        read_from=(("across", "phase"),),
+    )
     physics = (
         "The flux valve hangs as a pendulum. Under longitudinal acceleration it tilts and takes "
         "in a part of the vertical field: an error as the sine of the magnetic heading times the "

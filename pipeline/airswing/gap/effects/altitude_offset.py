@@ -10,6 +10,7 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse, sided
+from airswing.synthetic.sealed.draws import Draw, Signed
 
 
 class AltitudeOffset(OneCoefficient, WindEffect):
@@ -20,6 +21,14 @@ class AltitudeOffset(OneCoefficient, WindEffect):
     """
 
     name = "altitude_offset"
+    title = "reported altitude off"
+    draw = Draw(
+        Signed("offset_ft", 300.0),
+        ("offset_ft",),
+        compared=("offset_ft",),
+        places=("shear", "altitude"),
+        read_from=(("along", "pressure"), ("along", "phase")),
+    )
     physics = (
         "A static-port error, or an altimeter setting left on the ground's pressure, gives the "
         "report a wrong level: it differs from the model by the wind shear times the height."

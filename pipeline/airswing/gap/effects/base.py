@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
+from airswing.synthetic.sealed.draws import Draw
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -158,6 +159,14 @@ class Effect(ABC):
         Names of the linear coefficients, in the order of `columns`.
     alternatives : tuple of tuple of int
         Sets of columns that make one candidate each; empty: all columns together.
+    title : str
+        What it is, in plain words; the name with its underscores gone where not given.
+    told_apart_by : mapping
+        Other effect -> the data that would tell the two apart.
+    deviates : bool
+        It is the deviation that the product corrects, or a change of it.
+    draw : Draw or None
+        How the blind check draws it; None leaves it out.
     told_share : float
         Part of the effect's energy that its columns carry: a little less than 1, for the heading in
         turns is that of chords; less where more of the context is inferred (bank, acceleration).
@@ -175,6 +184,10 @@ class Effect(ABC):
     column_names: ClassVar[tuple[str, ...]] = ()
     alternatives: ClassVar[tuple[tuple[int, ...], ...]] = ()
     told_share: ClassVar[float] = 0.99
+    title: ClassVar[str] = ""
+    told_apart_by: ClassVar[Mapping[str, str]] = {}
+    deviates: ClassVar[bool] = False
+    draw: ClassVar[Draw | None] = None
 
     @property
     @abstractmethod

@@ -10,6 +10,7 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error, told
+from airswing.synthetic.sealed.draws import Draw, Signed
 from airswing.units import DAY
 
 
@@ -17,6 +18,16 @@ class CompassDrift(HeadingEffect):
     """Heading error growing by a rate from an offset at the first report of the archive."""
 
     name = "compass_drift"
+    title = "compass deviation that drifts"
+    deviates = True
+    draw = Draw(
+        Signed("rate_deg_per_day", 0.05),
+        ("rate_deg_per_day",),
+        dated="late",
+        grows=True,
+        compared=("rate_deg_per_day",),
+        places=("date", "time"),
+    )
     physics = (
         "Parts magnetise slowly, a gyro's slaving drifts out of adjustment: the heading error "
         "changes by a little every day."

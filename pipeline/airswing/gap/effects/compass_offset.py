@@ -10,12 +10,22 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
+from airswing.synthetic.sealed.draws import Draw, Signed
 
 
 class CompassOffset(OneCoefficient, HeadingEffect):
     """Indicated heading too large by a constant: the A of Archibald Smith."""
 
     name = "compass_offset"
+    title = "constant heading error"
+    deviates = True
+    draw = Draw(
+        Signed("offset_deg"),
+        ("offset_deg",),
+        on_real_data=True,
+        compared=("offset_deg",),
+        read_from=(("across", "aircraft"),),
+    )
     physics = (
         "The flux valve is not aligned with the aircraft's axis, so every heading is wrong by the "
         "same angle. A constant sideslip of the air over the aircraft looks exactly the same."

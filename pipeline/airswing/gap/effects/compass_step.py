@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 from airswing.gap.effects.forms import OffsetAndCycle, told
+from airswing.synthetic.sealed.draws import Both, Draw
 
 
 class CompassStep(OffsetAndCycle):
@@ -16,6 +17,21 @@ class CompassStep(OffsetAndCycle):
     """
 
     name = "compass_step"
+    title = "compass deviation that changes at a date"
+    deviates = True
+    draw = Draw(
+        Both(),
+        ("offset_deg", "amplitude_deg"),
+        dated="always",
+        compared=("offset_deg", "amplitude_deg", "phase_deg"),
+        places=("date", "time"),
+        read_from=(("across", "date"),),
+    )
+    told_apart_by: ClassVar[Mapping[str, str]] = {
+        "compass_drift": "a longer record before and after the change",
+        "compass_offset": "a longer record before and after the change",
+        "hard_iron": "a longer record before and after the change",
+    }
     physics = (
         "Maintenance, a lightning strike, a replaced flux valve or magnetised cargo changes the "
         "deviation from one day to the next: an offset, one cycle in magnetic heading, or both."

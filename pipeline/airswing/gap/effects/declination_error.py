@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,6 +12,14 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State
 from airswing.gap.effects.forms import HeadingEffect, known, standard_error, told
 from airswing.gap.effects.secular import declination_change, project, year_matching
+from airswing.synthetic.sealed.draws import Draw, sign
+
+
+def _table(rng: np.random.Generator) -> dict[str, Any]:
+    """Draw a table that is scaled or out of date."""
+    if rng.uniform() < 0.5:
+        return {"factor": float(rng.choice([0.0, 0.5, 1.5])), "mean_deg": sign(rng)}
+    return {"epoch_year": float(rng.integers(1960, 1996)), "mean_deg": sign(rng)}
 
 
 class DeclinationError(HeadingEffect):
@@ -23,6 +31,17 @@ class DeclinationError(HeadingEffect):
     """
 
     name = "declination_error"
+    title = "wrong magnetic variation"
+    draw = Draw(
+        _table,
+        ("mean_deg",),
+        whose="fleet",
+        compared=("mean_deg",),
+        read_from=(("across", "longitude"),),
+    )
+    told_apart_by: ClassVar[Mapping[str, str]] = {
+        "compass_offset": "flights over a larger region, where the declination varies",
+    }
     physics = (
         "The unit turns magnetic into true heading by a stored table of the magnetic variation. "
         "An old table is wrong by the secular variation since, a pattern over the region that is "

@@ -10,6 +10,7 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
 from airswing.gap.effects.forms import HeadingEffect, amplitude_phase, cycles, sine_cosine, told
+from airswing.synthetic.sealed.draws import Cycle, Draw
 
 
 class HardIron(HeadingEffect):
@@ -20,6 +21,15 @@ class HardIron(HeadingEffect):
     """
 
     name = "hard_iron"
+    title = "heading error of one cycle"
+    deviates = True
+    draw = Draw(
+        Cycle(),
+        ("amplitude_deg",),
+        on_real_data=True,
+        compared=("amplitude_deg", "phase_deg"),
+        read_from=(("across", "heading"),),
+    )
     physics = (
         "Magnetised parts and direct currents add a field fixed in the aircraft; against the "
         "earth's horizontal field H it turns the flux valve by an angle of one cycle in magnetic "

@@ -11,12 +11,18 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Parameter, Parameters, State
 from airswing.gap.effects.forms import MomentEffect
+from airswing.synthetic.sealed.draws import Draw
 
 
 class Outliers(MomentEffect):
     """A fraction of the reports carries a random vector error, alike in all directions."""
 
     name = "outliers"
+    title = "gross errors"
+    draw = Draw(
+        ladder=({"fraction": 0.005}, {"fraction": 0.01}, {"fraction": 0.02}, {"fraction": 0.04}),
+        compared=("fraction",),
+    )
     physics = (
         "Transmission errors, wrong digits, winds computed in a manoeuvre: single reports that are "
         "grossly wrong and tell nothing about their neighbours."

@@ -11,6 +11,7 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Parameter, Parameters, State
 from airswing.gap.effects.forms import MomentEffect, told
+from airswing.synthetic.sealed.draws import Draw
 
 
 class PositionCoding(MomentEffect):
@@ -21,6 +22,10 @@ class PositionCoding(MomentEffect):
     """
 
     name = "position_coding"
+    title = "positions coded more coarsely than stated"
+    draw = Draw(
+        ladder=({"step": 0.5}, {"step": 1.0}, {"step": 2.0}, {"step": 5.0}), compared=("step",)
+    )
     physics = (
         "A message format on the way keeps fewer digits of the position: ground speed and track "
         "made from consecutive positions scatter, and with them heading and airspeed."

@@ -11,6 +11,7 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
 from airswing.gap.effects.forms import OneCoefficient, known, told
+from airswing.synthetic.sealed.draws import Draw, Signed
 
 
 class ReferenceGridRelative(OneCoefficient):
@@ -21,6 +22,15 @@ class ReferenceGridRelative(OneCoefficient):
     """
 
     name = "reference_grid_relative"
+    title = "model winds left along the grid"
+    draw = Draw(
+        Signed("fraction"),
+        ("fraction",),
+        limit=1.0,
+        whose="fleet",
+        compared=("fraction",),
+        places=("turned", "wind_direction"),
+    )
     physics = (
         "Winds on Lambert and similar grids are stored along the grid's axes. Where their flag is "
         "wrong they are off by the angle between grid north and true north, which grows away from "

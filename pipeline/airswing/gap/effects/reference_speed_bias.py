@@ -4,23 +4,59 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Effect, Errors, FloatArray, Parameter, Parameters, State
 from airswing.gap.effects.forms import sided, standard_error
+from airswing.synthetic.sealed.draws import Draw, sign
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LEVELS = (850.0, 700.0, 600.0, 500.0, 400.0, 300.0, 250.0)
 """hPa at which a bias may begin; each makes a candidate above and one below."""
+
+
+def _above(rng: np.random.Generator) -> dict[str, Any]:
+    """Draw a bias at all levels or above one."""
+    above = None if rng.uniform() < 0.5 else float(rng.choice([500.0, 600.0, 700.0]))
+    return {"bias_percent": 5.0 * sign(rng), "above_hPa": above}
+
+
+def _below(rng: np.random.Generator) -> dict[str, Any]:
+    """Draw a level below which the bias acts."""
+    return {"above_hPa": None, "below_hPa": float(rng.choice([600.0, 700.0, 800.0]))}
+
+
+def _at_levels(frame: pd.DataFrame, values: Mapping[str, Any]) -> NDArray[np.bool_]:
+    """Return the simulated reports at the levels of the bias."""
+    above, below = values.get("above_hPa"), values.get("below_hPa")
+    pressure = frame["pressure"].to_numpy() / 100.0
+    low = np.inf if above is None else above
+    high = -np.inf if below is None else below
+    return np.asarray((pressure <= low) & (pressure >= high))
 
 
 class ReferenceSpeedBias(Effect):
     """Reference wind = (1 + bias) times the wind met, at all levels, above or below one."""
 
     name = "reference_speed_bias"
+    title = "model wind too weak or too strong"
+    draw = Draw(
+        _above,
+        ("bias_percent",),
+        whose="fleet",
+        form=_below,
+        acts=_at_levels,
+        compared=("bias_percent",),
+        places=("wind_by_height", "wind_speed", "wind"),
+        read_from=(("along", "heading"),),
+    )
     physics = (
         "A model with too little or too much momentum shows winds too weak or too strong, often "
         "above a level only (jet too weak for lack of resolution): along the wind, not the heading."

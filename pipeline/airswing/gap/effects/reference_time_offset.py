@@ -10,6 +10,7 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, sided
+from airswing.synthetic.sealed.draws import Draw, Signed
 
 
 class ReferenceTimeOffset(OneCoefficient, WindEffect):
@@ -19,6 +20,14 @@ class ReferenceTimeOffset(OneCoefficient, WindEffect):
     """
 
     name = "reference_time_offset"
+    title = "model fields valid at another time than stamped"
+    draw = Draw(
+        Signed("offset_h"),
+        ("offset_h",),
+        whose="fleet",
+        compared=("offset_h",),
+        places=("tendency",),
+    )
     physics = (
         "Fields carry a wrong valid time, or a file is one forecast hour off: the reference runs "
         "ahead of the atmosphere (positive) or behind it."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,12 +17,21 @@ from airswing.gap.effects.forms import (
     sine_cosine,
     told,
 )
+from airswing.synthetic.sealed.draws import Cycle, Draw
 
 
 class SoftIron(HeadingEffect):
     """Iron magnetised by the earth's field itself: amplitude sin(2 m + phase)."""
 
     name = "soft_iron"
+    title = "heading error of two cycles"
+    deviates = True
+    draw = Draw(
+        Cycle(), ("amplitude_deg",), on_real_data=True, compared=("amplitude_deg", "phase_deg")
+    )
+    told_apart_by: ClassVar[Mapping[str, str]] = {
+        "hard_iron": "headings in more compass points",
+    }
     physics = (
         "Soft iron lying in the horizontal is magnetised by the earth's horizontal field and turns "
         "with the aircraft: two cycles in magnetic heading, whatever the strength of the field."

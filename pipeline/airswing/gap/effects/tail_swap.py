@@ -12,6 +12,7 @@ from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Parameter, Parameters, State
 from airswing.gap.effects.forms import MomentEffect
+from airswing.synthetic.sealed.draws import Draw
 
 
 class TailSwap(MomentEffect):
@@ -21,6 +22,8 @@ class TailSwap(MomentEffect):
     """
 
     name = "tail_swap"
+    title = "two aircraft exchanged identifiers"
+    draw = Draw(scaled=("amplitude_deg",), whose="pair", dated="late")
     physics = (
         "Units are exchanged between aircraft, or an identifier table is filled in wrongly: each "
         "report shows the deviation and airspeed error of the other aircraft."

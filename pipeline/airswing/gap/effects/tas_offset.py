@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
 from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, sided
+from airswing.synthetic.sealed.draws import Draw, Signed
 
 
 class TasOffset(OneCoefficient):
     """Indicated true airspeed is the true one plus a constant."""
 
     name = "tas_offset"
+    title = "airspeed wrong by an amount"
+    draw = Draw(Signed("offset_m_s"), ("offset_m_s",), on_real_data=True, compared=("offset_m_s",))
+    told_apart_by: ClassVar[Mapping[str, str]] = {
+        "tas_scale": "reports over a wider range of airspeeds",
+    }
     physics = (
         "A zero error of the pressure transducers makes the airspeed wrong by an amount rather "
         "than a factor; the reported wind is wrong along the heading only."

@@ -11,12 +11,21 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State
 from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, sided, standard_error
+from airswing.synthetic.sealed.draws import Draw, Signed
 
 
 class TasScale(OneCoefficient):
     """Indicated true airspeed is (1 + scale) times the true one."""
 
     name = "tas_scale"
+    title = "airspeed wrong by a factor"
+    draw = Draw(
+        Signed("scale_percent"),
+        ("scale_percent",),
+        on_real_data=True,
+        compared=("scale_percent",),
+        read_from=(("along", "aircraft"),),
+    )
     physics = (
         "Errors of static port, pitot tube or temperature recovery make the true airspeed wrong "
         "by a factor; the reported wind is wrong along the heading only."

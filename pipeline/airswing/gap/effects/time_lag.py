@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse, sided
+from airswing.synthetic.sealed.draws import Draw
+
+
+def _late(rng: np.random.Generator) -> dict[str, Any]:
+    """Draw a wind that is late, never early."""
+    return {"offset_s": 60.0}
 
 
 class TimeLag(OneCoefficient, WindEffect):
@@ -20,6 +26,12 @@ class TimeLag(OneCoefficient, WindEffect):
     """
 
     name = "time_lag"
+    title = "wind older than its position and time"
+    draw = Draw(_late, ("offset_s",), compared=("offset_s",))
+    told_apart_by: ClassVar[Mapping[str, str]] = {
+        "altitude_offset": "both climbs and descents through the same shear",
+        "reference_time_offset": "flights against the motion of the weather",
+    }
     physics = (
         "Averaging, filtering and buffering in the unit attach a wind to a later position and "
         "time; the report shows the wind of a place the aircraft has left."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,32 @@ from numpy.typing import NDArray
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
+from airswing.synthetic.sealed.draws import Draw, Signed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 BANKED = float(np.radians(2.0))
 """Bank above which an aircraft turns, rad."""
+
+
+def _turning(frame: pd.DataFrame, values: Mapping[str, Any]) -> NDArray[np.bool_]:
+    return np.asarray(frame["bank"].abs() > np.radians(2.0))
 
 
 class TurnError(OneCoefficient, HeadingEffect):
     """amplitude bank tan(dip) cos(m), the bank in radians, right wing down positive."""
 
     name = "turn_error"
+    title = "heading error in turns"
+    draw = Draw(
+        Signed("amplitude_deg", 10.0),
+        ("amplitude_deg",),
+        acts=_turning,
+        compared=("amplitude_deg",),
+        places=("bank",),
+        read_from=(("across", "bank"),),
+    )
     physics = (
         "In a coordinated turn the flux valve banks with the aircraft and takes in a part of the "
         "vertical field: an error as bank times the tangent of the dip times the cosine of the "

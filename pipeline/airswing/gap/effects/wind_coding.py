@@ -12,6 +12,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Parameter, Parameters, State
 from airswing.gap.effects.forms import MomentEffect, told
 from airswing.physics.triangle import wind_components, wind_from_direction
+from airswing.synthetic.sealed.draws import Draw
 from airswing.units import KNOT
 
 
@@ -19,6 +20,16 @@ class WindCoding(MomentEffect):
     """Speed rounded to `step` knots, direction to `direction_step_deg` degrees (0: as it is)."""
 
     name = "wind_coding"
+    title = "winds coded more coarsely than stated"
+    draw = Draw(
+        ladder=(
+            {"step": 2.0, "direction_step_deg": 2.0},
+            {"step": 2.0, "direction_step_deg": 5.0},
+            {"step": 5.0, "direction_step_deg": 5.0},
+            {"step": 5.0, "direction_step_deg": 10.0},
+        ),
+        compared=("step",),
+    )
     physics = (
         "A message format on the way keeps fewer digits (10-degree or 5-knot steps): values lie "
         "on a lattice, and the error across the wind grows with its speed."

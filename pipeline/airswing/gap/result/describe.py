@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.checks.aliases import SEPARATING
+from airswing.gap.checks.aliases import separated_by
 from airswing.gap.design.basis import variables
 from airswing.gap.evidence.gaussian import (
     Score,
@@ -209,7 +209,7 @@ def ambiguity(
             continue
         if best - lost > 3.0 * max(score.factor, term.score.factor):
             continue
-        advice = SEPARATING.get(frozenset({name, term.candidate.name}), "a longer record")
+        advice = separated_by(name, term.candidate.name, otherwise="a longer record")
         entry = {"name": name, "difference_nats": best - lost, "separated_by": advice}
         if name not in out or out[name]["difference_nats"] > entry["difference_nats"]:
             out[name] = entry

@@ -11,28 +11,8 @@ from typing import Any
 
 import numpy as np
 
-PLAIN: dict[str, str] = {
-    "compass_offset": "constant heading error",
-    "hard_iron": "heading error of one cycle",
-    "soft_iron": "heading error of two cycles",
-    "compass_step": "compass deviation that changes at a date",
-    "compass_drift": "compass deviation that drifts",
-    "heater_current": "heading error while icing protection is on",
-    "acceleration_error": "heading error from acceleration in climb and descent",
-    "turn_error": "heading error in turns",
-    "declination_error": "wrong magnetic variation",
-    "tas_scale": "airspeed wrong by a factor",
-    "tas_offset": "airspeed wrong by an amount",
-    "reference_speed_bias": "model wind too weak or too strong",
-    "reference_time_offset": "model fields valid at another time than stamped",
-    "reference_grid_relative": "model winds left along the grid",
-    "altitude_offset": "reported altitude off",
-    "time_lag": "wind older than its position and time",
-    "tail_swap": "two aircraft exchanged identifiers",
-    "wind_coding": "winds coded more coarsely than stated",
-    "position_coding": "positions coded more coarsely than stated",
-    "outliers": "gross errors",
-}
+from airswing.gap.effects import CATALOGUE
+
 UNITS: tuple[tuple[str, str], ...] = (
     ("_deg_per_day", "°/day"),
     ("_deg", "°"),
@@ -50,7 +30,8 @@ MOST_TAILS = 6
 
 def plain_name(name: str) -> str:
     """Return an effect's name in plain words; an unknown name with its underscores gone."""
-    return PLAIN.get(name, name.replace("_", " "))
+    effect = CATALOGUE.get(name)
+    return effect.title if effect and effect.title else name.replace("_", " ")
 
 
 def joined(words: Sequence[str], *, most: int = MOST_TAILS) -> str:

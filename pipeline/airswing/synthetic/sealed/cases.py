@@ -19,20 +19,13 @@ Units: m/s for sizes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
 
-from airswing.synthetic.sealed.draws import (
-    CATALOGUE_NAMES,
-    FLEET,
-    SIZES,
-    Drawn,
-    draw_effect,
-    variants,
-)
+from airswing.synthetic.sealed.draws import SIZES, Draw, Drawn, Occasion, draw_effect
 from airswing.synthetic.sealed.outside_draws import OUTSIDE_SHAPES, draw_outside
 
 __all__ = ["RUNGS", "Case", "Size", "World", "plan_cases"]
@@ -43,8 +36,6 @@ CASES_PER_WORLD = 8
 MOST_DRAWS = 12
 """Draws an outside effect is dealt as."""
 START = datetime(2009, 3, 1)
-SENSOR_NAMES = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
-"""Effects injected into real data: seen in a day, independent of what a G1000 does not record."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +113,8 @@ class Case:
     without : tuple of str
         Effects the diagnosis does without.
     variant : str
-        Of the effect, see `airswing.synthetic.sealed.draws.variants`; of a pair ``same aircraft``
-        or ``apart``; of an outside effect its shape.
+        Of the effect, see `airswing.synthetic.sealed.draws.Draw`; of a pair ``same aircraft`` or
+        ``apart``; of an outside effect its shape.
     instead : tuple of Drawn
         Outside effects to take where the first is not fit.
     """
@@ -143,9 +134,10 @@ class _Deck:
     """Deals (name, size, variant): every name before any comes again, the others in turn."""
 
     def __init__(
-        self, names: Sequence[str], sizes: Sequence[float], rng: np.random.Generator
+        self, draws: Mapping[str, Draw], sizes: Sequence[float], rng: np.random.Generator
     ) -> None:
-        self._names, self._sizes, self._rng = list(names), list(sizes), rng
+        self._draws, self._sizes, self._rng = draws, list(sizes), rng
+        self._names = list(draws)
         self._hand: list[str] = []
         self._turn = {name: int(rng.integers(len(self._sizes))) for name in self._names}
         self._variant = {name: int(rng.integers(8)) for name in self._names}
@@ -157,7 +149,7 @@ class _Deck:
         name = self._hand.pop()
         self._turn[name] += 1
         self._variant[name] += 1
-        forms = variants(name)
+        forms = self._draws[name].variants
         size = self._sizes[self._turn[name] % len(self._sizes)]
         return name, size, forms[self._variant[name] % len(forms)]
 
@@ -167,8 +159,8 @@ def plan_cases(
     *,
     seed: int,
     size: Size,
+    draws: Mapping[str, Draw],
     rungs: Sequence[int] = tuple(RUNGS),
-    names: Sequence[str] | None = None,
     nulls: int | None = None,
 ) -> list[Case]:
     """Draw the cases of a check.
@@ -181,10 +173,10 @@ def plan_cases(
         Of every draw.
     size : Size
         Of the archives.
+    draws : mapping
+        Effects to draw from, and how each is drawn.
     rungs : sequence of int
         Rungs to play; the shares of the others are spread over them.
-    names : sequence of str, optional
-        Catalogue effects to draw from; all by default.
     nulls : int, optional
         How many of the cases hold nothing; a quarter by default.
 
@@ -200,7 +192,7 @@ def plan_cases(
         empty = _counts(min(nulls, number), rungs)
     drawn: list[Case] = []
     for rung, count in counts.items():
-        dealer = _Dealer(rung, rng, seed, size, list(names or CATALOGUE_NAMES))
+        dealer = _Dealer(rung, rng, seed, size, draws)
         drawn += dealer.cases(count, min(empty[rung], count))
     order = rng.permutation(len(drawn))
     width = max(3, len(str(len(drawn))))
@@ -225,15 +217,22 @@ class _Dealer:
     """Draws the cases of one rung."""
 
     def __init__(
-        self, rung: int, rng: np.random.Generator, seed: int, size: Size, names: list[str]
+        self,
+        rung: int,
+        rng: np.random.Generator,
+        seed: int,
+        size: Size,
+        draws: Mapping[str, Draw],
     ) -> None:
         self.rung, self.rng, self.seed, self.size = rung, rng, seed, size
         larger = [value for value in size.sizes if value >= 0.4]
-        both = [name for name in names if name != "tail_swap"]
-        self._single = _Deck(names, size.sizes, rng)
-        self._removed = _Deck(both, [0.8], rng)
-        self._paired = _Deck(both, larger, rng)
-        self._injected = _Deck([n for n in SENSOR_NAMES if n in names] or SENSOR_NAMES, larger, rng)
+        self._draws = draws
+        alone = {name: how for name, how in draws.items() if how.whose != "pair"}
+        real = {name: how for name, how in draws.items() if how.on_real_data} or alone
+        self._single = _Deck(draws, size.sizes, rng)
+        self._removed = _Deck(alone, [0.8], rng)
+        self._paired = _Deck(alone, larger, rng)
+        self._injected = _Deck(real, larger, rng)
         self._sizes = larger
         self._shapes: list[str] = []
         self._number = 0
@@ -280,7 +279,9 @@ class _Dealer:
             second, other, _ = self._paired.deal()
         self._number += 1
         one = self._draw(first, size, case.world)
-        among = one.tails if self._number % 2 and second not in FLEET else None
+        among = one.tails if self._number % 2 else None
+        if self._draws[second].whose == "fleet":
+            among = None
         two = self._draw(second, other, case.world, among=among)
         variant = "apart" if among is None else "same aircraft"
         return replace(case, kind="pair", drawn=(one, two), sizes=(size, other), variant=variant)
@@ -314,7 +315,7 @@ class _Dealer:
         among: Sequence[str] | None = None,
     ) -> Drawn:
         step = SIZES.index(strength) if strength in SIZES else 1
+        occasion = Occasion(tuple(self.size.tails), START, world.days)
         return draw_effect(
-            name, self.rng, tails=self.size.tails, start=START, days=world.days, step=step,
-            among=among, variant=variant,
-        )  # fmt: skip
+            name, self._draws[name], self.rng, occasion, step=step, among=among, variant=variant
+        )

@@ -2,10 +2,11 @@
 
 Assumptions
 -----------
-Effects are written as the mappings `airswing.synthetic.aircraft.faults` takes. A *unit* draw is
-later scaled so that it changes the wind by a stated root mean square where it acts (`strength`);
-effects that live in the variance alone (coding) or in rare reports (gross errors) have a ladder of
-steps instead.
+How an effect is drawn stands with the effect itself (`Draw`, in its file of the catalogue) and is
+handed in; its physics is the generator's own (`airswing.synthetic.aircraft.faults`). Effects are
+written as the mappings the generator takes. A *unit* draw is later scaled so that it changes the
+wind by a stated root mean square where it acts (its strength); effects that live in the variance
+alone (coding) or in rare reports (gross errors) have a ladder of steps instead.
 
 Validity: archives of a week and more; two aircraft and more.
 
@@ -15,76 +16,137 @@ Units: those of the parameters' names; m/s for strengths.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from airswing.synthetic.aircraft.faults import Fault, Setting
 
 __all__ = [
-    "CATALOGUE_NAMES",
-    "LADDER",
-    "SCALED",
-    "SIZES",
-    "Drawn",
-    "draw_effect",
-    "scaled",
-    "variants",
-]
+    "SIZES", "Both", "Cycle", "Draw", "Drawn", "Occasion", "Signed", "draw_effect", "scaled",
+    "sign",
+]  # fmt: skip
 
 Effect = dict[str, Any]
+Parameters = Mapping[str, Any]
+Mask = NDArray[np.bool_]
+Unit = Callable[[np.random.Generator], dict[str, Any]]
+Acts = Callable[["pd.DataFrame", Parameters], Mask]
+Realised = Callable[["Setting", "Fault", Mask], None]
 SIZES = (0.2, 0.4, 0.8, 1.6)
 """Strengths where an effect acts, m/s root mean square."""
 
-SCALED: dict[str, tuple[str, ...]] = {
-    "compass_offset": ("offset_deg",),
-    "hard_iron": ("amplitude_deg",),
-    "soft_iron": ("amplitude_deg",),
-    "compass_step": ("offset_deg", "amplitude_deg"),
-    "compass_drift": ("rate_deg_per_day",),
-    "heater_current": ("offset_deg", "amplitude_deg"),
-    "acceleration_error": ("amplitude_deg",),
-    "turn_error": ("amplitude_deg",),
-    "declination_error": ("mean_deg",),
-    "tas_scale": ("scale_percent",),
-    "tas_offset": ("offset_m_s",),
-    "reference_speed_bias": ("bias_percent",),
-    "reference_time_offset": ("offset_h",),
-    "reference_grid_relative": ("fraction",),
-    "altitude_offset": ("offset_ft",),
-    "time_lag": ("offset_s",),
-    "tail_swap": ("amplitude_deg",),
-}
-"""Parameters that a strength multiplies."""
 
-LADDER: dict[str, tuple[dict[str, float], ...]] = {
-    "wind_coding": (
-        {"step": 2.0, "direction_step_deg": 2.0},
-        {"step": 2.0, "direction_step_deg": 5.0},
-        {"step": 5.0, "direction_step_deg": 5.0},
-        {"step": 5.0, "direction_step_deg": 10.0},
-    ),
-    "position_coding": ({"step": 0.5}, {"step": 1.0}, {"step": 2.0}, {"step": 5.0}),
-    "outliers": (
-        {"fraction": 0.005},
-        {"fraction": 0.01},
-        {"fraction": 0.02},
-        {"fraction": 0.04},
-    ),
-}
-"""Steps that stand for the four sizes where no root mean square is meant."""
+def sign(rng: np.random.Generator) -> float:
+    """Return -1 or 1."""
+    return float(rng.choice([-1.0, 1.0]))
 
-LIMITS = {"reference_grid_relative": 1.0}
-"""Largest value of a scaled parameter: a rotation cannot be missed more than wholly."""
 
-FLEET = (
-    "declination_error",
-    "reference_speed_bias",
-    "reference_time_offset",
-    "reference_grid_relative",
-)
-CATALOGUE_NAMES = tuple(sorted({*SCALED, *LADDER}))
-"""Effects of the published catalogue."""
+def _phase(rng: np.random.Generator) -> float:
+    return round(float(rng.uniform(-180, 180)), 1)
+
+
+@dataclass(frozen=True)
+class Signed:
+    """Draws one parameter of a given size and either sign."""
+
+    key: str
+    value: float = 1.0
+
+    def __call__(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Return the parameter."""
+        return {self.key: self.value * sign(rng)}
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """Draws one cycle of any phase."""
+
+    def __call__(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Return amplitude and phase."""
+        return {"amplitude_deg": 1.0, "phase_deg": _phase(rng)}
+
+
+@dataclass(frozen=True)
+class Both:
+    """Draws an offset with one cycle of any share beside it."""
+
+    def __call__(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Return offset, amplitude and phase."""
+        share = float(rng.uniform(0.0, 1.0))
+        offset = sign(rng) * (1.0 - 0.5 * share)
+        return {"offset_deg": offset, "amplitude_deg": share, "phase_deg": _phase(rng)}
+
+
+@dataclass(frozen=True)
+class Draw:
+    """How the blind check draws, scales and judges one effect.
+
+    Parameters
+    ----------
+    unit : callable, optional
+        (rng) to parameters at unit strength; none for an effect with a ladder.
+    scaled : tuple of str
+        Parameters that a strength multiplies.
+    limit : float
+        Largest size of those.
+    ladder : tuple of dict
+        Four steps that stand for the four sizes where no root mean square is meant.
+    form : callable, optional
+        (rng) to what another form of the effect adds to its parameters.
+    whose : {"aircraft", "fleet", "pair"}
+        Whom it strikes: drawn aircraft, all of them (or the reference), or two that exchange.
+    dated : {"never", "late", "always"}
+        Whether it begins at a date: never, in one variant in the last week, or always (and in one
+        variant in the last week).
+    grows : bool
+        Its strength grows with the archive's length.
+    on_real_data : bool
+        It can be added to a real valve's record, and shows in one day.
+    acts : callable, optional
+        (frame, parameters) to the reports it acts on by its nature; all where not given.
+    compared : tuple of str
+        Parameters compared with the truth; an amplitude and its phase as one vector.
+    places : tuple of str
+        Variables that place it where the diagnosis has no name for it.
+    read_from : tuple of (str, str)
+        Component and variable from which a person would read it.
+    fault : callable, optional
+        How the generator realises it, where it is not among the generator's own.
+    """
+
+    unit: Unit | None = None
+    scaled: tuple[str, ...] = ()
+    limit: float = np.inf
+    ladder: tuple[dict[str, float], ...] = ()
+    form: Unit | None = None
+    whose: Literal["aircraft", "fleet", "pair"] = "aircraft"
+    dated: Literal["never", "late", "always"] = "never"
+    grows: bool = False
+    on_real_data: bool = False
+    acts: Acts | None = None
+    compared: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    read_from: tuple[tuple[str, str], ...] = ()
+    fault: Realised | None = None
+
+    @property
+    def variants(self) -> tuple[str, ...]:
+        """``plain``, ``fleet`` (all aircraft), ``form`` (another form of it), ``last week``."""
+        out = ["plain"]
+        if self.whose == "aircraft":
+            out.append("fleet")
+        if self.form is not None:
+            out.append("form")
+        if self.dated != "never":
+            out.append("last week")
+        return tuple(out)
 
 
 @dataclass(frozen=True)
@@ -97,10 +159,13 @@ class Drawn:
         Effect the case is about.
     effects : tuple of mapping
         What the generator is told; for a swap, the two deviations that make it visible as well.
+    how : Draw
+        How it was drawn.
     """
 
     name: str
     effects: tuple[Effect, ...]
+    how: Draw = field(default_factory=Draw)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -114,112 +179,31 @@ class Drawn:
         return None if own["tails"] is None else tuple(own["tails"])
 
 
-def _sign(rng: np.random.Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
-
-
-def _phase(rng: np.random.Generator) -> float:
-    return round(float(rng.uniform(-180, 180)), 1)
-
-
-def _cycle(rng: np.random.Generator) -> dict[str, Any]:
-    return {"amplitude_deg": 1.0, "phase_deg": _phase(rng)}
-
-
-def _both(rng: np.random.Generator) -> dict[str, Any]:
-    share = float(rng.uniform(0.0, 1.0))
-    return {
-        "offset_deg": _sign(rng) * (1.0 - 0.5 * share),
-        "amplitude_deg": share,
-        "phase_deg": _phase(rng),
-    }
-
-
-def _signed(key: str, value: float = 1.0) -> Callable[[np.random.Generator], dict[str, Any]]:
-    return lambda rng: {key: value * _sign(rng)}
-
-
-def _declination(rng: np.random.Generator) -> dict[str, Any]:
-    if rng.uniform() < 0.5:
-        return {"factor": float(rng.choice([0.0, 0.5, 1.5])), "mean_deg": _sign(rng)}
-    return {"epoch_year": float(rng.integers(1960, 1996)), "mean_deg": _sign(rng)}
-
-
-def _speed_bias(rng: np.random.Generator) -> dict[str, Any]:
-    above = None if rng.uniform() < 0.5 else float(rng.choice([500.0, 600.0, 700.0]))
-    return {"bias_percent": 5.0 * _sign(rng), "above_hPa": above}
-
-
-def _band(rng: np.random.Generator) -> dict[str, Any]:
-    """Return the heater's band of temperature: within what icing protection is used in."""
-    low = float(rng.choice([-20.0, -15.0, -10.0]))
-    return {"between_degC": [low, low + float(rng.choice([10.0, 15.0]))]}
-
-
-def _below(rng: np.random.Generator) -> dict[str, Any]:
-    return {"above_hPa": None, "below_hPa": float(rng.choice([600.0, 700.0, 800.0]))}
-
-
-_FORMS: dict[str, Callable[[np.random.Generator], dict[str, Any]]] = {
-    "heater_current": _band,
-    "acceleration_error": lambda rng: {"by_phase": True, "amplitude_deg": 10.0 * _sign(rng)},
-    "reference_speed_bias": _below,
-}
-"""Other forms of an effect: what they add to the parameters."""
-_DATED = ("compass_step", "compass_drift", "tail_swap")
-"""Effects that can begin in the last week."""
-
-
-def variants(name: str) -> tuple[str, ...]:
-    """Return the variants an effect comes in.
+@dataclass(frozen=True)
+class Occasion:
+    """The archive an effect is drawn for.
 
     Parameters
     ----------
-    name : str
-        Effect of the catalogue.
-
-    Returns
-    -------
-    tuple of str
-        ``plain``; ``fleet`` (all aircraft); ``form`` (another form of it); ``last week``.
+    tails : tuple of str
+        The fleet.
+    start : datetime
+        First day, UTC.
+    days : int
+        Length.
     """
-    out = ["plain"]
-    if name not in FLEET and name != "tail_swap":
-        out.append("fleet")
-    if name in _FORMS:
-        out.append("form")
-    if name in _DATED:
-        out.append("last week")
-    return tuple(out)
 
-
-_UNIT: dict[str, Callable[[np.random.Generator], dict[str, Any]]] = {
-    "compass_offset": _signed("offset_deg"),
-    "hard_iron": _cycle,
-    "soft_iron": _cycle,
-    "compass_step": _both,
-    "compass_drift": _signed("rate_deg_per_day", 0.05),
-    "heater_current": _both,
-    "acceleration_error": _signed("amplitude_deg", 20.0),
-    "turn_error": _signed("amplitude_deg", 10.0),
-    "declination_error": _declination,
-    "tas_scale": _signed("scale_percent"),
-    "tas_offset": _signed("offset_m_s"),
-    "reference_speed_bias": _speed_bias,
-    "reference_time_offset": _signed("offset_h"),
-    "reference_grid_relative": _signed("fraction"),
-    "altitude_offset": _signed("offset_ft", 300.0),
-    "time_lag": lambda rng: {"offset_s": 60.0},
-}
+    tails: tuple[str, ...]
+    start: datetime
+    days: int
 
 
 def draw_effect(
     name: str,
+    how: Draw,
     rng: np.random.Generator,
+    occasion: Occasion,
     *,
-    tails: Sequence[str],
-    start: datetime,
-    days: int,
     step: int = 1,
     among: Sequence[str] | None = None,
     variant: str = "plain",
@@ -230,38 +214,36 @@ def draw_effect(
     ----------
     name : str
         Effect.
+    how : Draw
+        As its file says.
     rng : numpy.random.Generator
         Source of the draw.
-    tails : sequence of str
-        The fleet.
-    start : datetime
-        First day, UTC.
-    days : int
-        Length of the archive.
+    occasion : Occasion
+        The archive.
     step : int
         Rung of the ladder for effects that have one.
     among : sequence of str, optional
         Aircraft it acts on; by default they are drawn.
     variant : str
-        Of `variants`.
+        Of `Draw.variants`.
 
     Returns
     -------
     Drawn
     """
-    last = variant == "last week"
-    if name == "tail_swap":
-        return _swap(rng, list(tails), _date(rng, start, days, last=last))
-    chosen = None if name in FLEET else list(among or _aircraft(rng, list(tails)))
+    last, tails = variant == "last week", list(occasion.tails)
+    if how.whose == "pair":
+        return _swap(name, how, rng, tails, _date(rng, occasion, last=last))
+    chosen = None if how.whose == "fleet" else list(among or _aircraft(rng, tails))
     if variant == "fleet":
         chosen = sorted(tails)
-    parameters = dict(LADDER[name][step]) if name in LADDER else _UNIT[name](rng)
-    if variant == "form":
-        parameters |= _FORMS[name](rng)
+    parameters = dict(how.ladder[step]) if how.unit is None else how.unit(rng)
+    if variant == "form" and how.form is not None:
+        parameters |= how.form(rng)
     effect: Effect = {"name": name, "tails": chosen, "parameters": parameters, "period": None}
-    if name == "compass_step" or last:
-        effect["period"] = [_date(rng, start, days, last=last), None]
-    return Drawn(name, (effect,))
+    if how.dated == "always" or last:
+        effect["period"] = [_date(rng, occasion, last=last), None]
+    return Drawn(name, (effect,), how)
 
 
 def _aircraft(rng: np.random.Generator, tails: list[str]) -> list[str]:
@@ -270,15 +252,15 @@ def _aircraft(rng: np.random.Generator, tails: list[str]) -> list[str]:
     return sorted(str(tail) for tail in rng.choice(tails, min(number, len(tails)), replace=False))
 
 
-def _date(rng: np.random.Generator, start: datetime, days: int, *, last: bool = False) -> str:
+def _date(rng: np.random.Generator, occasion: Occasion, *, last: bool = False) -> str:
     """Return a day in the middle half of the archive, or two to six days before its end."""
-    day = round(float(rng.uniform(0.25, 0.75)) * days)
+    day = round(float(rng.uniform(0.25, 0.75)) * occasion.days)
     if last:
-        day = days - int(rng.integers(2, 7))
-    return (start + timedelta(days=day)).isoformat()
+        day = occasion.days - int(rng.integers(2, 7))
+    return (occasion.start + timedelta(days=day)).isoformat()
 
 
-def _swap(rng: np.random.Generator, tails: list[str], date: str) -> Drawn:
+def _swap(name: str, how: Draw, rng: np.random.Generator, tails: list[str], date: str) -> Drawn:
     """Return two aircraft with opposite deviations that exchange names at a date."""
     pair = sorted(str(tail) for tail in rng.choice(tails, 2, replace=False))
     phase = _phase(rng)
@@ -291,13 +273,8 @@ def _swap(rng: np.random.Generator, tails: list[str], date: str) -> Drawn:
         }
         for tail, turn in zip(pair, (0.0, 180.0), strict=True)
     ]
-    swap = {
-        "name": "tail_swap",
-        "tails": pair,
-        "parameters": {"pair": pair},
-        "period": [date, None],
-    }
-    return Drawn("tail_swap", (*deviations, swap))
+    swap = {"name": name, "tails": pair, "parameters": {"pair": pair}, "period": [date, None]}
+    return Drawn(name, (*deviations, swap), how)
 
 
 def scaled(drawn: Drawn, factor: float) -> Drawn:
@@ -315,16 +292,17 @@ def scaled(drawn: Drawn, factor: float) -> Drawn:
     Drawn
         The same object for effects with a ladder.
     """
-    if drawn.name in LADDER:
+    how = drawn.how
+    if how.ladder:
         return drawn
-    keys = SCALED[drawn.name]
-    limit = LIMITS.get(drawn.name, np.inf)
     out = []
     for effect in drawn.effects:
-        parameters: Mapping[str, Any] = effect["parameters"]
+        parameters: Parameters = effect["parameters"]
         changed = {
-            key: float(f"{np.clip(factor * value, -limit, limit):.5g}") if key in keys else value
+            key: float(f"{np.clip(factor * value, -how.limit, how.limit):.5g}")
+            if key in how.scaled
+            else value
             for key, value in parameters.items()
         }
         out.append({**effect, "parameters": changed})
-    return Drawn(drawn.name, tuple(out))
+    return replace(drawn, effects=tuple(out))

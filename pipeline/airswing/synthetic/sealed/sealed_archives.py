@@ -32,11 +32,12 @@ import pandas as pd
 import yaml
 from numpy.typing import NDArray
 
+from airswing.synthetic.aircraft.faults import UNIT_FAULTS
 from airswing.synthetic.aircraft.observe import Coding
 from airswing.synthetic.sample import sample_archive as archive
 from airswing.synthetic.sample.sample_archive import Scenario, simulate_arrays, write_reports
 from airswing.synthetic.sealed.cases import START, Case, World
-from airswing.synthetic.sealed.draws import LADDER, Drawn, scaled
+from airswing.synthetic.sealed.draws import Drawn, scaled
 from airswing.synthetic.sealed.outside_truth import is_fit, outside_truth
 from airswing.synthetic.world.gribwriter import write_reference
 from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
@@ -118,21 +119,8 @@ def acting(frame: pd.DataFrame, drawn: Drawn) -> NDArray[np.bool_]:
     here = np.ones(len(frame), bool)
     if drawn.tails is not None:
         here &= np.isin(frame["tail"].to_numpy(str), np.array(drawn.tails))
-    own = drawn.effects[0]["parameters"]
-    if drawn.name == "heater_current" and own.get("between_degC") is not None:
-        celsius = frame["temperature"].to_numpy() - 273.15
-        here &= (celsius >= own["between_degC"][0]) & (celsius < own["between_degC"][1])
-    elif drawn.name == "heater_current":
-        here &= frame["icing"].to_numpy() == 1
-    elif drawn.name == "acceleration_error":
-        here &= frame["phase"].to_numpy() != 2
-    elif drawn.name == "turn_error":
-        here &= np.abs(frame["bank"].to_numpy()) > np.radians(2.0)
-    elif drawn.name == "reference_speed_bias":
-        if own.get("above_hPa") is not None:
-            here &= frame["pressure"].to_numpy() <= 100.0 * own["above_hPa"]
-        if own.get("below_hPa") is not None:
-            here &= frame["pressure"].to_numpy() >= 100.0 * own["below_hPa"]
+    if drawn.how.acts is not None:
+        here &= drawn.how.acts(frame, drawn.effects[0]["parameters"])
     return here
 
 
@@ -153,13 +141,13 @@ def strength_of(drawn: Drawn, world: World) -> float:
     short = replace(world, days=min(world.days, CALIBRATION_DAYS))
     options = _calibration_options(short)
     bare = _calibration(short)
-    changed = simulate_arrays(effects=[_always(drawn, e) for e in drawn.effects], **options)
+    changed = simulate_arrays(effects=[_always(e) for e in drawn.effects], **options)
     change = innovation(changed) - innovation(bare)
     here = acting(bare, drawn) & np.isfinite(change).all(axis=1)
     size = float(np.sqrt((change[here] ** 2).sum(axis=1).mean())) if here.any() else 0.0
-    if drawn.name == "compass_drift":
+    if drawn.how.grows:
         size *= world.days / short.days
-    return 2.0 * size if drawn.name == "tail_swap" else size
+    return 2.0 * size if drawn.how.whose == "pair" else size
 
 
 @functools.lru_cache(maxsize=1)
@@ -172,10 +160,10 @@ def _calibration_options(short: World) -> dict[str, Any]:
     return generator_options(short) | _THIN_FIELDS | {"coding": _EXACT, "derivatives": False}
 
 
-def _always(drawn: Drawn, effect: Mapping[str, Any]) -> dict[str, Any]:
+def _always(effect: Mapping[str, Any]) -> dict[str, Any]:
     """Return the effect without its period; a swap is measured by the deviations it exchanges."""
     out = {**effect, "period": None}
-    if effect["name"] == "tail_swap":
+    if "pair" in effect["parameters"]:
         return {"name": "compass_offset", "tails": out["tails"], "parameters": {}}
     return out
 
@@ -254,6 +242,9 @@ class Archivist:
             what the world has in the background, and of an outside effect ``outside``: component,
             shape, variables, the share that has a name, and what each variable carries.
         """
+        for part in case.drawn:
+            if part.how.fault is not None:
+                UNIT_FAULTS.setdefault(part.name, part.how.fault)
         if case.kind == "outside":
             drawn, outside = self._fit_draw(case)
         else:
@@ -309,7 +300,7 @@ class Archivist:
         return self.real
 
     def _strengthened(self, drawn: Drawn, size: float, world: World) -> Drawn:
-        if drawn.name in LADDER:
+        if drawn.how.ladder:
             return drawn
         ordinary = replace(world, kind="default", days=max(world.days, CALIBRATION_DAYS))
         return scaled(drawn, size / max(strength_of(drawn, ordinary), 1e-6))
