@@ -24,6 +24,7 @@ ORDER = (
     "reference/geometry",
     "reference/packing",
     "reference/grib",
+    "reference/gridded/cf",
     "reference/gridded",
     "reference",
     "compass/fit",

@@ -20,7 +20,7 @@ __version__ = "0.1.0"
 
 _STAGES = {
     "read_reports": "airswing.reports.read",
-    "build_catalogue": "airswing.reference.grib.catalogue",
+    "build_catalogue": "airswing.reference.catalogues",
     "collocate": "airswing.reference.collocate",
     "derive_headings": "airswing.compass.headings",
     "screen": "airswing.compass.screening",

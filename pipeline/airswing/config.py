@@ -129,12 +129,34 @@ class Reports(_Section):
 
 
 class Reference(_Section):
-    """Where one model's winds are, and which lead times and ensemble member of it count."""
+    """Where one model's winds are, which leads and ensemble member count, how files are read.
+
+    The names (`u` to `units`) say what a file does not say itself.
+    """
 
     files: Strings
+    engine: Literal["auto", "grib", "cfgrib", "netcdf", "zarr", "wrf"] = "auto"
     lead: Annotated[str, AfterValidator(_checked_lead)] = "any"
     member: int | None = Field(None, ge=0)
     on_bad_file: Literal["skip", "fail"] = "skip"
+    u: str | None = None
+    v: str | None = None
+    time: str | None = None
+    level: str | None = None
+    latitude: str | None = None
+    longitude: str | None = None
+    x: str | None = None
+    y: str | None = None
+    pressure: str | None = None
+    surface_pressure: str | None = None
+    winds: Literal["grid", "earth"] | None = None
+    projection: str | dict[str, str | float | list[float]] | None = None
+    units: dict[str, str] = {}
+
+    def naming(self) -> dict[str, object]:
+        """What the configuration says of the files' variables."""
+        kept = self.model_dump(exclude={"files", "engine", "lead", "member", "on_bad_file"})
+        return {name: value for name, value in kept.items() if value is not None}
 
 
 class Collocation(_Section):

@@ -15,7 +15,7 @@ import xarray as xr
 from airswing.errors import InputError
 from airswing.reference import sampling, store
 from airswing.reference.collocate import collocate
-from airswing.reference.geometry.profiles import Catalogue
+from airswing.reference.geometry.wind_profiles import Catalogue
 from airswing.reference.grib.catalogue import build_catalogue
 from airswing.reference.overlap import require_overlap
 from airswing.reference.planning import plan

@@ -19,6 +19,8 @@ from typing import Any
 import airswing
 from airswing.products.netcdf import plain
 
+ZARR_MARKS = ("zarr.json", ".zmetadata", ".zgroup")
+"""Files of which one stands at the top of every Zarr store."""
 PACKAGE = Path(__file__).parents[1]
 
 
@@ -41,7 +43,7 @@ def fingerprint(*parts: Any) -> str:
 
 
 def file_identities(patterns: Sequence[str]) -> list[tuple[str, int, int]]:
-    """Name, size and modification time of every file the patterns match.
+    """Name, size and modification time of every file (and Zarr store) the patterns match.
 
     Parameters
     ----------
@@ -56,9 +58,29 @@ def file_identities(patterns: Sequence[str]) -> list[tuple[str, int, int]]:
     matches = [
         [path] if os.path.isfile(path) else glob.glob(path, recursive=True) for path in paths
     ]
-    names = sorted({name for found in matches for name in found if os.path.isfile(name)})
-    found = [(name, Path(name).stat()) for name in names]
-    return [(name, entry.st_size, entry.st_mtime_ns) for name, entry in found]
+    names = sorted({name for found in matches for name in found})
+    found = [
+        (name, *(_of_store(name) if os.path.isdir(name) else _of_file(name))) for name in names
+    ]
+    return [one for one in found if one[1] >= 0]
+
+
+def _of_file(name: str) -> tuple[int, int]:
+    """Size and time of modification."""
+    entry = Path(name).stat()
+    return entry.st_size, entry.st_mtime_ns
+
+
+def _of_store(name: str) -> tuple[int, int]:
+    """Size of all files of a folder that is a Zarr store, and the last time one changed.
+
+    Of another folder, which is no file, a size below zero.
+    """
+    if not any(os.path.isfile(os.path.join(name, mark)) for mark in ZARR_MARKS):
+        return -1, 0
+    files = [os.path.join(at, one) for at, _, inside in os.walk(name) for one in inside]
+    entries = [_of_file(one) for one in files]
+    return sum(size for size, _ in entries) + len(entries), max(last for _, last in entries)
 
 
 @functools.cache

@@ -19,10 +19,11 @@ Assumptions and validity
 from __future__ import annotations
 
 import hashlib
+import json
 import logging
 import os
 from collections.abc import Mapping
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,8 +34,11 @@ from dask.highlevelgraph import HighLevelGraph
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.reference.catalogues import catalogues_of
 from airswing.reference.geometry.model_time import ModelTime, Sample
-from airswing.reference.geometry.profiles import Catalogue
+from airswing.reference.geometry.wind_profiles import Catalogue
+from airswing.reference.gridded.gridded_sampling import sample_gridded
+from airswing.reference.gridded.stored import GriddedTime
 from airswing.reference.planning import (
     Plan,
     Points,
@@ -72,36 +76,53 @@ _LOG = logging.getLogger("airswing.reference")
 
 
 class _SampleTask:
-    """One model time and its reports: what one dask task needs, and nothing large."""
+    """Model times that are read together and their reports: what one dask task needs."""
 
-    __slots__ = ("model", "options", "places", "store")
+    __slots__ = ("models", "options", "places", "store")
 
     def __init__(
         self,
-        model: ModelTime,
-        places: tuple[Floats, Floats, Floats],
+        models: list[ModelTime],
+        places: list[tuple[Floats, Floats, Floats]],
         options: tuple[bool, bool],
         store: str | None,
     ) -> None:
-        self.model, self.places, self.options, self.store = model, places, options, store
+        self.models, self.places, self.options, self.store = models, places, options, store
 
     def __getstate__(self) -> tuple[Any, ...]:
-        return (self.model, self.places, self.options, self.store)
+        return (self.models, self.places, self.options, self.store)
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
-        self.model, self.places, self.options, self.store = state
+        self.models, self.places, self.options, self.store = state
 
-    def run(self) -> Sample:
-        """Sample, or take the finished sample of an earlier run."""
+    def run(self, given: Mapping[str, xr.Dataset]) -> list[Sample]:
+        """Sample, or take the finished samples of an earlier run."""
+        store = None if self.store is None else SampleStore(Path(self.store))
+        derivatives = self.options[1]
+        found: dict[int, Sample] = {}
+        if store is not None:
+            for number, (model, places) in enumerate(zip(self.models, self.places, strict=True)):
+                known = store.get(model, places, derivatives)
+                if known is not None:
+                    found[number] = known
+        left = [number for number in range(len(self.models)) if number not in found]
+        for number, sample in zip(left, self._sampled(left, given), strict=True):
+            found[number] = _logged(sample)
+            if store is not None:
+                store.put(self.models[number], self.places[number], derivatives, sample)
+        return [found[number] for number in range(len(self.models))]
+
+    def _sampled(self, numbers: list[int], given: Mapping[str, xr.Dataset]) -> list[Sample]:
         sparse, derivatives = self.options
-        work = partial(
-            sample_model_time, self.model, *self.places, sparse=sparse, derivatives=derivatives
-        )
-        if self.store is None:
-            return _logged(work())
-        return SampleStore(Path(self.store)).get_or_make(
-            self.model, self.places, derivatives, lambda: _logged(work())
-        )
+        models = [self.models[number] for number in numbers]
+        places = [self.places[number] for number in numbers]
+        gridded = [model for model in models if isinstance(model, GriddedTime)]
+        if gridded:
+            return sample_gridded(gridded, places, derivatives=derivatives, given=given)
+        return [
+            sample_model_time(model, *where, sparse=sparse, derivatives=derivatives)
+            for model, where in zip(models, places, strict=True)
+        ]
 
 
 def _logged(sample: Sample) -> Sample:
@@ -110,8 +131,15 @@ def _logged(sample: Sample) -> Sample:
     return sample
 
 
-def _run(task: _SampleTask) -> Sample:
-    return task.run()
+@dataclass(frozen=True)
+class _Given:
+    """Datasets given in Python: one node of the graph that all tasks of a reference share."""
+
+    datasets: dict[str, xr.Dataset]
+
+
+def _run(task: _SampleTask, given: _Given | None = None) -> list[Sample]:
+    return task.run({} if given is None else given.datasets)
 
 
 class _Joined(NamedTuple):
@@ -126,17 +154,23 @@ class _Join:
     """Joins the samples of one reference in time, into columns in the reports' order."""
 
     def __init__(
-        self, points: Points, times: Schedule, catalogue: Catalogue, *, derivatives: bool
+        self,
+        points: Points,
+        times: Schedule,
+        catalogue: Catalogue,
+        used: NDArray[np.int64],
+        *,
+        derivatives: bool,
     ) -> None:
-        used = np.flatnonzero(times.stop > times.start)
         self.derivatives = derivatives
         self.order, self.size = points.order, points.size
         self.earlier, self.weight, self.later = times.earlier, times.weight, times.later
         self.used, self.start, self.stop = used, times.start[used], times.stop[used]
         self.valid, self.leads = catalogue.valid, catalogue.leads
 
-    def __call__(self, samples: list[Sample]) -> _Joined:
+    def __call__(self, batches: list[list[Sample]]) -> _Joined:
         """Columns by report, and what reading took."""
+        samples = [sample for batch in batches for sample in batch]
         count = self.earlier.size
         rows = 2 + (7 if self.derivatives else 0)
         first = np.full((rows, count), np.nan)
@@ -176,7 +210,7 @@ class _Join:
 
 def collocate(
     reports: xr.Dataset,
-    catalogues: Mapping[str, Catalogue],
+    catalogues: Mapping[str, Catalogue | xr.Dataset],
     *,
     max_time_gap: float = 10800.0,
     derivatives: bool = False,
@@ -191,8 +225,9 @@ def collocate(
     reports : Dataset
         With `time`, `latitude`, `longitude` (degrees, any convention) and `pressure` (Pa)
         by ``report``, in any order.
-    catalogues : mapping of str to Catalogue
-        References by name.
+    catalogues : mapping of str to Catalogue or Dataset
+        References by name. A Dataset with CF winds, dask-backed or lazy, is read chunk by chunk;
+        nothing of it is loaded before the result is computed.
     max_time_gap : float
         Longest time between two bracketing valid times, s.
     derivatives : bool
@@ -223,11 +258,12 @@ def collocate(
     """
     if not catalogues:
         raise InputError("no reference given", field="references")
+    models = catalogues_of(catalogues)
     points = points_of(reports)
     names = [*_WINDS, *(DERIVATIVES if derivatives else ())]
     options = _Options(max_time_gap, derivatives, sparse, None if store is None else str(store))
     graph: dict[Any, Any] = {}
-    joins = [_add_reference(graph, points, one, options) for one in catalogues.values()]
+    joins = [_add_reference(graph, points, one, options) for one in models.values()]
     token = hashlib.blake2b("".join(joins).encode(), digest_size=16).hexdigest()
     base = f"winds-{token}"
     data: dict[str, Any] = {}
@@ -243,6 +279,9 @@ def collocate(
         data[name] = ("reference", lazy if name == "decoding_seconds" else lazy.astype("i8"))
     coords = {"reference": ("reference", np.array(list(catalogues), dtype=object))}
     found = describe(xr.Dataset(data, coords=coords))
+    notes = {name: one.notes for name, one in models.items() if one.given}
+    if notes:
+        found.attrs["reference_notes"] = json.dumps(notes)
     if account:
         kept = {(f"{PROBLEMS}-{token}", n): (_problems, join) for n, join in enumerate(joins)}
         shape = ((1,) * len(joins),)
@@ -290,18 +329,23 @@ def _add_reference(
     times = schedule(
         points, catalogue.valid, max_time_gap=options.max_time_gap, both=options.derivatives
     )
-    join = _Join(points, times, catalogue, derivatives=options.derivatives)
+    batches = catalogue.batches(np.flatnonzero(times.stop > times.start))
+    used = np.concatenate([*batches, np.empty(0, dtype=np.int64)])
+    join = _Join(points, times, catalogue, used, derivatives=options.derivatives)
     token = _token(points, catalogue, options)
+    given = (f"given-{token}",) if catalogue.given else ()
+    if given:
+        graph[given[0]] = _Given(catalogue.given)
     keys = []
-    for number, start, stop in zip(join.used, join.start, join.stop, strict=True):
-        run = slice(int(start), int(stop))
-        places = (points.latitude[run], points.longitude[run], points.pressure[run])
-        key = f"sample-{token}-{int(number)}"
-        task = _SampleTask(
-            catalogue.model_time(int(number)), places, (options.sparse, options.derivatives),
-            options.store,
-        )  # fmt: skip
-        graph[key] = (_run, task)
+    for batch in batches:
+        models, places = [], []
+        for number in batch.tolist():
+            run = slice(int(times.start[number]), int(times.stop[number]))
+            models.append(catalogue.model_time(number))
+            places.append((points.latitude[run], points.longitude[run], points.pressure[run]))
+        key = f"sample-{token}-{int(batch[0])}"
+        task = _SampleTask(models, places, (options.sparse, options.derivatives), options.store)
+        graph[key] = (_run, task, *given)
         keys.append(key)
     graph[f"join-{token}"] = (join, keys)
     return f"join-{token}"

@@ -21,9 +21,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.reference.catalogues import catalogues_of
 from airswing.reference.geometry.interpolation import level_brackets
 from airswing.reference.geometry.model_time import ISOBARIC, ModelTime
-from airswing.reference.geometry.profiles import Catalogue
+from airswing.reference.geometry.wind_profiles import Catalogue
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -190,7 +191,7 @@ class Plan:
 
 def plan(
     reports: xr.Dataset,
-    catalogues: Mapping[str, Catalogue],
+    catalogues: Mapping[str, Catalogue | xr.Dataset],
     *,
     max_time_gap: float = 10800.0,
     derivatives: bool = False,
@@ -202,7 +203,7 @@ def plan(
     ----------
     reports : Dataset
         With `time`, `latitude`, `longitude` (degrees), `pressure` (Pa) by ``report``.
-    catalogues : mapping of str to Catalogue
+    catalogues : mapping of str to Catalogue or Dataset
     max_time_gap : float
         Longest time between two bracketing valid times, s.
     derivatives, sparse : bool
@@ -217,7 +218,7 @@ def plan(
         name: Need.of(points, catalogue, max_time_gap=max_time_gap, derivatives=derivatives).plan(
             name, catalogue, sparse=sparse
         )
-        for name, catalogue in catalogues.items()
+        for name, catalogue in catalogues_of(catalogues).items()
     }
 
 

@@ -16,7 +16,6 @@ import io
 import logging
 import os
 import re
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO
@@ -92,24 +91,28 @@ class SampleStore:
         """Whether the sample is there; that it is whole shows when it is taken."""
         return self.path(model, places, derivatives).is_file()
 
-    def get_or_make(
+    def get(
+        self, model: ModelTime, places: tuple[Floats, Floats, Floats], derivatives: bool
+    ) -> Sample | None:
+        """The stored sample, None where there is none that is whole."""
+        path = self.path(model, places, derivatives)
+        known = _load(path, places[0].size)
+        if known is None:
+            return None
+        with contextlib.suppress(OSError):  # another user's: forgotten at the end of this run
+            os.utime(path)
+        return Sample(known, (), 0)
+
+    def put(
         self,
         model: ModelTime,
         places: tuple[Floats, Floats, Floats],
         derivatives: bool,
-        make: Callable[[], Sample],
-    ) -> Sample:
-        """The stored sample where there is one, else a new one, which is stored."""
-        path = self.path(model, places, derivatives)
-        known = _load(path, places[0].size)
-        if known is not None:
-            with contextlib.suppress(OSError):  # another user's: forgotten at the end of this run
-                os.utime(path)
-            return Sample(known, (), 0)
-        sample = make()
+        sample: Sample,
+    ) -> None:
+        """Store a sample, unless something of it could not be read."""
         if not sample.problems:
-            _save(path, sample.table)
-        return sample
+            _save(self.path(model, places, derivatives), sample.table)
 
     def begin(self) -> None:
         """Note the beginning of a run that uses the folder."""

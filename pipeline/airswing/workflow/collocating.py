@@ -23,7 +23,7 @@ from airswing.workflow.job import Blocks, Job
 
 if TYPE_CHECKING:
     from airswing.compass.kept_headings import KeptHeadings
-    from airswing.reference.geometry.profiles import Catalogue
+    from airswing.reference.geometry.wind_profiles import Catalogue
     from airswing.reference.places import Places
     from airswing.reference.planning import Need, Plan
     from airswing.reference.store import SampleStore
@@ -68,7 +68,7 @@ def read(job: Job, folder: Path) -> Archive:
 
 
 def catalogues(job: Job, names: list[str]) -> dict[str, Catalogue]:
-    """Catalogue the GRIB folders of some references.
+    """Catalogue the files of some references.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def catalogues(job: Job, names: list[str]) -> dict[str, Catalogue]:
     -------
     dict of str to Catalogue
     """
-    from airswing.reference.grib.catalogue import build_catalogue
+    from airswing.reference.catalogues import build_catalogue
 
     found = {}
     with job.progress.stage("catalogue") as stage:
@@ -87,7 +87,7 @@ def catalogues(job: Job, names: list[str]) -> dict[str, Catalogue]:
             asked = job.config.references[name]
             found[name] = build_catalogue(
                 asked.files, name=name, lead=asked.lead, member=asked.member,
-                on_bad_file=asked.on_bad_file,
+                on_bad_file=asked.on_bad_file, engine=asked.engine, naming=asked.naming(),
             )  # fmt: skip
         stage.note = ", ".join(
             f"{name} {len(model):,} model times" for name, model in found.items()

@@ -1,4 +1,4 @@
-"""What a file holds, told from its content: GRIB, aircraft reports, or one of our products.
+"""What a file holds, told from its content: model winds, aircraft reports, one of our products.
 
 Assumes the first bytes tell the kind; the name never does.
 """
@@ -29,6 +29,8 @@ def inspect_file(path: Path) -> dict[str, Any]:
         If the file is absent, empty or of no kind airswing knows.
     """
     path = Path(path)
+    if path.is_dir():
+        return {"file": str(path), "kind": "model winds", **_winds(path)}
     try:
         with open(path, "rb") as opened:
             start = opened.read(4096)
@@ -40,6 +42,8 @@ def inspect_file(path: Path) -> dict[str, Any]:
         product = _product(path)
         if product is not None:
             return {"file": str(path), "kind": "product"} | product
+        if _holds_winds(path):
+            return {"file": str(path), "kind": "model winds", **_winds(path)}
     elif b"GRIB" in start and b"\x00" in start:  # text may speak of GRIB
         from airswing.reference.grib.grib_inspection import inspect_grib
 
@@ -47,6 +51,25 @@ def inspect_file(path: Path) -> dict[str, Any]:
     from airswing.reports.file_summary import reports_summary
 
     return {"file": str(path), "kind": "reports", **reports_summary(path)}
+
+
+def _winds(path: Path) -> dict[str, Any]:
+    """What the model winds of a NetCDF file or a Zarr store are."""
+    from airswing.reference.gridded.gridded_inspection import inspect_gridded
+
+    return inspect_gridded(str(path))
+
+
+def _holds_winds(path: Path) -> bool:
+    """Whether a NetCDF file holds wind components on a grid; reports have them in one row."""
+    import xarray as xr
+
+    from airswing.reference.gridded.cf.naming import Naming
+    from airswing.reference.gridded.cf.wind_names import components
+    from airswing.reference.gridded.wrfout import is_wrfout
+
+    with xr.open_dataset(path, engine="netcdf4", decode_times=False) as ds:
+        return is_wrfout(ds) or any(ds[one.name].ndim > 2 for one in components(ds, Naming()))
 
 
 def _product(path: Path) -> dict[str, Any] | None:

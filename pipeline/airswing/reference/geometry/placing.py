@@ -42,6 +42,10 @@ class Placing(Protocol):
     def columns_in_a_turn(self) -> float:
         """Columns in a full turn of longitude, 0 where columns are not meridians."""
 
+    @property
+    def key(self) -> str:
+        """Short hash of where the grid points are."""
+
     def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
         """Fractional indices of places (degrees), inside the grid or not."""
 

@@ -109,17 +109,15 @@ def winds_at(
     if place.size == 0:
         return table
     cell = corners(model.grid, fi[place], fj[place])
-    at = np.tile(pressure[place], 4)
+    at, nodes = np.tile(pressure[place], 4), cell.points.ravel()
     if model.native:
-        levels, top_down = _from_the_top(
-            np.stack((yield [(row, cell.points.ravel()) for row in model.pressure]))
-        )
+        levels, top_down = _from_the_top(np.stack((yield [(row, nodes) for row in model.pressure])))
         brackets = level_brackets(levels, at, both=derivatives)
     else:
         levels, top_down = np.asarray(model.u["level"], dtype=np.float64), True
         brackets = level_brackets(levels, at, both=derivatives)
     u, v = (model.u, model.v) if top_down else (model.u[::-1], model.v[::-1])
-    values = yield from _between_levels(u, v, cell.points.ravel(), brackets, both=derivatives)
+    values = yield from _between_levels(u, v, nodes, brackets, both=derivatives)
     lat, lon = latitude[place], longitude[place]
     found = _to_true(model.grid, values, brackets, cell, lat, lon, derivatives)
     with np.errstate(invalid="ignore", over="ignore"):

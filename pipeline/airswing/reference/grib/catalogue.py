@@ -25,7 +25,7 @@ from airswing.errors import InputError
 from airswing.lead_times import Wanted, lead_condition
 from airswing.reference.geometry.grids import Grid
 from airswing.reference.geometry.model_time import SourceFile
-from airswing.reference.geometry.profiles import (
+from airswing.reference.geometry.wind_profiles import (
     FIELD,
     Catalogue,
     Skipped,

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
@@ -55,6 +56,8 @@ class Catalogue:
         Choices made between candidates.
     messages : int
         Messages seen.
+    given : dict of str to Dataset
+        Datasets given in Python, by the path in `files`.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Catalogue:
     skipped: Skipped = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     messages: int = 0
+    given: dict[str, xr.Dataset] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return int(self.valid.size)

@@ -1,0 +1,1 @@
+"""What a Dataset means: its axes, times, levels, winds and grid, by CF attributes and MetPy."""

@@ -1,0 +1,71 @@
+"""What model winds that come as Datasets hold, for people."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from airswing.reference.geometry.model_time import HYBRID
+from airswing.reference.geometry.placing import Placing
+from airswing.reference.gridded.cf.naming import Naming
+from airswing.reference.gridded.gridded_catalogue import (
+    GriddedCatalogue,
+    build_gridded_catalogue,
+    engine_of,
+)
+
+
+def inspect_gridded(
+    path: str, *, engine: str | None = None, naming: Naming | None = None
+) -> dict[str, Any]:
+    """What the model winds of a file are, for people.
+
+    Parameters
+    ----------
+    path : str
+    engine : str, optional
+        By the file's content where not given.
+    naming : Naming, optional
+
+    Returns
+    -------
+    dict
+        Ready for JSON.
+
+    Raises
+    ------
+    InputError
+        Where it holds no usable winds.
+    """
+    used = engine or engine_of(path)
+    found = build_gridded_catalogue(path, name="inspected", engine=used, naming=naming)
+    times = np.datetime_as_string(found.times, unit="s")
+    return {
+        "engine": used,
+        "variables": sorted({name for one in found.stored for name in one.names}),
+        "times": len(found),
+        "first_time": f"{times[0]}Z",
+        "last_time": f"{times[-1]}Z",
+        "leads_h": sorted({float(s) / 3600.0 for s in found.leads}),
+        "levels": _levels_in_words(found),
+        "grids": [_grid_in_words(found.grids[int(n)]) for n in np.unique(found.grid_numbers)],
+        "notes": found.notes,
+        "skipped": found.skipped,
+    }
+
+
+def _levels_in_words(found: GriddedCatalogue) -> str:
+    levels = found.levels(0)
+    if found.level_kinds[0] == HYBRID:
+        return f"{levels.size} native levels with their pressure"
+    return f"{levels.size} pressure levels, {levels[0] / 100:g} to {levels[-1] / 100:g} hPa"
+
+
+def _grid_in_words(grid: Placing) -> str:
+    south, north, west, east = grid.outline()
+    way = "along the grid" if grid.wind_along_grid else "to true east and north"
+    return (
+        f"{grid.ni} x {grid.nj} points, latitude {south:.4g} to {north:.4g}, "
+        f"longitude {west:.4g} to {east:.4g}, winds {way}"
+    )

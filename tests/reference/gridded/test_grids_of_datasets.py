@@ -1,0 +1,190 @@
+"""Every grid a Dataset can have, against pyproj and numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from pyproj import CRS, Proj, Transformer
+
+import airswing
+from airswing.reference.gridded.cf.axes_grid import AxesGrid
+from airswing.reference.gridded.cf.curvilinear import CurvilinearGrid
+from airswing.reference.gridded.cf.projection import Frame, frame_of
+from tests.reference.gridded.datasets import (
+    LEVELS,
+    MAPPINGS,
+    axes_of,
+    by_hand,
+    latlon,
+    points,
+    projected,
+    turned,
+    winds,
+)
+
+KINDS = ["lambert", "tangent", "polar", "mercator"]
+RNG = np.random.default_rng(11)
+
+
+def places_in(kind: str, count: int = 200) -> tuple[np.ndarray, ...]:
+    """Fractional indices inside a grid and their places, by pyproj."""
+    x, y = axes_of(kind)
+    fi, fj = RNG.uniform(0, x.size - 1, count), RNG.uniform(0, y.size - 1, count)
+    px, py = np.interp(fi, np.arange(x.size), x), np.interp(fj, np.arange(y.size), y)
+    if kind == "rotated":
+        rotated = CRS.from_cf(MAPPINGS[kind])
+        lon, lat = Transformer.from_crs(rotated, rotated.source_crs or "EPSG:4326",
+                                        always_xy=True).transform(px, py)  # fmt: skip
+    else:
+        lon, lat = Proj(CRS.from_cf(MAPPINGS[kind]))(px, py, inverse=True)
+    return fi, fj, np.asarray(lat), np.asarray(lon)
+
+
+@pytest.mark.parametrize("units", ["m", "km"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_projected_winds_against_pyproj(kind: str, units: str) -> None:
+    ds = projected(kind, units=units)
+    fi, fj, lat, lon = places_in(kind)
+    p = RNG.uniform(20500.0, 99500.0, fi.size)
+    u, v = winds(airswing.collocate(points(lat, lon, p), {"x": ds}))
+    along = by_hand(ds.ua.values[0], ds.va.values[0], LEVELS * 100, fi, fj, p)
+    # PROJ's meridian convergence: grid north from true north, clockwise.
+    factors = Proj(CRS.from_cf(MAPPINGS[kind])).get_factors(lon, lat)
+    angle = np.radians(np.asarray(factors.meridian_convergence))
+    if kind != "mercator":
+        assert np.abs(angle).max() > np.radians(2)
+    east, north = turned(*along, angle)
+    np.testing.assert_allclose(u, east, atol=1e-3)
+    np.testing.assert_allclose(v, north, atol=1e-3)
+
+
+def test_rotated_pole_against_pyproj() -> None:
+    ds = projected("rotated")
+    fi, fj, lat, lon = places_in("rotated")
+    p = RNG.uniform(20500.0, 99500.0, fi.size)
+    u, v = winds(airswing.collocate(points(lat, lon, p), {"x": ds}))
+    along = by_hand(ds.ua.values[0], ds.va.values[0], LEVELS * 100, fi, fj, p)
+    # The direction of the grid's rows from two places on the sphere, half a metre apart.
+    x, y = axes_of("rotated")
+    rotated = CRS.from_cf(MAPPINGS["rotated"])
+    back = Transformer.from_crs(rotated, rotated.source_crs or "EPSG:4326", always_xy=True)
+    px, py = np.interp(fi, np.arange(x.size), x), np.interp(fj, np.arange(y.size), y)
+    step = 1e-5
+    (lon0, lat0), (lon1, lat1) = back.transform(px, py - step), back.transform(px, py + step)
+    clockwise = np.arctan2((np.asarray(lon1) - lon0) * np.cos(np.radians(lat)), lat1 - lat0)
+    east, north = turned(*along, clockwise)
+    np.testing.assert_allclose(u, east, atol=1e-3)
+    np.testing.assert_allclose(v, north, atol=1e-3)
+
+
+@pytest.mark.parametrize("first", [0.0, -180.0])
+@pytest.mark.parametrize("north_up", [True, False])
+def test_a_whole_globe_either_way_round(first: float, north_up: bool) -> None:
+    lat = np.linspace(-90, 90, 37)[:: 1 if north_up else -1]
+    ds = latlon(latitude=lat, longitude=first + np.arange(0, 360, 5.0))
+    where = RNG.uniform(-89.9, 89.9, 150), RNG.uniform(-180, 360, 150)
+    where[1][:20] = np.linspace(-5.0, 5.0, 20)  # across the seam of 0/360
+    where[1][20:40] = np.linspace(176.0, 184.0, 20)
+    where[0][40:44] = (90.0, -90.0, 89.99, -89.99)
+    p = RNG.uniform(20500.0, 99500.0, 150)
+    u, v = winds(airswing.collocate(points(*where, p), {"x": ds}))
+    fi = np.mod(where[1] - first, 360.0) / 5.0
+    fj = np.interp(where[0], np.sort(lat), np.arange(37))
+    fj = fj if north_up else 36 - fj
+    east, north = by_hand(ds.u.values[0], ds.v.values[0], LEVELS * 100, fi, fj, p)
+    np.testing.assert_allclose(u, east, atol=1e-3)
+    np.testing.assert_allclose(v, north, atol=1e-3)
+
+
+def test_outside_a_regional_grid_there_is_no_wind() -> None:
+    ds = latlon(latitude=np.arange(40, 61, 1.0), longitude=np.arange(350, 371, 1.0) % 360)
+    inside = [(50.0, -5.0), (50.0, 355.0), (50.0, 5.0), (40.0, 350.0), (60.0, 10.0)]
+    outside = [(39.9, 0.0), (50.0, 10.1), (50.0, 349.9), (50.0, 180.0), (60.1, 0.0)]
+    lat, lon = np.transpose(inside + outside)
+    u, _ = winds(airswing.collocate(points(lat, lon, 50000.0), {"x": ds}))
+    np.testing.assert_array_equal(np.isfinite(u), [True] * 5 + [False] * 5)
+    assert u[0] == u[1]
+
+
+def test_gaussian_latitudes() -> None:
+    lat, _ = np.polynomial.legendre.leggauss(64)
+    lat = np.degrees(np.arcsin(lat))[::-1]
+    ds = latlon(latitude=lat, longitude=np.arange(0, 360, 2.8125))
+    where = RNG.uniform(-87, 87, 60), RNG.uniform(0, 360, 60)
+    u, _ = winds(airswing.collocate(points(*where, 60000.0), {"x": ds}))
+    stored = ds.latitude.values.astype(float)
+    fj = 63 - np.interp(where[0], stored[::-1], np.arange(64))
+    east, _ = by_hand(ds.u.values[0], ds.v.values[0], LEVELS * 100, where[1] / 2.8125, fj,
+                      np.full(60, 60000.0))  # fmt: skip
+    np.testing.assert_allclose(u, east, atol=1e-3)
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "rotated"])
+def test_only_the_points_known(kind: str) -> None:
+    """Latitudes and longitudes of every point give the projection's winds, and its direction."""
+    ds = projected(kind)
+    x, y = axes_of(kind)
+    grid = AxesGrid(frame_of(MAPPINGS[kind], file="", field=""), x, y)
+    lat, lon = grid.frame.places(*(one.ravel() for one in np.meshgrid(x, y)))
+    bare = ds.copy(deep=True).drop_vars(["crs", "x", "y"])
+    for name in ("ua", "va"):
+        del bare[name].attrs["grid_mapping"]
+    shape = (y.size, x.size)
+    bare = bare.assign_coords(
+        lat=(("y", "x"), lat.reshape(shape), {"units": "degrees_north"}),
+        lon=(("y", "x"), np.mod(lon, 360).reshape(shape), {"units": "degrees_east"}),
+    )
+    _, _, lat, lon = places_in(kind, 80)
+    reports = points(lat, lon, 60000.0)
+    one, two = (winds(airswing.collocate(reports, {"x": d})) for d in (ds, bare))
+    np.testing.assert_allclose(one, two, atol=4e-2)  # cells of 60 to 80 km, noise of 15 m/s
+
+
+def test_points_placed_to_a_ten_thousandth_of_a_cell() -> None:
+    x, y = axes_of("lambert")
+    frame = frame_of(MAPPINGS["lambert"], file="", field="")
+    grid = AxesGrid(frame, x[0] + 3000.0 * np.arange(300), y[0] + 3000.0 * np.arange(250))
+    lat, lon = grid.frame.places(*(one.ravel() for one in np.meshgrid(grid.x, grid.y)))
+    bare = CurvilinearGrid(lat.reshape(250, 300), lon.reshape(250, 300))
+    fi, fj = RNG.uniform(0, 299, 300), RNG.uniform(0, 249, 300)
+    where = grid.frame.places(x[0] + 3000 * fi, y[0] + 3000 * fj)
+    found = bare.fractional_index(*where)
+    np.testing.assert_allclose(found, (fi, fj), atol=1e-4)
+    np.testing.assert_allclose(bare.convergence(*where), grid.convergence(*where), atol=1e-5)
+    assert np.isnan(bare.fractional_index(-40.0, 80.0)).all()
+
+
+def test_the_inverse_of_every_frame() -> None:
+    lat, lon = RNG.uniform(20, 60, 40), RNG.uniform(-130, -70, 40)
+    for mapping in MAPPINGS.values():
+        frame = frame_of(mapping, file="", field="")
+        back = frame.places(*frame.xy(lat, lon))
+        np.testing.assert_allclose(back, (lat, lon), atol=1e-9)
+
+
+def test_a_pole_turned_in_its_own_frame() -> None:
+    mapping = MAPPINGS["rotated"] | {"north_pole_grid_longitude": 20.0}
+    frame = frame_of(mapping, file="", field="")
+    crs = CRS.from_cf(mapping)
+    to = Transformer.from_crs(crs.source_crs or "EPSG:4326", crs, always_xy=True)
+    lat, lon = RNG.uniform(30, 60, 20), RNG.uniform(-120, -80, 20)
+    np.testing.assert_allclose(frame.xy(lat, lon), to.transform(lon, lat), atol=1e-6)
+    assert isinstance(frame, Frame)
+
+
+def test_wkt_alone_and_a_string_in_the_configuration() -> None:
+    ds = projected("lambert")
+    crs = CRS.from_cf(MAPPINGS["lambert"])
+    _, _, lat, lon = places_in("lambert", 20)
+    reports = points(lat, lon, 60000.0)
+    expected = winds(airswing.collocate(reports, {"x": ds}))
+    wkt = ds.copy()
+    wkt["crs"] = xr.Variable((), 0, {"crs_wkt": crs.to_wkt()})
+    np.testing.assert_allclose(winds(airswing.collocate(reports, {"x": wkt})), expected, atol=1e-6)
+    bare = ds.copy(deep=True).drop_vars("crs")
+    for name in ("ua", "va"):
+        del bare[name].attrs["grid_mapping"]
+    text = "+proj=lcc +lat_1=30 +lat_2=60 +lat_0=38.5 +lon_0=-97.5 +x_0=100000 +R=6371229"
+    said = airswing.build_catalogue(bare, name="x", naming={"projection": text})
+    np.testing.assert_allclose(winds(airswing.collocate(reports, {"x": said})), expected, atol=1e-6)
