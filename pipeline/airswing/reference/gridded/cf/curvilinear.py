@@ -99,8 +99,10 @@ class CurvilinearGrid:
         """(nj, ni) unit complex numbers whose argument turns grid components to true ones."""
         if self.turned is not None:
             return np.asarray(np.exp(1j * self.turned))
-        order = 2 if self.ni > 2 else 1
-        along = np.gradient(self._vectors, axis=1, edge_order=order)
+        if self.ni > 2:
+            along = np.asarray(np.gradient(self._vectors, axis=1, edge_order=2))
+        else:
+            along = np.asarray(np.gradient(self._vectors, axis=1))
         east, north = _axes(self._vectors.reshape(-1, 3))
         along = along.reshape(-1, 3)
         found = (along * east).sum(1) - 1j * (along * north).sum(1)
