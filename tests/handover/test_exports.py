@@ -66,6 +66,7 @@ def _of_obsproc(reports):
         for level in report["levels"]:
             (speed, q1), (direction, q2) = level["speed"], level["dir"]
             assert q1 == q2 == 0 and level["p"][1] == 0
+            assert (level["z"][1] == 0) == (report["fm"] == 101)
             angle = np.radians(direction)
             wind = -speed * np.sin(angle), -speed * np.cos(angle)
             seconds = (report["time"] - EPOCH).total_seconds()
@@ -81,6 +82,7 @@ def _of_wrfda(reports):
         for level in report["levels"]:
             assert level["wind_used"] and level["vertical"] == "pressure"
             assert all(level[name][2] > 0.0 for name in wrfda.COLUMNS)
+            assert 0.0 < level["dir"][0] <= 360.0
             moment = datetime.strptime(report["date"], "%Y-%m-%d_%H:%M:%S")
             seconds = (moment - EPOCH).total_seconds()
             values = level["p"][0], level["earth"], level["t"][0]

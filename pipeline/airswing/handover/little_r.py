@@ -9,7 +9,8 @@ is written:
 * the date is right-justified, and in sounding and single report alike an end record and a trailer
   follow, else the reports after are swallowed;
 * the level is the pressure alone: with a height of quality 0 beside it, OBSPROC would replace the
-  pressure of FM-42, 96 and 97 by the standard atmosphere's above 3,000 m;
+  pressure of FM-42, 96 and 97 by the standard atmosphere's above 3,000 m. The quality of the
+  missing height is 1 for them;
 * reports of one place and name are merged, or dropped but for the one nearest to the analysis:
   every report has a name of its own;
 * levels less than 1 Pa apart are merged: joined soundings keep 2 Pa;
@@ -47,7 +48,7 @@ from airswing.handover.records.wind import speed_and_direction
 
 SLOWEST = 0.10001
 """m/s: OBSPROC takes slower winds as missing."""
-LEAST_DIRECTION = 0.001
+LEAST_DIRECTION = 0.00101
 """Degrees: OBSPROC takes smaller ones as missing."""
 _NO_VALUE = "-888888.00000      0"
 _HEAD = (
@@ -56,7 +57,7 @@ _HEAD = (
     f"{'':20}{_NO_VALUE * 13}\n"
 )
 _LEVEL = f"{_NO_VALUE * 10}\n"
-_PRESSURE, _TEMPERATURE, _SPEED, _DIRECTION = 1, 41, 81, 101
+_PRESSURE, _HEIGHT_QUALITY, _TEMPERATURE, _SPEED, _DIRECTION = 1, 34, 41, 81, 101
 _TAIL = f"{'-777777.00000      0' * 2}{'':13}      0{_NO_VALUE * 7}\n{'':7}{0:7}{0:7}\n"
 _END, _TRAILER = line_starts(_TAIL)
 
@@ -77,20 +78,22 @@ def _encode(records: Records, *, winds: str) -> bytes:
     tail = lines_of(_TAIL, records.size.size)
     put_number(tail, _END + 41, 13, records.size, decimals=5)
     put_number(tail, _TRAILER + 1, 7, records.size)
-    return interleaved(records, head, _levels(levels), tail)
+    lines = _levels(levels)
+    tamdar = records.platform[levels["aircraft"]] == PLATFORMS.index("TAMDAR")
+    put_number(lines, _HEIGHT_QUALITY, 7, np.where(tamdar, 0, 1))
+    return interleaved(records, head, lines, tail)
 
 
 def _levels(rows: NDArray[np.void]) -> Lines:
     lines = lines_of(_LEVEL, rows.size)
-    speed, direction = speed_and_direction(rows["u"], rows["v"])
+    speed, direction = speed_and_direction(rows["u"], rows["v"], least=LEAST_DIRECTION)
     put_number(lines, _PRESSURE, 13, rows["pressure"], decimals=5)
     known = np.isfinite(rows["temperature"])
     some = lines[known]
     put_number(some, _TEMPERATURE, 13, rows["temperature"][known], decimals=5)
     lines[known] = some
     put_number(lines, _SPEED, 13, np.maximum(speed, SLOWEST), decimals=5)
-    north = np.round(direction, 5) <= LEAST_DIRECTION
-    put_number(lines, _DIRECTION, 13, np.where(north, 360.0, direction), decimals=5)
+    put_number(lines, _DIRECTION, 13, direction, decimals=5)
     return lines
 
 

@@ -100,7 +100,7 @@ def _encode(records: Records, *, errors: WindErrors) -> bytes:
 
 def _levels(rows: NDArray[np.void], error: NDArray[np.float64]) -> Lines:
     lines = lines_of(_LEVEL, rows.size)
-    speed, direction = speed_and_direction(rows["u"], rows["v"])
+    speed, direction = speed_and_direction(rows["u"], rows["v"], least=0.0005)
     put_number(lines, _PRESSURE, 12, rows["pressure"], decimals=3)
     put_number(lines, _SPEED, 12, speed, decimals=3)
     _put_error(lines, _SPEED, error)

@@ -1,7 +1,7 @@
 """Wind as formats want it: speed and the direction it blows from.
 
-Assumes components towards east and north, m/s. A calm has no direction; formats hold a number
-there all the same, 0 by custom.
+Assumes components towards east and north, m/s. North is 360 degrees: to a reader 0 may mean that
+there is no direction. A calm has none; formats hold a number there all the same, and have north's.
 """
 
 from __future__ import annotations
@@ -12,22 +12,24 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 
-def speed_and_direction(u: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+def speed_and_direction(u: ArrayLike, v: ArrayLike, *, least: float = 0.0) -> tuple[Array, Array]:
     """Turn components into speed and direction.
 
     Parameters
     ----------
     u, v : array_like, shape (n,)
         m/s.
+    least : float, default 0
+        Degrees: what is no larger is north.
 
     Returns
     -------
     speed : array, shape (n,)
         m/s.
     direction : array, shape (n,)
-        Degrees from true north the wind comes from, in [0, 360); 0 for a calm.
+        Degrees from true north the wind comes from, in (0, 360].
     """
     east, north = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
     speed = np.hypot(east, north)
     direction = np.degrees(np.arctan2(-east, -north)) % 360.0
-    return speed, np.where((speed == 0.0) | (direction >= 360.0), 0.0, direction)
+    return speed, np.where((speed == 0.0) | (direction <= least), 360.0, direction)
