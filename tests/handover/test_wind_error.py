@@ -18,23 +18,28 @@ from tests.conftest import ROOT
 from tests.handover import wrfda
 from tests.handover.archives import corrected
 
-KNOWN = np.array([[[2.0, 1.6, np.nan], [3.0, 2.4, 2.2]], [[1.5, 1.2, np.nan], [1.0, 0.8, 0.7]]])
-"""m/s by state (reported, corrected), phase (cruise, descent) and three layers."""
+KNOWN = np.array([
+    [[2.5, 2.0, 1.8], [2.0, 1.6, 1.9], [3.0, 2.4, 2.2]],
+    [[1.4, 1.1, 0.9], [1.5, 1.2, 0.95], [1.0, 0.8, 0.7]],
+])  # fmt: skip
+"""m/s by state (reported, corrected), phase (all, cruise, descent) and three layers."""
+BY_AIRCRAFT = {"N1": (np.nan, np.nan), "N2": (6.0, 1.3), "N3": (1.0, 0.0), "N9": (9.0, 9.0)}
 
 
-def write_known(folder: Path, **changes: object) -> None:
+def write_known(folder: Path, *missing: str) -> None:
     ds = xr.Dataset(
         {
-            "wind_component_error": (("state", "flight_phase", "layer"), KNOWN),
+            "observation_error_filled": (("state", "flight_phase", "layer"), KNOWN),
+            "aircraft_observation_error": (("aircraft", "state"), list(BY_AIRCRAFT.values())),
             "layer_bottom_pressure": ("layer", [110000.0, 70000.0, 40000.0]),
             "layer_top_pressure": ("layer", [70000.0, 40000.0, 20000.0]),
         },
-        coords={"state": ["reported", "corrected"], "flight_phase": ["cruise", "descent"]},
+        coords={"state": ["reported", "corrected"], "flight_phase": ["all", "cruise", "descent"],
+                "aircraft": list(BY_AIRCRAFT)},
         attrs={"uuid": "x"},
-    )
-    ds.transpose("layer", "flight_phase", "state").drop_vars(changes).to_netcdf(
-        folder / "observation_errors.nc"
-    )
+    )  # fmt: skip
+    shuffled = ds.transpose("layer", ...).isel(layer=[2, 0, 1], flight_phase=[1, 0, 2])
+    shuffled.drop_vars(missing).to_netcdf(folder / "observation_errors.nc")
 
 
 def errors(folder: Path, ds: xr.Dataset, **choices: object) -> list[float]:
@@ -63,35 +68,55 @@ def test_the_table_is_the_one_obsproc_gave_its_reports():
 
 
 def test_errors_by_leg_and_layer(tmp_path):
-    """Corrections all as uncertain as each other change nothing."""
+    """Corrections as uncertain as each other change nothing; an ascent has no row of its own."""
     write_known(tmp_path)
     ds = corrected(
-        {"N1": 5},
-        pressure=[90000.0, 70000.0, 39999.0, 90000.0, 39999.0],
-        phase=[PHASE[name] for name in ("cruise", "cruise", "cruise", "descent", "ascent")],
+        {"N1": 6},
+        pressure=[109000.0, 70000.0, 39999.0, 19000.0, 90000.0, 39999.0],
+        phase=[PHASE[name] for name in ("cruise",) * 4 + ("descent", "ascent")],
         corrected_wind_standard_error=0.4,
     )
-    # no cell for cruise in the third layer nor for ascents: the table's, and half of 0.16 more
-    apart = np.sqrt([3.0**2 + 0.08, 3.0**2 + 0.08])
-    assert errors(tmp_path, ds) == pytest.approx([1.5, 1.2, apart[0], 1.0, apart[1]], abs=0.006)
-    by_table = [3.0, 3.0]
-    assert errors(tmp_path, ds, winds="reported") == pytest.approx(
-        [2.0, 1.6, by_table[0], 3.0, by_table[1]], abs=0.006
-    )
+    found = errors(tmp_path, ds)
+    assert found == pytest.approx([1.5, 1.2, 0.95, 0.95, 1.0, 0.9], abs=0.006)
+    found = errors(tmp_path, ds, winds="reported")
+    assert found == pytest.approx([2.0, 1.6, 1.9, 1.9, 3.0, 1.8], abs=0.006)
 
 
 def test_a_compass_hardly_known_weighs_less(tmp_path):
     """By hand: 1.2 m/s of the cell holds (0.2^2 + 1.0^2) / 4 = 0.26 of uncertain corrections."""
     write_known(tmp_path)
-    ds = corrected({"N1": 1, "N2": 1}, corrected_wind_standard_error=[0.2, 1.0])
+    ds = corrected({"N1": 1, "X": 1}, corrected_wind_standard_error=[0.2, 1.0])
     by_hand = np.sqrt([1.44 - 0.26 + 0.02, 1.44 - 0.26 + 0.5])
     assert errors(tmp_path, ds) == pytest.approx(by_hand, abs=0.006)
 
 
-def test_no_error_falls_below_half_its_cells(tmp_path):
+def test_an_aircraft_has_its_own_error(tmp_path):
+    """By hand: N2 flew cells of 1.44 and 2.25 and has 1.69 itself, 0.155 less than these.
+
+    Of its corrections, half the squares are 0.08 and 0.02, on the mean 0.05.
+    """
+    write_known(tmp_path)
+    ds = corrected({"N2": 2}, pressure=[50000.0, 90000.0],
+                   corrected_wind_standard_error=[0.4, 0.2])  # fmt: skip
+    by_hand = np.sqrt([1.44 - 0.155 + 0.03, 2.25 - 0.155 - 0.03])
+    assert errors(tmp_path, ds) == pytest.approx(by_hand, abs=0.006)
+    by_hand = np.sqrt(np.array([2.56, 4.0]) + 36.0 - 3.28)
+    assert errors(tmp_path, ds, winds="reported") == pytest.approx(by_hand, abs=0.006)
+
+
+def test_an_error_that_came_out_as_none_is_not_believed(tmp_path):
+    write_known(tmp_path)
+    ds = corrected({"N3": 2}, corrected_wind_standard_error=0.4)
+    assert errors(tmp_path, ds) == pytest.approx([1.2, 1.2], abs=0.006)
+
+
+def test_no_error_falls_below_half_its_cells_nor_half_a_metre_a_second(tmp_path):
     write_known(tmp_path)
     ds = corrected({"N1": 3}, corrected_wind_standard_error=[0.0, 0.0, 6.0])
     assert errors(tmp_path, ds)[:2] == pytest.approx([0.6, 0.6])
+    ds = corrected({"N1": 3}, corrected_wind_standard_error=[0.0, 0.0, 6.0], pressure=30000.0,
+                   phase=PHASE["descent"])  # fmt: skip
+    assert errors(tmp_path, ds)[:2] == pytest.approx([0.5, 0.5])
 
 
 def test_a_unit_that_corrects_itself_has_the_error_of_its_cell(tmp_path):
@@ -101,9 +126,9 @@ def test_a_unit_that_corrects_itself_has_the_error_of_its_cell(tmp_path):
 
 
 def test_a_product_that_tells_no_errors_is_refused(tmp_path):
-    write_known(tmp_path, wind_component_error=None)
+    write_known(tmp_path, "observation_error_filled")
     write_product(corrected({"N1": 2}), tmp_path / "corrected.nc", title="test")
-    with pytest.raises(InputError, match=r"observation_errors.nc: wind_component_error"):
+    with pytest.raises(InputError, match=r"observation_errors.nc: observation_error_filled"):
         airswing.export(tmp_path / "corrected.nc", to="ob_ascii", path=tmp_path / "f")
 
 

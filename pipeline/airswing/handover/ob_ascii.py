@@ -136,7 +136,8 @@ def write_ob_ascii(request: Request) -> dict[str, Any]:
         Of :func:`~airswing.handover.records.record_files.write_records`, with ``errors_from``.
     """
     known = known_errors(request.products)
-    errors = WindErrors(known, request.winds)
+    aircraft = request.corrected["aircraft"].to_numpy().astype(str)
+    errors = WindErrors(known, request.winds, aircraft.tolist())
     layout = Layout("ob.ascii", partial(_encode, errors=errors), _header, look=errors.look)
     told = write_records(request, layout)
     told["errors_from"] = PRODUCT if known is not None else "WRFDA's own table"

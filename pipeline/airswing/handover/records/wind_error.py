@@ -1,14 +1,16 @@
 """Standard error of a wind component, report by report, for formats that carry one.
 
-Where ``observation_errors.nc`` stands beside the reports, the error is that of the report's leg and
-layer (`VARIABLE` by ``state``, ``flight_phase`` and ``layer``): of corrected winds it holds what
-the corrections leave uncertain on the average, so half the square of a report's own
-``corrected_wind_standard_error`` (that of the vector) replaces the cell's mean of it. An aircraft
-whose compass is hardly known so weighs less than one that is well known.
+Where ``observation_errors.nc`` stands beside the reports, the variance of a report's error is that
+of its leg and layer, plus what its aircraft's differs from that of the legs and layers it flew,
+plus what its correction is less certain of than the aircraft's others: half the square of
+``corrected_wind_standard_error``, which is that of the vector. Where the aircraft's own error is
+not known, the correction is held against those of its leg and layer. An aircraft whose compass is
+hardly known so weighs less than one that is well known. No error falls below `LEAST`, nor below
+half of its leg's and layer's; layers beyond those that are known have the nearest one's.
 
-Where there is none, or the cell is empty, the error is that of WRFDA's own table for the type of
-report (var/obsproc/obserr.txt of WRF 4.7, wind components, interpolated in pressure), and half the
-square of the report's own is added. The table is meant for winds as reported: it is generous for
+Where there is none, the error is that of WRFDA's own table for the type of report
+(var/obsproc/obserr.txt of WRF 4.7, wind components, interpolated in pressure), and half the square
+of the correction's own is added. The table is meant for winds as reported: it is generous for
 corrected ones.
 
 Assumes errors of the two components alike, and independent of the correction's.
@@ -16,8 +18,9 @@ Assumes errors of the two components alike, and independent of the correction's.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +35,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-PRODUCT, VARIABLE = "observation_errors.nc", "wind_component_error"
+PRODUCT = "observation_errors.nc"
+BY_CELL, BY_AIRCRAFT = "observation_error_filled", "aircraft_observation_error"
+LEAST = 0.5
+"""m/s: what coding in whole knots and degrees alone leaves of a wind of 30 m/s is 0.4 m/s."""
 LEAST_SHARE = 0.5
 """Of its cell's error, that a report's own is at least."""
 TAMDARS = (
@@ -71,36 +77,42 @@ class WindErrors:
     known : Dataset, optional
         Of :func:`known_errors`.
     winds : {"corrected", "reported"}
+    aircraft : sequence of str
+        Names of all aircraft, as ``aircraft`` of the rows numbers them.
     """
 
-    def __init__(self, known: xr.Dataset | None, winds: Winds) -> None:
+    def __init__(self, known: xr.Dataset | None, winds: Winds, aircraft: Sequence[str]) -> None:
         self._corrected = winds == "corrected"
-        self._cells = np.full((len(PHASE), 1), np.nan)
-        self._bottom = self._top = np.array([np.nan])
+        self._cells: Array = np.full((len(PHASE), 1), np.nan)
+        self._tops: Array = np.array([-np.inf])
+        self._aircraft: Array = np.full(len(aircraft), np.nan)
         if known is not None:
-            phases = [str(name) for name in known["flight_phase"].to_numpy()]
-            table = known[VARIABLE].sel(state=winds).transpose("flight_phase", "layer").to_numpy()
-            self._bottom = known["layer_bottom_pressure"].to_numpy().astype(np.float64)
-            self._top = known["layer_top_pressure"].to_numpy().astype(np.float64)
-            self._cells = np.full((len(PHASE), table.shape[1]), np.nan)
-            for name, code in PHASE.items():
-                if name in phases:
-                    self._cells[code] = table[phases.index(name)]
-        self._sum = np.zeros((2, *self._cells.shape))
+            self._take(known.sel(state=winds), list(aircraft))
+        self._own_of_cell = _Means(self._cells.size)
+        self._own_of_aircraft = _Means(len(aircraft))
+        self._cells_of_aircraft = _Means(len(aircraft))
+
+    def _take(self, known: xr.Dataset, aircraft: list[str]) -> None:
+        known = known.isel(layer=np.argsort(-known["layer_bottom_pressure"].to_numpy()))
+        table = known[BY_CELL].transpose("flight_phase", "layer").to_pandas()
+        rows = [name if name in table.index else "all" for name in PHASE]
+        self._cells = np.square(table.loc[rows].to_numpy(dtype=np.float64))
+        self._tops = known["layer_top_pressure"].to_numpy().astype(np.float64)
+        own = known[BY_AIRCRAFT].to_series().reindex(aircraft).to_numpy(dtype=np.float64)
+        self._aircraft = np.where(own > 0.0, own**2, np.nan)
 
     def look(self, rows: NDArray[np.void]) -> None:
-        """Take note of what the corrections leave uncertain on the average.
+        """Take note of what each aircraft flew and of how certain corrections are.
 
         Parameters
         ----------
         rows : array of :data:`airswing.handover.records.eligible.ROW`
             All reports have to come by before errors are asked for.
         """
-        own = _own(rows)
-        phase, layer, inside = self._cell(rows)
-        told = inside & np.isfinite(rows["error"])
-        np.add.at(self._sum[0], (phase[told], layer[told]), own[told])
-        np.add.at(self._sum[1], (phase[told], layer[told]), 1.0)
+        own, cell = _own(rows), self._cell(rows)
+        self._own_of_cell.add(cell, own)
+        self._own_of_aircraft.add(rows["aircraft"], own)
+        self._cells_of_aircraft.add(rows["aircraft"], self._cells.ravel()[cell])
 
     def of(self, rows: NDArray[np.void], platform: NDArray[np.int8]) -> Array:
         """Error of a wind component of every report.
@@ -116,22 +128,43 @@ class WindErrors:
         array, shape (n,)
             m/s.
         """
-        table = table_error(rows["pressure"], platform)
-        phase, layer, inside = self._cell(rows)
-        cell = np.where(inside, self._cells[phase, layer], np.nan)
-        mean = (self._sum[0] / np.maximum(self._sum[1], 1.0))[phase, layer]
-        own = np.where(np.isfinite(rows["error"]), _own(rows), np.where(np.isnan(cell), 0.0, mean))
-        if not self._corrected:
-            return np.where(np.isnan(cell), table, cell)
-        told = np.maximum(cell**2 - mean + own, (LEAST_SHARE * cell) ** 2)
-        return np.asarray(np.sqrt(np.where(np.isnan(cell), table**2 + own, told)))
+        own, cell = _own(rows), self._cell(rows)
+        base, aircraft = self._cells.ravel()[cell], self._aircraft[rows["aircraft"]]
+        flown = self._cells_of_aircraft.of(rows["aircraft"])
+        differs = np.nan_to_num(aircraft - flown)
+        usual = np.where(
+            np.isnan(aircraft),
+            self._own_of_cell.of(cell),
+            self._own_of_aircraft.of(rows["aircraft"]),
+        )
+        less_certain = np.nan_to_num(own - usual) if self._corrected else 0.0
+        least = np.maximum(LEAST_SHARE**2 * base, LEAST**2)
+        known = np.maximum(base + differs + less_certain, least)
+        added = np.nan_to_num(own) if self._corrected else 0.0
+        table = table_error(rows["pressure"], platform) ** 2 + added
+        return np.asarray(np.sqrt(np.where(np.isnan(base), table, known)))
 
-    def _cell(self, rows: NDArray[np.void]) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
-        """Phase and layer of every report, and whether it is in a layer."""
-        pressure = rows["pressure"][:, np.newaxis]
-        within = (pressure <= self._bottom) & (pressure > self._top)
-        inside: NDArray[np.bool_] = np.any(within, axis=1)
-        return rows["phase"], np.argmax(within, axis=1), inside
+    def _cell(self, rows: NDArray[np.void]) -> NDArray[np.int64]:
+        """Number of every report's leg and layer."""
+        layer = np.sum(rows["pressure"][:, np.newaxis] <= self._tops, axis=1)
+        layer = np.minimum(layer, self._tops.size - 1)
+        return np.asarray(rows["phase"] * np.int64(self._tops.size) + layer, dtype=np.int64)
+
+
+class _Means:
+    """Means by group of values that come in parts; those that are NaN do not count."""
+
+    def __init__(self, groups: int) -> None:
+        self._total, self._number = np.zeros(groups), np.zeros(groups)
+
+    def add(self, group: NDArray[np.integer], values: Array) -> None:
+        told, size = np.isfinite(values), self._total.size
+        self._total += np.bincount(group[told], weights=values[told], minlength=size)
+        self._number += np.bincount(group[told], minlength=size)
+
+    def of(self, group: NDArray[np.integer]) -> Array:
+        with np.errstate(invalid="ignore"):
+            return np.asarray((self._total / self._number)[group])
 
 
 def _own(rows: NDArray[np.void]) -> Array:
@@ -163,7 +196,7 @@ def known_errors(folder: Path | None) -> xr.Dataset | None:
     from airswing.products.netcdf import read_product
 
     ds = read_product(path)
-    for name in (VARIABLE, "state", "flight_phase", "layer_bottom_pressure", "layer_top_pressure"):
+    for name in (BY_CELL, BY_AIRCRAFT, "layer_bottom_pressure", "layer_top_pressure"):
         if name not in ds.variables:
             raise InputError(
                 "does not tell the errors of reports by leg and layer", file=path, field=name,
