@@ -292,6 +292,9 @@ def gap_check(
         int | None, typer.Option(help="Cases that hold nothing; a quarter by default.", min=0)
     ] = None,
     baselines: Annotated[bool, typer.Option(help="Also run simple methods beside ours.")] = True,
+    so_far: Annotated[
+        bool, typer.Option("--so-far", help="Score what is diagnosed already; diagnose no more.")
+    ] = False,
     fast: Annotated[bool, typer.Option("--fast", help="Small archives, clear effects.")] = False,
     real: Annotated[
         Path | None,
@@ -311,7 +314,7 @@ def gap_check(
 
     plan = Plan(cases, seed, fast, nulls, tuple(rung) if rung else None, real=real)
     summary, text = check_and_report(
-        output, plan, workers=workers, baselines=baselines, quiet=quiet
+        output, plan, workers=workers, baselines=baselines, so_far=so_far, quiet=quiet
     )
     _print(summary, as_json=json, text=text)
 

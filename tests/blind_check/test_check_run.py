@@ -137,6 +137,9 @@ def test_a_finished_check_is_not_diagnosed_again_and_failures_are_told(checked, 
     def broken(config, output, without):
         raise RuntimeError("exit status 1: no")
 
+    part = gap_check(root, PLAN, diagnoser=never, baselines=False, so_far=True)
+    assert [s["name"] for s in part.scores] == [s["name"] for s in check.scores[1:]]
+    assert "9 of 10 sealed archives" in as_markdown(part, command="x")
     after = gap_check(root, PLAN, diagnoser=broken, baselines=False)
     lost.write_text(kept)
     assert after.failures == {"case_001": "exit status 1: no"}
@@ -165,11 +168,12 @@ def test_confusion_counts_by_hand():
     truths, told, counts = confusion(
         [score("single", ["hard_iron"], ["hard_iron"], right=True),
          score("single", ["hard_iron"], ["soft_iron"]),
-         score("null", [], []), score("outside", ["three_cycle"], [], unknown=True)]
+         score("null", [], []), score("outside", ["three_cycle"], [], unknown=True),
+         score("outside", ["three_cycle"], ["soft_iron"], unknown=True) | {"unknown_first": True}]
     )  # fmt: skip
     assert truths == ["hard_iron", "three_cycle", "nothing"]
     assert told == ["hard_iron", "soft_iron", "unknown", "nothing"]
-    assert counts.tolist() == [[1, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    assert counts.tolist() == [[1, 1, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]
 
 
 def test_figure_without_cases_says_so():

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from airswing.blind_check.reliability_table import reliability_rows
 from airswing.report.html.style import (
     BLUE,
     GREEN,
@@ -60,18 +61,20 @@ def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray
         truth = score["focus"][0] if score["focus"] else "nothing"
         truth += " (removed)" if score["kind"] == "removed" else ""
         right = score["first_right"] and truth in score["claimed"]
-        told = (
-            truth
-            if right
-            else (score["claimed"] or ["unknown" if score["unknown"] else "nothing"])[0]
-        )
-        pairs.append((truth, told))
+        pairs.append((truth, truth if right else _first_told(score)))
     truths = sorted({truth for truth, _ in pairs}, key=lambda name: (name == "nothing", name))
     told = sorted({t for _, t in pairs}, key=lambda n: (n == "nothing", n == "unknown", n))
     counts = np.zeros((len(truths), len(told)))
     for truth, name in pairs:
         counts[truths.index(truth), told.index(name)] += 1
     return truths, told, counts
+
+
+def _first_told(score: Score) -> str:
+    """Return what a diagnosis tells first: an unknown where it stands ahead of the names."""
+    if score["unknown"] and (score.get("unknown_first") or not score["claimed"]):
+        return "unknown"
+    return str(score["claimed"][0]) if score["claimed"] else "nothing"
 
 
 @styled
@@ -88,15 +91,19 @@ def check_figure(scores: Sequence[Score]) -> CaptionedFigure:
     CaptionedFigure
     """
     figure = new_figure(10.5)
-    axes = figure.subplot_mosaic([["size", "closure"], ["confusion", "confusion"]],
-                                 height_ratios=[1, 2.2])  # fmt: skip
+    axes = figure.subplot_mosaic(
+        [["size", "closure", "stated"], ["confusion"] * 3], height_ratios=[1, 2.2]
+    )
     _size_panel(axes["size"], scores)
     _closure_panel(axes["closure"], scores)
+    _reliability_panel(axes["stated"], scores)
     _confusion_panel(axes["confusion"], scores)
     return figure.say(
         f"Sealed cases: {len(scores)}. Above left, share of single effects detected, named first, "
-        "and in the ambiguity set, by their size where they act. Above right, closure stated "
-        "against closure true, kt, with its interval. Below, what each effect was taken for first.",
+        "and in the ambiguity set, by their size where they act. Above middle, closure stated "
+        "against closure true, kt, with its interval; of outside effects what names and unknown "
+        "close together. Above right, of claims stated with a probability the share that is right, "
+        "with 68 % intervals. Below, what each effect was taken for first.",
         alternative="Scores of the blind check",
     )
 
@@ -143,8 +150,9 @@ def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
     ):  # fmt: skip
         own = [s for s in done if s["kind"] in kind]
         if own:
-            stated = np.array([s["closure_stated"] for s in own])
-            ends = [s.get("closure_interval") or [s["closure_stated"]] * 2 for s in own]
+            told = [_closure_told(s) for s in own]
+            stated = np.array([one[0] for one in told])
+            ends = [one[1] for one in told]
             reach = np.abs(np.array(ends).T - stated)  # below and above, which differ
             axes.errorbar(
                 [s["closure_true"] for s in own], stated, yerr=reach,
@@ -156,6 +164,34 @@ def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
     axes.set_xlabel("true, kt")
     axes.set_ylabel("stated, kt")
     axes.legend(loc="upper left")
+
+
+def _closure_told(score: Score) -> tuple[float, Sequence[float]]:
+    """Return the closure stated and its interval: with the unknown's for an outside effect."""
+    if score.get("unknown_closure_stated") is not None:
+        return score["unknown_closure_stated"], score["unknown_closure_interval"]
+    stated = score["closure_stated"]
+    return stated, score.get("closure_interval") or [stated] * 2
+
+
+def _reliability_panel(axes: Axes, scores: Sequence[Score]) -> None:
+    claims = [claim for s in scores if not s.get("failure") for claim in s.get("claims", ())]
+    axes.set_title("Stated and right")
+    rows = reliability_rows(claims)
+    if not rows:
+        blank(axes, "no claim stated")
+        return
+    for row in rows:
+        low, high = wilson(round(row["right"] * row["claims"]), row["claims"])
+        reach = [[max(row["right"] - low, 0.0)], [max(high - row["right"], 0.0)]]
+        axes.errorbar(row["stated"], row["right"], yerr=reach, color=BLUE, marker="o", capsize=2)
+        axes.annotate(f"{row['claims']}", (row["stated"], row["right"]), fontsize=7.5,
+                      xytext=(4, -10), textcoords="offset points")  # fmt: skip
+    axes.plot([0, 1], [0, 1], color=SOFT, linewidth=1)
+    axes.set_xlim(min(0.45, rows[0]["stated"] - 0.05), 1.03)
+    axes.set_ylim(-0.03, 1.05)
+    axes.set_xlabel("probability stated (claims)")
+    axes.set_ylabel("share right")
 
 
 def _confusion_panel(axes: Axes, scores: Sequence[Score]) -> None:

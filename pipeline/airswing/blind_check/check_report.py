@@ -112,7 +112,7 @@ def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None =
     singles = [s for s in withheld if s["kind"] == "single"]
     parts = [
         "# Blind check of the gap diagnosis",
-        f"`{command}`: {len(scores)} sealed archives of {settings['aircraft']} aircraft and "
+        f"`{command}`: {_of_all(check)} sealed archives of {settings['aircraft']} aircraft and "
         f"{settings['days']} days (one day on the real forecast), diagnosed through `airswing gap` "
         f"alone. Digest of the labels, published before the first diagnosis: `{check.digest}`.",
         "Rungs: 1 ordinary world, 2 hard world, 3 pairs, 4 outside or removed from the catalogue, "
@@ -142,6 +142,11 @@ def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None =
         parts += ["## Diagnoses that failed"]
         parts += ["\n".join(f"- {name}: {text}" for name, text in check.failures.items())]
     return "\n\n".join(parts) + "\n"
+
+
+def _of_all(check: Any) -> str:
+    sealed, done = check.settings.get("sealed"), len(check.scores)
+    return str(done) if sealed in (None, done) else f"{done} of {sealed}"
 
 
 def _one_line(found: Mapping[str, Any]) -> str:

@@ -171,6 +171,7 @@ def gap_check(
     workers: int = 1,
     diagnoser: Diagnoser = run_public_command,
     baselines: bool = True,
+    so_far: bool = False,
     say: Say = lambda text: None,
 ) -> Check:
     """Run the blind check.
@@ -187,6 +188,8 @@ def gap_check(
         What is checked; the public command by default.
     baselines : bool
         Also run the simple methods beside ours.
+    so_far : bool
+        Diagnose nothing more: score the cases an earlier call has diagnosed.
     say : callable
         Told what goes on.
 
@@ -201,10 +204,14 @@ def gap_check(
         say("no real data: rung 5 is left out")
     drawn, settings = plan.drawn(), plan.settings()
     digest = _sealed(output, drawn, settings, plan.real, workers, say)
-    _of_this_code(output)
+    if not so_far:
+        _of_this_code(output)
     say(f"labels sealed, sha256 {digest}")
-    failures = _diagnose_all(output, drawn, diagnoser, workers, say)
+    failures = {} if so_far else _diagnose_all(output, drawn, diagnoser, workers, say)
     labels = open_seal(output / "sealed", digest=digest)
+    settings |= {"sealed": len(labels)}
+    if so_far:
+        labels = [label for label in labels if _read(output, label["name"]) is not None]
     say("seals opened, digest verified")
     scores = [
         score_case(

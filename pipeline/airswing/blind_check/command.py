@@ -15,7 +15,13 @@ __all__ = ["check_and_report"]
 
 
 def check_and_report(
-    output: Path, plan: Plan, *, workers: int = 1, baselines: bool = True, quiet: bool = False
+    output: Path,
+    plan: Plan,
+    *,
+    workers: int = 1,
+    baselines: bool = True,
+    so_far: bool = False,
+    quiet: bool = False,
 ) -> tuple[dict[str, Any], str]:
     """Run a blind check and write its table, figure and page.
 
@@ -25,7 +31,7 @@ def check_and_report(
         Folder for everything.
     plan : Plan
         What is to be checked.
-    workers, baselines
+    workers, baselines, so_far
         See `airswing.blind_check.check_run.gap_check`.
     quiet : bool
         Say nothing on the way; the digest is then only in ``sealed.sha256``.
@@ -47,7 +53,9 @@ def check_and_report(
     require_writable(output)
     progress = Progress(quiet=quiet)
     proof = prove_generator(output / "rung_0", seed=plan.seed)
-    check = gap_check(output, plan, workers=workers, baselines=baselines, say=progress.say)
+    check = gap_check(
+        output, plan, workers=workers, baselines=baselines, so_far=so_far, say=progress.say
+    )
     page = write_reports(output, check, command=plan.command, proof=proof)
     summary = {
         "digest": check.digest, "targets": targets(of_default(check.scores)),

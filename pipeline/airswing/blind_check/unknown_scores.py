@@ -87,8 +87,8 @@ def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, An
     -------
     dict
         ``variable_first, variable_near, variable_any, unknown_precision, unknown_recall,
-        unknown_closure_stated, unknown_closure_error, unknown_closure_covered``; all but the
-        closure None where no unknown is raised.
+        unknown_closure_stated, unknown_closure_interval, unknown_closure_error,
+        unknown_closure_covered``; all but the closure None where no unknown is raised.
     """
     unknown = gap["unknown"]
     closed = _closure(label, gap)
@@ -134,6 +134,7 @@ def _closure(label: Label, gap: Gap) -> dict[str, Any]:
         stated, low, high = stated + float(reduction or 0.0), low + ends[0], high + ends[1]
     return {
         "unknown_closure_stated": stated,
+        "unknown_closure_interval": [low, high],
         "unknown_closure_error": abs(stated - true),
         "unknown_closure_covered": bool(low <= true <= high),
     }
