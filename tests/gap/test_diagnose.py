@@ -11,7 +11,6 @@ from tests.gap.toy import make_frame
 
 from airswing.errors import InputError
 from airswing.gap.design.candidates import candidates
-from airswing.gap.design.exogenous import exogenous
 from airswing.gap.diagnose import Search, _run, diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.held_out.gradient_reliability import path_derivative
@@ -19,6 +18,7 @@ from airswing.gap.held_out.reduction import take_off
 from airswing.gap.search.coding_and_outliers import coarsest, lattice_share
 from airswing.gap.search.cross_validated import settle
 from airswing.gap.search.stepwise import Rules
+from airswing.gap.sums.whole_archive import held_archive
 
 SMALL = {
     n: CATALOGUE[n]
@@ -104,7 +104,7 @@ def test_products_are_complete_and_serialise(struck):
 def test_a_search_ends_alike_from_nothing_from_its_result_and_from_a_wrong_start(struck):
     frame, _ = struck
     search = Search(SMALL, Rules(), False, 0, lambda *_: None)
-    first = _run(frame, exogenous(frame), frame.residual, search)
+    first = _run(held_archive(frame), search)
     base = first.problem.base
     pool = candidates(base.stats.layout, SMALL, dictionary=False)
     (right,) = first.standing.found.terms

@@ -15,6 +15,7 @@ from airswing.cli import app
 from airswing.config import load_config
 from airswing.gap.archive.frame import Frame
 from airswing.gap.simulation.effects_file import read_effects
+from airswing.gap.sums.whole_archive import held_archive
 from airswing.report.gap.words import start_words, verdict
 from airswing.synthetic.sealed.cases import Case, World
 from airswing.synthetic.sealed.draws import Drawn
@@ -161,7 +162,7 @@ def test_bad_input_is_one_message_and_nothing_written(
 ):
     _, own = frame
     monkeypatch.setattr(gap_stage, "gap_headings", lambda job: None)
-    monkeypatch.setattr(Frame, "from_headings", classmethod(lambda cls, *a, **k: own))
+    monkeypatch.setattr(gap_stage, "_archive", lambda *a, **k: held_archive(own))
     file = tmp_path / ("bad.yaml" if option == "--known" else "bad.csv")
     if content is not None:
         file.write_text(content)

@@ -25,20 +25,16 @@ from airswing.gap.checks.refit_claims import Adjustment, make_adjustment
 from airswing.gap.closure.interval import with_interval
 from airswing.gap.design.basis import DictionaryPlan, plan_dictionary
 from airswing.gap.design.candidates import candidates
-from airswing.gap.design.exogenous import exogenous
 from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.design.layout import make_layout
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.localisation import residual_maps, slices
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.held_out.attenuation import readout_factors
+from airswing.gap.held_out.linearised import FoundFirst
 from airswing.gap.held_out.reduction import (
     close,
-    is_sensor,
-    take_off,
     term_coefficients,
-    term_error,
-    term_fields,
     whole_coefficients,
 )
 from airswing.gap.noise.model import fit_noise, flown
@@ -50,10 +46,10 @@ from airswing.gap.search.excess_scatter import scattering
 from airswing.gap.search.stepwise import Found, Rules, with_background
 from airswing.gap.search.tail_swaps import Swap, exchange, find_swap
 from airswing.gap.search.testability import absorbed, too_short
-from airswing.gap.sums.accumulate import accumulate
 from airswing.gap.sums.elimination import eliminate_days
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_prior, shared_variances
+from airswing.gap.sums.whole_archive import Archive, Columns, held_archive, sum_reports
 from airswing.units import DAY
 
 Floats = NDArray[np.float64]
@@ -133,7 +129,7 @@ def usable_effects(
 
 
 def diagnose(
-    frame: Frame,
+    reports: Frame | Archive,
     *,
     catalogue: Mapping[str, Any] | None = None,
     rules: Rules | None = None,
@@ -146,8 +142,9 @@ def diagnose(
 
     Parameters
     ----------
-    frame : Frame
-        Reports against one reference.
+    reports : Frame or Archive
+        Reports against one reference, in memory or to be read an aircraft at a time
+        (:func:`airswing.gap.sums.whole_archive.read_archive`).
     catalogue : mapping, optional
         Name -> effect; the whole catalogue by default.
     rules : Rules, optional
@@ -170,15 +167,17 @@ def diagnose(
     InputError
         Fewer than 200 reports or fewer than four flights.
     """
-    _check(frame)
-    effects, untestable = usable_effects(frame, CATALOGUE if catalogue is None else catalogue)
+    archive = held_archive(reports) if isinstance(reports, Frame) else reports
+    _check(archive)
+    effects, untestable = usable_effects(
+        archive.view, CATALOGUE if catalogue is None else catalogue
+    )
     tell = progress or (lambda stage, done: None)
     search = Search(effects, rules or Rules(), dictionary, seed, tell)
     known_names = set(CATALOGUE if catalogue is None else catalogue)
-    first, swap = _first_pass(frame, search, swaps="tail_swap" in known_names)
-    final = _second_pass(first, search)
+    final, again, swap = _passes(archive, search, swaps="tail_swap" in known_names)
     problem, found = final.problem, final.standing.found
-    findings = _findings(final, search, again=final is not first, names=known_names)
+    findings = _findings(final, search, again=again, names=known_names)
     findings = replace(findings, swap=swap, untestable=untestable | dict(findings.untestable))
     report, details = assemble(problem, findings)
     tell("checks", 0.0)
@@ -193,27 +192,56 @@ def diagnose(
     return Diagnosis(report, dataset, details | checks.details(), adjustment)
 
 
-def _first_pass(frame: Frame, search: Search, *, swaps: bool) -> tuple[Pass, Swap | None]:
-    """Pass over the reports as they are; again where two aircraft exchanged identifiers."""
-    first = _run(frame, exogenous(frame), frame.residual, search)
-    base = first.problem.base
-    swap = find_swap(base, given_terms(base, []), search.effects) if swaps else None
+def _passes(archive: Archive, search: Search, *, swaps: bool) -> tuple[Pass, bool, Swap | None]:
+    """Pass over the reports in memory, then over all; again where two aircraft were exchanged.
+
+    Returns
+    -------
+    final : Pass
+    again : bool
+        Whether it is linearised about what an earlier one found.
+    swap : Swap or None
+    """
+    first = _run(archive.held(), search)
+    swap = _swap(first, search) if swaps and archive.whole else None
     if swap is not None:
-        start = float(base.stats.days[swap.day]) * DAY + base.stats.day_shift * 3600
-        frame = exchange(frame, swap, start)
-        first = _run(frame, exogenous(frame), frame.residual, search)
-    return first, swap
-
-
-def _second_pass(first: Pass, search: Search) -> Pass:
-    """Linearise about what was found first, where that is large; else the first pass."""
-    frame, context = first.problem.archive, first.problem.context
+        archive = _exchanged(archive, swap, first)
+        first = _run(archive, search)
+    about = _found_first(archive, first)
     terms = first.standing.found.terms
-    parts = _parts(first)
-    if parts.peak <= PEAK and not any(_large(t) for t in terms):
-        return first
-    quiet = take_off(frame, parts.sensor, parts.other)
-    return _run(frame, context, quiet + parts.linear, search, quiet=quiet, start=terms)
+    if archive.whole and about is None:
+        return first, False, swap
+    del first  # its sums
+    final = _run(archive, search, about=about, start=terms)
+    if swaps and not archive.whole:
+        swap = _swap(final, search)
+        if swap is not None:
+            archive = _exchanged(archive, swap, final)
+            del final
+            first = _run(archive.held(), search)
+            about, terms = _found_first(archive, first), first.standing.found.terms
+            del first
+            final = _run(archive, search, about=about, start=terms)
+    return final, about is not None, swap
+
+
+def _swap(made: Pass, search: Search) -> Swap | None:
+    base = made.problem.base
+    return find_swap(base, given_terms(base, []), search.effects)
+
+
+def _exchanged(archive: Archive, swap: Swap, made: Pass) -> Archive:
+    stats = made.problem.base.stats
+    start = float(stats.days[swap.day]) * DAY + stats.day_shift * 3600
+    return archive.exchanged(swap.pair, lambda frame: exchange(frame, swap, start))
+
+
+def _found_first(archive: Archive, first: Pass) -> FoundFirst | None:
+    """What a first pass found, where it is large enough to be linearised about."""
+    found = first.standing.found
+    about = FoundFirst.of(first.problem, found.terms, term_coefficients(found.given, found.terms))
+    peak = about.errors(archive.view, archive.context).peak
+    return about if peak > PEAK or any(_large(t) for t in found.terms) else None
 
 
 def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str]) -> Findings:
@@ -259,13 +287,13 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
     )
 
 
-def _check(frame: Frame) -> None:
-    flights = np.unique(frame.flight).size
-    if frame.size < 200 or flights < 4:
+def _check(archive: Archive) -> None:
+    if archive.reports < 200 or archive.flights < 4:
         raise InputError(
-            "too few reports for a diagnosis", found=f"{frame.size} reports of {flights} flights",
+            "too few reports for a diagnosis",
+            found=f"{archive.reports} reports of {archive.flights} flights",
             remedy="at least 200 reports of four flights with model winds are needed",
-        )  # fmt: skip
+        )
 
 
 def _large(term: Term) -> bool:
@@ -274,86 +302,37 @@ def _large(term: Term) -> bool:
 
 
 def _run(
-    frame: Frame,
-    context: Frame,
-    residual: Floats,
+    archive: Archive,
     search: Search,
     *,
-    quiet: Floats | None = None,
+    about: FoundFirst | None = None,
     start: Sequence[Term] = (),
 ) -> Pass:
-    """Fit the noise, accumulate and search; the noise on ``quiet`` residuals where given.
+    """Fit the noise, accumulate and search; the noise with what was found first taken off.
 
     Beside that noise all that is at work stands out, most of all what is not conditioned on yet: a
     second search begins with the terms of the first.
     """
     effects, tell = search.effects, search.tell
+    frame, context = archive.view, archive.context
     tell("noise", 0.0)
-    calm = residual if quiet is None else quiet
+    calm = frame.residual if about is None else about(frame, context)[0]
     noise = fit_noise(calm, flown(context, heading_doubt(frame, context)), seed=search.seed)
     plan = plan_dictionary(context, effects)
     if not search.dictionary:
         plan = DictionaryPlan(plan.knots, (), plan.centre, plan.means, plan.flags)
-    layout = make_layout(effects, plan, context)
-    stats = accumulate(
-        context,
-        residual,
-        noise=noise,
-        layout=layout,
-        effects=effects,
-        plan=plan,
-        known=None if quiet is None else residual - quiet,
-        progress=lambda done: tell("statistics", done),
+    columns = Columns(noise, make_layout(effects, plan, context), effects, plan)
+    stats = sum_reports(
+        archive, columns, about=about, progress=lambda done: tell("statistics", done)
     )
     tell("search", 0.0)
-    base = eliminate_days(stats, shared_variances(stats, shared_prior(layout, effects)))
-    pool = candidates(layout, effects, dictionary=search.dictionary)
-    base = with_background(base, pool)
-    problem = Problem(frame, context, effects, plan, noise, base, search.seed)
+    variances = shared_variances(stats, shared_prior(columns.layout, effects))
+    pool = candidates(columns.layout, effects, dictionary=search.dictionary)
+    base = with_background(eliminate_days(stats, variances), pool)
+    problem = Problem(
+        frame, context, effects, plan, noise, base, archive.reports, archive.flights, search.seed
+    )
     return Pass(problem, settle(base, pool, search.rules, start))
-
-
-def _quantile(size: Floats) -> float:
-    return float(np.quantile(size, 0.999)) if size.size else 0.0
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """Wind errors (n, 2) of the terms found so far, m/s.
-
-    ``sensor`` and ``other`` on the frame as reported, ``linear`` by the design columns; ``peak``
-    is the size that one report in a thousand of those a term acts on exceeds, of the worst term.
-    """
-
-    sensor: Floats
-    other: Floats
-    linear: Floats
-    peak: float
-
-
-def _parts(first: Pass) -> _Parts:
-    """Evaluate the terms of a pass on every report."""
-    problem, terms = first.problem, first.standing.found.terms
-    frame, columns_frame, effects = problem.archive, problem.context, problem.effects
-    day, shape = problem.day, problem.shape
-    values = term_coefficients(first.standing.found.given, terms)
-    sensor, other, linear = (np.zeros((frame.size, 2)) for _ in range(3))
-    nothing = np.zeros(frame.size, np.int64)
-    peak = 0.0
-    for term, value in zip(terms, values, strict=True):
-        for source in (frame, columns_frame):
-            fields = term_fields(source, term, effects=effects, plan=problem.plan)
-            part = term_error(fields, term, [value], aircraft=frame.aircraft, day=day,
-                              fold=nothing, shape=shape)  # fmt: skip
-            if source is columns_frame:
-                linear += part
-                size = np.hypot(*part.T)
-                peak = max(peak, _quantile(size[size > 0]))
-            elif is_sensor(term, effects):
-                sensor += part
-            else:
-                other += part
-    return _Parts(sensor, other, linear, peak)
 
 
 def _dataset(problem: Problem, found: Found, maps: bool) -> xr.Dataset:

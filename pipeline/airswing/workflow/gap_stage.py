@@ -12,11 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import xarray as xr
 
 from airswing.config import as_json
 from airswing.errors import InputError
 from airswing.products.netcdf import plain, read_product, write_json, write_product
+from airswing.products.ragged import blocks, joined, some_reports
 from airswing.workflow.gap_inputs import MARK
 from airswing.workflow.headings_stage import make_headings
 from airswing.workflow.job import GAP_INPUTS, Job
@@ -24,6 +26,7 @@ from airswing.workflow.job import GAP_INPUTS, Job
 if TYPE_CHECKING:
     from airswing.gap.checks.refit_claims import Adjustment
     from airswing.gap.effects import ActiveEffect
+    from airswing.gap.sums.whole_archive import Archive
 
 GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
 
@@ -143,22 +146,24 @@ def diagnosis(
     InputError
         If an effect to do without is unknown, or what the diagnosis starts from cannot be read.
     """
-    from airswing.gap.archive.frame import Frame
     from airswing.gap.diagnose import diagnose
     from airswing.gap.simulation.effects_file import write_effects
     from airswing.gap.simulation.known_effects import not_known
+    from airswing.gap.sums.whole_archive import held_archive
     from airswing.report.gap.gap_page import write_gap_page
     from airswing.workflow.gap_start import read_start, starting_point
 
     config = job.config
     asked = read_start(job, known=known, simulated=simulated)
     headings = gap_headings(job)
-    frame = Frame.from_headings(
-        headings, reference=config.pools()[config.gap_reference()], phases=config.gap.phases
-    )
-    start = starting_point(job, frame, asked, effects_of=_effects_of_archive)
+    with job.progress.stage("read") as stage:
+        archive = _archive(job, headings, held=bool(asked.known or asked.simulated))
+        stage.note = f"{archive.reports:,} reports, {archive.view.size:,} held in memory"
+    start = starting_point(job, archive.view, asked, effects_of=_effects_of_archive)
+    if start.frame is not archive.view:
+        archive = held_archive(start.frame, workers=archive.workers)
     with job.progress.stage("diagnose") as stage:
-        found = diagnose(start.frame, catalogue=_catalogue(without))
+        found = diagnose(archive, catalogue=_catalogue(without))
         found.report["effects"] = not_known(found.report["effects"], start.known)
         names = [effect["name"] for effect in found.report["effects"]]
         stage.note = ", ".join(names) or "no effect missing"
@@ -166,7 +171,7 @@ def diagnosis(
         "reference": config.gap_reference(), "headings_uuid": headings.attrs["uuid"],
         **found.details, **start.record,
     }  # fmt: skip
-    content["claims"] = _claims(job, headings, found.adjustment)
+    content["claims"] = _claims(job, *_seen(headings, archive, found.adjustment))
     write_json(job.output / GAP_JSON, content)
     write_effects([*start.known, *active_effects(found.report)], job.output / GAP_EFFECTS)
     write_product(
@@ -184,19 +189,44 @@ def diagnosis(
 
 def _effects_of_archive(job: Job) -> list[ActiveEffect]:
     """Diagnose another archive (a simulation's) for what it has."""
-    from airswing.gap.archive.frame import Frame
     from airswing.gap.diagnose import diagnose
 
-    config = job.config
-    frame = Frame.from_headings(
-        gap_headings(job),
-        reference=config.pools()[config.gap_reference()],
-        phases=config.gap.phases,
-    )
+    archive = _archive(job, gap_headings(job), held=False)
     with job.progress.stage("diagnose the simulation") as stage:
-        found = active_effects(diagnose(frame).report)
+        found = active_effects(diagnose(archive).report)
         stage.note = f"{len(found)} effects"
     return found
+
+
+def _archive(job: Job, headings: xr.Dataset, *, held: bool) -> Archive:
+    """Reports as the diagnosis takes them; all in memory where something is changed in them."""
+    from airswing.gap.sums.whole_archive import VIEW, read_archive
+
+    config = job.config
+    return read_archive(
+        headings,
+        reference=config.pools()[config.gap_reference()],
+        phases=config.gap.phases,
+        workers=job.progress.threads,
+        most=max(VIEW, headings.sizes["report"]) if held else VIEW,
+    )
+
+
+def _seen(
+    headings: xr.Dataset, archive: Archive, adjustment: Adjustment
+) -> tuple[xr.Dataset, Adjustment]:
+    """Headings of the reports that are held in memory, and what is taken off them."""
+    if archive.whole:
+        return headings, adjustment
+    chosen = np.zeros(headings.sizes["report"], dtype=bool)
+    chosen[archive.view.report] = True
+    parts, start = [], 0
+    for block in blocks(headings):
+        stop = start + block.sizes["report"]
+        parts.append(some_reports(block, chosen[start:stop]))
+        start = stop
+    order = np.argsort(np.argsort(adjustment.report))
+    return joined(parts), replace(adjustment, report=order)
 
 
 def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> dict[str, Any]:

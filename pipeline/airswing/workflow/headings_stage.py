@@ -32,6 +32,7 @@ from airswing.workflow.gap_inputs import MARK, inputs_hold, set_apart
 from airswing.workflow.job import COLLOCATING, HEADINGS, Blocks, Job, earlier, ragged_product
 
 if TYPE_CHECKING:
+    from airswing.config import Config
     from airswing.workflow.progress import StageRecord
 
 
@@ -101,15 +102,8 @@ def make_headings(job: Job) -> xr.Dataset:
     InputError
         If no report is left after screening.
     """
-    config = job.config
-    names = list(config.references)
-    unscreened = fingerprint(
-        config.model_dump(include={"reports", "references", "collocation"}),
-        file_identities(config.reports.files),
-        [file_identities(model.files) for model in config.references.values()],
-        code_digest(*COLLOCATING),
-    )
-
+    names = list(job.config.references)
+    unscreened, *screened = depends_on(job.config)
     beside = inputs_hold(job, unscreened)
 
     def make() -> Blocks:
@@ -126,15 +120,37 @@ def make_headings(job: Job) -> xr.Dataset:
         HEADINGS,
         make,
         title="Heading errors of aircraft reports against model winds",
-        depends=(
-            unscreened,
-            config.model_dump(include={"screening", "field_test"}),
-            code_digest("airswing.compass.screening"),
-        ),
+        depends=(unscreened, *screened),
         whole=beside,
     )
     job.end_store()
     return headings
+
+
+def depends_on(config: Config) -> tuple[Any, ...]:
+    """All that ``headings.nc`` depends on.
+
+    Parameters
+    ----------
+    config : Config
+
+    Returns
+    -------
+    tuple
+        First the hash of the reports, the references and how they are collocated, which
+        ``gap_inputs.nc`` depends on alone.
+    """
+    unscreened = fingerprint(
+        config.model_dump(include={"reports", "references", "collocation"}),
+        file_identities(config.reports.files),
+        [file_identities(model.files) for model in config.references.values()],
+        code_digest(*COLLOCATING),
+    )
+    return (
+        unscreened,
+        config.model_dump(include={"screening", "field_test"}),
+        code_digest("airswing.compass.screening"),
+    )
 
 
 def _collocated(job: Job, names: list[str]) -> Blocks:

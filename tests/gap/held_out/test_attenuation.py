@@ -45,7 +45,7 @@ def made():
         columns_frame, frame.residual, noise=noise, layout=layout, effects=EFFECTS, plan=plan
     )
     base = eliminate_days(stats, shared_variances(stats))
-    return Problem(frame, columns_frame, EFFECTS, plan, noise, base)
+    return Problem(frame, columns_frame, EFFECTS, plan, noise, base, frame.size, 1)
 
 
 def _term(base, name, subset, tails):

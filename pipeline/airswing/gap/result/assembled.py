@@ -120,7 +120,8 @@ def assemble(problem: Problem, findings: Findings) -> tuple[dict[str, Any], dict
         "slices": [_slice_entry(s) for s in findings.where],
         "reliability": dict(findings.factors), "seed": problem.seed, "ambiguity":
         {e["name"]: e["ambiguity"] for e in entries}, "counts": {
-            "reports": problem.archive.size, "flights": int(np.unique(problem.archive.flight).size),
+            "reports": problem.reports, "flights": problem.flights,
+            "reports_in_view": problem.archive.size,
             "days": int(stats.days.size), "clipped": float(stats.clipped.sum()),
             "gross": float(stats.gross.sum()),
         },

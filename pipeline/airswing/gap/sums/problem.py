@@ -28,7 +28,7 @@ class Problem:
     Attributes
     ----------
     archive : Frame
-        Reports as they are.
+        Reports as they are, those held in memory (:mod:`airswing.gap.sums.whole_archive`).
     context : Frame
         The same with the heading and airspeed design columns are made of
         (:mod:`airswing.gap.design.exogenous`).
@@ -39,6 +39,8 @@ class Problem:
     noise : NoiseFit
     base : Base
         Sums with the day fields eliminated.
+    reports, flights : int
+        How many the whole archive has.
     seed : int
         Of everything drawn.
     """
@@ -49,6 +51,8 @@ class Problem:
     plan: DictionaryPlan
     noise: NoiseFit
     base: Base
+    reports: int
+    flights: int
     seed: int = 0
 
     @cached_property
