@@ -24,7 +24,8 @@ app = typer.Typer(
 _INTERRUPTED = 130
 _NOT_OURS = (
     errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM,
-    errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.EIO,
+    errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.EIO, errno.ENAMETOOLONG,
+    errno.ELOOP, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOTEMPTY, errno.ESTALE,
 )  # fmt: skip
 """Faults of the disk or the folders that no code of ours can mend: bad input, not a defect."""
 _USAGE_ERROR: Any = typer.BadParameter.__base__
@@ -377,8 +378,29 @@ def main() -> None:
     except AirswingError as err:
         print(f"airswing: {err}", file=sys.stderr)
         raise SystemExit(2) from None
-    except OSError as err:
-        if err.errno not in _NOT_OURS:
-            raise
-        print(f"airswing: {err.filename or 'a file'}: {err.strerror}", file=sys.stderr)
+    except MemoryError:
+        print(
+            "airswing: not enough memory; compute.workers and compute.threads say how much is "
+            "worked on at a time",
+            file=sys.stderr,
+        )
         raise SystemExit(2) from None
+    except (OSError, RuntimeError) as err:
+        told = _not_ours(err)
+        if told is None:
+            raise
+        print(f"airswing: {told}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def _not_ours(err: OSError | RuntimeError) -> str | None:
+    """What to say of a fault of the disk, a folder or a damaged file; None of a defect of ours."""
+    from airswing.errors import shortened
+
+    if isinstance(err, OSError) and err.errno in _NOT_OURS:
+        return f"{shortened(err.filename or 'a file')}: {err.strerror}"
+    # The NetCDF and HDF5 libraries tell of damaged data by these words alone.
+    words = ("NetCDF:", "HDF error", "inflate() failed", "filter returned failure", "read data")
+    if any(word in str(err) for word in words):
+        return f"a NetCDF file is damaged ({shortened(err)}); make it again, or remove it"
+    return None

@@ -61,10 +61,11 @@ def quantity(text: object, unit: str) -> float:
     """
     if not isinstance(text, str):
         raise ValueError(f"needs a unit, such as '{text} {_EXAMPLE.get(unit, unit)}'")
-    fault = f"{text!r} is not a quantity in units of {_EXAMPLE.get(unit, unit)}"
+    fault = f"{shortened(text, 80)!r} is not a quantity in units of {_EXAMPLE.get(unit, unit)}"
     # A number and a unit apart: pint reads a whole expression, where "5..2 h" is one hour.
     match = _QUANTITY.fullmatch(text)
-    if match is None:
+    # An exponent of exponents, "m**9**9**9", would be computed before it is refused.
+    if match is None or len(text) > _LONGEST_QUANTITY or _TOWER.search(text):
         raise ValueError(fault)
     import pint
 
@@ -81,6 +82,7 @@ _QUANTITY = re.compile(
     r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d][\w /*^-]*|°|)\s*", re.ASCII
 )
 """A number, then a unit such as ``deg`` or ``m/s``, or none."""
+_LONGEST_QUANTITY, _TOWER = 60, re.compile(r"(\*\*|\^).*(\*\*|\^)|(\*\*|\^)\s*-?\d{3}")
 _EXAMPLE = {"second": "min", "radian": "deg", "meter / second": "kt"}
 """Unit to show where one is missing."""
 
@@ -137,7 +139,7 @@ class Reference(_Section):
     files: Strings
     engine: Literal["auto", "grib", "cfgrib", "netcdf", "zarr", "wrf"] = "auto"
     lead: Annotated[str, AfterValidator(_checked_lead)] = "any"
-    member: int | None = Field(None, ge=0)
+    member: int | None = Field(None, ge=0, le=1_000_000)
     on_bad_file: Literal["skip", "fail"] = "skip"
     u: str | None = None
     v: str | None = None
@@ -162,7 +164,7 @@ class Reference(_Section):
 class Collocation(_Section):
     """How model winds are brought to the reports."""
 
-    max_time_gap: Seconds = Field(3 * 3600.0, gt=0)
+    max_time_gap: Seconds = Field(3 * 3600.0, gt=0, le=366 * 86400.0)
     sparse: bool = True
 
 
@@ -172,8 +174,8 @@ class Screening(_Section):
     phases: list[Phase] = Field(["cruise"], min_length=1)
     roll: Literal["reject_bad", "require_good", "ignore"] = "reject_bad"
     temperature_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail"
-    max_turn: Radians = Field(math.radians(10.0), gt=0)
-    min_ground_speed: MetresPerSecond = Field(80 * KNOT, ge=0)
+    max_turn: Radians = Field(math.radians(10.0), gt=0, le=2 * math.pi)
+    min_ground_speed: MetresPerSecond = Field(80 * KNOT, ge=0, le=1000.0)
 
 
 class Fit(_Section):
@@ -183,14 +185,14 @@ class Fit(_Section):
     abscissa: Literal["magnetic", "true"] = "magnetic"
     joint: bool = True
     shared_error: bool = True
-    min_reports: int = Field(200, ge=10)
+    min_reports: int = Field(200, ge=10, le=1_000_000_000)
     min_compass_points: int = Field(6, ge=3, le=8)
 
 
 class Table(_Section):
     """The 8-point table the unit holds."""
 
-    resolution: Radians = Field(math.radians(0.1), gt=0)
+    resolution: Radians = Field(math.radians(0.1), ge=1e-6, le=math.pi)
     sign: Literal["subtract_error", "add_error"] = "subtract_error"
 
 
@@ -264,7 +266,7 @@ class Stations(_Section):
 
     files: Strings
     columns: dict[str, str] = {}
-    max_time_gap: Seconds = Field(1800.0, ge=0)
+    max_time_gap: Seconds = Field(1800.0, ge=0, le=366 * 86400.0)
 
 
 class Postprocess(_Section):
@@ -275,7 +277,7 @@ class Postprocess(_Section):
     stations: Stations | None = None
     ratio: Annotated[float, Field(gt=0)] | Literal["auto"] = "auto"
     training: float = Field(0.5, gt=0, lt=1)
-    running_mean: int = Field(7, ge=1)
+    running_mean: int = Field(7, ge=1, le=100_000)
 
     @model_validator(mode="after")
     def _one_source(self) -> Postprocess:
@@ -290,8 +292,8 @@ class Postprocess(_Section):
 class Compute(_Section):
     """Where the work runs."""
 
-    workers: Annotated[int, Field(ge=1)] | Literal["auto"] = "auto"
-    threads: Annotated[int, Field(ge=1)] | Literal["auto"] = "auto"
+    workers: Annotated[int, Field(ge=1, le=4096)] | Literal["auto"] = "auto"
+    threads: Annotated[int, Field(ge=1, le=4096)] | Literal["auto"] = "auto"
     scheduler: str | None = None
     keep_samples: bool = True
 

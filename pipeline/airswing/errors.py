@@ -13,7 +13,7 @@ import reprlib
 
 LONGEST = 2_000
 """Characters of a message."""
-_LONGEST_PART = 450
+_LONGEST_PART, _MOST_BITS = 450, 512
 
 _REPR = reprlib.Repr()
 _REPR.maxlevel, _REPR.maxdict, _REPR.maxlist, _REPR.maxtuple, _REPR.maxset = 3, 6, 8, 8, 8
@@ -37,10 +37,14 @@ def shortened(value: object, most: int = _LONGEST_PART) -> str:
     """
     if isinstance(value, str):
         text = value
-    elif isinstance(value, list | tuple | dict | set | frozenset | int | bytes):
-        text = _REPR.repr(value)
+    elif isinstance(value, int) and value.bit_length() > _MOST_BITS:
+        text = f"a whole number of {value.bit_length():,} bits"
     else:
-        text = str(value)
+        plain = isinstance(value, list | tuple | dict | set | frozenset | bytes)
+        try:
+            text = _REPR.repr(value) if plain else str(value)
+        except (ValueError, RecursionError):  # a number of very many digits somewhere in it
+            text = f"a {type(value).__name__}"
     over = len(text) - 4 * most  # before the costly part
     if over > 0:
         text = f"{text[: 2 * most]} ... {text[-most:]}"
@@ -84,8 +88,9 @@ class InputError(AirswingError):
     ) -> None:
         self.what, self.file, self.field = what, file, field
         self.found, self.remedy = found, remedy
-        places = [shortened(part) for part in (file, field) if part is not None]
-        message = ": ".join([*places, shortened(what)])
+        places = [] if file is None else [shortened(file, 400)]
+        places += [] if field is None else [shortened(field, 250)]
+        message = ": ".join([*places, shortened(what, 550)])
         if found is not None:
             message += f" (found: {shortened(found)})"
         if remedy is not None:

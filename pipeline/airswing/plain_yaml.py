@@ -51,17 +51,14 @@ def load_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
     except UnicodeDecodeError as err:
         raise kind("not a YAML file airswing can read: not UTF-8 text", file=path) from err
     except OSError as err:
-        raise kind("cannot be read", file=path, found=err.strerror) from err
-    loader = _Loader(text)
+        raise kind("cannot read the file", file=path, found=err.strerror) from err
     try:
-        return loader.get_single_data()
+        return _Loader(text).get_single_data()
     except _ValueFault as err:
         raise kind(err.problem or "", file=path, field=err.key or None, found=err.found) from err
     except yaml.YAMLError as err:
         told = " ".join(str(err).split())
         raise kind("not a YAML file airswing can read", file=path, found=told) from err
-    finally:
-        loader.dispose()
 
 
 class _ValueFault(yaml.constructor.ConstructorError):

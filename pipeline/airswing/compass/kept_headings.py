@@ -19,7 +19,6 @@ Assumptions
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,6 +30,7 @@ from numpy.typing import NDArray
 
 from airswing.compass.headings import DERIVED, derive_columns, sum_of_accounts, with_columns
 from airswing.products.atomic import replacing
+from airswing.products.checked import note, noted
 from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.ragged import aircraft_of_report
 from airswing.vocabulary import VARIABLES
@@ -94,7 +94,7 @@ class Record(NamedTuple):
     def read(cls, path: Path) -> Record | None:
         """The record of an earlier run; None where there is none that is whole."""
         try:
-            return cls(**json.loads(path.read_text()))
+            return cls(**noted(path.read_text()))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, TypeError) as error:
@@ -105,7 +105,7 @@ class Record(NamedTuple):
     def write(self, path: Path) -> None:
         """Write the record, whole or not at all."""
         with replacing(path, lasting=False) as temporary:
-            temporary.write_text(json.dumps(self._asdict()))
+            temporary.write_text(note(self._asdict()))
 
 
 def cut(reports: xr.Dataset) -> Pieces:

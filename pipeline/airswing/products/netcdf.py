@@ -24,6 +24,8 @@ import xarray as xr
 import airswing
 from airswing.errors import InputError
 from airswing.products.atomic import replacing
+from airswing.products.classic_netcdf import require_whole
+from airswing.products.openable import require_openable, written_here
 from airswing.vocabulary import describe, lookup
 
 INSTITUTION = "airswing"
@@ -36,6 +38,10 @@ _TIME_ATTRIBUTES = {
     "calendar": "standard",
     "_FillValue": np.iinfo(np.int64).min,
 }
+DAMAGE = (
+    ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError,
+)  # fmt: skip
+"""What the libraries raise on a file whose octets contradict each other."""
 _CHUNK_CACHE = 2**20
 REPORTS_A_CHUNK = 65_536
 """Few enough that one aircraft of ten million reports is read in well under a second."""
@@ -237,6 +243,7 @@ def write_product(
     with atomic(path) as temporary:
         ready = with_plain_times(ds.drop_encoding())
         ready.to_netcdf(temporary, engine="netcdf4", encoding=_encodings(ready))
+    written_here(path)
     return path
 
 
@@ -335,11 +342,13 @@ def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
         )
     limit_chunk_cache()
     try:
+        require_whole(path)
+        require_openable(path)
         ds = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False, cache=False)
         if not lazy:
             with ds:
                 ds.load()
-    except (OSError, RuntimeError, ValueError) as err:
+    except DAMAGE as err:
         raise InputError(
             "not a product airswing can read", file=path, found=err, remedy="Make it again"
         ) from err
@@ -349,7 +358,31 @@ def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
             "not a product of airswing", file=path, found=ds.attrs.get("title"),
             remedy="Move it away and run the stage that makes it",
         )  # fmt: skip
+    wrong = _damage(ds)
+    if wrong:
+        ds.close()
+        raise InputError("a damaged product", file=path, field=wrong, remedy="Make it again")
     return ds
+
+
+def _damage(ds: xr.Dataset) -> str:
+    """Name of what is not as airswing writes it; empty where all is."""
+    for told in ("title", "uuid", "history", "airswing_version"):
+        if not isinstance(ds.attrs.get(told), str):
+            return told
+    for name, variable in ds.variables.items():
+        try:
+            entry = lookup(str(name), variable.dims)
+        except (KeyError, ValueError):
+            return str(name)
+        numbers = variable.dtype.kind in "iufb"
+        if numbers != (entry.dtype[:1] in "iufb") and variable.dtype.kind != "M":
+            return str(name)
+    if "row_size" in ds.variables and "report" in ds.sizes:
+        sizes = ds["row_size"].to_numpy()
+        if (sizes < 0).any() or int(sizes.sum()) != ds.sizes["report"]:
+            return "row_size"
+    return ""
 
 
 def limit_chunk_cache() -> None:

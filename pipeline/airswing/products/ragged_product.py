@@ -27,6 +27,7 @@ from airswing.products.netcdf import (
     limit_chunk_cache,
     with_plain_times,
 )
+from airswing.products.openable import written_here
 from airswing.vocabulary import describe
 
 
@@ -64,6 +65,7 @@ def ragged_writer(
             yield writer
             if not writer.finished:
                 raise ValueError(f"{path}: the product was not finished")
+    written_here(path)
 
 
 def still_in_file(columns: xr.Dataset) -> bool:

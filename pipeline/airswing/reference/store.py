@@ -4,7 +4,8 @@ One file a model time, named by a hash of everything its values depend on: the
 identity of the files read, the messages, the reports and the code. Files are
 written whole under another name, flushed to the disk and renamed
 (`airswing.products.atomic`); one that is cut short all the same is said and made again.
-Samples with unreadable messages are not kept. A sample that is used again is
+Each ends with its checksum: one damaged in keeping is said and made again, too. Samples with
+unreadable messages are not kept. A sample that is used again is
 marked as of now, so that those no run uses any more can be told.
 """
 
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.products.atomic import replacing
+from airswing.products.checked import SEAL, digest
 from airswing.reference import sampling
 from airswing.reference.geometry import grids, interpolation, winds
 from airswing.reference.geometry.model_time import ModelTime, Sample
@@ -150,11 +152,14 @@ def _read_table(file: BinaryIO) -> Floats:
     if found is None:
         raise ValueError("no header of a table")
     shape = int(found[1]), int(found[2])
-    file.seek(found.end())
-    values = np.fromfile(file, np.float64)
-    if values.size != shape[0] * shape[1]:
-        raise ValueError(f"{values.size} of {shape[0] * shape[1]} values")
-    return values.reshape(shape)
+    file.seek(0)
+    octets = file.read()
+    values, seal = octets[found.end() : -SEAL], octets[-SEAL:]
+    if len(values) != 8 * shape[0] * shape[1]:
+        raise ValueError(f"{len(values) // 8} of {shape[0] * shape[1]} values")
+    if digest(octets[:-SEAL]) != seal:
+        raise ValueError("its checksum is another")
+    return np.frombuffer(values, np.float64).reshape(shape).copy()
 
 
 def _save(path: Path, table: Floats) -> None:
@@ -164,7 +169,7 @@ def _save(path: Path, table: Floats) -> None:
     )  # to a file it does not say why it cannot be written
     try:
         with replacing(path, lasting=False) as temporary:
-            temporary.write_bytes(whole.getbuffer())
+            temporary.write_bytes(b"".join([whole.getvalue(), digest(whole.getbuffer())]))
     except OSError as error:
         raise InputError(
             "cannot keep a finished model time; those kept before are whole",

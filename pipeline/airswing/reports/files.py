@@ -23,6 +23,11 @@ Format = Literal["auto", "csv", "parquet", "madis", "bufr"]
 Policy = Literal["skip", "fail"]
 Pieces = Callable[[Path, Mapped, Audit], Iterator[pd.DataFrame]]
 
+_DAMAGE = (
+    ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError,
+)  # fmt: skip
+"""What libraries raise on octets that contradict each other."""
+
 FORMATS = ("auto", "csv", "parquet", "madis", "bufr")
 _MAGIC = (
     (b"CDF\x01", "madis"),
@@ -119,10 +124,25 @@ def file_frames(path: Path, format: str, mapping: Mapped, audit: Audit) -> Itera
     kind = detect_format(path) if format == "auto" else format
     audit.formats[kind] += 1
     try:
-        for piece in _reader(kind)(path, mapping, audit):
+        for piece in _pieces(kind, path, mapping, audit):
             yield clean(piece, audit)
     except OSError as error:
         raise InputError(f"cannot be read: {error}", file=path) from error
+
+
+def _pieces(kind: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Pieces of a file; whatever its octets lead a library to raise is a fault of the file."""
+    pieces = _reader(kind)(path, mapping, audit)
+    while True:
+        try:
+            piece = next(pieces, None)
+        except _DAMAGE as error:
+            raise InputError(
+                f"cannot be read: {type(error).__name__}: {error}", file=path
+            ) from error
+        if piece is None:
+            return
+        yield piece
 
 
 def _reader(kind: str) -> Pieces:

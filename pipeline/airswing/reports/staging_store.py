@@ -17,7 +17,7 @@ Assumptions
 
 from __future__ import annotations
 
-import json
+import hashlib
 import logging
 import uuid
 from collections import Counter
@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.products.atomic import replacing
+from airswing.products.checked import SEAL, digest, note, noted
 from airswing.reports.assemble import Columns, in_alphabetical_order
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.cleaning import FLAGS
@@ -58,6 +59,7 @@ ROW = np.dtype(
 )
 """One report as it is set down."""
 
+_BLOCK = 1 << 22
 Identity = tuple[str, int, int]
 _LOG = logging.getLogger("airswing.reports")
 
@@ -74,6 +76,8 @@ class Segment(NamedTuple):
         One past the last row of each tail.
     hours : list of (int, int)
         Hours since 1970 and how many reports fall in each.
+    checksum : str
+        Of the rows where they are in a file.
     """
 
     rows: NDArray[Any] | Path
@@ -81,6 +85,7 @@ class Segment(NamedTuple):
     flights: list[str]
     stop: list[int]
     hours: list[tuple[int, int]]
+    checksum: str = ""
 
     def take(self, first: str, last: str) -> tuple[NDArray[Any], list[str]]:
         """Rows of the tails from one to another, both included, and those tails."""
@@ -236,8 +241,8 @@ class Spool:
         held: set[Path] = set()
         for path in sorted(self.folder.glob("*.json")):
             try:
-                content = json.loads(path.read_text())
-            except ValueError:
+                content = noted(path.read_text())
+            except (OSError, ValueError):
                 _LOG.warning("%s: a note of kept reports is not whole, they are read again", path)
                 continue
             own = {
@@ -342,7 +347,7 @@ class _Batch:
                 one._asdict() | {"rows": Path(str(one.rows)).name} for one in self.segments
             ],
         }
-        _write(folder / f"{uuid.uuid4().hex}.json", json.dumps(content).encode())
+        _write(folder / f"{uuid.uuid4().hex}.json", note(content).encode())
 
     def _set_down(self, frames: list[pd.DataFrame]) -> Segment:
         """Sort some frames by tail and write them as one segment."""
@@ -371,7 +376,8 @@ class _Batch:
         if self.spool.folder is not None:
             kept = self.spool.folder / f"{uuid.uuid4().hex}.rows"
             _write(kept, rows.tobytes())
-        return Segment(kept, tails.tolist(), flights.tolist(), stop.tolist(), hours)
+        checksum = "" if kept is rows else digest(rows.tobytes()).hex()
+        return Segment(kept, tails.tolist(), flights.tolist(), stop.tolist(), hours, checksum)
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -389,9 +395,15 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _complete(one: Segment) -> bool:
-    """Whether a segment's rows are all there."""
+    """Whether a segment's rows are all there, as they were written."""
     rows = Path(str(one.rows))
-    return rows.is_file() and rows.stat().st_size == one.stop[-1] * ROW.itemsize
+    if not rows.is_file() or rows.stat().st_size != one.stop[-1] * ROW.itemsize:
+        return False
+    found = hashlib.blake2b(digest_size=SEAL)
+    with rows.open("rb") as file:
+        while block := file.read(_BLOCK):
+            found.update(block)
+    return found.hexdigest() == one.checksum
 
 
 def _size(frames: list[pd.DataFrame]) -> int:

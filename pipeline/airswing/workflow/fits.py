@@ -6,7 +6,6 @@ Takes ``headings.nc`` and writes ``fits.nc``, the tables and swing cards, and ``
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from airswing.products.atomic import replacing
+from airswing.products.checked import note, noted
 from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.ragged import blocks
 from airswing.products.ragged_product import still_in_file
@@ -29,6 +29,7 @@ from airswing.workflow.job import (
     product,
     ragged_product,
     ready,
+    require_kept,
 )
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     from airswing.evaluation.compass_changes.stability import add_changes, find_changes
 
     config, screened = job.config, ready(job, headings, HEADINGS)
+    require_kept(screened)
 
     def make() -> xr.Dataset:
         with job.progress.stage("fit") as stage:
@@ -95,19 +97,19 @@ def draw_cards(job: Job, fits: xr.Dataset) -> None:
     from airswing.compass.tables_csv import write_swing_cards, write_tables_csv
 
     folder, reference = job.output / "swing_cards", main_reference(job.config)
-    note = folder / ".drawn_of.json"
+    kept_note = folder / ".drawn_of.json"
     mark = fingerprint(_content(fits), reference, code_digest("airswing.compass.tables_csv"))
     with job.progress.stage("swing cards") as stage:
         write_tables_csv(fits, job.output / "tables.csv")
-        before, drawn = _noted(note)
+        before, drawn = _noted(kept_note)
         if before == mark and all((folder / name).is_file() for name in drawn):
             stage.note = f"{len(drawn)} aircraft, as drawn before"
             return
         cards = [c.name for c in write_swing_cards(fits, folder, reference=reference)]
         for name in set(drawn) - set(cards):
             (folder / name).unlink(missing_ok=True)  # of aircraft that are gone
-        with replacing(note) as temporary:
-            temporary.write_text(json.dumps({"mark": mark, "cards": cards}))
+        with replacing(kept_note) as temporary:
+            temporary.write_text(note({"mark": mark, "cards": cards}))
         stage.note = f"{len(cards)} aircraft"
 
 
@@ -123,11 +125,11 @@ def _content(fits: xr.Dataset) -> str:
     return digest.hexdigest()
 
 
-def _noted(note: Path) -> tuple[str, list[str]]:
+def _noted(path: Path) -> tuple[str, list[str]]:
     """Mark and names of the cards an earlier run drew; nothing where that is not whole."""
     try:
-        told = json.loads(note.read_text())
-        return str(told["mark"]), [str(name) for name in told["cards"]]
+        told = noted(path.read_text())
+        return str(told["mark"]), [Path(name).name for name in told["cards"]]
     except (OSError, ValueError, TypeError, KeyError):
         return "", []
 

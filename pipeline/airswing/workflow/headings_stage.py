@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from airswing.errors import InputError
 from airswing.products.fingerprint import code_digest, file_identities, fingerprint
 from airswing.products.netcdf import as_stored
 from airswing.products.ragged import blocks
@@ -29,7 +28,15 @@ from airswing.workflow.collocating import (
     written_to,
 )
 from airswing.workflow.gap_inputs import MARK, inputs_hold, set_apart
-from airswing.workflow.job import COLLOCATING, HEADINGS, Blocks, Job, earlier, ragged_product
+from airswing.workflow.job import (
+    COLLOCATING,
+    HEADINGS,
+    Blocks,
+    Job,
+    earlier,
+    ragged_product,
+    require_kept,
+)
 
 if TYPE_CHECKING:
     from airswing.config import Config
@@ -100,7 +107,8 @@ def make_headings(job: Job) -> xr.Dataset:
     Raises
     ------
     InputError
-        If no report is left after screening.
+        If no report is left after screening. It is written all the same: the model's winds at the
+        reports are in it.
     """
     names = list(job.config.references)
     unscreened, *screened = depends_on(job.config)
@@ -124,6 +132,7 @@ def make_headings(job: Job) -> xr.Dataset:
         whole=beside,
     )
     job.end_store()
+    require_kept(headings)
     return headings
 
 
@@ -198,36 +207,12 @@ def _screened(job: Job, made: Blocks) -> Blocks:
             kept += int((headings["screening"] == 0).sum())
             removed = removed + audit(headings)["together_total"]
             yield headings
-        if not kept:
-            raise nothing_kept(removed, made.reports)
+        made.attrs["kept_reports"] = kept
+        made.attrs["screened_out"] = removed.to_series().to_dict() if made.reports else {}
         stage.note = f"{kept:,} of {made.reports:,} reports kept"
         stage.reports = made.reports
 
     return replace(made, each=each)
-
-
-def nothing_kept(total: xr.DataArray, reports: int) -> InputError:
-    """Say which rules left no report.
-
-    Parameters
-    ----------
-    total : DataArray
-        Reports each rule marked (rule).
-    reports : int
-        All of them.
-
-    Returns
-    -------
-    InputError
-    """
-    counts = total.to_series()
-    found = ", ".join(f"{rule} {count:,}" for rule, count in counts[counts > 0].items())
-    return InputError(
-        "screening left no report",
-        field="screening",
-        found=f"of {reports:,} reports, left out by {found}",
-        remedy="Loosen the rule that removed most, or check the reports",
-    )
 
 
 def _unscreened(job: Job, mark: str) -> Blocks | None:

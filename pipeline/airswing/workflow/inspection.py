@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from airswing.errors import InputError
+from airswing.errors import InputError, shortened
 
 
 def inspect_file(path: Path) -> dict[str, Any]:
@@ -76,18 +76,21 @@ def _product(path: Path) -> dict[str, Any] | None:
     """Summary of a product of ours, or None for another NetCDF file."""
     import xarray as xr
 
+    from airswing.products.classic_netcdf import require_whole
+    from airswing.products.netcdf import DAMAGE
+    from airswing.products.openable import require_openable
+
     try:
+        require_whole(path)
+        require_openable(path)
         opened = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False)
-    except (OSError, RuntimeError, ValueError) as err:
+    except DAMAGE as err:
         raise InputError("not a whole NetCDF file", file=path, found=err) from err
     with opened as ds:
         if "airswing_version" not in ds.attrs:
             return None
-        return {
-            "title": ds.attrs["title"],
-            "airswing_version": ds.attrs["airswing_version"],
-            "history": ds.attrs["history"],
-            "uuid": ds.attrs["uuid"],
+        told = ("title", "airswing_version", "history", "uuid")
+        return {name: shortened(ds.attrs.get(name, "absent: damaged")) for name in told} | {
             "dimensions": {str(name): int(size) for name, size in ds.sizes.items()},
             "variables": {
                 str(name): f"({', '.join(map(str, entry.dims))}) "

@@ -19,6 +19,7 @@ from airswing.errors import InputError
 from airswing.products.fingerprint import fingerprint
 from airswing.products.netcdf import provenance, read_product, require_writable, write_product
 from airswing.products.ragged_product import ragged_writer
+from airswing.report.run.reading_warnings import tally
 from airswing.workflow.progress import Progress, StageRecord
 
 HEADINGS, FITS, CORRECTED = "headings.nc", "fits.nc", "corrected.nc"
@@ -147,6 +148,32 @@ def ready(job: Job, given: xr.Dataset | None, name: str) -> xr.Dataset:
     Dataset
     """
     return read_product(job.output / name, lazy=True) if given is None else given
+
+
+def require_kept(headings: xr.Dataset) -> None:
+    """Refuse to go on from headings of which screening left none.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened.
+
+    Raises
+    ------
+    InputError
+        Says which rules left no report.
+    """
+    if headings.attrs.get("kept_reports", 1):
+        return
+    counts = tally(headings, "screened_out")
+    found = ", ".join(f"{rule} {int(count):,}" for rule, count in counts.items() if count)
+    raise InputError(
+        "screening left no report",
+        field="screening",
+        found=f"of {headings.sizes['report']:,} reports, left out by {found}",
+        remedy="Loosen the rule that removed most, or check the reports; "
+        f"{HEADINGS} holds the model winds at them",
+    )
 
 
 def product(

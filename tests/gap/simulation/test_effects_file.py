@@ -120,7 +120,7 @@ def test_files_that_hold_something_else_are_told(tmp_path):
     with pytest.raises(InputError, match="cannot read"):
         read_effects(path)
     path.write_text("a: [1\n")
-    with pytest.raises(InputError, match="not YAML"):
+    with pytest.raises(InputError, match="not a YAML file"):
         read_effects(path)
     path.write_text("effect: []\n")
     with pytest.raises(InputError, match="Did you mean effects"):

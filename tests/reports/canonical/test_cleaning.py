@@ -115,7 +115,7 @@ def test_half_a_wind_is_no_wind_but_the_report_stays(values):
         ("wind_speed", -1.0),
         ("wind_speed", 151.0),
         ("wind_direction", 361.0),
-        ("wind_direction", -1.0),
+        ("wind_direction", -181.0),
         ("air_temperature", 100.0),
         ("air_temperature", 400.0),
         ("pressure_altitude", 30000.0),

@@ -15,7 +15,7 @@ the nearest known one.
 from __future__ import annotations
 
 import difflib
-import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -26,6 +26,7 @@ import yaml
 from airswing.config import quantity
 from airswing.errors import InputError
 from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, Parameter
+from airswing.plain_yaml import load_yaml
 from airswing.products.netcdf import write_text
 
 KEYS = ("name", "tails", "parameters", "period")
@@ -51,13 +52,7 @@ def read_effects(path: Path | str) -> list[ActiveEffect]:
         The file is not there, is no YAML, or names something unknown.
     """
     path = Path(path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as err:
-        raise InputError("cannot read the effects", file=path, found=err) from err
-    except yaml.YAMLError as err:
-        raise InputError("is not YAML", file=path, found=" ".join(str(err).split())) from err
-    return parse_effects(content, file=path)
+    return parse_effects(load_yaml(path), file=path)
 
 
 def parse_effects(content: Any, *, file: object | None = None) -> list[ActiveEffect]:
@@ -219,7 +214,7 @@ def _number(parameter: Parameter, value: Any, file: object | None) -> Any:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise InputError("needs a number", file=file, field=parameter.name, found=value)
     if not isinstance(value, str):
-        if not math.isfinite(value):
+        if not abs(value) <= sys.float_info.max:
             raise InputError("needs a number", file=file, field=parameter.name, found=value)
         return float(value)
     unit = "dimensionless" if parameter.units == "1" else parameter.units
@@ -265,6 +260,6 @@ def _seconds(moment: Any, file: object | None) -> float | None:
             stamp = datetime(moment.year, moment.month, moment.day)
         else:
             stamp = datetime.fromisoformat(str(moment))
-    except ValueError as err:
+        return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()
+    except (ValueError, OverflowError) as err:
         raise InputError("is no date", file=file, field="period", found=moment) from err
-    return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()

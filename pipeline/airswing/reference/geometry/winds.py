@@ -45,6 +45,9 @@ Asked = list[tuple[Any, Ints]]
 """Rows of fields and the points (any shape) at which their values are wanted."""
 Winds = Generator[Asked, list[Floats], Floats]
 
+MAX_WIND = 150.0
+"""m s-1: the limit reports have, too; the fastest jet streams measured reach 110 to 120."""
+
 #: Rows of a sample's table, without and with derivatives.
 WINDS = ("u", "v")
 DERIVATIVES = ("u_lnp", "v_lnp", "u_x", "v_x", "u_y", "v_y", "convergence")

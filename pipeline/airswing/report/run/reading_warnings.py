@@ -18,6 +18,7 @@ import xarray as xr
 
 GROUPS_SHOWN = 5
 ENTRIES_KEPT = 200
+_REPEATED = "_column_repeated"
 _PLACE = re.compile(r"^message at \d+: ")
 _EXPECTED = "wind"
 """Kind of message that is no wind on levels: most files hold such, and nobody need be told."""
@@ -64,6 +65,12 @@ def reading_warnings(audit: Mapping[str, Any]) -> list[str]:
             f"{len(skipped)} of {len(skipped) + audit.get('files', 0)} report files left out; "
             f"the first: {skipped[0]['reason']}"
         )
+    for name in sorted(audit.get("repaired", {})):
+        if name.endswith(_REPEATED):
+            lines.append(
+                f"a report file names the column of {name.removesuffix(_REPEATED)} twice: the "
+                "first is used"
+            )
     if groups:
         shown = "; ".join(", ".join(map(repr, group)) for group in groups[:GROUPS_SHOWN])
         more = len(groups) - GROUPS_SHOWN

@@ -13,6 +13,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 
 @dataclass
 class Audit:
@@ -85,7 +87,8 @@ class Audit:
         reason : str
         value : object
         """
-        self.examples.setdefault(reason, repr(value)[:60])
+        plain = value.item() if isinstance(value, np.generic) else value
+        self.examples.setdefault(reason, repr(plain)[:60])
 
     def codes(self, name: str, tally: Mapping[str, int]) -> None:
         """Add the codes met in one flag field.

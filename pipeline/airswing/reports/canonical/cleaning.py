@@ -7,10 +7,11 @@ Rules
 -----
 A report is dropped only without tail, time or position. Everything else impossible becomes
 NaN and is counted: the position of a report without wind still serves the ground vector.
-Longitudes 180..360 become -180..0, wind direction 360 becomes 0, calm (speed 0) has no wind
-whatever its direction, and a speed without a direction is no wind. The wind of a position
-exactly at 0 N 0 E fails its check. Pressure follows from pressure altitude by the two-layer
-standard atmosphere, or the reverse.
+Longitudes 180..360 become -180..0, headings and wind directions of -180..0 become 180..360 (some
+recorders write them so: to drop them would be to drop every westerly), wind direction 360 becomes
+0, calm (speed 0) has no wind whatever its direction, and a speed without a direction is no wind.
+The wind of a position exactly at 0 N 0 E fails its check. Pressure follows from pressure altitude
+by the two-layer standard atmosphere, or the reverse.
 
 Validity
 --------
@@ -51,6 +52,9 @@ LIMITS = {
     "northward_wind": (-150.0, 150.0),
 }
 """Lowest and highest possible value per column, in SI (degrees for angles)."""
+
+ANGLES = ("wind_direction", "reported_heading")
+"""Those of them that may be written from -180 to 180."""
 
 _FLOATS = ("air_temperature", "reported_airspeed", "reported_heading")
 _ORIGIN = 1e-6  # degrees: a position nearer to 0 N 0 E than this is an unset one
@@ -142,6 +146,10 @@ def _number(piece: pd.DataFrame, name: str, audit: Audit) -> NDArray[np.float64]
         return np.full(len(piece), np.nan)
     values = piece[name].to_numpy(dtype=np.float64, copy=True)
     low, high = LIMITS[name]
+    if name in ANGLES:
+        west = (values >= -180.0) & (values < 0.0)
+        audit.repair(f"{name}_wrapped", int(np.count_nonzero(west)))
+        values[west] += 360.0
     with np.errstate(invalid="ignore"):
         bad = (values < low) | (values > high) | np.isinf(values)
     audit.repair(f"{name}_out_of_range", int(np.count_nonzero(bad)))

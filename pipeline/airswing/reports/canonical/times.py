@@ -1,7 +1,8 @@
 """Times of reports as text or numbers, to UTC.
 
 Assumes ISO 8601 text (a time without an offset is UTC), whole numbers of the form
-``yyyymmddHHMM`` or ``yyyymmddHHMMSS``, or seconds since 1970-01-01. Other notations
+``yyyymmddHHMM`` or ``yyyymmddHHMMSS``, or seconds or milliseconds since 1970-01-01 (the latter from
+1976 on, where they cannot be taken for anything else). Other notations
 (``01/02/2009``) are ambiguous and count as unparsable. Valid for 1970 to 2100.
 """
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 EARLIEST = np.datetime64("1970-01-01", "ns")
 LATEST = np.datetime64("2100-01-01", "ns")
 _LARGEST_EPOCH = 4.2e9  # seconds: the year 2103
+_SMALLEST_MILLISECONDS = 2.11e11  # larger than any yyyymmddHHMM before the year 2110
 
 
 def parse_times(values: pd.Series[Any]) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
@@ -60,8 +62,10 @@ def _numbers(values: NDArray[np.float64]) -> tuple[NDArray[np.datetime64], NDArr
     time = np.full(values.shape, np.datetime64("NaT", "ns"))
     epoch = (values >= 0) & (values < _LARGEST_EPOCH)
     time[epoch] = np.round(values[epoch] * 1e9).astype(np.int64).view("datetime64[ns]")
+    thousandths = (values >= _SMALLEST_MILLISECONDS) & (values < 1e3 * _LARGEST_EPOCH)
+    time[thousandths] = (values[thousandths] * 1e6).astype(np.int64).view("datetime64[ns]")
     for width, pattern in ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S")):
-        calendar = (values >= 10.0 ** (width - 1)) & (values < 10.0**width)
+        calendar = (values >= 10.0 ** (width - 1)) & (values < 10.0**width) & ~thousandths
         if calendar.any():
             text = pd.Series(values[calendar].astype(np.int64)).astype(str)
             parsed = pd.to_datetime(text, format=pattern, errors="coerce")

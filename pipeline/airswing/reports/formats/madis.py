@@ -26,6 +26,7 @@ variable list, madis.noaa.gov.
 from __future__ import annotations
 
 import gzip
+import math
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -38,6 +39,8 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import ROLL, TEMPERATURE_QC
+from airswing.products.classic_netcdf import require_whole
+from airswing.products.openable import require_openable
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.codes import BLANK, ROLL_CODES, decode_flags
 from airswing.reports.formats.tabular import Mapped
@@ -64,6 +67,10 @@ FLAG_FIELDS = (
     "altitudeDD", "latitudeDD", "longitudeDD", "timeObsDD", "trueAirSpeedDD",
 )  # fmt: skip
 """Fields whose codes are tallied."""
+_LATEST = 4.2e9  # s since 1970: the year 2103
+_MOST_OCTETS = 1 << 30
+_BEST_PACKING = 1100
+"""Deflate packs no better than one in 1,032."""
 _LARGEST = 99990.0  # the fill value is 99999 in every version
 _UNTESTED = (BLANK, "-", "Z")
 _DESCRIPTOR_FAILED = ("X", "Q", "B")
@@ -93,7 +100,10 @@ def madis_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataF
         The file is broken, is no ACARS file, or lacks a variable.
     """
     try:
+        require_whole(path)
+        require_openable(path)
         with _open(path) as file:
+            _require_size(file, path)
             file.set_auto_mask(False)
             yield _piece(file, path, audit)
     except (OSError, RuntimeError, EOFError, zlib.error) as error:
@@ -105,7 +115,22 @@ def _open(path: Path) -> Any:
         if file.read(2) != b"\x1f\x8b":
             return netCDF4.Dataset(path)
     with gzip.open(path, "rb") as packed:
-        return netCDF4.Dataset(path.name, memory=packed.read())
+        octets = packed.read(_MOST_OCTETS + 1)
+    if len(octets) > _MOST_OCTETS:
+        raise InputError(f"unpacks to more than {_MOST_OCTETS:,} octets", file=path)
+    return netCDF4.Dataset(path.name, memory=octets)
+
+
+def _require_size(file: Any, path: Path) -> None:
+    """Refuse variables far larger than what could be packed into the file: a damaged header."""
+    most = max(_MOST_OCTETS, _BEST_PACKING * path.stat().st_size)
+    for name, variable in file.variables.items():
+        octets = math.prod(map(int, variable.shape)) * getattr(variable.dtype, "itemsize", 1)
+        if octets > most:
+            raise InputError(
+                f"damaged: a variable of {octets:,} octets in a file of {path.stat().st_size:,}",
+                file=path, field=name,
+            )  # fmt: skip
 
 
 def _piece(file: Any, path: Path, audit: Audit) -> pd.DataFrame:
@@ -130,7 +155,8 @@ def _piece(file: Any, path: Path, audit: Audit) -> pd.DataFrame:
     seconds = _number(file["timeObs"], path)
     blank = ~(seconds > 0.0)
     time = np.full(seconds.shape, np.datetime64("NaT", "ns"))
-    time[~blank] = np.round(seconds[~blank] * 1e9).astype(np.int64).view("datetime64[ns]")
+    told = seconds < _LATEST  # what lies beyond is unparsable, not blank
+    time[told] = np.round(seconds[told] * 1e9).astype(np.int64).view("datetime64[ns]")
     piece: dict[str, Any] = {
         "tail": _strings(file[tail]),
         "time": time,

@@ -30,6 +30,9 @@ from airswing.reports.canonical.times import parse_times
 
 ROWS_PER_PIECE = 250_000
 _BUFFER = 2**20
+_LONGEST_HEADER = 100_000
+_AGAIN = re.compile(r" \(column \d+\)")
+"""What is added to a name that stands in a header a second time."""
 _BLANKS = ["", " ", "NA", "N/A", "n/a", "NaN", "nan", "NULL", "null", "None", "-", "--", "M",
            "MISSING", "missing", "9999", "99999", "-9999", "99999.0", "-9999.0"]  # fmt: skip
 _EXTRA = "columns past the header"
@@ -62,6 +65,7 @@ def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
     """
     names, separator, compression = _header(path)
     found = sources(names, mapping, path)
+    repeated = _repeated(names, found)
     text = {found[name].column: str for name in TEXT if name in found and name != "time"}
     wanted = [source.column for source in found.values()]
     options: dict[str, Any] = {
@@ -74,9 +78,20 @@ def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
     rows = 0
     for table in _tables(path, options, audit):
         rows += len(table)
+        for variable in repeated:
+            audit.repair(f"{variable}_column_repeated", len(table))
         yield raw_piece(_whole_rows(table, audit), found, audit)
     if not rows:
         raise InputError("has a header but no reports", file=path)
+
+
+def _repeated(names: list[str], found: Mapping[str, Source]) -> list[str]:
+    """Columns wanted that the header names again: the first of them counts, which is said."""
+    return [
+        variable
+        for variable, source in found.items()
+        if any(_AGAIN.fullmatch(name.removeprefix(source.column)) for name in names)
+    ]
 
 
 def _tables(path: Path, options: dict[str, Any], audit: Audit) -> Iterator[pd.DataFrame]:
@@ -118,11 +133,16 @@ def _header(path: Path) -> tuple[list[str], str, str | None]:
     opener: Any = gzip.open if packed else open
     try:
         with opener(path, "rt", encoding="utf-8-sig", newline="") as file:
-            line = file.readline()
+            line = file.readline(_LONGEST_HEADER)
     except UnicodeDecodeError as error:
         raise _not_utf8(path) from error
     except (EOFError, OSError, zlib.error) as error:
         raise InputError(f"cannot be read as CSV: {error}", file=path) from error
+    if len(line) >= _LONGEST_HEADER:
+        raise InputError(
+            f"has no header row within {_LONGEST_HEADER:,} characters", file=path,
+            remedy="Tables have one line a report, the first of them names the columns",
+        )  # fmt: skip
     if not line.strip():
         raise InputError("has no header row", file=path, remedy="The first row names the columns")
     separator = max(",;\t", key=line.count)

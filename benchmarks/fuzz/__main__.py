@@ -1,0 +1,188 @@
+"""Damage the project's own tiny inputs of every kind, and count what should never come of it.
+
+    python -m benchmarks.fuzz --cases 10000 --seed 7
+    python -m benchmarks.fuzz --replay results/fuzz/case-7-1234.json
+
+Cases run in a process of limited memory, each within a limit of time, whole commands among them.
+Printed by kind: tracebacks, processes ended by a signal, hangs, half-written files, messages that
+are too long, absurd winds kept, and values silently other where a checksum could have told. What
+must not be is kept for replay; the exit status is then 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import selectors
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter, defaultdict
+from pathlib import Path
+
+from benchmarks.fuzz.seeds import GRIBS, make_seeds
+
+CASE_SECONDS = 60
+COLUMNS = (
+    "traceback", "signal", "hang", "half-written", "long message", "absurd winds", "silent",
+)  # fmt: skip
+"""What must not be."""
+SHARES = {
+    **dict.fromkeys(GRIBS, 40),
+    "csv": 80, "csv.gz": 15, "yaml": 90, "effects": 40, "parquet": 35, "netcdf3": 40,
+    "netcdf4": 35, "bufr": 45, "headings.nc": 6, "fits.nc": 6, "kept samples": 5,
+    "kept reports": 5, "kept notes": 3, "header cache": 12, "whole command": 4,
+}  # fmt: skip
+"""How often each kind is drawn."""
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Worker:
+    """A process that runs cases, started anew where one ends it."""
+
+    def __init__(self, seeds: Path, cache: Path) -> None:
+        self._seeds, self._cache = seeds, cache
+        self._process: subprocess.Popen[str] | None = None
+
+    def _started(self) -> subprocess.Popen[str]:
+        if self._process is None or self._process.poll() is not None:
+            paths = os.pathsep.join([str(ROOT / "pipeline"), str(ROOT)])
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "benchmarks.fuzz.worker", str(self._seeds)],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT,
+                env=os.environ | {"AIRSWING_CACHE": str(self._cache), "OMP_NUM_THREADS": "1",
+                                  "PYTHONPATH": paths},
+            )  # fmt: skip
+        return self._process
+
+    def run(self, kind: str, seed: int, folder: Path) -> dict[str, str]:
+        """Run one case; a death or a hang of the process is an answer, too."""
+        process = self._started()
+        assert process.stdin is not None and process.stdout is not None
+        process.stdin.write(f"{kind}\t{seed}\t{folder}\n")
+        process.stdin.flush()
+        with selectors.DefaultSelector() as ready:
+            ready.register(process.stdout, selectors.EVENT_READ)
+            if not ready.select(timeout=CASE_SECONDS * (3 if kind == "whole command" else 1)):
+                self.end(signal.SIGKILL)
+                return {"end": "hang", "what": f"over {CASE_SECONDS} s"}
+        line = process.stdout.readline()
+        if not line:
+            return {"end": "signal", "what": f"ended with {process.wait()}"}
+        return dict(json.loads(line))
+
+    def end(self, how: signal.Signals = signal.SIGTERM) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.send_signal(how)
+            self._process.wait()
+
+
+def drawn(cases: int, seed: int) -> list[tuple[str, int]]:
+    """Kind and seed of every case."""
+    pick = random.Random(seed)
+    kinds = pick.choices(list(SHARES), list(SHARES.values()), k=cases)
+    return [(kind, seed * 1_000_000 + number) for number, kind in enumerate(kinds)]
+
+
+def campaign(
+    cases: list[tuple[str, int]], kept: Path | None, seconds: float | None = None
+) -> dict[str, Counter[str]]:
+    """Run cases.
+
+    Parameters
+    ----------
+    cases : list of (str, int)
+        Kind and seed.
+    kept : Path, optional
+        Folder for what must not be.
+    seconds : float, optional
+        Begin no further case after so long.
+
+    Returns
+    -------
+    dict of str to Counter
+        By kind: how many ended in what.
+    """
+    table: dict[str, Counter[str]] = defaultdict(Counter)
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="airswing-fuzz-") as name:
+        folder = Path(name)
+        os.environ["AIRSWING_CACHE"] = str(folder / "seeds" / "run" / "cache")
+        seeds = make_seeds(folder / "seeds")
+        told = folder / "seeds.json"
+        told.write_text(json.dumps({kind: str(path) for kind, path in seeds.items()}))
+        worker = Worker(told, folder / "cache")
+        try:
+            for kind, seed in cases:
+                if seconds is not None and time.monotonic() - began > seconds:
+                    break
+                place = folder / "case"
+                shutil.rmtree(place, ignore_errors=True)
+                place.mkdir()
+                found = worker.run(kind, seed, place)
+                table[kind][found["end"]] += 1
+                if found["end"] in COLUMNS:
+                    print(f"  {kind} {seed}: {found}", file=sys.stderr, flush=True)
+                    if kept is not None:
+                        _keep(kept, kind, seed, found, place)
+        finally:
+            worker.end()
+    return table
+
+
+def _keep(kept: Path, kind: str, seed: int, found: dict[str, str], place: Path) -> None:
+    folder = kept / f"case-{seed}"
+    shutil.copytree(place, folder, dirs_exist_ok=True)
+    (kept / f"case-{seed}.json").write_text(json.dumps({"kind": kind, "seed": seed, **found}))
+
+
+def as_text(table: dict[str, Counter[str]]) -> str:
+    """Lay the outcome out, a line a kind."""
+    ends = ("result", "refused", *COLUMNS)
+    head = f"{'':28}{'cases':>7}" + "".join(f"{end:>14}" for end in ends)
+    lines = [head]
+    total: Counter[str] = Counter()
+    for kind in SHARES:
+        if kind in table:
+            lines.append(_line(kind, table[kind], ends))
+            total += table[kind]
+    return "\n".join([*lines, _line("together", total, ends)])
+
+
+def _line(kind: str, counts: Counter[str], ends: tuple[str, ...]) -> str:
+    return f"{kind:28}{counts.total():7,}" + "".join(f"{counts[end]:14,}" for end in ends)
+
+
+def main() -> int:
+    """Run the campaign, print the table; 1 where anything happened that must not."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--kind", help="only this kind")
+    parser.add_argument("--seconds", type=float, help="begin no further case after so long")
+    parser.add_argument("--kept", type=Path, default=Path("results/fuzz"), metavar="DIR")
+    parser.add_argument("--replay", type=Path, help="a kept case", metavar="FILE")
+    options = parser.parse_args()
+    if options.replay is not None:
+        told = json.loads(options.replay.read_text())
+        cases = [(told["kind"], told["seed"])]
+    else:
+        cases = drawn(options.cases, options.seed)
+        if options.kind:
+            cases = [(options.kind, seed) for _, seed in cases]
+    options.kept.mkdir(parents=True, exist_ok=True)
+    began = time.monotonic()
+    table = campaign(cases, options.kept, options.seconds)
+    print(as_text(table))
+    print(f"{sum(map(Counter.total, table.values())):,} cases in {time.monotonic() - began:.0f} s")
+    return int(any(counts[end] for counts in table.values() for end in COLUMNS))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,305 @@
+"""Ways to damage a file: octets at large, fields of GRIB headers, cells of tables, values of YAML.
+
+Every mutation depends on its random generator alone, so that a case is made again from its number.
+"""
+
+from __future__ import annotations
+
+import random
+import re
+from collections.abc import Callable
+
+Change = Callable[[bytes, random.Random], bytes]
+
+SCALARS = [
+    "2009-06-31", "2009-02-30T25:61:00Z", "2009-01-01T00:00:00+99:00", '!!int "9e9"', '!!float "x"',
+    "!!timestamp 'soon'", "!!python/object/apply:os.system ['true']", "!!binary '***'", "~", "''",
+    "9" * 400, "1e999", "-.inf", ".nan", "0x" + "f" * 200, "[[[[[[[[[[]]]]]]]]]]", 
+    "{a: {b: {c: d}}}",
+    "&a [*a]", "*nothing", "2 h**9**9**9", "1e308 h", "-3 h", "10 furlong", '"\\0"', '"\\ud800"',
+    "<script>alert(1)</script>", "../../../../etc/passwd", "| \n  text\n  more", "true",
+    "3 lightyears",
+    "[" * 60 + "]" * 60, "x" * 5000, "\u202e\u0000\u0007", "%s%n{0}", "nan kt", "1_000", "1:30:00",
+]  # fmt: skip
+CELLS = [
+    "", "nan", "inf", "-inf", "1e400", "-1e9", "99999", "abc", '"', '""",', "\0", "0x10", "1,5",
+    "--", "2009-13-45T99:99", "1900-01-01", "9999-12-31T23:59:60Z",
+    "١٢٣", "<b>x</b>", "=1+1", "N" * 3000,
+    "1253091600000", "1253091600000000000", "-180", "361", "720.5", "\ufeff", "True", "None",
+]  # fmt: skip
+
+
+def mutated(kind: str, data: bytes, other: bytes, pick: random.Random) -> bytes:
+    """Damage a file's octets in one to four ways.
+
+    Parameters
+    ----------
+    kind : str
+        Of the file; decides which ways there are.
+    data, other : bytes
+        The file, and another one to splice with.
+    pick : random.Random
+
+    Returns
+    -------
+    bytes
+    """
+    changes: list[Change] = [*OCTETS, lambda d, p: _spliced(d, other, p)]
+    if kind.startswith("grib"):
+        changes = [*changes, *GRIB, *GRIB, *GRIB]
+    elif kind in ("yaml", "effects"):
+        changes = [*YAML, *YAML, *YAML, *changes]
+    elif kind == "csv":
+        changes = [*CSV, *CSV, *CSV, *changes]
+    for _ in range(pick.choice((1, 1, 1, 2, 4))):
+        data = pick.choice(changes)(data, pick)
+    return data
+
+
+def _bits(data: bytes, pick: random.Random) -> bytes:
+    changed = bytearray(data)
+    for _ in range(pick.choice((1, 1, 2, 8)) if data else 0):
+        changed[pick.randrange(len(changed))] ^= 1 << pick.randrange(8)
+    return bytes(changed)
+
+
+def _octets(data: bytes, pick: random.Random) -> bytes:
+    changed = bytearray(data)
+    for _ in range(pick.choice((1, 2, 4)) if data else 0):
+        changed[pick.randrange(len(changed))] = pick.choice(
+            (0, 0xFF, 0x80, 0x7F, pick.randrange(256))
+        )
+    return bytes(changed)
+
+
+def _cut(data: bytes, pick: random.Random) -> bytes:
+    return data[: pick.randrange(len(data) + 1)]
+
+
+def _run(data: bytes, pick: random.Random) -> tuple[int, int]:
+    start = pick.randrange(len(data) + 1)
+    return start, min(len(data), start + pick.choice((1, 2, 4, 16, 64, 512)))
+
+
+def _inserted(data: bytes, pick: random.Random) -> bytes:
+    start, _ = _run(data, pick)
+    return data[:start] + pick.randbytes(pick.choice((1, 2, 3, 8, 100))) + data[start:]
+
+
+def _deleted(data: bytes, pick: random.Random) -> bytes:
+    start, stop = _run(data, pick)
+    return data[:start] + data[stop:]
+
+
+def _doubled(data: bytes, pick: random.Random) -> bytes:
+    start, stop = _run(data, pick)
+    return data[:stop] + data[start:stop] * pick.choice((1, 1, 50)) + data[stop:]
+
+
+def _blanked(data: bytes, pick: random.Random) -> bytes:
+    start, stop = _run(data, pick)
+    return data[:start] + bytes([pick.choice((0, 0xFF))]) * (stop - start) + data[stop:]
+
+
+def _swapped(data: bytes, pick: random.Random) -> bytes:
+    a, b, c = sorted(pick.randrange(len(data) + 1) for _ in range(3))
+    return data[:a] + data[b:c] + data[a:b] + data[c:]
+
+
+def _spliced(data: bytes, other: bytes, pick: random.Random) -> bytes:
+    return data[: pick.randrange(len(data) + 1)] + other[pick.randrange(len(other) + 1) :]
+
+
+OCTETS: list[Change] = [
+    _bits, _bits, _bits, _octets, _cut, _inserted, _deleted, _doubled, _blanked, _swapped,
+]  # fmt: skip
+
+
+def sections(data: bytes) -> list[list[tuple[int, int]]]:
+    """Start and length of the sections of each GRIB message, as far as they can be followed."""
+    found, at = [], data.find(b"GRIB")
+    while 0 <= at < len(data) - 16:
+        edition = data[at + 7]
+        head, width = (8, 3) if edition == 1 else (16, 4)
+        total = int.from_bytes(
+            data[at + 4 : at + 7] if edition == 1 else data[at + 8 : at + 16], "big"
+        )
+        own, place = [(at, head)], at + head
+        while place < min(at + total, len(data)) - 4 and len(own) < 40:
+            length = int.from_bytes(data[place : place + width], "big")
+            if not length:
+                break
+            own.append((place, min(length, len(data) - place)))
+            place += length
+        found.append(own)
+        at = data.find(b"GRIB", at + 4)
+    return found
+
+
+def _section(data: bytes, pick: random.Random) -> tuple[int, int]:
+    messages = sections(data)
+    return pick.choice(pick.choice(messages)) if messages else _run(data, pick)
+
+
+def _header_field(data: bytes, pick: random.Random) -> bytes:
+    """One field of a section's header set to an extreme, to its neighbour, or at random."""
+    start, length = _section(data, pick)
+    width = pick.choice((1, 1, 2, 3, 4))
+    place = start + pick.randrange(min(max(length, 1), 90))
+    if place + width > len(data):
+        return data
+    most = (1 << 8 * width) - 1
+    before = int.from_bytes(data[place : place + width], "big")
+    value = pick.choice((
+        0, most, most >> 1, (most >> 1) + 1, before + 1, before - 1, before ^ (most >> 1) + 1,
+        before * 2, before // 2, pick.randrange(most + 1), 0x7FFFFFFF, 1,
+    )) & most  # fmt: skip
+    return data[:place] + value.to_bytes(width, "big") + data[place + width :]
+
+
+def _section_length(data: bytes, pick: random.Random) -> bytes:
+    messages = sections(data)
+    if not messages:
+        return data
+    message = pick.choice(messages)
+    start, length = pick.choice(message)
+    edition = data[message[0][0] + 7]
+    if start == message[0][0]:
+        start, width = (start + 4, 3) if edition == 1 else (start + 8, 8)
+    else:
+        width = 3 if edition == 1 else 4
+    most = (1 << 8 * width) - 1
+    value = pick.choice((0, most, length + 1, length - 1, length * 2, 5, 4, 11, most >> 1)) & most
+    return data[:start] + value.to_bytes(width, "big") + data[start + width :]
+
+
+def _section_doubled(data: bytes, pick: random.Random) -> bytes:
+    start, length = _section(data, pick)
+    return data[: start + length] + data[start:]
+
+
+def _section_dropped(data: bytes, pick: random.Random) -> bytes:
+    start, length = _section(data, pick)
+    return data[:start] + data[start + length :]
+
+
+def _sections_swapped(data: bytes, pick: random.Random) -> bytes:
+    (a, one), (b, two) = sorted((_section(data, pick), _section(data, pick)))
+    if a + one > b:
+        return data
+    return data[:a] + data[b : b + two] + data[a + one : b] + data[a : a + one] + data[b + two :]
+
+
+def _message_doubled(data: bytes, pick: random.Random) -> bytes:
+    """A message once more at the end, with one bit of it changed."""
+    messages = sections(data)
+    if not messages:
+        return data
+    number = pick.randrange(len(messages))
+    start = messages[number][0][0]
+    stop = messages[number + 1][0][0] if number + 1 < len(messages) else len(data)
+    return data + _bits(data[start:stop], pick)
+
+
+def _mended(change: Change) -> Change:
+    """A change of length after which the message states its new length."""
+
+    def changed(data: bytes, pick: random.Random) -> bytes:
+        messages = sections(data)
+        if not messages:
+            return data
+        start = pick.choice(messages)[0][0]
+        edition = data[start + 7]
+        end = data.find(b"GRIB", start + 4)
+        message = change(data[start : end if end > 0 else len(data)], pick)
+        total = len(message)
+        if edition == 1:
+            message = message[:4] + (total & 0xFFFFFF).to_bytes(3, "big") + message[7:]
+        else:
+            message = message[:8] + total.to_bytes(8, "big") + message[16:]
+        return data[:start] + message + (data[end:] if end > 0 else b"")
+
+    return changed
+
+
+GRIB: list[Change] = [
+    _header_field, _header_field, _header_field, _header_field, _section_length, _section_length,
+    _section_doubled, _section_dropped, _sections_swapped, _message_doubled,
+    _mended(_section_doubled), _mended(_section_dropped), _mended(_sections_swapped),
+    _mended(_inserted), _mended(_deleted),
+]  # fmt: skip
+
+
+def _yaml_scalar(data: bytes, pick: random.Random) -> bytes:
+    text = data.decode("utf-8", "replace")
+    places = [match.span(1) for match in re.finditer(r"[:\-,\[] ?([\w./*'\"-][^,\n\]}]*)", text)]
+    if not places:
+        return data
+    start, stop = pick.choice(places)
+    return (text[:start] + pick.choice(SCALARS) + text[stop:]).encode("utf-8", "replace")
+
+
+def _yaml_key(data: bytes, pick: random.Random) -> bytes:
+    text = data.decode("utf-8", "replace")
+    places = [match.span(1) for match in re.finditer(r"(?m)^\s*(\w+):", text)]
+    if not places:
+        return data
+    start, stop = pick.choice(places)
+    key = pick.choice(
+        ("output", "<<", "reports", "?", "1", "null", "a" * 3000, text[start : stop - 1])
+    )
+    return (text[:start] + key + text[stop:]).encode("utf-8", "replace")
+
+
+def _yaml_line(data: bytes, pick: random.Random) -> bytes:
+    lines = data.split(b"\n")
+    number = pick.randrange(len(lines))
+    made = pick.choice((
+        lines[number], b"\t" + lines[number], b"  " + lines[number], lines[number].strip(), b"",
+        b"a: &a [x, x, x, x, x, x, x, x]\nb: &b [*a, *a, *a, *a, *a, *a, *a, *a]\n"
+        b"c: &c [*b, *b, *b, *b, *b, *b, *b, *b]\nd: &d [*c, *c, *c, *c, *c, *c, *c, *c]\n"
+        b"e: [*d, *d, *d, *d, *d, *d, *d, *d]",
+    ))  # fmt: skip
+    return b"\n".join([*lines[: number + 1], made, *lines[number + pick.choice((1, 2)) :]])
+
+
+YAML: list[Change] = [_yaml_scalar, _yaml_scalar, _yaml_scalar, _yaml_key, _yaml_line]
+
+
+def _csv_cell(data: bytes, pick: random.Random) -> bytes:
+    rows = data.split(b"\n")
+    number = pick.choice((0, *range(len(rows))))
+    cells = rows[number].split(b",")
+    cells[pick.randrange(len(cells))] = pick.choice(CELLS).encode("utf-8", "replace")
+    rows[number] = b",".join(cells)
+    return b"\n".join(rows)
+
+
+def _csv_column(data: bytes, pick: random.Random) -> bytes:
+    """A whole column filled, dropped, or given again."""
+    rows = [row.split(b",") for row in data.split(b"\n")]
+    number, way, cell = pick.randrange(len(rows[0])), pick.randrange(4), pick.choice(CELLS).encode()
+    for place, row in enumerate(rows):
+        if len(row) <= number:
+            continue
+        if way == 0 and place:
+            row[number] = cell
+        elif way == 1:
+            del row[number]
+        elif way == 2:
+            row.append(row[number])
+        elif way == 3 and place:
+            row[number] = b"%.6g" % pick.uniform(-1e5, 1e5)
+    return b"\n".join(b",".join(row) for row in rows)
+
+
+def _csv_rows(data: bytes, pick: random.Random) -> bytes:
+    rows = data.split(b"\n")
+    number = pick.randrange(len(rows))
+    made = pick.choice(
+        (rows[0], rows[number], rows[number] + b",1,2,3", b",,,", b'"' + rows[number])
+    )
+    return b"\n".join([*rows[:number], made, *rows[number + 1 :]])
+
+
+CSV: list[Change] = [_csv_cell, _csv_cell, _csv_column, _csv_rows]

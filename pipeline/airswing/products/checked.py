@@ -1,0 +1,71 @@
+"""Kept work with a checksum: what is read back is what was written, or it is made again.
+
+Assumes damage, not malice: a BLAKE2b digest of 16 octets stands beside the content.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+SEAL = 16
+"""Octets of a digest."""
+
+
+def digest(*octets: Any) -> bytes:
+    """Checksum of some octets.
+
+    Parameters
+    ----------
+    *octets : bytes-like
+
+    Returns
+    -------
+    bytes
+        `SEAL` of them.
+    """
+    found = hashlib.blake2b(digest_size=SEAL)
+    for part in octets:
+        found.update(part)
+    return found.digest()
+
+
+def note(content: Any) -> str:
+    """Plain content as text that carries its own checksum.
+
+    Parameters
+    ----------
+    content : object
+        What JSON can hold.
+
+    Returns
+    -------
+    str
+    """
+    text = json.dumps(content)
+    return json.dumps({"checksum": digest(text.encode()).hex(), "content": text})
+
+
+def noted(text: str) -> Any:
+    """Undo :func:`note`.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    ValueError
+        If it is not what was written.
+    """
+    told = json.loads(text)
+    if not isinstance(told, dict) or not isinstance(told.get("content"), str):
+        raise ValueError("no note of kept work")
+    if digest(told["content"].encode()).hex() != told.get("checksum"):
+        raise ValueError("its checksum is another")
+    return json.loads(told["content"])

@@ -1,0 +1,217 @@
+"""The smallest inputs that once ended a run, wrongly: each ends in a result or in one message."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+
+from airswing import cli
+from airswing.config import load_config
+from airswing.errors import LONGEST, ConfigError, InputError
+from airswing.gap.simulation.effects_file import read_effects
+from airswing.reference.collocate import collocate
+from airswing.reference.grib.catalogue import Catalogue, build_catalogue
+from airswing.reference.grib.messages import scan_file
+from airswing.reports import read_reports
+from airswing.workflow.inspection import inspect_file
+
+HOSTILE = Path(__file__).resolve().parents[2] / "shared" / "hostile"
+
+
+@pytest.fixture(scope="session")
+def hostile() -> Callable[[str], Path]:
+    """Path of a file below ``../shared/hostile``; skips by name where absent."""
+
+    def find(name: str) -> Path:
+        path = HOSTILE / name
+        if not path.exists():
+            pytest.skip(f"hostile data absent: ../shared/hostile/{name}")
+        return path
+
+    return find
+
+
+def winds(catalogue: Catalogue, reports: Path, *, sparse: bool = True) -> xr.Dataset:
+    """Reference winds at a file's reports, with what could not be read."""
+    ds = read_reports(reports)
+    return collocate(ds, {"ref": catalogue}, sparse=sparse, account=True).compute(
+        scheduler="synchronous"
+    )
+
+
+def problems(found: xr.Dataset) -> list[str]:
+    return [reason for _, _, reason in found["problems"].item()]
+
+
+def skipped(catalogue: Catalogue) -> dict[str, int]:
+    return {entry["reason"]: entry["count"] for entry in catalogue.skipped}
+
+
+def catalogue_of(path: Path, folder: Path) -> Catalogue:
+    return build_catalogue(str(path), name="ref", cache_dir=folder)
+
+
+def test_complex_packing_whose_groups_do_not_add_up(hostile, tmp_path: Path):
+    catalogue = catalogue_of(hostile("crash_grib_a_49"), tmp_path)
+    found = winds(catalogue, hostile("g2_complex_spatial_differencing.csv"))
+    assert problems(found) == ["message at 2530: groups of 795 values for 720"]
+    matched = np.isfinite(found["reference_eastward_wind"].to_numpy())
+    assert 0 < matched.sum() < matched.size
+
+
+def test_a_png_section_of_another_length(hostile, tmp_path: Path):
+    catalogue = catalogue_of(hostile("crash_grib_a_543"), tmp_path)
+    assert skipped(catalogue) == {
+        "garbage: section lengths do not add up": 1, "u without v": 1,
+    }  # fmt: skip
+    assert not problems(winds(catalogue, hostile("g2_png.csv")))
+
+
+def test_a_png_stream_of_another_depth(hostile, tmp_path: Path):
+    with pytest.raises(InputError, match=r"damaged: 128 bits a value \(6\)"):
+        catalogue_of(hostile("crash_grib_a_497"), tmp_path)
+
+
+@pytest.mark.parametrize("sparse", [True, False])
+def test_second_order_packing_with_a_section_that_lies(hostile, tmp_path: Path, sparse: bool):
+    catalogue = catalogue_of(hostile("crash_grib_a_865"), tmp_path)
+    found = winds(catalogue, hostile("g1_ll_second.csv"), sparse=sparse)
+    speed = np.hypot(found["reference_eastward_wind"], found["reference_northward_wind"])
+    assert not (speed > 150.0).any()
+
+
+def test_a_valid_time_that_no_clock_holds(hostile):
+    contents = scan_file(str(hostile("lead_bit.grb2")))
+    assert len(contents.fields) == 5
+    assert contents.skipped["message", "damaged: lead time of 44,739,243 days"] == 1
+    kinds = inspect_file(hostile("lead_bit.grb2"))["packings"]
+    assert kinds == {"GRIB2 simple": 5}
+
+
+def test_valid_times_all_of_centuries(hostile, tmp_path: Path):
+    with pytest.raises(InputError, match="lead time of -88,779,435 days"):
+        catalogue_of(hostile("grib_a_125"), tmp_path)
+
+
+def test_a_count_of_values_that_is_not_the_grids(hostile, tmp_path: Path):
+    catalogue = catalogue_of(hostile("grib_a_617"), tmp_path)
+    assert skipped(catalogue)["damaged: 2,147,484,368 values on a grid of 720 points"] == 1
+    assert not problems(winds(catalogue, hostile("g2_ccsds.csv")))
+
+
+def test_a_message_is_garbage_or_used_never_both(hostile):
+    contents = scan_file(str(hostile("sec7_len.grb2")))
+    assert len(contents.fields) == 5
+    assert contents.skipped["message", "garbage: section lengths do not add up"] == 1
+
+
+def test_a_count_of_records_that_the_file_cannot_hold(hostile):
+    began = time.perf_counter()
+    with pytest.raises(InputError, match="octets by its header, of which 2,536 are there"):
+        read_reports(hostile("numrecs.nc"))
+    assert time.perf_counter() - began < 2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("bomb.yaml", "more than 20,000 values"),
+        ("date.yaml", "field_test.start: is no timestamp"),
+        ("deep.yaml", "nested more than 40 levels deep"),
+    ],
+)
+def test_yaml_that_is_none(hostile, name: str, says: str):
+    with pytest.raises(ConfigError, match=says) as caught:
+        load_config(hostile(name))
+    assert len(str(caught.value)) <= LONGEST
+    with pytest.raises(InputError, match=says.removeprefix("field_test.start: ")):
+        read_effects(hostile(name))
+
+
+@pytest.mark.parametrize(
+    "value",
+    ['!!int "9e9"', '!!float "x"', "2009-01-01T00:00:00+24:00", "2009-02-30", "0x" + "f" * 9000,
+     '"\\0"', '"\\ud800"', "!!python/object/apply:os.system ['true']", "&a [*a]", "*b"],
+)  # fmt: skip
+def test_values_of_yaml_that_are_none(value: str, tmp_path: Path):
+    path = tmp_path / "c.yaml"
+    path.write_text(f"reports: {{files: a.csv}}\nreferences: {value}\noutput: {value}\n")
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    assert len(str(caught.value)) <= LONGEST
+    assert "\n" not in str(caught.value)
+    path.write_text(f"- name: {value}\n")
+    with pytest.raises(InputError):
+        read_effects(path)
+
+
+def test_a_key_that_stands_twice_is_named(tmp_path: Path):
+    path = tmp_path / "c.yaml"
+    path.write_text("reports: {files: a}\nfit:\n  joint: true\n  joint: false\n")
+    with pytest.raises(ConfigError, match=r"fit: the key 'joint' stands twice \(line 4\)"):
+        load_config(path)
+
+
+def test_a_column_named_twice_is_said(hostile):
+    audit = json.loads(read_reports(hostile("dup.csv")).attrs["reading_audit"])
+    assert audit["repaired"]["wind_speed_column_repeated"] == 29
+
+
+def test_headings_from_minus_180_to_180_are_wrapped(hostile):
+    ds = read_reports(hostile("hdg.csv"))
+    audit = json.loads(ds.attrs["reading_audit"])
+    assert audit["repaired"] == {"reported_heading_wrapped": 14}
+    heading = ds["reported_heading"].to_numpy()
+    assert np.isfinite(heading).all()
+    assert (heading >= 0.0).all()
+    assert (heading < 360.0).all()
+
+
+def test_milliseconds_since_1970_are_understood(hostile):
+    time_read = read_reports(hostile("ms.csv"))["time"].to_numpy()
+    assert time_read.min() >= np.datetime64("2020-06-25T07:00")
+    assert time_read.max() <= np.datetime64("2020-06-26")
+
+
+def test_json_given_as_reports_is_one_short_message(tmp_path: Path):
+    path = tmp_path / "reports.json"
+    path.write_text(json.dumps([{"tail": f"N{n}", "wind": n} for n in range(100_000)]))
+    with pytest.raises(InputError) as caught:
+        read_reports(path)
+    assert len(str(caught.value)) <= LONGEST
+
+
+def test_a_bomb_by_the_command_is_one_short_line(hostile, capsys):
+    before, sys.argv = sys.argv, ["airswing", "run", str(hostile("bomb.yaml"))]
+    try:
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+    finally:
+        sys.argv = before
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert len(line) <= LONGEST
+
+
+def test_configurations_keep_what_is_sound(tmp_path: Path):
+    """The bounds leave a plain configuration as PyYAML reads it."""
+    content: dict[str, Any] = {
+        "reports": {"files": ["a.csv", "b.csv"]}, "references": {"m": {"files": "b.grb"}},
+        "field_test": {"start": "2009-10-20", "before_start": "2009-07-20", "corrected": ["A"],
+                       "controls": ["B"]}, "output": "o",
+    }  # fmt: skip
+    path = tmp_path / "c.yaml"
+    path.write_text("﻿" + yaml.safe_dump(content), encoding="utf-8")
+    loaded = load_config(path)
+    assert loaded.reports.files == ["a.csv", "b.csv"]
+    assert loaded.field_test is not None
+    assert loaded.field_test.start.year == 2009
