@@ -5,8 +5,8 @@ Assumptions and validity
 * Files of at most a megabyte, 40 levels deep, 20,000 values with every alias written out: far more
   than a configuration needs, far less than what fills a memory.
 * Tags that make anything but plain values are refused (PyYAML's safe loader), as are a key given
-  twice, a value that is none of its kind (``2009-06-31``), and text that no file system or
-  terminal takes (octet 0, halves of surrogate pairs).
+  twice, a value that is none of its kind (``2009-06-31``), whole numbers of more than 256 bits,
+  and text that no file system or terminal takes (octet 0, halves of surrogate pairs).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from airswing.errors import InputError, shortened
 MOST_OCTETS = 1_000_000
 DEEPEST = 40
 MOST_VALUES = 20_000
+MOST_BITS = 256
 
 
 def load_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
@@ -104,6 +105,8 @@ class _Loader(yaml.SafeLoader):
             ) from err  # fmt: skip
         if isinstance(value, str) and not _sayable(value):
             raise _ValueFault("text that cannot be used", self._key(node), ascii(value)[:80])
+        if isinstance(value, int) and value.bit_length() > MOST_BITS:
+            raise _ValueFault("a number that nothing takes", self._key(node), value)
         return value
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
