@@ -24,7 +24,7 @@ from airswing.reference.gridded.gridded_catalogue import (
     engine_of,
     find_files,
 )
-from airswing.reference.gridded.opening import ENGINES
+from airswing.reference.gridded.opening import ENGINES, kind_of
 
 FALL_BACK = "opened by cfgrib, which is slower: the reader of octets found {what}"
 
@@ -118,9 +118,7 @@ def _by_cfgrib(
             files, name=name, engine="cfgrib", lead=lead, member=member, naming=naming
         )
     except InputError as second:
-        if second.what.startswith(("no wind on pressure levels", "cannot be opened")):
-            raise refused from second
-        raise
+        raise refused from second
     found.notes.insert(0, FALL_BACK.format(what=refused.found))
     return found
 
@@ -128,14 +126,11 @@ def _by_cfgrib(
 def _told(paths: Sequence[str], name: str) -> str:
     """The engine of all files, by what most of them are; damaged ones are left to the reader."""
     kinds: dict[str, list[str]] = {}
-    faults = []
     for path in paths:
-        try:
-            kinds.setdefault(_kind(path), []).append(path)
-        except InputError as fault:
-            faults.append(fault)
-    if not kinds:
-        raise faults[0]
+        kinds.setdefault(_kind(path), []).append(path)
+    unknown = kinds.pop("", [])
+    if unknown and not kinds:
+        return "grib"  # garbage is counted and named by the reader of octets
     if len(kinds) > 1:
         raise InputError(
             "files of several kinds under one reference", field=f"references.{name}.files",
@@ -147,12 +142,11 @@ def _told(paths: Sequence[str], name: str) -> str:
 
 
 def _kind(path: str) -> str:
-    from airswing.reference.gridded.opening import kind_of
-
+    """What a file is; empty where that cannot be told or the file cannot be read."""
     try:
-        return kind_of(path) or "grib"  # garbage is counted and named by the reader of octets
+        return kind_of(path)
     except OSError:
-        return "grib"
+        return ""
 
 
 def catalogues_of(references: Mapping[str, Catalogue | xr.Dataset]) -> dict[str, Catalogue]:

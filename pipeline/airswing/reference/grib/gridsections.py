@@ -3,7 +3,8 @@
 Validity: the grids named in `airswing.reference.geometry.grids`; every other section
 is refused with a reason a person can act on. Octet numbers follow WMO
 GRIB1 code table 6 and GRIB2 grid definition templates 3.0, 3.1, 3.10, 3.20
-and 3.30.
+and 3.30, and NCEP's 3.32769 (RAP's native grid), whose first and last points are
+geographic and whose rotation is given by its centre.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from typing import Any
+
+import numpy as np
 
 from airswing.reference.geometry.grids import Grid, UnplaceableGridError
 from airswing.reference.packing.octets import ibm_float, ieee_float, missing, signed, unsigned
@@ -33,7 +36,7 @@ _GRIB1_NAMES = {
 #: Octets of the sections, by edition and grid.
 _LENGTHS = {
     1: {0: 32, 1: 34, 3: 34, 5: 28, 10: 42},
-    2: {0: 72, 1: 84, 10: 72, 20: 65, 30: 73},
+    2: {0: 72, 1: 84, 10: 72, 20: 65, 30: 73, 32769: 80},
 }
 _GRIB2_NAMES = {
     2: "stretched latitude/longitude",
@@ -53,7 +56,6 @@ _GRIB2_NAMES = {
     150: "HEALPix",
     204: "curvilinear orthogonal",
     32768: "rotated latitude/longitude, Arakawa E staggered,",
-    32769: "rotated latitude/longitude, Arakawa non-E staggered,",
 }
 
 MAX_POINTS = 100_000_000
@@ -254,7 +256,7 @@ def _earth(section: bytes) -> tuple[float, float]:
 
 def _grib2(section: bytes) -> Grid:
     kind = unsigned(section, 12, 2)
-    if kind not in (0, 1, 10, 20, 30):
+    if kind not in (0, 1, 10, 20, 30, 32769):
         name = _GRIB2_NAMES.get(kind, "unknown")
         raise UnplaceableGridError(f"{name} grid (GRIB2 template 3.{kind})")
     if section[5]:
@@ -271,6 +273,8 @@ def _grib2(section: bytes) -> Grid:
     }
     if kind in (0, 1):
         return _grib2_degrees(section, kind, shared)
+    if kind == 32769:
+        return _grib2_centred(section, shared)
     flags, scan = section[46], section[59 if kind == 10 else 64]
     si, sj = _signs(scan)
     shared |= {
@@ -318,6 +322,28 @@ def _grib2_degrees(section: bytes, kind: int, shared: dict[str, Any]) -> Grid:
         return Grid("regular_ll", **shared)
     pole = (signed(section, 72, 4) / scale, signed(section, 76, 4) / scale)
     return _rotated(shared, pole, ieee_float(section, 80))
+
+
+def _grib2_centred(section: bytes, shared: dict[str, Any]) -> Grid:
+    """A rotated grid whose equator and meridian cross at its centre (NCEP template 3.32769)."""
+    first, centre, last = (
+        (signed(section, at, 4) / 1e6, signed(section, at + 4, 4) / 1e6) for at in (46, 55, 72)
+    )
+    pole: dict[str, Any] = {"pole_latitude": centre[0] - 90.0, "pole_longitude": centre[1]}
+    frame = Grid("rotated_ll", ni=1, nj=1, latitude_first=0.0, longitude_first=0.0, di=1.0, dj=1.0,
+                 **pole)  # fmt: skip
+    x, y = frame.plane(np.array([first[0], last[0]]), np.array([first[1], last[1]]))
+    scan = section[71]
+    stated = _stated(section, (63, 67), 4, 1e-6, given=section[54] & 0x30 == 0x30)
+    ends = [(float(y[n]), float(x[n])) for n in (0, 1)]
+    shared |= {
+        "latitude_first": ends[0][0],
+        "longitude_first": ends[0][1],
+        "wind_along_grid": bool(section[54] & 0x08),
+        **_scanning(scan),
+        **_steps((shared["ni"], shared["nj"]), scan, ends[0], ends[1], 1e-6, stated),
+    }
+    return Grid("rotated_ll", **pole, **shared)
 
 
 def _rotated(shared: dict[str, Any], pole: tuple[float, float], turned: float) -> Grid:

@@ -50,10 +50,12 @@ class Gathering:
         self._tables: list[Table] = [np.empty(0, dtype=ROW_DTYPE)]
         self._grids: dict[str, int] = {}
         self._places: list[Placing] = []
+        self._first = ""
         self._along: dict[int, dict[bool | None, str]] = {}
 
     def add(self, number: int, parts: Sequence[xr.Dataset], path: str) -> None:
         """Rows of one file."""
+        self._first = self._first or path
         for part, ds in enumerate(parts):
             found = self._described(ds, path)
             self.skipped += [skip(path, *key, count) for key, count in found.skipped.items()]
@@ -98,6 +100,7 @@ class Gathering:
         if len(said) > 1:
             raise InputError(
                 "one component points along the grid, the other to true east or north",
+                file=self._first,
                 found="; ".join(self._along[number].values()),
                 remedy="Say which it is as winds: grid or winds: earth",
             )  # fmt: skip
