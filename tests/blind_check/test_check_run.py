@@ -14,6 +14,7 @@ from tests.gap.toy import make_frame
 from airswing.blind_check import Plan, baselines, gap_check
 from airswing.blind_check.check_figures import check_figure, confusion, wilson
 from airswing.blind_check.check_report import as_markdown, short_text, write_reports
+from airswing.blind_check.check_run import _written
 from airswing.blind_check.scoring import draws
 from airswing.errors import InputError
 from airswing.synthetic.sample.sample_archive import simulate_arrays
@@ -158,6 +159,20 @@ def test_reports_tell_every_target_and_case(checked, tmp_path):
     assert page.read_text().count("<table") >= 4
     assert (tmp_path / "gap_check.png").stat().st_size > 20_000
     assert "first name right" in short_text(check)
+
+
+def test_worlds_written_side_by_side_are_the_same(tmp_path):
+    tiny = World(5, "default", 2, 2, coarse=True)
+    part = drawn("heater_current", ["N401"], offset_deg=1.0)  # its functions go to a process too
+    worlds = [
+        [Case("case_1", 1, "single", tiny, (part,), (1.6,))],
+        [Case("case_2", 1, "null", replace(tiny, seed=6))],
+    ]
+    labels = [
+        list(_written(tmp_path / str(workers), worlds, None, workers, lambda text: None))
+        for workers in (1, 2)
+    ]
+    assert labels[0] == labels[1] and labels[0][0][0]["size"] == 1.6
 
 
 def test_confusion_counts_by_hand():
