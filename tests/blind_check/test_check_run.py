@@ -148,6 +148,12 @@ def test_a_finished_check_is_not_diagnosed_again_and_failures_are_told(checked, 
     assert "exit status 1: no" in as_markdown(after, command="x")
 
 
+def test_another_draw_of_the_same_number_is_another_check():
+    assert PLAN.settings() == PLAN.settings()
+    other = replace(PLAN, names=PLAN.names[:2])
+    assert PLAN.settings()["drawn"] != other.settings()["drawn"]
+
+
 def test_reports_tell_every_target_and_case(checked, tmp_path):
     _, check, _ = checked
     text = as_markdown(check, command="airswing gap-check --seed 4", proof={"wind": 0.001})

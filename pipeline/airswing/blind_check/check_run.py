@@ -8,6 +8,7 @@ already diagnosed are kept, and the seal decides whether they are of this check.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import multiprocessing
 import os
@@ -140,7 +141,7 @@ class Plan:
         return {
             "cases": self.cases, "seed": self.seed, "fast": self.fast, "rungs": self.played,
             "names": list(self.names), "days": self.size.days, "aircraft": self.size.aircraft,
-            "nulls": self.nulls,
+            "nulls": self.nulls, "drawn": _fingerprint(self.drawn()),
         }  # fmt: skip
 
     def drawn(self) -> list[Case]:
@@ -162,6 +163,16 @@ class Plan:
         words += [f"--rung {rung}" for rung in self.rungs or ()]
         words += [] if self.real is None else ["--real DIR"]
         return " ".join(words)
+
+
+def _fingerprint(cases: Sequence[Case]) -> str:
+    """Return what tells these cases from those another version of the code would draw."""
+    told = [
+        [c.name, c.kind, c.world.seed, c.world.kind, c.variant, c.sizes, c.without,
+         [part.effects for part in (*c.drawn, *c.instead)]]
+        for c in cases
+    ]  # fmt: skip
+    return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
 
 
 def gap_check(
