@@ -8,6 +8,7 @@ PHASE = {"unknown": 0, "ascent": 1, "cruise": 2, "descent": 3}
 ROLL = {"missing": 0, "good": 1, "bad": 2, "not_available": 3}
 TEMPERATURE_QC = {"missing": 0, "pass": 1, "fail": 2}
 WIND_QC = {"missing": 0, "pass": 1, "fail": 2}
+WIND_SOURCE = {"reported": 0, "derived": 1, "derived_at_standard_temperature": 2}
 ICING = {"missing": -1, "off": 0, "on": 1}
 STATUS = {"ok": 0, "too_few_reports": 1, "poor_heading_coverage": 2, "unstable_fit": 3}
 CORRECTION = {

@@ -25,6 +25,7 @@ from airswing.flags import (
     STATUS,
     TEMPERATURE_QC,
     WIND_QC,
+    WIND_SOURCE,
 )
 
 
@@ -102,6 +103,15 @@ _REPORTS = [
     _V("wind_qc", "", "quality of the wind given by the source", _R, "i1", "", WIND_QC),
     _V("phase", "", "phase of flight", _R, "i1", "", PHASE),
     _V("icing", "", "icing protection", _R, "i1", "", ICING),
+    _V(
+        "wind_source",
+        "",
+        "whether the wind was reported, or derived from heading, airspeed and ground vector",
+        _R,
+        "i1",
+        "",
+        WIND_SOURCE,
+    ),
     _V("flight", "1", "number of the flight, unique over the archive", _R, "i4"),
     _V(
         "reported_airspeed",

@@ -113,6 +113,8 @@ def choose_ground_vector(
     steps: tuple[Array, Array, Array],
     aircraft: Index,
     number: int,
+    *,
+    derived: NDArray[np.bool_] | None = None,
 ) -> Evidence:
     """Believe the unit's own ground vector where it can be taken back and agrees.
 
@@ -131,6 +133,9 @@ def choose_ground_vector(
         Aircraft of each report.
     number : int
         Number of aircraft.
+    derived : ndarray of bool, shape (report,), optional
+        Reports whose wind was derived from heading, airspeed and the aircraft's own ground vector:
+        it is that vector which comes back, and nothing else goes with such a wind.
 
     Returns
     -------
@@ -144,7 +149,10 @@ def choose_ground_vector(
     apart = np.hypot(own[0] - chord[0], own[1] - chord[1])
     explained = np.hypot(chord[2], chord[3]) + np.hypot(*errors)
     far = apart > MAX_VECTOR_DIFFERENCE + 5.0 * explained
-    use = (reason == "own")[aircraft] & np.isfinite(own[0] + own[1]) & ~far
+    use = (reason == "own")[aircraft] & ~far
+    if derived is not None:
+        use |= derived
+    use &= np.isfinite(own[0] + own[1])
     return Evidence(
         np.where(use, own[0], chord[0]), np.where(use, own[1], chord[1]),
         np.where(use, errors[0], chord[2]), np.where(use, errors[1], chord[3]),

@@ -331,6 +331,7 @@ def _believed(
         ),
         aircraft,
         number,
+        derived=_column(reports, "wind_source") > 0,
     )
 
 

@@ -40,6 +40,7 @@ _TREND_GAP = 1200.0  # s: farther reports do not tell a climb from a descent
 _OUTPUT = (
     "latitude", "longitude", "pressure", "pressure_altitude", "eastward_wind", "northward_wind",
     "air_temperature", "roll_flag", "temperature_qc", "wind_qc", "phase", "icing",
+    "wind_source",
     "reported_airspeed", "reported_heading",
 )  # fmt: skip
 _MAY_BE_MISSING = ("pressure", "eastward_wind", "air_temperature")

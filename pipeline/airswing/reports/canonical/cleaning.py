@@ -26,8 +26,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC, WIND_QC
+from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC, WIND_QC, WIND_SOURCE
 from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
+from airswing.physics.triangle import wind_from_direction
+from airswing.reports.canonical.air_vector import (
+    source_codes,
+    true_airspeed,
+    true_heading,
+    wind_of,
+)
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.times import EARLIEST, LATEST
 
@@ -37,6 +44,7 @@ FLAGS = {
     "wind_qc": WIND_QC["missing"],
     "phase": PHASE["unknown"],
     "icing": ICING["missing"],
+    "wind_source": WIND_SOURCE["reported"],
 }
 """Flag columns of a piece and the value that stands for missing."""
 
@@ -48,6 +56,11 @@ LIMITS = {
     "pressure_altitude": (-700.0, 20000.0),
     "reported_airspeed": (0.0, 400.0),
     "reported_heading": (0.0, 360.0),
+    "magnetic_heading": (0.0, 360.0),
+    "ground_speed": (0.0, 500.0),
+    "track": (0.0, 360.0),
+    "indicated_airspeed": (0.0, 400.0),
+    "mach": (0.0, 1.2),
     "eastward_wind": (-150.0, 150.0),
     "northward_wind": (-150.0, 150.0),
 }
@@ -57,6 +70,8 @@ ANGLES = ("wind_direction", "reported_heading")
 """Those of them that may be written from -180 to 180."""
 
 _FLOATS = ("air_temperature", "reported_airspeed", "reported_heading")
+_DERIVED_FROM = ("magnetic_heading", "ground_speed", "track", "indicated_airspeed", "mach")
+"""What only a wind derived here needs; it is not kept."""
 _ORIGIN = 1e-6  # degrees: a position nearer to 0 N 0 E than this is an unset one
 
 
@@ -120,8 +135,41 @@ def clean(piece: pd.DataFrame, audit: Audit) -> pd.DataFrame:
             if name in piece
             else np.full(len(piece), missing, dtype=np.int8)
         )
+    _derive_wind(frame, piece, audit)
     _distrust_origin(frame, audit)
     return frame
+
+
+def _derive_wind(frame: pd.DataFrame, piece: pd.DataFrame, audit: Audit) -> None:
+    """Airspeed, true heading and, where none is reported, the wind that they tell."""
+    if not set(_DERIVED_FROM).intersection(piece.columns):
+        return
+    told = {name: _number(piece, name, audit) for name in _DERIVED_FROM}
+    known = (*_FLOATS, "latitude", "longitude", "pressure", "pressure_altitude")
+    told |= {name: frame[name].to_numpy(dtype=np.float64) for name in known}
+    seconds = frame["time"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
+    heading = true_heading(told, seconds)
+    airspeed, standard = true_airspeed(told)
+    eastward, northward = wind_of(told, heading, airspeed)
+    fastest = LIMITS["wind_speed"][1]
+    possible = np.hypot(eastward, northward) <= fastest
+    audit.repair(
+        "derived_wind_out_of_range", int(np.count_nonzero(np.isfinite(eastward) & ~possible))
+    )
+    derived = frame["eastward_wind"].isna().to_numpy() & possible
+    audit.repair("wind_derived", int(np.count_nonzero(derived)))
+    speed, direction = wind_from_direction(eastward, northward)
+    winds = {
+        "eastward_wind": eastward,
+        "northward_wind": northward,
+        "wind_speed": speed,
+        "wind_direction": np.degrees(direction),
+    }
+    for name, values in winds.items():
+        frame[name] = np.where(derived, values, frame[name]).astype(np.float32)
+    frame["reported_heading"] = heading.astype(np.float32)
+    frame["reported_airspeed"] = airspeed.astype(np.float32)
+    frame["wind_source"] = source_codes(derived, standard)
 
 
 def _distrust_origin(frame: pd.DataFrame, audit: Audit) -> None:

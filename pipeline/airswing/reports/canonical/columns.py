@@ -53,7 +53,7 @@ TEXT = {
 }
 """Columns without a unit."""
 
-_PLAIN = {"latitude": "latitude", "longitude": "longitude"}
+_PLAIN = {"latitude": "degree", "longitude": "degree", "mach": "dimensionless"}
 
 QUANTITIES = {
     "latitude": Quantity("latitude", "degree", "latitude"),
@@ -67,6 +67,11 @@ QUANTITIES = {
     "temperature": Quantity("air_temperature", "K", "temperature_degC"),
     "true_airspeed": Quantity("reported_airspeed", "m/s", "true_airspeed_kt"),
     "heading": Quantity("reported_heading", "degree", "heading_deg"),
+    "magnetic_heading": Quantity("magnetic_heading", "degree", "magnetic_heading_deg"),
+    "ground_speed": Quantity("ground_speed", "m/s", "ground_speed_kt"),
+    "track": Quantity("track", "degree", "track_deg"),
+    "indicated_airspeed": Quantity("indicated_airspeed", "m/s", "indicated_airspeed_kt"),
+    "mach": Quantity("mach", "dimensionless", "mach"),
 }
 """Numeric columns by the stem of their name."""
 
@@ -86,6 +91,10 @@ _ALIASES = {
 }  # fmt: skip
 
 REQUIRED = ("tail", "time", "latitude", "longitude")
+HEADINGS = ("reported_heading", "magnetic_heading")
+AIRSPEEDS = ("reported_airspeed", "mach", "indicated_airspeed")
+GROUND = ("ground_speed", "track")
+"""What a wind can be derived from: one of the first two each, and both of these."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +206,7 @@ def split_name(name: str) -> tuple[Quantity, str] | None:
             continue
         quantity, suffix = QUANTITIES[stem], name[len(stem) :]
         if not suffix:
-            return (quantity, "degree") if stem in _PLAIN else None
+            return (quantity, _PLAIN[stem]) if stem in _PLAIN else None
         unit = _unit_of_suffix(suffix[1:]) if suffix[0] == "_" else None
         return None if unit is None or not compatible(unit, quantity.si_unit) else (quantity, unit)
     return None
@@ -339,11 +348,27 @@ def _check_required(found: Mapping[str, Source], names: list[str], file: object)
         raise refuse(
             "pressure_altitude_ft", "neither pressure_altitude_ft nor pressure_hPa is there"
         )
-    if {"eastward_wind", "northward_wind"} <= set(found):
+    if {"eastward_wind", "northward_wind"} <= set(found) or tells_wind(found):
         return
     for variable in ("wind_direction", "wind_speed"):
         if variable not in found:
             raise refuse(QUANTITIES[variable].canonical)
+
+
+def tells_wind(columns: Iterable[str]) -> bool:
+    """Tell whether heading, airspeed and ground vector are among the columns of a piece.
+
+    Parameters
+    ----------
+    columns : iterable of str
+
+    Returns
+    -------
+    bool
+    """
+    present = set(columns)
+    some = present.intersection(HEADINGS) and present.intersection(AIRSPEEDS)
+    return bool(some) and present.issuperset(GROUND)
 
 
 def _absent(
