@@ -126,8 +126,14 @@ class Reports(_Section):
 
     files: Strings
     format: Literal["auto", "csv", "parquet", "madis", "bufr"] = "auto"
-    columns: dict[str, str | dict[str, str]] = {}
+    columns: dict[str, str | list[str] | dict[str, Any]] = {}
+    only: dict[str, str | list[str]] = {}
     on_bad_file: Literal["skip", "fail"] = "skip"
+
+    @property
+    def mapping(self) -> dict[str, Any]:
+        """Columns with what is wanted of them, as `airswing.read_reports` takes them."""
+        return {**self.columns, **{name: {"only": values} for name, values in self.only.items()}}
 
 
 class Reference(_Section):

@@ -12,11 +12,13 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import pandas as pd
 
 from airswing.errors import InputError
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.cleaning import clean
+from airswing.reports.canonical.columns import ONLY
 from airswing.reports.formats.tabular import Mapped, csv_pieces, parquet_pieces
 
 Format = Literal["auto", "csv", "parquet", "madis", "bufr"]
@@ -125,9 +127,29 @@ def file_frames(path: Path, format: str, mapping: Mapped, audit: Audit) -> Itera
     audit.formats[kind] += 1
     try:
         for piece in _pieces(kind, path, mapping, audit):
-            yield clean(piece, audit)
+            yield clean(_wanted(piece, mapping, path, audit), audit)
     except OSError as error:
         raise InputError(f"cannot be read: {error}", file=path) from error
+
+
+def _wanted(piece: pd.DataFrame, mapping: Mapped, path: Path, audit: Audit) -> pd.DataFrame:
+    """Rows whose values are among those the configuration keeps."""
+    keep = np.ones(len(piece), dtype=bool)
+    for name, (theirs, source) in mapping.items():
+        if not name.startswith(ONLY):
+            continue
+        if name not in piece:
+            raise InputError(
+                "has no column by which reports could be chosen",
+                file=path,
+                field=f"reports.only.{theirs}",
+                found=", ".join(piece.columns),
+                remedy="Leave it out for these files",
+            )
+        keep &= piece[name].isin(source.wanted).to_numpy(dtype=bool)
+    audit.read += int(np.count_nonzero(~keep))
+    audit.drop("not_wanted", int(np.count_nonzero(~keep)))
+    return piece if keep.all() else piece.loc[keep]
 
 
 def _pieces(kind: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:

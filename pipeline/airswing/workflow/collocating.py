@@ -48,14 +48,14 @@ def read(job: Job, folder: Path) -> Archive:
     from airswing.reports.staging_store import Spool
 
     asked = job.config.reports
-    options = asked.model_dump(include={"format", "columns", "on_bad_file"})
+    options = asked.model_dump(include={"format", "columns", "only", "on_bad_file"})
     with job.progress.stage("reports") as stage:
         spool = Spool(
             folder / "reports",
             key=fingerprint(options, code_digest("airswing.reports.staging_store")),
         )
         spool.fill(
-            asked.files, format=asked.format, columns=asked.columns, on_bad_file=asked.on_bad_file
+            asked.files, format=asked.format, columns=asked.mapping, on_bad_file=asked.on_bad_file
         )
         with written_to(folder):
             archive = Archive(spool, folder / "blocks")

@@ -66,7 +66,7 @@ LIMITS = {
 }
 """Lowest and highest possible value per column, in SI (degrees for angles)."""
 
-ANGLES = ("wind_direction", "reported_heading")
+ANGLES = ("wind_direction", "reported_heading", "magnetic_heading", "track")
 """Those of them that may be written from -180 to 180."""
 
 _FLOATS = ("air_temperature", "reported_airspeed", "reported_heading")

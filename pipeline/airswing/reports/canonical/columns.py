@@ -2,8 +2,15 @@
 
 A canonical name is a quantity with its unit at the end (``wind_speed_kt``). The same quantity
 with another unit at the end (``wind_speed_m_s``) is understood as it stands; any other name is
-mapped by the configuration, ``theirs: canonical`` or
-``theirs: {name: canonical, unit: their unit}``.
+mapped by the configuration, in one of these forms:
+
+* ``theirs: canonical`` or ``theirs: {name: canonical, unit: their unit}``;
+* ``canonical: [theirs, other]``: several columns of one quantity; row by row the first that holds
+  a value counts;
+* ``canonical: {value: N510}``: the same for every report;
+* ``time: {date: theirs, time: theirs, offset: theirs}``: a time made of two columns, or of three
+  where the third is the offset from UTC;
+* ``name: {only: [value, ...]}``: reports with another value in that column are left out.
 
 Units are converted by pint; every conversion used here is affine (factor and offset).
 """
@@ -11,15 +18,17 @@ Units are converted by pint; every conversion used here is affine (factor and of
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 from airswing.errors import InputError
 
-ColumnMapping = Mapping[str, "str | Mapping[str, str]"]
-"""Their name to a canonical name, or to ``{"name": canonical, "unit": theirs}``."""
+ColumnMapping = Mapping[str, "str | Sequence[str] | Mapping[str, Any]"]
+"""The forms of a mapping that the module describes."""
+ONLY = "only:"
+"""Before the name of a column whose values decide which reports are wanted."""
 
 
 @dataclass(frozen=True)
@@ -107,11 +116,29 @@ class Source:
         Column in the file.
     factor, offset : float
         ``value * factor + offset`` is in SI (or degrees); 1 and 0 for text.
+    others : tuple of str
+        Columns that stand in, row by row, where the first holds nothing.
+    parts : tuple of str
+        Columns that follow the first in a time made of several.
+    value : str or float, optional
+        The same for every report, before factor and offset.
+    wanted : tuple of str
+        Values of which reports are wanted.
     """
 
     column: str
     factor: float = 1.0
     offset: float = 0.0
+    others: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
+    value: str | float | None = None
+    wanted: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Every column of the file that is read for it."""
+        own = () if self.value is not None else (self.column,)
+        return (*own, *self.others, *self.parts)
 
 
 def canonical_names() -> list[str]:
@@ -144,8 +171,12 @@ def parse_mapping(columns: ColumnMapping | None) -> dict[str, tuple[str, Source]
     """
     found: dict[str, tuple[str, Source]] = {}
     for theirs, target in (columns or {}).items():
-        name, unit = _target(str(theirs), target)
-        variable, source = _resolve(str(theirs), name, unit)
+        special = _special(str(theirs), target)
+        if special is None:
+            name, unit = _target(str(theirs), target)
+            variable, source = _resolve(str(theirs), name, unit)
+        else:
+            (variable, source), name = special, str(theirs)
         if variable in found:
             raise InputError(
                 f"two columns are mapped to {name}",
@@ -155,6 +186,38 @@ def parse_mapping(columns: ColumnMapping | None) -> dict[str, tuple[str, Source]
             )
         found[variable] = (str(theirs), source)
     return found
+
+
+def _special(name: str, target: Any) -> tuple[str, Source] | None:
+    """Forms in which the canonical name stands first; None for the others."""
+    if isinstance(target, list | tuple) and target:
+        names = [str(one) for one in target]
+        variable, source = _resolve(names[0], name, None)
+        return variable, replace(source, others=tuple(names[1:]))
+    if not isinstance(target, Mapping):
+        return None
+    keys = set(target)
+    if keys == {"value"}:
+        variable, source = _resolve(name, name, None)
+        return variable, replace(source, value=_constant(name, target["value"]))
+    if name == "time" and {"date", "time"} <= keys <= {"date", "time", "offset"}:
+        parts = tuple(str(target[key]) for key in ("time", "offset") if key in target)
+        return "time", Source(str(target["date"]), parts=parts)
+    if keys == {"only"}:
+        values = target["only"]
+        several = values if isinstance(values, list | tuple) else [values]
+        return f"{ONLY}{name}", Source(name, wanted=tuple(str(value) for value in several))
+    return None
+
+
+def _constant(name: str, value: Any) -> str | float:
+    """Value of every report: text for columns without a unit, else a number."""
+    if name in TEXT:
+        return str(value)
+    try:
+        return float(value)
+    except (TypeError, ValueError) as error:
+        raise InputError("is no number", field=f"reports.columns.{name}", found=value) from error
 
 
 def _target(theirs: str, target: Any) -> tuple[str, str | None]:
@@ -167,6 +230,8 @@ def _target(theirs: str, target: Any) -> tuple[str, str | None]:
         "a mapped column must be a canonical name or {name: ..., unit: ...}",
         field=f"reports.columns.{theirs}",
         found=target,
+        remedy="Or, after a canonical name: [theirs, other], {value: ...}, {only: [...]}, and for "
+        "time {date: ..., time: ...}",
     )
 
 
@@ -312,11 +377,9 @@ def sources(
     names = list(names)
     by_stripped = {name.strip(): name for name in names}
     found: dict[str, Source] = {}
-    for variable, (theirs, source) in mapping.items():
-        if theirs not in by_stripped:
-            raise _absent(theirs, names, file, "the mapped column is not in the file")
-        found[variable] = Source(by_stripped[theirs], source.factor, source.offset)
-    taken = {source.column for source in found.values()}
+    for variable, (_, source) in mapping.items():
+        found[variable] = _present(source, by_stripped, names, file)
+    taken = {column for source in found.values() for column in source.columns}
     for stripped, name in by_stripped.items():
         if name in taken:
             continue
@@ -325,6 +388,24 @@ def sources(
             found.setdefault(*known)
     _check_required(found, names, file)
     return found
+
+
+def _present(
+    source: Source, by_stripped: Mapping[str, str], names: list[str], file: object
+) -> Source:
+    """A mapped source with the columns as the file writes them."""
+    if source.value is not None:
+        return source
+    if source.others:
+        wanted = (source.column, *source.others)
+        there = [by_stripped[name] for name in wanted if name in by_stripped]
+        if there:
+            return replace(source, column=there[0], others=tuple(there[1:]))
+    for name in (source.column, *source.parts):
+        if name not in by_stripped:
+            raise _absent(name, names, file, "the mapped column is not in the file")
+    parts = tuple(by_stripped[name] for name in source.parts)
+    return replace(source, column=by_stripped[source.column], parts=parts)
 
 
 def _understood(stripped: str, name: str) -> tuple[str, Source] | None:
@@ -374,7 +455,7 @@ def tells_wind(columns: Iterable[str]) -> bool:
 def _absent(
     wanted: str, names: list[str], file: object, what: str, used: Mapping[str, Source] | None = None
 ) -> InputError:
-    taken = {source.column for source in (used or {}).values()}
+    taken = {column for source in (used or {}).values() for column in source.columns}
     folded = {name.strip().lower(): name for name in names if name not in taken}
     near = difflib.get_close_matches(wanted.lower(), list(folded), n=3, cutoff=0.4)
     stem = wanted.split("_")[0].lower()

@@ -43,6 +43,7 @@ from airswing.products.classic_netcdf import require_whole
 from airswing.products.openable import require_openable
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.codes import BLANK, ROLL_CODES, decode_flags
+from airswing.reports.canonical.columns import ONLY
 from airswing.reports.formats.tabular import Mapped
 
 DIMENSION = "recNum"
@@ -59,6 +60,8 @@ NUMBERS = {
     "trueAirSpeed": "reported_airspeed",
 }
 """Their variable to the piece's column; units are SI and degrees already."""
+SOURCES = {0.0: "ACARS", 1.0: "MDCRS", 2.0: "MDCRS", 3.0: "AMDAR", 4.0: "TAMDAR", 5.0: "AMDAR"}
+"""Data streams by the code of ``dataSource``: the files say so in its attributes."""
 FLAG_FIELDS = (
     "dataDescriptor", "errorType", "rollFlag", "waterVaporQC", "interpolatedTime",
     "interpolatedLL", "tempError", "windDirError", "windSpeedError", "speedError", "bounceError",
@@ -166,6 +169,9 @@ def _piece(file: Any, path: Path, audit: Audit) -> pd.DataFrame:
     }  # fmt: skip
     if "flight" in file.variables and file["flight"].dimensions[:1] == (DIMENSION,):
         piece["flight"] = _strings(file["flight"])
+    if "dataSource" in file.variables:
+        codes = _number(file["dataSource"], path)
+        piece[f"{ONLY}source"] = [SOURCES.get(code, "") for code in codes.tolist()]
     return pd.DataFrame({**piece, **_decoded(flags, time.size, audit)})
 
 

@@ -14,9 +14,9 @@ import gzip
 import re
 import warnings
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import unquote
 
 import numpy as np
@@ -25,12 +25,14 @@ import pandas as pd
 from airswing.errors import InputError
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.codes import TABLES, decode_flags
-from airswing.reports.canonical.columns import TEXT, Source, sources
+from airswing.reports.canonical.columns import ONLY, TEXT, Source, parse_mapping, sources
+from airswing.reports.canonical.dialects import dialect_of
 from airswing.reports.canonical.times import parse_times
 
 ROWS_PER_PIECE = 250_000
 _BUFFER = 2**20
 _LONGEST_HEADER = 100_000
+_MOST_REMARKS = 200
 _AGAIN = re.compile(r" \(column \d+\)")
 """What is added to a name that stands in a header a second time."""
 _BLANKS = ["", " ", "NA", "N/A", "n/a", "NaN", "nan", "NULL", "null", "None", "-", "--", "M",
@@ -63,17 +65,23 @@ def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
     InputError
         No header, no rows, a missing column, or text that is not UTF-8.
     """
-    names, separator, compression = _header(path)
-    found = sources(names, mapping, path)
+    head = _header(path)
+    names = head.names
+    found = sources(names, _with_dialect(names, mapping), path)
     repeated = _repeated(names, found)
-    text = {found[name].column: str for name in TEXT if name in found and name != "time"}
-    wanted = [source.column for source in found.values()]
+    text = {
+        column: str
+        for name, source in found.items()
+        if (name in TEXT or name.startswith(ONLY)) and (name != "time" or source.parts)
+        for column in source.columns
+    }
+    wanted = [column for source in found.values() for column in source.columns]
     options: dict[str, Any] = {
-        "sep": separator, "header": None, "skiprows": 1, "names": [*names, _EXTRA],
+        "sep": head.separator, "header": None, "skiprows": head.lines, "names": [*names, _EXTRA],
         "index_col": False, "on_bad_lines": "warn", "dtype": {**text, _EXTRA: str},
         "keep_default_na": False, "low_memory": False,
         "na_values": {column: _BLANKS for column in wanted if column not in text},
-        "encoding": "utf-8", "compression": compression, "chunksize": ROWS_PER_PIECE,
+        "encoding": "utf-8", "compression": head.compression, "chunksize": ROWS_PER_PIECE,
     }  # fmt: skip
     rows = 0
     for table in _tables(path, options, audit):
@@ -127,13 +135,28 @@ def _whole_rows(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     return table.loc[~ragged] if ragged.any() else table
 
 
-def _header(path: Path) -> tuple[list[str], str, str | None]:
+class _Head(NamedTuple):
+    """What stands before the rows of a CSV file."""
+
+    names: list[str]
+    separator: str
+    compression: str | None
+    lines: int
+
+
+def _with_dialect(names: Sequence[str], mapping: Mapped) -> Mapped:
+    """The user's mapping before that of the program which wrote the table, where it is known."""
+    known = dialect_of(names)
+    return mapping if known is None else {**parse_mapping(known.columns_in(names)), **mapping}
+
+
+def _header(path: Path) -> _Head:
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
     opener: Any = gzip.open if packed else open
     try:
         with opener(path, "rt", encoding="utf-8-sig", newline="") as file:
-            line = file.readline(_LONGEST_HEADER)
+            line, lines = _naming_line(file)
     except UnicodeDecodeError as error:
         raise _not_utf8(path) from error
     except (EOFError, OSError, zlib.error) as error:
@@ -149,7 +172,22 @@ def _header(path: Path) -> tuple[list[str], str, str | None]:
     names: list[str] = []
     for name in next(csv.reader([line.rstrip("\r\n")], delimiter=separator)):
         names.append(name if name not in names else f"{name} (column {len(names) + 1})")
-    return names, separator, "gzip" if packed else None
+    return _Head(names, separator, "gzip" if packed else None, lines)
+
+
+def _naming_line(file: Any) -> tuple[str, int]:
+    """The line that names the columns, and how many lines end with it.
+
+    Lines that begin with ``#`` are remarks; but where what follows them is no header (its first
+    entry is a number), the last of them names the columns.
+    """
+    line, lines, remark = file.readline(_LONGEST_HEADER), 1, ""
+    while line.startswith("#") and lines <= _MOST_REMARKS:
+        remark, line = line, file.readline(_LONGEST_HEADER)
+        lines += 1
+    if remark and not re.match(r"\s*[\"']?[A-Za-z_]", line):
+        return remark.lstrip("# "), lines - 1
+    return line, lines
 
 
 def _not_utf8(path: Path) -> InputError:
@@ -192,8 +230,10 @@ def parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
     with file:
         inside = file.schema_arrow.names
         folders = {name: value for name, value in _of_folders(path).items() if name not in inside}
-        found = sources([*inside, *folders], mapping, path)
-        wanted = [source.column for source in found.values() if source.column in inside]
+        names = [*inside, *folders]
+        found = sources(names, _with_dialect(names, mapping), path)
+        every = {column: None for source in found.values() for column in source.columns}
+        wanted = [column for column in every if column in inside]
         if not file.metadata.num_rows:
             raise InputError("holds no reports", file=path)
         batches = file.iter_batches(batch_size=ROWS_PER_PIECE, columns=wanted)
@@ -237,18 +277,32 @@ def raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) ->
     """
     piece: dict[str, Any] = {}
     for variable, source in found.items():
-        column = table[source.column]
+        column = _origin(table, source)
         if variable == "time":
             piece["time"], piece["time_blank"] = parse_times(column)
             _first_bad(column, np.isnat(piece["time"]) & ~piece["time_blank"], "time", audit)
         elif variable in TABLES:
             codes, missing = TABLES[variable]
             piece[variable] = decode_flags(column, codes, missing, name=variable, audit=audit)
-        elif variable in TEXT:
+        elif variable in TEXT or variable.startswith(ONLY):
             piece[variable] = _as_text(column)
         else:
             piece[variable] = _as_number(column, variable, audit) * source.factor + source.offset
     return pd.DataFrame(piece)
+
+
+def _origin(table: pd.DataFrame, source: Source) -> pd.Series[Any]:
+    """The column a source names: constant, joined of parts, or filled row by row by others."""
+    if source.value is not None:
+        return pd.Series(source.value, index=table.index)
+    column = table[source.column]
+    for other in source.others:
+        column = column.where(column.notna() & (column.astype(str).str.strip() != ""), table[other])
+    if source.parts:
+        column = column.astype(str).str.strip()
+        for number, part in enumerate(source.parts):
+            column = column + ("T" if number == 0 else "") + table[part].astype(str).str.strip()
+    return column
 
 
 def _first_bad(column: pd.Series[Any], bad: Any, variable: str, audit: Audit) -> None:
