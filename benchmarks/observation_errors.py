@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from airswing.evaluation.profiles import profile_cells
+from airswing.evaluation.error_profiles import profile_cells
 from airswing.evaluation.report_errors.observation_errors import observation_errors
 from airswing.flags import PHASE
 from airswing.synthetic.aircraft.truth import fleet_deviations

@@ -28,7 +28,7 @@ _STAGES = {
     "fit_deviation": "airswing.compass.fit.deviation",
     "add_tables": "airswing.compass.table",
     "correct": "airswing.compass.correction",
-    "error_profiles": "airswing.evaluation.profiles",
+    "error_profiles": "airswing.evaluation.error_profiles",
     "field_test": "airswing.evaluation.field_test",
     "compare": "airswing.evaluation.reference_comparison.sensitivity",
     "simulate_reports": "airswing.gap.simulation.report_table",

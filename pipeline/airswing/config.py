@@ -125,9 +125,10 @@ class Reports(_Section):
     """Where the aircraft reports are and what their columns mean."""
 
     files: Strings
-    format: Literal["auto", "csv", "parquet", "madis", "bufr"] = "auto"
+    format: str = "auto"
     columns: dict[str, str | list[str] | dict[str, Any]] = {}
     only: dict[str, str | list[str]] = {}
+    interval: Seconds = Field(0.0, ge=0, le=600.0)
     on_bad_file: Literal["skip", "fail"] = "skip"
 
     @property

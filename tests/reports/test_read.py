@@ -45,7 +45,7 @@ def test_a_name_with_glob_characters_is_found(tmp_path: Path):
 
 
 def test_an_unknown_format_is_refused(tmp_path: Path):
-    with pytest.raises(InputError, match="auto, csv, parquet, madis, bufr"):
+    with pytest.raises(InputError, match="auto, bufr, g1000, madis, parquet, readsb, csv"):
         read_reports(write(tmp_path / "a.csv", flight()), format="excel")
 
 

@@ -25,6 +25,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.reports.averaging import averaged
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.derive import derive_flight, derive_phase, seconds_since_1970
 from airswing.reports.resolution import count_on_steps, resolutions
@@ -65,7 +66,9 @@ class Block(NamedTuple):
     flights: int
 
 
-def assembled(columns: Columns, tails: NDArray[Any], audit: Audit) -> Block:
+def assembled(
+    columns: Columns, tails: NDArray[Any], audit: Audit, *, interval: float = 0.0
+) -> Block:
     """Order, thin and lay out the reports of some aircraft.
 
     Parameters
@@ -76,6 +79,9 @@ def assembled(columns: Columns, tails: NDArray[Any], audit: Audit) -> Block:
         In alphabetical order.
     audit : Audit
         Duplicates and derived values are added to it.
+    interval : float, default 0
+        Reports are brought to one in so many seconds (:mod:`airswing.reports.averaging`); 0 leaves
+        them as they are.
 
     Returns
     -------
@@ -86,6 +92,7 @@ def assembled(columns: Columns, tails: NDArray[Any], audit: Audit) -> Block:
     _drop_same_place(columns, audit)
     _drop_conflicts(columns, audit)
     _take(columns, _along_climb(columns))
+    averaged(columns, interval, audit)
     return _layout(columns, tails, audit)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import glob
 import gzip
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -19,25 +19,16 @@ from airswing.errors import InputError
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.cleaning import clean
 from airswing.reports.canonical.columns import ONLY
-from airswing.reports.formats.tabular import Mapped, csv_pieces, parquet_pieces
+from airswing.reports.canonical.report_formats import Mapped, formats, is_text
 
-Format = Literal["auto", "csv", "parquet", "madis", "bufr"]
+Format = str
+"""``auto``, or the name of a registered format."""
 Policy = Literal["skip", "fail"]
-Pieces = Callable[[Path, Mapped, Audit], Iterator[pd.DataFrame]]
 
 _DAMAGE = (
     ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError,
 )  # fmt: skip
 """What libraries raise on octets that contradict each other."""
-
-FORMATS = ("auto", "csv", "parquet", "madis", "bufr")
-_MAGIC = (
-    (b"CDF\x01", "madis"),
-    (b"CDF\x02", "madis"),
-    (b"CDF\x05", "madis"),
-    (b"\x89HDF\r\n\x1a\n", "madis"),
-    (b"PAR1", "parquet"),
-)
 
 
 def require_format(format: str) -> None:
@@ -51,11 +42,14 @@ def require_format(format: str) -> None:
     ------
     InputError
     """
-    if format not in FORMATS:
+    known = ("auto", *formats())
+    if format not in known:
         raise InputError(
-            "unknown report format", field="reports.format", found=format,
-            remedy=f"One of: {', '.join(FORMATS)}",
-        )  # fmt: skip
+            "unknown report format",
+            field="reports.format",
+            found=format,
+            remedy=f"One of: {', '.join(known)}",
+        )
 
 
 def none_usable(audit: Audit) -> InputError:
@@ -154,7 +148,7 @@ def _wanted(piece: pd.DataFrame, mapping: Mapped, path: Path, audit: Audit) -> p
 
 def _pieces(kind: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     """Pieces of a file; whatever its octets lead a library to raise is a fault of the file."""
-    pieces = _reader(kind)(path, mapping, audit)
+    pieces = formats()[kind].pieces(path, mapping, audit)
     while True:
         try:
             piece = next(pieces, None)
@@ -165,20 +159,6 @@ def _pieces(kind: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd
         if piece is None:
             return
         yield piece
-
-
-def _reader(kind: str) -> Pieces:
-    if kind == "csv":
-        return csv_pieces
-    if kind == "parquet":
-        return parquet_pieces
-    if kind == "madis":
-        from airswing.reports.formats.madis import madis_pieces
-
-        return madis_pieces
-    from airswing.reports.formats.bufr import bufr_pieces
-
-    return bufr_pieces
 
 
 def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
@@ -237,7 +217,8 @@ def detect_format(path: Path) -> str:
 
     Returns
     -------
-    {"csv", "parquet", "madis", "bufr"}
+    str
+        Name of a format.
 
     Raises
     ------
@@ -247,19 +228,14 @@ def detect_format(path: Path) -> str:
     start = _first_bytes(path)
     if not start:
         raise InputError("is empty", file=path)
-    for magic, kind in _MAGIC:
-        if start.startswith(magic):
-            return kind
-    text = b"\x00" not in start and _share_of_control_bytes(start) <= 0.05
-    if b"BUFR" in start and not text:
-        return "bufr"
-    if b"GRIB" in start and not text:
+    for name, one in formats().items():
+        if one.tells(start):
+            return name
+    if b"GRIB" in start and not is_text(start):
         raise InputError(
             "is a GRIB file, not reports", file=path, remedy="Name it under references"
         )
-    if not text:
-        raise InputError("is no report file of a known format", file=path, found=start[:16])
-    return "csv"
+    raise InputError("is no report file of a known format", file=path, found=start[:16])
 
 
 def _first_bytes(path: Path, number: int = 4096) -> bytes:
@@ -272,8 +248,3 @@ def _first_bytes(path: Path, number: int = 4096) -> bytes:
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"cannot be opened: {error}", file=path) from error
     return start
-
-
-def _share_of_control_bytes(start: bytes) -> float:
-    control = sum(byte < 32 and byte not in (9, 10, 13) for byte in start)
-    return float(control) / len(start)

@@ -26,6 +26,7 @@ def read_reports(
     format: Format = "auto",
     columns: ColumnMapping | None = None,
     on_bad_file: Policy = "skip",
+    interval: float = 0.0,
 ) -> xr.Dataset:
     """Read aircraft reports into the canonical Dataset.
 
@@ -33,13 +34,16 @@ def read_reports(
     ----------
     files : str, path, or sequence of them
         Paths or globs.
-    format : {"auto", "csv", "parquet", "madis", "bufr"}, default "auto"
-        "auto" tells it from each file's content.
+    format : str, default "auto"
+        A registered format; "auto" tells it from each file's content.
     columns : mapping, optional
-        For tables: their name to a canonical name (``wind_speed_kt``), or to
-        ``{"name": "wind_speed_kt", "unit": "m/s"}`` where the unit is another.
+        For tables, in one of the forms of :mod:`airswing.reports.canonical.columns`: their name to
+        a canonical name (``wind_speed_kt``), or to ``{"name": "wind_speed_kt", "unit": "m/s"}``
+        where the unit is another; several names, constants, times made of two columns.
     on_bad_file : {"skip", "fail"}, default "skip"
         Whether a file that cannot be read is left out and counted, or refused.
+    interval : float, default 0
+        Reports are brought to one in so many seconds, means over straight flight; 0 leaves them.
 
     Returns
     -------
@@ -59,7 +63,7 @@ def read_reports(
     spool = Spool()
     spool.fill(files, format=format, columns=columns, on_bad_file=on_bad_file)
     tails = list(spool.counts())
-    block = assembled(*spool.columns(tails[0], tails[-1]), spool.audit)
+    block = assembled(*spool.columns(tails[0], tails[-1]), spool.audit, interval=interval)
     spool.audit.similar_tails = similar(tails)
     (reports,) = completed([block])
     return reports.assign_attrs(reading_audit=spool.audit.as_json(), featureType="trajectory")

@@ -33,6 +33,8 @@ class Archive:
         For the blocks, which are this archive's own and not kept between runs.
     limit : int, optional
         Reports of a block; `BLOCK_REPORTS` by default.
+    interval : float, default 0
+        As for `airswing.reports.assemble.assembled`.
 
     Attributes
     ----------
@@ -46,7 +48,9 @@ class Archive:
         Reports in each hour since 1970, duplicates included.
     """
 
-    def __init__(self, spool: Spool, folder: Path, *, limit: int | None = None) -> None:
+    def __init__(
+        self, spool: Spool, folder: Path, *, limit: int | None = None, interval: float = 0.0
+    ) -> None:
         self.folder, self.hours = folder, spool.hours()
         self.audit = Audit()
         self.audit.add(spool.audit)
@@ -55,7 +59,7 @@ class Archive:
         folder.mkdir(parents=True, exist_ok=True)
         counts, flights = [], []
         for number, (first, last) in enumerate(spool.groups(limit or BLOCK_REPORTS)):
-            block = assembled(*spool.columns(first, last), self.audit)
+            block = assembled(*spool.columns(first, last), self.audit, interval=interval)
             self.reports += block.reports.sizes["report"]
             self.aircraft += block.reports.sizes["aircraft"]
             self.largest = max(self.largest, block.reports.sizes["report"])

@@ -58,7 +58,7 @@ def read(job: Job, folder: Path) -> Archive:
             asked.files, format=asked.format, columns=asked.mapping, on_bad_file=asked.on_bad_file
         )
         with written_to(folder):
-            archive = Archive(spool, folder / "blocks")
+            archive = Archive(spool, folder / "blocks", interval=asked.interval)
         stage.note = f"{archive.reports:,} reports of {archive.aircraft} aircraft"
         stage.reports = archive.reports
         stage.octets = spool.octets_read

@@ -68,7 +68,7 @@ def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.D
     -------
     Dataset
     """
-    from airswing.evaluation.profiles import error_profiles
+    from airswing.evaluation.error_profiles import error_profiles
 
     with job.progress.stage("profiles"):
         profiles = error_profiles(headings, corrected, pools=job.config.pools())

@@ -1,8 +1,8 @@
 """What reports and references disagree by, laid out by day, cell and class of aircraft.
 
 Assumes screened headings and their correction with reports in the same order. A cell is a phase of
-flight in a layer of pressure (those of :mod:`airswing.evaluation.profiles`). A report counts where
-it has a reported wind, a corrected one (what could not be corrected is left out) and every
+flight in a layer of pressure (those of :mod:`airswing.evaluation.error_profiles`). A report counts
+where it has a reported wind, a corrected one (what could not be corrected is left out) and every
 reference asked for. Aircraft are put in classes by their disagreement, each in one of its own while
 there are few. Of archives too large to pair whole days are taken, evenly spread. m/s, m2/s2,
 degrees, Pa, seconds.
@@ -19,7 +19,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.evaluation.disagreement import reference_mean
-from airswing.evaluation.profiles import CELLS, STATES, profile_cells
+from airswing.evaluation.error_profiles import CELLS, STATES, profile_cells
 from airswing.evaluation.report_errors.neighbours import half_squares, neighbouring_pairs
 from airswing.evaluation.report_errors.separation import PairTable
 from airswing.flags import CORRECTION

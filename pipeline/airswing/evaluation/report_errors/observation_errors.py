@@ -34,7 +34,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.evaluation.day_blocks import block_weights, interval, widened
-from airswing.evaluation.profiles import LEVEL_EDGES_HPA, STATES
+from airswing.evaluation.error_profiles import LEVEL_EDGES_HPA, STATES
 from airswing.evaluation.report_errors.disagreements import (
     Disagreements,
     aircraft_classes,

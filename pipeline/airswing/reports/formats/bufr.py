@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, ROLL
 from airswing.reports.canonical.audit import Audit
-from airswing.reports.formats.tabular import Mapped
+from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
 
 _TIME = ("year", "month", "day", "hour", "minute", "second")
 _TAILS = (
@@ -280,3 +280,8 @@ def _icing(table: pd.DataFrame) -> NDArray[np.int8]:
         largest = 1.0 if name == "airframeIcingPresent" else 14.0
         icing[(code >= 1.0) & (code <= largest)] = ICING["on"]
     return icing
+
+
+FORMAT = register(
+    ReportFormat("bufr", lambda start: b"BUFR" in start and not is_text(start), bufr_pieces)
+)

@@ -44,7 +44,7 @@ from airswing.products.openable import require_openable
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.codes import BLANK, ROLL_CODES, decode_flags
 from airswing.reports.canonical.columns import ONLY
-from airswing.reports.formats.tabular import Mapped
+from airswing.reports.canonical.report_formats import Mapped, ReportFormat, register
 
 DIMENSION = "recNum"
 TAILS = ("en_tailNumber", "tailNumber")
@@ -276,3 +276,7 @@ def _quality(
         failed |= (flags["dataDescriptor"] == "X") & ~np.isin(kind, ("T", "W", "B"))
     quality = np.where(passed, TEMPERATURE_QC["pass"], TEMPERATURE_QC["missing"])
     return np.where(failed, TEMPERATURE_QC["fail"], quality).astype(np.int8)
+
+
+_MAGIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")
+FORMAT = register(ReportFormat("madis", lambda start: start.startswith(_MAGIC), madis_pieces))

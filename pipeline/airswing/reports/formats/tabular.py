@@ -27,6 +27,7 @@ from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.codes import TABLES, decode_flags
 from airswing.reports.canonical.columns import ONLY, TEXT, Source, parse_mapping, sources
 from airswing.reports.canonical.dialects import dialect_of
+from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
 from airswing.reports.canonical.times import parse_times
 
 ROWS_PER_PIECE = 250_000
@@ -40,8 +41,6 @@ _BLANKS = ["", " ", "NA", "N/A", "n/a", "NaN", "nan", "NULL", "null", "None", "-
 _EXTRA = "columns past the header"
 _NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
 _SKIPPED = re.compile(r"Skipping line \d+")
-
-Mapped = Mapping[str, tuple[str, Source]]
 
 
 def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
@@ -325,3 +324,7 @@ def _as_number(column: pd.Series[Any], variable: str, audit: Audit) -> Any:
     audit.repair(f"{variable}_unparsable", int(bad.sum()))
     _first_bad(column, bad, variable, audit)
     return numbers.to_numpy(dtype=np.float64, na_value=np.nan)
+
+
+CSV = register(ReportFormat("csv", is_text, csv_pieces, rank=9))
+PARQUET = register(ReportFormat("parquet", lambda start: start.startswith(b"PAR1"), parquet_pieces))

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from airswing.evaluation.disagreement import disagreement, reference_mean, vector_difference
-from airswing.evaluation.profiles import clustered_rms, error_profiles
+from airswing.evaluation.error_profiles import clustered_rms, error_profiles
 from airswing.flags import PHASE, SCREENING
 from airswing.vocabulary import describe
 

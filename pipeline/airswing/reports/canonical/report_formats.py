@@ -1,0 +1,115 @@
+"""The report formats: every module of ``reports/formats`` that registers one is found.
+
+Assumes a file's format shows in its first octets (a compressed file's unpacked ones): every format
+says whether it knows them, the more specific before the general (``rank``).
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from airswing.reports.canonical.audit import Audit
+from airswing.reports.canonical.columns import Source
+
+__all__ = ["Mapped", "Pieces", "ReportFormat", "formats", "is_text", "register", "unregister"]
+
+Mapped = Mapping[str, tuple[str, Source]]
+"""Column of the piece to the user's name and source; of `parse_mapping`."""
+Pieces = Callable[[Path, Mapped, Audit], Iterator[pd.DataFrame]]
+"""Reads a file piece by piece: raw pieces in SI for `airswing.reports.canonical.cleaning.clean`."""
+
+
+@dataclass(frozen=True)
+class ReportFormat:
+    """One format of report files.
+
+    Parameters
+    ----------
+    name : str
+        As the configuration says it.
+    tells : callable
+        Whether a file that begins with these octets is one.
+    pieces : callable
+        The reader.
+    rank : int
+        Formats of a lower rank are asked first.
+    """
+
+    name: str
+    tells: Callable[[bytes], bool]
+    pieces: Pieces
+    rank: int = 0
+
+
+_FORMATS: dict[str, ReportFormat] = {}
+
+
+def register(report_format: ReportFormat) -> ReportFormat:
+    """Add a format.
+
+    Parameters
+    ----------
+    report_format : ReportFormat
+
+    Returns
+    -------
+    ReportFormat
+        The same.
+
+    Raises
+    ------
+    ValueError
+        If another format has its name.
+    """
+    known = _FORMATS.setdefault(report_format.name, report_format)
+    if known.name != report_format.name or known.pieces is not report_format.pieces:
+        raise ValueError(f"two report formats are named {report_format.name!r}")
+    return report_format
+
+
+def unregister(name: str) -> None:
+    """Take a format out again.
+
+    Parameters
+    ----------
+    name : str
+    """
+    del _FORMATS[name]
+
+
+def formats(package: str = "airswing.reports.formats") -> dict[str, ReportFormat]:
+    """Every format by name, in the order in which they are asked.
+
+    Parameters
+    ----------
+    package : str
+
+    Returns
+    -------
+    dict of str to ReportFormat
+    """
+    folder = importlib.import_module(package)
+    for found in pkgutil.iter_modules(folder.__path__):
+        importlib.import_module(f"{package}.{found.name}")
+    return dict(sorted(_FORMATS.items(), key=lambda item: (item[1].rank, item[0])))
+
+
+def is_text(start: bytes) -> bool:
+    """Tell whether octets are those of a text file.
+
+    Parameters
+    ----------
+    start : bytes
+
+    Returns
+    -------
+    bool
+    """
+    control = sum(byte < 32 and byte not in (9, 10, 13) for byte in start)
+    return b"\x00" not in start and control <= 0.05 * len(start)
