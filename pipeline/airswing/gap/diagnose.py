@@ -1,6 +1,6 @@
 """The diagnosis of an archive in one call: noise, sums, search, where, which, how far.
 
-Assumptions: those of the modules it calls, in the order of GAP.md. The search runs twice where
+Assumptions: those of the modules it calls, in the order of docs/gap.md. The search runs twice where
 effects are large: the second time on residuals linearised about the effects found first, with the
 noise fitted after taking them off.
 

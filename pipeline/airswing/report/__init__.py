@@ -1,6 +1,6 @@
 """Figures and pages: what a run, a field test and a gap diagnosis look like.
 
-Assumes Datasets and dictionaries of FORMATS.md.  Every figure function returns a matplotlib
+Assumes Datasets and dictionaries of docs/formats.md.  Every figure function returns a matplotlib
 Figure that carries its ``caption`` and shows itself in a notebook; every page is one HTML file
 with nothing outside it.  matplotlib is imported only when a name of this package is used.
 """

@@ -1,7 +1,7 @@
 """Columns of a headings product as a frame's arrays: radians, in SI units.
 
-Assumptions: the names of the product (FORMATS.md); a pool's wind is the mean of its members where
-they exist. What is not in the product is NaN (or the code for unknown), so a product without
+Assumptions: the names of the product (docs/formats.md); a pool's wind is the mean of its members
+where they exist. What is not in the product is NaN (or the code for unknown), so a product without
 gradients or icing still makes a frame.
 
 Validity: one pass over a lazy Dataset; its reports are sorted by aircraft and time.

@@ -10,7 +10,7 @@ separates two effects of share 1. A rival that begins at a date is given the eff
 the second half of the archive where the effect has none. The share is not symmetric: an effect with
 more coefficients copies one with fewer.
 
-Source: GAP.md section 6 (the ambiguity set).
+Source: docs/gap.md section 6 (the ambiguity set).
 """
 
 from __future__ import annotations

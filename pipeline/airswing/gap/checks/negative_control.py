@@ -9,7 +9,7 @@ Validity: whatever the decoy closes on the weeks it was fitted to is luck; what 
 others measures the luck left in the closure of this archive. Each draw has two coefficients an
 aircraft, so a small loss is expected, not a gain.
 
-Source: GAP.md section 7.
+Source: docs/gap.md section 7.
 """
 
 from __future__ import annotations

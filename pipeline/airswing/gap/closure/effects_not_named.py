@@ -8,7 +8,7 @@ draws hold nothing. Effects are drawn independently of each other.
 Validity: effects well under the disagreement itself (several m/s); those that act from a date on
 count with the days they were found to act on. Swaps of tails, outliers and coding are not in it.
 
-Source: GAP.md section 7; posterior of a spike-and-slab mixture.
+Source: docs/gap.md section 7; posterior of a spike-and-slab mixture.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
 Assumptions: a dependence not in the catalogue is a smooth function of something a report carries.
 The columns come in named groups, each a small family of hat functions, categories or harmonics of
 one variable, on one component (cross-track or along-track of the indicated heading, or u and v),
-plain or times sine and cosine of the magnetic heading (GAP.md section 5). The simplest of them (a
-constant, one cycle) stand in for an effect that the catalogue in use does not hold: beside it they
-would only take its place. What the weather and the model do by themselves is not here but in
+plain or times sine and cosine of the magnetic heading (docs/gap.md section 5). The simplest of them
+(a constant, one cycle) stand in for an effect that the catalogue in use does not hold: beside it
+they would only take its place. What the weather and the model do by themselves is not here but in
 :mod:`airswing.gap.design.weather`.
 
 Validity: hats have their knots at fixed quantiles of the archive (:func:`plan_dictionary`), so

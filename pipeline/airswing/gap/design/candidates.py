@@ -9,7 +9,7 @@ would make one aircraft follow them is not in the catalogue in use.
 Validity: the columns of a :class:`airswing.gap.design.layout.Layout`. Prior scales are the effects'
 own; 0.8 m/s for a dictionary group.
 
-Source: GAP.md sections 4 to 6.
+Source: docs/gap.md sections 4 to 6.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ are the *core*, of which daily sums are kept. A level at which an effect begins 
 Validity: the same layout gives the same columns for every chunk of an archive. Columns in m s-1 per
 unit of their coefficient.
 
-Source: GAP.md sections 3 to 5.
+Source: docs/gap.md sections 3 to 5.
 """
 
 from __future__ import annotations

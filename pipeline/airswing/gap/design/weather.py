@@ -7,7 +7,7 @@ whatever else is asked.
 
 Validity: the archive's own region; places are in units of its spread and clipped at three of them.
 
-Source: GAP.md section 5.
+Source: docs/gap.md section 5.
 """
 
 from __future__ import annotations

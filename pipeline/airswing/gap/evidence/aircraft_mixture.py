@@ -5,7 +5,7 @@ width of their prior and, where it is a question, the size of the background are
 
 Validity: aircraft are independent of each other once the background is given.
 
-Source: GAP.md section 6.
+Source: docs/gap.md section 6.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ conditioned on: its columns of the same aircraft are projected out of the window
 Validity: about 60 dates are tried (every day of two months, every third of half a year); the
 climatology is conditioned on at its fitted value.
 
-Source: GAP.md section 6; cumulative-sum change-point posterior (Smith 1975, Biometrika 62).
+Source: docs/gap.md section 6; cumulative-sum change-point posterior (Smith 1975, Biometrika 62).
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ Evidence is in nats. *Raw* evidence (ranking) knows neither factor nor backgroun
 evidence (gates) takes the estimated ones. Who is struck, and by how much of a background,
 :mod:`airswing.gap.evidence.of_candidate` puts together.
 
-Source: GAP.md section 6; two-way clustering after Cameron, Gelbach & Miller (2011).
+Source: docs/gap.md section 6; two-way clustering after Cameron, Gelbach & Miller (2011).
 """
 
 from __future__ import annotations

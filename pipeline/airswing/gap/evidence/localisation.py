@@ -9,7 +9,7 @@ plain means of the residual in bins, with standard errors clustered by flight.
 
 Validity: two weeks and more for the halves. Angles in degrees, speeds in m/s.
 
-Source: GAP.md section 5.
+Source: docs/gap.md section 5.
 """
 
 from __future__ import annotations

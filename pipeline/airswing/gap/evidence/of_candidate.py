@@ -12,7 +12,7 @@ fixed allowance.
 
 Validity: a candidate counts in aircraft with twenty reports on which it acts.
 
-Source: GAP.md section 6.
+Source: docs/gap.md section 6.
 """
 
 from __future__ import annotations

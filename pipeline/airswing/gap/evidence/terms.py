@@ -5,7 +5,7 @@ catalogue's; one of the fleet has one set. The climatology is always fitted besi
 
 Validity: as :mod:`airswing.gap.sums.elimination`.
 
-Source: GAP.md section 6.
+Source: docs/gap.md section 6.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ order. The *selection* of terms has seen all weeks.
 Validity: three weeks and more; with fewer, folds are blocks of days. Speeds in m/s inside, knots in
 what is returned for people. Intervals: bootstrap over days of the paired reduction.
 
-Source: GAP.md section 7.
+Source: docs/gap.md section 7.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ reference's gradients, which their noise makes too small.
 
 Validity: probabilities are those of the tempered evidence, calibrated on null archives.
 
-Source: GAP.md section 6; FORMATS.md section 5 (gap.json).
+Source: docs/gap.md section 6; docs/formats.md (gap.json).
 """
 
 from __future__ import annotations

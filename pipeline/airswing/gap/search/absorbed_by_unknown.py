@@ -8,7 +8,7 @@ is the verdict, and the named part is told with it.
 Validity: means of curves on the cross-track and the along-track component and their one cycle;
 the unknown holds all aircraft of the name.
 
-Source: GAP.md section 6 (unknown).
+Source: docs/gap.md section 6 (unknown).
 """
 
 from __future__ import annotations

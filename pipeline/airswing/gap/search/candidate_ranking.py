@@ -7,7 +7,7 @@ days). Dictionary groups must have something to say beyond the steady sensor err
 
 Validity: as the evidence it ranks, :mod:`airswing.gap.evidence.gaussian`.
 
-Source: GAP.md section 6.
+Source: docs/gap.md section 6.
 """
 
 from __future__ import annotations

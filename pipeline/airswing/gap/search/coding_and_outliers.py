@@ -9,7 +9,7 @@ one percent that all aircraft share is ordinary.
 
 Validity: at least 100 reports an aircraft. Steps in knots, degrees and minutes of arc.
 
-Source: GAP.md section 4, last paragraph.
+Source: docs/gap.md section 6.
 """
 
 from __future__ import annotations

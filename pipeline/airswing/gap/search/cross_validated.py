@@ -7,7 +7,7 @@ again without it: what it stood for may have another name, or none.
 Validity: as the folds of :func:`airswing.gap.held_out.reduction.held_out_energy`. What changes with
 the date as a curve or from a day on is not asked: weeks left out do not tell of their own change.
 
-Source: GAP.md section 7.
+Source: docs/gap.md section 7.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ theirs.
 Validity: level flight, neighbours within :data:`REACH`; five aircraft and more with 200 such
 reports. Effects that move means are taken off before. A fleet that scatters as one is not seen.
 
-Source: GAP.md section 4, last paragraph; robust scale: Rousseeuw & Croux (1993), J. Amer. Statist.
+Source: docs/gap.md section 6; robust scale: Rousseeuw & Croux (1993), J. Amer. Statist.
 Assoc. 88, 1273.
 """
 

@@ -10,7 +10,7 @@ enters as an unknown term and is conditioned on like the others.
 Validity: coefficients are linear; large heading errors are linearised again by
 :mod:`airswing.gap.diagnose`.
 
-Source: GAP.md section 6.
+Source: docs/gap.md section 6.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ that change at a date in each aircraft by itself.
 Validity: aircraft that do not differ cannot be told apart. Core columns only; the climatology is
 taken off at its fitted value.
 
-Source: GAP.md sections 4 and 6.
+Source: docs/gap.md sections 4 and 6.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ about it means nothing: it is then said to be untestable.
 Validity: whitened columns; shares of energy between 0 and 1.
 
 Source: Frisch-Waugh-Lovell: the information that remains is the energy of the column beyond the
-nuisance columns. GAP.md sections 5 and 6.
+nuisance columns. docs/gap.md sections 5 and 6.
 """
 
 from __future__ import annotations

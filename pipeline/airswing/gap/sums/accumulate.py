@@ -11,7 +11,7 @@ Validity: columns are evaluated, and their products summed, in chunks of one air
 in single precision; scores are in double. Reports may be added in parts (:func:`add_reports`).
 Memory: 4 p^2 bytes per aircraft-week and 4 c^2 bytes per aircraft-day (c core columns).
 
-Source: GAP.md section 3.
+Source: docs/gap.md section 3.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ columns the blocks hold all aircraft.
 Validity: four blocks and more; at least 1 per aircraft and 1.5 for the fleet. Of one fleet longer
 blocks are few: their factor is drawn towards that of shorter ones.
 
-Source: two-way clustering after Cameron, Gelbach & Miller (2011); GAP.md sections 2 and 6.
+Source: two-way clustering after Cameron, Gelbach & Miller (2011); docs/gap.md sections 2 and 6.
 """
 
 from __future__ import annotations

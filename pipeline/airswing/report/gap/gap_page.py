@@ -1,6 +1,6 @@
 """The page of a gap diagnosis: verdict, where, which, how far, what stays open, the checks.
 
-Assumes ``gap.json`` of FORMATS.md section 5.  Everything beyond it is optional and shown where
+Assumes ``gap.json`` of docs/formats.md.  Everything beyond it is optional and shown where
 given: further keys of the dictionary and the arrays of ``gap.nc`` (names in
 :mod:`airswing.report.gap.parts`).  What is missing is left out, never guessed.
 """

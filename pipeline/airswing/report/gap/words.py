@@ -1,6 +1,6 @@
 """The verdict of a gap diagnosis in plain words.
 
-Assumes ``gap.json`` of FORMATS.md: disagreement in knots, shares in 0 to 1, parameter names
+Assumes ``gap.json`` of docs/formats.md: disagreement in knots, shares in 0 to 1, parameter names
 that end in their unit.  ``±`` is one standard error, as the file gives it.
 """
 

@@ -1,6 +1,6 @@
 """One aircraft's compass: which headings it flew, its heading error, fit and table.
 
-Assumes the fits of FORMATS.md: psi_err = A + B sin m + C cos m + D sin 2m + E cos 2m with m
+Assumes the fits of docs/formats.md: psi_err = A + B sin m + C cos m + D sin 2m + E cos 2m with m
 the indicated magnetic heading, degrees, and reports that passed the screening.  Binned medians
 carry a 95 % interval of the median that takes reports as independent (a guide for the eye,
 too narrow within flights); bands are 1.96 standard errors of
@@ -227,7 +227,7 @@ def heading_error_figure(
     headings : Dataset
         HEADINGS: ``heading_error`` (reference, report), ``magnetic_heading``, ``screening``.
     fits : Dataset
-        FITS, see FORMATS.md section 5.
+        FITS, see docs/formats.md.
     aircraft : str or int
         Identifier or position.
     reference : str, optional

@@ -50,7 +50,7 @@ def field_test_figure(field_test: Mapping[str, Any]) -> Figure:
     Parameters
     ----------
     field_test : mapping
-        Content of ``field_test.json`` (FORMATS.md section 5).
+        Content of ``field_test.json`` (docs/formats.md).
 
     Returns
     -------

@@ -1,6 +1,6 @@
 """The page's sections on the field test, the reference and the error profiles.
 
-Assumes ``field_test.json``, ``sensitivity.json`` and ``error_profiles.nc`` of FORMATS.md; keys
+Assumes ``field_test.json``, ``sensitivity.json`` and ``error_profiles.nc`` of docs/formats.md; keys
 they do not have are left out of the page.
 """
 

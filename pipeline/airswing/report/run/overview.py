@@ -1,6 +1,6 @@
 """The fleet on one page: fits side by side, disagreement before and after, what was left out.
 
-Assumes the products of FORMATS.md section 5.  Intervals are 95 %: 1.96 clustered standard
+Assumes the products of docs/formats.md.  Intervals are 95 %: 1.96 clustered standard
 errors.  Fits that are not to be trusted are drawn hollow and grey.
 """
 
@@ -145,7 +145,7 @@ def disagreement_figure(
     Parameters
     ----------
     headings, corrected, fits : Dataset
-        Products of FORMATS.md section 5.
+        Products of docs/formats.md.
     reference : str, optional
         Reference or pool; by default the first pool, else the first reference.
     aircraft : list of str, optional

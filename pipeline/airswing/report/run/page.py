@@ -1,6 +1,6 @@
 """The page of a run: the result first, then what shows it.
 
-Assumes the products of FORMATS.md section 5 with reports in the same order in HEADINGS and
+Assumes the products of docs/formats.md with reports in the same order in HEADINGS and
 CORRECTED.  Writes one self-contained HTML file; large fleets keep it usable: small multiples
 stand twelve to a figure, larger figures are made for the aircraft with the largest deviation,
 everyone is in the table.
@@ -85,7 +85,7 @@ def write_page(
         Folder of the page, ``report`` in the run's output folder; products found beside it are
         linked.
     headings, fits, corrected : Dataset
-        Products of FORMATS.md section 5.
+        Products of docs/formats.md.
     audit : mapping or Dataset, optional
         What screening removed by rule; counted from ``headings["screening"]`` where absent.
     summary : mapping, optional

@@ -91,7 +91,7 @@ def disagreement(
     Parameters
     ----------
     headings, corrected, fits : Dataset
-        Products of FORMATS.md section 5, reports in the same order.
+        Products of docs/formats.md, reports in the same order.
     reference : str
         Reference or pool.
 

@@ -109,7 +109,7 @@ def compass_points(
     """Magnetic heading and heading error (degrees) of the reports behind one fit.
 
     The reference's fitted bias b is taken out, as the joint fit does, so that the reports lie
-    about the fitted curve: psi_err - (b_u cos psi - b_v sin psi) / V (DOMAIN.md section 3).
+    about the fitted curve: psi_err - (b_u cos psi - b_v sin psi) / V (docs/method.md).
     """
     rows = rows_of(headings, aircraft)
     abscissa = "heading" if fits.attrs.get("abscissa") == "true" else "magnetic_heading"
