@@ -65,6 +65,8 @@ class Score:
         Size of the background where it acts, m/s rms in each direction.
     remainder : (A,) or 0
         What the columns of the included effects cannot carry of these, m/s where it acts.
+    probability : float or None
+        That the name is right, once it was held against days left out.
     """
 
     candidate: Candidate
@@ -80,6 +82,7 @@ class Score:
     novelty: float = np.inf
     background: float = 0.0
     remainder: Floats | float = 0.0
+    probability: float | None = None
 
 
 def allowance_covariance(

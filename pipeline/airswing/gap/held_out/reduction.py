@@ -397,24 +397,48 @@ def held_out_energy(base: Base, terms: Sequence[Term]) -> tuple[Floats, Floats]:
         2 theta' b - theta' G theta of whitened sums, theta fitted on the other folds; standard
         error over folds.
     """
-    stats = base.stats
-    fold = folds_of_days(stats)
-    number = int(fold.max()) + 1
-    energy = np.zeros((number, len(terms)))
-    for f in range(number):
-        keep = fold != f
-        own = [restrict_term(t, keep) for t in terms]
-        part = eliminate_days(select_days(stats, keep), base.variances)
-        train = fit_terms(part, own)
-        there = [restrict_term(t, ~keep) for t in terms]
-        test = fit_terms(eliminate_days(select_days(stats, ~keep), base.variances), there)
-        energy[f] = _energies(train, test, terms)
+    product, square = held_out_products(base, terms, folds_of_days(base.stats))
+    energy = 2 * product - square
+    number = energy.shape[0]
     spread = energy.std(axis=0, ddof=1) * np.sqrt(number) if number > 1 else energy.sum(axis=0)
     return energy.sum(axis=0), spread
 
 
-def _energies(train: Fit, test: Fit, terms: Sequence[Term]) -> Floats:
-    """Energy per term on the test sums, the other terms taken off at the trained coefficients."""
+def held_out_products(
+    base: Base, terms: Sequence[Term], fold: Integers, *, only: int | None = None
+) -> tuple[Floats, Floats]:
+    """Predictions of each term for each fold, fitted on the others, against what is there.
+
+    Parameters
+    ----------
+    base : Base
+    terms : sequence of Term
+    fold : (D,) int
+        Fold of every day.
+    only : int, optional
+        The one fold asked for.
+
+    Returns
+    -------
+    product, square : (folds, t) float
+        Of the whitened prediction with what the other terms leave of the residual, and with itself.
+        The energy explained is twice the first less the second.
+    """
+    stats = base.stats
+    asked = range(int(fold.max()) + 1) if only is None else [only]
+    out = np.zeros((2, len(asked), len(terms)))
+    for row, f in enumerate(asked):
+        keep = fold != f
+        own = [restrict_term(t, keep) for t in terms]
+        train = fit_terms(eliminate_days(select_days(stats, keep), base.variances), own)
+        there = [restrict_term(t, ~keep) for t in terms]
+        test = fit_terms(eliminate_days(select_days(stats, ~keep), base.variances), there)
+        out[:, row] = _products(train, test, terms)
+    return out[0], out[1]
+
+
+def _products(train: Fit, test: Fit, terms: Sequence[Term]) -> Floats:
+    """Products (2, t) of each term on the test sums, the others off at the trained coefficients."""
     theta = train.coefficients
     score = test.score.sum(axis=0) - test.gram @ theta
     sizes = [c.size for c in term_coefficients(train, terms)]
@@ -422,7 +446,7 @@ def _energies(train: Fit, test: Fit, terms: Sequence[Term]) -> Floats:
     out = []
     for size in sizes:
         own = slice(start, start + size)
-        gram = test.gram[own, own]
-        out.append(2 * theta[own] @ score[own] + theta[own] @ gram @ theta[own])
+        square = theta[own] @ test.gram[own, own] @ theta[own]
+        out.append((theta[own] @ score[own] + square, square))
         start += size
-    return np.array(out)
+    return np.array(out).reshape(-1, 2).T

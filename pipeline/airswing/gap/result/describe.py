@@ -157,7 +157,13 @@ def summary(values: Sequence[Mapping[str, Any]], *, angles: bool = True) -> dict
 
 
 def probability(score: Score) -> float:
-    """Probability that the term is real: prior odds of one in ten against its tempered evidence."""
+    """Probability that a term is real.
+
+    Where it was held against days left out, what those say; else prior odds of one in ten against
+    its tempered evidence.
+    """
+    if score.probability is not None:
+        return score.probability
     return float(1 / (1 + np.exp(np.clip(np.log(10.0) - score.tempered, -50, 50))))
 
 

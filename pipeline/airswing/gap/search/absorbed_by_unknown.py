@@ -1,12 +1,16 @@
-"""Names that are only the mean of something unknown.
+"""Names that only stand in for something unknown.
 
-Assumptions: what nobody knows, a heading error that follows the hour of the day say, has a mean
-over the reports, and the mean has a name in the catalogue. Where the catalogue's share of what both
-explain on held-out days stays under 0.8 by two standard errors, the name is no cause: the unknown
-is the verdict, and the named part is told with it.
+Assumptions: what nobody knows, a heading error that follows the hour of the day say, or one that
+acts in a quadrant only, has a mean, one cycle and two over the reports, and each has a name in the
+catalogue. Names and curves of one component on the same aircraft are therefore judged together:
+where the names' share of what all of them explain on held-out days stays under
+:data:`CATALOGUE_SHARE` by two standard errors, one effect that nobody named is likelier than as
+many named ones beside it on just these aircraft; the unknown is the verdict, and the names are told
+with it as parts of its shape.
 
-Validity: means of curves on the cross-track and the along-track component and their one cycle;
-the unknown holds all aircraft of the name.
+Validity: lasting effects of heading and airspeed, with curves across and along the heading; the
+aircraft of names and curves are the same but for a few (:data:`ALIKE`). What the columns of a true
+effect cannot carry (a bank that is inferred) leaves less than the share allows.
 
 Source: docs/gap.md section 6 (unknown).
 """
@@ -22,19 +26,16 @@ from airswing.gap.evidence.terms import Term
 
 Floats = NDArray[np.float64]
 
-#: Component of a dictionary group, and whether it is times the heading -> effects that are a mean
-#: of such a curve.
-MEANS = {
-    ("cross", False): ("compass_offset",),
-    ("cross", True): ("hard_iron",),
-    ("along", False): ("tas_scale", "tas_offset"),
-}
+#: Effects of the catalogue whose error is along the heading.
+ALONG = ("tas_scale", "tas_offset")
 #: Share of the energy under which the catalogue does not explain a gap.
-CATALOGUE_SHARE = 0.8
+CATALOGUE_SHARE = 0.9
+#: Aircraft in common over aircraft in either, from which names and curves are on the same ones.
+ALIKE = 0.5
 
 
 def folded(terms: Sequence[Term], energy: Floats, error: Floats) -> dict[int, int]:
-    """Terms of the catalogue that are means of unknown ones.
+    """Terms of the catalogue that only stand in for unknown ones.
 
     Parameters
     ----------
@@ -45,24 +46,44 @@ def folded(terms: Sequence[Term], energy: Floats, error: Floats) -> dict[int, in
     Returns
     -------
     dict
-        Position of a known term -> position of the unknown one it belongs to.
+        Position of a known term -> position of the strongest unknown one it belongs to.
     """
     out: dict[int, int] = {}
-    for u, unknown in enumerate(terms):
-        if unknown.candidate.known:
+    for component in ("cross", "along"):
+        curves = [
+            k for k, term in enumerate(terms)
+            if not term.candidate.known and term.candidate.component == component
+        ]  # fmt: skip
+        struck = {a for k in curves for a in terms[k].tails}
+        names = [
+            k for k, term in enumerate(terms)
+            if _component(term) == component and _alike(set(term.tails), struck)
+        ]  # fmt: skip
+        if not names or not curves:
             continue
-        kind = unknown.candidate.component, unknown.candidate.name.endswith("*heading")
-        for k, known in enumerate(terms):
-            mean = known.candidate.known and known.candidate.name in MEANS.get(kind, ())
-            if mean and known.period is None and set(known.tails) <= set(unknown.tails):
-                share, doubt = _share(energy[[k, u]], error[[k, u]])
-                if share + 2 * doubt < CATALOGUE_SHARE:
-                    out[k] = u
+        share, doubt = _share(*((energy[own], error[own]) for own in (names, curves)))
+        if share + 2 * doubt < CATALOGUE_SHARE:
+            strongest = max(curves, key=lambda k: energy[k])
+            out |= dict.fromkeys(names, strongest)
     return out
 
 
-def _share(energy: Floats, error: Floats) -> tuple[float, float]:
-    """First's share of two energies and its standard error."""
-    known, unknown = (max(float(e), 1e-9) for e in energy)
-    doubt = np.hypot(unknown * error[0], known * error[1]) / (known + unknown) ** 2
+def _component(term: Term) -> str:
+    """Component that a lasting effect of a unit makes its error in; empty for others."""
+    if not term.candidate.known or term.period is not None:
+        return ""
+    if term.candidate.name in ALONG:
+        return "along"
+    return "cross" if term.candidate.heading and term.candidate.scope == "aircraft" else ""
+
+
+def _alike(one: set[int], other: set[int]) -> bool:
+    return len(one & other) >= ALIKE * len(one | other)
+
+
+def _share(named: tuple[Floats, Floats], nameless: tuple[Floats, Floats]) -> tuple[float, float]:
+    """First's share of two sums of energies and its standard error."""
+    known, unknown = (max(float(own[0].sum()), 1e-9) for own in (named, nameless))
+    errors = [float(np.hypot.reduce(own[1])) for own in (named, nameless)]
+    doubt = np.hypot(unknown * errors[0], known * errors[1]) / (known + unknown) ** 2
     return known / (known + unknown), float(doubt)

@@ -239,7 +239,8 @@ def outliers(frame: Any, noise: NoiseFit, *, coarse: tuple[str, ...] = ()) -> Mo
         }
         for a in np.flatnonzero(high)
     }  # fmt: skip
-    ordinary = max(common, 1e-3)
+    # of a rate that the fleet shares the fleet tells nothing: what is ordinary elsewhere does
+    ordinary = min(max(common, 1e-3), ORDINARY_RATE)
     evidence = [against_chance(int(count[a]), rate[a], ordinary) for a in np.flatnonzero(high)]
     verdict = _verdict("outliers", per_tail, None, evidence)
     verdict.standard_errors["fraction"] = float(np.median(error[high]))

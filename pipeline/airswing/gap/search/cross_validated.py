@@ -1,11 +1,13 @@
-"""Terms that also explain weeks left out; without those that do not the search is made again.
+"""Terms that also explain days left out; what does not is no finding.
 
-Assumptions: what is at work is at work in every fold of the archive. The least certain term whose
-held-out energy stays within two standard errors of nothing is no candidate, and the search goes
-again without it: what it stood for may have another name, or none.
+Assumptions: what is at work is at work in every part of the archive it is in force. The least
+certain lasting term whose held-out energy stays within two standard errors of nothing is no
+candidate, and the search goes again without it: what it stood for may have another name, or none.
+In the end every name has a probability (:mod:`airswing.gap.search.belief`); those that fall short,
+or could not be tested, are told apart from the findings, with the reason.
 
-Validity: as the folds of :func:`airswing.gap.held_out.reduction.held_out_energy`. What changes with
-the date as a curve or from a day on is not asked: weeks left out do not tell of their own change.
+Validity: as :mod:`airswing.gap.search.confirmation`. Curves by date are not asked: weeks left out
+do not tell of their own change.
 
 Source: docs/gap.md section 7.
 """
@@ -13,7 +15,7 @@ Source: docs/gap.md section 7.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +23,10 @@ from numpy.typing import NDArray
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import held_out_energy
+from airswing.gap.search.belief import probabilities
+from airswing.gap.search.confirmation import LEAST_PARTS, confirm
 from airswing.gap.search.nested_forms import widened
-from airswing.gap.search.stepwise import Found, Rules, search
+from airswing.gap.search.stepwise import Found, Rules, found_of, search
 from airswing.gap.sums.elimination import Base
 
 Floats = NDArray[np.float64]
@@ -32,25 +36,48 @@ LEAST = 2.0
 
 
 @dataclass(frozen=True)
+class Doubtful:
+    """A name that the search came to and that was not confirmed.
+
+    Attributes
+    ----------
+    term : Term
+    probability : float
+        0 where it could not be tested.
+    reason : str
+    """
+
+    term: Term
+    probability: float
+    reason: str
+
+
+@dataclass(frozen=True)
 class Standing:
-    """Result of the search, held against weeks left out.
+    """Result of the search, held against days left out.
 
     Attributes
     ----------
     found : Found
     energy, error : (t,) float
         Held-out energy of each term and its standard error.
+    probability : (t,) float
+        That each term is at work as named.
+    doubtful : tuple of Doubtful
+        Names that were not confirmed.
     """
 
     found: Found
     energy: Floats
     error: Floats
+    probability: Floats
+    doubtful: tuple[Doubtful, ...] = ()
 
 
 def settle(
     base: Base, pool: Sequence[Candidate], rules: Rules, start: Sequence[Term] = ()
 ) -> Standing:
-    """Search until every term stands on weeks left out.
+    """Search until every term stands on days left out.
 
     Parameters
     ----------
@@ -64,15 +91,50 @@ def settle(
     -------
     Standing
     """
+    whole = pool
     while True:
         found = widened(base, search(base, pool, rules=rules, start=start), pool)
         energy, error = held_out_energy(base, found.terms)
         weak = [k for k in np.flatnonzero(energy <= LEAST * error) if not _dated(found.terms[k])]
         if not weak:
-            return Standing(found, energy, error)
+            return _believed(base, whole, found, rules)
         key = found.terms[min(weak, key=lambda k: energy[k])].key
         pool = [c for c in pool if (c.name, c.scope) != key]
         start = [term for term in start if term.key != key]
+
+
+def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules) -> Standing:
+    """Names that are likely enough; without the least likely the others are judged again."""
+    doubtful: list[Doubtful] = []
+    terms = list(found.terms)
+    while True:
+        tests = confirm(base, terms)
+        chance = probabilities(terms, tests)
+        short = [
+            k for k, term in enumerate(terms)
+            if term.candidate.known and chance[k] < rules.probability
+        ]  # fmt: skip
+        if not short:
+            break
+        worst = min(short, key=lambda k: (chance[k], terms[k].score.tempered))
+        doubtful.append(_doubted(terms[worst], float(chance[worst]), int(tests.parts[worst])))
+        del terms[worst]
+    found = found_of(base, pool, terms) if doubtful else found
+    sure = tuple(
+        replace(term, score=replace(term.score, probability=float(p)))
+        for term, p in zip(found.terms, chance, strict=True)
+    )
+    found = replace(found, terms=sure)
+    return Standing(found, tests.energy, tests.error, chance, tuple(doubtful))
+
+
+def _doubted(term: Term, chance: float, parts: int) -> Doubtful:
+    """Say why a name is not stated."""
+    if parts < LEAST_PARTS:
+        return Doubtful(
+            term, 0.0, f"in force on too few days to leave some out ({parts}; {LEAST_PARTS} needed)"
+        )
+    return Doubtful(term, chance, "days left out do not confirm it beyond doubt")
 
 
 def _dated(term: Term) -> bool:

@@ -34,6 +34,8 @@ from airswing.gap.search.candidate_ranking import (
     rank,
     ranked_by,
 )
+from airswing.gap.search.belief import STATED
+from airswing.gap.search.fewest import fewest
 from airswing.gap.sums.elimination import Base, Conditional
 
 Floats = NDArray[np.float64]
@@ -62,6 +64,8 @@ class Rules:
         effect.
     most_terms : int
         Length of the search.
+    probability : float
+        From which a name is stated.
     """
 
     evidence: float = 3.0
@@ -69,6 +73,7 @@ class Rules:
     curve_size: float = 0.1
     unknown_margin: float = 3.0
     most_terms: int = 12
+    probability: float = STATED
 
     def least(self, candidate: Candidate) -> float:
         """Smallest size of a candidate that may enter, m s-1."""
@@ -227,7 +232,28 @@ def search(
         terms = _swap(ranking, terms, rules)
     terms = _reassign(base, pool, terms)
     terms = _prune(base, ranking, terms, rules)
+    terms = fewest(base, pool, terms)
     terms = [_completed(base, terms, k, rules) for k in range(len(terms))]
+    return _found(base, ranking, terms)
+
+
+def found_of(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> Found:
+    """Result of a search that ended with these terms.
+
+    Parameters
+    ----------
+    base : Base
+    pool : sequence of Candidate
+    terms : sequence of Term
+
+    Returns
+    -------
+    Found
+    """
+    return _found(base, _Ranking(base, pool), list(terms))
+
+
+def _found(base: Base, ranking: _Ranking, terms: list[Term]) -> Found:
     rivals = tuple(ranking(terms[:k] + terms[k + 1 :]) for k in range(len(terms)))
     return Found(tuple(terms), given_terms(base, terms), rivals, ranking(terms))
 

@@ -1,0 +1,195 @@
+"""How far the disagreement shrinks where an effect shows in scatter alone: coding, gross errors.
+
+Assumptions: no simulation takes such an effect off report by report, but it tells what the mean
+disagreement would be without. Gross errors of a share of the reports, normal with a standard
+deviation known in each component, lengthen the disagreement of those reports; without them it would
+be as that of the others. Coarse coding adds a uniform error of its step along and across the wind:
+the same error added again and again to the reports as they stand tells how much it lengthens their
+disagreement, and, continued backwards, how much it has done already. Scatter of no known kind is
+treated as a normal error of its size.
+
+Validity: errors of one report independent of every other's; coding of no more than the disagreement
+itself. Results in knots; intervals hold the doubt about share and size and that of the draws.
+
+Source: sheppard-like continuation of an added error, "simulation extrapolation": Cook & Stefanski
+(1994), J. Amer. Statist. Assoc. 89, 1314.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.search.coding_and_outliers import MomentVerdict
+from airswing.gap.search.excess_scatter import Scattering
+from airswing.gap.held_out.reduction import KNOT
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Relative standard error of a reduction beside that of its share: size, shape, continuation.
+SHAPE_DOUBT = 0.08
+#: Limits of a 95 % interval, standard errors.
+LIMIT = 1.96
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """How far the mean disagreement shrinks without an effect, kt.
+
+    Attributes
+    ----------
+    kt, error : float
+        Best value and standard error.
+    """
+
+    kt: float
+    error: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval; never less than nothing."""
+        low, high = self.kt - LIMIT * self.error, self.kt + LIMIT * self.error
+        return max(low, 0.0), max(high, 0.0)
+
+
+def reduction_of(
+    frame: Any, residual: Floats, verdict: MomentVerdict, gross: Mask, *, seed: int = 0
+) -> Reduction:
+    """How far the disagreement shrinks without one effect of coding or of gross errors.
+
+    Parameters
+    ----------
+    frame : Frame
+    residual : (n, 2) float
+        With the effects that move means taken off, m s-1.
+    verdict : MomentVerdict
+    gross : (n,) bool
+        Reports taken for gross errors.
+    seed : int
+
+    Returns
+    -------
+    Reduction
+        Nothing for effects that hardly move the wind (coding of positions, of times).
+    """
+    rng = np.random.default_rng(seed)
+    struck = np.isin(np.array(frame.tails)[frame.aircraft], verdict.tails)
+    if verdict.name == "outliers":
+        return _of_gross(frame, residual, verdict, struck & ~gross, rng)
+    if verdict.name == "wind_coding":
+        return _of_coding(frame, residual, verdict, struck & ~gross, rng)
+    return Reduction(0.0, 0.0)
+
+
+def reduction_of_jitter(
+    frame: Any, residual: Floats, found: Scattering, *, seed: int = 0
+) -> Reduction:
+    """How far the disagreement shrinks without scatter of no known kind.
+
+    Parameters
+    ----------
+    frame : Frame
+    residual : (n, 2) float
+        m s-1.
+    found : Scattering
+    seed : int
+
+    Returns
+    -------
+    Reduction
+    """
+    rng = np.random.default_rng(seed)
+    size = np.zeros(len(frame.tails))
+    size[[frame.tails.index(tail) for tail in found.tails]] = found.excess
+    own = size[frame.aircraft]
+    struck = own > 0
+
+    def error() -> Floats:
+        return own[struck, None] * rng.standard_normal((int(struck.sum()), 2))
+
+    return _scaled(_backwards(residual[struck], error), struck)
+
+
+def _of_gross(
+    frame: Any, residual: Floats, verdict: MomentVerdict, calm: Mask, rng: np.random.Generator
+) -> Reduction:
+    """Gross errors: as much longer as a normal error of their size makes the calm reports."""
+    total, doubt = 0.0, 0.0
+    for tail, values in verdict.per_tail.items():
+        own = residual[calm & (frame.aircraft == frame.tails.index(tail))]
+        if own.size == 0:
+            continue
+        error = float(values["size_m_s"]) * rng.standard_normal(own.shape)
+        longer = float((np.hypot(*(own + error).T) - np.hypot(*own.T)).mean())
+        count = float((frame.aircraft == frame.tails.index(tail)).sum())
+        total += count * float(values["fraction"]) * longer
+        doubt += (count * longer) ** 2 * float(values["fraction"]) / count
+    kt = total / frame.size / KNOT
+    return Reduction(kt, float(np.hypot(np.sqrt(doubt) / frame.size / KNOT, SHAPE_DOUBT * kt)))
+
+
+def _of_coding(
+    frame: Any, residual: Floats, verdict: MomentVerdict, struck: Mask, rng: np.random.Generator
+) -> Reduction:
+    """Coarse coding: rounding once more, continued backwards."""
+    speed_step, turn_step = np.zeros((2, len(frame.tails)))
+    for tail, values in verdict.per_tail.items():
+        a = frame.tails.index(tail)
+        # what finer coding leaves is no part of it
+        speed_step[a] = KNOT * np.sqrt(max(float(values["step"]) ** 2 - 1.0, 0.0))
+        turn = float(values.get("direction_step_deg", 1.0))
+        turn_step[a] = np.radians(np.sqrt(max(turn**2 - 1.0, 0.0)))
+    owner = frame.aircraft[struck]
+    wind = np.stack([frame.u_rep, frame.v_rep], -1)[struck]
+    speed = np.hypot(*wind.T)
+    along = wind / np.maximum(speed, 1e-6)[:, None]
+    across = np.stack([along[:, 1], -along[:, 0]], -1)
+
+    def error() -> Floats:
+        first, second = rng.uniform(-0.5, 0.5, (2, owner.size))
+        return np.asarray(
+            (first * speed_step[owner])[:, None] * along
+            + (second * turn_step[owner] * speed)[:, None] * across
+        )
+
+    return _scaled(_backwards(residual[struck], error), struck)
+
+
+def _backwards(residual: Floats, error: Callable[[], Floats]) -> Floats:
+    """By how much an error lengthened residuals that hold it already, (n,), m s-1.
+
+    The error added once and twice more lengthens them by d1 and d2; before, it did by 2 d1 - d2.
+    """
+    once = residual + error()
+    twice = once + error()
+    length = [np.hypot(*values.T) for values in (residual, once, twice)]
+    return np.asarray(2.0 * (length[1] - length[0]) - (length[2] - length[1]))
+
+
+def _scaled(longer: Floats, struck: Mask) -> Reduction:
+    """Mean over all reports of what some are longer by."""
+    if longer.size == 0:
+        return Reduction(0.0, 0.0)
+    kt = float(longer.sum()) / struck.size / KNOT
+    drawn = float(longer.std()) * np.sqrt(longer.size) / struck.size / KNOT
+    return Reduction(max(kt, 0.0), float(np.hypot(drawn, 2 * SHAPE_DOUBT * kt)))
+
+
+def together(parts: Sequence[Reduction]) -> Reduction:
+    """Reduction by several effects, independent of each other.
+
+    Parameters
+    ----------
+    parts : sequence of Reduction
+
+    Returns
+    -------
+    Reduction
+    """
+    kt = sum(part.kt for part in parts)
+    return Reduction(kt, float(np.sqrt(sum(part.error**2 for part in parts))))

@@ -1,0 +1,126 @@
+"""Fewest effects that explain: terms of a search joined, or left out, where the data allow it.
+
+Assumptions: the residual is the sum of the terms, each coefficient normal about nothing with the
+prior of its column; the evidence of the whole is then known in closed form, and every term, every
+aircraft of it and every date has a price before the data are asked. The search puts terms in one by
+one, so a change of two aircraft on one day may come in as two changes a day apart, and what an
+early term took wrongly a later one gives back (a step back in time, a drift of no rate). Here the
+terms are weighed together: changes of one kind are tried as one, on either's dates and with the
+form that holds both, and each term and each aircraft without it; the best exchange is made until
+none gains.
+
+Validity: closed forms of linear terms; curves of the nonparametric basis stay as they are.
+
+Source: GAP.md section 6; Occam factor of a Gaussian model, MacKay (1992), Neural Comput. 4, 415.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from airswing.gap.design.candidates import Candidate
+from airswing.gap.evidence.terms import Term, all_columns
+from airswing.gap.sums.elimination import Base, fit_included
+
+#: Prices of a term, of each aircraft it strikes, and of each end of a period, nats.
+TERM_PRICE, AIRCRAFT_PRICE, DATE_PRICE = 4.0, 1.0, 3.0
+#: Days by which the dates of changes that may be one are apart.
+NEAR = 5
+
+
+def fewest(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> list[Term]:
+    """Join terms and leave some out, as long as the whole is worth more so.
+
+    Parameters
+    ----------
+    base : Base
+    pool : sequence of Candidate
+        For the forms that hold those of two terms.
+    terms : sequence of Term
+
+    Returns
+    -------
+    list of Term
+    """
+    best = list(terms)
+    value = worth(base, best)
+    while True:
+        trials = [(worth(base, trial), trial) for trial in _exchanges(pool, best)]
+        top = max(trials, key=lambda trial: trial[0], default=(value, best))
+        if top[0] <= value:
+            return best
+        value, best = top
+
+
+def worth(base: Base, terms: Sequence[Term]) -> float:
+    """Log evidence of terms together less their prices, nats.
+
+    Parameters
+    ----------
+    base : Base
+    terms : sequence of Term
+
+    Returns
+    -------
+    float
+        Tempered by the terms' cluster factors; up to a constant of the archive.
+    """
+    included = all_columns(base, terms)
+    fit = fit_included(base, included)
+    score = fit.score.sum(axis=0)
+    occam = np.linalg.slogdet(fit.half)[1] + 0.5 * sum(np.log(x.precision) for x in included)
+    factor = float(np.mean([term.score.factor for term in terms])) if terms else 1.0
+    explained = 0.5 * float(score @ fit.coefficients) / max(factor, 1.0)
+    return explained + float(occam) - sum(_price(base, term) for term in terms)
+
+
+def _price(base: Base, term: Term) -> float:
+    """What a term costs before the data are asked, nats."""
+    out = TERM_PRICE
+    if term.candidate.scope == "aircraft":
+        out += AIRCRAFT_PRICE * min(len(term.tails), len(base.stats.tails) / 2)
+    if term.period is not None:
+        ends = (term.period[0] > 0) + (term.period[1] < base.stats.days.size)
+        out += DATE_PRICE * ends
+    return out
+
+
+def _exchanges(pool: Sequence[Candidate], terms: list[Term]) -> Iterator[list[Term]]:
+    """Terms with one left out, with an aircraft of one left out, with two joined."""
+    for k, term in enumerate(terms):
+        if not term.candidate.known:
+            continue
+        others = terms[:k] + terms[k + 1 :]
+        yield others
+        if term.candidate.scope == "aircraft" and len(term.tails) > 1:
+            for a in term.tails:
+                rest = replace(term, tails=tuple(t for t in term.tails if t != a))
+                yield [*terms[:k], rest, *terms[k + 1 :]]
+        for j in range(k):
+            for joined in _joined(pool, terms[j], term):
+                yield [*terms[:j], joined, *terms[j + 1 : k], *terms[k + 1 :]]
+
+
+def _joined(pool: Sequence[Candidate], one: Term, other: Term) -> list[Term]:
+    """Terms that two of one name could be, on the dates of either."""
+    if one.key != other.key or (one.period is None) != (other.period is None):
+        return []
+    if one.period is not None and other.period is not None:
+        apart = np.abs(np.subtract(one.period, other.period)).max()
+        if apart > NEAR:
+            return []
+    both = {*one.candidate.subset, *other.candidate.subset}
+    forms = [c for c in pool if (c.name, c.scope) == one.key and both <= set(c.subset)]
+    if not forms:
+        return []
+    form = min(forms, key=lambda c: len(c.subset))
+    tails = tuple(sorted({*one.tails, *other.tails}))
+    larger = max(one, other, key=lambda term: term.score.tempered)
+    periods = {one.period, other.period}
+    return [
+        replace(larger, candidate=form, tails=tails, period=period)
+        for period in sorted(periods, key=lambda p: p or (0, 0))
+    ]
