@@ -23,6 +23,7 @@ from airswing.gap.checks.aliases import hidden_shares
 from airswing.gap.checks.assumptions import run_checks, with_aliases
 from airswing.gap.checks.refit_claims import Adjustment, make_adjustment
 from airswing.gap.closure.interval import with_interval
+from airswing.gap.closure.of_scatter import reduction_of, reduction_of_jitter, with_scatter
 from airswing.gap.design.basis import DictionaryPlan, plan_dictionary
 from airswing.gap.design.candidates import candidates
 from airswing.gap.design.heading_uncertainty import heading_doubt
@@ -44,7 +45,7 @@ from airswing.gap.search.coding_and_outliers import second_moments
 from airswing.gap.search.cross_validated import Standing, settle
 from airswing.gap.search.excess_scatter import scattering
 from airswing.gap.search.stepwise import Found, Rules, with_background
-from airswing.gap.search.tail_swaps import Swap, exchange, find_swap
+from airswing.gap.search.tail_swaps import Swap, beside, exchange, find_swap
 from airswing.gap.search.testability import absorbed, too_short
 from airswing.gap.sums.elimination import eliminate_days
 from airswing.gap.sums.problem import Problem
@@ -227,7 +228,8 @@ def _passes(archive: Archive, search: Search, *, swaps: bool) -> tuple[Pass, boo
 
 def _swap(made: Pass, search: Search) -> Swap | None:
     base = made.problem.base
-    return find_swap(base, given_terms(base, []), search.effects)
+    others, needed = beside(made.standing.found.terms)
+    return find_swap(base, given_terms(base, others), search.effects, threshold=needed)
 
 
 def _exchanged(archive: Archive, swap: Swap, made: Pass) -> Archive:
@@ -265,11 +267,21 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
     untestable = {name: reason for name, reason in hidden.items() if name not in named}
     untestable |= too_short(base, search.effects)
     search.tell("where", 0.0)
-    moments = [m for m in second_moments(frame, problem.noise) if m.name in names]
+    moments = [
+        m
+        for m in second_moments(frame, problem.noise)
+        if m.name in names and m.probability >= search.rules.probability
+    ]
+    gross = problem.noise.gross
+    scatter = {m.name: reduction_of(frame, whole.residual, m, gross) for m in moments}
+    closure, whole = with_scatter(closure, scatter), with_scatter(whole, scatter)
     jittery = None
     if search.dictionary:
         explained = {tail for moment in moments for tail in moment.tails}
         jittery = scattering(frame, whole.residual, problem.noise, explained=explained)
+    if jittery is not None:
+        scatter["scatter"] = reduction_of_jitter(frame, whole.residual, jittery)
+        whole = with_scatter(whole, {"scatter": scatter["scatter"]})
     return Findings(
         found=found,
         closure=closure,
@@ -283,7 +295,9 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
         doubts=doubts,
         swap=None,
         moments=moments,
+        scatter=scatter,
         jittery=jittery,
+        doubtful=standing.doubtful,
     )
 
 

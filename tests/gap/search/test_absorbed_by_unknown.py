@@ -10,25 +10,38 @@ from airswing.gap.search.absorbed_by_unknown import folded
 
 
 def _term(name, tails, *, known=True, period=None):
-    candidate = Candidate(name, np.array([0]), "aircraft", np.ones(1), known)
+    heading = name.startswith("cross") or name in ("compass_offset", "hard_iron", "soft_iron")
+    candidate = Candidate(name, np.array([0]), "aircraft", np.ones(1), known, heading=heading)
     return Term(candidate, tails, period, None)
 
 
-def test_a_name_that_explains_half_is_the_mean_of_the_unknown():
+def test_a_name_that_explains_half_stands_in_for_the_unknown():
     terms = [_term("compass_offset", (1, 2)), _term("cross:hour", (1, 2, 3), known=False)]
     assert folded(terms, np.array([100.0, 100.0]), np.array([10.0, 10.0])) == {0: 1}
-    # 0.9 of the energy, or 0.5 with no certainty
-    assert folded(terms, np.array([900.0, 100.0]), np.array([10.0, 10.0])) == {}
+    # 0.95 of the energy, or 0.5 with no certainty
+    assert folded(terms, np.array([950.0, 50.0]), np.array([10.0, 10.0])) == {}
     assert folded(terms, np.array([100.0, 100.0]), np.array([90.0, 90.0])) == {}
+
+
+def test_names_and_curves_on_the_same_aircraft_are_judged_together():
+    """A heading error in one quadrant: an offset, one cycle and two beside what is left of it."""
+    names = [_term(name, (7, 8, 9)) for name in ("hard_iron", "soft_iron", "compass_offset")]
+    curves = [
+        _term(f"cross:{name}", (7, 8, 9), known=False)
+        for name in ("phase*heading", "airspeed", "magnetic_heading 3 cycles")
+    ]
+    energy = np.array([2747.0, 2185.0, 1466.0, 543.0, 545.0, 400.0])
+    error = np.array([160.0, 166.0, 120.0, 51.0, 62.0, 41.0])
+    assert folded(names + curves, energy, error) == {0: 4, 1: 4, 2: 4}
 
 
 def test_other_names_stand():
     energy, error = np.array([100.0, 100.0]), np.array([10.0, 10.0])
-    unknown = _term("cross:hour", (1, 2), known=False)
+    unknown = _term("cross:hour", (1, 2, 3), known=False)
     for name, tails, period in (
-        ("tas_scale", (1,), None), ("compass_offset", (1, 5), None),
-        ("compass_offset", (1,), (0, 4)), ("hard_iron", (1,), None),
+        ("tas_scale", (1, 2), None), ("compass_offset", (1, 5), None),
+        ("compass_offset", (1, 2), (0, 4)), ("hard_iron", (1,), None),
     ):  # fmt: skip
         assert folded([_term(name, tails, period=period), unknown], energy, error) == {}
-    cycle = _term("cross:hour*heading", (1, 2), known=False)
-    assert folded([_term("hard_iron", (1,)), cycle], energy, error) == {0: 1}
+    along = _term("along:altitude", (1, 2), known=False)
+    assert folded([_term("tas_scale", (1, 2)), along], energy, error) == {0: 1}

@@ -11,22 +11,21 @@ treated as a normal error of its size.
 Validity: errors of one report independent of every other's; coding of no more than the disagreement
 itself. Results in knots; intervals hold the doubt about share and size and that of the draws.
 
-Source: sheppard-like continuation of an added error, "simulation extrapolation": Cook & Stefanski
-(1994), J. Amer. Statist. Assoc. 89, 1314.
+Source: simulation extrapolation, Cook & Stefanski (1994), J. Amer. Statist. Assoc. 89, 1314.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.held_out.reduction import KNOT, Closure
 from airswing.gap.search.coding_and_outliers import MomentVerdict
 from airswing.gap.search.excess_scatter import Scattering
-from airswing.gap.held_out.reduction import KNOT
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -110,7 +109,7 @@ def reduction_of_jitter(
     struck = own > 0
 
     def error() -> Floats:
-        return own[struck, None] * rng.standard_normal((int(struck.sum()), 2))
+        return np.asarray(own[struck, None] * rng.standard_normal((int(struck.sum()), 2)))
 
     return _scaled(_backwards(residual[struck], error), struck)
 
@@ -180,16 +179,33 @@ def _scaled(longer: Floats, struck: Mask) -> Reduction:
     return Reduction(max(kt, 0.0), float(np.hypot(drawn, 2 * SHAPE_DOUBT * kt)))
 
 
-def together(parts: Sequence[Reduction]) -> Reduction:
-    """Reduction by several effects, independent of each other.
+def with_scatter(closure: Closure, parts: Mapping[str, Reduction]) -> Closure:
+    """Closure with what effects of scatter close beside the others.
 
     Parameters
     ----------
-    parts : sequence of Reduction
+    closure : Closure
+        Of effects that move means.
+    parts : mapping
+        Name -> reduction, independent of each other.
 
     Returns
     -------
-    Reduction
+    Closure
     """
-    kt = sum(part.kt for part in parts)
-    return Reduction(kt, float(np.sqrt(sum(part.error**2 for part in parts))))
+    for name, part in parts.items():
+        low, high = part.interval
+        after = closure.after - part.kt
+        step = (name, after, low, high)
+        out = replace(
+            closure, after=after, sequence=(*closure.sequence, step),
+            alone=(*closure.alone, closure.before - part.kt),
+        )  # fmt: skip
+        if closure.reduction_ci is not None:
+            stated = closure.before - closure.after
+            below, above = stated - closure.reduction_ci[0], closure.reduction_ci[1] - stated
+            whole, wide = stated + part.kt, LIMIT * part.error
+            low = float(whole - np.hypot(below, wide))
+            out = out.with_interval(low, float(whole + np.hypot(above, wide)))
+        closure = out
+    return closure

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.closure.of_scatter import Reduction
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.localisation import Slice
 from airswing.gap.evidence.term_covariance import term_offsets
@@ -25,10 +26,12 @@ from airswing.gap.result.describe import (
     ambiguity,
     day_text,
     describe_term,
+    period_of,
     probability,
     unknown_place,
 )
 from airswing.gap.search.coding_and_outliers import MomentVerdict
+from airswing.gap.search.cross_validated import Doubtful
 from airswing.gap.search.excess_scatter import Scattering
 from airswing.gap.search.stepwise import Found
 from airswing.gap.search.tail_swaps import Swap
@@ -61,7 +64,11 @@ class Findings:
         Reliabilities of the gradient effects, and their relative standard errors.
     swap : Swap or None
     moments : sequence of MomentVerdict
+    scatter : mapping
+        Name of each effect of scatter -> what it closes.
     jittery : Scattering or None
+    doubtful : sequence of Doubtful
+        Names that days left out did not confirm.
     """
 
     found: Found
@@ -76,7 +83,9 @@ class Findings:
     doubts: Mapping[str, float]
     swap: Swap | None
     moments: Sequence[MomentVerdict]
+    scatter: Mapping[str, Reduction]
     jittery: Scattering | None
+    doubtful: Sequence[Doubtful]
 
 
 def assemble(problem: Problem, findings: Findings) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -114,6 +123,7 @@ def assemble(problem: Problem, findings: Findings) -> tuple[dict[str, Any], dict
     }  # fmt: skip
     stats = problem.base.stats
     details = {
+        "unconfirmed": [doubtful_entry(d, problem) for d in findings.doubtful],
         "waterfall": _waterfall(closure, whole), "alone_kt": list(closure.alone),
         "evidence": evidence_table(findings.found), "noise": _noise_entry(problem),
         "untestable": dict(findings.untestable),
@@ -175,9 +185,13 @@ def _entries(
     total = sum(max(e["held_out_energy"], 0) for e in entries) or 1.0
     for entry in entries:
         entry["share_of_energy"] = max(entry["held_out_energy"], 0) / total
-    entries += [moment_entry(m) for m in findings.moments]
+    whole = findings.closure.before - findings.closure.after
+    for moment in findings.moments:
+        reduction = findings.scatter[moment.name]
+        share = float(np.clip(reduction.kt / whole, 0, 1)) if whole > 1e-6 else 0.0
+        entries.append(moment_entry(moment, reduction) | {"share_of_gap": share})
     if findings.jittery is not None:
-        unknown.append(scatter_place(findings.jittery))
+        unknown.append(scatter_place(findings.jittery, findings.scatter["scatter"]))
     if findings.swap is not None:
         entries.append(swap_entry(findings.swap, problem.base))
     entries.sort(key=lambda e: -e["held_out_energy"])
@@ -192,15 +206,33 @@ def _unnamed(problem: Problem, found: Found, k: int, offset: int) -> dict[str, A
     return unknown_place(term, found.given, offset, stats, group.labels, found.rivals[k])
 
 
-def moment_entry(verdict: MomentVerdict) -> dict[str, Any]:
-    """Entry of ``effects`` for a second-moment effect: it moves no mean and closes nothing."""
+def doubtful_entry(doubtful: Doubtful, problem: Problem) -> dict[str, Any]:
+    """Entry of ``unconfirmed``: a name the search came to that is not counted as found."""
+    term, stats = doubtful.term, problem.base.stats
+    return {
+        "name": term.candidate.name, "tails": [stats.tails[a] for a in term.tails],
+        "period": period_of(term, stats), "probability": doubtful.probability,
+        "evidence_nats": round(term.score.tempered, 2), "reason": doubtful.reason,
+    }  # fmt: skip
+
+
+def _closes(reduction: Reduction) -> dict[str, Any]:
+    """What an effect of scatter closes, kt."""
+    return {"reduction": reduction.kt, "reduction_ci": list(reduction.interval)}
+
+
+def moment_entry(verdict: MomentVerdict, reduction: Reduction) -> dict[str, Any]:
+    """Entry of ``effects`` for a second-moment effect: it moves no mean."""
     return _plain_entry(
         verdict.name, verdict.tails, verdict.parameters, verdict.standard_errors, verdict.period,
         evidence=verdict.evidence, energy=0.0, scope="aircraft",
-    ) | {"per_tail": {t: {"parameters": p} for t, p in verdict.per_tail.items()}}  # fmt: skip
+    ) | {
+        "per_tail": {t: {"parameters": p} for t, p in verdict.per_tail.items()},
+        "closure": _closes(reduction),
+    }  # fmt: skip
 
 
-def scatter_place(found: Scattering) -> dict[str, Any]:
+def scatter_place(found: Scattering, reduction: Reduction) -> dict[str, Any]:
     """Place of an unknown effect that shows in the scatter of single reports: it moves no mean."""
     return {
         "equally_good": [], "component": "scatter", "variable": "scatter",
@@ -209,6 +241,7 @@ def scatter_place(found: Scattering) -> dict[str, Any]:
         "size_m_s": float(np.median(found.excess)),
         "curve": {"labels": list(found.tails), "m_s": list(found.excess)},
         "held_out_energy": 0.0, "held_out_energy_standard_error": 0.0,
+        "closure": _closes(reduction),
     }  # fmt: skip
 
 

@@ -10,8 +10,7 @@ all, states the probability; changes in time have a constant of their own.
 Validity: archives like those; a claim that could not be tested on days left out has no probability
 and is not stated.
 
-Source: Platt (1999), Advances in Large Margin Classifiers, 61-74 (probabilities from scores). The
-numbers are those that ``python -m benchmarks.gap_claims fit`` printed.
+Source: Platt (1999), Advances in Large Margin Classifiers, 61-74 (probabilities from scores).
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from airswing.gap.search.confirmation import Confirmation
 Floats = NDArray[np.float64]
 
 #: Constant, and weights of :func:`features`.
-CONSTANT = -3.5
+CONSTANT = -3.0
 WEIGHTS = (1.2, 1.0, -0.8, -0.2, -1.5)
 #: Probability from which a name is stated.
 STATED = 0.9

@@ -60,6 +60,11 @@ class MomentVerdict:
     period: list[str | None] | None
     evidence: float
 
+    @property
+    def probability(self) -> float:
+        """Probability that it is at work: prior odds of one in fifty against its evidence."""
+        return float(1 / (1 + 50 * np.exp(-np.clip(self.evidence, -50.0, 50.0))))
+
 
 def against_chance(count: int, share: float, chance: float) -> float:
     """Log likelihood ratio of a share of ``count`` draws against the share that chance gives, nats.

@@ -1,10 +1,10 @@
 """Every claim held against days it was not fitted on.
 
 Assumptions: what is at work is at work on every day it is in force. Terms that last are fitted on
-some weeks and judged on the others. A term in force for a part of the archive may lie within one
-week: it is fitted on five days of six, its dates found again on those days alone, and judged on the
-sixth; in a short period on every day in turn. What has fewer than :data:`LEAST_PARTS` parts to be
-judged on cannot be tested, and is no finding.
+some weeks and judged on the others, in an archive of few weeks on blocks of days. A term in force
+for a part of the archive may lie within one week: it is fitted on five days of six, its dates found
+again on those days alone, and judged on the sixth; in a short period on every day in turn. What has
+fewer than :data:`LEAST_PARTS` parts to be judged on cannot be tested, and is no finding.
 
 What is asked of the days left out is which multiple of the predicted error is there: one where the
 term is right, none where it is nothing, whatever was fitted. Its standard error is that of the
@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 
 from airswing.gap.evidence.changepoint import evaluate_step
+from airswing.gap.evidence.terms import Term, fit_terms, given_terms, term_weights
 from airswing.gap.held_out.reduction import (
     folds_of_days,
     held_out_products,
@@ -38,7 +39,6 @@ from airswing.gap.held_out.reduction import (
     term_coefficients,
 )
 from airswing.gap.sums.elimination import Base, eliminate_days
-from airswing.gap.evidence.terms import Term, fit_terms, given_terms, term_weights
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -46,8 +46,10 @@ Mask = NDArray[np.bool_]
 
 #: Parts on which a term must act to be tested.
 LEAST_PARTS = 3
-#: Parts that the days of a period are dealt to.
+#: Parts that the days of a period, or of an archive of few weeks, are dealt to.
 PARTS = 6
+#: Weeks under which lasting terms are judged on blocks of days.
+FEW_WEEKS = 5
 
 
 @dataclass(frozen=True)
@@ -101,17 +103,35 @@ def confirm(base: Base, terms: Sequence[Term]) -> Confirmation:
     """
     weeks = folds_of_days(base.stats)
     out = _judged(base, terms, weeks, held_out_products(base, terms, weeks))
-    dated = [k for k, term in enumerate(terms) if term.period is not None]
-    if not dated:
-        return out
-    days = np.arange(base.stats.days.size) % PARTS
     left, core = _without_curves(base, terms)
-    again = _judged(left, core, days, _dated_products(left, core, days))
-    place = {id(term): k for k, term in enumerate(core)}
-    for k in dated:
-        for name in ("energy", "error", "multiple", "doubt", "parts"):
-            getattr(out, name)[k] = getattr(again, name)[place[id(terms[k])]]
+    count = base.stats.days.size
+    if int(weeks.max()) + 1 < FEW_WEEKS:
+        days = np.arange(count) * min(PARTS, count) // count
+        _take_over(out, terms, core, _judged(left, core, days, held_out_products(left, core, days)))
+    dated = [term for term in core if term.period is not None]
+    if dated:
+        days = np.arange(count) % PARTS
+        _take_over(out, terms, core, _judged(left, core, days, _dated_products(left, core, days)),
+                   only=dated)  # fmt: skip
     return out
+
+
+def _take_over(
+    out: Confirmation,
+    terms: Sequence[Term],
+    core: Sequence[Term],
+    again: Confirmation,
+    *,
+    only: Sequence[Term] | None = None,
+) -> None:
+    """Put what some of the terms came to when judged on other parts in its place."""
+    wanted = {id(term) for term in (core if only is None else only)}
+    for place, term in enumerate(core):
+        if id(term) not in wanted:
+            continue
+        k = next(i for i, other in enumerate(terms) if other is term)
+        for name in ("energy", "error", "multiple", "doubt", "parts"):
+            getattr(out, name)[k] = getattr(again, name)[place]
 
 
 def _judged(
@@ -119,9 +139,9 @@ def _judged(
 ) -> Confirmation:
     """Sums and multiples over the parts on which each term acts."""
     count = len(terms)
-    out = Confirmation(
-        *np.zeros((3, count)), np.full(count, np.inf), np.zeros(count, np.int64)
-    )
+    energy, error, multiple = np.zeros((3, count))
+    doubt, parts = np.full(count, np.inf), np.zeros(count, np.int64)
+    out = Confirmation(energy, error, multiple, doubt, parts)
     for k, term in enumerate(terms):
         acting = [f for f in range(products[0].shape[0]) if _acts(base, term, fold == f)]
         product, square = (own[acting, k] for own in products)
@@ -154,8 +174,8 @@ def _without_curves(base: Base, terms: Sequence[Term]) -> tuple[Base, list[Term]
     if not any(curves):
         return base, core
     week = stats.week_of_day
-    reports = np.zeros((len(stats.tails), stats.weeks.size))
-    np.add.at(reports, (slice(None), week), stats.day_count)
+    count = stats.weeks.size
+    reports = np.stack([np.bincount(week, own, minlength=count) for own in stats.day_count])
     share = stats.day_count / np.maximum(reports[:, week], 1e-9)
     score = stats.day_score.copy()
     fitted = term_coefficients(fit_terms(base, terms), terms)
@@ -171,9 +191,7 @@ def _without_curves(base: Base, terms: Sequence[Term]) -> tuple[Base, list[Term]
     return eliminate_days(replace(stats, day_score=score), base.variances), core
 
 
-def _dated_products(
-    base: Base, terms: Sequence[Term], fold: Integers
-) -> tuple[Floats, Floats]:
+def _dated_products(base: Base, terms: Sequence[Term], fold: Integers) -> tuple[Floats, Floats]:
     """Held-out products (folds, terms), the dates of terms found again without each fold."""
     number = int(fold.max()) + 1
     out = np.zeros((2, number, len(terms)))

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import held_out_energy
+from airswing.gap.search.absorbed_by_unknown import folded
 from airswing.gap.search.belief import probabilities
 from airswing.gap.search.confirmation import LEAST_PARTS, confirm
 from airswing.gap.search.nested_forms import widened
@@ -110,9 +111,10 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
     while True:
         tests = confirm(base, terms)
         chance = probabilities(terms, tests)
+        shapes = folded(terms, tests.energy, tests.error)  # told with the unknown, not as names
         short = [
             k for k, term in enumerate(terms)
-            if term.candidate.known and chance[k] < rules.probability
+            if term.candidate.known and k not in shapes and chance[k] < rules.probability
         ]  # fmt: skip
         if not short:
             break

@@ -27,6 +27,7 @@ from airswing.gap.evidence.between_aircraft_variance import told
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.of_candidate import background_likelihood
 from airswing.gap.evidence.terms import Term, given_terms
+from airswing.gap.search.belief import STATED
 from airswing.gap.search.candidate_ranking import (
     LEAST_NOVELTY,
     best_for,
@@ -34,7 +35,6 @@ from airswing.gap.search.candidate_ranking import (
     rank,
     ranked_by,
 )
-from airswing.gap.search.belief import STATED
 from airswing.gap.search.fewest import fewest
 from airswing.gap.sums.elimination import Base, Conditional
 

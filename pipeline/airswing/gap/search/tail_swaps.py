@@ -14,7 +14,7 @@ Source: docs/gap.md sections 4 and 6.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.evidence.changepoint import own_day_grams, residual_scores
 from airswing.gap.evidence.gaussian import gaussian_evidence
+from airswing.gap.evidence.terms import Term
 from airswing.gap.sums.cluster_inflation import aircraft_factor
 from airswing.gap.sums.elimination import Base, Conditional
 
@@ -30,6 +31,9 @@ Floats = NDArray[np.float64]
 
 #: Effects whose coefficients mark an airframe.
 MARKS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale")
+#: Smallest evidence of an exchange, nats, and the share of the strongest nameless term's by which
+#: it rises: unexplained structure makes exchanges of aircraft that share it unequally.
+NEEDED, NEEDED_SHARE = 6.0, 0.05
 #: Prior probability of a change in one aircraft.
 CHANGE = 0.1
 
@@ -56,12 +60,37 @@ class Swap:
     gain: float
 
 
+def beside(terms: Sequence[Term]) -> tuple[list[Term], float]:
+    """Terms an exchange is looked for beside, and the evidence it then needs.
+
+    What marks an airframe, and what changes in time, is what an exchange shows in; all else that
+    was found is taken off first.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+
+    Returns
+    -------
+    terms : list of Term
+    threshold : float
+        nats.
+    """
+    kept = [
+        term for term in terms
+        if term.period is None and ":date" not in term.candidate.name
+        and term.candidate.kind != "drift" and term.candidate.name not in MARKS
+    ]  # fmt: skip
+    nameless = [term.score.tempered for term in terms if not term.candidate.known]
+    return kept, NEEDED + NEEDED_SHARE * max(nameless, default=0.0)
+
+
 def find_swap(
     base: Base,
     given: Conditional,
     effects: Mapping[str, Any],
     *,
-    threshold: float = 6.0,
+    threshold: float = NEEDED,
     shortest: int = 3,
 ) -> Swap | None:
     """Look for one pair that exchanged identifiers.
@@ -70,7 +99,7 @@ def find_swap(
     ----------
     base : Base
     given : Conditional
-        Given the climatology alone.
+        Given the climatology and what :func:`beside` says.
     effects : mapping
     threshold : float
         Smallest evidence, nats.

@@ -1,0 +1,132 @@
+"""Claims are held against days they were not fitted on; effects are as few as explain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm, t
+from tests.gap.toy import make_frame
+
+from airswing.gap.design.candidates import candidates
+from airswing.gap.diagnose import Search, _run
+from airswing.gap.effects import CATALOGUE
+from airswing.gap.search.belief import features, probabilities
+from airswing.gap.search.confirmation import Confirmation, confirm
+from airswing.gap.search.cross_validated import _believed
+from airswing.gap.search.fewest import fewest, worth
+from airswing.gap.search.stepwise import Rules, found_of
+from airswing.gap.search.tail_swaps import NEEDED, beside
+from airswing.gap.sums.whole_archive import held_archive
+
+SMALL = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "tas_scale")}
+
+
+@pytest.fixture(scope="module")
+def late():
+    """An archive whose third aircraft is 1.5 degrees off on its last five days: base, pool, term"""
+
+    def swung(context):
+        here = (context["aircraft"] == 2) & (context["time"] > 15 * 86400)
+        return np.where(here, np.radians(1.5), 0.0)
+
+    frame = make_frame(seed=4, aircraft=6, days=20, noise=0.3, heading_error=swung)
+    search = Search(SMALL, Rules(), False, 0, lambda *_: None)
+    made = _run(held_archive(frame), search)
+    base = made.problem.base
+    pool = candidates(base.stats.layout, SMALL, dictionary=False)
+    (term,) = made.standing.found.terms
+    return base, pool, term
+
+
+def test_deviations_are_those_of_student():
+    tests = Confirmation(*np.zeros((2, 3)), np.array([3.0, -1.0, 5.0]), np.ones(3),
+                         np.array([5, 7, 2]))  # fmt: skip
+    expected = [norm.isf(t.sf(3.0, 4)), norm.isf(t.sf(-1.0, 6)), 0.0]
+    np.testing.assert_allclose(tests.deviations, expected, rtol=1e-6)
+    assert tests.tested.tolist() == [True, True, False]
+
+
+def test_a_change_in_the_last_week_is_confirmed_on_days_left_out(late):
+    base, _, term = late
+    assert (term.candidate.name, term.tails) == ("compass_step", (2,))
+    assert term.period == (15, base.stats.days.size)
+    tests = confirm(base, [term])
+    assert tests.parts[0] >= 3
+    assert tests.multiple[0] == pytest.approx(1.0, abs=0.15)
+    assert tests.deviations[0] > 2.5
+    assert probabilities([term], tests)[0] > 0.95
+
+
+def test_a_change_that_is_none_is_not_confirmed(late):
+    base, _, term = late
+    for tail, period in ((0, (3, 8)), (4, (10, 14))):
+        wrong = replace(term, tails=(tail,), period=period)
+        tests = confirm(base, [term, wrong])
+        assert tests.deviations[1] < 2.0 < tests.deviations[0]
+        assert probabilities([term, wrong], tests)[1] < 0.9
+
+
+def test_what_is_in_force_on_two_days_cannot_be_tested_and_is_not_found(late):
+    base, pool, term = late
+    short = replace(term, tails=(1,), period=(6, 8))
+    tests = confirm(base, [term, short])
+    assert tests.tested.tolist() == [True, False]
+    standing = _believed(base, pool, found_of(base, pool, [term, short]), Rules())
+    assert [x.tails for x in standing.found.terms] == [(2,)]
+    (doubtful,) = standing.doubtful
+    assert doubtful.term.tails == (1,) and doubtful.probability == 0.0
+    assert "too few days" in doubtful.reason
+
+
+def test_two_changes_a_day_apart_are_one_and_what_is_none_goes(late):
+    base, pool, term = late
+    other = replace(term, tails=(5,), period=(14, base.stats.days.size))
+    nothing = replace(term, tails=(0,), period=(2, 9))
+    assert [(x.tails, x.period) for x in fewest(base, pool, [term, other, nothing])] == [
+        ((2,), (15, base.stats.days.size))
+    ]
+
+
+def test_changes_of_two_aircraft_join_on_one_date():
+    def swung(context):
+        here = np.isin(context["aircraft"], (1, 3)) & (context["time"] > 9 * 86400)
+        return np.where(here, np.radians(1.2), 0.0)
+
+    frame = make_frame(seed=8, aircraft=6, days=20, noise=0.3, heading_error=swung)
+    search = Search(SMALL, Rules(), False, 0, lambda *_: None)
+    made = _run(held_archive(frame), search)
+    base, (term,) = made.problem.base, made.standing.found.terms
+    pool = candidates(base.stats.layout, SMALL, dictionary=False)
+    end = base.stats.days.size
+    apart = [replace(term, tails=(1,), period=(9, end)), replace(term, tails=(3,), period=(8, end))]
+    (joined,) = fewest(base, pool, apart)
+    assert (joined.tails, joined.period) == ((1, 3), (9, end))
+    assert worth(base, [joined]) > worth(base, apart)
+
+
+def test_what_has_no_name_makes_a_claim_less_likely(late):
+    _, _, term = late
+    score = replace(term.score, tempered=20.0)
+    claim = replace(term, score=score)
+    unknown = replace(
+        term, period=None, candidate=replace(term.candidate, known=False),
+        score=replace(term.score, tempered=400.0),
+    )  # fmt: skip
+    tests = Confirmation(*np.ones((2, 2)), np.array([1.0, 1.0]), np.full(2, 0.3), np.full(2, 6))
+    one = Confirmation(*np.ones((2, 1)), np.ones(1), np.full(1, 0.3), np.full(1, 6))
+    alone, besides = probabilities([claim], one)[0], probabilities([claim, unknown], tests)[0]
+    assert besides < alone
+    np.testing.assert_allclose(features([claim, unknown], tests)[0, 2], np.log1p(20.0))
+
+
+def test_an_exchange_is_looked_for_beside_what_marks_no_airframe(late):
+    _, _, term = late
+    unknown = replace(
+        term, period=None, candidate=replace(term.candidate, known=False, name="cross:phase"),
+        score=replace(term.score, tempered=200.0),
+    )  # fmt: skip
+    kept, needed = beside([term, unknown])
+    assert kept == [unknown]
+    assert needed == pytest.approx(NEEDED + 10.0)
