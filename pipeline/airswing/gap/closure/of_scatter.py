@@ -23,9 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.held_out.reduction import KNOT, Closure
+from airswing.gap.held_out.reduction import Closure
 from airswing.gap.search.coding_and_outliers import MomentVerdict
 from airswing.gap.search.excess_scatter import Scattering
+from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
