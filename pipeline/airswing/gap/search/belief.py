@@ -30,6 +30,9 @@ CONSTANT = -3.0
 WEIGHTS = (1.2, 1.0, -0.8, -0.2, -1.5)
 #: Probability from which a name is stated.
 STATED = 0.9
+#: Deviations under which days left out do not confirm a claim, whatever its evidence; it is then no
+#: likelier than not.
+LEAST_DEVIATIONS = 2.0
 #: Deviations beyond which a claim does not become surer.
 MOST_DEVIATIONS = 6.0
 
@@ -80,4 +83,5 @@ def probabilities(terms: Sequence[Term], confirmation: Confirmation) -> Floats:
     """
     logit = CONSTANT + features(terms, confirmation) @ np.array(WEIGHTS)
     out = 1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0)))
+    out = np.where(confirmation.deviations < LEAST_DEVIATIONS, np.minimum(out, 0.5), out)
     return np.asarray(np.where(confirmation.tested, out, 0.0))
