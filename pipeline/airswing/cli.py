@@ -153,7 +153,7 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
-    _print(workflow.make_sensitivity(job), as_json=True, text="")
+    _print(workflow.make_sensitivity(job, intervals=True), as_json=True, text="")
 
 
 class _WithFormats(TyperCommand):

@@ -158,7 +158,9 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> dict[str, A
     return result
 
 
-def make_sensitivity(job: Job, headings: xr.Dataset | None = None) -> dict[str, Any]:
+def make_sensitivity(
+    job: Job, headings: xr.Dataset | None = None, *, intervals: bool = False
+) -> dict[str, Any]:
     """Every reference and pool fitted on the same reports: ``sensitivity.json``.
 
     Parameters
@@ -166,6 +168,9 @@ def make_sensitivity(job: Job, headings: xr.Dataset | None = None) -> dict[str, 
     job : Job
     headings : Dataset, optional
         Read from the output folder when not given.
+    intervals : bool, default False
+        Also say what hourly references would lose every three and six hours, which reads some of
+        their files again. With one reference this is all there is to say.
 
     Returns
     -------
@@ -174,13 +179,21 @@ def make_sensitivity(job: Job, headings: xr.Dataset | None = None) -> dict[str, 
     from airswing.evaluation.reference_comparison.sensitivity import compare
 
     config = job.config
+    found = ready(job, headings, HEADINGS)
+    costs = _interval_costs(job, found) if intervals else {}
+    if costs and len(config.references) == 1:
+        alone = {"time_interval": costs}
+        write_json(job.output / SENSITIVITY, alone)
+        return alone
     with job.progress.stage("compare") as stage:
         result = compare(
-            ready(job, headings, HEADINGS),
+            found,
             pools=config.pools(),
             never_pool=config.never_pool,
             **config.fit.model_dump(),
         )
+        if costs:
+            result["time_interval"] = costs
         write_json(job.output / SENSITIVITY, result)
         verdicts = (
             f"{' and '.join(pair['references'])}: "
@@ -189,3 +202,21 @@ def make_sensitivity(job: Job, headings: xr.Dataset | None = None) -> dict[str, 
         )
         stage.note = "; ".join(verdicts)
     return result
+
+
+def _interval_costs(job: Job, headings: xr.Dataset) -> dict[str, Any]:
+    """What hourly references would lose every three and six hours, and say so."""
+    from airswing.evaluation.reference_comparison.time_interval import interval_cost
+    from airswing.workflow.collocating import catalogues
+
+    models = catalogues(job, list(job.config.references))
+    with job.progress.stage("time interval") as stage:
+        costs = {name: interval_cost(headings, model) for name, model in models.items()}
+        found = {name: rows for name, rows in costs.items() if rows}
+        stage.note = "; ".join(
+            f"{name} every {row['interval_h']} h: {row['rms_vector_difference_m_s']:.2f} m/s, "
+            f"{row['rms_vector_difference_at_middle_m_s'] or float('nan'):.2f} at the middle"
+            for name, rows in found.items()
+            for row in rows
+        )
+    return found

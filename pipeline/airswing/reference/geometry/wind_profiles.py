@@ -17,8 +17,8 @@ import hashlib
 import os
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
@@ -133,6 +133,27 @@ class Catalogue:
         table = np.concatenate(tables)
         octets = int(np.unique(table[["file", "offset", "length"]])["length"].sum())
         return int(table.size), octets, int(table["sparse"].sum())
+
+    def at_times(self, numbers: NDArray[np.int64]) -> Self:
+        """The catalogue of some of its model times.
+
+        Parameters
+        ----------
+        numbers : int array, increasing
+
+        Returns
+        -------
+        Catalogue
+        """
+        rows = [np.arange(self.bounds[n], self.bounds[n + 1]) for n in numbers.tolist()]
+        chosen = np.concatenate([*rows, np.empty(0, dtype=np.int64)])
+        sizes = [0, *(one.size for one in rows)]
+        return replace(
+            self, valid=self.valid[numbers], leads=self.leads[numbers],
+            members=self.members[numbers], grid_numbers=self.grid_numbers[numbers],
+            level_kinds=self.level_kinds[numbers], bounds=np.cumsum(sizes).astype(np.int64),
+            u=self.u[chosen], v=self.v[chosen], pressure=self.pressure[chosen],
+        )  # fmt: skip
 
     def batches(self, numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """Model times that share what is read at once: of messages each by itself."""

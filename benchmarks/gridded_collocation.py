@@ -1,0 +1,231 @@
+"""What collocation of Datasets costs against `xarray.interp` and against reading all of them.
+
+    python -m benchmarks.gridded_collocation [--hours 2] [--json]
+
+Makes hours of the size of ERA5 (721 x 1440 points, 37 levels, u and v, compressed in chunks) as
+NetCDF and Zarr, and hours of a wrfout (300 x 300 points, 50 levels) in a temporary folder, and
+runs each way of getting winds at 2,000 reports an hour in a process of its own: processor time and
+peak memory beyond what the libraries take (Linux). The winds of both ways are compared.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+REPORTS = 2000
+START = np.datetime64("2022-11-11T00:00", "ns")
+LEVELS = np.array([1, 2, 3, 5, 7, 10, 20, 30, 50, 70, *range(100, 250, 25), *range(250, 750, 50),
+                   *range(750, 1001, 25)])  # fmt: skip
+CHUNK = (1, 10, 181, 360)
+WRF = (50, 300, 300)
+
+
+def some_reports(hours: int, box: tuple[float, float, float, float]) -> xr.Dataset:
+    """2,000 reports an hour over North America, from the ground to cruising altitude."""
+    rng = np.random.default_rng(7)
+    count = REPORTS * max(hours - 1, 1)
+    seconds = rng.uniform(0, (hours - 1) * 3600.0, count)
+    return xr.Dataset(
+        {
+            "time": ("report", START + (seconds * 1e9).astype("m8[ns]")),
+            "latitude": ("report", rng.uniform(*box[:2], count)),
+            "longitude": ("report", rng.uniform(*box[2:], count)),
+            "pressure": ("report", np.exp(rng.uniform(np.log(20000.0), np.log(98000.0), count))),
+        }
+    )
+
+
+def smooth(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    """A component with long waves and the noise of packing, so that it compresses as winds do."""
+    y, x = np.meshgrid(*(np.linspace(0, 2 * np.pi, n) for n in shape[-2:]), indexing="ij")
+    plane = 15 * np.sin(5 * x) * np.cos(3 * y) + 4 * np.sin(40 * x + 20 * y)
+    level = np.linspace(0.5, 2.0, shape[-3])[:, None, None]
+    noise = rng.normal(0, 0.3, shape[-2:])
+    return np.round(level * plane + noise, 2).astype("f4")
+
+
+def write_era5(folder: Path, hours: int) -> None:
+    """The same hours as NetCDF and as Zarr."""
+    rng = np.random.default_rng(1)
+    shape = (LEVELS.size, 721, 1440)
+    dims = ("valid_time", "pressure_level", "latitude", "longitude")
+    standard = {"u": "eastward_wind", "v": "northward_wind"}
+    ds = xr.Dataset(
+        {
+            n: (dims, np.stack([smooth(rng, shape)] * hours), {"units": "m s**-1",
+                                                              "standard_name": standard[n]})
+            for n in "uv"
+        },
+        coords={
+            "valid_time": ("valid_time", START + np.arange(hours) * np.timedelta64(1, "h"),
+                           {"standard_name": "time"}),
+            "pressure_level": ("pressure_level", LEVELS.astype(float), {"units": "hPa"}),
+            "latitude": ("latitude", np.linspace(90, -90, 721), {"units": "degrees_north"}),
+            "longitude": ("longitude", np.arange(1440) * 0.25, {"units": "degrees_east"}),
+        },
+    )  # fmt: skip
+    ds.to_netcdf(
+        folder / "era5.nc", encoding={n: {"zlib": True, "complevel": 1, "chunksizes": CHUNK}
+                                      for n in "uv"},
+    )  # fmt: skip
+    ds.chunk(dict(zip(dims, CHUNK, strict=True))).to_zarr(folder / "era5.zarr")
+
+
+def write_wrfout(folder: Path, hours: int) -> None:
+    """A wrfout on a Lambert grid of 9 km, as WRF writes it."""
+    from pyproj import Proj
+
+    rng = np.random.default_rng(2)
+    nk, nj, ni = WRF
+    proj = Proj("+proj=lcc +lat_1=38.5 +lat_2=38.5 +lat_0=38.5 +lon_0=-97.5 +R=6370000")
+    x, y = np.meshgrid((np.arange(ni) - ni / 2) * 9000.0, (np.arange(nj) - nj / 2) * 9000.0)
+    lon, lat = proj(x, y, inverse=True)
+    base = np.linspace(99000.0, 10000.0, nk)[:, None, None] * np.ones((1, nj, ni))
+    mass = ("Time", "bottom_top", "south_north", "west_east")
+    stag = {"U": ((*mass[:3], "west_east_stag"), (nk, nj, ni + 1)),
+            "V": ((*mass[:2], "south_north_stag", "west_east"), (nk, nj + 1, ni))}  # fmt: skip
+    times = START + np.arange(hours) * np.timedelta64(1, "h")
+    stamps = [str(t.astype("M8[s]")).replace("T", "_").encode() for t in times]
+    ds = xr.Dataset(
+        {n: (dims, np.stack([smooth(rng, shape)] * hours)) for n, (dims, shape) in stag.items()}
+        | {
+            "P": (mass, np.zeros((hours, nk, nj, ni), "f4")),
+            "PB": (mass, np.stack([base.astype("f4")] * hours)),
+            "XLAT": ((mass[0], *mass[2:]), np.stack([lat.astype("f4")] * hours)),
+            "XLONG": ((mass[0], *mass[2:]), np.stack([lon.astype("f4")] * hours)),
+            "Times": ("Time", np.array(stamps)),
+        },
+        attrs={"MAP_PROJ": 1, "TRUELAT1": 38.5, "TRUELAT2": 38.5, "STAND_LON": -97.5,
+               "DX": 9000.0, "DY": 9000.0, "START_DATE": stamps[0].decode()},
+    )  # fmt: skip
+    names = ("U", "V", "P", "PB")
+    ds.to_netcdf(folder / "wrfout.nc", encoding={
+        n: {"zlib": True, "complevel": 1, "chunksizes": (1, nk, *ds[n].shape[2:])} for n in names
+    })  # fmt: skip
+
+
+def by_airswing(path: str, reports: xr.Dataset) -> np.ndarray:
+    """From files never seen before to winds at the reports, one thread."""
+    import airswing
+
+    found = airswing.collocate(reports, {"m": airswing.build_catalogue(path, name="m")})
+    done = found.compute(scheduler="synchronous")
+    return np.stack(
+        [done.reference_eastward_wind.values[0], done.reference_northward_wind.values[0]]
+    )
+
+
+def by_interp(path: str, reports: xr.Dataset) -> np.ndarray:
+    """xarray's interp on the same Dataset, linear in ln p."""
+    ds = xr.open_zarr(path) if path.endswith(".zarr") else xr.open_dataset(path, chunks={})
+    ds = ds[["u", "v"]].assign_coords(pressure_level=np.log(ds.pressure_level * 100))
+    at = {
+        "valid_time": reports.time, "pressure_level": np.log(reports.pressure),
+        "latitude": reports.latitude, "longitude": np.mod(reports.longitude, 360),
+    }  # fmt: skip
+    done = ds.interp(at).compute(scheduler="synchronous")
+    return np.stack([done.u.values, done.v.values])
+
+
+def by_reading(path: str, reports: xr.Dataset) -> np.ndarray:
+    """All of U, V, P and PB of a wrfout read, and nothing else."""
+    with xr.open_dataset(path, decode_times=False) as ds:
+        for name in ("U", "V", "P", "PB"):
+            ds[name].values  # noqa: B018
+    return np.empty((2, 0))
+
+
+WAYS = {"airswing": by_airswing, "interp": by_interp, "reading": by_reading}
+
+
+def _measured(way: str, path: str, reports: xr.Dataset, channel: Any) -> None:
+    import dask.array  # noqa: F401
+    import metpy.xarray  # noqa: F401
+    import scipy.interpolate  # noqa: F401
+
+    import airswing.reference.collocate  # noqa: F401
+
+    before = peak_memory()
+    began = time.process_time()
+    found = WAYS[way](path, reports)
+    seconds = time.process_time() - began
+    channel.send((found, seconds, peak_memory() - before))
+
+
+def peak_memory() -> int:
+    """Peak resident memory of this process alone, bytes; `getrusage` counts its parent's, too."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("VmHWM"):
+            return int(line.split()[1]) * 1024
+    raise SystemExit("peak memory cannot be told on this system")
+
+
+def measured(way: str, path: Path, reports: xr.Dataset) -> tuple[np.ndarray, float, float]:
+    """Winds, seconds and bytes of one way, in a process of its own."""
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_measured, args=(way, str(path), reports, theirs))
+    process.start()
+    theirs.close()
+    found = ours.recv()
+    process.join()
+    return found  # type: ignore[no-any-return]
+
+
+def rows_of(folder: Path, hours: int) -> list[dict[str, Any]]:
+    """The table."""
+    rows = []
+    write_era5(folder, hours)
+    reports = some_reports(hours, (26.0, 48.0, -120.0, -70.0))
+    for kind in ("nc", "zarr"):
+        mine, seconds, octets = measured("airswing", folder / f"era5.{kind}", reports)
+        theirs, theirs_seconds, theirs_octets = measured("interp", folder / f"era5.{kind}", reports)
+        if not np.nanmax(np.abs(mine - theirs)) < 1e-3:
+            raise SystemExit(f"winds differ by {np.nanmax(np.abs(mine - theirs))} m/s")
+        label = f"ERA5 {hours} hours, {'NetCDF' if kind == 'nc' else 'Zarr'}: "
+        rows += [
+            row(label + "interp / airswing", theirs_seconds / seconds, ">= 5", seconds),
+            row(label + "memory, airswing / interp", octets / theirs_octets, "<= 0.1", seconds),
+        ]
+    write_wrfout(folder, hours)
+    wrf = some_reports(hours, (30.0, 46.0, -108.0, -88.0))
+    _, seconds, octets = measured("airswing", folder / "wrfout.nc", wrf)
+    _, plain, plain_octets = measured("reading", folder / "wrfout.nc", wrf)
+    label = f"wrfout {hours} hours: airswing / reading all, "
+    rows.append(row(label + "time", seconds / plain, "", seconds))
+    rows.append(row(label + "memory", octets / plain_octets, "", seconds))
+    return rows
+
+
+def row(what: str, value: float, bar: str, seconds: float) -> dict[str, Any]:
+    """One line of the table."""
+    return {"what": what, "value": round(float(value), 3), "bar": bar, "seconds": round(seconds, 3)}
+
+
+def main() -> None:
+    """Run everything and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--hours", type=int, default=2)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        rows = rows_of(Path(name), options.hours)
+    if options.json:
+        json.dump(rows, sys.stdout, indent=1)
+        return
+    for line in rows:
+        print(f"{line['what']:50} {line['value']:9.3f}  {line['bar']:8} {line['seconds']:8.3f}")
+
+
+if __name__ == "__main__":
+    main()

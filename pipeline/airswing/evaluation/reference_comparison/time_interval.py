@@ -1,0 +1,102 @@
+"""What model winds every three or six hours cost, from hourly ones: the middle hours held out.
+
+Assumes winds that are linear in time between hours an hour apart. Of a long archive some whole
+days, evenly spread, are taken: the cost is a property of the weather and the model, not of the
+reports. At the middle of an interval it is largest; over all reports it is what a run would get.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.reference.collocate import collocate
+from airswing.reference.geometry.wind_profiles import Catalogue
+
+INTERVALS_H = (3, 6)
+DAYS = 10
+REPORTS = 20_000
+"""Taken of those days at most."""
+_HOUR = 3_600_000_000_000  # ns
+_MIDDLE = _HOUR // 2
+"""Reports so near the middle of an interval count as at it."""
+
+
+def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[dict[str, Any]]:
+    """Compare winds interpolated over three and six hours with hourly ones.
+
+    Parameters
+    ----------
+    reports : Dataset
+        With `time`, `latitude`, `longitude` (degrees) and `pressure` (Pa) by ``report``.
+    catalogue : Catalogue
+        Of the hourly reference.
+
+    Returns
+    -------
+    list of dict
+        For each interval ``interval_h``, ``reports``, ``rms_vector_difference_m_s`` over all of
+        them, ``reports_at_middle`` and ``rms_vector_difference_at_middle_m_s``; empty where the
+        reference is not hourly.
+    """
+    if not _hourly(catalogue):
+        return []
+    chosen = _some(reports, catalogue)
+    if not chosen.sizes["report"]:
+        return []
+    thinned = {f"{hours}": _thinned(catalogue, hours) for hours in INTERVALS_H}
+    kept = {name: one for name, one in thinned.items() if len(one) > 1}
+    gap = max(INTERVALS_H) * 3600.0
+    winds = collocate(chosen, {"whole": catalogue, **kept}, max_time_gap=gap).compute()
+    u, v = (winds[f"reference_{way}ward_wind"].values for way in ("east", "north"))
+    time = chosen["time"].values.astype("M8[ns]").astype(np.int64)
+    rows = []
+    for number, name in enumerate(kept, start=1):
+        length = np.hypot(u[number] - u[0], v[number] - v[0])
+        step = int(name) * _HOUR
+        middle = np.abs(np.mod(time, step) - step // 2) <= _MIDDLE
+        known = np.isfinite(length)
+        rows.append(
+            {
+                "interval_h": int(name),
+                "reports": int(known.sum()),
+                "rms_vector_difference_m_s": _rms(length[known]),
+                "reports_at_middle": int((known & middle).sum()),
+                "rms_vector_difference_at_middle_m_s": _rms(length[known & middle]),
+            }
+        )
+    return [row for row in rows if row["reports"]]
+
+
+def _rms(values: NDArray[np.float64]) -> float | None:
+    return round(float(np.sqrt(np.mean(values**2))), 4) if values.size else None
+
+
+def _hourly(catalogue: Catalogue) -> bool:
+    """Whether most of a reference's times are an hour or less apart."""
+    steps = np.diff(catalogue.valid)
+    return bool(steps.size > 3 and np.median(steps) <= _HOUR)
+
+
+def _thinned(catalogue: Catalogue, hours: int) -> Catalogue:
+    """The times at whole multiples of an interval since midnight UTC."""
+    return catalogue.at_times(np.flatnonzero(catalogue.valid % (hours * _HOUR) == 0))
+
+
+def _some(reports: xr.Dataset, catalogue: Catalogue) -> xr.Dataset:
+    """Reports of some days within the reference's time, evenly spread over it."""
+    time = reports["time"].values.astype("M8[ns]")
+    stamp = time.astype(np.int64)
+    inside = (stamp >= catalogue.valid[0]) & (stamp <= catalogue.valid[-1]) & ~np.isnat(time)
+    day = time.astype("M8[D]").astype(np.int64)
+    days = np.unique(day[inside])
+    if days.size > DAYS:
+        days = days[np.linspace(0, days.size - 1, DAYS).astype(int)]
+    rows = np.flatnonzero(inside & np.isin(day, days))
+    if rows.size > REPORTS:
+        rows = rows[np.linspace(0, rows.size - 1, REPORTS).astype(int)]
+    names = ["time", "latitude", "longitude", "pressure"]
+    return xr.Dataset({name: ("report", reports[name].values[rows]) for name in names})

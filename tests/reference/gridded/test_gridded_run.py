@@ -1,0 +1,108 @@
+"""The command line on model winds in NetCDF: inspected, planned, collocated, and refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from airswing import cli, workflow
+from airswing.config import load_config
+from airswing.products.netcdf import read_product
+from airswing.workflow.progress import Progress
+from tests.reference.gridded.datasets import LEVELS, START, by_hand, latlon, projected
+
+LAT, LON = np.arange(30.0, 50.1, 2.5), np.arange(-110.0, -79.9, 2.5)
+
+
+@pytest.fixture
+def archive(tmp_path: Path) -> Path:
+    """An aircraft flying east in cruise for an hour and a half, and three hours of winds."""
+    ds = latlon(latitude=LAT, longitude=LON, hours=3)
+    for hour in range(3):
+        ds.isel(time=[hour]).to_netcdf(tmp_path / f"era5_{hour}.nc")
+    minutes = np.arange(0.0, 90.0, 3.0)
+    pd.DataFrame(
+        {
+            "tail": "N1",
+            "time": pd.Timestamp(START) + pd.to_timedelta(minutes, unit="min"),
+            "latitude": 40.0 + 0.01 * minutes,
+            "longitude": -100.0 + 0.12 * minutes,
+            "pressure_hPa": 400.0,
+            "wind_direction_deg": 270.0,
+            "wind_speed_kt": 30.0,
+            "temperature_degC": -20.0,
+        }
+    ).to_csv(tmp_path / "reports.csv", index=False)
+    config = {
+        "reports": {"files": str(tmp_path / "reports.csv")},
+        "references": {"era5": {"files": str(tmp_path / "era5_*.nc")}},
+        "output": str(tmp_path / "results"),
+    }
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(config))
+    return tmp_path
+
+
+def test_winds_of_the_run_are_those_of_the_files(archive: Path) -> None:
+    job = workflow.Job(load_config(archive / "mine.yaml"), Progress(quiet=True))
+    headings = workflow.make_headings(job)
+    time = (headings.time.values - START) / np.timedelta64(1, "h")
+    ds = latlon(latitude=LAT, longitude=LON, hours=3)
+    fi = (headings.longitude.values - LON[0]) / 2.5
+    fj = (headings.latitude.values - LAT[0]) / 2.5
+    p = headings.pressure.values.astype(float)
+    hours = [by_hand(ds.u.values[n], ds.v.values[n], LEVELS * 100, fi, fj, p)[0] for n in range(3)]
+    now = np.minimum(time.astype(int), 1)
+    both = np.array(hours)
+    n = np.arange(time.size)
+    expected = (1 - (time - now)) * both[now, n] + (time - now) * both[now + 1, n]
+    found = headings.reference_eastward_wind.values[0]
+    np.testing.assert_allclose(found, expected, atol=5e-3)  # winds are stored to a few millimetres
+    stored = read_product(archive / "results" / "headings.nc")
+    assert "era5" in stored.reference.values
+
+
+def test_inspect_and_plan(archive: Path) -> None:
+    runner = CliRunner()
+    shown = runner.invoke(cli.app, ["inspect", str(archive / "era5_0.nc")])
+    assert shown.exit_code == 0 and "6 pressure levels, 200 to 1000 hPa" in shown.output
+    planned = runner.invoke(cli.app, ["run", str(archive / "mine.yaml"), "--plan", "--quiet"])
+    assert planned.exit_code == 0, planned.output
+    assert not (archive / "results" / "headings.nc").exists()
+
+
+def test_a_zarr_store_is_inspected_and_told_apart_when_it_changes(tmp_path: Path) -> None:
+    from airswing.products.fingerprint import file_identities
+
+    ds = latlon(latitude=LAT, longitude=LON)
+    ds.to_zarr(tmp_path / "a.zarr")
+    shown = CliRunner().invoke(cli.app, ["inspect", str(tmp_path / "a.zarr")])
+    assert shown.exit_code == 0 and "engine: zarr" in shown.output
+    before = file_identities([str(tmp_path / "a.zarr")])
+    (ds + 1).to_zarr(tmp_path / "a.zarr", mode="w")
+    assert len(before) == 1 and file_identities([str(tmp_path / "a.zarr")]) != before
+
+
+def test_bad_winds_end_in_one_message(archive: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ds = projected("lambert").drop_vars("crs")
+    for path in archive.glob("era5_*.nc"):
+        path.unlink()
+    ds.to_netcdf(archive / "era5_0.nc")
+    with pytest.raises(SystemExit) as ended:
+        _main(["run", str(archive / "mine.yaml"), "--quiet"])
+    told = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert "projection that is not said" in told and "era5_0.nc" in told and "Traceback" not in told
+    assert not (archive / "results" / "headings.nc").exists()
+
+
+def _main(arguments: list[str]) -> None:
+    import sys
+    from unittest import mock
+
+    with mock.patch.object(sys, "argv", ["airswing", *arguments]):
+        cli.main()
