@@ -10,13 +10,34 @@ commands.
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 # pyproj must come first: some eccodes builds bundle a libproj that crashes the interpreter
 # when it is loaded before pyproj's. tests/test_import_order.py holds both orders.
 import pyproj  # noqa: F401
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first use
+    from airswing.compass.correction import correct as correct
+    from airswing.compass.fit.deviation import fit_deviation as fit_deviation
+    from airswing.compass.headings import derive_headings as derive_headings
+    from airswing.compass.screening import audit as audit
+    from airswing.compass.screening import screen as screen
+    from airswing.compass.table import add_tables as add_tables
+    from airswing.config import load_config as load_config
+    from airswing.evaluation.error_profiles import error_profiles as error_profiles
+    from airswing.evaluation.field_test import field_test as field_test
+    from airswing.evaluation.reference_comparison.sensitivity import compare as compare
+    from airswing.gap.archive.frame import Frame as Frame
+    from airswing.gap.diagnose import diagnose as diagnose
+    from airswing.gap.simulation.report_table import simulate_reports as simulate_reports
+    from airswing.handover.export import export as export
+    from airswing.products.netcdf import read_product as read_product
+    from airswing.products.netcdf import write_product as write_product
+    from airswing.reference.catalogues import build_catalogue as build_catalogue
+    from airswing.reference.collocate import collocate as collocate
+    from airswing.reports.read import read_reports as read_reports
 
 _STAGES = {
     "read_reports": "airswing.reports.read",

@@ -82,6 +82,34 @@ class Diagnosis:
     details: dict[str, Any]
     adjustment: Adjustment
 
+    def __repr__(self) -> str:
+        """Say in a few lines what is at work and how far it closes."""
+        closure = self.report["closure"]
+        places = self.report["unknown"]["where"]
+        unnamed = [" x ".join(place["variables"]) for place in places]
+        return "\n".join(
+            [
+                f"Diagnosis: {closure['before']:.2f} kt before, {closure['after']:.2f} kt after",
+                *(f"  {_line(effect)}" for effect in self.report["effects"]),
+                *(f"  without a name: {place}" for place in unnamed),
+            ]
+        )
+
+
+def _line(effect: Mapping[str, Any]) -> str:
+    tails = effect["tails"]
+    whom = "the fleet" if not tails else ", ".join(tails[:4]) + (" ..." if len(tails) > 4 else "")
+    return f"{effect['name']} ({whom}), probability {effect['probability']:.2f}"
+
+
+def _asked(headings: xr.Dataset, reference: str | Sequence[str] | None) -> str | Sequence[str]:
+    """The reference asked for, or the first that the headings hold."""
+    if reference is not None:
+        return reference
+    if "reference" not in headings.coords or not headings.sizes["reference"]:
+        raise InputError("the headings hold no reference", field="reference")
+    return str(headings["reference"].to_numpy()[0])
+
 
 @dataclass(frozen=True)
 class Pass:
@@ -130,8 +158,9 @@ def usable_effects(
 
 
 def diagnose(
-    reports: Frame | Archive,
+    reports: xr.Dataset | Frame | Archive,
     *,
+    reference: str | Sequence[str] | None = None,
     catalogue: Mapping[str, Any] | None = None,
     rules: Rules | None = None,
     dictionary: bool = True,
@@ -143,9 +172,12 @@ def diagnose(
 
     Parameters
     ----------
-    reports : Frame or Archive
-        Reports against one reference, in memory or to be read an aircraft at a time
+    reports : Dataset, Frame or Archive
+        Screened headings with the columns the gap needs; or reports against one reference, in
+        memory or to be read an aircraft at a time
         (:func:`airswing.gap.sums.whole_archive.read_archive`).
+    reference : str or sequence of str, optional
+        Of a Dataset: which reference, or the members of a pool; the first when not given.
     catalogue : mapping, optional
         Name -> effect; the whole catalogue by default.
     rules : Rules, optional
@@ -168,6 +200,8 @@ def diagnose(
     InputError
         Fewer than 200 reports or fewer than four flights.
     """
+    if isinstance(reports, xr.Dataset):
+        reports = Frame.from_headings(reports, reference=_asked(reports, reference))
     archive = held_archive(reports) if isinstance(reports, Frame) else reports
     _check(archive)
     effects, untestable = usable_effects(
