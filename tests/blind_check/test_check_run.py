@@ -167,6 +167,23 @@ def test_reports_tell_every_target_and_case(checked, tmp_path):
     assert "first name right" in short_text(check)
 
 
+def test_a_case_worth_closing_takes_a_draw_that_closes(tmp_path):
+    def one(tails, size):
+        saw = {"variable": "hour", "shape": "saw", "at": 0.1, "width": 0.26}
+        parameters = {"component": "across_heading", "parts": [saw], "shape": "saw",
+                      "size_m_s": size, "sign": 1.0}  # fmt: skip
+        effect = {"name": "outside", "tails": tails, "parameters": parameters, "period": None}
+        return Drawn("outside", (effect,))
+
+    small, large = one(["N401"], 1.0), one(None, 2.0)
+    case = Case("case_1", 4, "outside", TINY, (small,), (1.0,), (), "saw", (large,))
+    archivist = Archivist(tmp_path)
+    assert archivist.write(case)["size"] == pytest.approx(1.0, rel=0.05)
+    worth = archivist.write(replace(case, name="case_2", worth=True))
+    assert worth["size"] == pytest.approx(2.0, rel=0.05)
+    assert worth["outside"]["closes_kt"] > 0.1
+
+
 def test_worlds_written_side_by_side_are_the_same(tmp_path):
     tiny = World(5, "default", 2, 2, coarse=True)
     part = drawn("heater_current", ["N401"], offset_deg=1.0)  # its functions go to a process too
@@ -352,4 +369,6 @@ def test_an_outside_case_takes_the_first_draw_that_no_name_explains(tmp_path):
     assert truth["variables"] == ["hour"] and truth["named_share"] < 0.35
     assert label["size"] == truth["size_m_s"] == pytest.approx(1.5, rel=0.02)
     assert truth["carried"]["hour"] > 0.6  # bins smooth its edges
+    closed = label["closure"]["before"] - label["closure"]["after"]
+    assert truth["closes_kt"] == pytest.approx(closed, abs=0.02)
     assert label["closure"]["before"] > label["closure"]["after"]

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from airswing.blind_check.reliability_table import worst_gap
+from airswing.synthetic.sealed.outside_truth import WORTH_KT
 
 __all__ = [
     "BY", "TARGETS", "baseline_rows", "grouped", "hard_and_real", "of_default", "summarise",
@@ -24,8 +25,6 @@ Score = Mapping[str, Any]
 Reached = tuple[float | None, int]
 Target = float | tuple[float, float]
 DETECTABLE = 0.4
-WORTH_KT = 0.1
-"""A closure that must not be missed."""
 
 
 def _share(scores: Iterable[Score], key: str) -> tuple[float | None, int]:

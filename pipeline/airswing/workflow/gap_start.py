@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airswing.errors import InputError
+from airswing.units import KNOT
 from airswing.workflow.job import Job
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Asked", "Start", "job_of_simulation", "read_start", "starting_point"]
 
-KNOT = 1852.0 / 3600.0
 SIMULATION_FOLDER = ".simulation"
 """Where the collocation of a simulation on other paths is kept while it is diagnosed."""
 

@@ -12,7 +12,8 @@ for. (Rung 0 is the proof of the generator, `airswing.blind_check.proof`.)
 Effects, their variants (on all aircraft, in another form, in the last week) and sizes are dealt
 like cards, every effect as often as every other. Cases of one rung share worlds a few at a time, so
 that fields need not be written for each; names are dealt last and say nothing. An outside effect is
-dealt as several draws: the first that no name explains on its archive is taken.
+dealt as several draws: the first that no name explains on its archive is taken, two times in three
+the first of those that closes a tenth of a knot: many a one does not, and nobody would miss it.
 
 Units: m/s for sizes.
 """
@@ -33,7 +34,7 @@ __all__ = ["RUNGS", "Case", "Size", "World", "plan_cases"]
 RUNGS: dict[int, float] = {1: 0.35, 2: 0.1, 3: 0.15, 4: 0.3, 5: 0.1}
 """Share of the cases on each rung."""
 CASES_PER_WORLD = 8
-MOST_DRAWS = 12
+MOST_DRAWS = 24
 """Draws an outside effect is dealt as."""
 START = datetime(2009, 3, 1)
 
@@ -117,6 +118,8 @@ class Case:
         ``apart``; of an outside effect its shape.
     instead : tuple of Drawn
         Outside effects to take where the first is not fit.
+    worth : bool
+        Take one whose truth closes a tenth of a knot and more, where one of the draws does.
     """
 
     name: str
@@ -128,6 +131,7 @@ class Case:
     without: tuple[str, ...] = ()
     variant: str = "plain"
     instead: tuple[Drawn, ...] = ()
+    worth: bool = False
 
 
 class _Deck:
@@ -291,7 +295,7 @@ class _Dealer:
             self._shapes = [str(shape) for shape in self.rng.permutation(OUTSIDE_SHAPES)]
         shape = self._shapes.pop()
         self._number += 1
-        strength = self._sizes[self._number % len(self._sizes)]
+        strength = self._sizes[self._number // 2 % len(self._sizes)]
         draws = tuple(
             Drawn(
                 "outside",
@@ -302,7 +306,7 @@ class _Dealer:
         )  # fmt: skip
         return replace(
             case, kind="outside", drawn=draws[:1], sizes=(strength,), variant=shape,
-            instead=draws[1:],
+            instead=draws[1:], worth=bool(self._number % 3),
         )  # fmt: skip
 
     def _draw(

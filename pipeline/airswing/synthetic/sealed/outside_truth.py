@@ -6,7 +6,7 @@ reports by `LEAST_SIZE` and more, its sum of squares exceeds `LEAST_ENERGY`, and
 what a single known curve needs to stand four standard errors out of winds that err by 2.4 m/s along
 correlated flights (four reports to one independent value): below it nothing could be seen.
 
-Units: m/s.
+Units: m/s, kt for a closure.
 """
 
 from __future__ import annotations
@@ -19,18 +19,25 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.synthetic.aircraft.outside_effects import (
+    KNOT,
     outside_change,
     report_variables,
     scatter_change,
 )
 from airswing.synthetic.sealed.nearness import carried_by, named_share, signed_size
 
-__all__ = ["LEAST_ENERGY", "LEAST_SIZE", "MOST_NAMED", "is_fit", "outside_truth"]
+__all__ = [
+    "LEAST_ENERGY", "LEAST_SIZE", "MOST_NAMED", "WORTH_KT", "is_fit", "outside_truth",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
 
 LEAST_ENERGY = 400.0
 """(m/s)^2, the least sum of squares of the change."""
 LEAST_SIZE = 0.3
 """m/s, root mean square where the effect acts."""
+WORTH_KT = 0.1
+"""A closure that must not be missed, kt."""
 MOST_NAMED = 0.35
 """Largest share of the energy that what has a name may take up."""
 
@@ -45,13 +52,17 @@ def _chosen(frame: pd.DataFrame, effect: Mapping[str, Any]) -> NDArray[np.bool_]
     return here
 
 
-def outside_truth(frame: pd.DataFrame, effect: Mapping[str, Any], *, seed: int) -> dict[str, Any]:
+def outside_truth(
+    frame: pd.DataFrame, innovation: Array, effect: Mapping[str, Any], *, seed: int
+) -> dict[str, Any]:
     """Measure an outside effect on an archive without it.
 
     Parameters
     ----------
     frame : pandas.DataFrame
         Reports of the archive without the effect, with the exact state.
+    innovation : ndarray (n, 2)
+        Its reported minus reference wind, m/s.
     effect : mapping
         ``tails, parameters, period``.
     seed : int
@@ -60,7 +71,8 @@ def outside_truth(frame: pd.DataFrame, effect: Mapping[str, Any], *, seed: int) 
     Returns
     -------
     dict
-        ``component, shape, variables, scope, reports, size_m_s, named_share, carried``.
+        ``component, shape, variables, scope, reports, size_m_s, named_share, closes_kt`` (near
+        enough: before the winds are coded), ``carried``.
     """
     u, v = frame["computed_u"].to_numpy(float), frame["computed_v"].to_numpy(float)
     variables = report_variables(frame, u, v, frame["hours"].to_numpy(float))
@@ -78,6 +90,7 @@ def outside_truth(frame: pd.DataFrame, effect: Mapping[str, Any], *, seed: int) 
     named = 0.0
     if parameters["component"] != "scatter":
         named = named_share(change, variables, u, v, frame["aircraft"].to_numpy(int))
+    longer = np.hypot(*(innovation + change).T) - np.hypot(*innovation.T)
     tails = effect["tails"]
     return {
         "component": parameters["component"],
@@ -87,6 +100,7 @@ def outside_truth(frame: pd.DataFrame, effect: Mapping[str, Any], *, seed: int) 
         "reports": int(acts.sum()),
         "size_m_s": round(size, 3),
         "named_share": round(named, 3),
+        "closes_kt": round(float(np.nanmean(longer)) / KNOT, 3),
         "carried": {k: round(share, 3) for k, share in carried_by(signed[chosen], own).items()},
     }
 

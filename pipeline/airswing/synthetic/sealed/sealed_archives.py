@@ -38,7 +38,7 @@ from airswing.synthetic.sample import sample_archive as archive
 from airswing.synthetic.sample.sample_archive import Scenario, simulate_arrays, write_reports
 from airswing.synthetic.sealed.cases import START, Case, World
 from airswing.synthetic.sealed.draws import Drawn, scaled
-from airswing.synthetic.sealed.outside_truth import is_fit, outside_truth
+from airswing.synthetic.sealed.outside_truth import WORTH_KT, is_fit, outside_truth
 from airswing.synthetic.world.gribwriter import write_reference
 from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
 
@@ -283,16 +283,22 @@ class Archivist:
     def _fit_draw(self, case: Case) -> tuple[tuple[Drawn, ...], dict[str, Any]]:
         """Return the first draw of an outside effect that is fit, and what is true of it.
 
-        Where none is (rare), the one furthest from having a name is taken.
+        Of a case that shall be worth closing, the first that is fit and closes `WORTH_KT`, or that
+        closes most. Where none is fit (rare), the one furthest from having a name is taken.
         """
         bare = self._without(case.world)
-        tried = []
+        wind = innovation(bare)
+        fit, others = [], []
         for part in (*case.drawn, *case.instead):
-            told = outside_truth(bare, part.effects[0], seed=case.world.seed)
+            told = outside_truth(bare, wind, part.effects[0], seed=case.world.seed)
             if is_fit(told):
-                return (part,), told
-            tried.append(((part,), told))
-        return min(tried, key=lambda one: float(one[1]["named_share"]))
+                fit.append(((part,), told))
+                if not case.worth or told["closes_kt"] >= WORTH_KT:
+                    return fit[-1]
+            others.append(((part,), told))
+        if fit:
+            return max(fit, key=lambda one: float(one[1]["closes_kt"]))
+        return min(others, key=lambda one: float(one[1]["named_share"]))
 
     def _real(self) -> Path:
         if self.real is None:
