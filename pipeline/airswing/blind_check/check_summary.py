@@ -260,7 +260,7 @@ def targets(scores: Sequence[Score]) -> list[dict[str, Any]]:
     out = []
     for what, sense, target, measure in TARGETS:
         reached, number = measure(scores)
-        met = None if reached is None else _is_met(reached, sense, target)
+        met = None if reached is None else _is_met(reached, sense, target, number)
         out.append(
             {"what": what, "sense": sense, "target": target, "reached": reached,
              "cases": number, "met": met}
@@ -268,9 +268,11 @@ def targets(scores: Sequence[Score]) -> list[dict[str, Any]]:
     return out
 
 
-def _is_met(reached: float, sense: str, target: Target) -> bool:
+def _is_met(reached: float, sense: str, target: Target, number: int) -> bool:
+    """Whether a target is met; all of a few cases do not exceed what a larger number would show."""
     if isinstance(target, tuple):
-        return target[0] <= reached <= target[1]
+        few = number * (1.0 - target[1]) < 1.0
+        return target[0] <= reached and (few or reached <= target[1])
     return reached >= target if sense == ">=" else reached <= target
 
 
