@@ -144,6 +144,7 @@ def effect_columns(frame: Any, effect: Any) -> Floats:
     (k, n, 2) float
     """
     levelled = any(name.startswith(("above", "below")) for name in effect.column_names)
-    if not levelled:
-        return np.asarray(np.nan_to_num(np.asarray(effect.columns(frame))))
-    return np.asarray(np.nan_to_num(effect.softened_columns(frame, LEVEL_EDGE)))
+    found = effect.softened_columns(frame, LEVEL_EDGE) if levelled else effect.columns(frame)
+    columns: Floats = np.asarray(found)
+    unknown = np.isnan(columns)
+    return np.where(unknown, 0.0, columns) if unknown.any() else columns

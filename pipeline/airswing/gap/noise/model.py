@@ -174,19 +174,31 @@ def remove_smooth_effects(
         m s-1. Used to estimate the noise only.
     """
     out = residual.copy()
-    along = np.stack([np.sin(heading), np.cos(heading)], -1)
-    cross = np.stack([np.cos(heading), -np.sin(heading)], -1)
-    angles = [np.ones_like(heading)] + [f(k * heading) for k in (1, 2) for f in (np.sin, np.cos)]
-    columns = [airspeed[:, None] * a[:, None] * cross for a in angles]
-    columns += [airspeed[:, None] * along, np.eye(2)[0] + 0 * along, np.eye(2)[1] + 0 * along]
     for a in np.unique(aircraft):
         own = np.flatnonzero(aircraft == a)
-        design = np.stack([c[own] for c in columns], -1).reshape(-1, len(columns))
-        values = residual[own].reshape(-1)
-        good = np.abs(values - np.median(values)) < 8 * _robust_sd(values) + 1e-12
-        coefficients = np.linalg.lstsq(design[good], values[good], rcond=None)[0]
-        out[own] -= (design @ coefficients).reshape(-1, 2)
+        design = _smooth_columns(heading[own], airspeed[own])
+        values = residual[own].ravel()
+        bound = 8 * _robust_sd(values) + 1e-12
+        good = np.abs(values - np.median(values)) < bound
+        used = design * good
+        coefficients = np.linalg.lstsq(used @ design.T, used @ values, rcond=1e-13)[0]
+        out[own] -= (coefficients @ design).reshape(-1, 2)
     return out
+
+
+def _smooth_columns(heading: Floats, airspeed: Floats) -> Floats:
+    """Columns, (8, 2 n), of a heading error of two cycles, an airspeed factor and a wind."""
+    sine, cosine = np.sin(heading), np.cos(heading)
+    across, along = np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)
+    out = np.empty((8, heading.size, 2))
+    out[0] = across
+    out[1], out[2] = sine[:, None] * across, cosine[:, None] * across
+    out[3] = (2.0 * sine * cosine)[:, None] * across
+    out[4] = (cosine**2 - sine**2)[:, None] * across
+    out[5] = along
+    out[:6] *= airspeed[:, None] / 100.0  # of a size with the two below: the square is well posed
+    out[6], out[7] = (1.0, 0.0), (0.0, 1.0)
+    return out.reshape(8, -1)
 
 
 def _robust_sd(values: Floats) -> float:

@@ -370,10 +370,12 @@ def _add_chunk(
     week = int(out.week_of_day[out.day_index(day[index[:1]])[0]])
     total = np.zeros((out.layout.size, out.layout.size))
     q, c = out.layout.blocks["day_fields"].stop, out.layout.core
-    for one in np.unique(day[index]):
+    bins = np.unique(day[index])
+    for one in bins:
         today = np.flatnonzero(day[index] == one)
         d = int(np.searchsorted(out.days, one))
-        x, r = columns.take(today, axis=2).reshape(out.layout.size, -1), target[:, today].ravel()
+        some = columns if bins.size == 1 else columns.take(today, axis=2)
+        x, r = some.reshape(out.layout.size, -1), target[:, today].ravel()
         gram = x @ x.T
         total += gram
         out.day_gram[aircraft, d] += gram[:c, :c]
