@@ -35,11 +35,13 @@ from airswing.gap.held_out.attenuation import readout_factors
 from airswing.gap.held_out.linearised import FoundFirst
 from airswing.gap.held_out.reduction import (
     close,
+    folds_of_days,
     term_coefficients,
     whole_coefficients,
 )
 from airswing.gap.noise.model import fit_noise, flown
 from airswing.gap.result.assembled import Findings, aircraft_probability, assemble, best_scores
+from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.search.absorbed_by_unknown import folded
 from airswing.gap.search.coding_and_outliers import second_moments
 from airswing.gap.search.cross_validated import Standing, settle
@@ -51,6 +53,8 @@ from airswing.gap.sums.elimination import eliminate_days
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_prior, shared_variances
 from airswing.gap.sums.whole_archive import Archive, Columns, held_archive, sum_reports
+from airswing.gap.witness.bench import Setting
+from airswing.gap.witness.taken_off import Taken, is_remainder, next_unknown, remainder_names
 from airswing.units import DAY
 
 Floats = NDArray[np.float64]
@@ -58,6 +62,8 @@ Progress = Callable[[str, float], None]
 
 #: Size at single reports, m/s, from which an effect is in danger of being clipped as gross errors.
 PEAK = 2.5
+#: Unknowns that are taken off at most.
+MOST_UNKNOWNS = 4
 
 
 @dataclass(frozen=True)
@@ -210,11 +216,27 @@ def diagnose(
     tell = progress or (lambda stage, done: None)
     search = Search(effects, rules or Rules(), dictionary, seed, tell)
     known_names = set(CATALOGUE if catalogue is None else catalogue)
-    final, again, swap = _passes(archive, search, swaps="tail_swap" in known_names)
+    swaps = "tail_swap" in known_names
+    final, again, swap = _passes(archive, search, swaps=swaps)
+    taken: list[Taken] = []
+    while dictionary and len(taken) < MOST_UNKNOWNS:
+        tell("witness", len(taken) / MOST_UNKNOWNS)
+        unknown = _next_unknown(final)
+        if unknown is None or is_remainder(unknown[0], taken):
+            break
+        taken.append(unknown[0])
+        archive = _of_view(archive, unknown[1])
+        final, again, more = _passes(archive, search, swaps=swaps and swap is None)
+        swap = swap or more
+    small = remainder_names(final.standing.found.terms, taken)
+    if small:
+        left = {name: effect for name, effect in effects.items() if name not in small}
+        final, again, _ = _passes(archive, replace(search, effects=left), swaps=False)
     problem, found = final.problem, final.standing.found
     findings = _findings(final, search, again=again, names=known_names)
     findings = replace(findings, swap=swap, untestable=untestable | dict(findings.untestable))
     report, details = assemble(problem, findings)
+    with_unknowns(report, details, taken, problem=problem, found=found, whole=findings.whole)
     tell("checks", 0.0)
     checks = run_checks(problem, found, findings.closure)
     unseen = [name for name, reason in findings.hidden.items() if not reason.startswith("in part")]
@@ -258,6 +280,25 @@ def _passes(archive: Archive, search: Search, *, swaps: bool) -> tuple[Pass, boo
             del first
             final = _run(archive, search, about=about, start=terms)
     return final, about is not None, swap
+
+
+def _of_view(archive: Archive, frame: Frame) -> Archive:
+    """Archive of other winds on the reports held in memory; all that is looked at from then on."""
+    held = held_archive(frame, workers=archive.workers)
+    return replace(held, reports=archive.reports, flights=archive.flights)
+
+
+def _next_unknown(final: Pass) -> tuple[Taken, Frame] | None:
+    """Find what the names of a pass do not explain, and the archive without it."""
+    problem, found = final.problem, final.standing.found
+    values = term_coefficients(found.given, found.terms)
+    named = [k for k, term in enumerate(found.terms) if term.candidate.known]
+    about = FoundFirst.of(problem, [found.terms[k] for k in named], [values[k] for k in named])
+    rest = problem.archive.residual
+    if named:
+        rest = about(problem.archive, problem.context)[0]
+    fold = folds_of_days(problem.base.stats)
+    return next_unknown(Setting.of(problem), problem.effects, rest, fold)
 
 
 def _swap(made: Pass, search: Search) -> Swap | None:

@@ -96,8 +96,9 @@ def active_effects(report: Mapping[str, Any]) -> list[ActiveEffect]:
     list of ActiveEffect
     """
     from airswing.gap.simulation.effects_file import parse_effects
+    from airswing.gap.witness.taken_off import active_entries
 
-    entries = []
+    entries: list[dict[str, Any]] = []
     for effect in report["effects"]:
         each = effect.get("per_tail")
         tails = "all" if effect["scope"] == "fleet" else effect["tails"]
@@ -113,6 +114,8 @@ def active_effects(report: Mapping[str, Any]) -> list[ActiveEffect]:
             }
             for who, parameters in pieces
         ]
+    unknown = report.get("unknown") or {}
+    entries += active_entries(unknown.get("where") or [])
     return parse_effects(plain(entries))
 
 

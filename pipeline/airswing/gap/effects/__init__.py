@@ -13,6 +13,7 @@ from airswing.gap.effects.base import (
     register,
     unregister,
 )
+from airswing.gap.effects.empirical import EMPIRICAL
 from airswing.gap.effects.forms import (
     HeadingEffect,
     MomentEffect,
@@ -23,6 +24,7 @@ from airswing.gap.effects.forms import (
 
 __all__ = [
     "CATALOGUE",
+    "EMPIRICAL",
     "ActiveEffect",
     "Effect",
     "HeadingEffect",
@@ -33,8 +35,14 @@ __all__ = [
     "State",
     "WindEffect",
     "discover",
+    "effect_named",
     "register",
     "unregister",
 ]
 
 discover(__name__)
+
+
+def effect_named(name: str) -> Effect | None:
+    """Effect of this name, of the catalogue or the empirical table; None where there is none."""
+    return EMPIRICAL if name == EMPIRICAL.name else CATALOGUE.get(name)

@@ -25,7 +25,7 @@ import yaml
 
 from airswing.config import quantity
 from airswing.errors import InputError
-from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, Parameter
+from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, Parameter, effect_named
 from airswing.plain_yaml import load_yaml
 from airswing.products.netcdf import write_text
 
@@ -146,7 +146,7 @@ def _iso(seconds: float) -> str:
 def _plain(value: Any) -> Any:
     if isinstance(value, str):
         return value
-    return [str(part) for part in value] if isinstance(value, Sequence) else float(value)
+    return [_plain(part) for part in value] if isinstance(value, Sequence) else float(value)
 
 
 def _nearest(word: object, known: Iterable[str]) -> str:
@@ -168,7 +168,7 @@ def _entry(entry: Any, file: object | None) -> ActiveEffect:
     if not isinstance(entry, Mapping):
         raise InputError("every effect must be a mapping", file=file, found=entry)
     _only(entry, KEYS, file, "an effect")
-    effect = CATALOGUE.get(str(entry.get("name")))
+    effect = effect_named(str(entry.get("name")))
     if effect is None:
         raise InputError(
             "unknown effect",

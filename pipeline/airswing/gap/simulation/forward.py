@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, State
+from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, State, effect_named
 from airswing.gap.effects.base import Parameters, Stage, absent_context
 from airswing.physics.triangle import (
     bearing,
@@ -275,7 +275,7 @@ def prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -
     InputError
         The effect or an aircraft is unknown, a parameter missing, or the context absent.
     """
-    effect = CATALOGUE.get(active.name)
+    effect = effect_named(active.name)
     if effect is None:
         near = difflib.get_close_matches(active.name, list(CATALOGUE), n=1, cutoff=0.0)
         raise InputError(

@@ -347,6 +347,49 @@ def pit_figure(counts: Any, *, before: Any | None = None) -> Figure:
 
 
 @styled
+def table_figure(place: Mapping[str, Any]) -> Figure:
+    """Steps of an unknown's table over one variable, or a map of it over two.
+
+    Parameters
+    ----------
+    place : mapping
+        One of ``unknown.where`` of ``gap.json`` whose ``curve`` has ``edges`` and ``values``.
+
+    Returns
+    -------
+    CaptionedFigure
+    """
+    curve = place["curve"]
+    edges = [np.asarray(own, float) for own in curve["edges"]]
+    value = np.reshape(np.asarray(curve["values"], float), [own.size - 1 for own in edges])
+    names = [
+        f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}"
+        for name, unit in zip(curve["variables"], curve["variable_units"], strict=True)
+    ]
+    what = f"{str(place['component']).replace('_', ' ')} ({curve['unit']})"
+    figure = new_figure(2.6 if len(edges) == 1 else 3.4)
+    axes = figure.add_subplot()
+    axes.set_xlabel(names[0])
+    if len(edges) == 1:
+        axes.stairs(value, edges[0], color=BLUE, linewidth=1.6, baseline=None)
+        axes.axhline(0.0, color=INK, linewidth=0.8)
+        axes.set_ylabel(what)
+    else:
+        most = float(np.abs(value).max()) or 1.0
+        mesh = axes.pcolormesh(
+            edges[0], edges[1], value.T, cmap="RdBu_r", vmin=-most, vmax=most, shading="flat"
+        )
+        axes.set_ylabel(names[1])
+        figure.colorbar(mesh, ax=axes, label=what)
+    closure = place.get("closure") or {}
+    closes = f"; it closes {float(closure['reduction']):.2f} kt" if closure else ""
+    return figure.say(
+        f"The unknown effect, fitted without physics on weeks left out: {slice_words(place)} "
+        f"(n = {plural(int(value.size), 'cell')}){closes}."
+    )
+
+
+@styled
 def unknown_curve_figure(place: Mapping[str, Any]) -> Figure:
     """Bars of the curve fitted to an effect that the catalogue does not hold.
 
@@ -360,6 +403,8 @@ def unknown_curve_figure(place: Mapping[str, Any]) -> Figure:
     -------
     CaptionedFigure
     """
+    if "edges" in place["curve"]:
+        return table_figure(place)
     labels, value = place["curve"]["labels"], np.asarray(place["curve"]["m_s"], float)
     figure = new_figure(2.6)
     axes = figure.add_subplot()

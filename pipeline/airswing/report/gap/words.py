@@ -273,7 +273,7 @@ def _what_is_missing(gap: Mapping[str, Any], most: int) -> str:
         if unknown:
             return (
                 "Something is missing that the catalogue does not hold"
-                f"{_unknown_place(gap)}: no known effect explains it."
+                f"{_unknown_place(gap)}: no known effect explains it{_unknown_closure(gap)}."
             )
         return _nothing_missing(gap)
     text = capitalised("; ".join(effect_clause(effect) for effect in effects[:most]))
@@ -283,7 +283,7 @@ def _what_is_missing(gap: Mapping[str, Any], most: int) -> str:
     closing = closure_sentence(gap)
     text += f"; {closing}." if closing else "."
     if unknown:
-        text += f" Something unknown remains{_unknown_place(gap)}."
+        text += f" Something unknown remains{_unknown_place(gap)}{_unknown_closure(gap)}."
     return text
 
 
@@ -302,6 +302,24 @@ def _nothing_missing(gap: Mapping[str, Any]) -> str:
     return text + (f" and the noise floor {float(floor):.1f} kt." if floor is not None else ".")
 
 
+def _unknown_closure(gap: Mapping[str, Any]) -> str:
+    """What a table closes of the gap beside what has a name; nothing where that is not known."""
+    unknown = gap.get("unknown") or {}
+    closure = unknown.get("closure")
+    tables = [
+        place for place in unknown.get("where") or []
+        if isinstance(place, Mapping) and "edges" in (place.get("curve") or {})
+    ]  # fmt: skip
+    if not closure or not tables:
+        return ""
+    names = joined([" and ".join(place["variables"]).replace("_", " ") for place in tables], most=2)
+    low, high = closure["reduction_ci"]
+    return (
+        f"; a table by {names} closes {closure['reduction']:.2f} kt ({low:.2f} to {high:.2f}) of "
+        f"{closure['before']:.2f}"
+    )
+
+
 def _unknown_place(gap: Mapping[str, Any]) -> str:
     places = (gap.get("unknown") or {}).get("where") or []
     named = [slice_words(p) if isinstance(p, Mapping) else str(p) for p in places]
@@ -313,6 +331,14 @@ COMPONENTS = {
     "across": "across the heading",
     "along": "along the heading",
     "scatter": "of single reports",
+    "across_heading": "across the heading",
+    "along_heading": "along the heading",
+    "heading_angle": "an angle of the heading",
+    "airspeed_factor": "a factor of the airspeed",
+    "across_wind": "across the wind",
+    "along_wind": "along the wind",
+    "wind_angle": "an angle of the wind",
+    "wind_factor": "a factor of the wind",
 }
 
 

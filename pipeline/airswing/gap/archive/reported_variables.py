@@ -1,0 +1,171 @@
+"""What every report records, as variables a regression or a table may depend on.
+
+Assumptions: a variable is linear (cells between quantiles), circular (equal sectors) or a category.
+Headings and airspeeds are those a design column may stand on, so that they hold none of the
+residual's own noise. The reported wind's direction and speed do hold it: what depends on them is
+judged against simulated reports, which have that dependence as well.
+
+Validity: a variable that is unknown in half the reports, or does not vary, is left out; a report
+that does not know it is in no cell.
+
+Units: degrees, m/s, K, hPa, hours, days.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.physics.atmosphere import altitude_from_pressure
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Variables with their kind, and the number of cells of a curve.
+KINDS: dict[str, tuple[str, int]] = {
+    "magnetic_heading": ("circular", 12),
+    "track": ("circular", 12),
+    "wind_direction": ("circular", 12),
+    "hour": ("circular", 8),
+    "wind_speed": ("linear", 8),
+    "airspeed": ("linear", 8),
+    "latitude": ("linear", 8),
+    "longitude": ("linear", 8),
+    "altitude": ("linear", 8),
+    "temperature": ("linear", 8),
+    "bank": ("linear", 6),
+    "acceleration": ("linear", 6),
+    "date": ("linear", 6),
+    "icing": ("category", 2),
+    "phase": ("category", 3),
+}
+#: Full turn of the circular variables.
+PERIOD = {"hour": 24.0}
+#: Variables that hold the noise of the report itself.
+OF_THE_REPORT = ("wind_direction", "wind_speed")
+#: Units in which curves are told.
+UNITS = {
+    "magnetic_heading": "degree", "track": "degree", "wind_direction": "degree", "hour": "hour",
+    "wind_speed": "m/s", "airspeed": "m/s", "latitude": "degree", "longitude": "degree",
+    "altitude": "ft", "temperature": "degC", "bank": "degree", "acceleration": "m/s2",
+    "date": "day", "icing": "", "phase": "",
+}  # fmt: skip
+#: Metres in a foot.
+FOOT = 0.3048
+CATEGORIES = {"icing": ("off", "on"), "phase": ("ascent", "cruise", "descent")}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of every report.
+
+    Attributes
+    ----------
+    name, kind : str
+        Kind: ``linear``, ``circular`` or ``category``.
+    values : (n,) float
+        In its unit of :data:`UNITS`; categories by number; NaN where unknown.
+    """
+
+    name: str
+    kind: str
+    values: Floats
+
+    @property
+    def period(self) -> float:
+        """Full turn of a circular variable."""
+        return PERIOD.get(self.name, 360.0)
+
+    def edges(self, count: int) -> Floats:
+        """Edges of about this many cells, from the first to the last, (m + 1,)."""
+        if self.kind == "category":
+            return np.asarray(np.arange(len(CATEGORIES[self.name]) + 1) - 0.5, np.float64)
+        if self.kind == "circular":
+            return np.asarray(np.linspace(0.0, self.period, count + 1))
+        known = self.values[np.isfinite(self.values)]
+        inner = np.unique(np.quantile(known, np.arange(1, count) / count))
+        spread = float(np.ptp(known))
+        low, high = float(known.min()), float(known.max())
+        inner = inner[(inner > low + 0.005 * spread) & (inner < high)]
+        if inner.size > 1:
+            inner = inner[np.r_[True, np.diff(inner) > 0.005 * spread]]
+        return np.asarray(np.r_[low, inner, high], np.float64)
+
+    def cells(self, edges: Floats) -> Integers:
+        """Cell of every report, (n,); -1 where the value is unknown."""
+        return cells_of(self.values, edges)
+
+
+def cells_of(values: Floats, edges: Floats) -> Integers:
+    """Cell of every value between edges, (n,); the outer cells are open; -1 where NaN."""
+    cell = np.searchsorted(edges[1:-1], values, "right")
+    return np.where(np.isfinite(values), cell, -1).astype(np.int64)
+
+
+def values_of(frame: Any, quiet: Any, name: str) -> Floats:
+    """Values of a variable.
+
+    Parameters
+    ----------
+    frame : Frame
+        Reports as they are (or simulated).
+    quiet : Frame
+        The same with heading and airspeed free of the residual's noise.
+    name : str
+
+    Returns
+    -------
+    (n,) float
+    """
+    if name == "wind_direction":
+        return np.asarray(np.mod(np.degrees(np.arctan2(-frame.u_rep, -frame.v_rep)), 360.0))
+    if name == "wind_speed":
+        return np.asarray(np.hypot(frame.u_rep, frame.v_rep))
+    if name == "altitude":
+        return np.asarray(altitude_from_pressure(frame.pressure)) / FOOT
+    simple: dict[str, Any] = {
+        "magnetic_heading": lambda: np.mod(np.degrees(quiet.magnetic_heading), 360.0),
+        "track": lambda: np.mod(np.degrees(np.arctan2(frame.ground_u, frame.ground_v)), 360.0),
+        "hour": lambda: np.mod(frame.time / 3600.0, 24.0),
+        "airspeed": lambda: quiet.airspeed,
+        "latitude": lambda: frame.latitude,
+        "longitude": lambda: frame.longitude,
+        "temperature": lambda: frame.temperature - 273.15,
+        "bank": lambda: np.degrees(frame.bank),
+        "acceleration": lambda: frame.acceleration,
+        "date": lambda: (frame.time - frame.epoch) / 86400.0,
+        "icing": lambda: np.where(frame.icing < 0, np.nan, frame.icing > 0),
+        "phase": lambda: np.where(frame.phase > 0, frame.phase - 1.0, np.nan),
+    }
+    return np.asarray(simple[name](), np.float64)
+
+
+def record(frame: Any, quiet: Any, names: tuple[str, ...] = tuple(KINDS)) -> dict[str, Variable]:
+    """Variables that are known and vary.
+
+    Parameters
+    ----------
+    frame, quiet : Frame
+        See :func:`values_of`.
+    names : tuple of str
+
+    Returns
+    -------
+    dict
+        Name -> variable.
+    """
+    out = {}
+    for name in names:
+        values = values_of(frame, quiet, name)
+        known = values[np.isfinite(values)]
+        if known.size < 0.5 * values.size or known.size == 0:
+            continue
+        variable = Variable(name, KINDS[name][0], values)
+        edges = variable.edges(KINDS[name][1])
+        counts = np.bincount(variable.cells(edges) + 1, minlength=edges.size)[1:]
+        if (counts >= 30).sum() >= 2:
+            out[name] = variable
+    return out

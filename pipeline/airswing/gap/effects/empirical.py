@@ -1,0 +1,136 @@
+"""What an archive shows and no other effect explains: a table over one or two variables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from airswing.errors import InputError
+from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.reported_variables import KINDS
+from airswing.gap.archive.value_tables import UNIT_OF, Axis, Grid, change_of, table_values
+from airswing.gap.effects.base import Parameter, Parameters, State
+from airswing.gap.effects.forms import MomentEffect
+
+#: Rounds in which a table by the reported wind meets the wind it makes.
+ROUNDS = 8
+
+
+class Empirical(MomentEffect):
+    """An error of one component by a table over one or two variables of the report.
+
+    A table by the reported wind is one by the wind as sent: what is sent is found in a few rounds.
+    """
+
+    name = "empirical"
+    physics = (
+        "None: a table fitted to the archive, so that a simulation can hold what nobody has "
+        "explained yet. It holds inside the range of its variables and on these aircraft alone."
+    )
+    source = "The diagnosis of the archive itself, on weeks left out."
+    parameters = (
+        Parameter("component", "", 0.0, "what is in error", None, required=True, number=False),
+        Parameter("variables", "", 0.0, "one or two names", None, required=True, number=False),
+        Parameter("edges", "", 0.0, "cells of each variable", None, required=True, number=False),
+        Parameter("values", "", 0.0, "one per cell", None, required=True, number=False),
+    )
+    confused_with = ("whatever depends on the same variables",)
+
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """See `Effect.apply`: heading and airspeed exactly, winds by addition."""
+        component = str(values["component"])
+        grid, table = grid_of(values), np.asarray(values["values"], np.float64)
+        u, v = state.report_u, state.report_v
+        reported = {"wind_direction", "wind_speed"} & set(grid.variables)
+        rounds = ROUNDS if reported else 1
+        for _ in range(rounds):
+            air_u, air_v = frame.ground_u - state.report_u, frame.ground_v - state.report_v
+            heading, airspeed = np.arctan2(air_u, air_v), np.hypot(air_u, air_v)
+            value = table_values(grid, table, frame, u=u, v=v, heading=heading)
+            if component in ("across_heading", "heading_angle"):
+                turn = np.radians(value)
+                if component == "across_heading":
+                    turn = -value / np.maximum(airspeed, 1.0)
+                u = frame.ground_u - airspeed * np.sin(heading + turn)
+                v = frame.ground_v - airspeed * np.cos(heading + turn)
+                continue
+            change = value[:, None] * change_of(
+                component, heading=heading, airspeed=airspeed, u=state.report_u, v=state.report_v
+            )
+            u, v = state.report_u + change[:, 0], state.report_v + change[:, 1]
+        return replace(state, report_u=u, report_v=v)
+
+    def complete(self, values: Mapping[str, Any]) -> Parameters:
+        """See `Effect.complete`; the table must fit its edges."""
+        out = super().complete(values)
+        if out["component"] not in UNIT_OF:
+            raise InputError(
+                "empirical has no such component", field="component", found=out["component"],
+                remedy=f"one of {', '.join(UNIT_OF)}",
+            )  # fmt: skip
+        grid = grid_of(out)
+        table = np.asarray(out["values"], np.float64)
+        if table.shape != (grid.size,) or not np.isfinite(table).all():
+            raise InputError(
+                "a table needs one number per cell", field="values",
+                found=f"{table.size} values for {grid.size} cells",
+            )  # fmt: skip
+        return out
+
+    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
+        """See `Effect.wording`."""
+        table = np.asarray(values["values"], np.float64)
+        what = str(values["component"]).replace("_", " ")
+        return (
+            f"an error of the {what} by {' and '.join(map(str, values['variables']))} that no "
+            f"effect of the catalogue explains, {table.min():.2g} to {table.max():.2g} "
+            f"{UNIT_OF[str(values['component'])]}"
+        )
+
+
+def grid_of(values: Mapping[str, Any]) -> Grid:
+    """Cells of an empirical table's parameters.
+
+    Parameters
+    ----------
+    values : mapping
+        ``variables``, a list of one or two names, and ``edges``, a list of numbers for each.
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    InputError
+        A variable is unknown, or edges do not increase.
+    """
+    names, edges = values["variables"], values["edges"]
+    if isinstance(names, str) or not isinstance(names, Sequence) or not 1 <= len(names) <= 2:
+        raise InputError("a table has one or two variables", field="variables", found=names)
+    axes = []
+    for name, cut in zip(names, edges, strict=False):
+        if name not in KINDS:
+            raise InputError(
+                "unknown variable of a table", field="variables", found=name,
+                remedy=f"one of {', '.join(KINDS)}",
+            )  # fmt: skip
+        try:
+            own = np.asarray(cut, np.float64)
+        except (TypeError, ValueError) as err:
+            raise InputError("edges must be numbers", field="edges", found=cut) from err
+        if own.ndim != 1 or own.size < 2 or (np.diff(own) <= 0).any():
+            raise InputError("edges must increase", field="edges", found=cut)
+        axes.append(Axis(str(name), KINDS[str(name)][0], own))
+    if len(axes) != len(names):
+        raise InputError("every variable needs its edges", field="edges", found=len(axes))
+    return Grid(tuple(axes))
+
+
+#: Not of the catalogue: a simulation takes it, no diagnosis looks for it by name.
+EMPIRICAL = Empirical()

@@ -1,0 +1,300 @@
+"""An archive on the bench: its tables weighed beside those of simulated archives of its paths.
+
+Assumptions: a table that stands on the path alone (position, hour, heading ...) has the same
+columns in the real archive and in the simulated ones. One that stands on the reported wind itself
+holds the noise of the report, which by itself makes errors depend on it (regression towards the
+mean): its sums are those of the real archive less the mean of the simulated ones, each with its own
+reported winds, coded as the unit codes them.
+
+Validity: simulated archives hold the noise, the day fields and the climatology the real one shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.reported_variables import OF_THE_REPORT, Variable, record, values_of
+from airswing.gap.archive.value_tables import Grid, axis_of, change_of
+from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.noise.model import NoiseFit
+from airswing.gap.simulation.forward import Coding
+from airswing.gap.sums.problem import Problem
+from airswing.gap.sums.variance_components import Variances
+from airswing.gap.witness.ground import Ground, Sums, plain_sums, prepare
+from airswing.gap.witness.null import drawn_errors
+from airswing.gap.witness.scan import Weighed, weigh
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Persistent error allowed for in single aircraft's tables, m/s.
+PERSISTENT = 0.04
+#: The same of the fleet's, of a table that the climatology takes up wholly.
+FLEET_PERSISTENT = 0.12
+#: The same of tables by the reported wind: what simulated archives have otherwise than real ones.
+REPORTED_PERSISTENT = 0.25
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What stays the same while residuals change.
+
+    Attributes
+    ----------
+    frame, quiet : Frame
+        Reports, and the same with heading, airspeed and wind free of the residual's noise.
+    noise : NoiseFit
+    plan : DictionaryPlan
+    variances : Variances
+    day : (n,) int
+        Index of each report's day.
+    errors : (B, n, 2) float
+        Errors of the reference drawn for simulated archives, m/s.
+    """
+
+    frame: Any
+    quiet: Any
+    noise: NoiseFit
+    plan: DictionaryPlan
+    variances: Variances
+    day: Integers
+    errors: Floats
+
+    @classmethod
+    def of(cls, problem: Problem, *, draws: int = 4) -> Setting:
+        """Draw the errors of this many simulated archives."""
+        noise, plan, variances = problem.noise, problem.plan, problem.base.variances
+        errors = drawn_errors(
+            problem.context, draws, noise=noise, plan=plan, variances=variances, day=problem.day,
+            rng=np.random.default_rng(problem.seed),
+        )  # fmt: skip
+        return cls(problem.archive, problem.context, noise, plan, variances, problem.day, errors)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Residuals of the real archive and of simulated ones, ready for tables.
+
+    Attributes
+    ----------
+    setting : Setting
+    residuals : (1 + B, n, 2) float
+        Residual of the real archive and of each simulated one, what was found taken off, m/s.
+    winds : tuple of ((n,), (n,)) float
+        Reported winds (u, v) of each, m/s.
+    variables : dict
+        Name -> variable of the real archive.
+    simulated : tuple of dict
+        Name -> values of the variables of the reported wind, of each simulated archive.
+    ground : Ground
+        Of the real residual.
+    regression : float
+        Share of the simulated archives' dependence on their own reported winds that the real one
+        shows: 1 where all error is the report's beside the reference, 0 the other way round.
+    """
+
+    setting: Setting
+    residuals: Floats
+    winds: tuple[tuple[Floats, Floats], ...]
+    variables: dict[str, Variable]
+    simulated: tuple[dict[str, Floats], ...]
+    ground: Ground
+    regression: float
+    made: dict[Any, Floats] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, setting: Setting, rest: Floats) -> Bench:
+        """Put a residual on the bench.
+
+        Parameters
+        ----------
+        setting : Setting
+        rest : (n, 2) float
+            m/s.
+
+        Returns
+        -------
+        Bench
+        """
+        frame, quiet = setting.frame, setting.quiet
+        explained = frame.residual - rest
+        coding = Coding.of_archive(frame)
+        told, values = [rest], []
+        winds = [(frame.u_rep, frame.v_rep)]
+        for error in setting.errors:
+            met = error + explained
+            u, v = coding.apply(frame.u_ref + met[:, 0], frame.v_ref + met[:, 1])
+            sent = replace(frame, u_rep=u, v_rep=v)
+            told.append(sent.residual - explained)
+            winds.append((u, v))
+            values.append({name: values_of(sent, quiet, name) for name in OF_THE_REPORT})
+        ground = prepare(
+            quiet, rest[None], noise=setting.noise, plan=setting.plan,
+            variances=setting.variances, day=setting.day,
+        )  # fmt: skip
+        bench = cls(
+            setting, np.stack(told), tuple(winds), record(frame, quiet), tuple(values), ground, 1.0
+        )
+        return replace(bench, regression=regression_share(bench))
+
+    def direction(self, component: str, of_wind: int | None = None) -> Floats:
+        """Change of the wind by one unit of a component, (n, 2), m/s.
+
+        Parameters
+        ----------
+        component : str
+        of_wind : int, optional
+            Across and along the wind as reported in this archive (0: the real one), not its
+            large-scale part.
+
+        Returns
+        -------
+        (n, 2) float
+        """
+        if of_wind is None or "wind" not in component:
+            key: Any = component
+            u, v = self.setting.quiet.u_ref, self.setting.quiet.v_ref
+        else:
+            key = component, of_wind
+            u, v = self.winds[of_wind]
+        if key not in self.made:
+            quiet = self.setting.quiet
+            self.made[key] = change_of(
+                component, heading=quiet.heading, airspeed=quiet.airspeed, u=u, v=v
+            )
+        return self.made[key]
+
+    def direction_for(self, grid: Grid, component: str) -> Floats:
+        """Change of the real archive's wind by one unit, as a table's variables ask for it."""
+        return self.direction(component, 0 if stands_on_report(grid) else None)
+
+    def cells(self, grid: Grid) -> Integers:
+        """Cells of the real archive, (n,)."""
+        return grid.cells(tuple(self.variables[name].values for name in grid.variables))
+
+    def sums(self, grid: Grid, component: str) -> tuple[Sums, float]:
+        """Sums of a table, the simulated archives' mean taken off where they have their own.
+
+        Parameters
+        ----------
+        grid : Grid
+        component : str
+
+        Returns
+        -------
+        sums : Sums
+        spread : float
+            What the subtraction multiplies variances by.
+        """
+        if not stands_on_report(grid):
+            return self.ground.sums(self.cells(grid), grid.size, self.direction(component)), 1.0
+        setting, count = self.setting, len(self.simulated)
+        told = [self.cells(grid), *(grid.cells(self.told(grid, k)) for k in range(count))]
+        made = []
+        for k, cells in enumerate(told):
+            direction = self.direction(component, k)
+            values = np.einsum("nc,nc->n", self.residuals[k], direction)
+            values[setting.noise.gross] = 0.0
+            made.append(plain_sums(
+                values[None], (direction**2).sum(axis=1), cells, grid.size,
+                aircraft=setting.frame.aircraft, day=setting.day,
+            ))  # fmt: skip
+        found, *alike = made
+        scores = np.stack([sums.score[0] for sums in alike])
+        mean = scores.mean(axis=0)
+        others = (count * mean - scores) / max(count - 1, 1)
+        score = np.concatenate([found.score - self.regression * mean, scores - others])
+        # what all aircraft share is the weather's: one aircraft's is what parts from it
+        weight = np.maximum(found.gram.sum(axis=0).diagonal(), 1e-12)
+        common = score.sum(axis=(1, 2)) / weight
+        apart = score - np.einsum("adkk,rk->radk", found.day_gram, common)
+        return replace(found, score=score, apart=apart), 1 + 1 / count
+
+    def told(self, grid: Grid, k: int) -> tuple[Floats, ...]:
+        """Values of a table's variables in the ``k``-th simulated archive."""
+        own = self.simulated[k]
+        return tuple(
+            own[name] if name in own else self.variables[name].values for name in grid.variables
+        )
+
+    def weigh(self, grid: Grid, component: str) -> tuple[Weighed, Sums]:
+        """Weigh a table.
+
+        Parameters
+        ----------
+        grid : Grid
+        component : str
+
+        Returns
+        -------
+        Weighed, Sums
+        """
+        sums, spread = self.sums(grid, component)
+        own = REPORTED_PERSISTENT if stands_on_report(grid) else PERSISTENT
+        fleet = np.hypot(own, FLEET_PERSISTENT * np.sqrt(sums.lasting_share))
+        prior = self.prior(grid, component, sums)
+        return weigh(sums, prior, fleet_error=float(fleet), error=own, spread=spread), sums
+
+    def prior(self, grid: Grid, component: str, sums: Sums) -> Floats:
+        """Prior correlation of a table's values, in squares of the component's unit.
+
+        A mean by which the wind as reported is too strong or turned everywhere is the reference's:
+        it is not in the table.
+        """
+        prior = grid.prior() / self.scale(component) ** 2
+        if sums.apart is None:
+            return np.asarray(prior)
+        share = sums.count.sum(axis=0) / max(float(sums.count.sum()), 1.0)
+        centred = np.eye(grid.size) - share
+        return np.asarray(centred @ prior @ centred.T)
+
+    def scale(self, component: str) -> float:
+        """Root mean square of a component's directions, m/s per unit of a value."""
+        return float(np.sqrt((self.direction(component) ** 2).sum(axis=1).mean()))
+
+
+def stands_on_report(grid: Grid) -> bool:
+    """Whether a table stands on the reported wind itself."""
+    return bool(set(grid.variables) & set(OF_THE_REPORT))
+
+
+def regression_share(bench: Bench) -> float:
+    """Share of the simulated dependence on the reported wind that the real archive shows.
+
+    Parameters
+    ----------
+    bench : Bench
+
+    Returns
+    -------
+    float
+        Between 0 and 1, by least absolute deviations over the cells of direction (across the wind)
+        and speed (along it): an effect in some cells does not move it.
+    """
+    real, simulated, weight = [], [], []
+    for name, component in (("wind_direction", "across_wind"), ("wind_speed", "along_wind")):
+        if name not in bench.variables:
+            continue
+        grid = Grid((axis_of(bench.variables[name], 24),))
+        told = [bench.cells(grid)]
+        told += [grid.cells(bench.told(grid, k)) for k in range(len(bench.simulated))]
+        sums = []
+        for k, cells in enumerate(told):
+            values = np.einsum("nc,nc->n", bench.residuals[k], bench.direction(component, k))
+            values[bench.setting.noise.gross] = 0.0
+            sums.append(np.bincount(cells, values, minlength=grid.size))
+        real.append(sums[0])
+        simulated.append(np.mean(sums[1:], axis=0))
+        weight.append(np.sqrt(np.maximum(np.bincount(told[0], minlength=grid.size), 1.0)))
+    if not real:
+        return 1.0
+    x, y = (np.concatenate(v) / np.concatenate(weight) for v in (simulated, real))
+    use = np.abs(x) > 1e-9
+    slopes, weights = y[use] / x[use], np.abs(x[use])
+    order = np.argsort(slopes)
+    middle = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
+    return float(np.clip(slopes[order][middle], 0.0, 1.0))

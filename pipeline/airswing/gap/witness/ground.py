@@ -1,0 +1,305 @@
+"""Sums of tables against what is not explained, with the reference's own error taken out exactly.
+
+Assumptions: the error of the reference is the noise along flights, day fields, a climatology and a
+slope on the wind, all with the sizes the diagnosis estimated; beside them every aircraft has a
+little of every steady error of heading and airspeed. With ``V`` the covariance of all of it, a
+table's columns X enter as ``X'V^-1 X`` and ``X'V^-1 r``: generalised least squares, so that what
+weather or a little deviation explains is no one's unknown.
+
+Validity: whole flights; columns in m/s. Residuals may be many at once (rows of ``residuals``): the
+real one and those of simulated archives, for the columns are the same.
+
+Source: Frisch-Waugh-Lovell; mixed-model equations of Henderson (1975).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.design.basis import DictionaryPlan, unit_vectors
+from airswing.gap.design.weather import climatology_columns, day_field_columns, slope_columns
+from airswing.gap.noise.model import NoiseFit
+from airswing.gap.noise.whitening import FlightOrder, Gains, take_gains, whiten_blocks
+from airswing.gap.sums.elimination import inverse_root
+from airswing.gap.sums.variance_components import SLOPE_SD, Variances
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Integers = NDArray[np.int64]
+
+#: Size of the little of every steady error that every aircraft has, m/s rms.
+BACKGROUND = 0.1
+#: Bound on whitened residuals.
+CLIP = 5.0
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums of one table's columns, everything the reference does taken out.
+
+    Attributes
+    ----------
+    gram : (A, k, k) float
+        X'V^-1 X of each aircraft.
+    day_gram : (A, D, k, k) float
+        The same by day, before what lasts is taken out.
+    score : (R, A, D, k) float
+        X'V^-1 r by aircraft and day, of each residual.
+    fleet_gram : (k, k) float
+        Of all aircraft together.
+    count : (A, k) float
+        Reports in each cell.
+    lasting_share : float
+        Part of the fleet's X'X that what lasts takes up.
+    apart : (R, A, D, k) float or None
+        Scores of each aircraft about the fleet's own table, where weather is common to all.
+    """
+
+    gram: Floats
+    day_gram: Floats
+    score: Floats
+    fleet_gram: Floats
+    count: Floats
+    lasting_share: float
+    apart: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Reports ready for tables: whitened nuisance columns and residuals by aircraft and day.
+
+    Attributes
+    ----------
+    order : FlightOrder
+    gains : Gains
+        In the order's own sequence.
+    parts : tuple of (int, int, (m,) int, (2 m, w) float32)
+        Aircraft, day, positions in the order, and ``[Z, C, B, V^-1 r]`` of these reports.
+    root : (D, q, q) float
+        Inverse Cholesky factor of the day fields' normal matrix.
+    fields : (D, q, L) float
+        ``root`` Z' [C, B of every aircraft] by day.
+    half : (L, L) float
+        Root of the inverse of what lasts given the day fields.
+    sizes : (int, int, int, int)
+        Aircraft, days, columns of the climatology, of one aircraft's steady errors.
+    """
+
+    order: FlightOrder
+    gains: Gains
+    parts: tuple[tuple[int, int, Integers, Singles], ...]
+    root: Floats
+    fields: Floats
+    half: Floats
+    sizes: tuple[int, int, int, int]
+
+    def sums(self, cells: Integers, size: int, direction: Floats) -> Sums:
+        """Sums of a table.
+
+        Parameters
+        ----------
+        cells : (n,) int
+            Cell of every report, -1 for none.
+        size : int
+            Number of cells k.
+        direction : (n, 2) float
+            Unit vector of the component.
+
+        Returns
+        -------
+        Sums
+        """
+        index = self.order.index
+        cell, unit = cells[index], direction[index].astype(np.float32)
+        columns = np.zeros((size, 2, index.size), np.float32)
+        known = np.flatnonzero((cell >= 0) & (self.gains.weight > 0))
+        for k in range(2):
+            columns[cell[known], k, known] = unit[known, k]
+        whiten_blocks(columns, self.order.starts, self.gains)
+        return self._summed(columns, cell, known)
+
+    def _summed(self, columns: Singles, cell: Integers, known: Integers) -> Sums:
+        aircraft, days, steady, own = self.sizes
+        k, q = columns.shape[0], self.root.shape[1]
+        width = self.parts[0][3].shape[1] - q - steady - own
+        day_gram = np.zeros((aircraft, days, k, k))
+        cross = np.zeros((aircraft, days, k, q))
+        lasting = np.zeros((aircraft, k, steady + own * aircraft))
+        score = np.zeros((width, aircraft, days, k))
+        count = np.zeros((aircraft, k))
+        used = np.zeros(cell.size, bool)
+        used[known] = True
+        for a, d, rows, beside in self.parts:
+            x = columns[:, :, rows].reshape(k, -1)
+            day_gram[a, d] = x @ x.T
+            both = x @ beside
+            cross[a, d] = both[:, :q] @ self.root[d].T
+            lasting[a, :, :steady] += both[:, q : q + steady]
+            block = slice(steady + a * own, steady + (a + 1) * own)
+            lasting[a, :, block] += both[:, q + steady : q + steady + own]
+            lasting[a] -= cross[a, d] @ self.fields[d]
+            score[:, a, d] = both[:, q + steady + own :].T
+            count[a] += np.bincount(cell[rows][used[rows]], minlength=k)[:k]
+        day_gram_own = day_gram - np.einsum("adkq,adlq->adkl", cross, cross, optimize=True)
+        taken = lasting @ self.half.T
+        gram = day_gram_own.sum(axis=1) - taken @ taken.swapaxes(1, 2)
+        whole = cross.sum(axis=0)
+        fleet = day_gram.sum(axis=(0, 1)) - np.einsum("dkq,dlq->kl", whole, whole, optimize=True)
+        together = taken.sum(axis=0)
+        share = float(np.trace(together @ together.T) / max(np.trace(fleet), 1e-9))
+        return Sums(gram, day_gram_own, score, fleet - together @ together.T, count, share)
+
+
+def plain_sums(
+    values: Floats,
+    square: Floats,
+    cells: Integers,
+    size: int,
+    *,
+    aircraft: Integers,
+    day: Integers,
+) -> Sums:
+    """Sums of a table without whitening: its cells' counts, and sums of the residual by cell.
+
+    Parameters
+    ----------
+    values : (R, n) float
+        Residual times the component's direction.
+    square : (n,) float
+        Square of that direction.
+    cells : (n,) int
+    size : int
+    aircraft, day : (n,) int
+
+    Returns
+    -------
+    Sums
+        In units of the residual's variance.
+    """
+    shape = int(aircraft.max()) + 1, int(day.max()) + 1, size
+    used = np.flatnonzero(cells >= 0)
+    key = (aircraft[used] * shape[1] + day[used]) * size + cells[used]
+    total = int(np.prod(shape))
+    unit = float(np.mean(square)) / max(float(np.mean(values[0] ** 2)), 1e-6)
+    count = np.bincount(key, minlength=total).reshape(shape)
+    weight = unit * np.bincount(key, square[used], minlength=total).reshape(shape)
+    score = np.stack([
+        unit * np.bincount(key, own[used], minlength=total).reshape(shape) for own in values
+    ])  # fmt: skip
+    day_gram = weight[..., None] * np.eye(size)
+    by_aircraft = count.sum(axis=1).astype(float)
+    gram = weight.sum(axis=1)[..., None] * np.eye(size)
+    return Sums(gram, day_gram, score, gram.sum(axis=0), by_aircraft, 0.0)
+
+
+def steady_columns(quiet: Any) -> Floats:
+    """Columns of steady errors of heading and airspeed, (n, 2, 7), about 1 m/s each."""
+    cross, along = unit_vectors(quiet.heading)
+    angle, speed = quiet.magnetic_heading, quiet.airspeed[:, None] / 100.0
+    waves = [np.ones_like(angle), *(f(k * angle) for k in (1, 2) for f in (np.sin, np.cos))]
+    columns = [wave[:, None] * speed * cross for wave in waves]
+    return np.stack([*columns, along, speed * along], -1)
+
+
+def prepare(
+    quiet: Any,
+    residuals: Floats,
+    *,
+    noise: NoiseFit,
+    plan: DictionaryPlan,
+    variances: Variances,
+    day: Integers,
+    background: float = BACKGROUND,
+) -> Ground:
+    """Whiten the nuisance columns and residuals of an archive.
+
+    Parameters
+    ----------
+    quiet : Frame
+        Reports with heading, airspeed and wind free of the residual's noise.
+    residuals : (R, n, 2) float
+        Residuals, the effects found taken off, m/s.
+    noise : NoiseFit
+    plan : DictionaryPlan
+    variances : Variances
+    day : (n,) int
+        Index of each report's day.
+    background : float
+        Size of every aircraft's little of every steady error, m/s.
+
+    Returns
+    -------
+    Ground
+    """
+    order = noise.order
+    gains = take_gains(noise.gains, order.index)
+
+    def white(columns: Floats) -> Singles:
+        block = np.ascontiguousarray(np.moveaxis(columns[order.index], 0, -1).swapaxes(0, 1))
+        out = block.astype(np.float32)
+        out[:, :, gains.weight == 0] = 0.0
+        whiten_blocks(out, order.starts, gains)
+        return out
+
+    lasting = np.concatenate([climatology_columns(quiet, plan), slope_columns(quiet)], -1)
+    fields, steady = white(day_field_columns(quiet, plan)), white(lasting)
+    own = white(steady_columns(quiet))
+    rests = np.clip(white(np.moveaxis(residuals, 0, -1)), -CLIP, CLIP)
+    key = quiet.aircraft[order.index] * (int(day.max()) + 1) + day[order.index]
+    turn = np.argsort(key, kind="stable")
+    pieces = np.split(turn, np.flatnonzero(np.diff(key[turn])) + 1)
+    stacked = np.concatenate([fields, steady, own, rests])
+    rows = [
+        (int(quiet.aircraft[order.index[p[0]]]), int(day[order.index[p[0]]]), p,
+         np.ascontiguousarray(stacked[:, :, p].reshape(stacked.shape[0], -1).T))
+        for p in pieces
+    ]  # fmt: skip
+    sizes = len(quiet.tails), int(day.max()) + 1, steady.shape[0], own.shape[0]
+    prior = np.r_[1 / variances.climatology, 1 / np.square(SLOPE_SD)]
+    prior = np.r_[prior, np.full(sizes[0] * sizes[3], 1 / background**2)]
+    return _solved(order, gains, rows, sizes, 1 / variances.day, prior)
+
+
+def _solved(
+    order: FlightOrder,
+    gains: Gains,
+    rows: list[tuple[int, int, Integers, Singles]],
+    sizes: tuple[int, int, int, int],
+    day_prior: Floats,
+    prior: Floats,
+) -> Ground:
+    """Eliminate day fields and what lasts from the residuals."""
+    aircraft, days, steady, own = sizes
+    q, lasting = day_prior.size, steady + own * aircraft
+    width = rows[0][3].shape[1] - q - steady - own
+    normal = np.zeros((days, q, q)) + np.diag(day_prior)
+    fields, shared = np.zeros((days, q, lasting)), np.zeros((days, q, width))
+    gram, score = np.diag(prior), np.zeros((lasting, width))
+    places = [np.r_[np.arange(steady), steady + a * own + np.arange(own)] for a in range(aircraft)]
+    for a, d, _, part in rows:
+        both = (part.T @ part).astype(float)
+        normal[d] += both[:q, :q]
+        fields[d][:, places[a]] += both[:q, q : q + steady + own]
+        shared[d] += both[:q, q + steady + own :]
+        inner = slice(q, q + steady + own)
+        gram[np.ix_(places[a], places[a])] += both[inner, inner]
+        score[places[a]] += both[inner, q + steady + own :]
+    root = np.linalg.inv(np.linalg.cholesky(normal))
+    fields, shared = root @ fields, root @ shared
+    gram -= np.einsum("dql,dqm->lm", fields, fields, optimize=True)
+    score -= np.einsum("dql,dqr->lr", fields, shared, optimize=True)
+    half = inverse_root(gram)
+    found = half.T @ (half @ score)
+    by_day = root.swapaxes(1, 2) @ (shared - fields @ found)
+    parts = []
+    for a, d, positions, part in rows:
+        part[:, q + steady + own :] -= part[:, :q] @ by_day[d].astype(np.float32)
+        part[:, q + steady + own :] -= part[:, q : q + steady + own] @ found[places[a]].astype(
+            np.float32
+        )
+        parts.append((a, d, positions, part))
+    return Ground(order, gains, tuple(parts), root, fields, half, sizes)

@@ -1,0 +1,344 @@
+"""Unknowns taken off an archive one after the other, and what each closes on weeks left out.
+
+Assumptions: an unknown competes with the names the search found. Where its table alone explains
+more of the plain residual than all names together, the names only stood in for it: it is fitted to
+the residual with nothing taken off, else to what the names leave. The archive without it, its winds
+as they would have been, is then searched for names again.
+
+Validity: tables are fitted without each fold of weeks and taken off that fold's reports, so that
+what is left is held out.
+
+Units: m/s inside, kt in entries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.reported_variables import UNITS
+from airswing.gap.archive.value_tables import UNIT_OF
+from airswing.gap.design.layout import effect_columns
+from airswing.gap.evidence.terms import Term
+from airswing.gap.held_out.reduction import day_interval, take_off
+from airswing.gap.witness.bench import Bench, Setting, stands_on_report
+from airswing.gap.witness.unknowns import (
+    LEAST_EVIDENCE,
+    Candidate,
+    Unknown,
+    curves,
+    explained,
+    field_of,
+    refined,
+    stands,
+)
+from airswing.units import KNOT
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: What a table must explain more than all names, as a factor, to lead.
+LEADS = 1.05
+#: Size beside that of the names' on the same aircraft under which an unknown is their remainder.
+REMAINDER = 0.2
+#: The same beside an earlier unknown's: cells are coarse.
+OWN_REMAINDER = 0.35
+#: Reports on which an unknown is compared with effects, at most.
+MOST_COMPARED = 5000
+#: What the bootstrap's interval is widened by: tables are fitted to few weeks.
+WIDENED = 1.3
+
+
+@dataclass(frozen=True)
+class Taken:
+    """An unknown taken off.
+
+    Attributes
+    ----------
+    unknown : Unknown
+    saved : (n,) float
+        Disagreement before less after, m/s.
+    nearest : str or None
+        Effect of the catalogue that explains most of it.
+    share : float
+        Share of its mean square that the effect explains.
+    """
+
+    unknown: Unknown
+    saved: Floats
+    nearest: str | None
+    share: float
+
+
+def without(frame: Any, wind: Floats) -> Any:
+    """Frame whose reported winds are others, with the heading and airspeed they imply."""
+    u, v = frame.u_ref + wind[:, 0], frame.v_ref + wind[:, 1]
+    air_u, air_v = frame.ground_u - u, frame.ground_v - v
+    heading = np.mod(np.arctan2(air_u, air_v), 2 * np.pi)
+    declination = frame.heading - frame.magnetic_heading
+    return replace(
+        frame, u_rep=u, v_rep=v, heading=heading, airspeed=np.hypot(air_u, air_v),
+        magnetic_heading=np.mod(heading - declination, 2 * np.pi),
+    )  # fmt: skip
+
+
+def next_unknown(
+    setting: Setting, effects: Mapping[str, Any], named_rest: Floats, fold: Integers
+) -> tuple[Taken, Any] | None:
+    """Find the strongest unknown of an archive and take it off.
+
+    Parameters
+    ----------
+    setting : Setting
+    effects : mapping
+        Name -> effect: what an unknown is compared with.
+    named_rest : (n, 2) float
+        Residual with all that has a name taken off, m/s.
+    fold : (D,) int
+        Fold of every day.
+
+    Returns
+    -------
+    taken : Taken
+    frame : Frame
+        The archive without it.
+    None
+        Where nothing is left to be found.
+    """
+    frame = setting.frame
+    bench = Bench.of(setting, named_rest)
+    ranked = curves(bench)
+    if not ranked or ranked[0].nats < LEAST_EVIDENCE:
+        return None
+    errors = frame.residual - named_rest
+    named = bool(errors.any())
+    if named:
+        plain = Bench.of(setting, frame.residual)
+        alone = curves(plain)
+        first = refined(plain, alone[0], fold)
+        if first is not None and _leads(plain, first, errors, fold):
+            return _taken(setting, plain, first, alone, effects, fold)
+    unknown = refined(bench, ranked[0], fold)
+    if unknown is None or (named and _remainder(frame, unknown, errors)):
+        return None
+    return _taken(setting, bench, unknown, ranked, effects, fold)
+
+
+def _taken(
+    setting: Setting,
+    bench: Bench,
+    unknown: Unknown,
+    ranked: Sequence[Candidate],
+    effects: Mapping[str, Any],
+    fold: Integers,
+) -> tuple[Taken, Any] | None:
+    """Take an unknown off, where it stands."""
+    if not stands(unknown):
+        return None
+    frame = setting.frame
+    rivals = tuple((c.nats, c.component, c.grid.variables) for c in ranked[:6])
+    unknown = replace(unknown, rivals=rivals)
+    error = field_of(bench, unknown, fold[setting.day])
+    zero = np.zeros_like(error)
+    sensor = unknown.component.startswith(("across_heading", "heading", "along_heading", "air"))
+    left = take_off(frame, error if sensor else zero, zero if sensor else error)
+    saved = np.hypot(*frame.residual.T) - np.hypot(*left.T)
+    near, share = nearest(setting.quiet, effects, error, unknown.tails)
+    return Taken(unknown, saved, near, share), without(frame, left)
+
+
+def _leads(bench: Bench, unknown: Unknown, errors: Floats, fold: Integers) -> bool:
+    """Whether a table alone explains more than all names together."""
+    plain = stands_on_report(unknown.grid)
+    own = explained(bench, field_of(bench, unknown, fold[bench.setting.day]), plain=plain)
+    return own > LEADS * explained(bench, errors, plain=plain)
+
+
+def _remainder(frame: Any, unknown: Unknown, errors: Floats) -> bool:
+    """Whether an unknown is small beside what names explain on the same aircraft."""
+    own = np.isin(frame.aircraft, unknown.tails)
+    size = float(np.sqrt((errors[own] ** 2).sum(axis=1).mean()))
+    return unknown.size < REMAINDER * size
+
+
+def is_remainder(new: Taken, earlier: Sequence[Taken]) -> bool:
+    """Whether an unknown is what the cells of an earlier one left on the same aircraft."""
+    own = set(new.unknown.tails)
+    return any(
+        len(own & set(old.unknown.tails)) > 0.5 * len(own)
+        and new.unknown.size < OWN_REMAINDER * old.unknown.size
+        for old in earlier
+    )
+
+
+def remainder_names(terms: Sequence[Term], taken: Sequence[Taken]) -> set[str]:
+    """Names whose every term is small beside an unknown taken off the same aircraft.
+
+    Cells are coarse: what a table leaves within them bends into the shape of names.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+    taken : sequence of Taken
+
+    Returns
+    -------
+    set of str
+    """
+    small: dict[str, bool] = {}
+    for term in terms:
+        if not term.candidate.known:
+            continue
+        own = set(term.tails)
+        size = float(np.median(term.score.size[list(term.tails)]))
+        less = any(
+            own <= set(one.unknown.tails) and size < OWN_REMAINDER * one.unknown.size
+            for one in taken
+        )
+        small[term.candidate.name] = small.get(term.candidate.name, True) and less
+    return {name for name, less in small.items() if less}
+
+
+def nearest(
+    context: Any, effects: Mapping[str, Any], error: Floats, tails: Sequence[int]
+) -> tuple[str | None, float]:
+    """Effect of the catalogue most like an unknown, and the share of it that the effect explains.
+
+    Parameters
+    ----------
+    context : Frame
+        Reports with heading, airspeed and wind free of the residual's noise.
+    effects : mapping
+        Name -> effect with columns.
+    error : (n, 2) float
+        What the unknown makes, m/s.
+    tails : sequence of int
+        Its aircraft.
+
+    Returns
+    -------
+    name : str or None
+    share : float
+        Of its mean square, by least squares with one set of coefficients.
+    """
+    rows = np.flatnonzero(np.isin(context.aircraft, tails) & error.any(axis=1))
+    rows = rows[:: max(1, rows.size // MOST_COMPARED)]
+    part, values = context.take(rows), error[rows].ravel()
+    whole = float(values @ values)
+    best: tuple[str | None, float] = (None, 0.0)
+    for name, effect in effects.items():
+        columns = np.moveaxis(effect_columns(part, effect), 0, -1)
+        design = columns.reshape(values.size, -1)
+        fit = design @ np.linalg.lstsq(design, values, rcond=None)[0]
+        share = float(fit @ fit) / whole if whole > 0 else 0.0
+        if share > best[1]:
+            best = name, share
+    return best
+
+
+def interval(saved: Floats, day: Integers, seed: int, draws: int = 400) -> tuple[float, float]:
+    """95 % interval of a mean reduction, kt: bootstrap over days, widened."""
+    low, high = day_interval(saved / KNOT, day, seed, draws)
+    middle = float(saved.mean()) / KNOT
+    return middle - WIDENED * (middle - low) - 0.01, middle + WIDENED * (high - middle) + 0.01
+
+
+def entry(taken: Taken, tails: Sequence[str], day: Integers, seed: int) -> dict[str, Any]:
+    """One of ``unknown.where`` of gap.json.
+
+    Parameters
+    ----------
+    taken : Taken
+    tails : sequence of str
+        All aircraft.
+    day : (n,) int
+    seed : int
+
+    Returns
+    -------
+    dict
+    """
+    unknown = taken.unknown
+    whole = len(unknown.tails) == len(tails)
+    own = list(unknown.tails)
+    middle = unknown.values[own].mean(axis=0)
+    names = list(unknown.grid.variables)
+    reduction = float(taken.saved.mean()) / KNOT
+    curve: dict[str, Any] = {
+        "labels": _labels(unknown), "m_s": [float(x) for x in middle],
+        "unit": UNIT_OF[unknown.component], "variables": names,
+        "variable_units": [UNITS[name] for name in names],
+        "edges": [[float(x) for x in axis.edges] for axis in unknown.grid.axes],
+        "values": [float(x) for x in middle],
+    }  # fmt: skip
+    if not unknown.shared:
+        curve["per_tail"] = {tails[a]: [float(x) for x in unknown.values[a]] for a in own}
+    odds = np.clip(unknown.evidence - np.log(50.0), -50, 50)
+    return {
+        "equally_good": [f"{c} by {' x '.join(v)}" for n, c, v in taken.unknown.rivals[1:]
+                         if n > 0.8 * unknown.evidence],
+        "component": unknown.component, "variable": names[0], "variables": names,
+        "group": f"{unknown.component}:{' x '.join(names)}",
+        "tails": [] if whole else [tails[a] for a in own],
+        "scope": "fleet" if whole else "aircraft",
+        "evidence_nats": round(unknown.evidence, 2),
+        "probability": float(1 / (1 + np.exp(-odds))),
+        "size_m_s": unknown.size, "largest_m_s": unknown.peak, "curve": curve,
+        "closure": {"reduction": reduction, "reduction_ci": list(interval(taken.saved, day, seed))},
+        "nearest_effect": taken.nearest, "nearest_effect_share": taken.share,
+        "settled_by": settled_by(names),
+        "held_out_energy": 2 * unknown.held_out,
+        "held_out_energy_standard_error": 2 * unknown.held_out_error,
+    }  # fmt: skip
+
+
+def _labels(unknown: Unknown) -> list[str]:
+    labels = [""]
+    for axis in unknown.grid.axes:
+        labels = [f"{one}; {other}" if one else other for one in labels for other in axis.labels]
+    return labels
+
+
+def settled_by(names: Sequence[str]) -> str:
+    """What measurement would settle what an unknown is."""
+    told = {
+        "magnetic_heading": "a compass swing of one of these aircraft on the ground and in flight",
+        "track": "the unit's raw heading and track beside each other on flights both ways",
+        "wind_direction": "the raw air and ground vectors beside the wind computed of them",
+        "wind_speed": "the raw air and ground vectors beside the wind computed of them",
+        "temperature": "a recorder of the unit's raw sensors through these temperatures",
+        "icing": "flights with de-icing switched on and off in clear air on every heading",
+        "airspeed": "a run at several airspeeds beside a trailing cone or a second air data unit",
+        "altitude": "levels flown both ways beside another aircraft or a radiosonde",
+        "hour": "the unit's clock and its data link beside a GPS clock over a day",
+        "phase": "the unit's raw sensors through a climb, a cruise and a descent",
+        "acceleration": "a recorder of raw heading through speed changes on several headings",
+        "bank": "a recorder of raw heading through steady turns both ways",
+    }
+    found = [told[name] for name in names if name in told]
+    return found[0] if found else "another unit on the same routes, or these units on other routes"
+
+
+def active_entries(places: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Entries of effects.yaml for the unknowns of gap.json."""
+    out = []
+    for place in places:
+        curve = place["curve"]
+        if "edges" not in curve:
+            continue
+        parameters = {
+            "component": place["component"], "variables": list(curve["variables"]),
+            "edges": curve["edges"],
+        }  # fmt: skip
+        each = curve.get("per_tail") or {None: curve["values"]}
+        for tail, values in each.items():
+            who: Any = [tail] if tail is not None else (place["tails"] or "all")
+            out.append({
+                "name": "empirical", "tails": who,
+                "parameters": parameters | {"values": values}, "period": None,
+            })  # fmt: skip
+    return out

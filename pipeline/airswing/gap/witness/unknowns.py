@@ -1,0 +1,325 @@
+"""Unknowns: tables that explain what no name does, one after the other.
+
+Assumptions: an unknown is a table over one or two variables, of one component, of all aircraft or
+of some. The best table of one variable is looked for over all variables and components; then a
+second variable, finer cells, an angle or a factor in place of metres per second are tried. What a
+table explains is judged by its evidence, its size where it acts, and on weeks left out.
+
+Validity: sizes from 0.25 m/s where it acts most; evidence from 6 nats, more than the largest of
+sixty tables on archives that hold nothing. What two variables carry and neither of them alone is
+not seen.
+
+Units: nats, m/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.reported_variables import KINDS
+from airswing.gap.archive.value_tables import COMPONENTS, SCALED, Axis, Grid, axis_of
+from airswing.gap.noise.whitening import whiten
+from airswing.gap.witness.bench import Bench, stands_on_report
+from airswing.gap.witness.ground import CLIP, Sums
+from airswing.gap.witness.scan import Weighed, evidence
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Evidence that an unknown needs, nats.
+LEAST_EVIDENCE = 6.0
+#: Size that an unknown needs, m/s rms over the reports of its aircraft, and where it acts most.
+LEAST_SIZE = (0.08, 0.25)
+#: What a second variable must add, nats and as a share of the evidence.
+SECOND = (6.0, 0.03)
+#: What a finer table, or an angle in place of metres per second, must add, nats.
+FINER = 3.0
+#: What another table must explain more than the one before it, as a share.
+GAIN = 0.03
+#: Prior variance of a table's mean when it is fitted, in those of its values.
+MEAN = 4.0
+#: Bound on single residuals where explained energies are compared, m/s.
+BOUND = 12.0
+#: Cells of the two variables of a table.
+PAIR_CELLS = {"circular": 8, "linear": 5, "category": 3}
+#: The same where there is enough to tell.
+FINE_CELLS = {"circular": 16, "linear": 10, "category": 3}
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A table that explains what no name does.
+
+    Attributes
+    ----------
+    component : str
+    grid : Grid
+    tails : tuple of int
+        Aircraft; all of them where the whole fleet has it.
+    shared : bool
+        One table for all its aircraft.
+    evidence : float
+        Nats.
+    values : (A, k) float
+        Table of each aircraft, in the unit of the component; 0 where it has none.
+    by_fold : (F, A, k) float
+        The same, fitted without each fold.
+    size : float
+        m/s rms over the reports of its aircraft.
+    peak : float
+        m/s, where it acts most: mean over the tenth of its reports it changes most.
+    held_out : float
+        Energy explained on weeks left out, nats (half of squared standard errors).
+    held_out_error : float
+    rivals : tuple of (float, str, tuple of str)
+        Other tables that came near: evidence, component, variables.
+    """
+
+    component: str
+    grid: Grid
+    tails: tuple[int, ...]
+    shared: bool
+    evidence: float
+    values: Floats
+    by_fold: Floats
+    size: float
+    peak: float
+    held_out: float
+    held_out_error: float
+    rivals: tuple[tuple[float, str, tuple[str, ...]], ...] = ()
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A table weighed.
+
+    Attributes
+    ----------
+    nats : float
+        Evidence.
+    component : str
+    grid : Grid
+    weighed : Weighed
+    sums : Sums
+    """
+
+    nats: float
+    component: str
+    grid: Grid
+    weighed: Weighed
+    sums: Sums
+
+
+def weighed(bench: Bench, grid: Grid, component: str) -> Candidate:
+    """Weigh one table: of the fleet or of some aircraft, whichever tells more."""
+    found, sums = bench.weigh(grid, component)
+    return Candidate(float(max(found.fleet[0], found.single[0])), component, grid, found, sums)
+
+
+def curves(bench: Bench) -> list[Candidate]:
+    """All tables of one variable, most evidence first."""
+    out = []
+    for name, variable in bench.variables.items():
+        grid = Grid((axis_of(variable, KINDS[name][1]),))
+        out += [weighed(bench, grid, component) for component in COMPONENTS]
+    return sorted(out, key=lambda c: -c.nats)
+
+
+def refined(bench: Bench, best: Candidate, fold: Integers) -> Unknown | None:
+    """The best table that holds a variable and component, fitted.
+
+    A second variable, finer cells, an angle or a factor: each is tried where the evidence is for
+    it, and what explains most on weeks left out is taken.
+
+    Parameters
+    ----------
+    bench : Bench
+    best : Candidate
+        A table of one variable.
+    fold : (D,) int
+        Fold of every day.
+
+    Returns
+    -------
+    Unknown or None
+    """
+    best = _better(best, [weighed(bench, best.grid, SCALED[best.component][0])], FINER)
+    name = best.grid.variables[0]
+    first = bench.variables[name]
+    options = [best]
+    if first.kind != "category":
+        counts = (24, 36) if first.kind == "circular" else (12, 20)
+        finer = [weighed(bench, Grid((axis_of(first, n),)), best.component) for n in counts]
+        options += [c for c in finer if c.nats > 0.5 * best.nats]
+    pairs = []
+    for other, variable in bench.variables.items():
+        if other != name:
+            axes = (_pair_axis(bench, name), axis_of(variable, PAIR_CELLS[variable.kind]))
+            pairs.append(weighed(bench, Grid(axes), best.component))
+    pair = _better(best, pairs, max(SECOND[0], SECOND[1] * best.nats))
+    if pair is not best:
+        finest = tuple(
+            axis_of(bench.variables[axis.variable], FINE_CELLS[axis.kind])
+            for axis in pair.grid.axes
+        )
+        options += [pair, weighed(bench, Grid(finest), pair.component)]
+    return _most_explaining(bench, options, fold)
+
+
+def _most_explaining(bench: Bench, options: Sequence[Candidate], fold: Integers) -> Unknown | None:
+    """Fit tables and take the one that explains most on weeks left out; of equals the first."""
+    best, most = None, 0.0
+    plain = any(stands_on_report(option.grid) for option in options)
+    for option in options:
+        found = fitted(bench, option, fold)
+        if found is None:
+            continue
+        error = field_of(bench, found, fold[bench.setting.day])
+        share = explained(bench, error, plain=plain)
+        if best is None or share > most + max(GAIN * abs(most), 1e-4):
+            best, most = found, share
+    return best
+
+
+def explained(bench: Bench, error: Floats, *, plain: bool) -> float:
+    """Energy that an error takes off the real residual, whitened or, in m2 s-2, as it is.
+
+    Parameters
+    ----------
+    bench : Bench
+    error : (n, 2) float
+        m/s.
+    plain : bool
+        As it is: of what stands on the reported wind, whose cells change with its noise. Single
+        reports count to a bound.
+
+    Returns
+    -------
+    float
+        Mean over the reports.
+    """
+    residual = bench.residuals[0]
+    if plain:
+        near = np.abs(residual).max(axis=1) < BOUND
+        own, taken = residual[near], error[near]
+    else:
+        noise = bench.setting.noise
+        if "white" not in bench.made:
+            bench.made["white"] = np.clip(whiten(residual, noise.order, noise.gains), -CLIP, CLIP)
+        own, taken = bench.made["white"], whiten(error, noise.order, noise.gains)
+    return float((2 * own * taken - taken**2).sum()) / int(residual.shape[0])
+
+
+def _pair_axis(bench: Bench, name: str) -> Axis:
+    variable = bench.variables[name]
+    return axis_of(variable, {"circular": 12, "linear": 6, "category": 3}[variable.kind])
+
+
+def _better(best: Candidate, others: Sequence[Candidate], margin: float) -> Candidate:
+    strongest = max(others, key=lambda c: c.nats, default=best)
+    return strongest if strongest.nats > best.nats + margin else best
+
+
+def stands(unknown: Unknown) -> bool:
+    """Whether an unknown is of practical size and explains weeks left out."""
+    large = unknown.size >= LEAST_SIZE[0] and unknown.peak >= LEAST_SIZE[1]
+    return large and unknown.held_out > unknown.held_out_error
+
+
+def struck(candidate: Candidate) -> tuple[int, ...]:
+    """Aircraft that have a table; all where the fleet has it."""
+    found = candidate.weighed
+    own = found.by_aircraft[0]
+    aircraft = own.size
+    if found.single[0] < LEAST_EVIDENCE:
+        return tuple(range(aircraft))
+    if candidate.sums.apart is not None and found.fleet[0] >= found.single[0]:
+        return tuple(range(aircraft))
+    share = 0.5
+    for _ in range(20):
+        odds = own + np.log(share / (1 - share))
+        posterior = 1 / (1 + np.exp(-np.clip(odds, -50, 50)))
+        share = float(np.clip(posterior.mean(), 0.05, 0.95))
+    likely = np.flatnonzero((posterior > 0.5) & (own > 0.02 * own.max()))
+    if likely.size >= 0.75 * aircraft:
+        return tuple(range(aircraft))
+    return tuple(int(a) for a in likely)
+
+
+def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None:
+    """Fit a table on the whole archive and without each fold."""
+    tails = struck(candidate)
+    if not tails:
+        return None
+    sums, found = candidate.sums, candidate.weighed
+    # the mean of a table is the table's, not a steady error beside it
+    prior = (candidate.grid.prior() + MEAN) / bench.scale(candidate.component) ** 2
+    aircraft, k = sums.gram.shape[0], candidate.grid.size
+    own = list(tails)
+    whole = len(own) == aircraft
+    scores = sums.score if whole or sums.apart is None else sums.apart
+    gram = sums.fleet_gram if whole else sums.gram[own].sum(axis=0)
+    factor = np.array([found.fleet_factor if whole else found.factor])
+    together, mean = evidence(
+        gram, scores[:1, own].sum(axis=(1, 2)), prior, error=0.0, factor=factor
+    )
+    shared = bool(together[0] >= found.by_aircraft[0][own].sum() or whole)
+    folds = int(fold.max()) + 1
+    by_fold = np.zeros((folds, aircraft, k))
+    energy = np.zeros(folds)
+    for f in range(folds):
+        keep = fold != f
+        for group in [own] if shared else [[a] for a in own]:
+            score = scores[0, group].sum(axis=0)
+            daily = sums.day_gram[group].sum(axis=(0, 1))
+            base = gram if shared else sums.gram[group[0]]
+            part = sums.day_gram[group][:, keep].sum(axis=(0, 1))
+            ratio = float(np.trace(part) / max(np.trace(daily), 1e-12))
+            _, value = evidence(
+                base * ratio, score[keep].sum(axis=0)[None], prior, error=0.0, factor=factor
+            )
+            by_fold[f, group] = value[0]
+            left = base * (1 - ratio)
+            energy[f] += 2 * value[0] @ score[~keep].sum(axis=0) - value[0] @ left @ value[0]
+    values = np.zeros((aircraft, k))
+    values[own] = mean[0] if shared else found.value[own]
+    size, peak = sizes(bench, candidate, values, own)
+    return Unknown(
+        candidate.component, candidate.grid, tails, shared, candidate.nats, values, by_fold,
+        size, peak, 0.5 * float(energy.sum()), 0.5 * float(energy.std(ddof=1) * np.sqrt(folds)),
+    )  # fmt: skip
+
+
+def sizes(
+    bench: Bench, candidate: Candidate, values: Floats, own: Sequence[int]
+) -> tuple[float, float]:
+    """Size over the reports of some aircraft and over the tenth changed most, m/s rms."""
+    cells = bench.cells(candidate.grid)
+    aircraft = bench.setting.frame.aircraft
+    there = np.isin(aircraft, own) & (cells >= 0)
+    change = values[aircraft[there], cells[there]]
+    square = (
+        change[:, None] * bench.direction_for(candidate.grid, candidate.component)[there]
+    ) ** 2
+    speed = np.sqrt(square.sum(axis=1))
+    if speed.size == 0:
+        return 0.0, 0.0
+    top = np.sort(speed)[-max(1, speed.size // 10) :]
+    return float(np.sqrt((speed**2).mean())), float(np.sqrt((top**2).mean()))
+
+
+def field_of(bench: Bench, unknown: Unknown, fold_of_report: Integers | None = None) -> Floats:
+    """Error that an unknown makes at every report, (n, 2), m/s; held out where folds are given."""
+    cells = bench.cells(unknown.grid)
+    aircraft = bench.setting.frame.aircraft
+    safe = np.maximum(cells, 0)
+    if fold_of_report is None:
+        value = unknown.values[aircraft, safe]
+    else:
+        value = unknown.by_fold[fold_of_report, aircraft, safe]
+    value = np.where(cells >= 0, value, 0.0)
+    return np.asarray(value[:, None] * bench.direction_for(unknown.grid, unknown.component))

@@ -1,0 +1,148 @@
+"""Sums and evidence against dense algebra; unknowns put into small archives and found again."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+from tests.gap.toy import make_frame, noise_of
+
+from airswing.gap.archive.reported_variables import KINDS
+from airswing.gap.archive.value_tables import Grid, axis_of
+from airswing.gap.design.basis import unit_vectors
+from airswing.gap.design.weather import climatology_columns, day_field_columns, slope_columns
+from airswing.gap.diagnose import diagnose
+from airswing.gap.effects import CATALOGUE
+from airswing.gap.noise.whitening import whiten
+from airswing.gap.sums.variance_components import SLOPE_SD, Variances
+from airswing.gap.witness.ground import BACKGROUND, plain_sums, prepare, steady_columns
+from airswing.gap.witness.scan import SIZES, evidence
+from airswing.workflow.gap_stage import active_effects
+
+SMALL = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "tas_scale")}
+
+
+@pytest.fixture(scope="module")
+def few():
+    """Some flights of two aircraft on two days."""
+    frame = make_frame(seed=2, aircraft=2, days=2)
+    return frame.take(np.isin(frame.flight, np.unique(frame.flight)[:8]))
+
+
+def test_sums_are_those_of_generalised_least_squares(few):
+    from airswing.gap.design.basis import plan_dictionary
+
+    noise = noise_of(few)
+    plan = plan_dictionary(few, {})
+    fields = day_field_columns(few, plan)
+    lasting = np.concatenate([climatology_columns(few, plan), slope_columns(few)], -1)
+    steady = steady_columns(few)
+    m = lasting.shape[-1] - 2
+    variances = Variances(np.full(fields.shape[-1], 0.3), np.full(m, 0.05))
+    _, day = np.unique(few.day, return_inverse=True)
+    ground = prepare(few, few.residual[None], noise=noise, plan=plan, variances=variances, day=day)
+    cells = (few.longitude > np.median(few.longitude)).astype(int)
+    cross, _ = unit_vectors(few.heading)
+    sums = ground.sums(cells, 2, cross)
+
+    def white(columns):
+        return whiten(columns, noise.order, noise.gains).reshape(2 * few.size, -1)
+
+    blocks = [white(lasting) * np.sqrt(np.r_[np.full(m, 0.05), np.square(SLOPE_SD)])]
+    for d in np.unique(day):
+        blocks.append(white(fields * (day == d)[:, None, None]) * np.sqrt(0.3))
+    for a in np.unique(few.aircraft):
+        blocks.append(white(steady * (few.aircraft == a)[:, None, None]) * BACKGROUND)
+    known = np.concatenate(blocks, axis=1)
+    inverse = np.linalg.inv(np.eye(2 * few.size) + known @ known.T)
+    table = np.stack([cross * (cells == k)[:, None] for k in range(2)], -1)
+    x, r = white(table), np.clip(white(few.residual[..., None]), -5, 5)
+    np.testing.assert_allclose(sums.fleet_gram, x.T @ inverse @ x, rtol=2e-3, atol=0.3)
+    score = sums.score[0].sum(axis=(0, 1))
+    np.testing.assert_allclose(score, (x.T @ inverse @ r)[:, 0], rtol=2e-2, atol=0.5)
+    own = white(table * (few.aircraft == 1)[:, None, None])
+    np.testing.assert_allclose(sums.gram[1], own.T @ inverse @ own, rtol=2e-3, atol=0.3)
+
+
+def test_evidence_is_a_ratio_of_normal_densities():
+    rng = np.random.default_rng(1)
+    half = rng.normal(size=(4, 4))
+    gram, prior = half @ half.T + np.eye(4), 0.5 * np.eye(4) + 0.5
+    score, error, factor = rng.normal(size=4) * 3, 0.2, 1.7
+    made, _ = evidence(gram, score[None], prior, error=error, factor=np.array([factor]))
+    own = gram / factor
+    said = [
+        multivariate_normal(cov=own + own @ prior @ own * (error**2 + extra)).logpdf(score / factor)
+        for extra in (0.0, *SIZES**2)
+    ]
+    expected = np.logaddexp.reduce(np.array(said[1:]) - said[0]) - np.log(SIZES.size)
+    assert made[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_plain_sums_are_counts_and_means():
+    values = np.array([[1.0, 3.0, 5.0, 7.0]])
+    sums = plain_sums(
+        values, np.ones(4), np.array([0, 0, 1, -1]), 2,
+        aircraft=np.array([0, 0, 1, 1]), day=np.array([0, 1, 1, 1]),
+    )  # fmt: skip
+    unit = 1 / np.mean(values**2)
+    np.testing.assert_allclose(np.diagonal(sums.fleet_gram), np.array([2, 1]) * unit)
+    np.testing.assert_allclose(sums.score[0].sum(axis=(0, 1)), np.array([4, 5]) * unit)
+    np.testing.assert_allclose(sums.score[0, 0, 1], [3 * unit, 0])
+
+
+def box(context):
+    """Two aircraft turn by 2.5 degrees east of a meridian, nowhere else."""
+    own = np.isin(context["aircraft"], [1, 4])
+    return np.where(own & (context["longitude"] > -88), np.radians(2.5), 0.0)
+
+
+@pytest.fixture(scope="module")
+def told():
+    frame = make_frame(seed=5, aircraft=6, days=16, noise=0.3, heading_error=box)
+    return frame, diagnose(frame, catalogue=SMALL, maps=False)
+
+
+def test_an_unknown_has_variables_aircraft_curve_and_closure(told):
+    frame, made = told
+    unknown = made.report["unknown"]
+    place = unknown["where"][0]
+    assert "longitude" in place["variables"]
+    assert place["component"] in ("across_heading", "heading_angle")
+    assert place["tails"] == [frame.tails[1], frame.tails[4]]
+    assert place["probability"] > 0.95
+    bare = make_frame(seed=5, aircraft=6, days=16, noise=0.3)
+    true = (np.hypot(*frame.residual.T).mean() - np.hypot(*bare.residual.T).mean()) / 0.514444
+    assert unknown["closure"]["reduction"] == pytest.approx(true, abs=0.1)
+    low, high = unknown["closure"]["reduction_ci"]
+    assert low < true < high
+    steps = [step["kt"] for step in made.details["waterfall"]]
+    assert steps[0] == pytest.approx(np.hypot(*frame.residual.T).mean() / 0.514444, rel=1e-5)
+    assert unknown["closure"]["before"] - unknown["closure"]["after"] == pytest.approx(
+        unknown["closure"]["reduction"]
+    )
+
+
+def test_the_loop_closes(told):
+    """With the unknown in the simulation there is nothing left beside it."""
+    from airswing.gap.simulation.forward import simulate
+
+    frame, made = told
+    active = [effect for effect in active_effects(made.report) if effect.name == "empirical"]
+    assert active
+    bare = make_frame(seed=5, aircraft=6, days=16, noise=0.3)
+    through = dataclasses.replace(bare, u_ref=bare.u_rep, v_ref=bare.v_rep)
+    sent = simulate(through, effects=active)
+    left = np.hypot(sent.u_rep - frame.u_rep, sent.v_rep - frame.v_rep)
+    was = np.hypot(bare.u_rep - frame.u_rep, bare.v_rep - frame.v_rep)
+    assert (left**2).mean() < 0.35 * (was**2).mean()
+
+
+def test_kinds_have_cells_of_their_own():
+    frame = make_frame(seed=2, aircraft=2, days=2)
+    from airswing.gap.archive.reported_variables import record
+
+    for name, variable in record(frame, frame).items():
+        grid = Grid((axis_of(variable, KINDS[name][1]),))
+        cells = grid.cells((variable.values,))
+        assert cells.min() >= 0 and cells.max() < grid.size
