@@ -80,6 +80,8 @@ def _dictionary_closures(places: Sequence[dict[str, Any]], found: Found, whole: 
             steps.append((term.candidate.name, before - after, low, high))
         before = after
     for place in places:
+        if "closure" in place:  # of scatter, told where it was found
+            continue
         own = [step for step in steps if step[0] == place.get("group")]
         _, reduction, low, high = own[0] if own else ("", 0.0, 0.0, 0.0)
         place["closure"] = {"reduction": reduction, "reduction_ci": [low, high]}
