@@ -36,8 +36,8 @@ NAMES = {
     "soft_iron": {"amplitude_deg", "phase_deg"},
     "compass_step": {"offset_deg", "amplitude_deg", "phase_deg"},
     "compass_drift": {"rate_deg_per_day"},
-    "heater_current": {"offset_deg", "amplitude_deg"},
-    "acceleration_error": {"amplitude_deg"},
+    "heater_current": {"offset_deg", "amplitude_deg", "between_degC"},
+    "acceleration_error": {"amplitude_deg", "by_phase"},
     "turn_error": {"amplitude_deg"},
     "declination_error": {"epoch_year", "factor", "mean_deg"},
     "tas_scale": {"scale_percent"},
@@ -135,6 +135,10 @@ def test_parameters_give_the_coefficients_back(perfect, name):
         coefficients[list(chosen)] = effect.column_scales[list(chosen)] * rng.normal(
             size=len(chosen)
         )
+        if name == "heater_current" and len(chosen) in (2, 6) and chosen[0] >= 3:
+            # a band is the difference of two columns
+            half = len(chosen) // 2
+            coefficients[list(chosen[half:])] = -coefficients[list(chosen[:half])]
         covariance = np.diag((0.1 * effect.column_scales) ** 2)
         values, errors = effect.to_parameters(coefficients, covariance, perfect)
         again = effect.from_parameters(values, perfect)
@@ -201,15 +205,61 @@ def test_phase_convention_of_one_and_two_cycles(perfect):
         np.testing.assert_allclose(np.degrees(error @ effect.basis(frame)), expected)
 
 
-def test_heater_acts_where_icing_is_on_and_is_untestable_without_the_flag(perfect):
+def test_heater_acts_where_icing_is_on_and_is_untestable_without_flag_and_temperature(perfect):
+    effect = CATALOGUE["heater_current"]
     change = np.hypot(*difference(perfect, "heater_current", {"offset_deg": 2.0}).T)
     assert (change[perfect.icing == 1] > 1.0).all()
     assert (change[perfect.icing != 1] == 0.0).all()
-    bare = frames.frame(icing=False)
-    assert CATALOGUE["heater_current"].testable(bare) == "no icing column"
-    never = replace(perfect, icing=np.zeros_like(perfect.icing))
-    assert "never changes" in CATALOGUE["heater_current"].testable(never)
-    assert CATALOGUE["heater_current"].testable(perfect) is None
+    warm = np.full(perfect.size, 300.0)
+    never = replace(perfect, icing=np.zeros_like(perfect.icing), temperature=warm)
+    assert "no icing flag that changes" in effect.testable(never)
+    assert effect.testable(replace(perfect, temperature=warm)) is None
+    cold = np.where(np.arange(perfect.size) % 2, 255.0, 280.0)
+    assert effect.testable(replace(never, temperature=cold)) is None
+
+
+def test_a_heater_by_temperature_acts_between_two_edges_and_is_read_back(perfect):
+    effect = CATALOGUE["heater_current"]
+    celsius = np.linspace(-40.0, 20.0, perfect.size)
+    frame = replace(perfect, temperature=celsius + 273.15)
+    values = {"offset_deg": -4.7, "amplitude_deg": 2.0, "phase_deg": 30.0}
+    for low, high in ((-10.0, 0.0), (-20.0, -5.0), (-100.0, -15.0)):
+        band = values | {"between_degC": [low, high]}
+        change = np.hypot(*difference(frame, "heater_current", band).T)
+        assert (change[(celsius < low - 1) | (celsius > high + 1)] == 0.0).all()
+        assert change[(celsius > low + 1) & (celsius < high - 1)].max() > 5.0
+        coefficients = effect.from_parameters(band, frame)
+        inside = (celsius > low + 1) & (celsius < high - 1)
+        error = np.degrees(coefficients @ effect.basis(frame))
+        expected = -4.7 + 2.0 * np.sin(frame.magnetic_heading + np.radians(30.0))
+        np.testing.assert_allclose(error[inside], expected[inside], atol=1e-9)
+        outside = (celsius < low - 1) | (celsius > high + 1)
+        np.testing.assert_allclose(error[outside], 0.0, atol=1e-9)
+        found, _ = effect.to_parameters(coefficients, np.eye(coefficients.size) * 1e-6, frame)
+        assert found["between_degC"] == [low, high]
+        assert found["offset_deg"] == pytest.approx(-4.7)
+        assert found["amplitude_deg"] == pytest.approx(2.0)
+    for wrong in ([0.0], [0.0, -10.0], "cold"):
+        with pytest.raises(InputError, match="band of temperatures"):
+            effect.from_parameters({"offset_deg": 1.0, "between_degC": wrong}, frame)
+
+
+def test_an_acceleration_error_by_phase_is_as_at_three_hundredths_of_g(perfect):
+    effect = CATALOGUE["acceleration_error"]
+    three = replace(
+        perfect.take(slice(0, 3)),
+        phase=np.array([1, 2, 3]),
+        magnetic_heading=np.full(3, np.pi / 2),
+        dip=np.full(3, np.arctan(2.0)),
+        acceleration=np.zeros(3),
+    )
+    values = {"amplitude_deg": 50.0, "by_phase": True}
+    coefficients = effect.from_parameters(values, three)
+    error = np.degrees(coefficients @ effect.basis(three))
+    np.testing.assert_allclose(error, [3.0, 0.0, -3.0])
+    found, errors = effect.to_parameters(coefficients, np.eye(2) * np.radians(1.0) ** 2, three)
+    assert found == {"amplitude_deg": pytest.approx(50.0), "by_phase": True}
+    assert errors == {"amplitude_deg": pytest.approx(1.0)}
 
 
 def test_acceleration_error_is_opposite_in_climb_and_descent_and_none_in_steady_cruise(perfect):
@@ -524,6 +574,12 @@ def test_declination_pattern_of_a_report_does_not_depend_on_the_others(perfect):
             {"offset_deg": 1.5},
             None,
             "extra heading error while icing protection is on: 1.5 degrees",
+        ),
+        (
+            "heater_current",
+            {"offset_deg": 1.5, "between_degC": [-10.0, 0.0]},
+            None,
+            "extra heading error between -10 and 0 degC: 1.5 degrees",
         ),
         (
             "compass_step",

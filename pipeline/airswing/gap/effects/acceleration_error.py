@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from airswing.flags import PHASE
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
+from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error, told
 from airswing.physics.atmosphere import GRAVITY
 from airswing.synthetic.sealed.draws import Draw, Signed, sign
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 STEADY = 0.02
 """Acceleration (m s-2) that is noise of the positions in cruise."""
+USUAL = 0.03
+"""Acceleration in climb (negative in descent), in g, of an error that acts by phase alone."""
 
 
 def _by_phase(rng: np.random.Generator) -> dict[str, Any]:
@@ -31,8 +33,8 @@ def _out_of_cruise(frame: pd.DataFrame, values: Mapping[str, Any]) -> NDArray[np
     return np.asarray(frame["phase"] != 2)
 
 
-class AccelerationError(OneCoefficient, HeadingEffect):
-    """amplitude sin(m) tan(dip) a/g, a the longitudinal acceleration.
+class AccelerationError(HeadingEffect):
+    """amplitude sin(m) tan(dip) a/g, a the longitudinal acceleration or, by phase, a usual one.
 
     Speeding up in climb and slowing down in descent make it opposite in the two; in cruise only a
     change of speed that stands out of the positions' noise counts (levelling off). A free pendulum
@@ -65,17 +67,53 @@ class AccelerationError(OneCoefficient, HeadingEffect):
             required=True,
             si=DEGREE,
         ),
+        Parameter(
+            "by_phase",
+            "1",
+            0.0,
+            "true: as at 0.03 g in climb, -0.03 g in descent; null: by acceleration",
+            None,
+            number=False,
+        ),
     )
     needs = ("magnetic_heading", "acceleration", "dip")
     confused_with = ("hard_iron: where climb and descent are not sampled alike",)
-    column_names = ("amplitude",)
+    column_names = ("amplitude", "by_phase")
+    alternatives = ((0,), (1,))
     told_share = 0.76  # of the true acceleration, by the generator
 
+    @property
+    def column_scales(self) -> FloatArray:
+        """See `Effect.column_scales`; rad."""
+        return np.full(2, 20.0 * DEGREE)
+
     def basis(self, frame: Frame) -> FloatArray:
-        """Return sin(m) tan(dip) a/g, (1, n); in cruise 0 but for a visible change of speed."""
+        """Return sin(m) tan(dip) a/g by acceleration and by phase, (2, n).
+
+        By acceleration it is 0 in cruise but for a visible change of speed.
+        """
         steady = (frame.phase == PHASE["cruise"]) & (np.abs(frame.acceleration) < STEADY)
         pull = np.where(steady, 0.0, frame.acceleration) / GRAVITY
-        return np.asarray(np.sin(frame.magnetic_heading) * np.tan(frame.dip) * pull)[None]
+        climbs = frame.phase == PHASE["ascent"]
+        usual = USUAL * (1.0 * climbs - (frame.phase == PHASE["descent"]))
+        return np.asarray(
+            np.sin(frame.magnetic_heading) * np.tan(frame.dip) * np.stack([pull, usual])
+        )
+
+    def to_parameters(
+        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+    ) -> tuple[Parameters, Errors]:
+        """See `Effect.to_parameters`; of the form with the larger coefficient."""
+        k = int(np.argmax(np.abs(coefficients)))
+        values = {"amplitude_deg": float(coefficients[k]) / DEGREE, "by_phase": k == 1 or None}
+        return values, {"amplitude_deg": standard_error(covariance, k) / DEGREE}
+
+    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+        """See `Effect.from_parameters`."""
+        full = self.complete(values)
+        out = np.zeros(2)
+        out[int(bool(full["by_phase"]))] = float(full["amplitude_deg"]) * DEGREE
+        return out
 
     def acts(self, frame: Frame) -> NDArray[np.bool_]:
         """See `Effect.acts`: in climb and descent."""
@@ -91,8 +129,9 @@ class AccelerationError(OneCoefficient, HeadingEffect):
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""
+        how = "by phase, " if values.get("by_phase") else ""
         return (
-            "heading error from longitudinal acceleration, opposite in climb and descent, "
+            f"heading error from longitudinal acceleration, {how}opposite in climb and descent, "
             "amplitude "
             f"{told(values, errors, 'amplitude_deg')} degrees per g where the dip is 45 degrees"
         )

@@ -122,12 +122,12 @@ class HeadingEffect(Effect):
 class OffsetAndCycle(HeadingEffect):
     """A heading error of an offset and one cycle in magnetic heading, under some condition."""
 
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("offset_deg", "degree", 1.5, "indicated minus true heading", si=DEGREE),
         Parameter("amplitude_deg", "degree", 3.0, "amplitude of one cycle", si=DEGREE),
         Parameter("phase_deg", "degree", 180.0, "of amplitude sin(magnetic heading + phase)"),
     )
-    column_names = ("offset", "sin", "cos")
+    column_names: ClassVar[tuple[str, ...]] = ("offset", "sin", "cos")
 
     @property
     def column_scales(self) -> FloatArray:

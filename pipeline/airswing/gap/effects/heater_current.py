@@ -1,20 +1,42 @@
-"""Extra deviation while icing protection is on."""
+"""Extra deviation while a heater is on: by the icing flag, or between two temperatures."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import FloatArray
-from airswing.gap.effects.forms import OffsetAndCycle, told
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.forms import OffsetAndCycle, cycles, known, told
 from airswing.synthetic.sealed.draws import Both, Draw
 
 if TYPE_CHECKING:
     import pandas as pd
+
+EDGES = (5, 0, -5, -10, -15, -20)
+"""degC at which a heater may switch: on where it is colder than one, or between two."""
+FREEZING = 273.15
+"""K."""
+CODED = 1.0
+"""K in which temperatures are commonly coded: a report on an edge is half on either side."""
+COLDEST = -100.0
+"""degC, the lower edge of a band that is open."""
+
+
+def _subsets() -> tuple[tuple[int, ...], ...]:
+    """Columns of every form: by the flag; by temperature, below an edge or between two."""
+    flag = ((0,), (1, 2), (0, 1, 2))
+    each = [tuple(range(3 * k + 3, 3 * k + 6)) for k in range(len(EDGES))]
+    single = [(columns[0],) for columns in each]
+    bands = list(combinations(each, 2))
+    offsets = [(warm[0], cold[0]) for warm, cold in bands]
+    return (*flag, *single, *each, *offsets, *(warm + cold for warm, cold in bands))
 
 
 def _band(rng: np.random.Generator) -> dict[str, Any]:
@@ -32,7 +54,11 @@ def _heated(frame: pd.DataFrame, values: Mapping[str, Any]) -> NDArray[np.bool_]
 
 
 class HeaterCurrent(OffsetAndCycle):
-    """Offset and one cycle of heading error where icing = 1; nothing is guessed without a flag."""
+    """Offset and one cycle of heading error where icing = 1, or between two temperatures.
+
+    By temperature there are columns for each edge, at work where it is colder; a band is the
+    difference of two. Nothing is guessed where neither flag nor temperature is reported.
+    """
 
     name = "heater_current"
     title = "heading error while icing protection is on"
@@ -51,29 +77,139 @@ class HeaterCurrent(OffsetAndCycle):
     physics = (
         "The direct current of electric de-icing makes a magnetic field fixed in the aircraft; the "
         "compass deviates while it flows. Its one cycle grows as 1/H like any hard iron, which "
-        "cannot be told within one region; it is stated as it stands there."
+        "cannot be told within one region; it is stated as it stands there. A heater that a "
+        "thermostat switches is on between two temperatures, whatever the icing flag says."
     )
     source = "FAA AC 43.13-1B, 12-37 (compass swing with electrical loads on and off)."
-    needs = ("icing", "magnetic_heading")
-    alternatives = ((0,), (1, 2), (0, 1, 2))
+    needs = ("magnetic_heading",)
+    parameters = (
+        *OffsetAndCycle.parameters,
+        Parameter(
+            "between_degC",
+            "degC",
+            0.0,
+            "[low, high]: on by temperature; null: by the icing flag",
+            None,
+            number=False,
+        ),
+    )
+    column_names = (
+        "offset", "sin", "cos",
+        *(f"{part}_colder_than_{edge}" for edge in EDGES for part in ("offset", "sin", "cos")),
+    )  # fmt: skip
+    alternatives = _subsets()
     confused_with = (
         "hard_iron, compass_offset: where icing protection is on most of the time",
         "errors of airspeed in icing: along the heading, so apart where headings vary",
     )
 
+    @property
+    def column_scales(self) -> FloatArray:
+        """See `Effect.column_scales`; rad."""
+        return np.tile(super().column_scales, 1 + len(EDGES))
+
     def condition(self, frame: Frame) -> FloatArray:
         """Return 1 where icing protection is on, 0 where off or unknown."""
         return np.asarray(frame.icing == 1, dtype=np.float64)
 
+    def basis(self, frame: Frame) -> FloatArray:
+        """Return one, sine and cosine of the heading: by the flag, then colder than each edge."""
+        cycle = np.concatenate([np.ones((1, frame.size)), cycles(frame.magnetic_heading)])
+        on = [self.condition(frame), *(_colder(frame, edge) for edge in EDGES)]
+        return np.concatenate([cycle * switched for switched in on])
+
+    def testable(self, frame: Frame) -> str | None:
+        """See `Effect.testable`; a flag that changes, or temperatures on both sides of an edge."""
+        reason = super().testable(frame)
+        if reason is not None:
+            return reason
+        flag = frame.icing[frame.icing >= 0]
+        sides = [_colder(frame, edge) for edge in EDGES]
+        if (flag.size and np.ptp(flag) > 0) or any(np.ptp(side) > 0 for side in sides):
+            return None
+        return "no icing flag that changes and no temperature on both sides of freezing"
+
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """See `Effect.apply`: between two temperatures, else where the flag is on."""
+        if values["between_degC"] is None:
+            return super().apply(state, frame, values, rng)
+        low, high = _edges(values)
+        one = super().from_parameters({**values, "between_degC": None}, frame)
+        cycle = np.concatenate([np.ones((1, frame.size)), cycles(frame.magnetic_heading)])
+        on = _colder(frame, high) - _colder(frame, low)
+        error = on * (one @ known(cycle))
+        return replace(state, heading_error=state.heading_error + error)
+
+    def to_parameters(
+        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+    ) -> tuple[Parameters, Errors]:
+        """See `Effect.to_parameters`: of the flag's columns, or of the warmest edge in use."""
+        used = np.flatnonzero(np.reshape(coefficients, (-1, 3)).any(axis=1))
+        first = int(used[0]) if used.size else 0
+        own = slice(3 * first, 3 * first + 3)
+        values, errors = super().to_parameters(coefficients[own], covariance[own, own], frame)
+        band = None
+        if first > 0:
+            low = float(EDGES[int(used[1]) - 1]) if used.size > 1 else COLDEST
+            band = [low, float(EDGES[first - 1])]
+        return values | {"between_degC": band}, errors
+
+    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+        """See `Effect.from_parameters`; edges are moved to the nearest candidates."""
+        full = self.complete(values)
+        one = super().from_parameters(full, frame)
+        out = np.zeros((1 + len(EDGES), 3))
+        if full["between_degC"] is None:
+            out[0] = one
+            return out.ravel()
+        low, high = _edges(full)
+        out[1 + _nearest(high)] += one
+        if low > 2.0 * EDGES[-1]:
+            out[1 + _nearest(low)] -= one
+        return out.ravel()
+
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""
-        text = (
-            "extra heading error while icing protection is on: "
-            f"{told(values, errors, 'offset_deg')} degrees"
-        )
+        when = "while icing protection is on"
+        if values.get("between_degC") is not None:
+            low, high = _edges(values)
+            when = f"between {low:.0f} and {high:.0f} degC"
+            if low <= 2.0 * EDGES[-1]:
+                when = f"where it is colder than {high:.0f} degC"
+        text = f"extra heading error {when}: {told(values, errors, 'offset_deg')} degrees"
         if float(values.get("amplitude_deg", 0.0)) == 0.0:
             return text
         return f"{text} and one cycle of amplitude {told(values, errors, 'amplitude_deg')} degrees"
+
+
+def _colder(frame: Frame, edge: float) -> FloatArray:
+    """Return 1 where it is colder than an edge (degC), half on it, 0 where unknown."""
+    below = (edge + FREEZING - frame.temperature) / CODED + 0.5
+    return np.asarray(np.nan_to_num(np.clip(below, 0.0, 1.0)))
+
+
+def _nearest(edge: float) -> int:
+    return int(np.argmin(np.abs(np.array(EDGES, float) - edge)))
+
+
+def _edges(values: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the two temperatures between which a heater is on, degC."""
+    given = values["between_degC"]
+    try:
+        low, high = (float(edge) for edge in given)
+    except (TypeError, ValueError) as err:
+        raise InputError(
+            "a band of temperatures needs two numbers", field="between_degC", found=str(given),
+            remedy="give [low, high] in degC",
+        ) from err  # fmt: skip
+    if not low < high:
+        raise InputError(
+            "a band of temperatures runs from low to high", field="between_degC", found=str(given),
+            remedy="give [low, high] in degC",
+        )  # fmt: skip
+    return low, high
 
 
 EFFECT = HeaterCurrent()

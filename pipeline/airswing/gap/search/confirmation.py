@@ -12,7 +12,7 @@ scatter between parts, which hold more or less of the effect; with few parts it 
 and Student's distribution says by how much.
 
 Validity: parts are days or weeks of all aircraft. Weather that lasts over days is met on the days
-left out as well: thresholds are learned with it at work (`airswing.gap.search.belief`). Curves
+left out as well: what is needed beside is in `airswing.gap.search.belief`. Curves
 of the nonparametric basis, whose sums are by week, are taken off as fitted where single days are
 left out.
 
