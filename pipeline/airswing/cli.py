@@ -204,9 +204,12 @@ def export(
 
     job = _job(config, quiet=quiet)
     given = {
-        "domain": domain, "platform": platform, "identifiers": identifiers, "start": start,
+        "domain": domain,
+        "platform": platform,
+        "identifiers": identifiers,
+        "start": start,
         "end": end,
-    }  # fmt: skip
+    }
     with job.progress.stage("export") as stage:
         result = hand_over(
             job.output / workflow.CORRECTED,

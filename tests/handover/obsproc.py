@@ -64,10 +64,14 @@ def _skip(lines: Lines) -> None:
 
 def _header(line: str) -> dict[str, Any]:
     found: dict[str, Any] = {
-        "lat": real(line[:20], 5), "lon": real(line[20:40], 5), "id": line[40:80],
-        "name": line[80:120], "platform": line[120:160], "source": line[160:200],
+        "lat": real(line[:20], 5),
+        "lon": real(line[20:40], 5),
+        "id": line[40:80],
+        "name": line[80:120],
+        "platform": line[120:160],
+        "source": line[160:200],
         "elevation": real(line[200:220], 5),
-    }  # fmt: skip
+    }
     counts = ("num_vld_fld", "num_error", "num_warning", "seq_num", "num_dups")
     for number, name in enumerate(counts):
         found[name] = integer(line[220 + 10 * number : 230 + 10 * number])
@@ -182,10 +186,12 @@ def _judged(level: dict[str, tuple[float, int]]) -> dict[str, tuple[float, int]]
     wind = speed >= np.float32(0.1) and 0.001 < direction <= 360.0
     none = (MISSING, NO_DATA)
     return {
-        "p": level["p"], "t": level["t"], "z": level["z"],
+        "p": level["p"],
+        "t": level["t"],
+        "z": level["z"],
         "speed": (speed, reduced(speed_qc)) if wind else none,
         "dir": (direction, reduced(direction_qc)) if wind else none,
-    }  # fmt: skip
+    }
 
 
 def reduced(quality: int) -> int:

@@ -144,8 +144,13 @@ def test_a_full_disk_leaves_nothing(folder, to):
 
     done = subprocess.run(
         [sys.executable, "-m", "airswing", "export", "c.yaml", "--to", to, "-o", "new/f"],
-        preexec_fn=narrow, cwd=folder, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+        preexec_fn=narrow,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr and "cannot write the export" in done.stderr
     assert left(folder) == before

@@ -91,8 +91,15 @@ def _of_wrfda(reports):
 
 
 def _entry(seconds, name, place, pressure, wind, temperature):
-    return {"seconds": seconds, "id": name.rstrip(), "lat": place["lat"], "lon": place["lon"],
-            "p": pressure, "wind": wind, "t": temperature}  # fmt: skip
+    return {
+        "seconds": seconds,
+        "id": name.rstrip(),
+        "lat": place["lat"],
+        "lon": place["lon"],
+        "p": pressure,
+        "wind": wind,
+        "t": temperature,
+    }
 
 
 def expected(ds, winds="corrected"):
@@ -104,11 +111,17 @@ def expected(ds, winds="corrected"):
     for k in range(ds.sizes["report"]):
         u, v = (float(ds[f"{prefix}{name}_wind"][k]) for name in ("eastward", "northward"))
         t = float(ds["air_temperature"][k])
-        rows.append({
-            "seconds": (time[k] + 500) // 1000, "id": str(tails[k]), "wind": (u, v),
-            "lat": float(ds["latitude"][k]), "lon": float(ds["longitude"][k]),
-            "p": float(ds["pressure"][k]), "t": t if np.isfinite(t) else -888888.0,
-        })  # fmt: skip
+        rows.append(
+            {
+                "seconds": (time[k] + 500) // 1000,
+                "id": str(tails[k]),
+                "wind": (u, v),
+                "lat": float(ds["latitude"][k]),
+                "lon": float(ds["longitude"][k]),
+                "p": float(ds["pressure"][k]),
+                "t": t if np.isfinite(t) else -888888.0,
+            }
+        )
     return sorted(rows, key=_order)
 
 
@@ -132,18 +145,32 @@ def assert_agree(found, wanted, to):
 
 winds = st.one_of(
     st.tuples(st.floats(-100.0, 100.0, width=32), st.floats(-100.0, 100.0, width=32)),
-    st.sampled_from([(0.0, 0.0), (0.0, -10.0), (0.0, 5.0), (-7.0, 0.0), (0.0004, -0.0004),
-                     (1e-7, -20.0), (-1e-7, -20.0), (0.05, 0.0), (0.0, -0.09999)]),
-)  # fmt: skip
-REPORT = st.fixed_dictionaries({
-    "wind": winds,
-    "seconds": st.integers(0, 200) | st.just(0),
-    "latitude": st.sampled_from([45.0, -33.33333, 0.0, 89.9, -0.00004]) | st.floats(-80, 80),
-    "longitude": st.sampled_from([180.0, -180.0, 179.99996, -0.00004, 359.0])
-    | st.floats(-180, 180),
-    "pressure": st.sampled_from([50000.0, 8000.01, 108000.0]) | st.floats(8010, 105000, width=32),
-    "temperature": st.sampled_from([np.nan, 150.0, 340.0]) | st.floats(180, 320, width=32),
-})  # fmt: skip
+    st.sampled_from(
+        [
+            (0.0, 0.0),
+            (0.0, -10.0),
+            (0.0, 5.0),
+            (-7.0, 0.0),
+            (0.0004, -0.0004),
+            (1e-7, -20.0),
+            (-1e-7, -20.0),
+            (0.05, 0.0),
+            (0.0, -0.09999),
+        ]
+    ),
+)
+REPORT = st.fixed_dictionaries(
+    {
+        "wind": winds,
+        "seconds": st.integers(0, 200) | st.just(0),
+        "latitude": st.sampled_from([45.0, -33.33333, 0.0, 89.9, -0.00004]) | st.floats(-80, 80),
+        "longitude": st.sampled_from([180.0, -180.0, 179.99996, -0.00004, 359.0])
+        | st.floats(-180, 180),
+        "pressure": st.sampled_from([50000.0, 8000.01, 108000.0])
+        | st.floats(8010, 105000, width=32),
+        "temperature": st.sampled_from([np.nan, 150.0, 340.0]) | st.floats(180, 320, width=32),
+    }
+)
 
 
 @given(
@@ -218,8 +245,10 @@ BAD = {
 @pytest.mark.parametrize("to", FORMATS)
 def test_one_report_for_every_reason_to_stay_out(tmp_path, to):
     count = len(BAD) + 3
-    columns = {name: corrected({"N1": count})[name].to_numpy() for name in
-               {name for change in BAD.values() for name in change}}  # fmt: skip
+    columns = {
+        name: corrected({"N1": count})[name].to_numpy()
+        for name in {name for change in BAD.values() for name in change}
+    }
     columns["time"] = np.full(count, np.datetime64("2008-07-15T12:30:00", "ns"))
     for number, change in enumerate(BAD.values()):
         for name, value in change.items():
@@ -237,8 +266,9 @@ def test_one_report_for_every_reason_to_stay_out(tmp_path, to):
 
 
 def test_reported_winds_need_no_correction(tmp_path):
-    ds = corrected({"N1": 4}, correction_applied=CORRECTION["no_fit"],
-                   corrected_eastward_wind=np.nan)  # fmt: skip
+    ds = corrected(
+        {"N1": 4}, correction_applied=CORRECTION["no_fit"], corrected_eastward_wind=np.nan
+    )
     airswing.export(ds, to="obs_domain", path=tmp_path / "f", winds="reported")
     assert_agree(understood("obs_domain", tmp_path / "f"), expected(ds, "reported"), "obs_domain")
     with pytest.raises(InputError, match=r"no report.*no_fit 4|no report.*no_wind 4"):
@@ -281,8 +311,12 @@ def ascent(count=8, first=0):
 @pytest.mark.parametrize("to", FORMATS)
 def test_ascents_and_descents_are_joined(tmp_path, to):
     phase, pressure = ascent()
-    ds = corrected({"N1": 19, "N2": 19}, phase=phase * 2, pressure=pressure * 2,
-                   corrected_eastward_wind=np.arange(38) - 20.0)  # fmt: skip
+    ds = corrected(
+        {"N1": 19, "N2": 19},
+        phase=phase * 2,
+        pressure=pressure * 2,
+        corrected_eastward_wind=np.arange(38) - 20.0,
+    )
     told = airswing.export(ds, to=to, path=tmp_path / "f", soundings=True)
     # 7 + 8 levels joined; the level-off and the cruise stay single
     assert told["levels"] == 38 and told["reports"] == 2 * (2 + 4)
@@ -315,8 +349,9 @@ def test_a_gap_a_phase_or_a_flight_ends_a_sounding(tmp_path):
 def test_windows_get_a_folder_each(tmp_path):
     time = np.datetime64("2008-12-31T22:30", "ns") + np.arange(6) * np.timedelta64(30, "m")
     ds = corrected({"N1": 6}, time=time)
-    told = airswing.export(ds, to="obs_domain", path=tmp_path / "w", window="1 h",
-                           settings=Handover(domain=2))  # fmt: skip
+    told = airswing.export(
+        ds, to="obs_domain", path=tmp_path / "w", window="1 h", settings=Handover(domain=2)
+    )
     files = sorted((tmp_path / "w").rglob("OBS_DOMAIN201"))
     hours = ["200812312200", "200812312300", "200901010000", "200901010100"]
     assert [file.parent.name for file in files] == hours
@@ -330,8 +365,11 @@ def test_windows_get_a_folder_each(tmp_path):
 
 def test_the_errors_of_ob_ascii_are_those_of_the_table_and_the_correction(tmp_path):
     """By hand: 2.9 m/s at 500 hPa and 0.8 of the vector, so 0.566 of a component: 2.95."""
-    ds = corrected({"N1": 3}, pressure=[50000.0, 90000.0, 77500.0],
-                   corrected_wind_standard_error=[0.8, 0.0, np.nan])  # fmt: skip
+    ds = corrected(
+        {"N1": 3},
+        pressure=[50000.0, 90000.0, 77500.0],
+        corrected_wind_standard_error=[0.8, 0.0, np.nan],
+    )
     airswing.export(ds, to="ob_ascii", path=tmp_path / "f")
     reports, _ = wrfda.read((tmp_path / "f").read_text())
     errors = [report["levels"][0]["error"] for report in reports]
@@ -360,9 +398,14 @@ def test_the_header_of_ob_ascii_counts(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("formats", "code"), [({"csv": 2}, "FM-101 TAMDA"), ({"madis": 1}, "FM-97 ACARS "),
-                          ({"bufr": 1}, "FM-42 AMDAR "), ({}, "FM-101 TAMDA")],
-)  # fmt: skip
+    ("formats", "code"),
+    [
+        ({"csv": 2}, "FM-101 TAMDA"),
+        ({"madis": 1}, "FM-97 ACARS "),
+        ({"bufr": 1}, "FM-42 AMDAR "),
+        ({}, "FM-101 TAMDA"),
+    ],
+)
 def test_the_platform_follows_the_source(tmp_path, formats, code):
     ds = corrected({"N1": 1}).assign_attrs(reading_audit=json.dumps({"formats": formats}))
     airswing.export(ds, to="ob_ascii", path=tmp_path / "f")

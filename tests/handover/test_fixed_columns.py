@@ -39,19 +39,33 @@ def test_numbers_stand_as_python_would_write_them(values, decimals):
 
 @pytest.mark.parametrize(
     ("value", "width", "decimals", "text"),
-    [(-888888.0, 11, 3, "-888888.000"), (-0.0004, 9, 3, "    0.000"), (0.0, 4, 0, "   0"),
-     (129.0, 11, 3, "    129.000"), (-12.5, 8, 2, "  -12.50"), (99999.0, 5, 0, "99999"),
-     (-0.5, 6, 1, "  -0.5"), (9.9996, 8, 3, "  10.000")],
-)  # fmt: skip
+    [
+        (-888888.0, 11, 3, "-888888.000"),
+        (-0.0004, 9, 3, "    0.000"),
+        (0.0, 4, 0, "   0"),
+        (129.0, 11, 3, "    129.000"),
+        (-12.5, 8, 2, "  -12.50"),
+        (99999.0, 5, 0, "99999"),
+        (-0.5, 6, 1, "  -0.5"),
+        (9.9996, 8, 3, "  10.000"),
+    ],
+)
 def test_numbers_by_hand(value, width, decimals, text):
     assert written([value], width, decimals) == [text]
 
 
 @pytest.mark.parametrize(
     ("value", "width", "decimals"),
-    [(100000.0, 5, 0), (-888888.0, 10, 3), (np.nan, 11, 3), (np.inf, 11, 3), (9999.9999, 8, 3),
-     (-1.0, 5, 3), (1e30, 12, 3)],
-)  # fmt: skip
+    [
+        (100000.0, 5, 0),
+        (-888888.0, 10, 3),
+        (np.nan, 11, 3),
+        (np.inf, 11, 3),
+        (9999.9999, 8, 3),
+        (-1.0, 5, 3),
+        (1e30, 12, 3),
+    ],
+)
 def test_what_does_not_fit_is_never_written(value, width, decimals):
     with pytest.raises(ValueError, match="columns"):
         written([1.0, value], width, decimals)

@@ -46,9 +46,16 @@ def assert_same(found: dict[str, Any], told: dict[str, Any], *, close: float = 1
 
 @pytest.mark.parametrize(
     ("field", "decimals", "value"),
-    [("    129", 3, 0.129), ("  129.000", 3, 129.0), ("", 3, 0.0), ("-888888.", 0, -888888.0),
-     ("-888888", 2, -8888.88), (" 1.5E2", 3, 150.0), ("  -.5", 3, -0.5)],
-)  # fmt: skip
+    [
+        ("    129", 3, 0.129),
+        ("  129.000", 3, 129.0),
+        ("", 3, 0.0),
+        ("-888888.", 0, -888888.0),
+        ("-888888", 2, -8888.88),
+        (" 1.5E2", 3, 150.0),
+        ("  -.5", 3, -0.5),
+    ],
+)
 def test_real_numbers_as_fortran_has_them(field, decimals, value):
     assert real(field, decimals) == pytest.approx(value, rel=1e-6)
 
@@ -140,9 +147,14 @@ def test_ob_ascii_is_read_as_wrfda_reads_it(name):
     assert whole is end["clean_end_of_file"] and len(found) == end["reports"] == len(told)
     for one, other in zip(found, told, strict=True):
         for mine, theirs in (
-            ("platform", "platform"), ("fm", "fm"), ("date", "date"), ("name", "name"),
-            ("id", "id"), ("count", "levels"), ("type", "wrfda_type"),
-        ):  # fmt: skip
+            ("platform", "platform"),
+            ("fm", "fm"),
+            ("date", "date"),
+            ("name", "name"),
+            ("id", "id"),
+            ("count", "levels"),
+            ("type", "wrfda_type"),
+        ):
             assert one[mine] == other[theirs]
         for name_ in ("lat", "lon", "elv"):
             assert one[name_] == pytest.approx(other[name_])

@@ -18,10 +18,12 @@ from tests.conftest import ROOT
 from tests.handover import wrfda
 from tests.handover.archives import corrected
 
-KNOWN = np.array([
-    [[2.5, 2.0, 1.8], [2.0, 1.6, 1.9], [3.0, 2.4, 2.2]],
-    [[1.4, 1.1, 0.9], [1.5, 1.2, 0.95], [1.0, 0.8, 0.7]],
-])  # fmt: skip
+KNOWN = np.array(
+    [
+        [[2.5, 2.0, 1.8], [2.0, 1.6, 1.9], [3.0, 2.4, 2.2]],
+        [[1.4, 1.1, 0.9], [1.5, 1.2, 0.95], [1.0, 0.8, 0.7]],
+    ]
+)
 """m/s by state (reported, corrected), phase (all, cruise, descent) and three layers."""
 BY_AIRCRAFT = {"N1": (np.nan, np.nan), "N2": (6.0, 1.3), "N3": (1.0, 0.0), "N9": (9.0, 9.0)}
 
@@ -34,18 +36,21 @@ def write_known(folder: Path, *missing: str) -> None:
             "layer_bottom_pressure": ("layer", [110000.0, 70000.0, 40000.0]),
             "layer_top_pressure": ("layer", [70000.0, 40000.0, 20000.0]),
         },
-        coords={"state": ["reported", "corrected"], "flight_phase": ["all", "cruise", "descent"],
-                "aircraft": list(BY_AIRCRAFT)},
-        attrs={"uuid": "x"},
-    )  # fmt: skip
+        coords={
+            "state": ["reported", "corrected"],
+            "flight_phase": ["all", "cruise", "descent"],
+            "aircraft": list(BY_AIRCRAFT),
+        },
+    )
     shuffled = ds.transpose("layer", ...).isel(layer=[2, 0, 1], flight_phase=[1, 0, 2])
-    shuffled.drop_vars(missing).to_netcdf(folder / "observation_errors.nc")
+    write_product(shuffled.drop_vars(missing), folder / "observation_errors.nc", title="test")
 
 
 def errors(folder: Path, ds: xr.Dataset, **choices: object) -> list[float]:
     write_product(ds, folder / "corrected.nc", title="test")
-    told = airswing.export(folder / "corrected.nc", to="ob_ascii", path=folder / "f",
-                           overwrite=True, **choices)  # fmt: skip
+    told = airswing.export(
+        folder / "corrected.nc", to="ob_ascii", path=folder / "f", overwrite=True, **choices
+    )
     reports, _ = wrfda.read((folder / "f").read_text())
     assert told["notes"][0].startswith(f"errors of the winds from {told['errors_from']}")
     return [level["error"] for report in reports for level in report["levels"]]
@@ -96,8 +101,7 @@ def test_an_aircraft_has_its_own_error(tmp_path):
     Of its corrections, half the squares are 0.08 and 0.02, on the mean 0.05.
     """
     write_known(tmp_path)
-    ds = corrected({"N2": 2}, pressure=[50000.0, 90000.0],
-                   corrected_wind_standard_error=[0.4, 0.2])  # fmt: skip
+    ds = corrected({"N2": 2}, pressure=[50000.0, 90000.0], corrected_wind_standard_error=[0.4, 0.2])
     by_hand = np.sqrt([1.44 - 0.155 + 0.03, 2.25 - 0.155 - 0.03])
     assert errors(tmp_path, ds) == pytest.approx(by_hand, abs=0.006)
     by_hand = np.sqrt(np.array([2.56, 4.0]) + 36.0 - 3.28)
@@ -114,8 +118,12 @@ def test_no_error_falls_below_half_its_cells_nor_half_a_metre_a_second(tmp_path)
     write_known(tmp_path)
     ds = corrected({"N1": 3}, corrected_wind_standard_error=[0.0, 0.0, 6.0])
     assert errors(tmp_path, ds)[:2] == pytest.approx([0.6, 0.6])
-    ds = corrected({"N1": 3}, corrected_wind_standard_error=[0.0, 0.0, 6.0], pressure=30000.0,
-                   phase=PHASE["descent"])  # fmt: skip
+    ds = corrected(
+        {"N1": 3},
+        corrected_wind_standard_error=[0.0, 0.0, 6.0],
+        pressure=30000.0,
+        phase=PHASE["descent"],
+    )
     assert errors(tmp_path, ds)[:2] == pytest.approx([0.5, 0.5])
 
 

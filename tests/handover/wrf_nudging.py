@@ -37,8 +37,10 @@ class Domain:
     max_obs: int = 1000
 
     def __post_init__(self) -> None:
-        crs = (f"+proj=lcc +lat_1={self.truelat1} +lat_2={self.truelat2} +lat_0=0 "
-               f"+lon_0={self.stand_lon} +R=6370000")  # fmt: skip
+        crs = (
+            f"+proj=lcc +lat_1={self.truelat1} +lat_2={self.truelat2} +lat_0=0 "
+            f"+lon_0={self.stand_lon} +R=6370000"
+        )
         self._plane = pyproj.Proj(crs)
         self._origin = self._plane(self.known_lon, self.known_lat)
         a, b = np.radians(self.truelat1), np.radians(self.truelat2)
@@ -86,13 +88,20 @@ def _rest(lines: Lines, number: int, date: str, moment: datetime) -> dict[str, A
     place, names, kind = lines.next(), lines.next(), lines.next()
     platform, name = kind[2:18], names[45:85]
     report = {
-        "n": number, "date": date, "seconds": (moment - datetime(1970, 1, 1)).total_seconds(),
-        "lat": real(place[2:11], 4), "lon": real(place[12:21], 4),
-        "id": names[2:42], "name": name, "platform": platform.rstrip(),
-        "source": kind[20:36].rstrip(), "elevation": real(kind[38:46], 0),
-        "is_sound": logical(kind[48:52]), "bogus": logical(kind[54:58]),
+        "n": number,
+        "date": date,
+        "seconds": (moment - datetime(1970, 1, 1)).total_seconds(),
+        "lat": real(place[2:11], 4),
+        "lon": real(place[12:21], 4),
+        "id": names[2:42],
+        "name": name,
+        "platform": platform.rstrip(),
+        "source": kind[20:36].rstrip(),
+        "elevation": real(kind[38:46], 0),
+        "is_sound": logical(kind[48:52]),
+        "bogus": logical(kind[54:58]),
         "meas_count": integer(kind[60:65]),
-    }  # fmt: skip
+    }
     platform = _platform(platform, name)
     report["platform_after_rules"] = platform.rstrip()
     report["plfo"] = _plfo(platform)
@@ -117,10 +126,18 @@ def _platform(platform: str, name: str) -> str:
 def _plfo(platform: str) -> float:
     kind = 99.0
     for word, first, number in (
-        ("METAR", 6, 1.0), ("SPECI", 6, 2.0), ("SHIP", 6, 3.0), ("SYNOP", 6, 4.0), ("TEMP", 6, 5.0),
-        ("PILOT", 6, 6.0), ("SATWNDS", 0, 7.0), ("SATWI", 6, 7.0), ("SAMS", 0, 8.0),
-        ("PROFILER", 6, 9.0), ("ACARS", 6, 7.0),
-    ):  # fmt: skip
+        ("METAR", 6, 1.0),
+        ("SPECI", 6, 2.0),
+        ("SHIP", 6, 3.0),
+        ("SYNOP", 6, 4.0),
+        ("TEMP", 6, 5.0),
+        ("PILOT", 6, 6.0),
+        ("SATWNDS", 0, 7.0),
+        ("SATWI", 6, 7.0),
+        ("SAMS", 0, 8.0),
+        ("PROFILER", 6, 9.0),
+        ("ACARS", 6, 7.0),
+    ):
         if platform[first : first + len(word)] == word:
             kind = number
     return kind
@@ -162,21 +179,36 @@ def _seconds(moment: datetime) -> float:
 
 
 def _observation(
-    report: dict[str, Any], pairs: list[tuple[float, float]], domain: Domain,
-    number: int, hours: float, i: float, j: float,
-) -> dict[str, Any]:  # fmt: skip
+    report: dict[str, Any],
+    pairs: list[tuple[float, float]],
+    domain: Domain,
+    number: int,
+    hours: float,
+    i: float,
+    j: float,
+) -> dict[str, Any]:
     values = dict(zip(NAMES, pairs, strict=True)) if report["is_sound"] else _surface(pairs)
     (p, pq), (z, zq), (t, tq), (u, uq), (v, vq), (rh, rhq) = (_settled(values[n]) for n in NAMES)
-    good = {name: 0.0 <= q < 30000.0 for name, q in
-            zip(NAMES, (pq, zq, tq, uq, vq, rhq), strict=True)}  # fmt: skip
+    good = {
+        name: 0.0 <= q < 30000.0 for name, q in zip(NAMES, (pq, zq, tq, uq, vq, rhq), strict=True)
+    }
     found = {
-        "timeob_h": float(hours), "ri": i, "rj": j, "plfo": report["plfo"],
-        "rk": -99.0 if report["is_sound"] else 1.0, "elev": report["elevation"],
-        "nlevs": float(len(report["levels"])), "lev": float(number), "id": report["id"].rstrip(),
+        "timeob_h": float(hours),
+        "ri": i,
+        "rj": j,
+        "plfo": report["plfo"],
+        "rk": -99.0 if report["is_sound"] else 1.0,
+        "elev": report["elevation"],
+        "nlevs": float(len(report["levels"])),
+        "lev": float(number),
+        "id": report["id"].rstrip(),
         "t": t if good["t"] and (good["p"] or good["z"]) else MISSING,
-        "z": z if good["z"] else MISSING, "p_cb": p / 1000.0 if good["p"] else MISSING,
-        "u": MISSING, "v": MISSING, "qv": MISSING,
-    }  # fmt: skip
+        "z": z if good["z"] else MISSING,
+        "p_cb": p / 1000.0 if good["p"] else MISSING,
+        "u": MISSING,
+        "v": MISSING,
+        "qv": MISSING,
+    }
     if 0.0 < found["p_cb"] <= 8.0:
         return found
     if good["u"] and good["v"] and (u != 0.0 or v != 0.0):
@@ -188,8 +220,14 @@ def _observation(
 
 
 def _surface(pairs: list[tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    return {"p": pairs[7], "z": pairs[2], "t": pairs[3], "u": pairs[4], "v": pairs[5],
-            "rh": pairs[6]}  # fmt: skip
+    return {
+        "p": pairs[7],
+        "z": pairs[2],
+        "t": pairs[3],
+        "u": pairs[4],
+        "v": pairs[5],
+        "rh": pairs[6],
+    }
 
 
 def _settled(pair: tuple[float, float]) -> tuple[float, float]:

@@ -59,10 +59,15 @@ def read(text: str) -> tuple[list[dict[str, Any]], bool]:
 
 def _info(line: str) -> dict[str, Any]:
     found: dict[str, Any] = {
-        "platform": line[:12], "date": line[13:32], "name": line[33:73],
-        "count": integer(line[74:80]), "lat": real(line[80:92], 3), "lon": real(line[103:115], 3),
-        "elv": real(line[126:138], 3), "id": line[155:195],
-    }  # fmt: skip
+        "platform": line[:12],
+        "date": line[13:32],
+        "name": line[33:73],
+        "count": integer(line[74:80]),
+        "lat": real(line[80:92], 3),
+        "lon": real(line[103:115], 3),
+        "elv": real(line[126:138], 3),
+        "id": line[155:195],
+    }
     if found["lon"] == 180.0:
         found["lon"] = -180.0
     code = line[3:5] if line[5] == " " else line[3:6]
@@ -104,9 +109,8 @@ def _assigned(report: dict[str, Any]) -> dict[str, Any]:
         missing = NO_DATA in (speed_qc, direction_qc)
         angle = np.radians(direction)
         level["earth"] = (
-            (MISSING, MISSING) if missing
-            else (-speed * np.sin(angle), -speed * np.cos(angle))
-        )  # fmt: skip
+            (MISSING, MISSING) if missing else (-speed * np.sin(angle), -speed * np.cos(angle))
+        )
         level["qc"] = NO_DATA if missing else speed_qc
         level["error"] = MISSING if missing else error
         level["wind_used"] = not missing and speed_qc >= 0 and level["vertical"] != "none"

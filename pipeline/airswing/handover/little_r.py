@@ -62,7 +62,7 @@ _TAIL = f"{'-777777.00000      0' * 2}{'':13}      0{_NO_VALUE * 7}\n{'':7}{0:7}
 _END, _TRAILER = line_starts(_TAIL)
 
 
-def _encode(records: Records, *, winds: str) -> bytes:
+def _encode(records: Records, *, winds: str) -> bytes | memoryview:
     levels = records.levels
     head, own = lines_of(_HEAD, records.size.size), records.heads["aircraft"]
     put_number(head, 1, 20, records.heads["latitude"], decimals=5)

@@ -43,9 +43,11 @@ from airswing.handover.records.wind import speed_and_direction
 from airswing.handover.records.wind_error import PRODUCT, WindErrors, known_errors
 
 _KINDS = (
-    "SYNOP METAR SHIP BUOY BOGUS TEMP", "AMDAR AIREP TAMDAR PILOT SATEM SATOB",
-    "GPSPW GPSZD GPSRF GPSEP SSMT1 SSMT2", "TOVS QSCAT PROFL AIRSR OTHER",
-)  # fmt: skip
+    "SYNOP METAR SHIP BUOY BOGUS TEMP",
+    "AMDAR AIREP TAMDAR PILOT SATEM SATOB",
+    "GPSPW GPSZD GPSRF GPSEP SSMT1 SSMT2",
+    "TOVS QSCAT PROFL AIRSR OTHER",
+)
 _FORMATS = (
     "INFO  = PLATFORM, DATE, NAME, LEVELS, LATITUDE, LONGITUDE, ELEVATION, ID.\n"
     "SRFC  = SLP, PW (DATA,QC,ERROR).\n"
@@ -83,7 +85,7 @@ def _header(counts: Mapping[str, int]) -> bytes:
     return "\n".join([total, *lines, _FORMATS]).encode("ascii")
 
 
-def _encode(records: Records, *, errors: WindErrors) -> bytes:
+def _encode(records: Records, *, errors: WindErrors) -> bytes | memoryview:
     head, own = lines_of(_HEAD, records.size.size), records.heads["aircraft"]
     codes = [CODES[name][:12] for name in PLATFORMS]
     put_text(head, 1, text_table(codes, 12)[records.platform[own]])

@@ -67,7 +67,7 @@ def _too_high(rows: NDArray[np.void]) -> dict[str, NDArray[np.bool_]]:
     return {"above_80_hPa": np.round(rows["pressure"], 3) <= HIGHEST}
 
 
-def _encode(records: Records) -> bytes:
+def _encode(records: Records) -> bytes | memoryview:
     return interleaved(
         records, _heads(records), _levels(records.levels), lines_of("", records.size.size)
     )
@@ -94,9 +94,11 @@ def _levels(rows: NDArray[np.void]) -> Lines:
     _put_pair(lines, _PRESSURE, rows["pressure"], 0.0)
     known = np.isfinite(rows["temperature"])
     _put_pair(
-        lines, _TEMPERATURE, np.where(known, rows["temperature"], MISSING),
+        lines,
+        _TEMPERATURE,
+        np.where(known, rows["temperature"], MISSING),
         np.where(known, 0.0, MISSING),
-    )  # fmt: skip
+    )
     _put_pair(lines, _EAST, np.where(calm, CALM, rows["u"]), _EARTH_RELATIVE)
     _put_pair(lines, _NORTH, np.where(calm, 0.0, rows["v"]), _EARTH_RELATIVE)
     return lines
@@ -134,9 +136,10 @@ def _check_name(path: Path, domain: int, *, folder: bool) -> None:
     if match and not folder and int(match[1]) != domain:
         raise InputError(
             "WRF reads a file of this name for another domain",
-            file=path, found=f"domain {domain}",
+            file=path,
+            found=f"domain {domain}",
             remedy=f"Name it OBS_DOMAIN{domain}01 or give --domain {match[1]}",
-        )  # fmt: skip
+        )
 
 
 FORMAT = register(

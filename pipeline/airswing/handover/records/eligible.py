@@ -36,10 +36,22 @@ ROW = np.dtype(
 """One wind as it is handed over: whole seconds since 1970, Pa, degrees, K, m/s; ``report`` is equal
 for the levels of one sounding, ``error`` the standard error the correction left in the vector."""
 NEEDED = (
-    "time", "latitude", "longitude", "pressure", "pressure_altitude", "air_temperature",
-    "eastward_wind", "northward_wind", "corrected_eastward_wind", "corrected_northward_wind",
-    "corrected_wind_standard_error", "correction_applied", "screening", "phase", "flight",
-)  # fmt: skip
+    "time",
+    "latitude",
+    "longitude",
+    "pressure",
+    "pressure_altitude",
+    "air_temperature",
+    "eastward_wind",
+    "northward_wind",
+    "corrected_eastward_wind",
+    "corrected_northward_wind",
+    "corrected_wind_standard_error",
+    "correction_applied",
+    "screening",
+    "phase",
+    "flight",
+)
 """Variables looked at, where they are there."""
 _REQUIRED = ("time", "latitude", "longitude", "screening", "phase", "flight")
 _POLE = 89.999
@@ -129,10 +141,15 @@ def _all_rows(block: xr.Dataset, request: Request) -> NDArray[np.void]:
     unknown = time == np.iinfo(np.int64).min
     rows["time"] = np.where(unknown, time, (time + 500) // 1000)
     columns = {
-        "latitude": "latitude", "longitude": "longitude", "temperature": "air_temperature",
-        "u": east, "v": north, "pressure": "pressure", "error": "corrected_wind_standard_error",
+        "latitude": "latitude",
+        "longitude": "longitude",
+        "temperature": "air_temperature",
+        "u": east,
+        "v": north,
+        "pressure": "pressure",
+        "error": "corrected_wind_standard_error",
         "phase": "phase",
-    }  # fmt: skip
+    }
     for name, variable in columns.items():
         rows[name] = block[variable].to_numpy() if variable in block else np.nan
     if "pressure_altitude" in block:

@@ -34,7 +34,9 @@ def lines_of(template: str, count: int) -> Lines:
     array of uint8, shape (count, len(template))
     """
     octets = np.frombuffer(template.encode("ascii"), dtype=np.uint8)
-    return np.tile(octets, (count, 1))
+    lines = np.empty((count, octets.size), dtype=np.uint8)
+    lines[:] = octets
+    return lines
 
 
 def line_starts(template: str) -> list[int]:

@@ -32,9 +32,11 @@ if TYPE_CHECKING:
 
 PLATFORMS = ("TAMDAR", "AMDAR", "ACARS", "AIREP")
 CODES = {
-    "TAMDAR": "FM-101 TAMDAR", "AMDAR": "FM-42 AMDAR", "ACARS": "FM-97 ACARS",
+    "TAMDAR": "FM-101 TAMDAR",
+    "AMDAR": "FM-42 AMDAR",
+    "ACARS": "FM-97 ACARS",
     "AIREP": "FM-97 AIREP",
-}  # fmt: skip
+}
 """What stands in LITTLE_R and ob.ascii."""
 LONGEST_IDENTIFIER = 40
 LARGEST_NUMBER = 99_999

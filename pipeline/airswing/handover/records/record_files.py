@@ -12,6 +12,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,7 @@ class Records:
     identifiers: Lines
     platform: NDArray[np.int8]
 
-    @property
+    @cached_property
     def heads(self) -> NDArray[np.void]:
         """First level of each report."""
         return self.levels[self.first]
@@ -93,7 +94,7 @@ class Layout:
     """
 
     file_name: str
-    encode: Callable[[Records], bytes]
+    encode: Callable[[Records], bytes | memoryview]
     header: Callable[[Mapping[str, int]], bytes] = _no_header
     barred: Callable[[NDArray[np.void]], Mapping[str, NDArray[np.bool_]]] = lambda rows: {}
     look: Callable[[NDArray[np.void]], None] = lambda rows: None
@@ -112,8 +113,13 @@ class _Written:
 
     def told(self) -> dict[str, Any]:
         first, last = (f"{np.datetime64(moment, 's')}Z" for moment in self.span)
-        return {"path": str(self.target), "reports": self.reports, "levels": self.levels,
-                "first_time": first, "last_time": last}  # fmt: skip
+        return {
+            "path": str(self.target),
+            "reports": self.reports,
+            "levels": self.levels,
+            "first_time": first,
+            "last_time": last,
+        }
 
 
 def write_records(request: Request, layout: Layout) -> dict[str, Any]:
@@ -236,17 +242,19 @@ def _refuse_existing(request: Request, targets: Any) -> None:
     for target in targets:
         if target.is_dir() or (target.exists() and not request.overwrite):
             raise InputError(
-                "is there already", file=target,
+                "is there already",
+                file=target,
                 remedy="Choose another name with -o, or give --overwrite",
-            )  # fmt: skip
+            )
 
 
 def _nothing(left_out: Mapping[str, int]) -> InputError:
     told = ", ".join(f"{reason} {count:,}" for reason, count in left_out.items())
     return InputError(
-        "no report is left to hand over", found=told or "no reports",
+        "no report is left to hand over",
+        found=told or "no reports",
         remedy="Look at the reasons: fit more aircraft, choose another period, or --winds reported",
-    )  # fmt: skip
+    )
 
 
 def _fill(
@@ -323,7 +331,7 @@ def names(records: Records) -> Lines:
     return lines
 
 
-def interleaved(records: Records, head: Lines, level: Lines, tail: Lines) -> bytes:
+def interleaved(records: Records, head: Lines, level: Lines, tail: Lines) -> bytes | memoryview:
     """Octets of reports: each its head, its levels, its tail.
 
     Parameters
@@ -334,10 +342,10 @@ def interleaved(records: Records, head: Lines, level: Lines, tail: Lines) -> byt
 
     Returns
     -------
-    bytes
+    bytes or memoryview
     """
     if (records.size == 1).all():
-        return np.concatenate([head, level, tail], axis=1).tobytes()
+        return np.concatenate([head, level, tail], axis=1).reshape(-1).data
     pieces = np.empty(records.size.size, dtype=object)
     for size in np.unique(records.size).tolist():
         own = np.flatnonzero(records.size == size)

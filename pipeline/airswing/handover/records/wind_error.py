@@ -199,7 +199,9 @@ def known_errors(folder: Path | None) -> xr.Dataset | None:
     for name in (BY_CELL, BY_AIRCRAFT, "layer_bottom_pressure", "layer_top_pressure"):
         if name not in ds.variables:
             raise InputError(
-                "does not tell the errors of reports by leg and layer", file=path, field=name,
+                "does not tell the errors of reports by leg and layer",
+                file=path,
+                field=name,
                 remedy="Make it again, or move it away to use WRFDA's own table",
-            )  # fmt: skip
+            )
     return ds
