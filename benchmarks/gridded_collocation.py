@@ -31,7 +31,7 @@ WRF = (50, 300, 300)
 
 
 def some_reports(hours: int, box: tuple[float, float, float, float]) -> xr.Dataset:
-    """2,000 reports an hour over North America, from the ground to cruising altitude."""
+    """2,000 reports an hour in a box, from the ground to cruising altitude."""
     rng = np.random.default_rng(7)
     count = REPORTS * max(hours - 1, 1)
     seconds = rng.uniform(0, (hours - 1) * 3600.0, count)
@@ -150,8 +150,10 @@ WAYS = {"airswing": by_airswing, "interp": by_interp, "reading": by_reading}
 
 def _measured(way: str, path: str, reports: xr.Dataset, channel: Any) -> None:
     import dask.array  # noqa: F401
-    import metpy.xarray  # noqa: F401
+    import matplotlib.pyplot  # noqa: F401
+    import metpy.calc  # noqa: F401
     import scipy.interpolate  # noqa: F401
+    import zarr  # noqa: F401
 
     import airswing.reference.collocate  # noqa: F401
 
@@ -186,7 +188,7 @@ def rows_of(folder: Path, hours: int) -> list[dict[str, Any]]:
     """The table."""
     rows = []
     write_era5(folder, hours)
-    reports = some_reports(hours, (26.0, 48.0, -120.0, -70.0))
+    reports = some_reports(hours, (-60.0, 75.0, -180.0, 180.0))
     for kind in ("nc", "zarr"):
         mine, seconds, octets = measured("airswing", folder / f"era5.{kind}", reports)
         theirs, theirs_seconds, theirs_octets = measured("interp", folder / f"era5.{kind}", reports)

@@ -115,3 +115,23 @@ def test_the_octets_and_cfgrib_give_the_same_winds(real: Real, tmp_path: Path) -
         np.testing.assert_allclose(two, one, atol=1e-4)
         np.testing.assert_allclose(*found.reference_northward_wind.values, atol=1e-4)
         np.testing.assert_array_equal(*found.lead_time.values)
+
+
+def test_a_lambert_grid_as_cfgrib_opens_it(real: Real, tmp_path: Path) -> None:
+    """Latitudes and longitudes of every point, the projection in GRIB attributes."""
+    path = str(real("grib/nam_g211_20180917_00z.grib2"))
+    parts = [
+        xr.open_dataset(
+            path, engine="cfgrib",
+            backend_kwargs={"indexpath": "", "filter_by_keys": {
+                "typeOfLevel": "isobaricInhPa", "cfVarName": name}},
+        )
+        for name in "uv"
+    ]  # fmt: skip
+    lat, lon = RNG.uniform(25, 45, 200), RNG.uniform(-120, -80, 200)
+    reports = at(np.datetime64("2018-09-17"), lat, lon, RNG.uniform(21000, 99000, 200))
+    octets = airswing.build_catalogue(path, name="o", cache_dir=tmp_path)
+    found = airswing.collocate(reports, {"o": octets, "d": xr.merge(parts)}).compute()
+    assert "the GRIB flag" in found.attrs["reference_notes"]
+    np.testing.assert_allclose(*found.reference_eastward_wind.values, atol=1e-4)
+    np.testing.assert_allclose(*found.reference_northward_wind.values, atol=1e-4)

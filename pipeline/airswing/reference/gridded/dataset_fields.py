@@ -22,7 +22,7 @@ from airswing.errors import InputError
 from airswing.reference.geometry.model_time import HYBRID, ISOBARIC
 from airswing.reference.geometry.placing import Placing
 from airswing.reference.grib.fields import PRESSURE
-from airswing.reference.gridded.cf.axes_grid import AxesGrid
+from airswing.reference.gridded.cf.axes_grid import AxesGrid, through_points
 from airswing.reference.gridded.cf.cf_axes import Axes, axes_of, coordinate, members_of
 from airswing.reference.gridded.cf.cf_times import times_of
 from airswing.reference.gridded.cf.cf_units import factor_of, required_factor
@@ -31,6 +31,7 @@ from airswing.reference.gridded.cf.naming import Naming
 from airswing.reference.gridded.cf.projection import (
     LONGITUDE_LATITUDE,
     frame_of,
+    grib_projection,
     unknown_projection,
 )
 from airswing.reference.gridded.cf.vertical import Levels, OtherLevelsError, levels_of
@@ -267,9 +268,13 @@ def _grid(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> P
         return known
     if axes.y.ndim == 2:
         lat, lon = (np.asarray(one.values, dtype=np.float64) for one in (axes.y, axes.x))
-        if (lat == lat[:, :1]).all() and (lon == lon[:1]).all():
-            return AxesGrid(LONGITUDE_LATITUDE, lon[0], lat[:, 0])
-        return CurvilinearGrid(lat, lon)
+        mapping = naming.projection or axes.crs or grib_projection(ds[name].attrs)
+        laid = None
+        if mapping is not None:
+            laid = through_points(frame_of(mapping, file=file, field="projection"), lat, lon)
+        if laid is None and (lat == lat[:, :1]).all() and (lon == lon[:1]).all():
+            laid = AxesGrid(LONGITUDE_LATITUDE, lon[0], lat[:, 0])
+        return laid or CurvilinearGrid(lat, lon)
     if min(axes.y.size, axes.x.size) < 2:
         raise InputError(
             "a grid of a single row or column", file=file, field=name,

@@ -32,6 +32,8 @@ from airswing.reference.gridded.cfgrib_parts import cfgrib_parts
 
 ENGINES = ("auto", "grib", "cfgrib", "netcdf", "zarr", "wrf")
 _KEPT_OPEN = 16
+_CHUNK_CACHE = 1 << 20
+"""Octets of chunks that the NetCDF library keeps by variable; its own default is 16 to 64 MB."""
 _MAGIC = ((b"CDF", "netcdf"), (b"\x89HDF", "netcdf"), (b"GRIB", "grib"))
 
 
@@ -137,11 +139,29 @@ def _opened(file: SourceFile, engine: str) -> tuple[xr.Dataset, ...]:
 
 def _open(path: str, engine: str) -> xr.Dataset:
     options: dict[str, Any] = {"decode_timedelta": False, "cache": False}
-    if engine == "zarr":
-        return xr.open_dataset(path, engine="zarr", chunks=None, **options)
+    if engine != "zarr":
+        with _little_cached():
+            return _open_netcdf(path, engine, options)
+    return xr.open_dataset(path, engine="zarr", chunks=None, **options)
+
+
+def _open_netcdf(path: str, engine: str, options: dict[str, Any]) -> xr.Dataset:
     if engine == "wrf":
         return xr.open_dataset(path, engine="netcdf4", decode_times=False, **options)
     return xr.open_dataset(path, engine="netcdf4", **options)
+
+
+@contextlib.contextmanager
+def _little_cached() -> Iterator[None]:
+    """Files opened within keep few chunks in memory: each is asked for once."""
+    import netCDF4
+
+    size, slots, preemption = netCDF4.get_chunk_cache()
+    netCDF4.set_chunk_cache(_CHUNK_CACHE, slots, preemption)
+    try:
+        yield
+    finally:
+        netCDF4.set_chunk_cache(size, slots, preemption)
 
 
 @contextlib.contextmanager

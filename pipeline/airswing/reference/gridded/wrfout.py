@@ -39,7 +39,7 @@ Y, X = "south_north", "west_east"
 
 def is_wrfout(ds: xr.Dataset) -> bool:
     """Whether a Dataset is a wrfout as WRF writes it."""
-    return "MAP_PROJ" in ds.attrs and {"XLAT", "XLONG"} <= set(ds.variables)
+    return "MAP_PROJ" in ds.attrs and {"XLAT", "XLONG"} <= set(ds.variables) and X in ds.dims
 
 
 def required(ds: xr.Dataset, file: str) -> None:

@@ -27,6 +27,8 @@ Ints = NDArray[np.int64]
 #: Points this many grid lengths outside the outermost row or column count as on it:
 #: coordinates are often stored in single precision.
 EDGE_TOLERANCE = 1e-4
+_LAID = 1e-2
+"""Grid lengths by which points may miss the rows and columns of their projection."""
 _OUTLINED = 60
 """Points along each axis from which the outline is told."""
 _FULL_CIRCLE = 1e-2
@@ -198,6 +200,31 @@ def bounded(fi: Floats, fj: Floats, ni: int, nj: int, *, periodic: bool) -> tupl
     fi = np.mod(fi, ni) if periodic else np.clip(fi, 0.0, ni - 1.0)
     fj = np.clip(fj, 0.0, nj - 1.0)
     return np.where(inside, fi, np.nan), np.where(inside, fj, np.nan)
+
+
+def through_points(frame: Frame, latitude: Floats, longitude: Floats) -> AxesGrid | None:
+    """The grid of a projection whose points are known and its axes are not.
+
+    Parameters
+    ----------
+    frame : Frame
+    latitude, longitude : (nj, ni) float arrays, degrees
+
+    Returns
+    -------
+    AxesGrid or None
+        None where the points are not rows and columns of the projection.
+    """
+    x, y = (one.reshape(latitude.shape) for one in frame.xy(latitude.ravel(), longitude.ravel()))
+    if min(latitude.shape) < 2:
+        return None
+    columns, rows = x.mean(axis=0), y.mean(axis=1)
+    steps = np.diff(columns), np.diff(rows)
+    if not all((one > 0).all() or (one < 0).all() for one in steps):
+        return None
+    wide, high = (float(np.abs(one).min()) for one in steps)
+    off = max(np.abs(x - columns).max() / wide, np.abs(y - rows[:, None]).max() / high)
+    return AxesGrid(frame, columns, rows) if off < _LAID else None
 
 
 def box_of(latitude: Floats, longitude: Floats) -> tuple[float, float, float, float]:

@@ -172,6 +172,41 @@ def _frame(text: str) -> Frame:
     return Frame("projected", proj=_proj_string(crs))
 
 
+def grib_projection(attrs: Mapping[str, Any]) -> str | None:
+    """PROJ string of the grid a GRIB decoder noted in a variable's attributes.
+
+    Parameters
+    ----------
+    attrs : mapping
+        ``GRIB_gridType`` and the keys of that grid, as cfgrib writes them.
+
+    Returns
+    -------
+    str or None
+        On a sphere of any size: what it is laid through settles the scale. None where the grid is
+        not a projection, or its keys are not there.
+    """
+    kind = attrs.get("GRIB_gridType")
+    try:
+        if kind == "lambert":
+            one, two, lov, lad = (
+                float(attrs[f"GRIB_{key}InDegrees"]) for key in ("Latin1", "Latin2", "LoV", "LaD")
+            )
+            return f"+proj=lcc +lat_1={one} +lat_2={two} +lat_0={lad} +lon_0={lov} +R=6371229"
+        if kind == "polar_stereographic":
+            lad = float(attrs["GRIB_LaDInDegrees"])
+            lov = float(attrs["GRIB_orientationOfTheGridInDegrees"])
+            pole = 90.0 if lad >= 0 else -90.0
+            return f"+proj=stere +lat_0={pole} +lat_ts={lad} +lon_0={lov} +R=6371229"
+        if kind == "mercator":
+            middle = float(attrs["GRIB_longitudeOfFirstGridPointInDegrees"])
+            lad = float(attrs["GRIB_LaDInDegrees"])
+            return f"+proj=merc +lat_ts={lad} +lon_0={middle + 90.0} +R=6371229"
+    except (KeyError, TypeError, ValueError):
+        pass
+    return None
+
+
 def unknown_projection(file: str, found: str) -> InputError:
     """Say that projected coordinates come without their projection."""
     return InputError(
