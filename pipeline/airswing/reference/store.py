@@ -31,6 +31,8 @@ from airswing.reference import sampling
 from airswing.reference.geometry import grids, interpolation, winds
 from airswing.reference.geometry.model_time import ModelTime, Sample
 from airswing.reference.grib import consistency, credible, values
+from airswing.reference.gridded import chunk_reading, gridded_sampling
+from airswing.reference.gridded.cf import axes_grid, curvilinear, projection
 from airswing.reference.packing import (
     complex_packing,
     decoder_process,
@@ -42,7 +44,8 @@ Floats = NDArray[np.float64]
 
 _MODULES = (
     grids, simple_packing, complex_packing, image_packing, decoder_process, consistency, credible,
-    values, interpolation, winds, sampling,
+    values, interpolation, winds, sampling, axes_grid, curvilinear, projection, chunk_reading,
+    gridded_sampling,
 )  # fmt: skip
 """What the values of a sample depend on."""
 _BEGUN = "begun"
