@@ -39,7 +39,7 @@ from airswing.gap.held_out.reduction import (
     term_coefficients,
     whole_coefficients,
 )
-from airswing.gap.noise.model import fit_noise, flown
+from airswing.gap.noise.model import fit_noise, flown, gross_errors
 from airswing.gap.result.assembled import Findings, aircraft_probability, assemble, best_scores
 from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.search.absorbed_by_unknown import folded
@@ -342,12 +342,14 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
     untestable = {name: reason for name, reason in hidden.items() if name not in named}
     untestable |= too_short(base, search.effects)
     search.tell("where", 0.0)
+    # what an effect switches on and off stands out from its neighbours, and is no gross error
+    calm = replace(problem.noise, gross=gross_errors(whole.residual, problem.noise.order))
     moments = [
         m
-        for m in second_moments(frame, problem.noise)
+        for m in second_moments(frame, calm)
         if m.name in names and m.probability >= search.rules.probability
     ]
-    gross = problem.noise.gross
+    gross = calm.gross
     scatter = {m.name: reduction_of(frame, whole.residual, m, gross) for m in moments}
     closure, whole = with_scatter(closure, scatter), with_scatter(whole, scatter)
     jittery = None

@@ -31,6 +31,8 @@ DIRECTION_STEPS = (2.0, 5.0, 10.0)
 POSITION_STEPS = (0.5, 0.6, 1.0, 2.0, 3.0, 5.0, 6.0, 10.0)
 LEAST_SHARE = 0.15
 ORDINARY_RATE = 0.012
+LEAST_SIZE = 6.0
+"""Standard deviation per component, m/s, under which what stands out is no gross error."""
 LOOKED_AT = float(np.log(100.0))
 """Price of looking at a hundred aircraft and steps for the clearest one, nats."""
 
@@ -235,6 +237,8 @@ def outliers(frame: Any, noise: NoiseFit, *, coarse: tuple[str, ...] = ()) -> Mo
     if not high.any():
         return None
     size = _gross_size(frame, noise.gross & high[frame.aircraft])
+    if size < LEAST_SIZE:
+        return None  # an effect that is switched on and off, not an error of single reports
     background = common if not high[used].all() and common < ORDINARY_RATE else 0.0
     bound = 5.0
     missed = float(np.clip(_inside(bound / size), 0, 0.6)) ** 2

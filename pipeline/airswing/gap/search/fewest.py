@@ -105,7 +105,7 @@ def _exchanges(pool: Sequence[Candidate], terms: list[Term]) -> Iterator[list[Te
 
 
 def _joined(pool: Sequence[Candidate], one: Term, other: Term) -> list[Term]:
-    """Terms that two of one name could be, on the dates of either."""
+    """Terms that two of one name could be: of either form or one that holds both, either dates."""
     if one.key != other.key or (one.period is None) != (other.period is None):
         return []
     if one.period is not None and other.period is not None:
@@ -116,11 +116,17 @@ def _joined(pool: Sequence[Candidate], one: Term, other: Term) -> list[Term]:
     forms = [c for c in pool if (c.name, c.scope) == one.key and both <= set(c.subset)]
     if not forms:
         return []
-    form = min(forms, key=lambda c: len(c.subset))
+    own = {
+        tuple(one.candidate.subset): one.candidate,
+        tuple(other.candidate.subset): other.candidate,
+    }
+    widest = min(forms, key=lambda c: len(c.subset))
+    shapes = own | {tuple(widest.subset): widest}
     tails = tuple(sorted({*one.tails, *other.tails}))
     larger = max(one, other, key=lambda term: term.score.tempered)
     periods = {one.period, other.period}
     return [
         replace(larger, candidate=form, tails=tails, period=period)
+        for form in shapes.values()
         for period in sorted(periods, key=lambda p: p or (0, 0))
     ]
