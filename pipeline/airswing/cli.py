@@ -190,6 +190,10 @@ def export(
     identifiers: Annotated[
         str | None, typer.Option(help="tail, or number: five digits an aircraft.")
     ] = None,
+    base: Annotated[
+        Path | None,
+        typer.Option(help="Reject list or error table to begin from.", metavar="FILE"),
+    ] = None,
     start: Annotated[str | None, typer.Option(help="First time (ISO 8601, UTC).")] = None,
     end: Annotated[str | None, typer.Option(help="First time no longer taken.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
@@ -207,6 +211,7 @@ def export(
         "domain": domain,
         "platform": platform,
         "identifiers": identifiers,
+        "base": base,
         "start": start,
         "end": end,
     }

@@ -243,6 +243,7 @@ class Handover(_Section):
     identifiers: Literal["tail", "number"] = "tail"
     accept: list[Screened] = ["phase", "field_test"]
     domain: int = Field(1, ge=1, le=9)
+    base: Path | None = None
     start: Moment | None = None
     end: Moment | None = None
 

@@ -1,0 +1,189 @@
+"""CSV tables for JEDI: errors by aircraft and pressure, and the coefficients of the corrections.
+
+Layout of the files UFO's DataExtractor reads (ufo, src/ufo/utils/dataextractor): a line of names
+``Group/variable``, a line of types, then rows of as many columns, ``_`` for a value that is
+missing; a row whose station is ``_`` is what stations without rows of their own get. The payload is
+one column, so there is a file for each wind component. ObsFunction DrawObsErrorFromFile reads
+variances (its default ``dispersion measure``) from the group ``ErrorVariance``; stations are
+matched ``exact``, pressure is ``nearest`` or ``linear``, and ``extrapolation mode`` has to be
+``nearest``: by default a pressure outside the table stops the run. JEDI of before 2022 wrote
+``variable@Group`` and other names of variables.
+
+A correction of a compass cannot be drawn as an observation bias, since the error turns with the
+heading: for those who correct upstream there is a table of the coefficients (degrees, by indicated
+magnetic heading), in the same layout but with several columns.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.flags import STATUS
+from airswing.handover.records.platforms import identifiers
+from airswing.handover.records.registry import ExportFormat, Request, register
+from airswing.handover.records.run_products import product_beside, refuse_existing
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+STATION = "MetaData/stationIdentification"
+PRESSURE = "MetaData/pressure"
+COMPONENTS = ("windEastward", "windNorthward")
+COEFFICIENTS = "deviation_coefficients.csv"
+EVERY_STATION = "_"
+LEAST_SHARE = 0.25
+"""Of a layer's variance: what is at least left to an aircraft better than the rest."""
+
+
+def write(request: Request) -> dict[str, Any]:
+    """Write the tables into a folder.
+
+    Parameters
+    ----------
+    request : Request
+
+    Returns
+    -------
+    dict
+        ``files`` with their ``rows``, ``notes``.
+
+    Raises
+    ------
+    InputError
+        If no error is known, or the folder is a file.
+    """
+    from airswing.products.netcdf import write_text
+
+    if request.path.is_file():
+        raise InputError(
+            "is a file, and there are several tables",
+            file=request.path,
+            remedy="Name a folder with -o",
+        )
+    identifiers(request.corrected)  # refuses names that are no plain text
+    targets = {name: request.path / f"wind_error_{name}.csv" for name in COMPONENTS}
+    coefficients = request.path / COEFFICIENTS
+    refuse_existing(request, *targets.values(), coefficients)
+    with product_beside(
+        request, "observation_errors.nc", why="it holds the errors to write"
+    ) as product:
+        errors = product.load()
+    rows = error_rows(errors, request.winds)
+    fits = _fits(request)
+    files = []
+    for component, target in targets.items():
+        head = [f"{STATION},{PRESSURE},ErrorVariance/{component}", "string,float,float"]
+        write_text(target, "\n".join([*head, *rows]) + "\n")
+        files.append({"path": str(target), "rows": len(rows)})
+    table = coefficient_rows(fits, str(request.corrected.attrs.get("correction_reference", "")))
+    write_text(coefficients, "\n".join(table) + "\n")
+    files.append({"path": str(coefficients), "rows": len(table) - 2})
+    return {"files": files, "notes": _notes()}
+
+
+def _fits(request: Request) -> xr.Dataset:
+    with product_beside(request, "fits.nc", why="it holds the coefficients") as fits:
+        return fits.load()
+
+
+def error_rows(errors: xr.Dataset, winds: str) -> list[str]:
+    """Rows of station, pressure and error variance.
+
+    Parameters
+    ----------
+    errors : Dataset
+        ``observation_errors.nc``.
+    winds : {"corrected", "reported"}
+
+    Returns
+    -------
+    list of str
+        Those of all other stations first, then the archive's; pressures increasing.
+
+    Raises
+    ------
+    InputError
+        If no error is known.
+    """
+    own = errors.sel(state=winds)
+    layer = own["observation_error_filled"].sel(flight_phase="all").to_numpy() ** 2
+    fleet = float(own["fleet_observation_error"]) ** 2
+    if not np.isfinite(fleet):
+        raise InputError(
+            "no error of the reports is known",
+            field="observation_error",
+            found=errors.attrs.get("believed_because"),
+            remedy="It takes two references, or aircraft that meet, on some days",
+        )
+    pressure = 0.5 * (own["layer_bottom_pressure"] + own["layer_top_pressure"]).to_numpy()
+    order = np.argsort(pressure)
+    aircraft = own["aircraft_observation_error"].to_numpy() ** 2
+    rows = _station(EVERY_STATION, layer[order], pressure[order])
+    for place in np.argsort(names := [str(name) for name in own["aircraft"].to_numpy()]):
+        if np.isfinite(aircraft[place]):
+            variance = np.maximum(layer + aircraft[place] - fleet, LEAST_SHARE * layer)
+            rows += _station(names[place], variance[order], pressure[order])
+    return rows
+
+
+def _station(name: str, variance: Floats, pressure: Floats) -> list[str]:
+    return [f"{name},{at:.0f},{one:.4f}" for at, one in zip(pressure, variance, strict=True)]
+
+
+def coefficient_rows(fits: xr.Dataset, reference: str) -> list[str]:
+    """Lines of the table of coefficients.
+
+    Parameters
+    ----------
+    fits : Dataset
+        ``fits.nc``.
+    reference : str
+        The fit the correction was made with; the first where it is not told.
+
+    Returns
+    -------
+    list of str
+        Names, types, and a row for every aircraft whose fit is to be trusted.
+    """
+    names = [str(name) for name in fits["reference"].to_numpy()]
+    own = fits.sel(reference=reference if reference in names else names[0])
+    columns = [str(name) for name in own["coefficient"].to_numpy()]
+    head = ",".join(
+        [
+            STATION,
+            *(f"DeviationCoefficientValue/{name}" for name in columns),
+            "DeviationCoefficientValue/airspeedScale",
+            "DeviationCoefficientValue/horizontalField",
+        ]
+    )
+    rows = [head, ",".join(["string", *["float"] * (len(columns) + 2)])]
+    good = own["status"].to_numpy() == STATUS["ok"]
+    table = own["deviation"].transpose("aircraft", "coefficient").to_numpy()
+    more = [own[name].to_numpy() for name in ("airspeed_scale", "mean_horizontal_field")]
+    for place, name in enumerate(map(str, own["aircraft"].to_numpy())):
+        if good[place]:
+            values = [*table[place], more[0][place], more[1][place]]
+            rows.append(",".join([name, *(_number(value) for value in values)]))
+    return rows
+
+
+def _number(value: float) -> str:
+    return f"{value:.6g}" if np.isfinite(value) else EVERY_STATION
+
+
+def _notes() -> list[str]:
+    return [
+        "errors are read by DrawObsErrorFromFile: interpolation of stationIdentification exact, of "
+        "pressure linear, extrapolation mode nearest",
+        f"{COEFFICIENTS} is for those who correct upstream: heading error = A + B sin m + C cos m "
+        "+ D sin 2m + E cos 2m (degrees, m the indicated magnetic heading), B and C at "
+        "horizontalField (nT); JEDI itself does not read it",
+    ]
+
+
+register(ExportFormat("jedi", "errors by aircraft and pressure for JEDI (CSV)", write))

@@ -1,0 +1,272 @@
+"""A reject list as it could be, were its aircraft's winds corrected: rescue instead of reject.
+
+Assumes a list as GSI reads it (:mod:`airswing.handover.records.gsi_list`), and applies the criteria
+of its own header to the reported and to the corrected winds of the archive's aircraft. Of an
+aircraft whose wind is rejected for criteria of wind alone, and whose corrected winds meet all of
+them on `FEWEST` reports or more, the ``W`` is taken off; with no ``T`` or ``R`` left its line goes.
+An aircraft listed for another reason as well (a type of aircraft, research), not in the archive, or
+without a correction stays, and so does every line that is none. Nobody is added: aircraft that fail
+and are not listed are told.
+
+Identifiers are compared without leading zeros, with the second (MDCRS) identifier too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from airswing.errors import InputError
+from airswing.handover.records.gsi_list import WIND_CRITERIA, Entry, RejectList, read_reject_list
+from airswing.handover.records.registry import ExportFormat, Request, register
+from airswing.handover.records.run_products import (
+    correction_members,
+    product_beside,
+    refuse_existing,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FILE_NAME = "current_bad_aircraft"
+FEWEST = 200
+"""Reports below which an aircraft is not judged; the least that real lists name."""
+_SHOWN = 12
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One aircraft of the archive against a list's criteria.
+
+    Parameters
+    ----------
+    name : str
+    reports : int
+        Those that could be corrected.
+    winds_a_day : float
+        Winds that could be used, were they right.
+    reported, corrected : dict of str to float
+        Statistics by criterion.
+    reported_fails, corrected_fails : tuple of str
+        Criteria exceeded.
+    """
+
+    name: str
+    reports: int
+    winds_a_day: float
+    reported: dict[str, float]
+    corrected: dict[str, float]
+    reported_fails: tuple[str, ...]
+    corrected_fails: tuple[str, ...]
+
+
+def write(request: Request) -> dict[str, Any]:
+    """Write the list as it could be.
+
+    Parameters
+    ----------
+    request : Request
+
+    Returns
+    -------
+    dict
+        ``files``, ``criteria``, ``taken_off`` and ``stay`` (aircraft with their reasons and
+        statistics), ``not_listed``, ``winds_a_day_gained``, ``blank_identifiers_filled``,
+        ``notes``.
+
+    Raises
+    ------
+    InputError
+        If there is no list to begin from, or it is none.
+    """
+    from airswing.products.netcdf import atomic
+
+    if request.settings.base is None:
+        raise InputError(
+            "the current list is needed",
+            field="--base",
+            remedy="Give the file GSI reads (current_bad_aircraft)",
+        )
+    current = read_reject_list(request.settings.base)
+    target = request.path / FILE_NAME if request.folder else request.path
+    refuse_existing(request, target)
+    fleet = {judged.name: judged for judged in judge(request, current.criteria)}
+    lines, taken_off, stay = rescued(current, fleet)
+    with atomic(target) as temporary:
+        temporary.write_bytes(current.header + b"".join(lines))
+    return _account(target, current, fleet, taken_off, stay)
+
+
+def judge(request: Request, criteria: dict[str, float]) -> list[Judged]:
+    """Hold every aircraft of the archive against a list's criteria of wind.
+
+    Parameters
+    ----------
+    request : Request
+    criteria : dict of str to float
+
+    Returns
+    -------
+    list of Judged
+    """
+    from airswing.handover.records.list_statistics import list_statistics
+    from airswing.products.ragged import time_span
+
+    names = [str(name) for name in request.corrected["aircraft"].to_numpy()]
+    with product_beside(
+        request, "headings.nc", why="it holds the model winds the criteria are applied to"
+    ) as headings:
+        members = correction_members(request.corrected)
+        known = [str(name) for name in headings["reference"].to_numpy()]
+        members = [name for name in members if name in known] or known[:1]
+        found = list_statistics(headings, request.corrected, members)
+        first, last = time_span(headings)
+    days = max((last - first) / np.timedelta64(1, "D"), 1.0)
+    wanted = [name for name in WIND_CRITERIA if name in criteria]
+    judged = []
+    for place, name in enumerate(names):
+        values = [{one: float(found[one][state, place]) for one in wanted} for state in (0, 1)]
+        fails = [tuple(one for one in wanted if abs(own[one]) > criteria[one]) for own in values]
+        number, usable = int(found["number"][place]), float(found["usable"][place] / days)
+        judged.append(Judged(name, number, usable, values[0], values[1], fails[0], fails[1]))
+    return judged
+
+
+def rescued(
+    current: RejectList, fleet: dict[str, Judged]
+) -> tuple[list[bytes], list[dict[str, Any]], list[dict[str, Any]]]:
+    """The lines of the list as it could be, who comes off and who stays.
+
+    Parameters
+    ----------
+    current : RejectList
+    fleet : dict of str to Judged
+
+    Returns
+    -------
+    lines : list of bytes
+    taken_off, stay : list of dict
+        Of aircraft whose wind is rejected: ``aircraft``, ``why``, and what the archive says.
+    """
+    known = {_plain(name): judged for name, judged in fleet.items()}
+    lines: list[bytes] = []
+    taken_off: list[dict[str, Any]] = []
+    stay: list[dict[str, Any]] = []
+    for entry in current.entries:
+        if "W" not in entry.flags:
+            lines.append(entry.line)
+            continue
+        judged = known.get(_plain(entry.identifier)) or known.get(_plain(entry.second))
+        comes_off, why = verdict(entry, judged)
+        told = {"aircraft": entry.identifier, "why": why, **_told(judged)}
+        if not comes_off:
+            stay.append(told)
+            lines.append(entry.line)
+            continue
+        left = entry.without_wind()
+        taken_off.append(told | {"still_rejected": left.flags if left else ""})
+        lines += [left.line] if left else []
+    return lines, taken_off, stay
+
+
+def verdict(entry: Entry, judged: Judged | None) -> tuple[bool, str]:
+    """Whether an aircraft's wind comes off the list, and why or why not.
+
+    Parameters
+    ----------
+    entry : Entry
+    judged : Judged or None
+        None where the archive does not have it.
+
+    Returns
+    -------
+    comes_off : bool
+    why : str
+    """
+    others = [name for name in entry.reasons if _of_wind(name) and name not in WIND_CRITERIA]
+    if judged is None:
+        return False, "not in the archive"
+    if judged.reports == 0:
+        return False, "its winds could not be corrected"
+    if others:
+        return False, f"listed for another reason: {' '.join(others)}"
+    if judged.reports < FEWEST:
+        return False, f"{judged.reports} corrected reports, {FEWEST} are needed"
+    if not entry.reasons and not judged.reported_fails:
+        return False, "the list gives no reason, and its winds as reported meet every criterion"
+    if judged.corrected_fails:
+        fails = ", ".join(f"{name} {judged.corrected[name]:.1f}" for name in judged.corrected_fails)
+        return False, f"corrected winds fail too: {fails}"
+    before = ", ".join(f"{name} {judged.reported[name]:.1f}" for name in judged.reported_fails)
+    return True, f"corrected winds meet every criterion (as reported: {before or 'no criterion'})"
+
+
+def _of_wind(reason: str) -> bool:
+    """Whether a reason may be one for the wind: those of temperature and humidity alone are not."""
+    return not reason.endswith(("_T", "_RH")) or reason.endswith("_W") or "_W_" in reason
+
+
+def _plain(identifier: str) -> str:
+    return identifier.strip().lstrip("0") or identifier.strip()
+
+
+def _told(judged: Judged | None) -> dict[str, Any]:
+    if judged is None:
+        return {}
+    return {
+        "name": judged.name,
+        "reports": judged.reports,
+        "winds_a_day": round(judged.winds_a_day, 1),
+        "reported": {name: round(value, 2) for name, value in judged.reported.items()},
+        "corrected": {name: round(value, 2) for name, value in judged.corrected.items()},
+        "reported_fails": list(judged.reported_fails),
+        "corrected_fails": list(judged.corrected_fails),
+    }
+
+
+def _account(
+    target: Path,
+    current: RejectList,
+    fleet: dict[str, Judged],
+    taken_off: list[dict[str, Any]],
+    stay: list[dict[str, Any]],
+) -> dict[str, Any]:
+    """What there is to tell."""
+    listed = {one.get("name") for one in [*taken_off, *stay]}
+    failing = [
+        _told(judged)
+        for judged in fleet.values()
+        if judged.reported_fails and judged.reports >= FEWEST and judged.name not in listed
+    ]
+    gained = sum(one["winds_a_day"] for one in taken_off)
+    notes = [f"off the list: {one['aircraft']} ({one['why']})" for one in taken_off[:_SHOWN]]
+    inside = [one for one in stay if "name" in one]
+    notes += [f"stays: {one['aircraft']} ({one['why']})" for one in inside[:_SHOWN]]
+    absent = len(stay) - len(inside)
+    notes.append(
+        f"{len(taken_off)} aircraft come off, {len(stay)} stay ({absent} of them not in the "
+        f"archive): {gained:,.0f} winds a day gained"
+    )
+    if failing:
+        names = ", ".join(one["name"] for one in failing[:_SHOWN])
+        notes.append(f"not listed, but failing as reported: {names}")
+    if current.filled:
+        notes.append(
+            f"{current.filled} blank second identifiers, which match every report without one, "
+            "filled with dashes"
+        )
+    return {
+        "files": [{"path": str(target), "entries": sum(bool(e.flags) for e in current.entries)}],
+        "criteria": current.criteria,
+        "taken_off": taken_off,
+        "stay": stay,
+        "not_listed": failing,
+        "winds_a_day_gained": round(gained, 1),
+        "blank_identifiers_filled": current.filled,
+        "notes": notes,
+    }
+
+
+register(ExportFormat("reject_list", "a GSI reject list without the aircraft rescued", write))

@@ -1,0 +1,299 @@
+"""Reject list, error table and JEDI tables: what changes is right, all else is as it was."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from airswing.config import Handover
+from airswing.errors import InputError
+from airswing.evaluation.profiles import LEVEL_EDGES_HPA
+from airswing.handover.export import export
+from airswing.handover.obs_errors import LEVELS, changed_table
+from airswing.handover.records.gsi_list import read_reject_list
+from airswing.products.netcdf import write_product
+from tests.handover.archives import corrected
+
+LIST = "lists/rap_current_bad_aircraft.txt"
+HEADER = ";criteria: bias_S > 2, std_S > 5, bias_DIR > 7,\n; std_DIR > 30, std_W > 5, rms_W > 7\n"
+HEADER += ";\n" * 14
+
+
+def turned(degrees, speed=20.0, *, count=300):
+    """Wind from the west turned clockwise by an angle."""
+    angle = np.radians(270.0 + degrees)
+    return np.full(count, -speed * np.sin(angle)), np.full(count, -speed * np.cos(angle))
+
+
+def run(folder, fleet, *, platform="TAMDAR"):
+    """A run of some aircraft: name to (degrees as reported, degrees as corrected)."""
+    sizes = dict.fromkeys(fleet, 300)
+    winds = {"eastward_wind": [], "northward_wind": []}
+    winds |= {f"corrected_{name}": [] for name in list(winds)}
+    for reported, mended in fleet.values():
+        for prefix, degrees in (("", reported), ("corrected_", mended)):
+            u, v = turned(degrees)
+            winds[f"{prefix}eastward_wind"].append(u)
+            winds[f"{prefix}northward_wind"].append(v)
+    ds = corrected(sizes, **{name: np.concatenate(parts) for name, parts in winds.items()})
+    day = np.datetime64("2008-07-15", "ns")
+    seconds = np.tile(np.arange(300) * 288, len(fleet)) * np.timedelta64(1, "s")
+    ds["time"] = ("report", day + seconds)
+    u, v = turned(0.0, count=ds.sizes["report"])
+    headings = ds.assign(
+        reference_eastward_wind=(("reference", "report"), u[None]),
+        reference_northward_wind=(("reference", "report"), v[None]),
+    ).assign_coords(reference=["ruc"])
+    ds.attrs["correction_reference"] = "ruc"
+    told = '{"references": {"ruc": {}}, "pool": {}}'
+    write_product(ds, folder / "corrected.nc", title="corrected", config_json=told)
+    write_product(headings, folder / "headings.nc", title="headings")
+    write_product(errors(list(fleet)), folder / "observation_errors.nc", title="errors")
+    return folder / "corrected.nc"
+
+
+def errors(names):
+    """Errors of 1.0, 1.1, ... m/s as corrected from the ground up, twice that as reported."""
+    edges = np.array(LEVEL_EDGES_HPA) * 100.0
+    layer = np.linspace(1.0, 1.7, edges.size - 1)
+    table = np.repeat(np.stack([2.0 * layer, layer], axis=-1)[None], 4, axis=0)
+    table[2, 0] = np.nan
+    counts = np.full(table.shape[:2], 1000)
+    cell = ("flight_phase", "layer", "state")
+    return xr.Dataset(
+        {
+            "observation_error": (cell, table),
+            "observation_error_filled": (cell, np.nan_to_num(table, nan=1.0)),
+            "fleet_observation_error": ("state", [2.6, 1.3]),
+            "aircraft_observation_error": (
+                ("aircraft", "state"),
+                np.tile([3.0, 1.3], (len(names), 1)),
+            ),
+            "observation_count": (cell[:2], counts),
+            "disagreement_rms": (cell, np.full(table.shape, 3.0)),
+            "median_wind_speed": ("layer", np.full(layer.size, 10.0)),
+            "layer_bottom_pressure": ("layer", edges[:-1]),
+            "layer_top_pressure": ("layer", edges[1:]),
+        },
+        coords={
+            "flight_phase": ["all", "ascent", "cruise", "descent"],
+            "state": ["reported", "corrected"],
+            "aircraft": names,
+        },
+    )
+
+
+def test_the_real_list_is_understood(real):
+    path = real(LIST)
+    found = read_reject_list(path)
+    lines = path.read_bytes().splitlines(keepends=True)
+    assert found.header == b"".join(lines[:16])
+    assert b"".join(entry.line for entry in found.entries) == b"".join(lines[16:])
+    assert found.criteria["bias_DIR"] == 7.0 and found.criteria["rms_W"] == 7.0
+    assert sum(bool(entry.identifier) for entry in found.entries) == 164
+    by_name = {entry.identifier: entry for entry in found.entries}
+    assert by_name["00000566"].reasons == ("bias_DIR",) and by_name["00000566"].flags == "W"
+    assert by_name["00000506"].flags == "TWR"
+    assert by_name["N174AA"].second == "YUZICORA" and by_name["N174AA"].flags == "T"
+    # Of the five with a bias of direction, four are turboprops.
+    assert sum("bias_DIR" in entry.reasons for entry in found.entries) == 5
+
+
+def test_a_turboprop_comes_off_the_real_list(real, tmp_path):
+    fleet = {"566": (9.0, 0.5), "00000784": (9.0, 8.0), "506": (12.0, 0.0), "N921DL": (0.0, 0.0)}
+    done = export(
+        run(tmp_path, {**fleet, "FINE": (0.0, 0.0), "WILD": (15.0, 1.0)}),
+        to="reject_list",
+        path=tmp_path / "current_bad_aircraft",
+        settings=Handover(base=real(LIST)),
+    )
+    before = real(LIST).read_bytes().splitlines(keepends=True)
+    after = (tmp_path / "current_bad_aircraft").read_bytes().splitlines(keepends=True)
+    assert after == [line for line in before if not line.startswith(b"00000566")]
+    off = done["taken_off"][0]
+    assert [one["aircraft"] for one in done["taken_off"]] == ["00000566"]
+    assert off["reported"]["bias_DIR"] == pytest.approx(9.0, abs=0.01)
+    assert off["reported_fails"] == ["bias_DIR"] and off["corrected_fails"] == []
+    assert off["winds_a_day"] == pytest.approx(300.0, rel=0.01)
+    assert done["winds_a_day_gained"] == off["winds_a_day"]
+    why = {one["aircraft"]: one["why"] for one in done["stay"]}
+    assert "corrected winds fail too: bias_DIR 8.0" in why["00000784"]
+    assert "resrch_T_W_R" in why["00000506"] and "md88_W" in why["N921DL"]
+    assert why["00000808"] == "not in the archive"
+    assert [one["name"] for one in done["not_listed"]] == ["WILD"]
+    json.dumps(done)
+
+
+def test_lines_that_are_none_stay_as_they_are_and_blanks_match_nothing(tmp_path):
+    rows = [
+        "00000751  - W -      MDC00001\n",
+        "00000752  T W - 9999          772  -0.8   0.9   1.8   3.1  13 SAAB ( std_T bias_DIR )\r\n",
+        "00000753  - W -\n",
+        "; a remark\n",
+        "what is this line?\n",
+        "\n",
+        "N1        - X -\n",
+        "00000754  - - R    1 --------  100 SAAB ( bias_RH )",
+    ]
+    base = tmp_path / "list"
+    base.write_bytes((HEADER + "".join(rows)).encode())
+    fleet = {"00000751": (9.0, 0.0), "752": (9.0, 0.0), "753": (0.0, 0.0)}
+    done = export(
+        run(tmp_path, fleet),
+        to="reject_list",
+        path=tmp_path / "out",
+        settings=Handover(base=base),
+    )
+    after = (tmp_path / "out").read_bytes().decode().removeprefix(HEADER).splitlines(keepends=True)
+    assert after[0] == "00000752  T - - 9999 --------" + rows[1][29:]
+    assert after[1] == "00000753  - W -      --------\n"
+    assert after[2:] == rows[3:]
+    assert {one["aircraft"]: one["still_rejected"] for one in done["taken_off"]} == {
+        "00000751": "",
+        "00000752": "T",
+    }
+    assert "gives no reason" in done["stay"][0]["why"]
+    assert done["blank_identifiers_filled"] == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "not a reject list"),
+        (HEADER + "nothing here\n", "not a reject list"),
+        (";\n" * 16 + "00000751  - W -      MDC00001\n", "no criterion of wind"),
+    ],
+)
+def test_what_is_no_list_is_refused(tmp_path, text, what):
+    base = tmp_path / "list"
+    base.write_text(text)
+    with pytest.raises(InputError, match=what) as told:
+        read_reject_list(base)
+    assert str(base) in str(told.value)
+
+
+def test_a_list_is_needed_and_nothing_is_written_over(tmp_path):
+    product = run(tmp_path, {"A": (9.0, 0.0)})
+    with pytest.raises(InputError, match="current list is needed"):
+        export(product, to="reject_list", path=tmp_path / "out")
+    (tmp_path / "there").write_text("mine")
+    base = tmp_path / "list"
+    base.write_text(HEADER + "A         - W -      MDC00001\n")
+    with pytest.raises(InputError, match="is there already"):
+        export(product, to="reject_list", path=tmp_path / "there", settings=Handover(base=base))
+    assert (tmp_path / "there").read_text() == "mine"
+
+
+def read_wind_tables(text):
+    """Wind tables as OBSPROC reads them: 28 values of six columns by section and type."""
+    found, section, rows = {}, "", text.splitlines()
+    for place, line in enumerate(rows):
+        if "SENSOR ERRORS" in line:
+            section = line.split("SENSOR")[0].split()[-1]
+        label = line[42:].strip()
+        if section in ("UV", "SPD", "DIR") and label in ("TAMDARS", "AIREPS"):
+            values = [
+                float(row[6 * k : 6 * k + 6]) for row in rows[place : place + 4] for k in range(7)
+            ]
+            found[section, label] = values
+    return found
+
+
+def test_error_table_holds_the_measured_errors(tmp_path, root):
+    product = run(tmp_path, {"A": (9.0, 0.0)})
+    done = export(product, to="obs_errors", path=tmp_path / "obserr.txt")
+    text = (tmp_path / "obserr.txt").read_text()
+    original = (root / "pipeline/airswing/handover/data/obserr.txt").read_text()
+    tables, before = read_wind_tables(text), read_wind_tables(original)
+    assert before["UV", "TAMDARS"][6] == 3.6 and before["UV", "TAMDARS"][23] == 2.3
+    # Layers run from 1100 to 200 hPa; 850 is the middle of the second, 1000 of the first.
+    own = dict(zip(LEVELS, tables["UV", "TAMDARS"], strict=False))
+    assert own[1000] == 1.0 and own[850] == 1.1 and own[250] == 1.7 and own[300] == 1.65
+    assert own[150] == 3.6 and tables["UV", "TAMDARS"][26:] == before["UV", "TAMDARS"][26:]
+    assert tables["SPD", "TAMDARS"] == tables["UV", "TAMDARS"]
+    angle = dict(zip(LEVELS, tables["DIR", "TAMDARS"], strict=False))
+    assert angle[1000] == pytest.approx(np.degrees(np.arctan(0.1)), abs=0.005)
+    for section in ("UV", "SPD", "DIR"):
+        assert tables[section, "AIREPS"] == before[section, "AIREPS"]
+    changed = [
+        one != other for one, other in zip(text.splitlines(), original.splitlines(), strict=True)
+    ]
+    assert sum(changed) == 9  # of four rows each in three tables, the highest is above 200 hPa
+    assert done["types"] == ["TAMDARS"] and "6.5 m/s" in done["notes"][0]
+
+
+def test_a_folder_gets_a_table_for_each_phase_and_reported_winds_are_worse(tmp_path):
+    product = run(tmp_path, {"A": (9.0, 0.0)})
+    settings = Handover(platform="AMDAR")
+    done = export(
+        product, to="obs_errors", path=f"{tmp_path}/tables/", winds="reported", settings=settings
+    )
+    assert [file["flight_phase"] for file in done["files"]] == [
+        "all",
+        "ascent",
+        "cruise",
+        "descent",
+    ]
+    tables = read_wind_tables((tmp_path / "tables" / "obserr.txt").read_text())
+    assert dict(zip(LEVELS, tables["UV", "AIREPS"], strict=False))[850] == 2.2
+    cruise = read_wind_tables((tmp_path / "tables" / "obserr_cruise.txt").read_text())
+    assert dict(zip(LEVELS, cruise["UV", "AIREPS"], strict=False))[1000] == 3.6
+
+
+def test_what_is_no_error_table_is_refused(tmp_path):
+    product = run(tmp_path, {"A": (9.0, 0.0)})
+    base = tmp_path / "base.txt"
+    base.write_text("no table\n")
+    with pytest.raises(InputError, match="not a table of observation errors"):
+        export(product, to="obs_errors", path=tmp_path / "x", settings=Handover(base=base))
+    assert not (tmp_path / "x").exists()
+    with pytest.raises(InputError, match="no rows of UV AIREPS"):
+        changed_table("1.0 \n", {"UV": {500: 1.0}}, ["AIREPS"])
+
+
+def test_missing_products_are_told(tmp_path):
+    product = run(tmp_path, {"A": (9.0, 0.0)})
+    (tmp_path / "observation_errors.nc").unlink()
+    with pytest.raises(InputError, match=r"observation_errors\.nc"):
+        export(product, to="obs_errors", path=tmp_path / "x")
+
+
+def test_jedi_tables_have_the_layout_of_real_ones(tmp_path, real):
+    product = run(tmp_path, {"A1": (9.0, 0.0), "B2": (1.0, 0.0)})
+    fits = xr.Dataset(
+        {
+            "deviation": (
+                ("reference", "aircraft", "coefficient"),
+                np.array([[[0.5, 2.0, -1.25, 0.0, 0.0], [np.nan] * 5]]),
+            ),
+            "airspeed_scale": (("reference", "aircraft"), [[0.01, np.nan]]),
+            "mean_horizontal_field": (("reference", "aircraft"), [[19000.0, np.nan]]),
+            "status": (("reference", "aircraft"), np.array([[0, 1]], dtype=np.int8)),
+        },
+        coords={"reference": ["ruc"], "aircraft": ["A1", "B2"], "coefficient": list("ABCDE")},
+    )
+    write_product(fits, tmp_path / "fits.nc", title="fits")
+    done = export(product, to="jedi", path=tmp_path / "jedi")
+    with open(real("lists/aircraft_abias_air_constant.2021121115.csv"), newline="") as file:
+        theirs = [next(csv.reader(file)) for _ in range(4)]
+    with open(tmp_path / "jedi" / "wind_error_windEastward.csv", newline="") as file:
+        ours = list(csv.reader(file))
+    assert ours[0][0] == theirs[0][0] and ours[1][0] == theirs[1][0] == "string"
+    assert ours[2][0] == theirs[2][0] == "_"
+    assert {len(row) for row in ours} == {3} and ours[1][1:] == ["float", "float"]
+    assert sum("ErrorVariance/" in name for name in ours[0]) == 1
+    table = {(row[0], float(row[1])): float(row[2]) for row in ours[2:]}
+    assert len(table) == 3 * 8 == len(ours) - 2
+    assert table["_", 100_000.0] == pytest.approx(1.0)
+    # The aircraft is as good as the fleet, 1.3 m/s: it has the layers' own errors.
+    assert table["A1", 85_000.0] == pytest.approx(1.1**2, abs=1e-4)
+    coefficients = (tmp_path / "jedi" / "deviation_coefficients.csv").read_text().splitlines()
+    assert coefficients[2:] == ["A1,0.5,2,-1.25,0,0,0.01,19000"]
+    assert [file["rows"] for file in done["files"]] == [24, 24, 1]
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="there are several tables"):
+        export(product, to="jedi", path=tmp_path / "file")
