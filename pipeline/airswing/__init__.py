@@ -56,6 +56,8 @@ _STAGES = {
     "Frame": "airswing.gap.archive.frame",
     "diagnose": "airswing.gap.diagnose",
     "export": "airswing.handover.export",
+    "observation_errors": "airswing.evaluation.report_errors.observation_errors",
+    "correct_forecasts": "airswing.handover.forecasts.correcting",
     "read_product": "airswing.products.netcdf",
     "write_product": "airswing.products.netcdf",
     "load_config": "airswing.config",

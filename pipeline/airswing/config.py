@@ -277,12 +277,21 @@ class Stations(_Section):
     max_time_gap: Seconds = Field(1800.0, ge=0, le=366 * 86400.0)
 
 
+class FlightLevelWinds(_Section):
+    """Model winds of the main job beside its corrected aircraft winds, by box, layer and day."""
+
+    reference: str | None = None
+    region: Radians = Field(math.radians(5.0), gt=math.radians(0.1), le=math.radians(90.0))
+    fewest: int = Field(10, ge=1)
+
+
 class Postprocess(_Section):
     """Forecasts to correct after the fact, and how."""
 
     pairs: ForecastTable | None = None
     forecasts: Forecasts | None = None
     stations: Stations | None = None
+    winds: FlightLevelWinds | None = None
     ratio: Annotated[float, Field(gt=0)] | Literal["auto"] = "auto"
     training: float = Field(0.5, gt=0, lt=1)
     running_mean: int = Field(7, ge=1, le=100_000)
@@ -292,8 +301,8 @@ class Postprocess(_Section):
         if (self.forecasts is None) != (self.stations is None):
             missing = "stations" if self.stations is None else "forecasts"
             raise ValueError(f"forecasts and stations go together: {missing} is missing")
-        if (self.pairs is None) == (self.forecasts is None):
-            raise ValueError("give either pairs, or forecasts and stations")
+        if sum(one is not None for one in (self.pairs, self.forecasts, self.winds)) != 1:
+            raise ValueError("give one of pairs, forecasts with stations, and winds")
         return self
 
 
@@ -509,6 +518,7 @@ def _keys_at(location: tuple[int | str, ...]) -> list[str]:
         "postprocess.pairs": ForecastTable,
         "postprocess.forecasts": Forecasts,
         "postprocess.stations": Stations,
+        "postprocess.winds": FlightLevelWinds,
         "compute": Compute,
     }
     place = ".".join(map(str, location))

@@ -505,6 +505,7 @@ _POSTPROCESS = [
     _V("latitude", "degrees_north", "latitude of the station", ("station",), "f8", "latitude"),
     _V("longitude", "degrees_east", "longitude of the station", ("station",), "f8", "longitude"),
     _V("altitude", "m", "altitude of the station", ("station",), "f8", "altitude"),
+    _V("pressure", "Pa", "pressure at the middle of the layer", ("station",), "f8", "air_pressure"),
     _V("forecast_reference_time", "", "start of the forecast", ("forecast_reference_time",),
        "datetime64[ns]", "forecast_reference_time"),
     _V("lead", "h", "lead time of the forecast", ("lead",), "f8", "forecast_period"),

@@ -256,7 +256,7 @@ def test_a_configuration_needs_a_source(tmp_path):
     config = tmp_path / "config.yaml"
     for section, what in (
         (None, "no forecasts to correct"),
-        ({}, "either pairs, or forecasts"),
+        ({}, "one of pairs, forecasts with"),
         ({"forecasts": {"files": "x"}}, "stations is missing"),
         ({"pair": {"files": "x"}}, "did you mean 'pairs'"),
         ({"pairs": {"files": "x", "colums": {}}}, "did you mean 'columns'"),

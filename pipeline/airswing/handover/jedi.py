@@ -16,6 +16,7 @@ magnetic heading), in the same layout but with several columns.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,7 +66,8 @@ def write(request: Request) -> dict[str, Any]:
             file=request.path,
             remedy="Name a folder with -o",
         )
-    identifiers(request.corrected)  # refuses names that are no plain text
+    tails = map(str, request.corrected["aircraft"].to_numpy())
+    called = dict(zip(tails, identifiers(request.corrected, request.settings), strict=True))
     targets = {name: request.path / f"wind_error_{name}.csv" for name in COMPONENTS}
     coefficients = request.path / COEFFICIENTS
     refuse_existing(request, *targets.values(), coefficients)
@@ -73,14 +75,15 @@ def write(request: Request) -> dict[str, Any]:
         request, "observation_errors.nc", why="it holds the errors to write"
     ) as product:
         errors = product.load()
-    rows = error_rows(errors, request.winds)
+    rows = error_rows(errors, request.winds, called)
     fits = _fits(request)
     files = []
     for component, target in targets.items():
         head = [f"{STATION},{PRESSURE},ErrorVariance/{component}", "string,float,float"]
         write_text(target, "\n".join([*head, *rows]) + "\n")
         files.append({"path": str(target), "rows": len(rows)})
-    table = coefficient_rows(fits, str(request.corrected.attrs.get("correction_reference", "")))
+    reference = str(request.corrected.attrs.get("correction_reference", ""))
+    table = coefficient_rows(fits, reference, called)
     write_text(coefficients, "\n".join(table) + "\n")
     files.append({"path": str(coefficients), "rows": len(table) - 2})
     return {"files": files, "notes": _notes()}
@@ -91,7 +94,7 @@ def _fits(request: Request) -> xr.Dataset:
         return fits.load()
 
 
-def error_rows(errors: xr.Dataset, winds: str) -> list[str]:
+def error_rows(errors: xr.Dataset, winds: str, called: Mapping[str, str]) -> list[str]:
     """Rows of station, pressure and error variance.
 
     Parameters
@@ -99,6 +102,8 @@ def error_rows(errors: xr.Dataset, winds: str) -> list[str]:
     errors : Dataset
         ``observation_errors.nc``.
     winds : {"corrected", "reported"}
+    called : mapping of str to str
+        Identifier of each aircraft.
 
     Returns
     -------
@@ -127,7 +132,9 @@ def error_rows(errors: xr.Dataset, winds: str) -> list[str]:
     for place in np.argsort(names := [str(name) for name in own["aircraft"].to_numpy()]):
         if np.isfinite(aircraft[place]):
             variance = np.maximum(layer + aircraft[place] - fleet, LEAST_SHARE * layer)
-            rows += _station(names[place], variance[order], pressure[order])
+            rows += _station(
+                called.get(names[place], names[place]), variance[order], pressure[order]
+            )
     return rows
 
 
@@ -135,7 +142,7 @@ def _station(name: str, variance: Floats, pressure: Floats) -> list[str]:
     return [f"{name},{at:.0f},{one:.4f}" for at, one in zip(pressure, variance, strict=True)]
 
 
-def coefficient_rows(fits: xr.Dataset, reference: str) -> list[str]:
+def coefficient_rows(fits: xr.Dataset, reference: str, called: Mapping[str, str]) -> list[str]:
     """Lines of the table of coefficients.
 
     Parameters
@@ -144,6 +151,8 @@ def coefficient_rows(fits: xr.Dataset, reference: str) -> list[str]:
         ``fits.nc``.
     reference : str
         The fit the correction was made with; the first where it is not told.
+    called : mapping of str to str
+        Identifier of each aircraft.
 
     Returns
     -------
@@ -168,7 +177,7 @@ def coefficient_rows(fits: xr.Dataset, reference: str) -> list[str]:
     for place, name in enumerate(map(str, own["aircraft"].to_numpy())):
         if good[place]:
             values = [*table[place], more[0][place], more[1][place]]
-            rows.append(",".join([name, *(_number(value) for value in values)]))
+            rows.append(",".join([called.get(name, name), *(_number(value) for value in values)]))
     return rows
 
 

@@ -157,6 +157,7 @@ def _columns(
     if "correction_applied" in better:
         good &= np.isin(better["correction_applied"].to_numpy(), _APPLIED)
     time = block["time"].to_numpy()
+    good &= ~np.isnat(time)
     found = {
         name: block[name].to_numpy()[good].astype(np.float64)
         for name in ("latitude", "longitude", "pressure")

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import glob
+import math
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
+from pydantic import BaseModel
 
-from airswing.config import Postprocess, as_json, load_postprocess
-from airswing.errors import InputError
+from airswing.config import Config, FlightLevelWinds, Postprocess, as_json, load_postprocess
+from airswing.errors import ConfigError, InputError
 from airswing.products.netcdf import read_product, require_writable, write_product
 from airswing.products.workspace import workspace
+from airswing.workflow.job import CORRECTED, HEADINGS, main_reference
 from airswing.workflow.progress import Progress
 
 POSTPROCESSED = "postprocessed.nc"
@@ -46,7 +49,7 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     with workspace(folder):
         require_writable(folder)
         with progress.stage("pairs") as stage:
-            pairs = read_pairs(section)
+            pairs = read_pairs(section, whole)
             stage.note = " x ".join(f"{size} {name}" for name, size in pairs.sizes.items())
         with progress.stage("filter"):
             made = _corrected(pairs, section)
@@ -68,12 +71,14 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     }
 
 
-def read_pairs(section: Postprocess) -> xr.Dataset:
-    """Pairs of forecast and observation, from tables or from GRIB and stations.
+def read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
+    """Pairs of forecast and observation: tables, GRIB and stations, or a run's winds.
 
     Parameters
     ----------
     section : Postprocess
+    whole : BaseModel
+        The configuration it is of.
 
     Returns
     -------
@@ -90,13 +95,45 @@ def read_pairs(section: Postprocess) -> xr.Dataset:
             variable=given.variable,
             units=given.units,
         )
-    assert section.forecasts is not None and section.stations is not None
-    return pairs_at_stations(
-        _found(section.forecasts.files, "postprocess.forecasts.files"),
-        _found(section.stations.files, "postprocess.stations.files"),
-        columns=section.stations.columns,
-        max_time_gap=section.stations.max_time_gap,
-    )
+    if section.forecasts is not None and section.stations is not None:
+        return pairs_at_stations(
+            _found(section.forecasts.files, "postprocess.forecasts.files"),
+            _found(section.stations.files, "postprocess.stations.files"),
+            columns=section.stations.columns,
+            max_time_gap=section.stations.max_time_gap,
+        )
+    return _flight_levels(section.winds or FlightLevelWinds(), whole)
+
+
+def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
+    """Pairs of a run's model winds and its corrected aircraft winds."""
+    from airswing.handover.forecasts.flight_level_winds import flight_level_pairs
+
+    if not isinstance(whole, Config):
+        raise ConfigError(
+            "winds at flight levels are those of the main job",
+            field="postprocess.winds",
+            remedy="Give the configuration of `airswing run`, with reports and references",
+        )
+    pools = whole.pools()
+    reference = section.reference or main_reference(whole)
+    if reference not in pools:
+        raise ConfigError(
+            "no such reference or pool",
+            field="postprocess.winds.reference",
+            found=reference,
+            remedy=f"Known: {', '.join(pools)}",
+        )
+    products = (read_product(whole.output / name, lazy=True) for name in (HEADINGS, CORRECTED))
+    headings, corrected = products
+    with headings, corrected:
+        return flight_level_pairs(
+            headings,
+            corrected,
+            pools[reference],
+            region=math.degrees(section.region),
+            fewest=section.fewest,
+        )
 
 
 def _found(patterns: list[str], field: str) -> list[Path]:
