@@ -29,10 +29,14 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.evaluation.error_profiles import error_profiles as error_profiles
     from airswing.evaluation.field_test import field_test as field_test
     from airswing.evaluation.reference_comparison.sensitivity import compare as compare
+    from airswing.evaluation.report_errors.observation_errors import (
+        observation_errors as observation_errors,
+    )
     from airswing.gap.archive.frame import Frame as Frame
     from airswing.gap.diagnose import diagnose as diagnose
     from airswing.gap.simulation.report_table import simulate_reports as simulate_reports
     from airswing.handover.export import export as export
+    from airswing.handover.forecasts.correcting import correct_forecasts as correct_forecasts
     from airswing.products.netcdf import read_product as read_product
     from airswing.products.netcdf import write_product as write_product
     from airswing.reference.catalogues import build_catalogue as build_catalogue

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import reference_mean
-from airswing.evaluation.profiles import LEVEL_EDGES_HPA, profile_cells
+from airswing.evaluation.error_profiles import LEVEL_EDGES_HPA, profile_cells
 from airswing.flags import CORRECTION
 from airswing.handover.forecasts.correcting import TIME
 from airswing.handover.forecasts.forecast_pairs import on_axes
@@ -110,7 +110,8 @@ def _reports(
         table[f"model_{name}"] = model[f"reference_{name}"].to_numpy().astype(np.float64)
         table[f"air_{name}"] = better[f"corrected_{name}"].to_numpy().astype(np.float64)
     good = (cell >= 0) & table.notna().all(axis=1).to_numpy()
-    return table[good & np.isin(better["correction_applied"].to_numpy(), _APPLIED)]
+    kept: pd.DataFrame = table[good & np.isin(better["correction_applied"].to_numpy(), _APPLIED)]
+    return kept
 
 
 def _sums(table: pd.DataFrame) -> pd.DataFrame:

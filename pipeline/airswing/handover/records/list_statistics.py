@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.evaluation.disagreement import reference_mean
-from airswing.evaluation.profiles import MIN_DIRECTION_WIND, STATES, profile_cells
+from airswing.evaluation.error_profiles import MIN_DIRECTION_WIND, STATES, profile_cells
 from airswing.flags import CORRECTION
 from airswing.products.ragged import aircraft_of_report, blocks
 
