@@ -36,6 +36,7 @@ import xarray as xr
 import airswing  # noqa: F401  (imports pyproj before eccodes can be)
 from airswing.reference.collocate import collocate
 from airswing.reference.grib.catalogue import build_catalogue
+from airswing.reference.packing.decoder import processor_seconds
 
 NI, NJ = 451, 337
 LEVELS = np.arange(100, 1001, 25)
@@ -179,7 +180,7 @@ def cfgrib_hour(path: str, reports: xr.Dataset) -> xr.Dataset:
 
 
 def interleaved(work: dict[str, Callable[[], Any]], repeats: int) -> list[float]:
-    """Least processor time of several runs of each, s, taken in turn.
+    """Least processor time of several runs of each, s, taken in turn, that of decoders included.
 
     Every one of these runs in one thread and reads from the page cache, so that
     processor time is what it takes on an idle machine, whatever else is running.
@@ -187,9 +188,9 @@ def interleaved(work: dict[str, Callable[[], Any]], repeats: int) -> list[float]
     times: dict[str, list[float]] = {name: [] for name in work}
     for _ in range(repeats):
         for name, run in work.items():
-            start = time.process_time()
+            start = time.process_time() + processor_seconds()
             run()
-            times[name].append(time.process_time() - start)
+            times[name].append(time.process_time() + processor_seconds() - start)
     return [min(of) for of in times.values()]
 
 

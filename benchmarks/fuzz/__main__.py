@@ -110,16 +110,17 @@ def campaign(
         By kind: how many ended in what.
     """
     table: dict[str, Counter[str]] = defaultdict(Counter)
-    began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="airswing-fuzz-") as name:
         folder = Path(name)
         os.environ["AIRSWING_CACHE"] = str(folder / "seeds" / "run" / "cache")
         seeds = make_seeds(folder / "seeds")
         told = folder / "seeds.json"
         told.write_text(json.dumps({kind: str(path) for kind, path in seeds.items()}))
-        worker = Worker(told, folder / "cache")
+        worker, began = Worker(told, folder / "cache"), time.monotonic()
         try:
-            for kind, seed in cases:
+            for number, (kind, seed) in enumerate(cases):
+                if number and number % 1000 == 0:
+                    print(f"  {number:,} cases", file=sys.stderr, flush=True)
                 if seconds is not None and time.monotonic() - began > seconds:
                     break
                 place = folder / "case"

@@ -57,3 +57,19 @@ def test_a_disk_that_takes_no_more_is_told_by_its_own_words(tmp_path: Path) -> N
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not any(tmp_path.iterdir())
+
+
+def test_an_octet_changed_in_keeping_is_said_and_made_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path, table = tmp_path / "a.npy", np.arange(600.0).reshape(2, 300)
+    _save(path, table)
+    whole = path.read_bytes()
+    for place in (130, len(whole) // 2, len(whole) - 20, len(whole) - 1):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
+        assert _load(path, 300) is None
+        path.write_bytes(whole[:place] + b"\0" + whole[place:])
+        assert _load(path, 300) is None
+    assert "not whole" in caplog.text
+    path.write_bytes(whole)
+    assert np.array_equal(_load(path, 300), table)

@@ -54,11 +54,14 @@ def require_whole(path: Path) -> None:
             needed, records = _extent(_Header(file))
         except (_ShortError, struct.error) as error:
             raise InputError(
-                "damaged: its NetCDF header does not hold together", file=path, found=error
+                "cannot be opened: damaged, its NetCDF header does not hold together",
+                file=path,
+                found=error,
             ) from error
     if needed > size + _PADDING:
         raise InputError(
-            f"damaged: {needed:,} octets by its header, of which {size:,} are there",
+            "cannot be opened: damaged, "
+            f"{needed:,} octets by its header, of which {size:,} are there",
             file=path, found=f"{records:,} records",
         )  # fmt: skip
 

@@ -66,7 +66,7 @@ def require_openable(path: Path) -> None:
         if not wrong:
             _SOUND.add(own)
             return
-    raise InputError("damaged: not a NetCDF file that can be opened", file=path, found=wrong)
+    raise InputError("cannot be opened: a damaged NetCDF file", file=path, found=wrong)
 
 
 def _identity(path: Path) -> tuple[str, int, int]:

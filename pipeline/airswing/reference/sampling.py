@@ -88,11 +88,12 @@ class _Reader:
         """Values of a field that an atmosphere can have."""
         size, kind = self.model.grid.size, int(row["kind"])
         judged = probes(row, size)
-        looked_at = np.concatenate([points.ravel(), judged]) if judged.size else points
-        values = field_values(descriptor, row, size, looked_at, sparse=self.sparse)
-        if judged.size:
-            require_credible(kind, values[points.size :])
-            values = values[: points.size].reshape(points.shape)
+        if not judged.size:  # its header allows none but such values
+            return field_values(descriptor, row, size, points, sparse=self.sparse)
+        looked_at = np.concatenate([points.ravel(), judged])
+        found = field_values(descriptor, row, size, looked_at, sparse=self.sparse)
+        require_credible(kind, found[points.size :])
+        values = found[: points.size].reshape(points.shape)
         values, absurd = without_absurd(kind, values)
         if absurd:
             self._note(row, "values that no atmosphere has left out")

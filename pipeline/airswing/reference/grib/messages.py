@@ -20,6 +20,7 @@ Assumptions and validity
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 from collections import Counter
@@ -113,12 +114,23 @@ def whole_messages(
 def _next_mark(window: Window, at: int) -> int:
     block = 1 << 16
     while at < window.size:
+        at = _data(window, at)
         data = os.pread(window.descriptor, block + 3, at)
         found = data.find(b"GRIB")
         if found >= 0:
             return at + found
         at += block
     return -1
+
+
+def _data(window: Window, at: int) -> int:
+    """First octet from a place on that is no hole of a sparse file."""
+    if not hasattr(os, "SEEK_DATA"):
+        return at
+    try:
+        return os.lseek(window.descriptor, at, os.SEEK_DATA)
+    except OSError as error:
+        return window.size if error.errno == errno.ENXIO else at
 
 
 def _length(window: Window, at: int, head: bytes) -> tuple[int, int]:

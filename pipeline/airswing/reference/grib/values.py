@@ -17,6 +17,7 @@ Assumptions and validity
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,8 @@ def field_values(
     UnreadableMessageError
         Where the octets are not the message the catalogue saw, or cannot be decoded.
     """
+    if os.pread(descriptor, 4, int(row["offset"])) != b"GRIB":
+        raise UnreadableMessageError(_CHANGED)
     packed = simple_packing(row, size)
     if sparse and row["sparse"]:
         return sparse_values(descriptor, packed, points)

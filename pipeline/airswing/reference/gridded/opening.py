@@ -21,12 +21,15 @@ import os
 import warnings
 from collections.abc import Iterator
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 from airswing.errors import InputError
+from airswing.products.classic_netcdf import require_whole
 from airswing.products.fingerprint import ZARR_MARKS
+from airswing.products.openable import require_openable
 from airswing.reference.geometry.model_time import SourceFile
 from airswing.reference.gridded.cfgrib_parts import cfgrib_parts
 
@@ -146,6 +149,8 @@ def _open(path: str, engine: str) -> xr.Dataset:
 
 
 def _open_netcdf(path: str, engine: str, options: dict[str, Any]) -> xr.Dataset:
+    require_whole(Path(path))
+    require_openable(Path(path))
     if engine == "wrf":
         return xr.open_dataset(path, engine="netcdf4", decode_times=False, **options)
     return xr.open_dataset(path, engine="netcdf4", **options)
