@@ -10,7 +10,7 @@ from scipy.stats import norm, t
 from tests.gap.toy import make_frame
 
 from airswing.gap.design.candidates import candidates
-from airswing.gap.diagnose import Search, _run
+from airswing.gap.diagnose import Search, _run, diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.search.belief import features, probabilities
 from airswing.gap.search.confirmation import Confirmation, confirm
@@ -103,7 +103,8 @@ def test_changes_of_two_aircraft_join_on_one_date():
     apart = [replace(term, tails=(1,), period=(9, end)), replace(term, tails=(3,), period=(8, end))]
     (joined,) = fewest(base, pool, apart)
     assert (joined.tails, joined.period) == ((1, 3), (9, end))
-    assert worth(base, [joined]) > worth(base, apart)
+    one, two = worth(base, [joined]), worth(base, apart)
+    assert one.explained + one.fixed > two.explained + two.fixed
 
 
 def test_what_has_no_name_makes_a_claim_less_likely(late):
@@ -130,3 +131,22 @@ def test_an_exchange_is_looked_for_beside_what_marks_no_airframe(late):
     kept, needed = beside([term, unknown])
     assert kept == [unknown]
     assert needed == pytest.approx(NEEDED + 10.0)
+
+
+def test_a_large_effect_does_not_price_out_a_small_one():
+    """What an exchange changes is tempered by its own factor, not by a mean that moves with it."""
+    frame = make_frame(
+        seed=8,
+        aircraft=5,
+        days=14,
+        noise=0.3,
+        heading_error=lambda c: (
+            np.radians(5.0) * np.sin(c["magnetic_heading"])
+            + np.where(c["aircraft"] == 2, np.radians(1.2) * np.sin(2 * c["magnetic_heading"]), 0.0)
+        ),
+    )
+    small = {name: CATALOGUE[name] for name in ("hard_iron", "soft_iron", "compass_offset")}
+    effects = diagnose(frame, catalogue=small, dictionary=False, maps=False).report["effects"]
+    found = {effect["name"]: effect["tails"] for effect in effects}
+    assert len(found["hard_iron"]) == 5
+    assert found["soft_iron"] == [frame.tails[2]]

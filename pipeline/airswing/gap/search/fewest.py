@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,17 +47,38 @@ def fewest(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> list
     list of Term
     """
     best = list(terms)
-    value = worth(base, best)
+    now = worth(base, best)
     while True:
-        trials = [(worth(base, trial), trial) for trial in _exchanges(pool, best)]
-        top = max(trials, key=lambda trial: trial[0], default=(value, best))
-        if top[0] <= value:
+        top, gain = best, 0.0
+        for trial, factor in _exchanges(pool, best):
+            then = worth(base, trial)
+            # only what the exchange changes is tempered, by the factor of the terms it changes: a
+            # factor of all terms together would move with every term that goes
+            more = (then.explained - now.explained) / factor + then.fixed - now.fixed
+            if more > gain:
+                top, gain, value = trial, more, then
+        if top is best:
             return best
-        value, best = top
+        best, now = top, value
 
 
-def worth(base: Base, terms: Sequence[Term]) -> float:
+class Worth(NamedTuple):
     """Log evidence of terms together less their prices, nats.
+
+    Attributes
+    ----------
+    explained : float
+        What they explain, as if errors were independent.
+    fixed : float
+        Occam factors less prices.
+    """
+
+    explained: float
+    fixed: float
+
+
+def worth(base: Base, terms: Sequence[Term]) -> Worth:
+    """Work out what terms are worth together.
 
     Parameters
     ----------
@@ -65,16 +87,15 @@ def worth(base: Base, terms: Sequence[Term]) -> float:
 
     Returns
     -------
-    float
-        Tempered by the terms' cluster factors; up to a constant of the archive.
+    Worth
+        Up to a constant of the archive.
     """
     included = all_columns(base, terms)
     fit = fit_included(base, included)
     score = fit.score.sum(axis=0)
     occam = np.linalg.slogdet(fit.half)[1] + 0.5 * sum(np.log(x.precision) for x in included)
-    factor = float(np.mean([term.score.factor for term in terms])) if terms else 1.0
-    explained = 0.5 * float(score @ fit.coefficients) / max(factor, 1.0)
-    return explained + float(occam) - sum(_price(base, term) for term in terms)
+    explained = 0.5 * float(score @ fit.coefficients)
+    return Worth(explained, float(occam) - sum(_price(base, term) for term in terms))
 
 
 def _price(base: Base, term: Term) -> float:
@@ -88,20 +109,25 @@ def _price(base: Base, term: Term) -> float:
     return out
 
 
-def _exchanges(pool: Sequence[Candidate], terms: list[Term]) -> Iterator[list[Term]]:
-    """Terms with one left out, with an aircraft of one left out, with two joined."""
+def _exchanges(pool: Sequence[Candidate], terms: list[Term]) -> Iterator[tuple[list[Term], float]]:
+    """Terms with one left out, with an aircraft of one left out, with two joined.
+
+    With each the cluster factor of what is exchanged.
+    """
     for k, term in enumerate(terms):
         if not term.candidate.known:
             continue
         others = terms[:k] + terms[k + 1 :]
-        yield others
+        factor = max(term.score.factor, 1.0)
+        yield others, factor
         if term.candidate.scope == "aircraft" and len(term.tails) > 1:
             for a in term.tails:
                 rest = replace(term, tails=tuple(t for t in term.tails if t != a))
-                yield [*terms[:k], rest, *terms[k + 1 :]]
+                yield [*terms[:k], rest, *terms[k + 1 :]], factor
         for j in range(k):
+            both = max(0.5 * (factor + terms[j].score.factor), 1.0)
             for joined in _joined(pool, terms[j], term):
-                yield [*terms[:j], joined, *terms[j + 1 : k], *terms[k + 1 :]]
+                yield [*terms[:j], joined, *terms[j + 1 : k], *terms[k + 1 :]], both
 
 
 def _joined(pool: Sequence[Candidate], one: Term, other: Term) -> list[Term]:

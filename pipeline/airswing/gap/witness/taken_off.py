@@ -147,6 +147,8 @@ def _taken(
     sensor = unknown.component.startswith(("across_heading", "heading", "along_heading", "air"))
     left = take_off(frame, error if sensor else zero, zero if sensor else error)
     saved = np.hypot(*frame.residual.T) - np.hypot(*left.T)
+    if saved.mean() <= 0.0:  # the table would have the simulation part further from the reports
+        return None
     near, share = nearest(setting.quiet, effects, error, unknown.tails)
     return Taken(unknown, saved, near, share), without(frame, left)
 

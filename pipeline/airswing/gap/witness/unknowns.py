@@ -30,6 +30,8 @@ from airswing.gap.witness.scan import Weighed, evidence
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+#: Standard errors by which weeks left out must confirm an unknown, as they must a name.
+CONFIRMED = 2.0
 #: Evidence that an unknown needs, nats.
 LEAST_EVIDENCE = 6.0
 #: Size that an unknown needs, m/s rms over the reports of its aircraft, and where it acts most.
@@ -227,7 +229,7 @@ def _better(best: Candidate, others: Sequence[Candidate], margin: float) -> Cand
 def stands(unknown: Unknown) -> bool:
     """Whether an unknown is of practical size and explains weeks left out."""
     large = unknown.size >= LEAST_SIZE[0] and unknown.peak >= LEAST_SIZE[1]
-    return large and unknown.held_out > unknown.held_out_error
+    return large and unknown.held_out > CONFIRMED * unknown.held_out_error
 
 
 def struck(candidate: Candidate) -> tuple[int, ...]:
