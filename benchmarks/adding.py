@@ -120,10 +120,11 @@ def main() -> None:
         differ = [
             f"{product}: {what}"
             for product in PRODUCTS
-            for what in product_differences(folder / "results" / product,
-                                            folder / "scratch" / product)
+            for what in product_differences(
+                folder / "results" / product, folder / "scratch" / product
+            )
             if what != "attribute airswing_config"  # names the output folder
-        ]  # fmt: skip
+        ]
     if given.json:
         given.json.write_text(json.dumps(runs, indent=1))
     print(f"against scratch: {differ or 'equal bit for bit'}")

@@ -43,11 +43,20 @@ LEVELS = np.arange(100, 1001, 25)
 REPORTS = 2000
 START = np.datetime64("2009-08-01T00:00", "ns")
 LAMBERT = {
-    "gridType": "lambert", "Nx": NI, "Ny": NJ, "latitudeOfFirstGridPointInDegrees": 16.281,
-    "longitudeOfFirstGridPointInDegrees": 233.862, "LoVInDegrees": 265.0,
-    "Latin1InDegrees": 25.0, "Latin2InDegrees": 25.0, "DxInMetres": 13545, "DyInMetres": 13545,
-    "iScansNegatively": 0, "jScansPositively": 1, "uvRelativeToGrid": 1,
-}  # fmt: skip
+    "gridType": "lambert",
+    "Nx": NI,
+    "Ny": NJ,
+    "latitudeOfFirstGridPointInDegrees": 16.281,
+    "longitudeOfFirstGridPointInDegrees": 233.862,
+    "LoVInDegrees": 265.0,
+    "Latin1InDegrees": 25.0,
+    "Latin2InDegrees": 25.0,
+    "DxInMetres": 13545,
+    "DyInMetres": 13545,
+    "iScansNegatively": 0,
+    "jScansPositively": 1,
+    "uvRelativeToGrid": 1,
+}
 
 
 PACKINGS = {
@@ -222,8 +231,9 @@ def one_hour(folder: Path, repeats: int) -> list[dict[str, Any]]:
             row(f"{label}: cfgrib + interp / sparse off", other / whole, ">= 3", other),
         ]
         if edition == 1:
-            rows.append(row(f"{label}: sparse on / plain decoding", sparse / plain, "<= 0.3",
-                            sparse))  # fmt: skip
+            rows.append(
+                row(f"{label}: sparse on / plain decoding", sparse / plain, "<= 0.3", sparse)
+            )
             rows.append(row(f"{label}: cfgrib + interp / sparse on", other / sparse, ">= 3", other))
     return rows
 
@@ -298,8 +308,14 @@ def two_workers(folder: Path, paths: list[str], turns: int) -> list[dict[str, An
             rows.append(row(label + what, middle, bar, np.median(two[row_of])))
             rows.append(row(f"    middle half of {turns} turns, from", least, "", 0.0))
             rows.append(row("    to", most, "", 0.0))
-        rows.append(row("    2 workers: wall clock / busiest, processor",
-                        np.median(two[0] / two[1]), "", 0.0))  # fmt: skip
+        rows.append(
+            row(
+                "    2 workers: wall clock / busiest, processor",
+                np.median(two[0] / two[1]),
+                "",
+                0.0,
+            )
+        )
     rows.append(row("peak memory of a worker, MiB", max(peaks.values()) / 2**20, "< 1024", 0.0))
     return rows
 
@@ -321,9 +337,11 @@ def peak_memory() -> int:
 def row(what: str, value: float, bar: str, seconds: float) -> dict[str, Any]:
     """One line of the table."""
     return {
-        "what": what, "value": round(float(value), 3), "bar": bar,
+        "what": what,
+        "value": round(float(value), 3),
+        "bar": bar,
         "seconds": round(float(seconds), 4),
-    }  # fmt: skip
+    }
 
 
 def main() -> None:

@@ -48,8 +48,10 @@ def told(name: str, hits: int, tries: int, low: float, high: float) -> bool:
     rate = hits / tries
     slack = 3 * np.sqrt(max(low * (1 - low), high * (1 - high), 1e-4) / tries)
     good = low - slack <= rate <= high + slack
-    print(f"  {name:58s} {100 * rate:6.1f} % of {tries:5d}   promised {100 * low:.0f}-"
-          f"{100 * high:.0f} %   {'' if good else 'BROKEN'}")  # fmt: skip
+    print(
+        f"  {name:58s} {100 * rate:6.1f} % of {tries:5d}   promised {100 * low:.0f}-"
+        f"{100 * high:.0f} %   {'' if good else 'BROKEN'}"
+    )
     return good
 
 
@@ -59,9 +61,16 @@ def reduction(seeds: int) -> bool:
     for seed in range(seeds):
         made = simulate_fleet(seed, days=(25, 25), corrected=6, controls=5, flights=2, reports=4)
         found = field_test(
-            made.headings, start=START, before_start=date(2009, 7, 20), corrected=made.corrected,
-            controls=made.controls, pools={"rr": ["rr"]}, reference="rr", draws=600, seed=seed,
-        )  # fmt: skip
+            made.headings,
+            start=START,
+            before_start=date(2009, 7, 20),
+            corrected=made.corrected,
+            controls=made.controls,
+            pools={"rr": ["rr"]},
+            reference="rr",
+            draws=600,
+            seed=seed,
+        )
         low, high = found["adjusted_reduction_ci_kt"]
         linear += low <= made.true_adjusted <= high
         before, during = made.true_before, made.true_during
@@ -93,11 +102,20 @@ def permutation(seeds: int) -> bool:
 
 def poolable(seeds: int) -> bool:
     print("references called poolable (8 aircraft, 90 days, errors that last for days)")
-    setting = Setting(aircraft=8, days=90, references=2, bias_spread=0.0, day_error=0.3,
-                      flights_a_day=3, reports_a_flight=5)  # fmt: skip
+    setting = Setting(
+        aircraft=8,
+        days=90,
+        references=2,
+        bias_spread=0.0,
+        day_error=0.3,
+        flights_a_day=3,
+        reports_a_flight=5,
+    )
     two, good = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}, True
-    for name, bias, low, high in (("equal truth", 0.0, 0.95, 1.0),
-                                  ("regional bias of 1 m/s", 1.0, 0.0, 0.05)):  # fmt: skip
+    for name, bias, low, high in (
+        ("equal truth", 0.0, 0.95, 1.0),
+        ("regional bias of 1 m/s", 1.0, 0.0, 0.05),
+    ):
         found = [
             compare(references(seed, setting, regional={"rtfdaa": bias}), pools=two, joint=False)
             for seed in range(seeds)
@@ -111,8 +129,10 @@ def poolable(seeds: int) -> bool:
                     for one in found
                     for entry in one["pairs"][0]["aircraft"]
                 ]
-                print(f"  interval of the difference of {c} holds nothing: "
-                      f"{100 * np.mean(inside):.1f} % of {len(inside)}")  # fmt: skip
+                print(
+                    f"  interval of the difference of {c} holds nothing: "
+                    f"{100 * np.mean(inside):.1f} % of {len(inside)}"
+                )
     return good
 
 
@@ -136,8 +156,10 @@ def changes(seeds: int) -> bool:
         errors.append(abs(first - at))
         inside += low <= at <= high
     late = np.array(errors)
-    print(f"  error of the date: median {np.median(late):.0f}, largest {late.max()} days; "
-          f"missed or doubled {missed}")  # fmt: skip
+    print(
+        f"  error of the date: median {np.median(late):.0f}, largest {late.max()} days; "
+        f"missed or doubled {missed}"
+    )
     good = told("dated within 7 days", int((late <= 7).sum()), seeds, 0.95, 1.0)
     good &= told("date inside its interval", inside, late.size, 0.95, 1.0)
     quiet = Setting(aircraft=5, days=60, day_error=0.0, outliers=0.005)
@@ -161,9 +183,13 @@ def gains(seeds: int) -> bool:
     for seed in range(seeds):
         ds = fleet(seed, setting, amplitude=5.0)[0]
         found = virtual_field_test(
-            ds, learned_until=date(2008, 8, 1), pools={"ruc": ["ruc"]}, reference="ruc",
-            draws=300, joint=False,
-        )  # fmt: skip
+            ds,
+            learned_until=date(2008, 8, 1),
+            pools={"ruc": ["ruc"]},
+            reference="ruc",
+            draws=300,
+            joint=False,
+        )
         hits += sum(entry["agree"] for entry in found["by_aircraft"])
         tries += len(found["by_aircraft"])
     return told("agree within the 95 % interval of their difference", hits, tries, 0.93, 0.98)

@@ -46,9 +46,12 @@ def start(config: Path, *words: str) -> subprocess.Popen[bytes]:
     """Start the main job in a process of its own."""
     command = [*COMMAND, str(config), "--quiet", *words]
     return subprocess.Popen(
-        command, cwd=config.parent, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        command,
+        cwd=config.parent,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
         env=os.environ | {"AIRSWING_CACHE": str(config.parent / "cache")},
-    )  # fmt: skip
+    )
 
 
 def finish(config: Path, *words: str) -> float:
@@ -116,10 +119,11 @@ def product_differences(one: Path, other: Path) -> list[str]:
             str(name)
             for name in a.variables
             if a[name].dtype != b[name].dtype
-            or not np.array_equal(a[name].to_numpy(), b[name].to_numpy(),
-                                  equal_nan=a[name].dtype.kind == "f")
+            or not np.array_equal(
+                a[name].to_numpy(), b[name].to_numpy(), equal_nan=a[name].dtype.kind == "f"
+            )
             or not xr.Dataset(attrs=a[name].attrs).identical(xr.Dataset(attrs=b[name].attrs))
-        ]  # fmt: skip
+        ]
         keys = (set(a.attrs) | set(b.attrs)) - IDENTIFIERS
         return found + [f"attribute {key}" for key in keys if a.attrs.get(key) != b.attrs.get(key)]
 

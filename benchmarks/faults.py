@@ -34,8 +34,11 @@ Outcome = tuple[bool, str]
 def environment(folder: Path) -> dict[str, str]:
     """Of the commands: this package, a header cache of their own."""
     paths = os.pathsep.join([str(ROOT / "pipeline"), str(ROOT)])
-    return os.environ | {"PYTHONPATH": paths, "AIRSWING_CACHE": str(folder / "cache"),
-                         "OMP_NUM_THREADS": "1"}  # fmt: skip
+    return os.environ | {
+        "PYTHONPATH": paths,
+        "AIRSWING_CACHE": str(folder / "cache"),
+        "OMP_NUM_THREADS": "1",
+    }
 
 
 def started(
@@ -48,9 +51,14 @@ def started(
             resource.setrlimit(limit[0], (limit[1], limit[1]))
 
     return subprocess.Popen(
-        [sys.executable, "-m", "airswing", *words], cwd=folder, text=True, preexec_fn=limited,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment(folder),
-    )  # fmt: skip
+        [sys.executable, "-m", "airswing", *words],
+        cwd=folder,
+        text=True,
+        preexec_fn=limited,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment(folder),
+    )
 
 
 def judged(process: subprocess.Popen[str], folder: Path) -> Outcome:
@@ -206,7 +214,7 @@ def fleet(folder: Path, aircraft: int, each: int) -> Path:
             "wind_direction_deg": rng.uniform(0.0, 359.0, count),
             "wind_speed_kt": rng.uniform(5.0, 60.0, count),
         }
-    ).to_parquet(folder / "fleet.parquet", index=False)  # fmt: skip
+    ).to_parquet(folder / "fleet.parquet", index=False)
     content = yaml.safe_load(config.read_text())
     content["reports"] = {"files": str(folder / "fleet.parquet")}
     config.write_text(yaml.safe_dump(content))
@@ -228,10 +236,18 @@ def one_aircraft(folder: Path, long: bool) -> Outcome:
 FAULTS: dict[str, Callable[[Path, bool], Outcome]] = {
     one.__name__: one
     for one in (
-        disk_full, worker_lost, file_changes, clock_changes, small_files, large_file,
-        little_memory, two_runs, many_aircraft, one_aircraft,
+        disk_full,
+        worker_lost,
+        file_changes,
+        clock_changes,
+        small_files,
+        large_file,
+        little_memory,
+        two_runs,
+        many_aircraft,
+        one_aircraft,
     )
-}  # fmt: skip
+}
 
 
 def main() -> int:

@@ -83,9 +83,14 @@ def same_model_loop(headings, aircraft: int) -> np.ndarray:
         toward = heading - np.radians(columns[3][0, row])
         vector = np.concatenate([implied * np.sin(toward), implied * np.cos(toward)])
         best, _ = curve_fit(
-            air_vector, (heading, m, airspeed), vector, p0=np.zeros(8), method="trf",
-            loss="huber", f_scale=LOSS_SCALE,
-        )  # fmt: skip
+            air_vector,
+            (heading, m, airspeed),
+            vector,
+            p0=np.zeros(8),
+            method="trf",
+            loss="huber",
+            f_scale=LOSS_SCALE,
+        )
         found.append(np.degrees(best[:5]))
     return np.array(found)
 

@@ -31,20 +31,30 @@ START = np.datetime64("2009-03-01")
 
 #: Parameters that give about 1 m/s rms where the effect acts; scaled by the drawn size.
 UNIT_SIZE: dict[str, dict[str, float]] = {
-    "compass_offset": {"offset_deg": 0.51}, "hard_iron": {"amplitude_deg": 0.72},
-    "soft_iron": {"amplitude_deg": 0.72}, "compass_step": {"offset_deg": 0.51},
-    "compass_drift": {"rate_deg_per_day": 0.0196}, "heater_current": {"offset_deg": 0.51},
-    "acceleration_error": {"amplitude_deg": 6.0}, "turn_error": {"amplitude_deg": 3.5},
-    "declination_error": {"mean_deg": 0.5}, "tas_scale": {"scale_percent": 0.9},
-    "tas_offset": {"offset_m_s": 1.0}, "reference_speed_bias": {"bias_percent": 5.0},
-    "reference_time_offset": {"offset_h": 0.6}, "reference_grid_relative": {"fraction": 0.8},
-    "altitude_offset": {"offset_ft": 1000.0}, "time_lag": {"offset_s": 70.0},
+    "compass_offset": {"offset_deg": 0.51},
+    "hard_iron": {"amplitude_deg": 0.72},
+    "soft_iron": {"amplitude_deg": 0.72},
+    "compass_step": {"offset_deg": 0.51},
+    "compass_drift": {"rate_deg_per_day": 0.0196},
+    "heater_current": {"offset_deg": 0.51},
+    "acceleration_error": {"amplitude_deg": 6.0},
+    "turn_error": {"amplitude_deg": 3.5},
+    "declination_error": {"mean_deg": 0.5},
+    "tas_scale": {"scale_percent": 0.9},
+    "tas_offset": {"offset_m_s": 1.0},
+    "reference_speed_bias": {"bias_percent": 5.0},
+    "reference_time_offset": {"offset_h": 0.6},
+    "reference_grid_relative": {"fraction": 0.8},
+    "altitude_offset": {"offset_ft": 1000.0},
+    "time_lag": {"offset_s": 70.0},
     "heading_by_temperature": {"amplitude_deg": 0.51},
     "heading_by_longitude": {"amplitude_deg": 1.0},
-    "heading_by_hour": {"amplitude_deg": 0.72}, "three_cycle": {"amplitude_deg": 0.72},
-    "pitot_icing": {"scale_percent": 0.9}, "tas_by_altitude": {"scale_percent": 1.1},
+    "heading_by_hour": {"amplitude_deg": 0.72},
+    "three_cycle": {"amplitude_deg": 0.72},
+    "pitot_icing": {"scale_percent": 0.9},
+    "tas_by_altitude": {"scale_percent": 1.1},
     "heading_by_crosswind": {"fraction": 0.12},
-}  # fmt: skip
+}
 OUTSIDE = tuple(UNIT_SIZE)[16:]
 FLEET = {
     "declination_error",
@@ -86,22 +96,43 @@ def frame_of(table: Any, reference: str = "ruc", seed: int = 0) -> Frame:
     }
     unknown = np.full(len(names), np.nan)
     frame = Frame(
-        tails=names, epoch=float(seconds.min()),
-        reference_field=float(np.median(column("horizontal"))), report=np.arange(n),
-        aircraft=np.searchsorted(names, table["tail"].to_numpy(str)), flight=flight,
-        time=seconds, latitude=column("latitude"), longitude=column("longitude"),
-        pressure=column("pressure"), u_rep=column("u"), v_rep=column("v"),
-        u_ref=column(f"u_{reference}"), v_ref=column(f"v_{reference}"), heading=heading,
-        magnetic_heading=heading - column("declination"), airspeed=np.hypot(*air.T),
-        ground_u=ground[:, 0], ground_v=ground[:, 1], ground_error=np.full(n, 0.5),
-        declination=column("declination"), dip=column("dip"), horizontal_field=column("horizontal"),
-        acceleration=column("acceleration"), bank=column("bank"),
+        tails=names,
+        epoch=float(seconds.min()),
+        reference_field=float(np.median(column("horizontal"))),
+        report=np.arange(n),
+        aircraft=np.searchsorted(names, table["tail"].to_numpy(str)),
+        flight=flight,
+        time=seconds,
+        latitude=column("latitude"),
+        longitude=column("longitude"),
+        pressure=column("pressure"),
+        u_rep=column("u"),
+        v_rep=column("v"),
+        u_ref=column(f"u_{reference}"),
+        v_ref=column(f"v_{reference}"),
+        heading=heading,
+        magnetic_heading=heading - column("declination"),
+        airspeed=np.hypot(*air.T),
+        ground_u=ground[:, 0],
+        ground_v=ground[:, 1],
+        ground_error=np.full(n, 0.5),
+        declination=column("declination"),
+        dip=column("dip"),
+        horizontal_field=column("horizontal"),
+        acceleration=column("acceleration"),
+        bank=column("bank"),
         climb_rate=climb_rate(column("altitude"), seconds, flight),
-        temperature=column("celsius") + 273.15, phase=column("phase").astype(int),
-        icing=np.nan_to_num(column("icing"), nan=-1).astype(int), **gradients,
-        grid_convergence=column("convergence"), lead_time=np.ones(n), position_resolution=unknown,
-        time_resolution=unknown, wind_speed_resolution=unknown, wind_direction_resolution=unknown,
-    )  # fmt: skip
+        temperature=column("celsius") + 273.15,
+        phase=column("phase").astype(int),
+        icing=np.nan_to_num(column("icing"), nan=-1).astype(int),
+        **gradients,
+        grid_convergence=column("convergence"),
+        lead_time=np.ones(n),
+        position_resolution=unknown,
+        time_resolution=unknown,
+        wind_speed_resolution=unknown,
+        wind_direction_resolution=unknown,
+    )
     good = np.isfinite(frame.u_ref) & np.isfinite(frame.u_rep) & np.isfinite(frame.heading)
     return frame.take(np.flatnonzero(good))
 
@@ -150,8 +181,13 @@ def draw_case(kind: str, index: int, seed: int, days: int, aircraft: int) -> dic
         sensor = [n for n in inside if n not in FLEET]
         for name in rng.choice(sensor, 2, replace=False):
             effects.append(draw_effect(rng, str(name), float(rng.uniform(0.6, 1.6)), tails, days))
-    return {"kind": kind, "index": index, "size": size, "effects": effects,
-            "archive_seed": int(1000 * seed + index % 12)}  # fmt: skip
+    return {
+        "kind": kind,
+        "index": index,
+        "size": size,
+        "effects": effects,
+        "archive_seed": int(1000 * seed + index % 12),
+    }
 
 
 def true_size(frame: Frame, clean: Any) -> float | None:
@@ -178,14 +214,23 @@ def run_case(
         clean = frame_of(simulate_arrays(**options))
         cleans[seed] = clean
     keep = (
-        "name", "tails", "parameters", "standard_errors", "period", "ambiguous_with",
-        "evidence_nats", "held_out_energy", "held_out_energy_standard_error", "size_m_s",
+        "name",
+        "tails",
+        "parameters",
+        "standard_errors",
+        "period",
+        "ambiguous_with",
+        "evidence_nats",
+        "held_out_energy",
+        "held_out_energy_standard_error",
+        "size_m_s",
         "probability",
-    )  # fmt: skip
+    )
     left = [e for e in made.details["evidence"] if e["instead_of"] is None]
     left.sort(key=lambda e: -e["tempered_nats"])
     return case | {
-        "seconds": time.time() - started, "rms": true_size(frame, clean),
+        "seconds": time.time() - started,
+        "rms": true_size(frame, clean),
         "true_after": None if clean is None else float(np.hypot(*clean.residual.T).mean() / KNOT),
         "found": [{k: e[k] for k in keep if k in e} for e in report["effects"]],
         "unknown": [
@@ -194,7 +239,7 @@ def run_case(
         ],
         "closure": report["closure"],
         "left": [[e["name"], e["scope"], round(e["tempered_nats"], 2)] for e in left[:4]],
-    }  # fmt: skip
+    }
 
 
 def score(lines: list[dict[str, Any]]) -> str:
@@ -307,9 +352,16 @@ def main() -> None:
         if options.output:
             with options.output.open("a") as handle:
                 handle.write(text + "\n")
-        print(case["kind"], index, [e["name"] for e in case["effects"]], "->",
-              [f["name"] for f in lines[-1]["found"]], [u["group"] for u in lines[-1]["unknown"]],
-              f"{lines[-1]['seconds']:.1f} s", file=sys.stderr)  # fmt: skip
+        print(
+            case["kind"],
+            index,
+            [e["name"] for e in case["effects"]],
+            "->",
+            [f["name"] for f in lines[-1]["found"]],
+            [u["group"] for u in lines[-1]["unknown"]],
+            f"{lines[-1]['seconds']:.1f} s",
+            file=sys.stderr,
+        )
     print(score(lines))
 
 

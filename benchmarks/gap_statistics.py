@@ -61,8 +61,12 @@ def toy_aircraft(number: int, reports: int, days: int) -> xr.Dataset:
     for field, (name, angle) in (columns._PER_REPORT | columns._PER_REFERENCE).items():
         values = np.tile(getattr(fortnight, field), copies)[order]
         values = np.degrees(values) if angle else values
-        if name in ("reference_eastward_wind", "reference_northward_wind", *DERIVATIVES,
-                    "lead_time"):  # fmt: skip
+        if name in (
+            "reference_eastward_wind",
+            "reference_northward_wind",
+            *DERIVATIVES,
+            "lead_time",
+        ):
             data[name] = (("reference", "report"), values[None])
         else:
             data[name] = ("report", values)

@@ -24,8 +24,23 @@ import xarray as xr
 
 REPORTS = 2000
 START = np.datetime64("2022-11-11T00:00", "ns")
-LEVELS = np.array([1, 2, 3, 5, 7, 10, 20, 30, 50, 70, *range(100, 250, 25), *range(250, 750, 50),
-                   *range(750, 1001, 25)])  # fmt: skip
+LEVELS = np.array(
+    [
+        1,
+        2,
+        3,
+        5,
+        7,
+        10,
+        20,
+        30,
+        50,
+        70,
+        *range(100, 250, 25),
+        *range(250, 750, 50),
+        *range(750, 1001, 25),
+    ]
+)
 CHUNK = (1, 10, 181, 360)
 WRF = (50, 300, 300)
 
@@ -62,22 +77,28 @@ def write_era5(folder: Path, hours: int) -> None:
     standard = {"u": "eastward_wind", "v": "northward_wind"}
     ds = xr.Dataset(
         {
-            n: (dims, np.stack([smooth(rng, shape)] * hours), {"units": "m s**-1",
-                                                              "standard_name": standard[n]})
+            n: (
+                dims,
+                np.stack([smooth(rng, shape)] * hours),
+                {"units": "m s**-1", "standard_name": standard[n]},
+            )
             for n in "uv"
         },
         coords={
-            "valid_time": ("valid_time", START + np.arange(hours) * np.timedelta64(1, "h"),
-                           {"standard_name": "time"}),
+            "valid_time": (
+                "valid_time",
+                START + np.arange(hours) * np.timedelta64(1, "h"),
+                {"standard_name": "time"},
+            ),
             "pressure_level": ("pressure_level", LEVELS.astype(float), {"units": "hPa"}),
             "latitude": ("latitude", np.linspace(90, -90, 721), {"units": "degrees_north"}),
             "longitude": ("longitude", np.arange(1440) * 0.25, {"units": "degrees_east"}),
         },
-    )  # fmt: skip
+    )
     ds.to_netcdf(
-        folder / "era5.nc", encoding={n: {"zlib": True, "complevel": 1, "chunksizes": CHUNK}
-                                      for n in "uv"},
-    )  # fmt: skip
+        folder / "era5.nc",
+        encoding={n: {"zlib": True, "complevel": 1, "chunksizes": CHUNK} for n in "uv"},
+    )
     ds.chunk(dict(zip(dims, CHUNK, strict=True))).to_zarr(folder / "era5.zarr")
 
 
@@ -92,8 +113,10 @@ def write_wrfout(folder: Path, hours: int) -> None:
     lon, lat = proj(x, y, inverse=True)
     base = np.linspace(99000.0, 10000.0, nk)[:, None, None] * np.ones((1, nj, ni))
     mass = ("Time", "bottom_top", "south_north", "west_east")
-    stag = {"U": ((*mass[:3], "west_east_stag"), (nk, nj, ni + 1)),
-            "V": ((*mass[:2], "south_north_stag", "west_east"), (nk, nj + 1, ni))}  # fmt: skip
+    stag = {
+        "U": ((*mass[:3], "west_east_stag"), (nk, nj, ni + 1)),
+        "V": ((*mass[:2], "south_north_stag", "west_east"), (nk, nj + 1, ni)),
+    }
     times = START + np.arange(hours) * np.timedelta64(1, "h")
     stamps = [str(t.astype("M8[s]")).replace("T", "_").encode() for t in times]
     ds = xr.Dataset(
@@ -105,13 +128,24 @@ def write_wrfout(folder: Path, hours: int) -> None:
             "XLONG": ((mass[0], *mass[2:]), np.stack([lon.astype("f4")] * hours)),
             "Times": ("Time", np.array(stamps)),
         },
-        attrs={"MAP_PROJ": 1, "TRUELAT1": 38.5, "TRUELAT2": 38.5, "STAND_LON": -97.5,
-               "DX": 9000.0, "DY": 9000.0, "START_DATE": stamps[0].decode()},
-    )  # fmt: skip
+        attrs={
+            "MAP_PROJ": 1,
+            "TRUELAT1": 38.5,
+            "TRUELAT2": 38.5,
+            "STAND_LON": -97.5,
+            "DX": 9000.0,
+            "DY": 9000.0,
+            "START_DATE": stamps[0].decode(),
+        },
+    )
     names = ("U", "V", "P", "PB")
-    ds.to_netcdf(folder / "wrfout.nc", encoding={
-        n: {"zlib": True, "complevel": 1, "chunksizes": (1, nk, *ds[n].shape[2:])} for n in names
-    })  # fmt: skip
+    ds.to_netcdf(
+        folder / "wrfout.nc",
+        encoding={
+            n: {"zlib": True, "complevel": 1, "chunksizes": (1, nk, *ds[n].shape[2:])}
+            for n in names
+        },
+    )
 
 
 def by_airswing(path: str, reports: xr.Dataset) -> np.ndarray:
@@ -130,9 +164,11 @@ def by_interp(path: str, reports: xr.Dataset) -> np.ndarray:
     ds = xr.open_zarr(path) if path.endswith(".zarr") else xr.open_dataset(path, chunks={})
     ds = ds[["u", "v"]].assign_coords(pressure_level=np.log(ds.pressure_level * 100))
     at = {
-        "valid_time": reports.time, "pressure_level": np.log(reports.pressure),
-        "latitude": reports.latitude, "longitude": np.mod(reports.longitude, 360),
-    }  # fmt: skip
+        "valid_time": reports.time,
+        "pressure_level": np.log(reports.pressure),
+        "latitude": reports.latitude,
+        "longitude": np.mod(reports.longitude, 360),
+    }
     done = ds.interp(at).compute(scheduler="synchronous")
     return np.stack([done.u.values, done.v.values])
 

@@ -35,10 +35,9 @@ def repeated(headings: xr.Dataset, reports: int) -> xr.Dataset:
     times = -(-reports // headings.sizes["report"])
     size = headings["row_size"].to_numpy()
     stop = np.cumsum(size)
-    order = np.concatenate([
-        np.tile(np.arange(end - count, end), times)
-        for end, count in zip(stop, size, strict=True)
-    ])  # fmt: skip
+    order = np.concatenate(
+        [np.tile(np.arange(end - count, end), times) for end, count in zip(stop, size, strict=True)]
+    )
     grown = headings.isel(report=order)
     grown["row_size"] = headings["row_size"] * times
     rng = np.random.default_rng(2)
@@ -100,8 +99,9 @@ def main() -> None:
         folder = Path(name)
         made = min(given.reports, 500_000)
         run(folder / "run", reports=made, hours=438, aircraft=AIRCRAFT, workers=1, main=True)
-        with xr.open_dataset(folder / "run/results/headings.nc", engine="netcdf4",
-                             decode_timedelta=False) as ds:  # fmt: skip
+        with xr.open_dataset(
+            folder / "run/results/headings.nc", engine="netcdf4", decode_timedelta=False
+        ) as ds:
             headings = ds.load()
         path = folder / "headings.nc"
         grown = repeated(headings, given.reports)
@@ -112,8 +112,10 @@ def main() -> None:
             writer.finish(provenance("Storage benchmark"))
         count, size = grown.sizes["report"], path.stat().st_size
         del grown
-        print(f"{count:,} reports, one reference: {size / 1e6:,.0f} MB, "
-              f"{size / count:.1f} bytes a report a reference (bar: 60)")  # fmt: skip
+        print(
+            f"{count:,} reports, one reference: {size / 1e6:,.0f} MB, "
+            f"{size / count:.1f} bytes a report a reference (bar: 60)"
+        )
         seconds = [one_aircraft(path, number) for number in (0, AIRCRAFT // 2, AIRCRAFT - 1)]
         print(f"one aircraft of {AIRCRAFT}: {max(seconds):.2f} s to read (bar: 1)")
         took, longer = compressing(path)

@@ -55,20 +55,30 @@ def write_fields(folder: Path, hours: int, finer: int = 1) -> None:
     ni, nj, step = finer * NI, finer * NJ, STEP / finer
     lat, lon = np.meshgrid(SOUTH + step * np.arange(nj), WEST + step * np.arange(ni), indexing="ij")
     grid = {
-        "Ni": ni, "Nj": nj, "latitudeOfFirstGridPointInDegrees": SOUTH,
+        "Ni": ni,
+        "Nj": nj,
+        "latitudeOfFirstGridPointInDegrees": SOUTH,
         "longitudeOfFirstGridPointInDegrees": WEST,
         "latitudeOfLastGridPointInDegrees": SOUTH + step * (nj - 1),
         "longitudeOfLastGridPointInDegrees": WEST + step * (ni - 1),
-        "iDirectionIncrementInDegrees": step, "jDirectionIncrementInDegrees": step,
+        "iDirectionIncrementInDegrees": step,
+        "jDirectionIncrementInDegrees": step,
         "jScansPositively": 1,
-    }  # fmt: skip
+    }
     messages, starts = b"", []
     for level in LEVELS:
         for number, values in enumerate(wind(lat, lon)):
             handle = eccodes.codes_grib_new_from_samples("regular_ll_pl_grib1")
-            keys = {"centre": 59, "table2Version": 2, "indicatorOfParameter": 33 + number,
-                    "indicatorOfTypeOfLevel": 100, "dataDate": 20090101, "level": level, **grid,
-                    "bitsPerValue": 16}  # fmt: skip
+            keys = {
+                "centre": 59,
+                "table2Version": 2,
+                "indicatorOfParameter": 33 + number,
+                "indicatorOfTypeOfLevel": 100,
+                "dataDate": 20090101,
+                "level": level,
+                **grid,
+                "bitsPerValue": 16,
+            }
             for key, value in keys.items():
                 eccodes.codes_set(handle, key, value)
             eccodes.codes_set_values(handle, values.ravel())
@@ -80,8 +90,9 @@ def write_fields(folder: Path, hours: int, finer: int = 1) -> None:
     for hour in range(hours):
         when = pd.Timestamp(START) + pd.Timedelta(hours=hour)
         for start in starts:
-            copy[start + 20 : start + 24] = bytes((when.year - 2000, when.month, when.day,
-                                                   when.hour))  # fmt: skip
+            copy[start + 20 : start + 24] = bytes(
+                (when.year - 2000, when.month, when.day, when.hour)
+            )
         (folder / f"{when:%Y%m%d%H}.grb").write_bytes(copy)
 
 
@@ -111,15 +122,25 @@ def write_reports(folder: Path, reports: int, hours: int, aircraft: int) -> None
         told = ground - air * np.exp(-1j * wrong)
         stamp = START + (begin[:, None] + minutes).round().astype("timedelta64[s]")
         height = np.broadcast_to(rng.integers(220, 300, legs)[:, None] * 100, lat.shape)
-        pieces.append(pd.DataFrame({
-            "tail": f"N{100 + number}", "time": stamp.ravel(),
-            "latitude": lat.round(4).ravel(), "longitude": lon.round(4).ravel(),
-            "pressure_altitude_ft": height.ravel().astype(np.float32),
-            "wind_direction_deg": (np.degrees(np.arctan2(-told.real, -told.imag)) % 360)
-            .round().ravel().astype(np.float32),
-            "wind_speed_kt": (np.abs(told) / 0.514444).round().ravel().astype(np.float32),
-            "phase": "cruise", "roll_flag": "G", "temperature_qc": "pass",
-        }))  # fmt: skip
+        pieces.append(
+            pd.DataFrame(
+                {
+                    "tail": f"N{100 + number}",
+                    "time": stamp.ravel(),
+                    "latitude": lat.round(4).ravel(),
+                    "longitude": lon.round(4).ravel(),
+                    "pressure_altitude_ft": height.ravel().astype(np.float32),
+                    "wind_direction_deg": (np.degrees(np.arctan2(-told.real, -told.imag)) % 360)
+                    .round()
+                    .ravel()
+                    .astype(np.float32),
+                    "wind_speed_kt": (np.abs(told) / 0.514444).round().ravel().astype(np.float32),
+                    "phase": "cruise",
+                    "roll_flag": "G",
+                    "temperature_qc": "pass",
+                }
+            )
+        )
     table = pd.concat(pieces, ignore_index=True)
     part = ((table["time"] - pd.Timestamp(START)) // pd.Timedelta(hours=hours / 12)).clip(0, 11)
     for number, piece in table.groupby(part):
@@ -185,9 +206,15 @@ def memory(key: str) -> int:
 
 
 def run(
-    folder: Path, *, reports: int, hours: int, aircraft: int, finer: int = 1, workers: int,
+    folder: Path,
+    *,
+    reports: int,
+    hours: int,
+    aircraft: int,
+    finer: int = 1,
+    workers: int,
     main: bool,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Make an archive, run the job on it, and return its accounts."""
     folder.mkdir()
     write_fields(folder / "model", hours, finer)
@@ -199,9 +226,13 @@ def run(
 
 
 def run_on(
-    folder: Path, *, output: str = "results", workers: int = 1, main: bool = False,
+    folder: Path,
+    *,
+    output: str = "results",
+    workers: int = 1,
+    main: bool = False,
     resume: bool = False,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Run the job on an archive in a process of its own, and return its accounts."""
     config = folder / f"{output}.json"
     content = {
@@ -255,12 +286,16 @@ def shown(found: dict[str, Any], what: str) -> None:
     print(f"\n{what}: {found['reports']['usable']:,} reports, {found['wall']:.0f} s in all")
     print(f"{'stage':<20}{'wall s':>9}{'cpu s':>9}{'peak MB':>9}")
     for stage in accounts["stages"]:
-        print(f"{stage['name']:<20}{stage['seconds']:9.1f}{stage['processor']:9.1f}"
-              f"{stage['peak'] / 1e6:9.0f}")  # fmt: skip
+        print(
+            f"{stage['name']:<20}{stage['seconds']:9.1f}{stage['processor']:9.1f}"
+            f"{stage['peak'] / 1e6:9.0f}"
+        )
     peak = max(stage["peak"] for stage in accounts["stages"])
-    print(f"peak {peak / 1e9:.2f} GB, {peak / found['reports']['usable']:.0f} bytes a report; "
-          f"headings.nc {found['bytes_per_report']:.1f} bytes a report; plain decoding "
-          f"{found['decoding']:.1f} s")  # fmt: skip
+    print(
+        f"peak {peak / 1e9:.2f} GB, {peak / found['reports']['usable']:.0f} bytes a report; "
+        f"headings.nc {found['bytes_per_report']:.1f} bytes a report; plain decoding "
+        f"{found['decoding']:.1f} s"
+    )
     if accounts["workers"]:
         print(f"peak of a worker process {max(accounts['workers']) / 1e9:.2f} GB")
 
@@ -350,7 +385,7 @@ def main() -> None:
                 ("hours", "a tenth of the hours", 10.0),
                 ("aircraft", "a quarter of the aircraft, as many reports", 4.0),
                 ("grid", "four times the grid points", 0.25),
-            ):  # fmt: skip
+            ):
                 shown(runs[what], words)
                 grown = exponents(runs["whole"], runs[what], ratio)
                 told = ", ".join(f"{stage} {value:.2f}" for stage, value in grown.items())
@@ -364,8 +399,10 @@ def main() -> None:
         f"\nRUC-size hour: {ruc['sparse'] * 1e3:.1f} ms of processor time from a cold scan, "
         f"{ruc['sparse'] / ruc['plain']:.2f} of plain decoding ({ruc['plain'] * 1e3:.1f} ms)"
     )
-    print(f"a year on the full grid, one reference: {full:.0f} s for the model and "
-          f"{rest / given.share:.0f} s for the rest, processor time of one thread")  # fmt: skip
+    print(
+        f"a year on the full grid, one reference: {full:.0f} s for the model and "
+        f"{rest / given.share:.0f} s for the rest, processor time of one thread"
+    )
     if given.figure:
         draw(runs["whole"], given.figure)
     if given.json:

@@ -98,8 +98,16 @@ class Place:
         return u, v
 
 
-def message(place: Place, values: np.ndarray, *, u: bool, level: int, step: int,
-            pascals: bool = False, lead: int = 0) -> int:  # fmt: skip
+def message(
+    place: Place,
+    values: np.ndarray,
+    *,
+    u: bool,
+    level: int,
+    step: int,
+    pascals: bool = False,
+    lead: int = 0,
+) -> int:
     """Handle of one message; the caller releases it."""
     sample = "GRIB2" if place.edition == 2 else place.sample
     handle = eccodes.codes_grib_new_from_samples(sample)
@@ -123,9 +131,16 @@ def message(place: Place, values: np.ndarray, *, u: bool, level: int, step: int,
     return handle
 
 
-def write_model(place: Place, folder: Path, *, layout: str = "pairs",
-                levels: Sequence[int] = LEVELS, pascals: bool = False,
-                steps: Sequence[int] = STEPS, lead: int = 0) -> None:  # fmt: skip
+def write_model(
+    place: Place,
+    folder: Path,
+    *,
+    layout: str = "pairs",
+    levels: Sequence[int] = LEVELS,
+    pascals: bool = False,
+    steps: Sequence[int] = STEPS,
+    lead: int = 0,
+) -> None:
     """Write one file a valid time. ``layout``: pairs, blocks, apart (u and v files) or multi."""
     folder.mkdir(parents=True, exist_ok=True)
     i, j = np.meshgrid(np.arange(place.size[0]), np.arange(place.size[1]))
@@ -133,10 +148,14 @@ def write_model(place: Place, folder: Path, *, layout: str = "pairs",
         handles = []
         for level in levels:
             both = place.wind(i, j, np.log(level * 100.0), step)
-            handles.append([
-                message(place, part, u=first, level=level, step=step, pascals=pascals, lead=lead)
-                for part, first in zip(both, (True, False), strict=True)
-            ])  # fmt: skip
+            handles.append(
+                [
+                    message(
+                        place, part, u=first, level=level, step=step, pascals=pascals, lead=lead
+                    )
+                    for part, first in zip(both, (True, False), strict=True)
+                ]
+            )
         if layout == "multi":
             with open(folder / f"m{step:03d}.grib2", "wb") as sink:
                 for pair in handles:
@@ -165,9 +184,15 @@ def pressure_of(feet: np.ndarray) -> np.ndarray:
     return 101325.0 * (1 - 0.0065 * feet * 0.3048 / 288.15) ** 5.255876
 
 
-def fly(place: Place, *, deviations: dict[str, tuple[float, float, float]] = DEVIATIONS,
-        flights: int = 26, reports: int = 12, seconds: int = 180,
-        seed: int = 1) -> pd.DataFrame:  # fmt: skip
+def fly(
+    place: Place,
+    *,
+    deviations: dict[str, tuple[float, float, float]] = DEVIATIONS,
+    flights: int = 26,
+    reports: int = 12,
+    seconds: int = 180,
+    seed: int = 1,
+) -> pd.DataFrame:
     """Reports of aircraft with known deviation that fly straight through the model's own wind.
 
     B and C are those at the mean horizontal field of the aircraft's reports: iron turns a compass
@@ -184,19 +209,25 @@ def fly(place: Place, *, deviations: dict[str, tuple[float, float, float]] = DEV
         for flight, leg in enumerate(flown):
             u_said, v_said = _said(leg, deviation, mean)
             for k in range(reports):
-                rows.append({
-                    "tail": tail, "time": leg["begin"] + timedelta(seconds=seconds * k),
-                    "latitude": leg["lat"][k], "longitude": leg["lon"][k],
-                    "pressure_altitude_ft": leg["feet"][k],
-                    "wind_direction_deg": np.degrees(np.arctan2(-u_said[k], -v_said[k])) % 360,
-                    "wind_speed_kt": np.hypot(u_said[k], v_said[k]) / KNOT,
-                    "phase": "cruise", "flight": f"{tail}-{flight}",
-                })  # fmt: skip
+                rows.append(
+                    {
+                        "tail": tail,
+                        "time": leg["begin"] + timedelta(seconds=seconds * k),
+                        "latitude": leg["lat"][k],
+                        "longitude": leg["lon"][k],
+                        "pressure_altitude_ft": leg["feet"][k],
+                        "wind_direction_deg": np.degrees(np.arctan2(-u_said[k], -v_said[k])) % 360,
+                        "wind_speed_kt": np.hypot(u_said[k], v_said[k]) / KNOT,
+                        "phase": "cruise",
+                        "flight": f"{tail}-{flight}",
+                    }
+                )
     return pd.DataFrame(rows)
 
 
-def _leg(place: Place, rng: np.random.Generator, flight: int, *, flights: int, reports: int,
-         seconds: int) -> dict[str, Any]:  # fmt: skip
+def _leg(
+    place: Place, rng: np.random.Generator, flight: int, *, flights: int, reports: int, seconds: int
+) -> dict[str, Any]:
     """One straight flight: where it goes, its air vector, the earth's field on its way."""
     i, j = (rng.uniform(0.35, 0.65) * (n - 1) for n in place.size)
     if place.periodic:
@@ -216,10 +247,15 @@ def _leg(place: Place, rng: np.random.Generator, flight: int, *, flights: int, r
     east, north, _ = ppigrf.igrf(lon, lat, feet * 0.3048e-3, begin)
     ground = speed * np.sin(track), speed * np.cos(track)
     return {
-        "begin": begin, "lon": lon, "lat": lat, "feet": feet, "ground": ground,
+        "begin": begin,
+        "lon": lon,
+        "lat": lat,
+        "feet": feet,
+        "ground": ground,
         "air": (ground[0] - u, ground[1] - v),
-        "declination": np.arctan2(east[0], north[0]), "horizontal": np.hypot(east[0], north[0]),
-    }  # fmt: skip
+        "declination": np.arctan2(east[0], north[0]),
+        "horizontal": np.hypot(east[0], north[0]),
+    }
 
 
 def _said(
@@ -251,33 +287,58 @@ _LL = {"iScansNegatively": 0, "jScansPositively": 1, "uvRelativeToGrid": 0}
 _SPHERE1, _SPHERE2 = "+R=6367470 +no_defs", "+R=6371229 +no_defs"
 
 
-def _degrees(name: str, first: tuple[float, float], size: tuple[int, int],
-             step: tuple[float, float], **more: Any) -> Place:  # fmt: skip
+def _degrees(
+    name: str,
+    first: tuple[float, float],
+    size: tuple[int, int],
+    step: tuple[float, float],
+    **more: Any,
+) -> Place:
     keys = {
-        "gridType": "regular_ll", "Ni": size[0], "Nj": size[1],
+        "gridType": "regular_ll",
+        "Ni": size[0],
+        "Nj": size[1],
         "latitudeOfFirstGridPointInDegrees": first[1],
         "longitudeOfFirstGridPointInDegrees": first[0] % 360,
         "latitudeOfLastGridPointInDegrees": first[1] + step[1] * (size[1] - 1),
         "longitudeOfLastGridPointInDegrees": (first[0] + step[0] * (size[0] - 1)) % 360,
-        "iDirectionIncrementInDegrees": abs(step[0]), "jDirectionIncrementInDegrees": abs(step[1]),
-        **_LL, "jScansPositively": int(step[1] > 0),
-    }  # fmt: skip
+        "iDirectionIncrementInDegrees": abs(step[0]),
+        "jDirectionIncrementInDegrees": abs(step[1]),
+        **_LL,
+        "jScansPositively": int(step[1] > 0),
+    }
     return Place(name, keys, size, step, first, along_grid=False, **more)
 
 
-def _lambert(name: str, first: tuple[float, float], lov: float, latins: tuple[float, float],
-             *, size: tuple[int, int] = (33, 29), metres: int = 90000, edition: int = 2,
-             along: bool = True) -> Place:  # fmt: skip
+def _lambert(
+    name: str,
+    first: tuple[float, float],
+    lov: float,
+    latins: tuple[float, float],
+    *,
+    size: tuple[int, int] = (33, 29),
+    metres: int = 90000,
+    edition: int = 2,
+    along: bool = True,
+) -> Place:
     sphere = _SPHERE1 if edition == 1 else _SPHERE2
     south = latins[0] < 0
     keys = {
-        "gridType": "lambert", "Nx": size[0], "Ny": size[1],
+        "gridType": "lambert",
+        "Nx": size[0],
+        "Ny": size[1],
         "latitudeOfFirstGridPointInDegrees": first[1],
         "longitudeOfFirstGridPointInDegrees": first[0] % 360,
-        "LoVInDegrees": lov % 360, "Latin1InDegrees": latins[0], "Latin2InDegrees": latins[1],
-        "DxInMetres": metres, "DyInMetres": metres, "projectionCentreFlag": 128 * south,
-        "iScansNegatively": 0, "jScansPositively": 1, "uvRelativeToGrid": int(along),
-    }  # fmt: skip
+        "LoVInDegrees": lov % 360,
+        "Latin1InDegrees": latins[0],
+        "Latin2InDegrees": latins[1],
+        "DxInMetres": metres,
+        "DyInMetres": metres,
+        "projectionCentreFlag": 128 * south,
+        "iScansNegatively": 0,
+        "jScansPositively": 1,
+        "uvRelativeToGrid": int(along),
+    }
     if edition == 2:
         keys |= {"LaDInDegrees": latins[0], "shapeOfTheEarth": 6}
     crs = (
@@ -286,38 +347,68 @@ def _lambert(name: str, first: tuple[float, float], lov: float, latins: tuple[fl
     return Place(name, keys, size, (metres, metres), first, crs, edition, along_grid=along)
 
 
-def _polar(name: str, first: tuple[float, float], lov: float, *, south: bool = False,
-           edition: int = 2) -> Place:  # fmt: skip
+def _polar(
+    name: str, first: tuple[float, float], lov: float, *, south: bool = False, edition: int = 2
+) -> Place:
     size, metres = (31, 27), 100000
     keys = {
-        "gridType": "polar_stereographic", "Nx": size[0], "Ny": size[1],
+        "gridType": "polar_stereographic",
+        "Nx": size[0],
+        "Ny": size[1],
         "latitudeOfFirstGridPointInDegrees": first[1],
         "longitudeOfFirstGridPointInDegrees": first[0] % 360,
-        "orientationOfTheGridInDegrees": lov % 360, "DxInMetres": metres, "DyInMetres": metres,
-        "projectionCentreFlag": 128 * south, "iScansNegatively": 0, "jScansPositively": 1,
+        "orientationOfTheGridInDegrees": lov % 360,
+        "DxInMetres": metres,
+        "DyInMetres": metres,
+        "projectionCentreFlag": 128 * south,
+        "iScansNegatively": 0,
+        "jScansPositively": 1,
         "resolutionAndComponentFlags": 8,
-    }  # fmt: skip
+    }
     sign = -1 if south else 1
     if edition == 2:
         keys |= {"LaDInDegrees": 60.0 * sign, "shapeOfTheEarth": 6}
-    crs = (f"+proj=stere +lat_0={90 * sign} +lat_ts={60 * sign} +lon_0={lov} "
-           f"{_SPHERE1 if edition == 1 else _SPHERE2}")  # fmt: skip
-    return Place(name, keys, size, (metres, metres), first, crs, edition,
-                 sample="polar_stereographic_pl_grib1")  # fmt: skip
+    crs = (
+        f"+proj=stere +lat_0={90 * sign} +lat_ts={60 * sign} +lon_0={lov} "
+        f"{_SPHERE1 if edition == 1 else _SPHERE2}"
+    )
+    return Place(
+        name,
+        keys,
+        size,
+        (metres, metres),
+        first,
+        crs,
+        edition,
+        sample="polar_stereographic_pl_grib1",
+    )
 
 
-def _mercator(name: str, first: tuple[float, float], last: tuple[float, float], true: float,
-              *, size: tuple[int, int] = (29, 25), metres: int = 110000,
-              edition: int = 2) -> Place:  # fmt: skip
+def _mercator(
+    name: str,
+    first: tuple[float, float],
+    last: tuple[float, float],
+    true: float,
+    *,
+    size: tuple[int, int] = (29, 25),
+    metres: int = 110000,
+    edition: int = 2,
+) -> Place:
     keys = {
-        "gridType": "mercator", "Ni": size[0], "Nj": size[1],
+        "gridType": "mercator",
+        "Ni": size[0],
+        "Nj": size[1],
         "latitudeOfFirstGridPointInDegrees": first[1],
         "longitudeOfFirstGridPointInDegrees": first[0] % 360,
         "latitudeOfLastGridPointInDegrees": last[1],
         "longitudeOfLastGridPointInDegrees": last[0] % 360,
-        "DiInMetres": metres, "DjInMetres": metres, "LaDInDegrees": true,
-        "iScansNegatively": 0, "jScansPositively": 1, "uvRelativeToGrid": 1,
-    }  # fmt: skip
+        "DiInMetres": metres,
+        "DjInMetres": metres,
+        "LaDInDegrees": true,
+        "iScansNegatively": 0,
+        "jScansPositively": 1,
+        "uvRelativeToGrid": 1,
+    }
     if edition == 2:
         keys["shapeOfTheEarth"] = 6
     middle = first[0] + 15.0
@@ -325,24 +416,31 @@ def _mercator(name: str, first: tuple[float, float], last: tuple[float, float], 
     return Place(name, keys, size, (metres, metres), first, crs, edition)
 
 
-def _rotated(name: str, corner: tuple[float, float], pole: tuple[float, float], *,
-             edition: int = 2) -> Place:  # fmt: skip
+def _rotated(
+    name: str, corner: tuple[float, float], pole: tuple[float, float], *, edition: int = 2
+) -> Place:
     """Corner in rotated degrees; pole is the southern pole's (longitude, latitude)."""
     size, step = (31, 27), 1.0
     keys = {
-        "gridType": "rotated_ll", "Ni": size[0], "Nj": size[1],
+        "gridType": "rotated_ll",
+        "Ni": size[0],
+        "Nj": size[1],
         "latitudeOfFirstGridPointInDegrees": corner[1],
         "longitudeOfFirstGridPointInDegrees": corner[0] % 360,
         "latitudeOfLastGridPointInDegrees": corner[1] + step * (size[1] - 1),
         "longitudeOfLastGridPointInDegrees": (corner[0] + step * (size[0] - 1)) % 360,
-        "iDirectionIncrementInDegrees": step, "jDirectionIncrementInDegrees": step,
+        "iDirectionIncrementInDegrees": step,
+        "jDirectionIncrementInDegrees": step,
         "latitudeOfSouthernPoleInDegrees": pole[1],
-        "longitudeOfSouthernPoleInDegrees": pole[0] % 360, "angleOfRotationInDegrees": 0.0,
-        **_LL, "uvRelativeToGrid": 1,
-    }  # fmt: skip
+        "longitudeOfSouthernPoleInDegrees": pole[0] % 360,
+        "angleOfRotationInDegrees": 0.0,
+        **_LL,
+        "uvRelativeToGrid": 1,
+    }
     crs = f"+proj=ob_tran +o_proj=eqc +o_lat_p={-pole[1]} +o_lon_p=0 +lon_0={pole[0]} {_SPHERE2}"
-    return _RotatedPlace(name, keys, size, (step, step), corner, crs, edition,
-                         sample="rotated_ll_pl_grib1")  # fmt: skip
+    return _RotatedPlace(
+        name, keys, size, (step, step), corner, crs, edition, sample="rotated_ll_pl_grib1"
+    )
 
 
 class _RotatedPlace(Place):
@@ -389,8 +487,15 @@ class _RotatedPlace(Place):
 PLACES = {
     place.name: place
     for place in (
-        _lambert("ruc_grib1", (233.862, 16.281), 265.0, (25.0, 25.0), metres=162546, edition=1,
-                 size=(37, 28)),
+        _lambert(
+            "ruc_grib1",
+            (233.862, 16.281),
+            265.0,
+            (25.0, 25.0),
+            metres=162546,
+            edition=1,
+            size=(37, 28),
+        ),
         _lambert("ruc_grib2_earth_relative", (240.0, 22.5), 265.0, (25.0, 25.0), along=False),
         _lambert("australia_lambert_secant", (130.0, -45.0), 145.0, (-20.0, -45.0)),
         _lambert("alaska_lambert_across_180", (165.0, 42.0), 190.0, (50.0, 65.0)),
@@ -398,8 +503,9 @@ PLACES = {
         _degrees("fiji_grib1_north_to_south", (165.0, -5.0), (31, 25), (1.0, -1.0), edition=1),
         _degrees("alaska_minus180", (-200.0, 50.0), (41, 23), (1.0, 1.0)),
         _degrees("greenwich_global", (0.0, 30.0), (180, 31), (2.0, 1.0), periodic=True),
-        _degrees("greenwich_global_grib1", (0.0, 60.0), (144, 21), (2.5, -1.5), periodic=True,
-                 edition=1),
+        _degrees(
+            "greenwich_global_grib1", (0.0, 60.0), (144, 21), (2.5, -1.5), periodic=True, edition=1
+        ),
         _rotated("europe_rotated", (-15.0, -13.0), (10.0, -40.0)),
         _rotated("newzealand_rotated", (-15.0, -13.0), (-5.0, 45.0)),
         _rotated("europe_rotated_grib1", (-15.0, -13.0), (10.0, -40.0), edition=1),
@@ -410,4 +516,4 @@ PLACES = {
         _mercator("fiji_mercator_across_180", (165.0, -32.0), (195.0, -8.0), -20.0),
         _mercator("mercator_grib1", (185.0, 8.0), (216.0, 35.0), 20.0, edition=1),
     )
-}  # fmt: skip
+}

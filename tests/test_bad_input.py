@@ -214,9 +214,11 @@ def test_two_files_of_the_same_time_say_which_is_used(archive, tmp_path):
 
 
 GROUPS = {
-    "start": "2009-02-28", "before_start": "2009-02-27", "corrected": ["S1"],
+    "start": "2009-02-28",
+    "before_start": "2009-02-27",
+    "corrected": ["S1"],
     "controls": ["S2", "S3"],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(
@@ -312,8 +314,12 @@ def test_a_disk_full_midway_leaves_the_earlier_products(archive, tmp_path):
 
     done = subprocess.run(
         [sys.executable, "-m", "airswing", "run", str(path)],
-        preexec_fn=narrow, capture_output=True, text=True, timeout=240, check=False,
-    )  # fmt: skip
+        preexec_fn=narrow,
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
     assert "headings.nc" in done.stderr.splitlines()[-1]

@@ -29,9 +29,13 @@ def run(root: Path, output: Path) -> dict:
     for reference in content["references"].values():
         reference["files"] = str(root / reference["files"])
     content["field_test"] = {
-        "start": "2009-10-08", "before_start": "2009-09-16", "corrected": ["N401", "N403"],
-        "controls": ["N402", "N405"], "roll": "ignore", "temperature_qc": "ignore",
-    }  # fmt: skip
+        "start": "2009-10-08",
+        "before_start": "2009-09-16",
+        "corrected": ["N401", "N403"],
+        "controls": ["N402", "N405"],
+        "roll": "ignore",
+        "temperature_qc": "ignore",
+    }
     path = output.parent / "config.yaml"
     path.write_text(yaml.safe_dump(content))
     job = workflow.Job(load_config(path, output=output), Progress(quiet=True))

@@ -11,10 +11,19 @@ from airswing.errors import LONGEST, ConfigError, InputError, shortened
 
 @pytest.mark.parametrize(
     "value",
-    ["x" * 10**6, "a\nb\tc\x00d", [["deep"] * 50] * 50, {n: n for n in range(10**4)}, 10**6000,
-     [10**6000], b"\xff" * 10**5, "‮", object()],
+    [
+        "x" * 10**6,
+        "a\nb\tc\x00d",
+        [["deep"] * 50] * 50,
+        {n: n for n in range(10**4)},
+        10**6000,
+        [10**6000],
+        b"\xff" * 10**5,
+        "‮",
+        object(),
+    ],
     ids=range(9),
-)  # fmt: skip
+)
 def test_messages_are_short_lines(value: object):
     error = InputError(
         str(shortened(value)), file=value, field="f" * 9000, found=value, remedy="r" * 999

@@ -71,8 +71,9 @@ def test_complex_packing_whose_groups_do_not_add_up(hostile, tmp_path: Path):
 def test_a_png_section_of_another_length(hostile, tmp_path: Path):
     catalogue = catalogue_of(hostile("crash_grib_a_543"), tmp_path)
     assert skipped(catalogue) == {
-        "garbage: section lengths do not add up": 1, "u without v": 1,
-    }  # fmt: skip
+        "garbage: section lengths do not add up": 1,
+        "u without v": 1,
+    }
     assert not problems(winds(catalogue, hostile("g2_png.csv")))
 
 
@@ -139,9 +140,19 @@ def test_yaml_that_is_none(hostile, name: str, says: str):
 
 @pytest.mark.parametrize(
     "value",
-    ['!!int "9e9"', '!!float "x"', "2009-01-01T00:00:00+24:00", "2009-02-30", "0x" + "f" * 9000,
-     '"\\0"', '"\\ud800"', "!!python/object/apply:os.system ['true']", "&a [*a]", "*b"],
-)  # fmt: skip
+    [
+        '!!int "9e9"',
+        '!!float "x"',
+        "2009-01-01T00:00:00+24:00",
+        "2009-02-30",
+        "0x" + "f" * 9000,
+        '"\\0"',
+        '"\\ud800"',
+        "!!python/object/apply:os.system ['true']",
+        "&a [*a]",
+        "*b",
+    ],
+)
 def test_values_of_yaml_that_are_none(value: str, tmp_path: Path):
     path = tmp_path / "c.yaml"
     path.write_text(f"reports: {{files: a.csv}}\nreferences: {value}\noutput: {value}\n")
@@ -205,10 +216,16 @@ def test_a_bomb_by_the_command_is_one_short_line(hostile, capsys):
 def test_configurations_keep_what_is_sound(tmp_path: Path):
     """The bounds leave a plain configuration as PyYAML reads it."""
     content: dict[str, Any] = {
-        "reports": {"files": ["a.csv", "b.csv"]}, "references": {"m": {"files": "b.grb"}},
-        "field_test": {"start": "2009-10-20", "before_start": "2009-07-20", "corrected": ["A"],
-                       "controls": ["B"]}, "output": "o",
-    }  # fmt: skip
+        "reports": {"files": ["a.csv", "b.csv"]},
+        "references": {"m": {"files": "b.grb"}},
+        "field_test": {
+            "start": "2009-10-20",
+            "before_start": "2009-07-20",
+            "corrected": ["A"],
+            "controls": ["B"],
+        },
+        "output": "o",
+    }
     path = tmp_path / "c.yaml"
     path.write_text("﻿" + yaml.safe_dump(content), encoding="utf-8")
     loaded = load_config(path)

@@ -58,11 +58,15 @@ def run(tmp_path_factory) -> tuple[Path, dict[str, tuple[int, int]]]:
     )
     before = files_below(top)
     done = subprocess.run(
-        [sys.executable, "-m", "airswing", "run", str(config), "--quiet"], check=False,
-        capture_output=True, text=True, cwd=here, timeout=600,
-        env=os.environ | {"HOME": str(home), "AIRSWING_CACHE": str(top / "cache"),
-                          "TMPDIR": str(home)},
-    )  # fmt: skip
+        [sys.executable, "-m", "airswing", "run", str(config), "--quiet"],
+        check=False,
+        capture_output=True,
+        text=True,
+        cwd=here,
+        timeout=600,
+        env=os.environ
+        | {"HOME": str(home), "AIRSWING_CACHE": str(top / "cache"), "TMPDIR": str(home)},
+    )
     assert done.returncode == 0, done.stderr
     return top, before
 

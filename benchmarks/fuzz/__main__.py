@@ -29,15 +29,33 @@ from benchmarks.fuzz.seeds import GRIBS, make_seeds
 
 CASE_SECONDS = 60
 COLUMNS = (
-    "traceback", "signal", "hang", "half-written", "long message", "absurd winds", "silent",
-)  # fmt: skip
+    "traceback",
+    "signal",
+    "hang",
+    "half-written",
+    "long message",
+    "absurd winds",
+    "silent",
+)
 """What must not be."""
 SHARES = {
     **dict.fromkeys(GRIBS, 40),
-    "csv": 80, "csv.gz": 15, "yaml": 90, "effects": 40, "parquet": 35, "netcdf3": 40,
-    "netcdf4": 35, "bufr": 45, "headings.nc": 6, "fits.nc": 6, "kept samples": 5,
-    "kept reports": 5, "kept notes": 3, "header cache": 12, "whole command": 4,
-}  # fmt: skip
+    "csv": 80,
+    "csv.gz": 15,
+    "yaml": 90,
+    "effects": 40,
+    "parquet": 35,
+    "netcdf3": 40,
+    "netcdf4": 35,
+    "bufr": 45,
+    "headings.nc": 6,
+    "fits.nc": 6,
+    "kept samples": 5,
+    "kept reports": 5,
+    "kept notes": 3,
+    "header cache": 12,
+    "whole command": 4,
+}
 """How often each kind is drawn."""
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -54,10 +72,13 @@ class Worker:
             paths = os.pathsep.join([str(ROOT / "pipeline"), str(ROOT)])
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "benchmarks.fuzz.worker", str(self._seeds)],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT,
-                env=os.environ | {"AIRSWING_CACHE": str(self._cache), "OMP_NUM_THREADS": "1",
-                                  "PYTHONPATH": paths},
-            )  # fmt: skip
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                cwd=ROOT,
+                env=os.environ
+                | {"AIRSWING_CACHE": str(self._cache), "OMP_NUM_THREADS": "1", "PYTHONPATH": paths},
+            )
         return self._process
 
     def run(self, kind: str, seed: int, folder: Path) -> dict[str, str]:

@@ -12,21 +12,75 @@ from collections.abc import Callable
 Change = Callable[[bytes, random.Random], bytes]
 
 SCALARS = [
-    "2009-06-31", "2009-02-30T25:61:00Z", "2009-01-01T00:00:00+99:00", '!!int "9e9"', '!!float "x"',
-    "!!timestamp 'soon'", "!!python/object/apply:os.system ['true']", "!!binary '***'", "~", "''",
-    "9" * 400, "1e999", "-.inf", ".nan", "0x" + "f" * 200, "[[[[[[[[[[]]]]]]]]]]", 
+    "2009-06-31",
+    "2009-02-30T25:61:00Z",
+    "2009-01-01T00:00:00+99:00",
+    '!!int "9e9"',
+    '!!float "x"',
+    "!!timestamp 'soon'",
+    "!!python/object/apply:os.system ['true']",
+    "!!binary '***'",
+    "~",
+    "''",
+    "9" * 400,
+    "1e999",
+    "-.inf",
+    ".nan",
+    "0x" + "f" * 200,
+    "[[[[[[[[[[]]]]]]]]]]",
     "{a: {b: {c: d}}}",
-    "&a [*a]", "*nothing", "2 h**9**9**9", "1e308 h", "-3 h", "10 furlong", '"\\0"', '"\\ud800"',
-    "<script>alert(1)</script>", "../../../../etc/passwd", "| \n  text\n  more", "true",
+    "&a [*a]",
+    "*nothing",
+    "2 h**9**9**9",
+    "1e308 h",
+    "-3 h",
+    "10 furlong",
+    '"\\0"',
+    '"\\ud800"',
+    "<script>alert(1)</script>",
+    "../../../../etc/passwd",
+    "| \n  text\n  more",
+    "true",
     "3 lightyears",
-    "[" * 60 + "]" * 60, "x" * 5000, "\u202e\u0000\u0007", "%s%n{0}", "nan kt", "1_000", "1:30:00",
-]  # fmt: skip
+    "[" * 60 + "]" * 60,
+    "x" * 5000,
+    "\u202e\u0000\u0007",
+    "%s%n{0}",
+    "nan kt",
+    "1_000",
+    "1:30:00",
+]
 CELLS = [
-    "", "nan", "inf", "-inf", "1e400", "-1e9", "99999", "abc", '"', '""",', "\0", "0x10", "1,5",
-    "--", "2009-13-45T99:99", "1900-01-01", "9999-12-31T23:59:60Z",
-    "١٢٣", "<b>x</b>", "=1+1", "N" * 3000,
-    "1253091600000", "1253091600000000000", "-180", "361", "720.5", "\ufeff", "True", "None",
-]  # fmt: skip
+    "",
+    "nan",
+    "inf",
+    "-inf",
+    "1e400",
+    "-1e9",
+    "99999",
+    "abc",
+    '"',
+    '""",',
+    "\0",
+    "0x10",
+    "1,5",
+    "--",
+    "2009-13-45T99:99",
+    "1900-01-01",
+    "9999-12-31T23:59:60Z",
+    "١٢٣",
+    "<b>x</b>",
+    "=1+1",
+    "N" * 3000,
+    "1253091600000",
+    "1253091600000000000",
+    "-180",
+    "361",
+    "720.5",
+    "\ufeff",
+    "True",
+    "None",
+]
 
 
 def mutated(kind: str, data: bytes, other: bytes, pick: random.Random) -> bytes:
@@ -111,8 +165,17 @@ def _spliced(data: bytes, other: bytes, pick: random.Random) -> bytes:
 
 
 OCTETS: list[Change] = [
-    _bits, _bits, _bits, _octets, _cut, _inserted, _deleted, _doubled, _blanked, _swapped,
-]  # fmt: skip
+    _bits,
+    _bits,
+    _bits,
+    _octets,
+    _cut,
+    _inserted,
+    _deleted,
+    _doubled,
+    _blanked,
+    _swapped,
+]
 
 
 def sections(data: bytes) -> list[list[tuple[int, int]]]:
@@ -150,10 +213,25 @@ def _header_field(data: bytes, pick: random.Random) -> bytes:
         return data
     most = (1 << 8 * width) - 1
     before = int.from_bytes(data[place : place + width], "big")
-    value = pick.choice((
-        0, most, most >> 1, (most >> 1) + 1, before + 1, before - 1, before ^ (most >> 1) + 1,
-        before * 2, before // 2, pick.randrange(most + 1), 0x7FFFFFFF, 1,
-    )) & most  # fmt: skip
+    value = (
+        pick.choice(
+            (
+                0,
+                most,
+                most >> 1,
+                (most >> 1) + 1,
+                before + 1,
+                before - 1,
+                before ^ (most >> 1) + 1,
+                before * 2,
+                before // 2,
+                pick.randrange(most + 1),
+                0x7FFFFFFF,
+                1,
+            )
+        )
+        & most
+    )
     return data[:place] + value.to_bytes(width, "big") + data[place + width :]
 
 
@@ -223,11 +301,22 @@ def _mended(change: Change) -> Change:
 
 
 GRIB: list[Change] = [
-    _header_field, _header_field, _header_field, _header_field, _section_length, _section_length,
-    _section_doubled, _section_dropped, _sections_swapped, _message_doubled,
-    _mended(_section_doubled), _mended(_section_dropped), _mended(_sections_swapped),
-    _mended(_inserted), _mended(_deleted),
-]  # fmt: skip
+    _header_field,
+    _header_field,
+    _header_field,
+    _header_field,
+    _section_length,
+    _section_length,
+    _section_doubled,
+    _section_dropped,
+    _sections_swapped,
+    _message_doubled,
+    _mended(_section_doubled),
+    _mended(_section_dropped),
+    _mended(_sections_swapped),
+    _mended(_inserted),
+    _mended(_deleted),
+]
 
 
 def _yaml_scalar(data: bytes, pick: random.Random) -> bytes:
@@ -254,12 +343,18 @@ def _yaml_key(data: bytes, pick: random.Random) -> bytes:
 def _yaml_line(data: bytes, pick: random.Random) -> bytes:
     lines = data.split(b"\n")
     number = pick.randrange(len(lines))
-    made = pick.choice((
-        lines[number], b"\t" + lines[number], b"  " + lines[number], lines[number].strip(), b"",
-        b"a: &a [x, x, x, x, x, x, x, x]\nb: &b [*a, *a, *a, *a, *a, *a, *a, *a]\n"
-        b"c: &c [*b, *b, *b, *b, *b, *b, *b, *b]\nd: &d [*c, *c, *c, *c, *c, *c, *c, *c]\n"
-        b"e: [*d, *d, *d, *d, *d, *d, *d, *d]",
-    ))  # fmt: skip
+    made = pick.choice(
+        (
+            lines[number],
+            b"\t" + lines[number],
+            b"  " + lines[number],
+            lines[number].strip(),
+            b"",
+            b"a: &a [x, x, x, x, x, x, x, x]\nb: &b [*a, *a, *a, *a, *a, *a, *a, *a]\n"
+            b"c: &c [*b, *b, *b, *b, *b, *b, *b, *b]\nd: &d [*c, *c, *c, *c, *c, *c, *c, *c]\n"
+            b"e: [*d, *d, *d, *d, *d, *d, *d, *d]",
+        )
+    )
     return b"\n".join([*lines[: number + 1], made, *lines[number + pick.choice((1, 2)) :]])
 
 

@@ -20,18 +20,34 @@ NI, NJ = 20, 18
 LEVELS = (550, 650, 750)
 WHEN = np.datetime64("2009-09-16T09:00", "ns")
 LAMBERT = {
-    "gridType": "lambert", "Nx": NI, "Ny": NJ, "latitudeOfFirstGridPointInDegrees": 38.7,
-    "longitudeOfFirstGridPointInDegrees": 268.8, "LoVInDegrees": 265.0, "Latin1InDegrees": 25.0,
-    "Latin2InDegrees": 25.0, "DxInMetres": 50000, "DyInMetres": 50000,
-    "iScansNegatively": 0, "jScansPositively": 1, "uvRelativeToGrid": 1,
-}  # fmt: skip
+    "gridType": "lambert",
+    "Nx": NI,
+    "Ny": NJ,
+    "latitudeOfFirstGridPointInDegrees": 38.7,
+    "longitudeOfFirstGridPointInDegrees": 268.8,
+    "LoVInDegrees": 265.0,
+    "Latin1InDegrees": 25.0,
+    "Latin2InDegrees": 25.0,
+    "DxInMetres": 50000,
+    "DyInMetres": 50000,
+    "iScansNegatively": 0,
+    "jScansPositively": 1,
+    "uvRelativeToGrid": 1,
+}
 LATLON = {
-    "gridType": "regular_ll", "Ni": NI, "Nj": NJ, "latitudeOfFirstGridPointInDegrees": 46.5,
-    "longitudeOfFirstGridPointInDegrees": 268.0, "latitudeOfLastGridPointInDegrees": 38.0,
-    "longitudeOfLastGridPointInDegrees": 277.5, "iDirectionIncrementInDegrees": 0.5,
-    "jDirectionIncrementInDegrees": 0.5, "iScansNegatively": 0, "jScansPositively": 0,
+    "gridType": "regular_ll",
+    "Ni": NI,
+    "Nj": NJ,
+    "latitudeOfFirstGridPointInDegrees": 46.5,
+    "longitudeOfFirstGridPointInDegrees": 268.0,
+    "latitudeOfLastGridPointInDegrees": 38.0,
+    "longitudeOfLastGridPointInDegrees": 277.5,
+    "iDirectionIncrementInDegrees": 0.5,
+    "jDirectionIncrementInDegrees": 0.5,
+    "iScansNegatively": 0,
+    "jScansPositively": 0,
     "uvRelativeToGrid": 0,
-}  # fmt: skip
+}
 GRIBS: dict[str, tuple[int, dict[str, Any], str, bool]] = {
     "grib1 simple": (1, LAMBERT, "grid_simple", False),
     "grib1 simple, bitmap": (1, LATLON, "grid_simple", True),
@@ -167,11 +183,13 @@ def _madis(path: Path, kind: Any) -> None:
         file.createDimension("tailLen", 9)
         numbers = {
             "timeObs": np.full(count, WHEN.astype("datetime64[s]").astype(np.int64)),
-            "latitude": table["latitude"], "longitude": table["longitude"],
+            "latitude": table["latitude"],
+            "longitude": table["longitude"],
             "altitude": np.linspace(2500.0, 4800.0, count),
-            "windDir": table["wind_direction_deg"], "windSpeed": table["wind_speed_kt"] * 0.5144,
+            "windDir": table["wind_direction_deg"],
+            "windSpeed": table["wind_speed_kt"] * 0.5144,
             "temperature": table["temperature_degC"] + 273.15,
-        }  # fmt: skip
+        }
         for name, values in numbers.items():
             kept = file.createVariable(name, "f8" if name == "timeObs" else "f4", ("recNum",))
             kept[:] = np.asarray(values)
@@ -194,12 +212,20 @@ def _bufr(path: Path) -> None:
             eccodes.codes_set(handle, "dataCategory", 4)
             eccodes.codes_set_array(handle, "unexpandedDescriptors", [311001])
             keys = {
-                "aircraftFlightNumber": row["tail"], "latitude": row["latitude"],
-                "longitude": row["longitude"], "year": 2009, "month": 9, "day": 16, "hour": 9,
-                "minute": int(number) % 60, "height": 3000 + 100 * int(number),
-                "airTemperature": 270.0, "windDirection": int(row["wind_direction_deg"]),
-                "windSpeed": row["wind_speed_kt"] * 0.5144, "phaseOfAircraftFlight": 3,
-            }  # fmt: skip
+                "aircraftFlightNumber": row["tail"],
+                "latitude": row["latitude"],
+                "longitude": row["longitude"],
+                "year": 2009,
+                "month": 9,
+                "day": 16,
+                "hour": 9,
+                "minute": int(number) % 60,
+                "height": 3000 + 100 * int(number),
+                "airTemperature": 270.0,
+                "windDirection": int(row["wind_direction_deg"]),
+                "windSpeed": row["wind_speed_kt"] * 0.5144,
+                "phaseOfAircraftFlight": 3,
+            }
             for key, value in keys.items():
                 eccodes.codes_set(handle, key, value)
             eccodes.codes_set(handle, "pack", 1)
@@ -236,9 +262,11 @@ def _of_a_run(folder: Path) -> dict[str, Path]:
     content["compute"] = {"workers": 1, "threads": 1}
     config.write_text(yaml.safe_dump(content))
     content["field_test"] = {
-        "start": "2009-10-20", "before_start": "2009-07-20", "corrected": ["N401"],
+        "start": "2009-10-20",
+        "before_start": "2009-07-20",
+        "corrected": ["N401"],
         "controls": ["N402"],
-    }  # fmt: skip
+    }
     (folder / "whole.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     job = Job(load_config(config), Progress(quiet=True), resume=True)
     headings = make_headings(job)

@@ -294,9 +294,14 @@ def _command(pick: random.Random, seeds: dict[str, Path], folder: Path) -> str:
     words = ["inspect", str(path)] if pick.random() < 0.3 else ["collocate", str(config)]
     words = ["run", str(path), "--plan", "--quiet"] if kind == "yaml" else words
     done = subprocess.run(
-        [sys.executable, "-m", "airswing", *words], capture_output=True, text=True, check=False,
-        errors="replace", timeout=COMMAND_SECONDS, cwd=folder,
-    )  # fmt: skip
+        [sys.executable, "-m", "airswing", *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        errors="replace",
+        timeout=COMMAND_SECONDS,
+        cwd=folder,
+    )
     if done.returncode < 0:
         raise FoundError("signal", f"signal {-done.returncode}")
     if done.returncode not in (0, 2) or "Traceback" in done.stderr:

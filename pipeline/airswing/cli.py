@@ -23,10 +23,25 @@ app = typer.Typer(
 
 _INTERRUPTED = 130
 _NOT_OURS = (
-    errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM,
-    errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.EIO, errno.ENAMETOOLONG,
-    errno.ELOOP, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOTEMPTY, errno.ESTALE,
-)  # fmt: skip
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.EISDIR,
+    errno.EEXIST,
+    errno.EIO,
+    errno.ENAMETOOLONG,
+    errno.ELOOP,
+    errno.EMFILE,
+    errno.ENFILE,
+    errno.ENOMEM,
+    errno.ENOTEMPTY,
+    errno.ESTALE,
+)
 """Faults of the disk or the folders that no code of ours can mend: bad input, not a defect."""
 _USAGE_ERROR: Any = typer.BadParameter.__base__
 """Base of every error in how a command was called (typer does not export it by name)."""

@@ -111,9 +111,14 @@ Moment = Annotated[
 ]
 """A time; UTC where no zone is given."""
 Screened = Literal[
-    "phase", "turn", "ground_speed", "no_ground_vector", "no_reference", "temperature_qc",
+    "phase",
+    "turn",
+    "ground_speed",
+    "no_ground_vector",
+    "no_reference",
+    "temperature_qc",
     "field_test",
-]  # fmt: skip
+]
 """Screening rules whose reports may be handed over all the same."""
 
 
@@ -422,9 +427,11 @@ def load_postprocess(
     content = _content(Path(path), output)
     if "postprocess" not in content:
         raise ConfigError(
-            "there are no forecasts to correct", file=path, field="postprocess",
+            "there are no forecasts to correct",
+            file=path,
+            field="postprocess",
             remedy="Add postprocess with pairs, or with forecasts and stations",
-        )  # fmt: skip
+        )
     model = Config if "reports" in content or "references" in content else PostprocessConfig
     found = _checked(model, content, Path(path))
     return found.postprocess, found.output, found

@@ -18,8 +18,12 @@ from airswing.errors import InputError
 from airswing.units import DAY
 
 _OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
-    ">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt, "==": operator.eq,
-}  # fmt: skip
+    ">=": operator.ge,
+    ">": operator.gt,
+    "<=": operator.le,
+    "<": operator.lt,
+    "==": operator.eq,
+}
 _TIME_UNITS = {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "min": 60.0, "s": 1.0, "d": DAY}
 
 
@@ -48,9 +52,11 @@ def lead_condition(text: str) -> Callable[[NDArray[Any]], NDArray[np.bool_]]:
     match = re.fullmatch(r"(>=|<=|==|>|<)\s*(\d+\.?\d*|\.\d+)\s*([a-z]+)", words)
     if match is None or match[3] not in _TIME_UNITS:
         raise InputError(
-            "lead condition not understood", field="lead", found=text,
+            "lead condition not understood",
+            field="lead",
+            found=text,
             remedy='Write any, analysis, or a comparison such as ">= 1 h"',
-        )  # fmt: skip
+        )
     compare, limit = _OPERATORS[match[1]], float(match[2]) * _TIME_UNITS[match[3]]
     return lambda lead: np.asarray(compare(lead, limit))
 
@@ -101,11 +107,13 @@ class Wanted(NamedTuple):
         members = sorted({int(number) for number in heads["member"]})
         if self.member is not None and self.member not in members:
             return InputError(
-                f"no wind of ensemble member {self.member}", field=where,
+                f"no wind of ensemble member {self.member}",
+                field=where,
                 found="members " + ", ".join(map(str, members)),
-            )  # fmt: skip
+            )
         hours = sorted({int(s) / 3600 for s in heads["lead"]})
         return InputError(
-            f"no wind meets the lead condition {self.lead!r}", field=where,
+            f"no wind meets the lead condition {self.lead!r}",
+            field=where,
             found="leads " + ", ".join(f"{h:g} h" for h in hours),
-        )  # fmt: skip
+        )

@@ -101,8 +101,9 @@ class _Loader(yaml.SafeLoader):
             written = getattr(node, "value", None)
             raise _ValueFault(
                 f"is no {kind} ({shortened(err)}, line {node.start_mark.line + 1})",
-                self._key(node), shortened(written),
-            ) from err  # fmt: skip
+                self._key(node),
+                shortened(written),
+            ) from err
         if isinstance(value, str) and not _sayable(value):
             raise _ValueFault("text that cannot be used", self._key(node), ascii(value)[:80])
         if isinstance(value, int) and value.bit_length() > MOST_BITS:

@@ -355,9 +355,13 @@ _MAPS = [
     ("region_map_u", "m s-1", "mean eastward residual", ("latitude", "longitude")),
     ("region_map_v", "m s-1", "mean northward residual", ("latitude", "longitude")),
     ("time_line", "degree", "mean heading error of the week", ("aircraft", "week")),
-    ("time_line_along", "m s-1", "mean residual along the heading of the week",
-     ("aircraft", "week")),
-]  # fmt: skip
+    (
+        "time_line_along",
+        "m s-1",
+        "mean residual along the heading of the week",
+        ("aircraft", "week"),
+    ),
+]
 _GAP = [
     *[
         _V(name + suffix, units if suffix != "_count" else "1", text + meaning, dims, "f8")
@@ -506,29 +510,64 @@ _POSTPROCESS = [
     _V("longitude", "degrees_east", "longitude of the station", ("station",), "f8", "longitude"),
     _V("altitude", "m", "altitude of the station", ("station",), "f8", "altitude"),
     _V("pressure", "Pa", "pressure at the middle of the layer", ("station",), "f8", "air_pressure"),
-    _V("forecast_reference_time", "", "start of the forecast", ("forecast_reference_time",),
-       "datetime64[ns]", "forecast_reference_time"),
+    _V(
+        "forecast_reference_time",
+        "",
+        "start of the forecast",
+        ("forecast_reference_time",),
+        "datetime64[ns]",
+        "forecast_reference_time",
+    ),
     _V("lead", "h", "lead time of the forecast", ("lead",), "f8", "forecast_period"),
-    _V("valid_time", "", "valid time of the forecast", ("forecast_reference_time", "lead"),
-       "datetime64[ns]", "time"),
+    _V(
+        "valid_time",
+        "",
+        "valid time of the forecast",
+        ("forecast_reference_time", "lead"),
+        "datetime64[ns]",
+        "time",
+    ),
     _V("forecast", "", "forecast, in variable_units", _STATIONS),
     _V("observation", "", "observation at the valid time, in variable_units", _STATIONS),
-    _V("corrected_forecast", "", "forecast less the bias a Kalman filter knew when it started, "
-       "in variable_units", _STATIONS),
-    _V("running_mean_forecast", "", "forecast less the mean error of the last days when it "
-       "started, in variable_units", _STATIONS),
-    _V("held_out", "1", "1 where the day took no part in choosing the ratio",
-       ("forecast_reference_time",), "i1"),
-    _V("ratio", "1", "ratio of variances of the filter: of the bias's daily change to noise",
-       ("variable",), "f8"),
+    _V(
+        "corrected_forecast",
+        "",
+        "forecast less the bias a Kalman filter knew when it started, in variable_units",
+        _STATIONS,
+    ),
+    _V(
+        "running_mean_forecast",
+        "",
+        "forecast less the mean error of the last days when it started, in variable_units",
+        _STATIONS,
+    ),
+    _V(
+        "held_out",
+        "1",
+        "1 where the day took no part in choosing the ratio",
+        ("forecast_reference_time",),
+        "i1",
+    ),
+    _V(
+        "ratio",
+        "1",
+        "ratio of variances of the filter: of the bias's daily change to noise",
+        ("variable",),
+        "f8",
+    ),
     _V("ratio_chosen", "1", "1 where the training days chose the ratio", ("variable",), "i1"),
     _V("period", "", "days that are scored", ("period",), "str"),
     _V("correction", "", "how the forecast was corrected", ("correction",), "str"),
     _V("bound", "", "end of the 95 % interval", ("bound",), "str"),
     _V("pair_count", "1", "pairs of forecast and observation", ("variable", "period"), "i8"),
     *[
-        _V(f"{name}{suffix}{kind}", "1" if name == "skill" else "", f"{before}{text}{after}",
-           (*dims, *more), "f8")
+        _V(
+            f"{name}{suffix}{kind}",
+            "1" if name == "skill" else "",
+            f"{before}{text}{after}",
+            (*dims, *more),
+            "f8",
+        )
         for name, text in (
             ("forecast_error_mean", "mean error of the forecast, in variable_units"),
             ("forecast_error_centred_rms", "rms of the error less its mean, in variable_units"),
@@ -538,19 +577,30 @@ _POSTPROCESS = [
         for suffix, after, dims in (
             ("", "", _SCORED),
             ("_by_lead", ", by lead", (*_SCORED, "lead")),
-            ("_by_station", ", by station, on the days held out",
-             ("variable", "correction", "station")),
+            (
+                "_by_station",
+                ", by station, on the days held out",
+                ("variable", "correction", "station"),
+            ),
         )
         for kind, before, more in (("", "", ()), ("_interval", "95 % interval: ", ("bound",)))
         if not (kind and suffix == "_by_station")
     ],
-]  # fmt: skip
+]
 
 _PHASE_ANGLE = _V("phase", "degree", "phase of the sinusoid", _RA, "f8")
 _EVERY = [
-    *_REPORTS, *_WINDS, *_HEADINGS, *_FITS, _PHASE_ANGLE, *_CORRECTED, *_PROFILES, *_GAP,
-    *_POSTPROCESS, *_OBSERVATION_ERRORS,
-]  # fmt: skip
+    *_REPORTS,
+    *_WINDS,
+    *_HEADINGS,
+    *_FITS,
+    _PHASE_ANGLE,
+    *_CORRECTED,
+    *_PROFILES,
+    *_GAP,
+    *_POSTPROCESS,
+    *_OBSERVATION_ERRORS,
+]
 
 VARIABLES: dict[str, Variable] = {entry.name: entry for entry in reversed(_EVERY)}
 """Every variable by name; where one name serves several dimensions, its first meaning."""

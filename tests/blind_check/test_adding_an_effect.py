@@ -46,9 +46,12 @@ class ColdSoak(OneCoefficient, HeadingEffect):
     name = NAME
     title = "heading error that grows with the cold"
     draw = Draw(
-        Signed("rate_deg"), ("rate_deg",), compared=("rate_deg",), places=("temperature",),
+        Signed("rate_deg"),
+        ("rate_deg",),
+        compared=("rate_deg",),
+        places=("temperature",),
         fault=freeze,
-    )  # fmt: skip
+    )
     told_apart_by: ClassVar[Mapping[str, str]] = {"compass_offset": "flights in warm air"}
     physics = "The sensor's housing turns in its mount as it cools."
     source = "Made for this test."
@@ -77,8 +80,11 @@ def added():
 def cold(added, tmp_path_factory):
     """A toy archive whose true wind the units with the effect report, and the effect."""
     plain = make_frame(seed=5, aircraft=6, days=16, noise=0.3)
-    entry = {"name": NAME, "tails": [plain.tails[1], plain.tails[4]],
-             "parameters": {"rate_deg": 1.2}}  # fmt: skip
+    entry = {
+        "name": NAME,
+        "tails": [plain.tails[1], plain.tails[4]],
+        "parameters": {"rate_deg": 1.2},
+    }
     path = tmp_path_factory.mktemp("added") / "effects.yaml"
     path.write_text(yaml.safe_dump([entry]))
     (active,) = read_effects(path)
@@ -122,8 +128,11 @@ def test_the_blind_check_draws_writes_seals_and_scores_it(added, tmp_path, monke
             {**one, "probability": 1.0, "share_of_gap": 1.0, "ambiguous_with": []}
             for one in label["effects"]
         ]
-        return {"effects": effects, "unknown": {"present": False, "where": []},
-                "closure": label["closure"]}  # fmt: skip
+        return {
+            "effects": effects,
+            "unknown": {"present": False, "where": []},
+            "closure": label["closure"],
+        }
 
     plan = Plan(2, 3, True, nulls=0, rungs=(1,), names=(NAME,))
     check = gap_check(tmp_path, plan, diagnoser=oracle, baselines=False)

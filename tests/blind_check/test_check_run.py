@@ -29,8 +29,9 @@ TINY = World(3, "default", 3, 3, coarse=True)
 KNOT = 1852.0 / 3600.0
 
 
-PLAN = Plan(10, 4, True, rungs=(1, 3),
-            names=("compass_offset", "hard_iron", "tas_scale", "outliers"))  # fmt: skip
+PLAN = Plan(
+    10, 4, True, rungs=(1, 3), names=("compass_offset", "hard_iron", "tas_scale", "outliers")
+)
 
 
 def drawn(name, tails, **parameters):
@@ -64,15 +65,28 @@ def checked(tmp_path_factory):
 def perfect(label, without):
     """What a diagnosis that knows the label would write."""
     effects = [
-        {"name": e["name"], "probability": 1.0, "tails": e["tails"], "period": e["period"],
-         "parameters": e["parameters"], "standard_errors": {}, "ambiguous_with": [],
-         "share_of_gap": 0.5}
-        for e in label["effects"] if e["name"] not in without
-    ]  # fmt: skip
+        {
+            "name": e["name"],
+            "probability": 1.0,
+            "tails": e["tails"],
+            "period": e["period"],
+            "parameters": e["parameters"],
+            "standard_errors": {},
+            "ambiguous_with": [],
+            "share_of_gap": 0.5,
+        }
+        for e in label["effects"]
+        if e["name"] not in without
+    ]
     closure = {**label["closure"], "fraction_of_excess": 1.0, "held_out": True}
     closure["ci"] = [closure["after"] - 0.1, closure["after"] + 0.1]
-    return {"gap": {}, "where": [], "effects": effects,
-            "unknown": {"present": False, "where": []}, "closure": closure}  # fmt: skip
+    return {
+        "gap": {},
+        "where": [],
+        "effects": effects,
+        "unknown": {"present": False, "where": []},
+        "closure": closure,
+    }
 
 
 def test_a_diagnosis_that_knows_everything_scores_everything(checked):
@@ -170,8 +184,13 @@ def test_reports_tell_every_target_and_case(checked, tmp_path):
 def test_a_case_worth_closing_takes_a_draw_that_closes(tmp_path):
     def one(tails, size):
         saw = {"variable": "hour", "shape": "saw", "at": 0.1, "width": 0.26}
-        parameters = {"component": "across_heading", "parts": [saw], "shape": "saw",
-                      "size_m_s": size, "sign": 1.0}  # fmt: skip
+        parameters = {
+            "component": "across_heading",
+            "parts": [saw],
+            "shape": "saw",
+            "size_m_s": size,
+            "sign": 1.0,
+        }
         effect = {"name": "outside", "tails": tails, "parameters": parameters, "period": None}
         return Drawn("outside", (effect,))
 
@@ -200,15 +219,25 @@ def test_worlds_written_side_by_side_are_the_same(tmp_path):
 
 def test_confusion_counts_by_hand():
     def score(kind, focus, claimed, *, unknown=False, right=False):
-        return {"kind": kind, "focus": focus, "claimed": claimed, "unknown": unknown,
-                "first_right": right, "failure": None}  # fmt: skip
+        return {
+            "kind": kind,
+            "focus": focus,
+            "claimed": claimed,
+            "unknown": unknown,
+            "first_right": right,
+            "failure": None,
+        }
 
     truths, told, counts = confusion(
-        [score("single", ["hard_iron"], ["hard_iron"], right=True),
-         score("single", ["hard_iron"], ["soft_iron"]),
-         score("null", [], []), score("outside", ["three_cycle"], [], unknown=True),
-         score("outside", ["three_cycle"], ["soft_iron"], unknown=True) | {"unknown_first": True}]
-    )  # fmt: skip
+        [
+            score("single", ["hard_iron"], ["hard_iron"], right=True),
+            score("single", ["hard_iron"], ["soft_iron"]),
+            score("null", [], []),
+            score("outside", ["three_cycle"], [], unknown=True),
+            score("outside", ["three_cycle"], ["soft_iron"], unknown=True)
+            | {"unknown_first": True},
+        ]
+    )
     assert truths == ["hard_iron", "three_cycle", "nothing"]
     assert told == ["hard_iron", "soft_iron", "unknown", "nothing"]
     assert counts.tolist() == [[1, 1, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]
@@ -273,10 +302,15 @@ def record(seconds=3000, noise=0.5, seed=0):
     east = 60.0 * np.sin(true) + 5.0
     north = 60.0 * np.cos(true) - 8.0
     return pd.DataFrame(
-        {"HDG": np.degrees(heading), "TRK": np.degrees(np.arctan2(east, north)) % 360,
-         "TAS": np.full(seconds, 60.0 / KNOT), "GndSpd": np.hypot(east, north) / KNOT,
-         "AltMSL": np.full(seconds, 3000.0) + np.arange(seconds) % 7, "Roll": np.zeros(seconds)}
-    )  # fmt: skip
+        {
+            "HDG": np.degrees(heading),
+            "TRK": np.degrees(np.arctan2(east, north)) % 360,
+            "TAS": np.full(seconds, 60.0 / KNOT),
+            "GndSpd": np.hypot(east, north) / KNOT,
+            "AltMSL": np.full(seconds, 3000.0) + np.arange(seconds) % 7,
+            "Roll": np.zeros(seconds),
+        }
+    )
 
 
 def test_what_a_record_leaves_is_its_noise_and_not_its_deviation():
@@ -320,9 +354,11 @@ def test_real_noise_comes_from_the_same_heading_and_repeats():
 
 def test_least_squares_finds_an_offset_it_is_given():
     frame = make_frame(
-        aircraft=4, days=8, model_error=0.5,
+        aircraft=4,
+        days=8,
+        model_error=0.5,
         heading_error=lambda c: np.where(c["aircraft"] == 1, np.radians(3.0), 0.0),
-    )  # fmt: skip
+    )
     assert baselines.least_squares_bic(frame)["names"][0] == "compass_offset"
     assert "compass_offset" not in baselines.least_squares_bic(frame, ["compass_offset"])["names"]
     tree = baselines.slice_tree(frame)
@@ -336,8 +372,11 @@ def test_the_classifier_needs_a_difference():
     white = rng.normal(0, 2, (2, frame.size))
     noise = replace(frame, u_rep=frame.u_ref + white[0], v_rep=frame.v_ref + white[1])
     shifted = replace(noise, u_rep=noise.u_rep + 1.5)
-    turned = replace(noise, u_rep=noise.u_rep + 1.5 * np.sin(frame.heading),
-                     v_rep=noise.v_rep + 1.5 * np.cos(frame.heading))  # fmt: skip
+    turned = replace(
+        noise,
+        u_rep=noise.u_rep + 1.5 * np.sin(frame.heading),
+        v_rep=noise.v_rep + 1.5 * np.cos(frame.heading),
+    )
     assert not baselines.classifier(noise)["detected"]
     assert baselines.classifier(turned)["area"] > baselines.classifier(noise)["area"] + 0.1
     assert baselines.classifier(shifted)["names"] == []
@@ -354,16 +393,30 @@ def test_gross_errors_close_what_they_add(tmp_path):
 
 def test_an_outside_case_takes_the_first_draw_that_no_name_explains(tmp_path):
     def one(part, component="across_heading"):
-        parameters = {"component": component, "parts": [part], "shape": part["shape"],
-                      "size_m_s": 1.5, "sign": 1.0}  # fmt: skip
+        parameters = {
+            "component": component,
+            "parts": [part],
+            "shape": part["shape"],
+            "size_m_s": 1.5,
+            "sign": 1.0,
+        }
         effect = {"name": "outside", "tails": None, "parameters": parameters, "period": None}
         return Drawn("outside", (effect,))
 
     always = {"variable": "airspeed", "shape": "hinge", "at": 0.0, "width": 0.1}
     cycle = {"variable": "magnetic_heading", "shape": "linear", "at": 0.3, "width": 0.1}
     saw = {"variable": "hour", "shape": "saw", "at": 0.1, "width": 0.26}
-    case = Case("case_1", 4, "outside", TINY, (one(cycle),), (1.5,), (), "saw",
-                (one(always, "along_heading"), one(saw)))  # fmt: skip
+    case = Case(
+        "case_1",
+        4,
+        "outside",
+        TINY,
+        (one(cycle),),
+        (1.5,),
+        (),
+        "saw",
+        (one(always, "along_heading"), one(saw)),
+    )
     label = Archivist(tmp_path).write(case)
     truth = label["outside"]
     assert truth["variables"] == ["hour"] and truth["named_share"] < 0.35

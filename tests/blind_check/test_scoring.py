@@ -34,25 +34,47 @@ from airswing.synthetic.sealed.sealing import digest_of, open_seal, seal
 
 def label(kind="single", effects=None, **changes):
     effects = (
-        [{"name": "hard_iron", "tails": ["N401", "N402"],
-          "parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0}, "period": None}]
-        if effects is None else effects
-    )  # fmt: skip
+        [
+            {
+                "name": "hard_iron",
+                "tails": ["N401", "N402"],
+                "parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0},
+                "period": None,
+            }
+        ]
+        if effects is None
+        else effects
+    )
     names = list(dict.fromkeys(effect["name"] for effect in effects))
     return {
-        "name": "case_001", "rung": 1, "kind": kind, "variant": "plain", "outside": None,
-        "world": "default", "size": 0.8,
-        "sizes": [0.8] * len(names), "focus": names, "names": names, "effects": effects,
-        "without": [], "background": [], "closure": {"before": 7.0, "after": 6.5},
-    } | changes  # fmt: skip
+        "name": "case_001",
+        "rung": 1,
+        "kind": kind,
+        "variant": "plain",
+        "outside": None,
+        "world": "default",
+        "size": 0.8,
+        "sizes": [0.8] * len(names),
+        "focus": names,
+        "names": names,
+        "effects": effects,
+        "without": [],
+        "background": [],
+        "closure": {"before": 7.0, "after": 6.5},
+    } | changes
 
 
 def claim(name="hard_iron", **changes):
     return {
-        "name": name, "probability": 0.99, "tails": ["N401", "N402"],
-        "parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0}, "standard_errors": {},
-        "period": None, "ambiguous_with": [], "share_of_gap": 0.9,
-    } | changes  # fmt: skip
+        "name": name,
+        "probability": 0.99,
+        "tails": ["N401", "N402"],
+        "parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0},
+        "standard_errors": {},
+        "period": None,
+        "ambiguous_with": [],
+        "share_of_gap": 0.9,
+    } | changes
 
 
 def gap(*claims, unknown=None, closure=None):
@@ -62,9 +84,14 @@ def gap(*claims, unknown=None, closure=None):
         "effects": list(claims),
         "unknown": {"present": bool(unknown), "where": unknown or []},
         "closure": closure
-        or {"before": 7.0, "after": 6.5, "ci": [6.4, 6.6], "fraction_of_excess": 1.0,
-            "held_out": True},
-    }  # fmt: skip
+        or {
+            "before": 7.0,
+            "after": 6.5,
+            "ci": [6.4, 6.6],
+            "fraction_of_excess": 1.0,
+            "held_out": True,
+        },
+    }
 
 
 def test_a_perfect_diagnosis():
@@ -164,17 +191,30 @@ FLEET = ["N401", "N402", "N403", "N404"]
 
 
 def outside(tails=("N401",), variables=("hour",), **changes):
-    effect = {"name": "outside", "tails": list(tails) if tails else None, "period": None,
-              "parameters": {"component": "across_heading"}}  # fmt: skip
-    truth = {"variables": list(variables), "component": "across_heading", "shape": "bump",
-             "carried": {"hour": 0.9, "longitude": 0.8, "bank": 0.1}}  # fmt: skip
+    effect = {
+        "name": "outside",
+        "tails": list(tails) if tails else None,
+        "period": None,
+        "parameters": {"component": "across_heading"},
+    }
+    truth = {
+        "variables": list(variables),
+        "component": "across_heading",
+        "shape": "bump",
+        "carried": {"hour": 0.9, "longitude": 0.8, "bank": 0.1},
+    }
     return label("outside", effects=[effect], outside=truth | changes)
 
 
 def place(variable="hour", tails=("N401",), reduction=None, ci=None, **changes):
     closure = {} if reduction is None else {"reduction": reduction, "reduction_ci": ci}
-    return {"variable": variable, "variables": [variable], "tails": list(tails),
-            "closure": closure, "probability": 0.97} | changes  # fmt: skip
+    return {
+        "variable": variable,
+        "variables": [variable],
+        "tails": list(tails),
+        "closure": closure,
+        "probability": 0.97,
+    } | changes
 
 
 def quiet(*claims, places):
@@ -224,8 +264,10 @@ def test_the_place_that_closes_most_names_the_variable_first():
 def test_a_variable_that_carries_nearly_as_much_is_near_and_other_names_are_the_same():
     near = scored(outside(), quiet(places=[place("longitude")]))
     assert not near["variable_first"] and near["variable_near"]  # 0.8 of 0.9 it carries
-    level = scored(outside(variables=["altitude"], carried={"altitude": 1.0}),
-                   quiet(places=[place("pressure")]))  # fmt: skip
+    level = scored(
+        outside(variables=["altitude"], carried={"altitude": 1.0}),
+        quiet(places=[place("pressure")]),
+    )
     assert level["variable_first"]
 
 
@@ -266,8 +308,9 @@ def test_stated_probabilities_in_bins_by_hand():
     claims = [["name", 0.97, True]] * 18 + [["name", 0.97, False]] * 2 + [["unknown", 0.6, True]]
     rows = reliability_rows(claims)
     assert [(row["low"], row["claims"], row["right"]) for row in rows] == [
-        (0.5, 1, 1.0), (0.95, 20, 0.9),
-    ]  # fmt: skip
+        (0.5, 1, 1.0),
+        (0.95, 20, 0.9),
+    ]
     gap_, number = worst_gap(claims)
     assert gap_ == pytest.approx(0.07) and number == 20  # the bin of one claim is not judged
     assert worst_gap(claims[:19]) == (None, 0)
@@ -279,8 +322,10 @@ def test_claims_of_the_background_and_of_hard_worlds_are_not_judged():
     truth = label(background=["outliers"], world="hard")
     assert stated_claims(truth, found, ["hard_iron"]) == [["name", 0.99, True]]
     assert stated_claims(label(), found, ["hard_iron"]) == [
-        ["name", 0.99, True], ["name", 0.99, False], ["unknown", 0.97, False],
-    ]  # fmt: skip
+        ["name", 0.99, True],
+        ["name", 0.99, False],
+        ["unknown", 0.97, False],
+    ]
 
 
 def test_a_removed_effect_has_no_right_name():
@@ -314,8 +359,15 @@ def test_summary_and_targets_by_hand():
 
 def test_baselines_stand_beside_ours_on_the_same_cases():
     ours = [score_case(label(), gap(claim()))]
-    theirs = [{"kind": "single", "size": 0.8, "detected": True, "first_right": False,
-               "false_names": ["tas_scale"]}]  # fmt: skip
+    theirs = [
+        {
+            "kind": "single",
+            "size": 0.8,
+            "detected": True,
+            "first_right": False,
+            "false_names": ["tas_scale"],
+        }
+    ]
     rows = baseline_rows(ours, {"least squares": theirs})
     assert [row["first_right"] for row in rows] == [1.0, 0.0]
     assert [row["extra_names"] for row in rows] == [0.0, 1.0]

@@ -9,8 +9,9 @@ from airswing.blind_check import check_run as blind_run
 def test_a_short_check_by_the_public_command(tmp_path, monkeypatch):
     short = Size(days=15, aircraft=6, sizes=(1.6,), coarse=True)
     monkeypatch.setattr(Size, "fast", classmethod(lambda cls: short))
-    plan = Plan(5, 2, True, rungs=(1,),
-                names=("compass_offset", "hard_iron", "tas_scale", "compass_step"))  # fmt: skip
+    plan = Plan(
+        5, 2, True, rungs=(1,), names=("compass_offset", "hard_iron", "tas_scale", "compass_step")
+    )
     check = gap_check(tmp_path, plan, baselines=False, diagnoser=blind_run.run_public_command)
     assert check.failures == {}
     nulls = [s for s in check.scores if s["kind"] == "null"]

@@ -58,8 +58,16 @@ def test_standard_error_is_the_quadratic_form_of_each_report_s_own_aircraft():
     covariance, own = root @ root.transpose(0, 2, 1), np.array([0, 0, 2, 2, 1, 0])
     heading, gain = rng.uniform(0, 360, own.size), rng.uniform(0.5, 2, own.size)
     angle = np.radians(heading)
-    slope = np.stack([angle**0, gain * np.sin(angle), gain * np.cos(angle), np.sin(2 * angle),
-                      np.cos(2 * angle)], axis=1)  # fmt: skip
+    slope = np.stack(
+        [
+            angle**0,
+            gain * np.sin(angle),
+            gain * np.cos(angle),
+            np.sin(2 * angle),
+            np.cos(2 * angle),
+        ],
+        axis=1,
+    )
     expected = [np.sqrt(row @ covariance[k] @ row) for row, k in zip(slope, own, strict=True)]
     assert curve_standard_error(covariance[own], heading, gain) == pytest.approx(expected)
     assert _error_of_each(covariance, own, heading, gain) == pytest.approx(expected)

@@ -75,10 +75,13 @@ def twins(tmp_path_factory):
     """Reports of six compasses off by five to seven degrees, corrected, and as they should be."""
     rng = np.random.default_rng(5)
     effects = [
-        {"name": "hard_iron", "tails": [f"N{401 + k}"],
-         "parameters": {"amplitude_deg": rng.uniform(5, 7), "phase_deg": rng.uniform(0, 360)}}
+        {
+            "name": "hard_iron",
+            "tails": [f"N{401 + k}"],
+            "parameters": {"amplitude_deg": rng.uniform(5, 7), "phase_deg": rng.uniform(0, 360)},
+        }
         for k in range(6)
-    ]  # fmt: skip
+    ]
     with_effect, right = (simulate_arrays(effects=e, **ARCHIVE) for e in (effects, []))
     folder = tmp_path_factory.mktemp("twins")
     write_reports(folder, with_effect)
@@ -90,10 +93,11 @@ def twins(tmp_path_factory):
     row = np.array([place[key] for key in zip(tails, reports["time"].to_numpy(), strict=True)])
     model = {
         f"reference_{side}_wind": (
-            ("reference", "report"), with_effect[f"{name}_ruc"].to_numpy()[None, row]
+            ("reference", "report"),
+            with_effect[f"{name}_ruc"].to_numpy()[None, row],
         )
         for side, name in (("eastward", "u"), ("northward", "v"))
-    }  # fmt: skip
+    }
     winds = xr.Dataset(model, coords={"reference": ["ruc"]})
     headings = screen(derive_headings(reports, winds))
     fits = add_tables(fit_deviation(headings), headings)

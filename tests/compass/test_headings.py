@@ -110,10 +110,14 @@ def flown(
         attrs={"reading_audit": "{}"},
     ).assign_attrs(
         truth={
-            "heading": heading, "error": true_error, "unit_heading": unit_heading,
-            "unit_airspeed": unit_airspeed, "track": np.degrees(track), "airspeed": airspeed,
+            "heading": heading,
+            "error": true_error,
+            "unit_heading": unit_heading,
+            "unit_airspeed": unit_airspeed,
+            "track": np.degrees(track),
+            "airspeed": airspeed,
         }
-    )  # fmt: skip
+    )
 
 
 def model(reports: xr.Dataset, *, noise: float = 0.0, names: tuple[str, ...] = ("ruc",)) -> Any:

@@ -52,8 +52,9 @@ def made(*changes: dict[str, Any], row_size: tuple[int, ...] | None = None) -> x
     sizes = row_size or (len(reports),)
     columns["row_size"] = ("aircraft", np.array(sizes))
     columns["heading_error"] = (
-        ("reference", "report"), columns["reference_eastward_wind"][1] * 0.1
-    )  # fmt: skip
+        ("reference", "report"),
+        columns["reference_eastward_wind"][1] * 0.1,
+    )
     names = [f"N{i}" for i in range(len(sizes))]
     return xr.Dataset(columns, coords={"reference": ["ruc", "rtfdaa"], "aircraft": names})
 
@@ -125,8 +126,12 @@ def test_limits_are_limits() -> None:
 
 
 def test_no_ground_vector_breaks_no_other_rule() -> None:
-    nothing = {"ground_speed": np.nan, "ground_velocity_error": np.nan, "airspeed": np.nan,
-               "turn": np.nan}  # fmt: skip
+    nothing = {
+        "ground_speed": np.nan,
+        "ground_velocity_error": np.nan,
+        "airspeed": np.nan,
+        "turn": np.nan,
+    }
     assert bits(made(nothing)) == [SCREENING["no_ground_vector"]]
 
 
@@ -145,8 +150,11 @@ def test_gross_errors_only() -> None:
     assert bits(made({"reference_northward_wind": (np.nan, -4.0)})) == [0]
     assert bits(made({"airspeed": 10.0}, {"airspeed": 500.0})) == [SCREENING["gross_error"]] * 2
     # a compass 12 degrees off on a jet at 230 m/s: 48 m/s, and yet no gross error
-    jet = {"airspeed": 230.0, "reference_eastward_wind": (58.0, 58.0),
-           "reference_northward_wind": (-4.0, -4.0)}  # fmt: skip
+    jet = {
+        "airspeed": 230.0,
+        "reference_eastward_wind": (58.0, 58.0),
+        "reference_northward_wind": (-4.0, -4.0),
+    }
     assert bits(made(jet)) == [0]
     assert bits(made({**jet, "airspeed": 100.0})) == [SCREENING["gross_error"]]
 
@@ -160,12 +168,14 @@ def test_large_deviations_are_not_screened_away() -> None:
     across = 120.0 * np.radians(error)
     ds = made(*[{}] * size).assign(
         reference_eastward_wind=(
-            ("reference", "report"), np.tile(10.0 + across * np.cos(heading), (2, 1))
+            ("reference", "report"),
+            np.tile(10.0 + across * np.cos(heading), (2, 1)),
         ),
         reference_northward_wind=(
-            ("reference", "report"), np.tile(-4.0 - across * np.sin(heading), (2, 1))
+            ("reference", "report"),
+            np.tile(-4.0 - across * np.sin(heading), (2, 1)),
         ),
-    )  # fmt: skip
+    )
     use = kept(screen(ds)).values
     slope = np.sum(error[use] * np.sin(heading[use])) / np.sum(np.sin(heading[use]) ** 2)
     assert use.mean() > 0.999
@@ -174,10 +184,14 @@ def test_large_deviations_are_not_screened_away() -> None:
 
 def test_the_account() -> None:
     ds = made(
-        {}, WORST["turn"], {**WORST["turn"], **WORST["roll"]}, {},
-        WORST["phase"], {**WORST["phase"], **WORST["roll"]},
+        {},
+        WORST["turn"],
+        {**WORST["turn"], **WORST["roll"]},
+        {},
+        WORST["phase"],
+        {**WORST["phase"], **WORST["roll"]},
         row_size=(4, 2),
-    )  # fmt: skip
+    )
     found = audit(screen(ds))
     assert found.together.sel(rule="turn").values.tolist() == [2, 0]
     assert found.alone.sel(rule="turn").values.tolist() == [1, 0]
@@ -200,8 +214,9 @@ def test_the_account_adds_up(rules: list[str | None], cut: int) -> None:
     assert int(found.kept_total + found.alone_total.sum()) == len(rules)
     for rule in SCREENING:
         assert found.alone.sel(rule=rule).values.tolist() == [
-            rules[:cut].count(rule), rules[cut:].count(rule)
-        ]  # fmt: skip
+            rules[:cut].count(rule),
+            rules[cut:].count(rule),
+        ]
 
 
 def test_dask_stays_lazy() -> None:

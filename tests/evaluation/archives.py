@@ -110,8 +110,9 @@ def references(
     ds, _ = fleet(seed, setting, amplitude=4.0)
     day = day_number(ds)
     for k, name in enumerate(ds["reference"].to_numpy()):
-        own = persistent_error(seed + 1000 * (k + 1), setting.days, size=size,
-                               persistence=persistence)  # fmt: skip
+        own = persistent_error(
+            seed + 1000 * (k + 1), setting.days, size=size, persistence=persistence
+        )
         west = ds["longitude"].to_numpy() < -88.0
         bias = (regional or {}).get(str(name), 0.0)
         ds = moved(ds, str(name), own[day, 0] + bias * west, own[day, 1])

@@ -79,9 +79,13 @@ def test_a_correction_that_mends_everything_leaves_nothing(profiles):
 
 def test_unusable_reports_and_weak_winds_are_left_out():
     headings, corrected = archive(
-        [13.0, 99.0], [0.0, 0.0], pressure=[650, 650], phase=[CRUISE, CRUISE], flight=[0, 1],
+        [13.0, 99.0],
+        [0.0, 0.0],
+        pressure=[650, 650],
+        phase=[CRUISE, CRUISE],
+        flight=[0, 1],
         screening=np.array([SCREENING["phase"], SCREENING["gross_error"]]),
-    )  # fmt: skip
+    )
     headings["reference_eastward_wind"][:] = 4.0
     found = error_profiles(headings, corrected, pools={"rr": ["rr"]}).sel(state="reported")
     assert int(found["profile_count"].sum()) == 1
@@ -109,9 +113,12 @@ def test_the_standard_error_holds_its_size_when_flights_share_errors():
 def test_disagreement_by_hand():
     """Heading east: a northerly error of 3 is across, an easterly one of 4 along."""
     found = disagreement(
-        np.array([10.0, 14.0]), np.array([3.0, 0.0]), np.array([10.0, 10.0]), np.zeros(2),
+        np.array([10.0, 14.0]),
+        np.array([3.0, 0.0]),
+        np.array([10.0, 10.0]),
+        np.zeros(2),
         np.full(2, np.pi / 2),
-    )  # fmt: skip
+    )
     assert found["reports"] == 2
     assert found["mean_vector"] == pytest.approx(3.5)
     assert found["vector_rms"] == pytest.approx(np.sqrt(12.5))

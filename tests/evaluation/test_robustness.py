@@ -29,8 +29,11 @@ def test_the_worst_of_the_first_half_fall_by_themselves():
     assert regression["spurious_reduction_kt"] == pytest.approx(3.5)
     assert regression["rule"].startswith("the 2 aircraft")
     assert found["by_aircraft"][1] == {
-        "aircraft": "b", "group": "corrected", "before_kt": 7.0, "during_kt": 5.0,
-    }  # fmt: skip
+        "aircraft": "b",
+        "group": "corrected",
+        "before_kt": 7.0,
+        "during_kt": 5.0,
+    }
 
 
 def test_too_few_aircraft_to_choose_from_is_said():

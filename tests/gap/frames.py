@@ -29,15 +29,13 @@ def derivative(name, time, latitude, longitude, lnp):
     """Central difference of the analytic field along one argument."""
     steps = {"t": 30.0, "x": 1.0e-3, "y": 1.0e-3, "p": 1.0e-4}
     h = steps[name]
-    shift = {
-        "t": (h, 0, 0, 0), "x": (0, 0, h, 0), "y": (0, h, 0, 0), "p": (0, 0, 0, h)
-    }[name]  # fmt: skip
+    shift = {"t": (h, 0, 0, 0), "x": (0, 0, h, 0), "y": (0, h, 0, 0), "p": (0, 0, 0, h)}[name]
     place = (time, latitude, longitude, lnp)
     after = wind(*(a + b for a, b in zip(place, shift, strict=True)))
     before = wind(*(a - b for a, b in zip(place, shift, strict=True)))
-    metres = {
-        "x": METRES_PER_DEGREE * np.cos(np.radians(40.0)), "y": METRES_PER_DEGREE
-    }.get(name, 1.0)  # fmt: skip
+    metres = {"x": METRES_PER_DEGREE * np.cos(np.radians(40.0)), "y": METRES_PER_DEGREE}.get(
+        name, 1.0
+    )
     return tuple((b - a) / (2.0 * h * metres) for a, b in zip(before, after, strict=True))
 
 

@@ -167,9 +167,11 @@ def test_errors_of_amplitude_and_phase_match_a_sample_of_fits():
 def test_one_degree_at_250_knots_is_4_36_knots_across(perfect):
     north = replace(
         perfect.take(slice(0, 1)),
-        u_ref=np.zeros(1), v_ref=np.zeros(1),
-        ground_u=np.zeros(1), ground_v=np.array([250.0 * KNOT]),
-    )  # fmt: skip
+        u_ref=np.zeros(1),
+        v_ref=np.zeros(1),
+        ground_u=np.zeros(1),
+        ground_v=np.array([250.0 * KNOT]),
+    )
     ((across, along),) = difference(north, "compass_offset", {"offset_deg": 1.0}) / KNOT
     # indicated 1 degree right of north: the air seems to go east, so the wind to blow west
     assert across == pytest.approx(-4.363, abs=1e-3)
@@ -188,8 +190,9 @@ def test_hard_iron_grows_as_the_field_weakens(perfect, field, degrees):
     values = {"amplitude_deg": 3.0, "phase_deg": 0.0, "at_horizontal_field_nT": 19369.0}
     east = replace(
         perfect.take(slice(0, 1)),
-        magnetic_heading=np.array([np.pi / 2]), horizontal_field=np.array([field]),
-    )  # fmt: skip
+        magnetic_heading=np.array([np.pi / 2]),
+        horizontal_field=np.array([field]),
+    )
     error = effect.from_parameters(values, east) @ effect.basis(east)
     assert np.degrees(error[0]) == pytest.approx(degrees, abs=1e-3)
 
@@ -456,8 +459,9 @@ def test_outliers_are_as_many_and_as_large_as_said(perfect):
 
 @pytest.mark.parametrize("name", ["compass_offset", "hard_iron", "soft_iron", "tas_scale"])
 def test_one_heading_tests_no_sensor(perfect, name):
-    same = replace(perfect, heading=0.0 * perfect.heading + 1.0,
-                   magnetic_heading=0.0 * perfect.heading + 1.05)  # fmt: skip
+    same = replace(
+        perfect, heading=0.0 * perfect.heading + 1.0, magnetic_heading=0.0 * perfect.heading + 1.05
+    )
     assert CATALOGUE[name].testable(same) == "all reports on one heading"
     assert CATALOGUE[name].testable(perfect) is None
 
@@ -588,12 +592,20 @@ def test_declination_pattern_of_a_report_does_not_depend_on_the_others(perfect):
             "heading error that changes at a date: a constant part of 1.5 degrees",
         ),
         ("time_lag", {"offset_s": -30.0}, None, "wind younger than position and time by 30 s"),
-        ("outliers", {"fraction": 0.02}, {"fraction": 0.001},
-         "gross errors in 2 ± 0.1 percent of the reports"),
+        (
+            "outliers",
+            {"fraction": 0.02},
+            {"fraction": 0.001},
+            "gross errors in 2 ± 0.1 percent of the reports",
+        ),
         ("wind_coding", {"step": 5.0}, None, "wind speed coded in steps of 5 kt"),
-        ("declination_error", {"mean_deg": 1.5}, None,
-         "magnetic variation in use is out of date, a mean heading error of 1.5 degrees"),
+        (
+            "declination_error",
+            {"mean_deg": 1.5},
+            None,
+            "magnetic variation in use is out of date, a mean heading error of 1.5 degrees",
+        ),
     ],
-)  # fmt: skip
+)
 def test_wording(name, values, errors, sentence):
     assert CATALOGUE[name].wording(values, errors) == sentence

@@ -50,8 +50,11 @@ def model(reports):
     """Analytic field as collocated winds."""
     seconds = reports.time.values.astype("datetime64[ns]").astype(np.int64) / 1e9
     place = (
-        seconds, reports.latitude.values, reports.longitude.values, np.log(reports.pressure.values)
-    )  # fmt: skip
+        seconds,
+        reports.latitude.values,
+        reports.longitude.values,
+        np.log(reports.pressure.values),
+    )
     u, v = frames.wind(*place)
     pair = ("reference", "report")
     return xr.Dataset(

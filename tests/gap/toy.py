@@ -16,20 +16,39 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.noise.model import NoiseFit, fit_noise, flown
 
 AIRPORTS = np.array(
-    [[41.98, -87.9], [44.88, -93.2], [42.2, -83.4], [39.0, -84.7], [35.0, -90.0], [38.7, -90.4],
-     [43.0, -76.1], [46.8, -92.2], [40.7, -74.2], [36.1, -86.7], [32.9, -97.0], [47.5, -100.0]]
-)  # fmt: skip
+    [
+        [41.98, -87.9],
+        [44.88, -93.2],
+        [42.2, -83.4],
+        [39.0, -84.7],
+        [35.0, -90.0],
+        [38.7, -90.4],
+        [43.0, -76.1],
+        [46.8, -92.2],
+        [40.7, -74.2],
+        [36.1, -86.7],
+        [32.9, -97.0],
+        [47.5, -100.0],
+    ]
+)
 
 
 class Waves:
     """Sum of plane waves in x, y (km), ln p and time (h)."""
 
-    def __init__(self, rng: np.random.Generator, *, sd: float, length: float, hours: float,
-                 count: int = 60) -> None:  # fmt: skip
+    def __init__(
+        self, rng: np.random.Generator, *, sd: float, length: float, hours: float, count: int = 60
+    ) -> None:
         k = 2 * np.pi / (length * np.exp(rng.normal(0, 0.5, count)))
         angle = rng.uniform(0, 2 * np.pi, count)
-        self.k = np.stack([k * np.cos(angle), k * np.sin(angle), rng.normal(0, 1.5, count),
-                           rng.normal(0, 2 * np.pi / hours / 2, count)])  # fmt: skip
+        self.k = np.stack(
+            [
+                k * np.cos(angle),
+                k * np.sin(angle),
+                rng.normal(0, 1.5, count),
+                rng.normal(0, 2 * np.pi / hours / 2, count),
+            ]
+        )
         self.phase = rng.uniform(0, 2 * np.pi, (2, count))
         self.size = sd * np.sqrt(2 / count)
 
@@ -54,9 +73,14 @@ def make_frame(
     context = _paths(rng, aircraft, days)
     n = context["time"].size
     points = np.stack(
-        [(context["longitude"] + 90) * 85, (context["latitude"] - 40) * 111,
-         np.log(context["pressure"] / 5e4), context["time"] / 3600], -1
-    )  # fmt: skip
+        [
+            (context["longitude"] + 90) * 85,
+            (context["latitude"] - 40) * 111,
+            np.log(context["pressure"] / 5e4),
+            context["time"] / 3600,
+        ],
+        -1,
+    )
     height = 1 - np.log(context["pressure"] / 9e4)
     wind = Waves(rng, sd=6.0, length=2500, hours=60)(points) * height[:, None]
     wind[:, 0] += 9 * height
@@ -71,10 +95,14 @@ def make_frame(
     heading = course - np.arcsin(np.clip(across / airspeed, -0.7, 0.7))
     ground = airspeed[:, None] * np.stack([np.sin(heading), np.cos(heading)], -1) + true
     declination = np.radians(-(context["longitude"] + 92) * 0.5)
-    context |= {"heading": heading, "airspeed": airspeed, "declination": declination,
-                "magnetic_heading": heading - declination,
-                "horizontal_field": 19000 + 350 * (40 - context["latitude"]),
-                "wind": wind}  # fmt: skip
+    context |= {
+        "heading": heading,
+        "airspeed": airspeed,
+        "declination": declination,
+        "magnetic_heading": heading - declination,
+        "horizontal_field": 19000 + 350 * (40 - context["latitude"]),
+        "wind": wind,
+    }
     if heading_error is not None:
         indicated = heading.copy()
         for _ in range(6):
@@ -116,15 +144,19 @@ def _paths(rng: np.random.Generator, aircraft: int, days: int) -> dict[str, Any]
                     climb = np.minimum(np.minimum(steps, minutes - steps) / 18, 1)
                     top = 0.45 + 0.1 * rng.random()
                     phase = np.where(steps < 18, 1, np.where(steps > minutes - 18, 3, 2))
-                    pieces.append({
-                        "aircraft": np.full(steps.size, a), "flight": np.full(steps.size, flight),
-                        "time": clock + steps * 60,
-                        "latitude": start[0] + share * (stop - start)[0],
-                        "longitude": start[1] + share * (stop - start)[1],
-                        "pressure": 9.5e4 * (1 - (1 - top) * climb), "phase": phase,
-                        "course": np.full(steps.size, np.arctan2(east, north))
-                        + 0.08 * rng.normal(size=steps.size),
-                    })  # fmt: skip
+                    pieces.append(
+                        {
+                            "aircraft": np.full(steps.size, a),
+                            "flight": np.full(steps.size, flight),
+                            "time": clock + steps * 60,
+                            "latitude": start[0] + share * (stop - start)[0],
+                            "longitude": start[1] + share * (stop - start)[1],
+                            "pressure": 9.5e4 * (1 - (1 - top) * climb),
+                            "phase": phase,
+                            "course": np.full(steps.size, np.arctan2(east, north))
+                            + 0.08 * rng.normal(size=steps.size),
+                        }
+                    )
                     clock += (minutes + 25) * 60
     joined = {k: np.concatenate([p[k] for p in pieces]) for k in pieces[0]}
     order = np.lexsort((joined["time"], joined["aircraft"]))
@@ -132,9 +164,13 @@ def _paths(rng: np.random.Generator, aircraft: int, days: int) -> dict[str, Any]
 
 
 def _frame(
-    context: dict[str, Any], reported: np.ndarray, ground: np.ndarray, wind: np.ndarray,
-    aircraft: int, points: np.ndarray,
-) -> Frame:  # fmt: skip
+    context: dict[str, Any],
+    reported: np.ndarray,
+    ground: np.ndarray,
+    wind: np.ndarray,
+    aircraft: int,
+    points: np.ndarray,
+) -> Frame:
     n = reported.shape[0]
     air = ground - reported
     heading = np.arctan2(air[:, 0], air[:, 1])
@@ -144,25 +180,55 @@ def _frame(
     acceleration = np.where(phase == 1, 0.15, np.where(phase == 3, -0.15, 0)) + rng.normal(
         0, 0.03, n
     )
-    smooth = {name: rng.normal(0, s, n) for name, s in (("dudt", 2e-4), ("dvdt", 2e-4),
-              ("dudx", 2e-5), ("dvdx", 2e-5), ("dudy", 2e-5), ("dvdy", 2e-5))}  # fmt: skip
+    smooth = {
+        name: rng.normal(0, s, n)
+        for name, s in (
+            ("dudt", 2e-4),
+            ("dvdt", 2e-4),
+            ("dudx", 2e-5),
+            ("dvdx", 2e-5),
+            ("dudy", 2e-5),
+            ("dvdy", 2e-5),
+        )
+    }
     per_aircraft = np.full(aircraft, np.nan)
     return Frame(
-        tails=tuple(f"N{400 + a}" for a in range(aircraft)), epoch=float(context["time"].min()),
-        reference_field=float(np.median(context["horizontal_field"])), report=np.arange(n),
-        aircraft=context["aircraft"], flight=context["flight"], time=context["time"],
-        latitude=context["latitude"], longitude=context["longitude"], pressure=context["pressure"],
-        u_rep=reported[:, 0], v_rep=reported[:, 1], u_ref=wind[:, 0], v_ref=wind[:, 1],
-        heading=heading, magnetic_heading=heading - context["declination"],
-        airspeed=np.hypot(*air.T), ground_u=ground[:, 0], ground_v=ground[:, 1],
-        heading_error=zeros, declination=context["declination"], dip=zeros + 1.2,
-        horizontal_field=context["horizontal_field"], acceleration=acceleration,
+        tails=tuple(f"N{400 + a}" for a in range(aircraft)),
+        epoch=float(context["time"].min()),
+        reference_field=float(np.median(context["horizontal_field"])),
+        report=np.arange(n),
+        aircraft=context["aircraft"],
+        flight=context["flight"],
+        time=context["time"],
+        latitude=context["latitude"],
+        longitude=context["longitude"],
+        pressure=context["pressure"],
+        u_rep=reported[:, 0],
+        v_rep=reported[:, 1],
+        u_ref=wind[:, 0],
+        v_ref=wind[:, 1],
+        heading=heading,
+        magnetic_heading=heading - context["declination"],
+        airspeed=np.hypot(*air.T),
+        ground_u=ground[:, 0],
+        ground_v=ground[:, 1],
+        heading_error=zeros,
+        declination=context["declination"],
+        dip=zeros + 1.2,
+        horizontal_field=context["horizontal_field"],
+        acceleration=acceleration,
         bank=rng.normal(0, 0.05, n),
         climb_rate=np.where(phase == 1, 5.0, np.where(phase == 3, -5.0, 0)),
         temperature=288 - 50 * np.log(9.5e4 / context["pressure"]) + rng.normal(0, 4, n),
-        phase=phase, icing=(rng.random(n) < 0.15).astype(np.int64), **smooth,
-        dudlnp=-wind[:, 0], dvdlnp=-wind[:, 1],
-        grid_convergence=np.radians((context["longitude"] + 95) * 0.42), lead_time=zeros + 1,
-        position_resolution=per_aircraft, time_resolution=per_aircraft,
-        wind_speed_resolution=per_aircraft, wind_direction_resolution=per_aircraft,
-    )  # fmt: skip
+        phase=phase,
+        icing=(rng.random(n) < 0.15).astype(np.int64),
+        **smooth,
+        dudlnp=-wind[:, 0],
+        dvdlnp=-wind[:, 1],
+        grid_convergence=np.radians((context["longitude"] + 95) * 0.42),
+        lead_time=zeros + 1,
+        position_resolution=per_aircraft,
+        time_resolution=per_aircraft,
+        wind_speed_resolution=per_aircraft,
+        wind_direction_resolution=per_aircraft,
+    )

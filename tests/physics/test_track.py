@@ -84,9 +84,11 @@ def test_a_turn_its_sign_and_its_bank() -> None:
     angle = rate * np.arange(9) * 30.0
     east, north = speed / rate * (1 - np.cos(angle)), speed / rate * np.sin(angle)
     lon, lat, _ = GEOD.fwd(
-        np.full(9, -90.0), np.full(9, 40.0),
-        np.degrees(np.arctan2(east, north)), np.hypot(east, north),
-    )  # fmt: skip
+        np.full(9, -90.0),
+        np.full(9, 40.0),
+        np.degrees(np.arctan2(east, north)),
+        np.hypot(east, north),
+    )
     found = tracked(np.asarray(lat), np.asarray(lon), np.arange(9) * 30.0)
     inner = slice(1, -1)
     np.testing.assert_allclose(np.degrees(found.turn[inner]), 3.0, atol=0.01)
@@ -236,8 +238,10 @@ def test_stated_errors_are_the_found_ones_and_widening_pays(
     density = 0.011
     arguments, east, north = rounded_flights(leg, position=position, tick=tick, density=density)
     options = {
-        "position_resolution": position, "time_resolution": tick, "acceleration_density": density
-    }  # fmt: skip
+        "position_resolution": position,
+        "time_resolution": tick,
+        "acceleration_density": density,
+    }
     wide = ground_track(**arguments, **options)
     plain = ground_track(**arguments, **options, widen=False)
     centred = (wide.before > 0) & (wide.after > 0)

@@ -114,8 +114,9 @@ def torn(path: Path, share: float) -> None:
         (["headings.nc", ".collocated/reports/*.json"], "not whole"),
     ],
 )
-def test_files_torn_by_a_loss_of_power_are_said_and_made_again(again, names, said, share, caplog,
-                                                               capsys):  # fmt: skip
+def test_files_torn_by_a_loss_of_power_are_said_and_made_again(
+    again, names, said, share, caplog, capsys
+):
     config, truth, count = again
     output = shutil.copytree(truth, config.parent / "results")
     for name in names:

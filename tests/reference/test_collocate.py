@@ -35,9 +35,15 @@ def hourly(folder: Path, hours=(0, 1, 2, 3), *, levels=(300, 500, 700)) -> Catal
             value = 10.0 * hour + np.log(level * 100.0)
             for name, sign in (("u", 1), ("v", -1)):
                 messages.append(
-                    build(LATLON, np.full(SIZE, sign * value) + 1e-3 * np.arange(SIZE),
-                          parameter=name, level=level, when=(20090801, 100 * hour), bits=32)
-                )  # fmt: skip
+                    build(
+                        LATLON,
+                        np.full(SIZE, sign * value) + 1e-3 * np.arange(SIZE),
+                        parameter=name,
+                        level=level,
+                        when=(20090801, 100 * hour),
+                        bits=32,
+                    )
+                )
         write(folder / f"h{hour:02d}.grib", *messages)
     return build_catalogue(str(folder / "h*.grib"), name="m", cache_dir=folder / "cache")
 
@@ -53,9 +59,11 @@ def reports(hours, pressure=50000.0, latitude=50.0, longitude=20.0) -> xr.Datase
 def random_reports(count: int, first=-0.5, last=3.5, seed=4) -> xr.Dataset:
     rng = np.random.default_rng(seed)
     return reports(
-        rng.uniform(first, last, count), rng.uniform(28000, 72000, count),
-        rng.uniform(39, 61, count), rng.uniform(4, 36, count),
-    )  # fmt: skip
+        rng.uniform(first, last, count),
+        rng.uniform(28000, 72000, count),
+        rng.uniform(39, 61, count),
+        rng.uniform(4, 36, count),
+    )
 
 
 def winds(ds: xr.Dataset, catalogue: Catalogue, **options) -> xr.Dataset:
@@ -91,10 +99,13 @@ def test_gaps_longer_than_the_limit_are_not_bridged(tmp_path: Path) -> None:
 
 def test_lead_times_are_weighted_like_the_winds(tmp_path: Path) -> None:
     for step in (1, 3):
-        write(tmp_path / f"f{step}.grib", *[
-            build(LATLON, np.full(SIZE, 1.0), parameter=name, when=(20090801, 0), step=step)
-            for name in "uv"
-        ])  # fmt: skip
+        write(
+            tmp_path / f"f{step}.grib",
+            *[
+                build(LATLON, np.full(SIZE, 1.0), parameter=name, when=(20090801, 0), step=step)
+                for name in "uv"
+            ],
+        )
     catalogue = build_catalogue(str(tmp_path / "f*.grib"), name="m", cache_dir=tmp_path / "c")
     got = winds(reports([1.0, 1.5, 3.0]), catalogue)
     np.testing.assert_allclose(got.lead_time[0], [1.0, 1.5, 3.0])
@@ -127,10 +138,11 @@ def test_every_scheduler_gives_the_same_bits(tmp_path: Path) -> None:
     assert lazy.compute(scheduler="threads").identical(expected)
     assert lazy.compute(scheduler="processes", num_workers=2).identical(expected)
     with (
-        LocalCluster(n_workers=1, threads_per_worker=2, processes=False,
-                     dashboard_address=None) as cluster,
+        LocalCluster(
+            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+        ) as cluster,
         Client(cluster),
-    ):  # fmt: skip
+    ):
         assert lazy.compute().identical(expected)
 
 
@@ -157,11 +169,14 @@ def test_sparse_and_whole_decoding_agree(real: Callable[[str], Path], tmp_path: 
     time = np.datetime64("2005-08-07", "ns") + rng.uniform(0, 24 * 3600e9, 500).astype(
         "timedelta64[ns]"
     )
-    ds = xr.Dataset({
-        "time": ("report", time), "latitude": ("report", rng.uniform(25, 50, 500)),
-        "longitude": ("report", rng.uniform(-120, -75, 500)),
-        "pressure": ("report", rng.uniform(15000, 95000, 500)),
-    })  # fmt: skip
+    ds = xr.Dataset(
+        {
+            "time": ("report", time),
+            "latitude": ("report", rng.uniform(25, 50, 500)),
+            "longitude": ("report", rng.uniform(-120, -75, 500)),
+            "pressure": ("report", rng.uniform(15000, 95000, 500)),
+        }
+    )
     sparse = winds(ds, catalogue, derivatives=True)
     assert np.isfinite(sparse.reference_eastward_wind).sum() > 300
     assert winds(ds, catalogue, derivatives=True, sparse=False).identical(sparse)
@@ -212,11 +227,18 @@ def test_members_of_an_ensemble_are_references_of_one_pass(tmp_path: Path) -> No
     """All members in the same files; a message's value is its member's number."""
     for hour in (0, 1):
         messages = [
-            build(LATLON, np.full(SIZE, float(member)), parameter=name, level=level,
-                  when=(20090801, 100 * hour),
-                  extra={"productDefinitionTemplateNumber": 1, "perturbationNumber": member})
-            for member in (3, 1, 2) for level in (300, 700) for name in "uv"
-        ]  # fmt: skip
+            build(
+                LATLON,
+                np.full(SIZE, float(member)),
+                parameter=name,
+                level=level,
+                when=(20090801, 100 * hour),
+                extra={"productDefinitionTemplateNumber": 1, "perturbationNumber": member},
+            )
+            for member in (3, 1, 2)
+            for level in (300, 700)
+            for name in "uv"
+        ]
         write(tmp_path / f"h{hour:02d}.grib", *messages)
     catalogues = {
         f"m{member}": build_catalogue(
@@ -322,9 +344,11 @@ def test_levels_in_any_order_give_the_same(tmp_path: Path) -> None:
     down, up, mixed = (
         winds(ds, hourly(tmp_path / name, levels=levels))
         for name, levels in (
-            ("down", (700, 500, 300)), ("up", (300, 500, 700)), ("mixed", (500, 300, 700)),
+            ("down", (700, 500, 300)),
+            ("up", (300, 500, 700)),
+            ("mixed", (500, 300, 700)),
         )
-    )  # fmt: skip
+    )
     assert np.isfinite(up.reference_eastward_wind).any()
     xr.testing.assert_identical(down, up)
     xr.testing.assert_identical(mixed, up)

@@ -86,10 +86,12 @@ def test_needs_of_parts_add_up_to_the_plan_of_the_whole(tmp_path, root):
     needs = [
         planning.Need.of(
             planning.points_of(reports.isel(report=np.flatnonzero(cut == k))),
-            model, max_time_gap=10800.0, derivatives=False,
+            model,
+            max_time_gap=10800.0,
+            derivatives=False,
         )
         for k in range(3)
-    ]  # fmt: skip
+    ]
     assert (needs[0] + needs[1] + needs[2]).plan("ruc", model, sparse=True) == whole
 
 

@@ -205,8 +205,11 @@ def hybrid_file(folder: Path, pressures: dict[int, float]) -> str:
     x = np.arange(176) % 16
     for number, base in pressures.items():
         pressure = base * (1 + 0.01 * x)
-        for parameter, values in ((33, np.log(pressure)), (34, np.full(176, number)),
-                                  (1, pressure)):  # fmt: skip
+        for parameter, values in (
+            (33, np.log(pressure)),
+            (34, np.full(176, number)),
+            (1, pressure),
+        ):
             message = bytearray(build(LATLON, values, edition=1, bits=24))
             message[8 + 8], message[8 + 9] = parameter, 109
             message[8 + 10 : 8 + 12] = number.to_bytes(2, "big")
@@ -248,9 +251,10 @@ def test_exactness_against_cfgrib_and_interp(
     model = build_catalogue(path, name="x", cache_dir=tmp_path).model_time(0)
     keys = {"typeOfLevel": "isobaricInhPa"}
     data = xr.open_dataset(
-        path, engine="cfgrib",
+        path,
+        engine="cfgrib",
         backend_kwargs={"indexpath": str(tmp_path / "i"), "filter_by_keys": keys},
-    )[["u", "v"]]  # fmt: skip
+    )[["u", "v"]]
     if "step" in data.dims:
         data = data.isel(step=0)
     lat, lon, p = points_inside(model, np.random.default_rng(8), 400)
@@ -319,12 +323,13 @@ def test_rotated_winds_are_nearer_to_geostrophic_balance(
     path = str(real("grib/nam_g211_20180917_00z.grib2"))
     model = build_catalogue(path, name="x", cache_dir=tmp_path).model_time(0)
     height = xr.open_dataset(
-        path, engine="cfgrib",
+        path,
+        engine="cfgrib",
         backend_kwargs={
             "indexpath": str(tmp_path / "i"),
             "filter_by_keys": {"typeOfLevel": "isobaricInhPa", "shortName": "gh"},
         },
-    ).gh.sel(isobaricInhPa=500)  # fmt: skip
+    ).gh.sel(isobaricInhPa=500)
     lat, lon = height.latitude.values, height.longitude.values
     z = height.values
     # Slopes of height by index, then by metres east and north through the Jacobian.
@@ -361,10 +366,12 @@ def test_rotated_winds_are_nearer_to_geostrophic_balance(
     # Of all multiples of the convergence angle, once is best.
     factors = np.linspace(-1, 2, 31)
     turned = [
-        (np.cos(k * angle) * along[0] + np.sin(k * angle) * along[1],
-         -np.sin(k * angle) * along[0] + np.cos(k * angle) * along[1])
+        (
+            np.cos(k * angle) * along[0] + np.sin(k * angle) * along[1],
+            -np.sin(k * angle) * along[0] + np.cos(k * angle) * along[1],
+        )
         for k in factors
-    ]  # fmt: skip
+    ]
     assert factors[np.argmin([rms(*pair) for pair in turned])] == pytest.approx(1.0, abs=0.11)
 
 

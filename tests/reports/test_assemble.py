@@ -42,12 +42,29 @@ def test_the_contract_of_the_dataset(tmp_path: Path):
     assert audit["reports_read"] == 19
     assert audit["reports_kept"] == 16
     wanted = {
-        "aircraft", "row_size", "time", "latitude", "longitude", "pressure", "pressure_altitude",
-        "eastward_wind", "northward_wind", "air_temperature", "roll_flag", "temperature_qc",
-        "wind_qc", "phase", "icing", "flight", "reported_airspeed", "reported_heading",
-        "position_resolution", "time_resolution", "wind_speed_resolution",
+        "aircraft",
+        "row_size",
+        "time",
+        "latitude",
+        "longitude",
+        "pressure",
+        "pressure_altitude",
+        "eastward_wind",
+        "northward_wind",
+        "air_temperature",
+        "roll_flag",
+        "temperature_qc",
+        "wind_qc",
+        "phase",
+        "icing",
+        "flight",
+        "reported_airspeed",
+        "reported_heading",
+        "position_resolution",
+        "time_resolution",
+        "wind_speed_resolution",
         "wind_direction_resolution",
-    }  # fmt: skip
+    }
     assert wanted <= set(ds.variables)
     for name in wanted - {"aircraft", "row_size", "time"}:
         entry = VARIABLES[name]

@@ -94,11 +94,14 @@ def profile(step: float, altitude_step_ft: float) -> tuple[dict[str, np.ndarray]
     feet = np.interp(minutes, [0, 1, 17, 40, 57, 60], [0, 500, 25000, 25000, 500, 500])
     coded = altitude_step_ft * np.round(feet / altitude_step_ft)
     truth = np.select(
-        [(minutes > 1) & (minutes < 17), (minutes > 17) & (minutes < 40),
-         (minutes > 40) & (minutes < 57)],
+        [
+            (minutes > 1) & (minutes < 17),
+            (minutes > 17) & (minutes < 40),
+            (minutes > 40) & (minutes < 57),
+        ],
         [PHASE["ascent"], PHASE["cruise"], PHASE["descent"]],
         PHASE["unknown"],
-    )  # fmt: skip
+    )
     near = (
         np.abs(minutes[:, np.newaxis] - [1.0, 17.0, 40.0, 57.0]).min(axis=1) < max(step, 0.5) + 0.6
     )

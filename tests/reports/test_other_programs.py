@@ -187,10 +187,16 @@ def test_real_mode_s_winds_are_the_authors_with_declination_zero(tmp_path):
     raw = pd.read_csv(real(MODES))
     theirs = pd.read_csv(real(THEIR_WINDS)).drop_duplicates(["ts", "icao"])
     columns = {
-        "icao": "tail", "ts": "time", "lat": "latitude", "lon": "longitude",
-        "alt": "pressure_altitude_ft", "hdg": "heading_deg", "ias": "indicated_airspeed_kt",
-        "gs_adsb": "ground_speed_kt", "trk_adsb": "track_deg",
-    }  # fmt: skip
+        "icao": "tail",
+        "ts": "time",
+        "lat": "latitude",
+        "lon": "longitude",
+        "alt": "pressure_altitude_ft",
+        "hdg": "heading_deg",
+        "ias": "indicated_airspeed_kt",
+        "gs_adsb": "ground_speed_kt",
+        "trk_adsb": "track_deg",
+    }
     raw = raw.drop_duplicates(["ts", "icao"]).drop(columns=["mach", "tas", "gs", "trk"])
     raw = raw.rename(columns={"hdg": "told"})
     path = tmp_path / "as_true.csv"
@@ -277,12 +283,21 @@ def test_a_second_is_brought_to_an_interval(tmp_path):
 def trace(path: Path) -> Path:
     points = [
         [0, 52.0, 4.0, "ground", 12.0, 90.0, 0, 0, None],
-        [10, 52.1, 4.0, 30000, 450.0, 0.0, 0, 0,
-         {"mag_heading": 358.0, "tas": 430, "oat": -45, "roll": 0.5, "flight": "KLM1 "}],
+        [
+            10,
+            52.1,
+            4.0,
+            30000,
+            450.0,
+            0.0,
+            0,
+            0,
+            {"mag_heading": 358.0, "tas": 430, "oat": -45, "roll": 0.5, "flight": "KLM1 "},
+        ],
         [20, 52.12, 4.0, 30000, 450.0, 0.0, 0, 0, None],
         [30, 52.14, 4.0, 30000, 450.0, 0.0, 1, 0, {"mag_heading": 358.0, "tas": 430}],
         [40, 52.16],
-    ]  # fmt: skip
+    ]
     content = {"icao": "484b5a", "timestamp": 1484136000.0, "trace": points}
     path.write_bytes(gzip.compress(json.dumps(content).encode()))
     return path
@@ -333,16 +348,20 @@ def test_a_mean_over_straight_flight_and_the_middle_of_a_turn():
     columns = {
         "tail": np.zeros(count, np.int32),
         "flight": np.full(count, -1, np.int32),
-        "time": np.datetime64("2009-07-01T00:00:00", "ns") + np.arange(count) * np.timedelta64(15,
-        "s"), "latitude": np.linspace(40, 40.7, count), "longitude": np.array([179.9, 179.95,
-        -180.0, -179.95, 10.0, 10.0, 10.0, 10.0]), "reported_heading": np.array([359.0, 1, 359, 1,
-        0, 40, 80, 120], np.float32), **{
+        "time": np.datetime64("2009-07-01T00:00:00", "ns")
+        + np.arange(count) * np.timedelta64(15, "s"),
+        "latitude": np.linspace(40, 40.7, count),
+        "longitude": np.array([179.9, 179.95, -180.0, -179.95, 10.0, 10.0, 10.0, 10.0]),
+        "reported_heading": np.array([359.0, 1, 359, 1, 0, 40, 80, 120], np.float32),
+        **{
             name: np.arange(count, dtype=np.float32)
             for name in ("pressure", "pressure_altitude", "eastward_wind", "northward_wind")
         },
-        **{name: np.full(count, np.nan, np.float32) for name in ("air_temperature",
-        "reported_airspeed")},
-    }  # fmt: skip
+        **{
+            name: np.full(count, np.nan, np.float32)
+            for name in ("air_temperature", "reported_airspeed")
+        },
+    }
     audit = Audit()
     averaged(columns, 60.0, audit)
     np.testing.assert_allclose(columns["eastward_wind"], [1.5, 6.0])

@@ -60,9 +60,14 @@ def headings(frame) -> xr.Dataset:
 def test_against_the_true_wind_amplitudes_are_right_to_a_hundredth_of_a_degree():
     effects = fleet_deviations(TAILS, 12)
     frame = simulate_arrays(
-        days=20, aircraft=6, seed=12, effects=effects, references=("ruc",), start=START,
+        days=20,
+        aircraft=6,
+        seed=12,
+        effects=effects,
+        references=("ruc",),
+        start=START,
         derivatives=False,
-    )  # fmt: skip
+    )
     faults = parse_faults(effects, start=START, tails=TAILS)
     cruise = frame[frame["phase"] == 2]
     fits = fit_deviation(headings(cruise), min_compass_points=5).isel(reference=0)

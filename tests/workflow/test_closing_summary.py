@@ -10,17 +10,27 @@ from airswing.workflow.closing_summary import as_text
 
 def fit(**changes: object) -> dict:
     return {
-        "aircraft": "N401", "status": "ok", "offset": 0.82, "amplitude": 5.83, "phase": 33.8,
-        "amplitude_standard_error": 0.1, "reports": 4979, "before_kt": 17.4, "after_kt": 6.2,
-    } | changes  # fmt: skip
+        "aircraft": "N401",
+        "status": "ok",
+        "offset": 0.82,
+        "amplitude": 5.83,
+        "phase": 33.8,
+        "amplitude_standard_error": 0.1,
+        "reports": 4979,
+        "before_kt": 17.4,
+        "after_kt": 6.2,
+    } | changes
 
 
 def summary(**changes: object) -> dict:
     return {
-        "reference": "ruc", "reports": {"read": 30796, "usable": 30796, "kept": 22991},
-        "aircraft": 2, "status": {"ok": 1}, "disagreement_kt": {"before": 11.3, "after": 5.9},
+        "reference": "ruc",
+        "reports": {"read": 30796, "usable": 30796, "kept": 22991},
+        "aircraft": 2,
+        "status": {"ok": 1},
+        "disagreement_kt": {"before": 11.3, "after": 5.9},
         "fits": [fit()],
-    } | changes  # fmt: skip
+    } | changes
 
 
 def test_intervals_are_of_95_percent_as_on_the_page_and_say_so():

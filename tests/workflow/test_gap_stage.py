@@ -49,12 +49,18 @@ def test_gap_json_and_headings_tell_of_the_same_headings(run):
     written = json.loads((job.output / GAP_JSON).read_text())
     assert written["headings_uuid"] == headings.attrs["uuid"]
     frame = Frame.from_headings(gap_headings(job), reference="ruc")
-    for field, name in (("heading", "heading"), ("magnetic_heading", "magnetic_heading"),
-                        ("heading_error", "heading_standard_error")):  # fmt: skip
+    for field, name in (
+        ("heading", "heading"),
+        ("magnetic_heading", "magnetic_heading"),
+        ("heading_error", "heading_standard_error"),
+    ):
         told = np.radians(headings[name].to_numpy().astype(float))[frame.report]
         np.testing.assert_array_equal(getattr(frame, field), told)
-    for field, name in (("airspeed", "airspeed"), ("ground_u", "ground_eastward_velocity"),
-                        ("ground_v", "ground_northward_velocity")):  # fmt: skip
+    for field, name in (
+        ("airspeed", "airspeed"),
+        ("ground_u", "ground_eastward_velocity"),
+        ("ground_v", "ground_northward_velocity"),
+    ):
         np.testing.assert_array_equal(
             getattr(frame, field), headings[name].to_numpy()[frame.report]
         )

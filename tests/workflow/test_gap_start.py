@@ -25,10 +25,18 @@ from airswing.workflow.gap_start import read_start, starting_point
 from airswing.workflow.progress import Progress
 
 WORLD = World(11, "default", 14, 6, coarse=True)
-IRON = {"name": "hard_iron", "tails": ["N401"], "period": None,
-        "parameters": {"amplitude_deg": 6.0, "phase_deg": 40.0}}  # fmt: skip
-SCALE = {"name": "tas_scale", "tails": ["N403"], "period": None,
-         "parameters": {"scale_percent": 3.0}}  # fmt: skip
+IRON = {
+    "name": "hard_iron",
+    "tails": ["N401"],
+    "period": None,
+    "parameters": {"amplitude_deg": 6.0, "phase_deg": 40.0},
+}
+SCALE = {
+    "name": "tas_scale",
+    "tails": ["N403"],
+    "period": None,
+    "parameters": {"scale_percent": 3.0},
+}
 
 
 def effects_file(path, *effects):
@@ -72,9 +80,9 @@ def begin(job, frame, effects_of=never, **given):
 def test_what_is_known_is_not_told_again(archive, tmp_path):
     known = effects_file(tmp_path / "known.yaml", IRON)
     result = CliRunner().invoke(
-        app, ["gap", str(archive), "--output", str(tmp_path / "out"), "--known", str(known),
-              "--quiet"],
-    )  # fmt: skip
+        app,
+        ["gap", str(archive), "--output", str(tmp_path / "out"), "--known", str(known), "--quiet"],
+    )
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "out" / "gap.json").read_text())
     assert [(e["name"], e["tails"]) for e in found["effects"]] == [("tas_scale", ["N403"])]
@@ -114,17 +122,20 @@ def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp
 
     def effects_of(other):
         asked.append(other)
-        entries = [IRON, {**SCALE, "tails": ["N906"]},
-                   {**SCALE, "name": "tas_offset", "tails": "all",
-                    "parameters": {"offset_m_s": 1.0}}]  # fmt: skip
+        entries = [
+            IRON,
+            {**SCALE, "tails": ["N906"]},
+            {**SCALE, "name": "tas_offset", "tails": "all", "parameters": {"offset_m_s": 1.0}},
+        ]
         return read_effects(effects_file(tmp_path / "its.yaml", *entries))
 
     start = begin(job, own, effects_of, simulated=f"{folder}/*.csv")
     assert asked[0].config.reports.files == [f"{folder}/*.csv"]
     assert asked[0].output.parent == job.output
     assert [(one.name, one.tails) for one in start.known] == [
-        ("hard_iron", ("N401",)), ("tas_offset", None),
-    ]  # fmt: skip
+        ("hard_iron", ("N401",)),
+        ("tas_offset", None),
+    ]
     told = start.record["simulation"]
     assert told["matched"] == 0 and told["matched_by"] == "distribution"
     assert told["aircraft_in_both"] == [f"N{k}" for k in range(401, 406)]
@@ -151,12 +162,15 @@ def test_nothing_given_is_the_perfect_instrument(frame):
     [
         ("--known", None, "no file of known effects"),
         ("--known", "- {name: hard_irn}", "unknown effect"),
-        ("--known", "- {name: hard_iron, tails: [N999], parameters: {amplitude_deg: 1}}",
-         "unknown aircraft"),
+        (
+            "--known",
+            "- {name: hard_iron, tails: [N999], parameters: {amplitude_deg: 1}}",
+            "unknown aircraft",
+        ),
         ("--simulated", None, "no reports of a simulation"),
         ("--simulated", "a,b\n1,2\n", "a required column is missing"),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_one_message_and_nothing_written(
     archive, tmp_path, option, content, message, monkeypatch, frame, capsys
 ):

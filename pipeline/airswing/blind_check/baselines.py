@@ -135,9 +135,11 @@ def least_squares_bic(frame: Frame, without: Sequence[str] = ()) -> Claim:
     columns = {
         name: effect.columns(frame).transpose(0, 2, 1)
         for name, effect in CATALOGUE.items()
-        if name not in without and effect.testable(frame) is None and effect.column_names
+        if name not in without
+        and effect.testable(frame) is None
+        and effect.column_names
         and effect.kind in ("mean", "drift")
-    }  # fmt: skip
+    }
     per_fleet = {n for n in columns if CATALOGUE[n].scope != "aircraft"}
     left = frame.residual.T.copy()
     left -= left.mean(axis=1, keepdims=True)
@@ -321,9 +323,18 @@ def _context(frame: Frame) -> Array:
     m = frame.magnetic_heading
     own = np.eye(len(frame.tails))[frame.aircraft]
     shared = np.stack(
-        [np.sin(m), np.cos(m), np.sin(2 * m), np.cos(2 * m), np.log(frame.pressure / 6e4),
-         frame.phase == 1, frame.phase == 3, frame.icing > 0], axis=1,
-    ).astype(float)  # fmt: skip
+        [
+            np.sin(m),
+            np.cos(m),
+            np.sin(2 * m),
+            np.cos(2 * m),
+            np.log(frame.pressure / 6e4),
+            frame.phase == 1,
+            frame.phase == 3,
+            frame.icing > 0,
+        ],
+        axis=1,
+    ).astype(float)
     return np.concatenate([own, shared], axis=1)
 
 

@@ -117,9 +117,12 @@ def _size_panel(axes: Axes, scores: Sequence[Score]) -> None:
         return
     place = np.arange(len(sizes), dtype=float)
     for shift, (key, name, colour, marker) in enumerate(
-        (("detected", "detected", SOFT, "o"), ("first_right", "first name right", BLUE, "s"),
-         ("in_set", "truth in the set", GREEN, "^"))
-    ):  # fmt: skip
+        (
+            ("detected", "detected", SOFT, "o"),
+            ("first_right", "first name right", BLUE, "s"),
+            ("in_set", "truth in the set", GREEN, "^"),
+        )
+    ):
         share, low, high = [], [], []
         for size in sizes:
             values = [bool(s[key]) for s in singles if s["size"] == size and s[key] is not None]
@@ -127,8 +130,15 @@ def _size_panel(axes: Axes, scores: Sequence[Score]) -> None:
             share.append(sum(values) / max(len(values), 1))
             low.append(max(share[-1] - bounds[0], 0.0))
             high.append(max(bounds[1] - share[-1], 0.0))
-        axes.errorbar(place + 0.06 * (shift - 1), share, yerr=[low, high], color=colour,
-                      marker=marker, label=name, capsize=2)  # fmt: skip
+        axes.errorbar(
+            place + 0.06 * (shift - 1),
+            share,
+            yerr=[low, high],
+            color=colour,
+            marker=marker,
+            label=name,
+            capsize=2,
+        )
     number = [sum(s["size"] == size for s in singles) for size in sizes]
     labels = [f"{size:g}\n({count})" for size, count in zip(sizes, number, strict=True)]
     axes.set_xticks(place, labels)
@@ -145,9 +155,10 @@ def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
         blank(axes, "no closure stated")
         return
     for kind, colour, marker in (
-        (("single", "pair"), BLUE, "o"), (("outside", "removed"), VERMILION, "^"),
+        (("single", "pair"), BLUE, "o"),
+        (("outside", "removed"), VERMILION, "^"),
         (("null",), SOFT, "s"),
-    ):  # fmt: skip
+    ):
         own = [s for s in done if s["kind"] in kind]
         if own:
             told = [_closure_told(s) for s in own]
@@ -155,10 +166,16 @@ def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
             ends = [one[1] for one in told]
             reach = np.abs(np.array(ends).T - stated)  # below and above, which differ
             axes.errorbar(
-                [s["closure_true"] for s in own], stated, yerr=reach,
-                color=colour, marker=marker, linestyle="none", markersize=4, elinewidth=0.6,
+                [s["closure_true"] for s in own],
+                stated,
+                yerr=reach,
+                color=colour,
+                marker=marker,
+                linestyle="none",
+                markersize=4,
+                elinewidth=0.6,
                 label=" or ".join(kind),
-            )  # fmt: skip
+            )
     span = [min(s["closure_true"] for s in done), max(s["closure_true"] for s in done)]
     axes.plot(span, span, color=SOFT, linewidth=1)
     axes.set_xlabel("true, kt")
@@ -185,8 +202,13 @@ def _reliability_panel(axes: Axes, scores: Sequence[Score]) -> None:
         low, high = wilson(round(row["right"] * row["claims"]), row["claims"])
         reach = [[max(row["right"] - low, 0.0)], [max(high - row["right"], 0.0)]]
         axes.errorbar(row["stated"], row["right"], yerr=reach, color=BLUE, marker="o", capsize=2)
-        axes.annotate(f"{row['claims']}", (row["stated"], row["right"]), fontsize=7.5,
-                      xytext=(4, -10), textcoords="offset points")  # fmt: skip
+        axes.annotate(
+            f"{row['claims']}",
+            (row["stated"], row["right"]),
+            fontsize=7.5,
+            xytext=(4, -10),
+            textcoords="offset points",
+        )
     axes.plot([0, 1], [0, 1], color=SOFT, linewidth=1)
     axes.set_xlim(min(0.45, rows[0]["stated"] - 0.05), 1.03)
     axes.set_ylim(-0.03, 1.05)
@@ -204,8 +226,15 @@ def _confusion_panel(axes: Axes, scores: Sequence[Score]) -> None:
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1.2, aspect="auto")
     for (row, column), count in np.ndenumerate(counts):
         if count:
-            axes.text(column, row, f"{count:.0f}", ha="center", va="center", fontsize=7.5,
-                      color="white" if share[row, column] > 0.7 else "black")  # fmt: skip
+            axes.text(
+                column,
+                row,
+                f"{count:.0f}",
+                ha="center",
+                va="center",
+                fontsize=7.5,
+                color="white" if share[row, column] > 0.7 else "black",
+            )
     axes.set_xticks(range(len(told)), told, rotation=55, ha="right", fontsize=7.5)
     axes.set_yticks(range(len(truths)), truths, fontsize=7.5)
     axes.set_xlabel("named first")

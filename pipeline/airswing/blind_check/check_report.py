@@ -81,13 +81,28 @@ def _target_rows(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:
         form = ".3g" if plain else "%"
         met = {True: "met", False: "not met", None: "no case"}[entry["met"]]
         rows.append(
-            [entry["what"], _target_text(entry["sense"], entry["target"], form),
-             _text(entry["reached"], form), str(entry["cases"]), met,
-             _text(whole["reached"], form), str(whole["cases"])]
-        )  # fmt: skip
+            [
+                entry["what"],
+                _target_text(entry["sense"], entry["target"], form),
+                _text(entry["reached"], form),
+                str(entry["cases"]),
+                met,
+                _text(whole["reached"], form),
+                str(whole["cases"]),
+            ]
+        )
     share, number = hard_and_real(scores)
-    rows.append(["hard world and real errors, 0.4 m/s and more: first name right", "at least 80 %",
-                 "–", "0", "–", _text(share, "%"), str(number)])  # fmt: skip
+    rows.append(
+        [
+            "hard world and real errors, 0.4 m/s and more: first name right",
+            "at least 80 %",
+            "–",
+            "0",
+            "–",
+            _text(share, "%"),
+            str(number),
+        ]
+    )
     return rows
 
 
@@ -125,16 +140,24 @@ def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None =
         _table(_TARGET_COLUMNS, _target_rows(scores)),
     ]
     if proof:
-        parts += ["## Rung 0: the generator's own numerical error, m/s",
-                  _table(["", "rms"], [[k, f"{v:.4f}"] for k, v in proof.items()])]  # fmt: skip
+        parts += [
+            "## Rung 0: the generator's own numerical error, m/s",
+            _table(["", "rms"], [[k, f"{v:.4f}"] for k, v in proof.items()]),
+        ]
     if check.baselines:
         parts += ["## Beside simple methods", _baseline_table(check)]
     parts += ["## What stated probabilities are worth", _reliability_table(scores)]
     parts += ["## Outside the catalogue", _outside_table(scores)]
     parts += ["## Removed from the catalogue", _removed_table(scores)]
-    parts += [f"## By {by}\n\n{_group_table(title, grouped(cases, by))}" for by, title, cases in (
-        ("effect", "effect", withheld), ("variant", "variant", withheld),
-        ("size", "m/s", singles), ("rung", "rung", withheld))]  # fmt: skip
+    parts += [
+        f"## By {by}\n\n{_group_table(title, grouped(cases, by))}"
+        for by, title, cases in (
+            ("effect", "effect", withheld),
+            ("variant", "variant", withheld),
+            ("size", "m/s", singles),
+            ("rung", "rung", withheld),
+        )
+    ]
     parts += ["All of them: " + _one_line(summarise(withheld))]
     parts += ["## Nulls", _null_text(scores)]
     parts += ["## Every case", _case_table(check)]
@@ -155,26 +178,43 @@ def _one_line(found: Mapping[str, Any]) -> str:
 
 def _baseline_table(check: Any) -> str:
     rows = [
-        [row["method"], *(_text(row[k], "%") for k in
-                          ("detected", "first_right", "extra_names", "false_alarms")),
-         f"{row['singles']} / {row['nulls']}"]
+        [
+            row["method"],
+            *(
+                _text(row[k], "%")
+                for k in ("detected", "first_right", "extra_names", "false_alarms")
+            ),
+            f"{row['singles']} / {row['nulls']}",
+        ]
         for row in baseline_rows(check.scores, check.baselines)
-    ]  # fmt: skip
+    ]
     return _table(
-        ["method", "detected", "first name right", "false name beside", "claims on nulls",
-         "singles / nulls"], rows,
-    )  # fmt: skip
+        [
+            "method",
+            "detected",
+            "first name right",
+            "false name beside",
+            "claims on nulls",
+            "singles / nulls",
+        ],
+        rows,
+    )
 
 
 def _reliability_table(scores: Sequence[Mapping[str, Any]]) -> str:
     """Stated probabilities by bin: of names, of unknowns, and of both together."""
     claims = [c for s in of_default(scores) if not s.get("failure") for c in s["claims"]]
     rows = [
-        [kind, f"{row['low']:g} to {row['high']:g}", str(row["claims"]),
-         _text(row["stated"], ".3f"), _text(row["right"], ".3f")]
+        [
+            kind,
+            f"{row['low']:g} to {row['high']:g}",
+            str(row["claims"]),
+            _text(row["stated"], ".3f"),
+            _text(row["right"], ".3f"),
+        ]
         for kind in ("name", "unknown", "name and unknown")
         for row in reliability_rows([c for c in claims if c[0] in kind.split(" and ")])
-    ]  # fmt: skip
+    ]
     return _table(["claim", "stated", "claims", "stated, mean", "right"], rows)
 
 
@@ -183,19 +223,48 @@ def _outside_table(scores: Sequence[Mapping[str, Any]]) -> str:
     for s in sorted(_done(scores, "outside"), key=lambda s: (s["outside"]["shape"], s["size"])):
         true = s["outside"]
         rows.append(
-            [s["name"], true["component"], true["shape"], " x ".join(true["variables"]),
-             true["scope"], f"{s['size']:.2g}", _text(true["named_share"], "%"),
-             _yes(s["unknown"]), _yes(s["unknown_first"]), _yes(s.get("variable_first")),
-             _yes(s.get("variable_near")), _text(s.get("unknown_precision"), ".2f"),
-             _text(s.get("unknown_recall"), ".2f"), ", ".join(s["claimed"]) or "–",
-             _text(s["unknown_closure_stated"], ".2f"), _text(s["closure_true"], ".2f"),
-             _yes(s["unknown_closure_covered"])]
-        )  # fmt: skip
+            [
+                s["name"],
+                true["component"],
+                true["shape"],
+                " x ".join(true["variables"]),
+                true["scope"],
+                f"{s['size']:.2g}",
+                _text(true["named_share"], "%"),
+                _yes(s["unknown"]),
+                _yes(s["unknown_first"]),
+                _yes(s.get("variable_first")),
+                _yes(s.get("variable_near")),
+                _text(s.get("unknown_precision"), ".2f"),
+                _text(s.get("unknown_recall"), ".2f"),
+                ", ".join(s["claimed"]) or "–",
+                _text(s["unknown_closure_stated"], ".2f"),
+                _text(s["closure_true"], ".2f"),
+                _yes(s["unknown_closure_covered"]),
+            ]
+        )
     return _table(
-        ["case", "component", "shape", "by", "on", "m/s", "has a name", "unknown",
-         "no false name ahead", "variable first", "or one as good", "precision", "recall",
-         "named instead", "closure stated, kt", "true, kt", "interval holds"], rows,
-    )  # fmt: skip
+        [
+            "case",
+            "component",
+            "shape",
+            "by",
+            "on",
+            "m/s",
+            "has a name",
+            "unknown",
+            "no false name ahead",
+            "variable first",
+            "or one as good",
+            "precision",
+            "recall",
+            "named instead",
+            "closure stated, kt",
+            "true, kt",
+            "interval holds",
+        ],
+        rows,
+    )
 
 
 def _done(scores: Sequence[Mapping[str, Any]], kind: str) -> list[Mapping[str, Any]]:
@@ -204,15 +273,31 @@ def _done(scores: Sequence[Mapping[str, Any]], kind: str) -> list[Mapping[str, A
 
 def _removed_table(scores: Sequence[Mapping[str, Any]]) -> str:
     rows = [
-        [s["name"], ", ".join(s["focus"]), f"{s['size']:g}", _yes(s["unknown"]),
-         _yes(s["placed"]), ", ".join(s["claimed"]) or "–", _text(s["closure_stated"], ".2f"),
-         _text(s["closure_true"], ".2f")]
+        [
+            s["name"],
+            ", ".join(s["focus"]),
+            f"{s['size']:g}",
+            _yes(s["unknown"]),
+            _yes(s["placed"]),
+            ", ".join(s["claimed"]) or "–",
+            _text(s["closure_stated"], ".2f"),
+            _text(s["closure_true"], ".2f"),
+        ]
         for s in sorted(_done(scores, "removed"), key=lambda s: s["focus"])
-    ]  # fmt: skip
+    ]
     return _table(
-        ["case", "effect", "m/s", "unknown", "placed", "named instead", "closure stated, kt",
-         "true, kt"], rows,
-    )  # fmt: skip
+        [
+            "case",
+            "effect",
+            "m/s",
+            "unknown",
+            "placed",
+            "named instead",
+            "closure stated, kt",
+            "true, kt",
+        ],
+        rows,
+    )
 
 
 def _null_text(scores: Sequence[Mapping[str, Any]]) -> str:
@@ -221,9 +306,10 @@ def _null_text(scores: Sequence[Mapping[str, Any]]) -> str:
     lines = [f"{len(loud)} of {len(nulls)} nulls raised a claim."]
     lines += [
         f"- {s['name']} (rung {s['rung']}, {s['world']}): "
-        + (", ".join(s["claimed"]) or "no name") + (", unknown" if s["unknown"] else "")
+        + (", ".join(s["claimed"]) or "no name")
+        + (", unknown" if s["unknown"] else "")
         for s in loud
-    ]  # fmt: skip
+    ]
     return "\n".join(lines)
 
 
@@ -235,15 +321,36 @@ def _case_table(check: Any) -> str:
         )
         right = "–" if label["kind"] in ("null", "outside") else _yes(score.get("first_right"))
         rows.append(
-            [label["name"], str(label["rung"]), label["kind"], label["variant"], label["world"],
-             ", ".join(label["focus"]) or "–", ", ".join(f"{v:.2g}" for v in label["sizes"]),
-             str(told), right, _text(score.get("jaccard"), ".2f"),
-             _text(score.get("parameter_error"), "%")]
-        )  # fmt: skip
+            [
+                label["name"],
+                str(label["rung"]),
+                label["kind"],
+                label["variant"],
+                label["world"],
+                ", ".join(label["focus"]) or "–",
+                ", ".join(f"{v:.2g}" for v in label["sizes"]),
+                str(told),
+                right,
+                _text(score.get("jaccard"), ".2f"),
+                _text(score.get("parameter_error"), "%"),
+            ]
+        )
     return _table(
-        ["case", "rung", "kind", "variant", "world", "truth", "m/s", "diagnosis", "first right",
-         "Jaccard", "parameter error"], rows,
-    )  # fmt: skip
+        [
+            "case",
+            "rung",
+            "kind",
+            "variant",
+            "world",
+            "truth",
+            "m/s",
+            "diagnosis",
+            "first right",
+            "Jaccard",
+            "parameter error",
+        ],
+        rows,
+    )
 
 
 def _yes(value: Any) -> str:
@@ -291,16 +398,20 @@ def write_reports(
     words = [Column("", "words"), *(Column(name) for name in _TARGET_COLUMNS[1:])]
     groups = [
         Section(
-            f"by-{by}", f"By {by}", parts=[
+            f"by-{by}",
+            f"By {by}",
+            parts=[
                 table(
                     [Column(by, "words"), *(Column(name) for _, name, _ in _COLUMNS)],
-                    [Row([str(name), *(_text(found[key], form) for key, _, form in _COLUMNS)])
-                     for name, found in grouped(check.scores, by).items()],
+                    [
+                        Row([str(name), *(_text(found[key], form) for key, _, form in _COLUMNS)])
+                        for name, found in grouped(check.scores, by).items()
+                    ],
                 )
             ],
         )
         for by in ("effect", "variant", "size", "rung")
-    ]  # fmt: skip
+    ]
     reached = targets(of_default(check.scores))
     met = [entry["met"] for entry in reached if entry["met"] is not None]
     page = document(
@@ -311,9 +422,12 @@ def write_reports(
         facts=[("Command", command), ("Digest of the labels", check.digest)],
         sections=[
             Section("figure", "At a glance", parts=[embedded(figure)]),
-            Section("targets", "Against the targets",
-                    parts=[table(words, [Row(row) for row in _target_rows(check.scores)])]),
+            Section(
+                "targets",
+                "Against the targets",
+                parts=[table(words, [Row(row) for row in _target_rows(check.scores)])],
+            ),
             *groups,
         ],
-    )  # fmt: skip
+    )
     return write_whole(output / "gap_check.html", page)

@@ -139,10 +139,16 @@ class Plan:
     def settings(self) -> dict[str, Any]:
         """Return what repeats the check."""
         return {
-            "cases": self.cases, "seed": self.seed, "fast": self.fast, "rungs": self.played,
-            "names": list(self.names), "days": self.size.days, "aircraft": self.size.aircraft,
-            "nulls": self.nulls, "drawn": _fingerprint(self.drawn()),
-        }  # fmt: skip
+            "cases": self.cases,
+            "seed": self.seed,
+            "fast": self.fast,
+            "rungs": self.played,
+            "names": list(self.names),
+            "days": self.size.days,
+            "aircraft": self.size.aircraft,
+            "nulls": self.nulls,
+            "drawn": _fingerprint(self.drawn()),
+        }
 
     def drawn(self) -> list[Case]:
         """Return the cases."""
@@ -150,9 +156,13 @@ class Plan:
 
         own = {name: how for name, how in draws().items() if not self.names or name in self.names}
         return plan_cases(
-            self.cases, seed=self.seed, size=self.size, draws=own, rungs=self.played,
+            self.cases,
+            seed=self.seed,
+            size=self.size,
+            draws=own,
+            rungs=self.played,
             nulls=self.nulls,
-        )  # fmt: skip
+        )
 
     @property
     def command(self) -> str:
@@ -168,10 +178,18 @@ class Plan:
 def _fingerprint(cases: Sequence[Case]) -> str:
     """Return what tells these cases from those another version of the code would draw."""
     told = [
-        [c.name, c.kind, c.world.seed, c.world.kind, c.variant, c.sizes, c.without,
-         [part.effects for part in (*c.drawn, *c.instead)]]
+        [
+            c.name,
+            c.kind,
+            c.world.seed,
+            c.world.kind,
+            c.variant,
+            c.sizes,
+            c.without,
+            [part.effects for part in (*c.drawn, *c.instead)],
+        ]
         for c in cases
-    ]  # fmt: skip
+    ]
     return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
 
 
@@ -226,18 +244,26 @@ def gap_check(
     say("seals opened, digest verified")
     scores = [
         score_case(
-            label, _read(output, label["name"]), failure=failures.get(label["name"]),
+            label,
+            _read(output, label["name"]),
+            failure=failures.get(label["name"]),
             fleet=plan.size.tails,
         )
         for label in labels
-    ]  # fmt: skip
+    ]
     beside = run_baselines(output, labels, say=say) if baselines else {}
     check = Check(digest, labels, scores, failures, beside, settings)
     write_json(
         output / "scores.json",
-        {"settings": settings, "digest": digest, "labels": labels, "scores": scores,
-         "failures": failures, "baselines": beside},
-    )  # fmt: skip
+        {
+            "settings": settings,
+            "digest": digest,
+            "labels": labels,
+            "scores": scores,
+            "failures": failures,
+            "baselines": beside,
+        },
+    )
     return check
 
 
@@ -264,8 +290,11 @@ def _sealed(
     worlds: dict[World, list[Case]] = {}
     for case in plan:
         worlds.setdefault(case.world, []).append(case)
-    labels = [label for own in _written(output, list(worlds.values()), real, workers, say)
-              for label in own]  # fmt: skip
+    labels = [
+        label
+        for own in _written(output, list(worlds.values()), real, workers, say)
+        for label in own
+    ]
     labels.sort(key=lambda label: str(label["name"]))
     return seal(labels, output / "sealed")
 

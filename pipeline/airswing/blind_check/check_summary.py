@@ -17,9 +17,15 @@ from airswing.blind_check.reliability_table import worst_gap
 from airswing.synthetic.sealed.outside_truth import WORTH_KT
 
 __all__ = [
-    "BY", "TARGETS", "baseline_rows", "grouped", "hard_and_real", "of_default", "summarise",
+    "BY",
+    "TARGETS",
+    "baseline_rows",
+    "grouped",
+    "hard_and_real",
+    "of_default",
+    "summarise",
     "targets",
-]  # fmt: skip
+]
 
 Score = Mapping[str, Any]
 Reached = tuple[float | None, int]
@@ -174,43 +180,94 @@ def _reliability(scores: Sequence[Score]) -> Reached:
 
 TARGETS: tuple[tuple[str, str, Target, Callable[[Sequence[Score]], Reached]], ...]
 TARGETS = (
-    ("outside, 0.4 m/s and more: unknown raised, no false name ahead", ">=", 0.90,
-     lambda s: _share(_outside(s), "unknown_first")),
-    ("the same, where the truth closes 0.1 kt or more", ">=", 0.90,
-     lambda s: _share(_worth(s), "unknown_first")),
-    ("of those raised: a true variable named first", ">=", 0.85,
-     lambda s: _share(_raised(s), "variable_first")),
-    ("of those raised: aircraft precision", ">=", 0.90,
-     lambda s: _mean(_raised(s), "unknown_precision")),
-    ("of those raised: aircraft recall", ">=", 0.90,
-     lambda s: _mean(_raised(s), "unknown_recall")),
-    ("outside: closure error, median, kt", "<=", 0.10,
-     lambda s: _median(_outside(s), "unknown_closure_error")),
-    ("outside: closure interval holds the truth", "in", (0.90, 0.98),
-     lambda s: _share(_outside(s), "unknown_closure_covered")),
-    ("first name right, single effects and their forms, any scope", ">=", 0.95,
-     lambda s: _share(_detectable(s), "first_right")),
-    ("truth in the ambiguity set, the same", ">=", 0.99,
-     lambda s: _share(_detectable(s), "in_set")),
+    (
+        "outside, 0.4 m/s and more: unknown raised, no false name ahead",
+        ">=",
+        0.90,
+        lambda s: _share(_outside(s), "unknown_first"),
+    ),
+    (
+        "the same, where the truth closes 0.1 kt or more",
+        ">=",
+        0.90,
+        lambda s: _share(_worth(s), "unknown_first"),
+    ),
+    (
+        "of those raised: a true variable named first",
+        ">=",
+        0.85,
+        lambda s: _share(_raised(s), "variable_first"),
+    ),
+    (
+        "of those raised: aircraft precision",
+        ">=",
+        0.90,
+        lambda s: _mean(_raised(s), "unknown_precision"),
+    ),
+    ("of those raised: aircraft recall", ">=", 0.90, lambda s: _mean(_raised(s), "unknown_recall")),
+    (
+        "outside: closure error, median, kt",
+        "<=",
+        0.10,
+        lambda s: _median(_outside(s), "unknown_closure_error"),
+    ),
+    (
+        "outside: closure interval holds the truth",
+        "in",
+        (0.90, 0.98),
+        lambda s: _share(_outside(s), "unknown_closure_covered"),
+    ),
+    (
+        "first name right, single effects and their forms, any scope",
+        ">=",
+        0.95,
+        lambda s: _share(_detectable(s), "first_right"),
+    ),
+    (
+        "truth in the ambiguity set, the same",
+        ">=",
+        0.99,
+        lambda s: _share(_detectable(s), "in_set"),
+    ),
     ("both of a pair named", ">=", 0.92, _both_named),
     ("the same, on the same aircraft", ">=", 0.92, lambda s: _both_named(_same_aircraft(s))),
-    ("archives with a false name (of all but those with an effect removed)", "<=", 0.03,
-     _with_false_names),
+    (
+        "archives with a false name (of all but those with an effect removed)",
+        "<=",
+        0.03,
+        _with_false_names,
+    ),
     ("archives with an effect told more than once", "<=", 0.03, _with_repeats),
     ("claims on nulls (a name or an unknown)", "<=", 0.02, _claims_on_nulls),
     ("reliability: worst bin of 20 claims and more", "<=", 0.05, _reliability),
-    ("removed from the catalogue, truth closes 0.1 kt or more: never silent", ">=", 0.95,
-     lambda s: _share(_removed(s), "detected")),
-    ("closure error of what is named, median, kt", "<=", 0.05,
-     lambda s: _median(_named(s), "closure_error")),
-    ("closure interval of what is named holds the truth", "in", (0.90, 0.98),
-     lambda s: _share(_named(s), "closure_covered")),
+    (
+        "removed from the catalogue, truth closes 0.1 kt or more: never silent",
+        ">=",
+        0.95,
+        lambda s: _share(_removed(s), "detected"),
+    ),
+    (
+        "closure error of what is named, median, kt",
+        "<=",
+        0.05,
+        lambda s: _median(_named(s), "closure_error"),
+    ),
+    (
+        "closure interval of what is named holds the truth",
+        "in",
+        (0.90, 0.98),
+        lambda s: _share(_named(s), "closure_covered"),
+    ),
     ("aircraft precision of names", ">=", 0.95, lambda s: _mean(_named_singles(s), "precision")),
     ("aircraft recall of names", ">=", 0.95, lambda s: _mean(_named_singles(s), "recall")),
-    ("parameter error, median", "<=", 0.08,
-     lambda s: _median(_named_singles(s), "parameter_error")),
+    (
+        "parameter error, median",
+        "<=",
+        0.08,
+        lambda s: _median(_named_singles(s), "parameter_error"),
+    ),
     ("date error, median, days", "<=", 3.0, lambda s: _median(_named_singles(s), "date_error")),
-)  # fmt: skip
+)
 """What is measured, which way is good, the target, how it is computed (and from how many cases)."""
 
 
@@ -262,9 +319,15 @@ def targets(scores: Sequence[Score]) -> list[dict[str, Any]]:
         reached, number = measure(scores)
         met = None if reached is None else _is_met(reached, sense, target, number)
         out.append(
-            {"what": what, "sense": sense, "target": target, "reached": reached,
-             "cases": number, "met": met}
-        )  # fmt: skip
+            {
+                "what": what,
+                "sense": sense,
+                "target": target,
+                "reached": reached,
+                "cases": number,
+                "met": met,
+            }
+        )
     return out
 
 

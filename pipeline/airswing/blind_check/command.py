@@ -58,7 +58,10 @@ def check_and_report(
     )
     page = write_reports(output, check, command=plan.command, proof=proof)
     summary = {
-        "digest": check.digest, "targets": targets(of_default(check.scores)),
-        "every_rung": targets(check.scores), "proof": proof, "settings": check.settings,
-    }  # fmt: skip
+        "digest": check.digest,
+        "targets": targets(of_default(check.scores)),
+        "every_rung": targets(check.scores),
+        "proof": proof,
+        "settings": check.settings,
+    }
     return summary, f"{short_text(check)}\npage: {page}"

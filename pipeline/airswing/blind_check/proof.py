@@ -55,10 +55,16 @@ def prove_generator(
     own = simulate_arrays(effects=[], **options)
     tails = np.array(frame.tails)[frame.aircraft]
     read = pd.DataFrame(
-        {"tail": tails, "time": frame.time.astype("int64"),
-         "latitude": np.round(frame.latitude, 3), "u_rep": frame.u_rep, "v_rep": frame.v_rep,
-         "u_ref": frame.u_ref, "v_ref": frame.v_ref}
-    )  # fmt: skip
+        {
+            "tail": tails,
+            "time": frame.time.astype("int64"),
+            "latitude": np.round(frame.latitude, 3),
+            "u_rep": frame.u_rep,
+            "v_rep": frame.v_rep,
+            "u_ref": frame.u_ref,
+            "v_ref": frame.v_ref,
+        }
+    )
     own["time"] = own["time"].to_numpy("datetime64[s]").astype("int64")
     own["latitude"] = own["latitude"].round(3)
     both = read.merge(own, on=["tail", "time", "latitude"])

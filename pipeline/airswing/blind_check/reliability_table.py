@@ -74,10 +74,15 @@ def reliability_rows(claims: Sequence[Sequence[Any]]) -> list[dict[str, Any]]:
     right = np.array([claim[2] for claim in claims], bool)
     place = np.clip(np.searchsorted(EDGES, stated, side="right") - 1, 0, len(EDGES) - 2)
     return [
-        {"low": EDGES[k], "high": EDGES[k + 1], "claims": int((place == k).sum()),
-         "stated": float(stated[place == k].mean()), "right": float(right[place == k].mean())}
+        {
+            "low": EDGES[k],
+            "high": EDGES[k + 1],
+            "claims": int((place == k).sum()),
+            "stated": float(stated[place == k].mean()),
+            "right": float(right[place == k].mean()),
+        }
         for k in np.unique(place)
-    ]  # fmt: skip
+    ]
 
 
 def worst_gap(claims: Sequence[Sequence[Any]]) -> tuple[float | None, int]:

@@ -178,8 +178,12 @@ def _closure_scores(label: Label, gap: Gap) -> dict[str, Any]:
     closure, truth = gap["closure"], label["closure"]
     true = truth["before"] - truth["after"]
     if closure.get("before") is None or closure.get("after") is None:
-        return {"closure_error": None, "closure_covered": None, "closure_true": true,
-                "closure_stated": None}  # fmt: skip
+        return {
+            "closure_error": None,
+            "closure_covered": None,
+            "closure_true": true,
+            "closure_stated": None,
+        }
     stated = closure["before"] - closure["after"]
     interval = closure.get("reduction_ci")
     if interval is None and closure.get("ci") is not None:

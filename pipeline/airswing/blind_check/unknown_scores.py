@@ -94,8 +94,13 @@ def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, An
     closed = _closure(label, gap)
     raised = bool(unknown["present"]) and bool(unknown["where"])
     if not raised:
-        keys = ("variable_first", "variable_near", "variable_any", "unknown_precision",
-                "unknown_recall")  # fmt: skip
+        keys = (
+            "variable_first",
+            "variable_near",
+            "variable_any",
+            "unknown_precision",
+            "unknown_recall",
+        )
         return dict.fromkeys(keys) | closed
     places = sorted(unknown["where"], key=_closes, reverse=True)
     truth = label["outside"]
@@ -104,8 +109,9 @@ def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, An
     strict = any(same_variable(first, name) for name in truth["variables"])
     carried = truth["carried"]
     best = max((carried[name] for name in truth["variables"]), default=0.0)
-    near = max((share for name, share in carried.items() if same_variable(first, name)),
-               default=0.0)  # fmt: skip
+    near = max(
+        (share for name, share in carried.items() if same_variable(first, name)), default=0.0
+    )
     told = {tail for place in places for tail in place.get("tails") or fleet}
     own = {tail for effect in label["effects"] for tail in effect["tails"] or fleet}
     return {

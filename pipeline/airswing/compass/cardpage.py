@@ -80,8 +80,9 @@ class _Words(Artist):
         height = renderer.get_canvas_width_height()[1]
         _, tall, deep = self._measure(renderer, "lp")
         page: Any = self.get_figure()
-        for (x, y), word in zip(page.transSubfigure.transform(self.places), self.words,
-                                strict=True):  # fmt: skip
+        for (x, y), word in zip(
+            page.transSubfigure.transform(self.places), self.words, strict=True
+        ):
             if word:
                 left = x - self._share * self._measure(renderer, word)[0]
                 base = y - 0.5 * (tall - deep)
@@ -114,8 +115,11 @@ class CardPage:
         self._cells = np.concatenate(
             [_middles(box, *shape) for box, shape in zip((CARD_BOX, NODE_BOX), shapes, strict=True)]
         )
-        rules = [line for box, shape in zip((CARD_BOX, NODE_BOX), shapes, strict=True)
-                 for line in _rules(box, *shape)]  # fmt: skip
+        rules = [
+            line
+            for box, shape in zip((CARD_BOX, NODE_BOX), shapes, strict=True)
+            for line in _rules(box, *shape)
+        ]
         self._lines(rules, "black", 1.0)
         self._lines([line for box in PANELS for line in _rules(box, 1, 1)], "black", 0.8)
         self._words = self._added(_Words(9))
@@ -132,9 +136,13 @@ class CardPage:
         self._title, self._foot = _title_and_foot(self.figure, "", "")
 
     def show(
-        self, title: str, foot: str, card: Sequence[Sequence[str]],
-        nodes: Sequence[Sequence[str]], curves: Curves,
-    ) -> Figure:  # fmt: skip
+        self,
+        title: str,
+        foot: str,
+        card: Sequence[Sequence[str]],
+        nodes: Sequence[Sequence[str]],
+        curves: Curves,
+    ) -> Figure:
         """Put an aircraft on the page in place of the one before.
 
         Parameters
@@ -158,8 +166,9 @@ class CardPage:
             [_placed(box, values, limits) for box, values in zip(PANELS, both, strict=True)]
             for both in curves
         )
-        self._band.set_verts([np.concatenate([low, high[::-1]])
-                              for low, high in zip(lower, upper, strict=True)])  # fmt: skip
+        self._band.set_verts(
+            [np.concatenate([low, high[::-1]]) for low, high in zip(lower, upper, strict=True)]
+        )
         for line, both in ((self._fit, fit), (self._table, table), (self._marks, marks)):
             line.set_data(*_apart(both).T)
         return self.figure
@@ -181,9 +190,14 @@ class CardPage:
                 places.append((x, bottom - 0.027))
                 words.append("NESW"[int((first + turn) % 360) // 90])
             self.figure.text(
-                left - 0.06, bottom + 0.5 * height, "heading error (°)", fontsize=10,
-                rotation=90, ha="center", va="center",
-            )  # fmt: skip
+                left - 0.06,
+                bottom + 0.5 * height,
+                "heading error (°)",
+                fontsize=10,
+                rotation=90,
+                ha="center",
+                va="center",
+            )
         self._lines(ticks, "black", 0.8)
         self._added(_Words(10)).show(places, words)
 

@@ -321,9 +321,12 @@ def _corrected(
         fit["airspeed_scale_standard_error"].to_numpy()[own] if apply_scale else np.zeros(own.size)
     )
     where = At(
-        speed, column["airspeed_error"][done], column["heading_error"][done], np.radians(error),
+        speed,
+        column["airspeed_error"][done],
+        column["heading_error"][done],
+        np.radians(error),
         slope,
-    )  # fmt: skip
+    )
     u, v = corrected_wind(
         column["eastward_wind"][done],
         column["northward_wind"][done],

@@ -154,10 +154,13 @@ def choose_ground_vector(
         use |= derived
     use &= np.isfinite(own[0] + own[1])
     return Evidence(
-        np.where(use, own[0], chord[0]), np.where(use, own[1], chord[1]),
-        np.where(use, errors[0], chord[2]), np.where(use, errors[1], chord[3]),
-        use, reason,
-    )  # fmt: skip
+        np.where(use, own[0], chord[0]),
+        np.where(use, own[1], chord[1]),
+        np.where(use, errors[0], chord[2]),
+        np.where(use, errors[1], chord[3]),
+        use,
+        reason,
+    )
 
 
 def _judge(

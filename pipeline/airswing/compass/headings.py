@@ -53,15 +53,36 @@ __all__ = ["derive_columns", "derive_headings", "heading_error_sensitivity", "wi
 Array = NDArray[np.float64]
 
 _NEEDED = (
-    "time", "latitude", "longitude", "pressure_altitude", "eastward_wind", "northward_wind",
-    "flight", "row_size",
-)  # fmt: skip
+    "time",
+    "latitude",
+    "longitude",
+    "pressure_altitude",
+    "eastward_wind",
+    "northward_wind",
+    "flight",
+    "row_size",
+)
 DERIVED = (
-    "ground_eastward_velocity", "ground_northward_velocity", "ground_speed", "track",
-    "ground_velocity_error", "turn", "longitudinal_acceleration", "climb_rate", "bank", "heading",
-    "heading_standard_error", "airspeed", "magnetic_heading", "declination", "horizontal_field",
-    "dip", "heading_error", "heading_error_standard_error", "airspeed_error",
-)  # fmt: skip
+    "ground_eastward_velocity",
+    "ground_northward_velocity",
+    "ground_speed",
+    "track",
+    "ground_velocity_error",
+    "turn",
+    "longitudinal_acceleration",
+    "climb_rate",
+    "bank",
+    "heading",
+    "heading_standard_error",
+    "airspeed",
+    "magnetic_heading",
+    "declination",
+    "horizontal_field",
+    "dip",
+    "heading_error",
+    "heading_error_standard_error",
+    "airspeed_error",
+)
 """What is added to reports and winds."""
 LARGEST_ERROR = float(np.pi / np.sqrt(3.0))
 """Standard error of a heading of which nothing is known, rad."""
@@ -292,15 +313,20 @@ def _beside_turns(
     """Ground velocity and its errors along and across, of the legs around where the path turns."""
     chord = path.eastward, path.northward, path.along_error, path.cross_error
     found = beside_turns(
-        (path.leg_eastward, path.leg_northward, path.leg_error), wind, chord, _seconds(reports),
+        (path.leg_eastward, path.leg_northward, path.leg_error),
+        wind,
+        chord,
+        _seconds(reports),
         reports["flight"].to_numpy(),
         roll_flag=reports["roll_flag"].to_numpy() if "roll_flag" in reports else None,
-    )  # fmt: skip
+    )
     air = triangle.vector_from_bearing(found.airspeed, found.heading)
     new = (
-        air[0] + wind[0][found.report], air[1] + wind[1][found.report],
-        found.airspeed_error, found.airspeed * found.heading_error,
-    )  # fmt: skip
+        air[0] + wind[0][found.report],
+        air[1] + wind[1][found.report],
+        found.airspeed_error,
+        found.airspeed * found.heading_error,
+    )
     out = tuple(values.copy() for values in chord)
     for values, better in zip(out, new, strict=True):
         values[found.report] = better
@@ -384,9 +410,13 @@ def _field_columns(reports: xr.Dataset, motion: _Motion) -> dict[str, Array]:
 
 def _reference_columns(winds: xr.Dataset, motion: _Motion) -> dict[str, xr.DataArray]:
     per_report = (
-        motion.ground.eastward, motion.ground.northward, motion.air_east, motion.air_north,
-        motion.ground.along_error, motion.ground.cross_error,
-    )  # fmt: skip
+        motion.ground.eastward,
+        motion.ground.northward,
+        motion.air_east,
+        motion.air_north,
+        motion.ground.along_error,
+        motion.ground.cross_error,
+    )
     error, standard_error, speed_error = xr.apply_ufunc(
         _compare,
         *(winds[name] for name in _WIND_NAMES),

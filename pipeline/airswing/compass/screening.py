@@ -185,8 +185,12 @@ def audit(headings: xr.Dataset) -> xr.Dataset:
         ``alone_total`` (rule), ``reports_total``, ``kept_total``.
     """
     counts = [_counts(block) for block in blocks(headings, ["screening"])]
-    names = {"together": ("rule", "aircraft"), "alone": ("rule", "aircraft"),
-             "reports": ("aircraft",), "kept": ("aircraft",)}  # fmt: skip
+    names = {
+        "together": ("rule", "aircraft"),
+        "alone": ("rule", "aircraft"),
+        "reports": ("aircraft",),
+        "kept": ("aircraft",),
+    }
     found = xr.Dataset(
         {
             name: (dims, np.concatenate([one[name] for one in counts], axis=-1))

@@ -99,10 +99,16 @@ def disagreement_sums(
     turned = np.arctan2(np.sin(turned[strong]), np.cos(turned[strong]))
     du, dv, heading = (np.asarray(part[good], np.float64) for part in (du, dv, heading))
     parts = [
-        np.ones(du.size), np.hypot(du, dv), du**2 + dv**2, du**2, dv**2,
+        np.ones(du.size),
+        np.hypot(du, dv),
+        du**2 + dv**2,
+        du**2,
+        dv**2,
         (du * np.sin(heading) + dv * np.cos(heading)) ** 2,
-        (du * np.cos(heading) - dv * np.sin(heading)) ** 2, du, dv,
-    ]  # fmt: skip
+        (du * np.cos(heading) - dv * np.sin(heading)) ** 2,
+        du,
+        dv,
+    ]
     found = [np.bincount(group[good], weights=part, minlength=groups) for part in parts]
     directions = [np.ones(turned.size), np.asarray(turned, np.float64) ** 2]
     found += [np.bincount(group[strong], weights=part, minlength=groups) for part in directions]

@@ -25,8 +25,16 @@ LEVEL_EDGES_HPA = (1100.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.
 CELLS = len(PHASE) * (len(LEVEL_EDGES_HPA) - 1)
 """Phases of flight times layers."""
 _UNUSABLE = ("no_reference", "missing_wind", "wind_qc", "gross_error", "no_ground_vector")
-_COLUMNS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
-            "reference_northward_wind", "pressure", "phase", "flight", "screening")  # fmt: skip
+_COLUMNS = (
+    "eastward_wind",
+    "northward_wind",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+    "pressure",
+    "phase",
+    "flight",
+    "screening",
+)
 MIN_DIRECTION_WIND = 5.0
 """Reference wind, m/s, below which a direction says little."""
 

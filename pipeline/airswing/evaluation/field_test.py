@@ -43,8 +43,17 @@ from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
 from airswing.units import KNOT
 
-_COLUMNS = ("time", "screening", "roll_flag", "temperature_qc", "heading", "eastward_wind",
-            "northward_wind", "reference_eastward_wind", "reference_northward_wind")  # fmt: skip
+_COLUMNS = (
+    "time",
+    "screening",
+    "roll_flag",
+    "temperature_qc",
+    "heading",
+    "eastward_wind",
+    "northward_wind",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+)
 _NEVER = ("no_ground_vector", "no_reference", "missing_wind", "wind_qc", "gross_error")
 
 

@@ -431,15 +431,23 @@ def _dataset(problem: Problem, found: Found, maps: bool) -> xr.Dataset:
     frame, stats, noise = problem.archive, problem.base.stats, problem.noise
     out = residual_maps(frame) if maps else xr.Dataset(coords={"aircraft": list(frame.tails)})
     core = stats.layout.core
-    names = np.array([f"{n}[{i}]" for n, b in stats.layout.blocks.items() if b.stop <= core
-                      for i in range(b.stop - b.start)], dtype=object)  # fmt: skip
+    names = np.array(
+        [
+            f"{n}[{i}]"
+            for n, b in stats.layout.blocks.items()
+            if b.stop <= core
+            for i in range(b.stop - b.start)
+        ],
+        dtype=object,
+    )
     out["core_column"] = ("core_column", names)
     out["core_column_2"] = ("core_column_2", names)
     out["day"] = ("day", (stats.days * 86400).astype("datetime64[s]").astype("datetime64[ns]"))
     out["score"] = (("aircraft", "day", "core_column"), stats.day_score[:, :, :core])
     out["information"] = (
-        ("aircraft", "core_column", "core_column_2"), stats.day_gram.sum(axis=1, dtype=float),
-    )  # fmt: skip
+        ("aircraft", "core_column", "core_column_2"),
+        stats.day_gram.sum(axis=1, dtype=float),
+    )
     out["report_count"] = (("aircraft", "day"), stats.day_count)
     out["clipped_count"] = (("aircraft",), stats.clipped)
     out["gross_error_count"] = (("aircraft",), stats.gross)
@@ -448,8 +456,9 @@ def _dataset(problem: Problem, found: Found, maps: bool) -> xr.Dataset:
     out["log_evidence"] = ("effect", np.array([s.tempered for s in best], float))
     shares = [aircraft_probability(s) for s in best]
     out["aircraft_probability"] = (
-        ("effect", "aircraft"), np.reshape(shares, (len(best), len(frame.tails)))
-    )  # fmt: skip
+        ("effect", "aircraft"),
+        np.reshape(shares, (len(best), len(frame.tails))),
+    )
     out["noise_distance"] = (("distance",), noise.distance_km)
     out["noise_autocovariance"] = (("distance",), noise.autocovariance)
     out["noise_autocovariance_model"] = (("distance",), noise.autocovariance_model)

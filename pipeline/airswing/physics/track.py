@@ -177,9 +177,15 @@ def ground_track(
     Jacobs et al. 2010 step a, with the chords centred at the report.
     """
     fixes = _make_fixes(
-        latitude, longitude, seconds, altitude, flight, position_resolution, time_resolution,
+        latitude,
+        longitude,
+        seconds,
+        altitude,
+        flight,
+        position_resolution,
+        time_resolution,
         max_gap,
-    )  # fmt: skip
+    )
     before, after = _neighbours(fixes)
     if widen:
         _widen(fixes, before, after, acceleration_density)
@@ -216,10 +222,17 @@ def _make_fixes(
     segment = np.concatenate([[0], np.cumsum(~sound[:-1])]) if lat.size else np.zeros(0)
     shrink = (1.0 + np.cos(np.radians(lat)) ** 2) / 2.0
     return _Fixes(
-        lat, lon, when, height,
-        (METRES_PER_DEGREE * step) ** 2 / 12.0 * shrink, tick**2 / 12.0,
-        distance, forward, backward, segment.astype(np.int64),
-    )  # fmt: skip
+        lat,
+        lon,
+        when,
+        height,
+        (METRES_PER_DEGREE * step) ** 2 / 12.0 * shrink,
+        tick**2 / 12.0,
+        distance,
+        forward,
+        backward,
+        segment.astype(np.int64),
+    )
 
 
 def _geodesic(lat: Array, lon: Array, here: Index, there: Index) -> tuple[Array, Array, Array]:
@@ -262,8 +275,10 @@ def _variances(before: Array, after: Array, density: float) -> tuple[Array, Arra
     with np.errstate(divide="ignore", invalid="ignore"):
         total = before + after
         weights = (
-            before / (after * total), (after - before) / (before * after), after / (before * total)
-        )  # fmt: skip
+            before / (after * total),
+            (after - before) / (before * after),
+            after / (before * total),
+        )
         centred = weights[0] ** 2 + weights[1] ** 2 + weights[2] ** 2
         single = 2.0 / total**2
         both = (before > 0.0) & (after > 0.0)
@@ -369,12 +384,19 @@ def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> Groun
     speed_1, speed_2 = np.hypot(east_1, north_1), np.hypot(east_2, north_2)
     rate = np.hypot(east, north) * turn / interval
     return GroundTrack(
-        east, north, np.sqrt(np.where(np.isfinite(east), along, np.nan)),
+        east,
+        north,
+        np.sqrt(np.where(np.isfinite(east), along, np.nan)),
         np.sqrt(np.where(np.isfinite(east), cross, np.nan)),
         np.sqrt(np.where(np.isfinite(east), 0.5 * (along + cross), np.nan)),
-        turn, (speed_2 - speed_1) / interval, climb, np.arctan(rate / GRAVITY),
-        before.astype(np.int8), after.astype(np.int8), *_legs(fixes),
-    )  # fmt: skip
+        turn,
+        (speed_2 - speed_1) / interval,
+        climb,
+        np.arctan(rate / GRAVITY),
+        before.astype(np.int8),
+        after.astype(np.int8),
+        *_legs(fixes),
+    )
 
 
 def _legs(fixes: _Fixes) -> tuple[Array, Array, Array]:

@@ -168,9 +168,12 @@ def beside_turns(
 
 
 def _air_legs(
-    leg: tuple[Array, Array, Array], wind: tuple[Array, Array], seconds: Array, flight: Index,
+    leg: tuple[Array, Array, Array],
+    wind: tuple[Array, Array],
+    seconds: Array,
+    flight: Index,
     roll: Index,
-) -> _Legs:  # fmt: skip
+) -> _Legs:
     """Mean air vector of each leg, as the unit sees it: ground vector less the wind it reports."""
     air = []
     for part, blown in zip(leg[:2], wind, strict=True):
@@ -420,8 +423,11 @@ def _found(index: Index, legs: _Legs, known: _Known) -> tuple[Array, Array, Arra
         known.airspeed_error[index] ** 2 + (known.airspeed[index] - airspeed) ** 2
     )
     return (
-        np.mod(window.base + mean, 2.0 * np.pi), airspeed, np.sqrt(variance), np.sqrt(apart),
-    )  # fmt: skip
+        np.mod(window.base + mean, 2.0 * np.pi),
+        airspeed,
+        np.sqrt(variance),
+        np.sqrt(apart),
+    )
 
 
 def _airspeed(window: _Window, turns: _Turns, fit: _Fitted) -> tuple[Array, Array]:

@@ -119,6 +119,11 @@ def copy_column(source: Any, target: Any) -> None:
 def _storage(dataset: Any) -> tuple[Any, ...]:
     """All that the octets of a chunk depend on."""
     return (
-        dataset.dtype, dataset.shape, dataset.chunks, dataset.shuffle, dataset.compression,
-        dataset.fletcher32, dataset.scaleoffset,
-    )  # fmt: skip
+        dataset.dtype,
+        dataset.shape,
+        dataset.chunks,
+        dataset.shuffle,
+        dataset.compression,
+        dataset.fletcher32,
+        dataset.scaleoffset,
+    )

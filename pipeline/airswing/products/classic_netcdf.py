@@ -62,8 +62,9 @@ def require_whole(path: Path) -> None:
         raise InputError(
             "cannot be opened: damaged, "
             f"{needed:,} octets by its header, of which {size:,} are there",
-            file=path, found=f"{records:,} records",
-        )  # fmt: skip
+            file=path,
+            found=f"{records:,} records",
+        )
 
 
 class _Header:

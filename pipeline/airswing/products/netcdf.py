@@ -39,8 +39,14 @@ _TIME_ATTRIBUTES = {
     "_FillValue": np.iinfo(np.int64).min,
 }
 DAMAGE = (
-    ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError,
-)  # fmt: skip
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
 """What the libraries raise on a file whose octets contradict each other."""
 _CHUNK_CACHE = 2**20
 REPORTS_A_CHUNK = 65_536
@@ -355,9 +361,11 @@ def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
     if "uuid" not in ds.attrs:
         ds.close()
         raise InputError(
-            "not a product of airswing", file=path, found=ds.attrs.get("title"),
+            "not a product of airswing",
+            file=path,
+            found=ds.attrs.get("title"),
             remedy="Move it away and run the stage that makes it",
-        )  # fmt: skip
+        )
     wrong = _damage(ds)
     if wrong:
         ds.close()

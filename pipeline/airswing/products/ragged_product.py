@@ -184,8 +184,9 @@ class RaggedWriter:
         options = encoding_of(variable, sizes)
         kind = np.dtype(options.pop("dtype"))
         fill = options.pop("_FillValue", variable.attrs.get("_FillValue"))
-        return _create_array(file, variable, kind, {str(k): n for k, n in sizes.items()},
-                             fill, options)  # fmt: skip
+        return _create_array(
+            file, variable, kind, {str(k): n for k, n in sizes.items()}, fill, options
+        )
 
     def _write_small(self, file: Any, parts: list[xr.DataArray]) -> None:
         first, made = parts[0], self._create(file, parts[0])

@@ -75,9 +75,11 @@ def build_catalogue(
         raise InputError("must be skip or fail", field="on_bad_file", found=on_bad_file)
     if engine not in ENGINES:
         raise InputError(
-            "no such engine", field=f"references.{name}.engine", found=engine,
+            "no such engine",
+            field=f"references.{name}.engine",
+            found=engine,
             remedy="Engines are " + ", ".join(ENGINES),
-        )  # fmt: skip
+        )
     if isinstance(naming, Mapping):
         naming = Naming(**naming)  # type: ignore[arg-type]
     patterns: str | Sequence[str] | xr.Dataset
@@ -88,15 +90,24 @@ def build_catalogue(
         used = _told(find_files(patterns, name), name) if engine == "auto" else engine
     if used != "grib":
         return build_gridded_catalogue(
-            patterns, name=name, engine=used, lead=lead, member=member, naming=naming,
+            patterns,
+            name=name,
+            engine=used,
+            lead=lead,
+            member=member,
+            naming=naming,
             on_bad_file=on_bad_file,
-        )  # fmt: skip
+        )
     assert not isinstance(patterns, xr.Dataset)
     try:
         return grib.build_catalogue(
-            patterns, name=name, lead=lead, member=member, cache_dir=cache_dir,
+            patterns,
+            name=name,
+            lead=lead,
+            member=member,
+            cache_dir=cache_dir,
             on_bad_file=on_bad_file,
-        )  # fmt: skip
+        )
     except InputError as refused:
         if engine == "grib" or not refused.what.startswith("no wind on pressure levels"):
             raise
@@ -133,10 +144,11 @@ def _told(paths: Sequence[str], name: str) -> str:
         return "grib"  # garbage is counted and named by the reader of octets
     if len(kinds) > 1:
         raise InputError(
-            "files of several kinds under one reference", field=f"references.{name}.files",
+            "files of several kinds under one reference",
+            field=f"references.{name}.files",
             found="; ".join(f"{kind}: {found[0]}" for kind, found in sorted(kinds.items())),
             remedy="Give each kind a reference of its own, or narrow the pattern",
-        )  # fmt: skip
+        )
     kind, found = next(iter(kinds.items()))
     return engine_of(found[0]) if kind == "netcdf" else kind
 

@@ -32,18 +32,20 @@ def require_overlap(plans: Mapping[str, Plan]) -> None:
             raise _untimed(one, field)
         if one.outside_levels == 0:
             raise InputError(
-                "no overlap in space between reports and model winds", field=field,
+                "no overlap in space between reports and model winds",
+                field=field,
                 found=f"reports {_place(one.report_box)}, model {_place(one.model_box)}",
-            )  # fmt: skip
+            )
         levels = " to ".join(f"{level:g}" for level in dict.fromkeys(one.model_levels))
         raise InputError(
-            "no report lies between the model's levels", field=field,
+            "no report lies between the model's levels",
+            field=field,
             found=f"{one.outside_levels} reports above the highest or below the lowest level "
             f"({levels} hPa)",
             remedy="Check the unit of the reports' altitude or pressure column"
             if len(set(one.model_levels)) > 1
             else "Winds are interpolated between levels: two are needed",
-        )  # fmt: skip
+        )
 
 
 def _untimed(one: Plan, field: str) -> InputError:
@@ -57,9 +59,11 @@ def _untimed(one: Plan, field: str) -> InputError:
     else:
         what = "no report lies between two model times that are close enough together"
     return InputError(
-        what, field=field, found=f"reports {' to '.join(reports)}, model {' to '.join(model)}",
+        what,
+        field=field,
+        found=f"reports {' to '.join(reports)}, model {' to '.join(model)}",
         remedy="Two valid times around a report may be at most max_time_gap apart",
-    )  # fmt: skip
+    )
 
 
 def _place(box: tuple[float, float, float, float]) -> str:

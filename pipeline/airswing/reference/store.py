@@ -43,10 +43,23 @@ from airswing.reference.packing import (
 Floats = NDArray[np.float64]
 
 _MODULES = (
-    grids, simple_packing, complex_packing, image_packing, decoder_process, consistency, credible,
-    values, interpolation, winds, sampling, axes_grid, curvilinear, projection, chunk_reading,
+    grids,
+    simple_packing,
+    complex_packing,
+    image_packing,
+    decoder_process,
+    consistency,
+    credible,
+    values,
+    interpolation,
+    winds,
+    sampling,
+    axes_grid,
+    curvilinear,
+    projection,
+    chunk_reading,
     gridded_sampling,
-)  # fmt: skip
+)
 """What the values of a sample depend on."""
 _BEGUN = "begun"
 _HEADER_BYTES = 256

@@ -39,11 +39,22 @@ _METRES_PER_DEGREE = 111_195.0
 _SAME_PLACE = 1e-4  # degrees
 _TREND_GAP = 1200.0  # s: farther reports do not tell a climb from a descent
 _OUTPUT = (
-    "latitude", "longitude", "pressure", "pressure_altitude", "eastward_wind", "northward_wind",
-    "air_temperature", "roll_flag", "temperature_qc", "wind_qc", "phase", "icing",
+    "latitude",
+    "longitude",
+    "pressure",
+    "pressure_altitude",
+    "eastward_wind",
+    "northward_wind",
+    "air_temperature",
+    "roll_flag",
+    "temperature_qc",
+    "wind_qc",
+    "phase",
+    "icing",
     "wind_source",
-    "reported_airspeed", "reported_heading",
-)  # fmt: skip
+    "reported_airspeed",
+    "reported_heading",
+)
 _MAY_BE_MISSING = ("pressure", "eastward_wind", "air_temperature")
 
 Columns = dict[str, NDArray[Any]]

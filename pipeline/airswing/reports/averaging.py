@@ -25,9 +25,14 @@ __all__ = ["STRAIGHT", "averaged"]
 STRAIGHT = 10.0
 """Degrees of heading within which an interval counts as straight."""
 _MEANS = (
-    "latitude", "pressure", "pressure_altitude", "eastward_wind", "northward_wind",
-    "air_temperature", "reported_airspeed",
-)  # fmt: skip
+    "latitude",
+    "pressure",
+    "pressure_altitude",
+    "eastward_wind",
+    "northward_wind",
+    "air_temperature",
+    "reported_airspeed",
+)
 _ANGLES = ("longitude", "reported_heading")
 
 Columns = dict[str, NDArray[Any]]

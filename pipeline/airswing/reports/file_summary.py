@@ -20,8 +20,12 @@ from airswing.reports.files import Format
 from airswing.reports.read import iter_frames
 
 _NUMBERS = (
-    "pressure", "eastward_wind", "air_temperature", "reported_airspeed", "reported_heading",
-)  # fmt: skip
+    "pressure",
+    "eastward_wind",
+    "air_temperature",
+    "reported_airspeed",
+    "reported_heading",
+)
 
 
 def reports_summary(

@@ -26,8 +26,14 @@ Format = str
 Policy = Literal["skip", "fail"]
 
 _DAMAGE = (
-    ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError,
-)  # fmt: skip
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
 """What libraries raise on octets that contradict each other."""
 
 

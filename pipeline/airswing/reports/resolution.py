@@ -29,17 +29,33 @@ Step = tuple[float, float]
 POSITION_STEPS: tuple[Step, ...] = tuple(
     (step, float(min(0.1 * step, max(0.04 * step, 7e-6))))
     for step in (
-        0.1, 0.05, ARC_MINUTE, 0.01, 0.5 * ARC_MINUTE, 0.005, 0.1 * ARC_MINUTE,
-        0.001, 1.0 / 3600.0, 0.01 * ARC_MINUTE, 1e-4, 0.1 / 3600.0, 1e-5,
+        0.1,
+        0.05,
+        ARC_MINUTE,
+        0.01,
+        0.5 * ARC_MINUTE,
+        0.005,
+        0.1 * ARC_MINUTE,
+        0.001,
+        1.0 / 3600.0,
+        0.01 * ARC_MINUTE,
+        1e-4,
+        0.1 / 3600.0,
+        1e-5,
     )
-)  # fmt: skip
+)
 """degrees"""
 TIME_STEPS: tuple[Step, ...] = tuple((step, 0.02 * step) for step in (60.0, 6.0, 1.0, 0.1, 0.01))
 """s; coarser ones are schedules, not codings"""
 SPEED_STEPS: tuple[Step, ...] = (
-    (5.0 * KNOT, 0.051), (1.0, 0.02), (KNOT, 0.051),
-    (0.5, 0.01), (0.1, 0.005), (0.1 * KNOT, 0.0026), (0.01, 0.001),
-)  # fmt: skip
+    (5.0 * KNOT, 0.051),
+    (1.0, 0.02),
+    (KNOT, 0.051),
+    (0.5, 0.01),
+    (0.1, 0.005),
+    (0.1 * KNOT, 0.0026),
+    (0.01, 0.001),
+)
 """m/s; knots may be stored to 0.1 m/s"""
 DIRECTION_STEPS: tuple[Step, ...] = tuple(
     (step, 0.02 * step) for step in (10.0, 5.0, 1.0, 0.1, 0.01)

@@ -49,9 +49,16 @@ from airswing.reports.files import (
 SEGMENT_REPORTS = 250_000
 """Reports gathered before they are set down."""
 _NUMBERS = (
-    "pressure", "pressure_altitude", "wind_speed", "wind_direction", "eastward_wind",
-    "northward_wind", "air_temperature", "reported_airspeed", "reported_heading",
-)  # fmt: skip
+    "pressure",
+    "pressure_altitude",
+    "wind_speed",
+    "wind_direction",
+    "eastward_wind",
+    "northward_wind",
+    "air_temperature",
+    "reported_airspeed",
+    "reported_heading",
+)
 ROW = np.dtype(
     [("tail", "i4"), ("flight", "i4"), ("time", "M8[ns]"), ("latitude", "f8"), ("longitude", "f8")]
     + [(name, "f4") for name in _NUMBERS]

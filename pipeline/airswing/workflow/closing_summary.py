@@ -22,8 +22,13 @@ from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
 from airswing.units import KNOT
 
-_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
-          "reference_northward_wind", "screening")  # fmt: skip
+_WINDS = (
+    "eastward_wind",
+    "northward_wind",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+    "screening",
+)
 _MENDED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
 
 

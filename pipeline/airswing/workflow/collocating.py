@@ -86,9 +86,14 @@ def catalogues(job: Job, names: list[str]) -> dict[str, Catalogue]:
         for name in names:
             asked = job.config.references[name]
             found[name] = build_catalogue(
-                asked.files, name=name, lead=asked.lead, member=asked.member,
-                on_bad_file=asked.on_bad_file, engine=asked.engine, naming=asked.naming(),
-            )  # fmt: skip
+                asked.files,
+                name=name,
+                lead=asked.lead,
+                member=asked.member,
+                on_bad_file=asked.on_bad_file,
+                engine=asked.engine,
+                naming=asked.naming(),
+            )
         stage.note = ", ".join(
             f"{name} {len(model):,} model times" for name, model in found.items()
         )
@@ -247,9 +252,14 @@ def collocate_places(
             store.begin()
         for number in range(len(places)):
             winds = collocate(
-                places.reports(number), models, store=folder, account=True,
-                max_time_gap=asked.max_time_gap, sparse=asked.sparse, derivatives=True,
-            ).compute()  # fmt: skip
+                places.reports(number),
+                models,
+                store=folder,
+                account=True,
+                max_time_gap=asked.max_time_gap,
+                sparse=asked.sparse,
+                derivatives=True,
+            ).compute()
             _account(stage, winds)
             for name, met in zip(models, winds[PROBLEMS].to_numpy(), strict=True):
                 problems[name] |= met

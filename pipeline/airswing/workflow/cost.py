@@ -32,8 +32,12 @@ SECONDS_PER_KEPT_REPORT = {"reports": 0.6e-6, "headings": 1.6e-6}
 SECONDS_ANYWAY = {"reports": 0.8, "collocate": 0.4, "headings": 0.2, "page": 3.0}
 """Libraries to start, and figures of the fleet."""
 SECONDS_PER_AIRCRAFT = {
-    "fit": 0.015, "swing cards": 0.05, "ranking": 0.02, "virtual field test": 0.15, "page": 0.1,
-}  # fmt: skip
+    "fit": 0.015,
+    "swing cards": 0.05,
+    "ranking": 0.02,
+    "virtual field test": 0.15,
+    "page": 0.1,
+}
 """However few reports it has."""
 SECONDS_PER_LARGE_FIGURE, LARGE_FIGURES = 0.4, 40
 """Of the page, for as many aircraft at most."""

@@ -47,9 +47,10 @@ def gap_headings(job: Job) -> xr.Dataset:
     inputs = read_product(job.output / GAP_INPUTS, lazy=True)
     if inputs.attrs.get(MARK) != headings.attrs.get(MARK):
         raise InputError(
-            "the derivatives of the model winds are not of these headings", file=GAP_INPUTS,
+            "the derivatives of the model winds are not of these headings",
+            file=GAP_INPUTS,
             remedy="Remove both products, then run again",
-        )  # fmt: skip
+        )
     return headings.assign(inputs.drop_vars("row_size").data_vars)
 
 
@@ -171,9 +172,11 @@ def diagnosis(
         names = [effect["name"] for effect in found.report["effects"]]
         stage.note = ", ".join(names) or "no effect missing"
     content = found.report | {
-        "reference": config.gap_reference(), "headings_uuid": headings.attrs["uuid"],
-        **found.details, **start.record,
-    }  # fmt: skip
+        "reference": config.gap_reference(),
+        "headings_uuid": headings.attrs["uuid"],
+        **found.details,
+        **start.record,
+    }
     content["claims"] = _claims(job, *_seen(headings, archive, found.adjustment))
     write_json(job.output / GAP_JSON, content)
     write_effects([*start.known, *active_effects(found.report)], job.output / GAP_EFFECTS)
@@ -262,7 +265,9 @@ def _catalogue(without: Sequence[str]) -> dict[str, Any]:
     for name in without:
         if name not in CATALOGUE:
             raise InputError(
-                "unknown effect", field="--without", found=name,
+                "unknown effect",
+                field="--without",
+                found=name,
                 remedy=f"the catalogue holds {', '.join(CATALOGUE)}",
-            )  # fmt: skip
+            )
     return {name: effect for name, effect in CATALOGUE.items() if name not in without}

@@ -159,10 +159,12 @@ def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, stri
             err.what, file=source, field=err.field, found=err.found, remedy=err.remedy
         ) from err
     told = {
-        "source": source, "effects": plain_effects(own), "left_out": len(effects) - len(own),
+        "source": source,
+        "effects": plain_effects(own),
+        "left_out": len(effects) - len(own),
         "disagreement_without_kt": disagreement_kt(start.frame),
         "disagreement_with_kt": disagreement_kt(left),
-    }  # fmt: skip
+    }
     known = [*start.record.get("known", []), told]
     return Start(left, [*start.known, *own], start.record | {"known": known})
 
@@ -195,9 +197,12 @@ def _against(
         number = int(matched.found.sum())
         stage.note = f"{number:,} of {start.frame.size:,} reports are in the simulation"
     told: dict[str, Any] = {
-        "source": simulated, "reports": matched.simulated, "matched": number,
-        "of": start.frame.size, "matched_by": "aircraft and time",
-    }  # fmt: skip
+        "source": simulated,
+        "reports": matched.simulated,
+        "matched": number,
+        "of": start.frame.size,
+        "matched_by": "aircraft and time",
+    }
     if same_paths(matched):
         frame = with_simulated_wind(start.frame, matched)
         return Start(frame, record={"simulation": told})

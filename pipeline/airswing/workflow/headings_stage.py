@@ -234,6 +234,10 @@ def _unscreened(job: Job, mark: str) -> Blocks | None:
                 record._replace(product=uuid).write(job.record)
 
     return Blocks(
-        found.sizes["report"], found.sizes["aircraft"], lambda _: blocks(kept), "screen",
-        dict(found.attrs), written,
-    )  # fmt: skip
+        found.sizes["report"],
+        found.sizes["aircraft"],
+        lambda _: blocks(kept),
+        "screen",
+        dict(found.attrs),
+        written,
+    )

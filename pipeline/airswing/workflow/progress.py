@@ -178,8 +178,9 @@ class Progress:
         lines = ["stage              time (s)  share   MB read  messages     reports"]
         for stage in found["stages"]:
             counts = (stage["octets"] / 1e6, stage["messages"], stage["reports"])
-            shown = [f"{n:,.1f}" if n and i == 0 else f"{n:,}" if n else "" for i, n in
-                     enumerate(counts)]  # fmt: skip
+            shown = [
+                f"{n:,.1f}" if n and i == 0 else f"{n:,}" if n else "" for i, n in enumerate(counts)
+            ]
             share = stage["seconds"] / found["seconds"] if found["seconds"] else 0.0
             lines.append(
                 f"{stage['name']:<18} {stage['seconds']:8.1f} {share:6.1%} "
@@ -221,9 +222,12 @@ class Progress:
             completed=tasks.done,
             total=tasks.total or None,
             tasks=f"{tasks.done:,}/{tasks.total:,}" if tasks.total else "",
-            left="" if left is None else f"about {left / 60:.0f} min left in all"
-            if left > 90 else f"about {left:.0f} s left in all",
-        )  # fmt: skip
+            left=""
+            if left is None
+            else f"about {left / 60:.0f} min left in all"
+            if left > 90
+            else f"about {left:.0f} s left in all",
+        )
 
 
 def release_memory() -> None:

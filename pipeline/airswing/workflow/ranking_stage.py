@@ -102,9 +102,19 @@ def ranking_table(ranking: list[dict[str, Any]]) -> str:
     -------
     str
     """
-    titles = ("rank", "aircraft", "status", "reports", "disagreement_kt", "expected_gain_kt",
-              "expected_gain_low_kt", "expected_gain_high_kt", "rank_low", "rank_high",
-              "amplitude_deg")  # fmt: skip
+    titles = (
+        "rank",
+        "aircraft",
+        "status",
+        "reports",
+        "disagreement_kt",
+        "expected_gain_kt",
+        "expected_gain_low_kt",
+        "expected_gain_high_kt",
+        "rank_low",
+        "rank_high",
+        "amplitude_deg",
+    )
     text = io.StringIO()
     writer = csv.DictWriter(text, titles, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()

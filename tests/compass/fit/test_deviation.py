@@ -344,8 +344,12 @@ def test_b_and_c_are_those_at_the_mean_horizontal_field():
         one["horizontal_field"] = ("report", np.full(one.sizes["report"], field))
     both = xr.concat(
         [weak.drop_vars("row_size"), strong.drop_vars("row_size")],
-        dim="report", data_vars="minimal", coords="minimal", compat="override", join="override",
-    )  # fmt: skip
+        dim="report",
+        data_vars="minimal",
+        coords="minimal",
+        compat="override",
+        join="override",
+    )
     both["row_size"] = ("aircraft", [both.sizes["report"]])
     fits = fit_deviation(both)
     assert np.abs(fits["deviation"].to_numpy()[0, 0] - [0.5, 4.0, -2.0, 0, 0]).max() < 0.3

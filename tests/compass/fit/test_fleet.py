@@ -54,9 +54,11 @@ def test_variances_are_at_the_restricted_likelihoods_top(seed, small):
         )
 
     best = minimize(
-        minus_twice_log_likelihood, np.log([0.05, 0.05]), method="L-BFGS-B",
+        minus_twice_log_likelihood,
+        np.log([0.05, 0.05]),
+        method="L-BFGS-B",
         bounds=[(np.log(1e-4), np.log(9.0))] * 2,
-    )  # fmt: skip
+    )
     found = group_variances(information, score, groups)
     at = minus_twice_log_likelihood(np.log([found[0], found[20]]))
     assert at < best.fun + 0.05

@@ -28,10 +28,16 @@ def fleet(days: int, seed: int = 0, a_segment: int = 5) -> list[Blocks]:
         sums[3:] = sums[0] * rng.normal(0, 100, (ROWS - 3, n))
         found.append(
             Blocks(
-                sums, 8.0 * n, 8.0 * n, rng.uniform(39, 46, n), rng.uniform(-92, -82, n),
-                np.log(rng.uniform(3e4, 9e4, n)), segment, np.arange(n) // 2,
+                sums,
+                8.0 * n,
+                8.0 * n,
+                rng.uniform(39, 46, n),
+                rng.uniform(-92, -82, n),
+                np.log(rng.uniform(3e4, 9e4, n)),
+                segment,
+                np.arange(n) // 2,
             )
-        )  # fmt: skip
+        )
     return found
 
 

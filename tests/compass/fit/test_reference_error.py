@@ -37,9 +37,15 @@ def blocks(n: int = 3000, each: int = 3, segments: int = 20, seed: int = 0) -> B
     latitude, longitude, log_pressure = places(n, seed)
     piece = np.arange(n) // each
     return Blocks(
-        sums.astype(np.float32), 4.0 * n, 4.0 * n, latitude, longitude, log_pressure,
-        piece * segments // (n // each), piece,
-    )  # fmt: skip
+        sums.astype(np.float32),
+        4.0 * n,
+        4.0 * n,
+        latitude,
+        longitude,
+        log_pressure,
+        piece * segments // (n // each),
+        piece,
+    )
 
 
 @pytest.mark.parametrize("middle", [-87.0, 179.0])

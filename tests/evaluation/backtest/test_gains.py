@@ -16,8 +16,10 @@ NAMES = xr.Dataset({"aircraft": ("aircraft", ["a", "b", "c"])})
 
 def entry(name: str, gain: float | None, error: float = 0.5) -> dict:
     return {
-        "aircraft": name, "expected_gain_kt": gain, "expected_gain_standard_error_kt": error,
-    }  # fmt: skip
+        "aircraft": name,
+        "expected_gain_kt": gain,
+        "expected_gain_standard_error_kt": error,
+    }
 
 
 def gain(values: list[float], counts: list[float]) -> Gain:
@@ -64,8 +66,9 @@ def test_one_day_tells_no_interval_and_no_verdict():
 
 
 def test_without_a_prediction_there_is_nothing_to_compare():
-    found = compared(NAMES.isel(aircraft=[0]), [gain([1.0], [1])], [entry("a", None)],
-                     draws=10, seed=1)  # fmt: skip
+    found = compared(
+        NAMES.isel(aircraft=[0]), [gain([1.0], [1])], [entry("a", None)], draws=10, seed=1
+    )
     assert found == {"by_aircraft": [], "predicted_gain_kt": None, "realised_gain_kt": None}
 
 

@@ -37,8 +37,9 @@ def by_hand(spread_deg: float) -> tuple[float, float, np.ndarray]:
     u = 100 * (np.sin(heading - shown) - np.sin(heading))
     v = 100 * (np.cos(heading - shown) - np.cos(heading))
     noise = np.array([1.0, -1.0, 1.0, -1.0])
-    flown = Flown(u + noise, v, np.zeros(4), np.zeros(4), heading, heading,
-                  np.full(4, 100.0), np.arange(4))  # fmt: skip
+    flown = Flown(
+        u + noise, v, np.zeros(4), np.zeros(4), heading, heading, np.full(4, 100.0), np.arange(4)
+    )
     covariance = np.zeros((5, 5))
     covariance[0, 0] = spread_deg**2
     return expected_gain(flown, np.array([10.0, 0, 0, 0, 0]), covariance, draws=200, seed=0)

@@ -90,10 +90,15 @@ def test_two_changes_of_one_compass_are_both_found():
     ds = first.assign(
         {
             name: (first[name].dims, np.where(late, back[name], first[name]))
-            for name in ("heading_error", "airspeed_error", "heading", "magnetic_heading",
-                         "airspeed")
+            for name in (
+                "heading_error",
+                "airspeed_error",
+                "heading",
+                "magnetic_heading",
+                "airspeed",
+            )
         }
-    )  # fmt: skip
+    )
     entries = find_changes(ds, members=["ruc"], draws=299)
     assert [days(one["date"]) for one in entries[0]["changes"]] == pytest.approx([30, 60], abs=2)
     assert entries[1]["changes"] == []
@@ -139,9 +144,13 @@ def test_too_few_days_say_nothing():
     assert np.isnan(fits["change_p_value"]).all()
 
 
-@pytest.mark.parametrize(("window", "firsts"), [
-    ("month", ["2008-07-01", "2008-08-01"]), ("quarter", ["2008-07-01"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("window", "firsts"),
+    [
+        ("month", ["2008-07-01", "2008-08-01"]),
+        ("quarter", ["2008-07-01"]),
+    ],
+)
 def test_windows_are_those_of_the_calendar_and_use_their_own_reports(changed, window, firsts):
     ds, _ = changed
     found = fit_by_window(ds, pools={"ruc": ["ruc"]}, reference="ruc", window=window)

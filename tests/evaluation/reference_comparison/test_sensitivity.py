@@ -22,9 +22,14 @@ from airswing.evaluation.reference_comparison.threeway import three_cornered_hat
 from airswing.products.ragged import aircraft_of_report
 
 SETTING = Setting(
-    aircraft=8, days=90, references=2, bias_spread=0.0, day_error=0.3, flights_a_day=3,
+    aircraft=8,
+    days=90,
+    references=2,
+    bias_spread=0.0,
+    day_error=0.3,
+    flights_a_day=3,
     reports_a_flight=5,
-)  # fmt: skip
+)
 TWO = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}
 
 
@@ -105,8 +110,13 @@ def test_nam_is_compared_and_never_called_poolable():
 
 def test_the_same_reference_twice_does_not_differ_at_all():
     ds = references(2, Setting(**{**SETTING.__dict__, "days": 20}))
-    for name in ("reference_eastward_wind", "reference_northward_wind", "heading_error",
-                 "airspeed_error", "heading_error_standard_error"):  # fmt: skip
+    for name in (
+        "reference_eastward_wind",
+        "reference_northward_wind",
+        "heading_error",
+        "airspeed_error",
+        "heading_error_standard_error",
+    ):
         values = ds[name].to_numpy().copy()
         values[1] = values[0]
         ds[name] = (ds[name].dims, values)

@@ -20,10 +20,13 @@ NAMES = ("compass_offset", "hard_iron", "soft_iron", "compass_step", "tas_scale"
 def searched():
     """Sums and found terms of an archive with an offset on one aircraft, airspeed on another."""
     frame = make_frame(
-        seed=9, aircraft=5, days=16, noise=0.3,
+        seed=9,
+        aircraft=5,
+        days=16,
+        noise=0.3,
         heading_error=lambda c: np.where(c["aircraft"] == 1, np.radians(1.5), 0.0),
         airspeed_factor=lambda c: np.where(c["aircraft"] == 3, 1.02, 1.0),
-    )  # fmt: skip
+    )
     held = {}
     whole = stages.assemble
 

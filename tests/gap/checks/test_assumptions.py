@@ -16,9 +16,11 @@ GOOD = Calibration(np.full(20, 100), 0.57, 0.57, 1.0, 0.01, 0.005, 0.52, 0.01)
 
 def _noise(measured, model):
     return SimpleNamespace(
-        autocovariance=np.asarray(measured, float), autocovariance_model=np.asarray(model, float),
-        pair_count=np.full(len(measured), 1000.0), distance_km=np.arange(len(measured)) * 50.0,
-    )  # fmt: skip
+        autocovariance=np.asarray(measured, float),
+        autocovariance_model=np.asarray(model, float),
+        pair_count=np.full(len(measured), 1000.0),
+        distance_km=np.arange(len(measured)) * 50.0,
+    )
 
 
 def _score(scope, factor):
@@ -27,13 +29,16 @@ def _score(scope, factor):
 
 
 def _rows(*, noise=None, after=GOOD, decoy=None, clipped=1.0, left=()):
-    stats = SimpleNamespace(day_count=np.full((2, 5), 100.0), clipped=np.array([clipped, 0.0]),
-                            gross=np.zeros(2))  # fmt: skip
+    stats = SimpleNamespace(
+        day_count=np.full((2, 5), 100.0), clipped=np.array([clipped, 0.0]), gross=np.zeros(2)
+    )
     return assumptions(
-        base=SimpleNamespace(stats=stats), noise=noise or _noise([4, 2, 1], [4, 2.1, 1]),
-        found=Found((), None, (), tuple(left)), after=after,
+        base=SimpleNamespace(stats=stats),
+        noise=noise or _noise([4, 2, 1], [4, 2.1, 1]),
+        found=Found((), None, (), tuple(left)),
+        after=after,
         decoy=decoy or Decoy(0.01, 0.0, (-0.01, 0.01), 4),
-    )  # fmt: skip
+    )
 
 
 def _failed(**wrong):

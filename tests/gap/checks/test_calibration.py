@@ -29,8 +29,14 @@ def flown():
     order = flight_order(frame.flight, frame.time)
     steps = flight_steps(frame.latitude, frame.longitude, np.log(frame.pressure), order)
     model = NoiseModel(2.0, 1.0, 150e3, 1.0, np.zeros(1), np.ones(1))
-    gains = kalman_gains(order, model.decay(*steps), np.ones(frame.size),
-                         np.ones(frame.size, bool), correlated_sd=2.0, white_sd=1.0)  # fmt: skip
+    gains = kalman_gains(
+        order,
+        model.decay(*steps),
+        np.ones(frame.size),
+        np.ones(frame.size, bool),
+        correlated_sd=2.0,
+        white_sd=1.0,
+    )
     none = np.zeros(1)
     noise = NoiseFit(model, order, gains, none, none, none, none, np.zeros(frame.size, bool))
     return frame, noise

@@ -14,9 +14,12 @@ from airswing.gap.noise.whitening import whiten
 def struck():
     """Frame with a strong deviation on every aircraft, and its noise."""
     frame = make_frame(
-        seed=3, aircraft=4, days=12, noise=0.3,
+        seed=3,
+        aircraft=4,
+        days=12,
+        noise=0.3,
         heading_error=lambda context: np.radians(3.0) * np.sin(context["magnetic_heading"]),
-    )  # fmt: skip
+    )
     noise = noise_of(frame)
     return frame, noise
 

@@ -40,42 +40,57 @@ def _headings(*, scale: float = 0.0, wrong: float = 0.0, seed: int = 0) -> xr.Da
     implied = ground - model
     degrees = np.degrees(np.arctan2(*air) - np.arctan2(*implied))
     columns = {
-        "eastward_wind": reported[0], "northward_wind": reported[1],
-        "ground_eastward_velocity": ground[0], "ground_northward_velocity": ground[1],
+        "eastward_wind": reported[0],
+        "northward_wind": reported[1],
+        "ground_eastward_velocity": ground[0],
+        "ground_northward_velocity": ground[1],
         "heading": np.degrees(indicated) % 360,
         "magnetic_heading": (np.degrees(indicated) + 3) % 360,
-        "latitude": rng.uniform(35, 45, n), "longitude": rng.uniform(-95, -80, n),
+        "latitude": rng.uniform(35, 45, n),
+        "longitude": rng.uniform(-95, -80, n),
         "pressure": rng.uniform(2e4, 9e4, n),
-        "airspeed": np.hypot(*air), "declination": np.full(n, -3.0),
-        "roll_flag": np.ones(n, np.int8), "temperature_qc": np.ones(n, np.int8),
-        "screening": np.zeros(n, np.int32), "flight": np.arange(n) // 20,
-    }  # fmt: skip
+        "airspeed": np.hypot(*air),
+        "declination": np.full(n, -3.0),
+        "roll_flag": np.ones(n, np.int8),
+        "temperature_qc": np.ones(n, np.int8),
+        "screening": np.zeros(n, np.int32),
+        "flight": np.arange(n) // 20,
+    }
     per = {
-        "reference_eastward_wind": model[0], "reference_northward_wind": model[1],
+        "reference_eastward_wind": model[0],
+        "reference_northward_wind": model[1],
         "heading_error": (degrees + 180) % 360 - 180,
         "heading_error_standard_error": np.full(n, 0.1),
         "airspeed_error": np.hypot(*air) - np.hypot(*implied),
-    }  # fmt: skip
+    }
     day = np.arange(n) // 20 % 30
     return xr.Dataset(
         {name: ("report", values) for name, values in columns.items()}
         | {name: (("reference", "report"), values[None]) for name, values in per.items()}
-        | {"row_size": ("aircraft", [each, each]),
-           "time": ("report", np.datetime64("2009-07-01", "ns") + day * np.timedelta64(1, "D"))},
+        | {
+            "row_size": ("aircraft", [each, each]),
+            "time": ("report", np.datetime64("2009-07-01", "ns") + day * np.timedelta64(1, "D")),
+        },
         coords={"aircraft": ["N1", "N2"], "reference": ["model"]},
-    )  # fmt: skip
+    )
 
 
 def _adjustment(names, reported=None, reference=None, size=1200):
     none = np.zeros((size, 2))
-    return Adjustment(np.arange(size), none if reported is None else reported,
-                      none if reference is None else reference, names)  # fmt: skip
+    return Adjustment(
+        np.arange(size),
+        none if reported is None else reported,
+        none if reference is None else reference,
+        names,
+    )
 
 
 def test_an_airspeed_factor_is_undone_exactly():
     wrong, right = _headings(scale=0.02), _headings()
-    change = np.stack([right[f"{s}_wind"].values - wrong[f"{s}_wind"].values
-                       for s in ("eastward", "northward")], -1)  # fmt: skip
+    change = np.stack(
+        [right[f"{s}_wind"].values - wrong[f"{s}_wind"].values for s in ("eastward", "northward")],
+        -1,
+    )
     made = adjusted_headings(wrong, _adjustment(("tas_scale",), reported=change))
     for name in ("heading", "magnetic_heading", "airspeed", "heading_error", "airspeed_error"):
         np.testing.assert_allclose(made[name].values, right[name].values, atol=1e-9)
@@ -133,13 +148,20 @@ def test_field_test_is_computed_on_both():
     headings = _headings(wrong=6.0)
     off = _adjustment(("reference_speed_bias",), reference=np.tile([-6.0, 0.0], (1200, 1)))
     test = {
-        "start": date(2009, 7, 16), "before_start": date(2009, 7, 1), "corrected": ["N1"],
-        "controls": ["N2"], "roll": "ignore", "temperature_qc": "ignore", "draws": 50,
-    }  # fmt: skip
-    made = review_claims(headings, off, pools={"model": ["model"]}, reference="model", fit=FIT,
-                         field_test=test)["field_test"]  # fmt: skip
-    clean = review_claims(_headings(), off, pools={"model": ["model"]}, reference="model", fit=FIT,
-                          field_test=test)["field_test"]  # fmt: skip
+        "start": date(2009, 7, 16),
+        "before_start": date(2009, 7, 1),
+        "corrected": ["N1"],
+        "controls": ["N2"],
+        "roll": "ignore",
+        "temperature_qc": "ignore",
+        "draws": 50,
+    }
+    made = review_claims(
+        headings, off, pools={"model": ["model"]}, reference="model", fit=FIT, field_test=test
+    )["field_test"]
+    clean = review_claims(
+        _headings(), off, pools={"model": ["model"]}, reference="model", fit=FIT, field_test=test
+    )["field_test"]
     assert made["reduction_kt_after"] == pytest.approx(clean["reduction_kt"], abs=1e-9)
     low, high = made["reduction_ci_kt"]
     assert low <= made["reduction_kt"] <= high
@@ -149,10 +171,13 @@ def test_field_test_is_computed_on_both():
 def test_diagnosis_takes_off_the_airspeed_and_leaves_the_deviation():
     names = ("compass_offset", "hard_iron", "tas_scale", "reference_speed_bias")
     frame = make_frame(
-        seed=9, aircraft=5, days=16, noise=0.3,
+        seed=9,
+        aircraft=5,
+        days=16,
+        noise=0.3,
         heading_error=lambda c: np.where(c["aircraft"] == 1, np.radians(1.5), 0.0),
         airspeed_factor=lambda c: np.where(c["aircraft"] == 3, 1.02, 1.0),
-    )  # fmt: skip
+    )
     made = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, maps=False, dictionary=False)
     assert {e["name"] for e in made.report["effects"]} == {"compass_offset", "tas_scale"}
     assert made.adjustment.names == ("tas_scale",)

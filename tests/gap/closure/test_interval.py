@@ -32,9 +32,13 @@ def test_a_report_in_two_terms_has_both_taken_off():
 def test_rounding_of_a_whole_knot_and_degree():
     n = 400
     frame = SimpleNamespace(
-        size=n, aircraft=np.zeros(n, int), u_rep=np.full(n, 20.0), v_rep=np.zeros(n),
-        wind_speed_resolution=np.array([0.5144]), wind_direction_resolution=np.array([1.0]),
-    )  # fmt: skip
+        size=n,
+        aircraft=np.zeros(n, int),
+        u_rep=np.full(n, 20.0),
+        v_rep=np.zeros(n),
+        wind_speed_resolution=np.array([0.5144]),
+        wind_direction_resolution=np.array([1.0]),
+    )
     changes = [(np.arange(n), np.zeros((n, 2, 1)), np.zeros((1, 1)))]
     rng = np.random.default_rng(1)
     draws = []

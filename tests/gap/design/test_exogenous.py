@@ -12,8 +12,12 @@ def test_acceleration_is_the_fleets_profile_and_not_the_reports_noise():
     rng = np.random.default_rng(2)
     phase = np.tile(np.repeat([1, 2, 3], 20), 400)
     flight = np.repeat(np.arange(400), 60)
-    level = np.tile(np.concatenate([np.linspace(11.5, 10.6, 20), np.full(20, 10.6),
-                                    np.linspace(10.6, 11.5, 20)]), 400)  # fmt: skip
+    level = np.tile(
+        np.concatenate(
+            [np.linspace(11.5, 10.6, 20), np.full(20, 10.6), np.linspace(10.6, 11.5, 20)]
+        ),
+        400,
+    )
     true = np.choose(phase, [0.0, 0.06 - 0.02 * (11.5 - level), 0.0, -0.05])
     found = expected_acceleration(true + rng.normal(0, 0.05, phase.size), level, phase, flight)
     steady = phase != 2

@@ -61,11 +61,20 @@ def test_the_grid_of_scales_is_the_evidence_at_each_scale(size):
 
 
 def test_collinear_columns_carry_the_evidence_of_one():
-    one = gaussian_evidence(np.array([[40.0]]), np.array([20.0]), factor=1.0,
-                            allowance=np.zeros((1, 1)), prior=np.array([1.0]))[0]  # fmt: skip
-    two = gaussian_evidence(np.full((2, 2), 40.0), np.full(2, 20.0), factor=1.0,
-                            allowance=np.zeros((2, 2)),
-                            prior=np.full(2, np.sqrt(0.5)))[0]  # fmt: skip
+    one = gaussian_evidence(
+        np.array([[40.0]]),
+        np.array([20.0]),
+        factor=1.0,
+        allowance=np.zeros((1, 1)),
+        prior=np.array([1.0]),
+    )[0]
+    two = gaussian_evidence(
+        np.full((2, 2), 40.0),
+        np.full(2, 20.0),
+        factor=1.0,
+        allowance=np.zeros((2, 2)),
+        prior=np.full(2, np.sqrt(0.5)),
+    )[0]
     assert two == pytest.approx(one, abs=0.05)
 
 
@@ -84,9 +93,13 @@ def test_widths_in_metres_a_second_are_the_evidence_of_their_densities():
     unit = np.array([[0.4, 0.1], [0.1, 0.9]])
     background = np.array([0.0, 0.09])[:, None, None] * unit
     found = grid_evidence(
-        information, information @ estimate, factor=1.7, allowance=background, scales=scales,
+        information,
+        information @ estimate,
+        factor=1.7,
+        allowance=background,
+        scales=scales,
         unit=unit,
-    )  # fmt: skip
+    )
     for t in range(2):
         spread = 1.7 * np.linalg.inv(information) + background[t]
         nothing = multivariate_normal(cov=spread).logpdf(estimate)
@@ -94,8 +107,10 @@ def test_widths_in_metres_a_second_are_the_evidence_of_their_densities():
             expected = multivariate_normal(cov=spread + width**2 * unit).logpdf(estimate) - nothing
             assert found.tempered[k, t] == pytest.approx(expected, abs=1e-3)
     # up to one constant for all sizes of the background
-    density = [multivariate_normal(cov=1.7 * np.linalg.inv(information) + b).logpdf(estimate)
-               for b in background]  # fmt: skip
+    density = [
+        multivariate_normal(cov=1.7 * np.linalg.inv(information) + b).logpdf(estimate)
+        for b in background
+    ]
     assert np.diff(found.nothing) == pytest.approx(np.diff(density), abs=1e-3)
 
 
@@ -126,9 +141,13 @@ def fleet_evidence(values, error=0.03):
     information = np.full((values.size, 1, 1), 1 / error**2)
     unit = np.ones((values.size, 1, 1))
     found = grid_evidence(
-        information, information[..., 0] * values[:, None], factor=1.0, scales=np.ones(1),
-        unit=unit, allowance=(GRID**2)[:, None, None, None] * unit,
-    )  # fmt: skip
+        information,
+        information[..., 0] * values[:, None],
+        factor=1.0,
+        scales=np.ones(1),
+        unit=unit,
+        allowance=(GRID**2)[:, None, None, None] * unit,
+    )
     return mixture(found.tempered.swapaxes(0, 1), found.nothing)
 
 
@@ -222,9 +241,12 @@ def test_nothing_left_is_no_evidence():
     """Rounding may leave less than nothing where all is explained by what is given."""
     allowance = allowance_covariance(np.eye(2) * 100, 100.0, 0.1, np.ones(2))
     value, estimate = gaussian_evidence(
-        np.diag([-1e-3, 1e-4]), np.array([0.1, 0.1]), factor=1.0, allowance=allowance,
+        np.diag([-1e-3, 1e-4]),
+        np.array([0.1, 0.1]),
+        factor=1.0,
+        allowance=allowance,
         prior=np.ones(2),
-    )  # fmt: skip
+    )
     assert np.isfinite(value) and value <= 0.0
     np.testing.assert_allclose(estimate, 0.0, atol=1e-12)
 

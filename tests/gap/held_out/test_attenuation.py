@@ -57,8 +57,9 @@ def _term(base, name, subset, tails):
         if c.name == name and c.subset == subset and (c.scope == "fleet") == (tails is None)
     )
     everyone = tuple(range(len(base.stats.tails)))
-    return Term(chosen, everyone if tails is None else tails, None,
-                evaluate(base.stats, given, chosen))  # fmt: skip
+    return Term(
+        chosen, everyone if tails is None else tails, None, evaluate(base.stats, given, chosen)
+    )
 
 
 def test_share_of_a_column_scaled_down_is_the_scale(made):

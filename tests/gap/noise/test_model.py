@@ -28,12 +28,16 @@ def _archive(seed: int = 0, flights: int = 900) -> dict[str, np.ndarray]:
         fresh = rng.normal(size=(now.size, 2))
         signal[now] = fresh if j == 0 else phi * signal[now - 1] + np.sqrt(1 - phi**2) * fresh
     return {
-        "residual": 2.3 * signal + 0.9 * rng.normal(size=signal.shape), "aircraft": flight % 5,
-        "flight": flight, "time": flight * 1e4 + position * 120.0, "latitude": latitude,
-        "longitude": np.full(flight.size, -90.0), "pressure": np.full(flight.size, 5e4),
+        "residual": 2.3 * signal + 0.9 * rng.normal(size=signal.shape),
+        "aircraft": flight % 5,
+        "flight": flight,
+        "time": flight * 1e4 + position * 120.0,
+        "latitude": latitude,
+        "longitude": np.full(flight.size, -90.0),
+        "pressure": np.full(flight.size, 5e4),
         "heading": rng.uniform(0, 2 * np.pi, flights)[flight],
         "airspeed": np.full(flight.size, 110.0),
-    }  # fmt: skip
+    }
 
 
 def fitted(data):

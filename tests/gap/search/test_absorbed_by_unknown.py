@@ -39,9 +39,11 @@ def test_other_names_stand():
     energy, error = np.array([100.0, 100.0]), np.array([10.0, 10.0])
     unknown = _term("cross:hour", (1, 2, 3), known=False)
     for name, tails, period in (
-        ("tas_scale", (1, 2), None), ("compass_offset", (1, 5), None),
-        ("compass_offset", (1, 2), (0, 4)), ("hard_iron", (1,), None),
-    ):  # fmt: skip
+        ("tas_scale", (1, 2), None),
+        ("compass_offset", (1, 5), None),
+        ("compass_offset", (1, 2), (0, 4)),
+        ("hard_iron", (1,), None),
+    ):
         assert folded([_term(name, tails, period=period), unknown], energy, error) == {}
     along = _term("along:altitude", (1, 2), known=False)
     assert folded([_term("tas_scale", (1, 2)), along], energy, error) == {0: 1}

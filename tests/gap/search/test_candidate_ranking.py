@@ -90,8 +90,12 @@ def test_what_the_catalogue_lacks_is_placed_by_the_simplest_group():
 
 def test_a_rival_explains_what_the_term_explains():
     """What a candidate explains beside the term makes it no other name for it."""
-    term = Term(Candidate("compass_step", np.array([0]), "aircraft", np.ones(1), True), (0,), None,
-                score("compass_step", True, 20.0, 0.5))  # fmt: skip
+    term = Term(
+        Candidate("compass_step", np.array([0]), "aircraft", np.ones(1), True),
+        (0,),
+        None,
+        score("compass_step", True, 20.0, 0.5),
+    )
     alike, beside = score("compass_drift", True, 19.0, 0.5), score("turn_error", True, 25.0, 0.1)
     ranked = [beside, score("compass_step", True, 20.0, 0.5), alike]
     left = [score("turn_error", True, 24.0, 0.1), score("compass_drift", True, 0.5, 0.1)]

@@ -41,8 +41,9 @@ def late():
 
 
 def test_deviations_are_those_of_student():
-    tests = Confirmation(*np.zeros((2, 3)), np.array([3.0, -1.0, 5.0]), np.ones(3),
-                         np.array([5, 7, 2]))  # fmt: skip
+    tests = Confirmation(
+        *np.zeros((2, 3)), np.array([3.0, -1.0, 5.0]), np.ones(3), np.array([5, 7, 2])
+    )
     expected = [norm.isf(t.sf(3.0, 4)), norm.isf(t.sf(-1.0, 6)), 0.0]
     np.testing.assert_allclose(tests.deviations, expected, rtol=1e-6)
     assert tests.tested.tolist() == [True, True, False]
@@ -112,9 +113,11 @@ def test_what_has_no_name_makes_a_claim_less_likely(late):
     score = replace(term.score, tempered=20.0)
     claim = replace(term, score=score)
     unknown = replace(
-        term, period=None, candidate=replace(term.candidate, known=False),
+        term,
+        period=None,
+        candidate=replace(term.candidate, known=False),
         score=replace(term.score, tempered=400.0),
-    )  # fmt: skip
+    )
     tests = Confirmation(*np.ones((2, 2)), np.array([1.0, 1.0]), np.full(2, 0.3), np.full(2, 6))
     one = Confirmation(*np.ones((2, 1)), np.ones(1), np.full(1, 0.3), np.full(1, 6))
     alone, besides = probabilities([claim], one)[0], probabilities([claim, unknown], tests)[0]
@@ -125,9 +128,11 @@ def test_what_has_no_name_makes_a_claim_less_likely(late):
 def test_an_exchange_is_looked_for_beside_what_marks_no_airframe(late):
     _, _, term = late
     unknown = replace(
-        term, period=None, candidate=replace(term.candidate, known=False, name="cross:phase"),
+        term,
+        period=None,
+        candidate=replace(term.candidate, known=False, name="cross:phase"),
         score=replace(term.score, tempered=200.0),
-    )  # fmt: skip
+    )
     kept, needed = beside([term, unknown])
     assert kept == [unknown]
     assert needed == pytest.approx(NEEDED + 10.0)

@@ -21,8 +21,14 @@ def sums(whole, left):
 
 
 def candidate(*columns):
-    return Candidate("bias", np.array(columns), "fleet", np.array([1.0, 2.0])[list(columns)], True,
-                     subset=columns)  # fmt: skip
+    return Candidate(
+        "bias",
+        np.array(columns),
+        "fleet",
+        np.array([1.0, 2.0])[list(columns)],
+        True,
+        subset=columns,
+    )
 
 
 def test_share_is_the_energy_left_by_prior_scales():

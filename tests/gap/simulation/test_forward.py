@@ -101,8 +101,11 @@ def test_wind_is_coded_in_steps(archive):
     direction = np.degrees(np.arctan2(-sent.u_rep, -sent.v_rep))
     np.testing.assert_allclose(speed, np.round(speed), atol=1e-9)
     np.testing.assert_allclose(direction, np.round(direction), atol=1e-8)
-    unknown = replace(archive, wind_speed_resolution=np.full(3, np.nan),
-                      wind_direction_resolution=np.full(3, np.nan))  # fmt: skip
+    unknown = replace(
+        archive,
+        wind_speed_resolution=np.full(3, np.nan),
+        wind_direction_resolution=np.full(3, np.nan),
+    )
     plain = simulate(unknown, coding=Coding.of_archive(unknown))
     np.testing.assert_allclose(plain.u_rep, archive.u_ref, atol=1e-9)
 
@@ -120,7 +123,7 @@ def _line(flights, reports, spacing):
         latitude=np.zeros(n),
         longitude=np.tile(spacing * np.arange(reports) / degree, flights),
         pressure=np.full(n, 5e4),
-    )  # fmt: skip
+    )
 
 
 def test_noise_is_stationary_with_the_stated_correlation():

@@ -30,7 +30,7 @@ ONE = {
     ],
     "reference": [ActiveEffect("reference_speed_bias", {"bias_percent": 8.0, "above_hPa": 600.0})],
     "height": [ActiveEffect("altitude_offset", {"offset_ft": 400.0}, ("N402",))],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", ONE)
@@ -49,8 +49,9 @@ def test_what_a_simulation_has_is_taken_off_to_rounding(name):
 
 def test_exchanged_identifiers_are_given_back():
     perfect = frames.frame()
-    swap = ActiveEffect("tail_swap", {"pair": ["N401", "N402"]}, ("N401", "N402"),
-                        (START + 9 * 86400.0, None))  # fmt: skip
+    swap = ActiveEffect(
+        "tail_swap", {"pair": ["N401", "N402"]}, ("N401", "N402"), (START + 9 * 86400.0, None)
+    )
     left = take_off_known(perfect, [swap])
     late = perfect.time >= START + 9 * 86400.0
     exchanged = np.array([1, 0, 2])[perfect.aircraft]
@@ -75,17 +76,21 @@ def fits(status=STATUS["ok"]):
             "mean_horizontal_field": (("reference", "aircraft"), np.array([[18000.0, 19000.0]])),
             "status": (("reference", "aircraft"), two),
         },
-        coords={"reference": ["ruc"], "aircraft": ["N401", "N402"],
-                "coefficient": list("ABCDE")},
-    )  # fmt: skip
+        coords={"reference": ["ruc"], "aircraft": ["N401", "N402"], "coefficient": list("ABCDE")},
+    )
 
 
 def test_a_fitted_curve_becomes_effects_by_hand():
     found = effects_of_fits(fits(), reference="ruc")
     told = [(one.name, one.tails) for one in found]
-    assert told == [("compass_offset", ("N401",)), ("hard_iron", ("N401",)),
-                    ("soft_iron", ("N401",)), ("tas_scale", ("N401",)),
-                    ("compass_offset", ("N402",)), ("hard_iron", ("N402",))]  # fmt: skip
+    assert told == [
+        ("compass_offset", ("N401",)),
+        ("hard_iron", ("N401",)),
+        ("soft_iron", ("N401",)),
+        ("tas_scale", ("N401",)),
+        ("compass_offset", ("N402",)),
+        ("hard_iron", ("N402",)),
+    ]
     iron = found[1].parameters
     # 3 sin m + 4 cos m = 5 sin(m + atan2(4, 3))
     assert iron["amplitude_deg"] == pytest.approx(5.0)
@@ -114,8 +119,13 @@ def test_files_that_hold_nothing_known_are_told_clearly(tmp_path):
     with pytest.raises(InputError, match="no fit against the gap's reference") as caught:
         effects_of_fits(fits(), reference="rtfdaa", file=tmp_path / "fits.nc")
     assert "fitted were ruc" in str(caught.value)
-    other = write_product(xr.Dataset({"latitude": ("report", [1.0])}), tmp_path / "other.nc",
-                          title="x", config_json="{}", sources=[])  # fmt: skip
+    other = write_product(
+        xr.Dataset({"latitude": ("report", [1.0])}),
+        tmp_path / "other.nc",
+        title="x",
+        config_json="{}",
+        sources=[],
+    )
     del other
     with pytest.raises(InputError, match="holds no fitted deviations"):
         read_known(tmp_path / "other.nc", reference="ruc")
@@ -130,11 +140,14 @@ def test_scatter_that_was_known_is_not_named_again():
         {"name": "outliers", "tails": ["N401", "N402"], "per_tail": {"N401": {}, "N402": {}}},
         {"name": "hard_iron", "tails": ["N401"]},
     ]
-    known = [ActiveEffect("outliers", {"fraction": 0.02}, ("N401",)),
-             ActiveEffect("hard_iron", {"amplitude_deg": 1.0}, ("N401",))]  # fmt: skip
+    known = [
+        ActiveEffect("outliers", {"fraction": 0.02}, ("N401",)),
+        ActiveEffect("hard_iron", {"amplitude_deg": 1.0}, ("N401",)),
+    ]
     left = not_known(entries, known)
     assert [(one["name"], one["tails"]) for one in left] == [
-        ("outliers", ["N402"]), ("hard_iron", ["N401"]),
-    ]  # fmt: skip
+        ("outliers", ["N402"]),
+        ("hard_iron", ["N401"]),
+    ]
     everyone = [ActiveEffect("outliers", {"fraction": 0.02})]
     assert [one["name"] for one in not_known(entries, everyone)] == ["hard_iron"]

@@ -116,12 +116,17 @@ def test_reports_may_be_added_in_parts(made):
         index = np.flatnonzero(keep)
         part = frame.take(index)
         order = flight_order(part.flight, part.time)
-        own = NoiseFit(noise.model, order, take_gains(noise.gains, index),
-                       noise.distance_km, noise.autocovariance, noise.autocovariance_model,
-                       noise.pair_count, noise.gross[index])  # fmt: skip
-        add_reports(
-            both, part, part.residual, noise=own, effects=EFFECTS, plan=plan, clip=50.0
-        )  # fmt: skip
+        own = NoiseFit(
+            noise.model,
+            order,
+            take_gains(noise.gains, index),
+            noise.distance_km,
+            noise.autocovariance,
+            noise.autocovariance_model,
+            noise.pair_count,
+            noise.gross[index],
+        )
+        add_reports(both, part, part.residual, noise=own, effects=EFFECTS, plan=plan, clip=50.0)
     np.testing.assert_array_equal(both.days, stats.days)
     np.testing.assert_allclose(both.day_score, stats.day_score, atol=1e-6)
     np.testing.assert_allclose(both.week_gram, stats.week_gram, rtol=1e-4, atol=1e-3)
@@ -167,9 +172,13 @@ def test_sums_of_days_together_are_the_sums_of_the_days(monkeypatch):
     for most in (10_000, 12):
         monkeypatch.setattr("airswing.gap.sums.accumulate.AIRCRAFT_DAYS", most)
         made[most] = accumulate(
-            columns, columns.residual, noise=noise, effects=EFFECTS, plan=plan,
+            columns,
+            columns.residual,
+            noise=noise,
+            effects=EFFECTS,
+            plan=plan,
             layout=make_layout(EFFECTS, plan, columns),
-        )  # fmt: skip
+        )
     fine, coarse = made[10_000], made[12]
     assert coarse.days.size <= 4 < fine.days.size
     for name in ("day_gram", "day_score", "day_count", "day_energy", "day_cross"):

@@ -28,8 +28,17 @@ from airswing.gap.sums.whole_archive import (
 )
 
 EFFECTS = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "reference_speed_bias")}
-SUMS = ("week_gram", "day_gram", "day_cross", "day_score", "raw_gram", "acting", "gross",
-        "clipped", "day_count")  # fmt: skip
+SUMS = (
+    "week_gram",
+    "day_gram",
+    "day_cross",
+    "day_score",
+    "raw_gram",
+    "acting",
+    "gross",
+    "clipped",
+    "day_count",
+)
 
 
 @pytest.fixture(scope="module")
@@ -48,9 +57,15 @@ def read(frame, *, workers=1):
     archive = held_archive(frame, workers=workers)
     some = np.isin(frame.flight, np.unique(frame.flight)[::2])
     return Archive(
-        frame.take(some), lambda k: frame.take(frame.aircraft == k), archive.winds, archive.days,
-        archive.day_shift, archive.reports, archive.flights, workers,
-    )  # fmt: skip
+        frame.take(some),
+        lambda k: frame.take(frame.aircraft == k),
+        archive.winds,
+        archive.days,
+        archive.day_shift,
+        archive.reports,
+        archive.flights,
+        workers,
+    )
 
 
 def test_aircraft_after_aircraft_gives_the_sums_of_one_frame(whole):
@@ -58,9 +73,14 @@ def test_aircraft_after_aircraft_gives_the_sums_of_one_frame(whole):
     columns = columns_of(archive)
     found = sum_reports(archive, columns)
     expected = accumulate(
-        archive.context, whole.residual, noise=columns.noise, layout=columns.layout,
-        effects=EFFECTS, plan=columns.plan, day_shift=archive.day_shift,
-    )  # fmt: skip
+        archive.context,
+        whole.residual,
+        noise=columns.noise,
+        layout=columns.layout,
+        effects=EFFECTS,
+        plan=columns.plan,
+        day_shift=archive.day_shift,
+    )
     np.testing.assert_array_equal(found.days, expected.days)
     for name in SUMS:
         scale = 1e-5 * np.abs(getattr(expected, name)).max()
@@ -150,10 +170,12 @@ def test_a_diagnosis_of_what_is_read_finds_what_one_of_what_is_held_does():
     lag = np.where(frame.aircraft == 3, np.radians(3.0), 0.0)
     turned = frame.airspeed * lag
     struck = replace(
-        frame, u_rep=frame.u_rep - turned * np.cos(frame.heading),
-        v_rep=frame.v_rep + turned * np.sin(frame.heading), heading=frame.heading + lag,
+        frame,
+        u_rep=frame.u_rep - turned * np.cos(frame.heading),
+        v_rep=frame.v_rep + turned * np.sin(frame.heading),
+        heading=frame.heading + lag,
         magnetic_heading=frame.magnetic_heading + lag,
-    )  # fmt: skip
+    )
     reports = [
         diagnose(archive, catalogue=EFFECTS, maps=False, dictionary=False).report
         for archive in (struck, read(struck))

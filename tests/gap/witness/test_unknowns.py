@@ -82,9 +82,13 @@ def test_evidence_is_a_ratio_of_normal_densities():
 def test_plain_sums_are_counts_and_means():
     values = np.array([[1.0, 3.0, 5.0, 7.0]])
     sums = plain_sums(
-        values, np.ones(4), np.array([0, 0, 1, -1]), 2,
-        aircraft=np.array([0, 0, 1, 1]), day=np.array([0, 1, 1, 1]),
-    )  # fmt: skip
+        values,
+        np.ones(4),
+        np.array([0, 0, 1, -1]),
+        2,
+        aircraft=np.array([0, 0, 1, 1]),
+        day=np.array([0, 1, 1, 1]),
+    )
     unit = 1 / np.mean(values**2)
     np.testing.assert_allclose(np.diagonal(sums.fleet_gram), np.array([2, 1]) * unit)
     np.testing.assert_allclose(sums.score[0].sum(axis=(0, 1)), np.array([4, 5]) * unit)

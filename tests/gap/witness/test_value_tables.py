@@ -70,9 +70,11 @@ def test_flying_north_at_100_in_a_westerly_of_20(component, change):
 
 def table(component, values, edges=((-1e4, 0.0, 1e4),), variables=("longitude",)):
     parameters = {
-        "component": component, "variables": list(variables),
-        "edges": [list(map(float, own)) for own in edges], "values": list(values),
-    }  # fmt: skip
+        "component": component,
+        "variables": list(variables),
+        "edges": [list(map(float, own)) for own in edges],
+        "values": list(values),
+    }
     return ActiveEffect("empirical", parameters, None)
 
 
@@ -98,8 +100,12 @@ def test_a_table_acts_where_its_cells_say(frame):
 
 
 def test_a_table_goes_into_a_file_and_comes_back(tmp_path):
-    effect = table("wind_angle", [1.0, -2.5, 0.0, 4.0], variables=["track", "hour"],
-                   edges=[(0, 180, 360), (0, 12, 24)])  # fmt: skip
+    effect = table(
+        "wind_angle",
+        [1.0, -2.5, 0.0, 4.0],
+        variables=["track", "hour"],
+        edges=[(0, 180, 360), (0, 12, 24)],
+    )
     path = write_effects([effect], tmp_path / "effects.yaml")
     assert read_effects(path) == [effect]
 

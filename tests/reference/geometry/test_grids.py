@@ -19,19 +19,27 @@ from airswing.reference.grib.messages import scan_file
 
 SOUTH_CONE = {"Latin1InDegrees": -30.0, "Latin2InDegrees": -60.0}
 GLOBE = {
-    **LATLON, "Ni": 36, "Nj": 19, "iDirectionIncrementInDegrees": 10.0,
-    "jDirectionIncrementInDegrees": 10.0, "latitudeOfFirstGridPointInDegrees": 90.0,
-    "latitudeOfLastGridPointInDegrees": -90.0, "longitudeOfFirstGridPointInDegrees": 0.0,
+    **LATLON,
+    "Ni": 36,
+    "Nj": 19,
+    "iDirectionIncrementInDegrees": 10.0,
+    "jDirectionIncrementInDegrees": 10.0,
+    "latitudeOfFirstGridPointInDegrees": 90.0,
+    "latitudeOfLastGridPointInDegrees": -90.0,
+    "longitudeOfFirstGridPointInDegrees": 0.0,
     "longitudeOfLastGridPointInDegrees": 350.0,
-}  # fmt: skip
+}
 SOUTHWARD = {"latitudeOfFirstGridPointInDegrees": -30.0, "projectionCentreFlag": 128}
 UP = {"latitudeOfFirstGridPointInDegrees": 40.0, "latitudeOfLastGridPointInDegrees": 60.0}
 WEST = {"longitudeOfFirstGridPointInDegrees": 35.0, "longitudeOfLastGridPointInDegrees": 5.0}
 THIRDS = {
-    "Ni": 91, "longitudeOfFirstGridPointInDegrees": -10.0, "Nj": 61,
-    "longitudeOfLastGridPointInDegrees": 20.0, "iDirectionIncrementInDegrees": 0.333,
+    "Ni": 91,
+    "longitudeOfFirstGridPointInDegrees": -10.0,
+    "Nj": 61,
+    "longitudeOfLastGridPointInDegrees": 20.0,
+    "iDirectionIncrementInDegrees": 0.333,
     "jDirectionIncrementInDegrees": 0.333,
-}  # fmt: skip
+}
 CASES: dict[str, tuple[dict[str, Any], int]] = {}
 for _edition in (1, 2):
     CASES |= {
@@ -39,12 +47,12 @@ for _edition in (1, 2):
         for name, keys in {
             "lambert tangent": LAMBERT,
             "lambert secant": {**LAMBERT, "Latin1InDegrees": 30.0, "Latin2InDegrees": 60.0},
-            "lambert south": {
-                **LAMBERT, **SOUTH_CONE, "latitudeOfFirstGridPointInDegrees": -55.0
-            },
+            "lambert south": {**LAMBERT, **SOUTH_CONE, "latitudeOfFirstGridPointInDegrees": -55.0},
             "lambert by columns": {**LAMBERT, "jPointsAreConsecutive": 1},
             "lambert over the antimeridian": {
-                **LAMBERT, "LoVInDegrees": 180.0, "longitudeOfFirstGridPointInDegrees": 160.0
+                **LAMBERT,
+                "LoVInDegrees": 180.0,
+                "longitudeOfFirstGridPointInDegrees": 160.0,
             },
             "latlon": LATLON,
             "latlon northwards": {**LATLON, **UP, "jScansPositively": 1},
@@ -55,7 +63,7 @@ for _edition in (1, 2):
             "polar": POLAR,
             "mercator": MERCATOR,
         }.items()
-    }  # fmt: skip
+    }
 for _lad in (25.0, 60.0, 90.0):
     CASES[f"polar north LaD {_lad}"] = ({**POLAR, "LaDInDegrees": _lad}, 2)
     CASES[f"polar south LaD {_lad}"] = ({**POLAR, **SOUTHWARD, "LaDInDegrees": -_lad}, 2)
@@ -161,19 +169,28 @@ def test_ellipsoidal_polar_grid_against_pyproj(shape: int, tmp_path: Path) -> No
 @pytest.mark.parametrize("westward", [0, 1])
 @pytest.mark.parametrize("base", [LAMBERT, LATLON], ids=["lambert", "latlon"])
 def test_every_scanning_order_of_one_grid_says_the_same(
-    base: dict[str, Any], westward: int, northward: int, columns: int, alternate: int,
+    base: dict[str, Any],
+    westward: int,
+    northward: int,
+    columns: int,
+    alternate: int,
     tmp_path: Path,
-) -> None:  # fmt: skip
+) -> None:
     """A grid described from each corner: same places, and each value at its place."""
-    plain = grid_of(build({**base, "jScansPositively": 1, **(UP if base is LATLON else {})}),
-                    tmp_path)  # fmt: skip
+    plain = grid_of(
+        build({**base, "jScansPositively": 1, **(UP if base is LATLON else {})}), tmp_path
+    )
     i, j = plain.ni - 1 if westward else 0, 0 if northward else plain.nj - 1
     lat, lon = place_of(plain, i, j)
     keys = {
-        **base, "iScansNegatively": westward, "jScansPositively": northward,
-        "jPointsAreConsecutive": columns, "alternativeRowScanning": alternate,
-        "latitudeOfFirstGridPointInDegrees": lat, "longitudeOfFirstGridPointInDegrees": lon % 360,
-    }  # fmt: skip
+        **base,
+        "iScansNegatively": westward,
+        "jScansPositively": northward,
+        "jPointsAreConsecutive": columns,
+        "alternativeRowScanning": alternate,
+        "latitudeOfFirstGridPointInDegrees": lat,
+        "longitudeOfFirstGridPointInDegrees": lon % 360,
+    }
     if base is LATLON:
         keys["latitudeOfLastGridPointInDegrees"] = 60.0 if northward else 40.0
         keys["longitudeOfLastGridPointInDegrees"] = 5.0 if westward else 35.0
@@ -214,8 +231,7 @@ def place_of(grid: Grid, i: int, j: int) -> tuple[float, float]:
         f"+lon_0={grid.orientation} +R={grid.radius}"
     )
     x0, y0 = project(grid.longitude_first, grid.latitude_first)
-    lon, lat = project(x0 + grid.di * i, y0 + grid.dj * j,
-                       inverse=True)  # fmt: skip
+    lon, lat = project(x0 + grid.di * i, y0 + grid.dj * j, inverse=True)
     return float(lat), float(lon)
 
 

@@ -61,9 +61,12 @@ def test_shortest_lead_that_meets_the_condition_wins(tmp_path: Path) -> None:
             str(tmp_path / "*.grib"), name="x", lead=lead, cache_dir=tmp_path / "c"
         )
         assert list(catalogue.leads / 3600) == [expected]
-    assert any("shortest is used" in note for note in
-               build_catalogue(str(tmp_path / "*.grib"), name="x",
-                               cache_dir=tmp_path / "c").notes)  # fmt: skip
+    assert any(
+        "shortest is used" in note
+        for note in build_catalogue(
+            str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c"
+        ).notes
+    )
 
 
 def test_levels_come_in_any_order_and_u_and_v_in_different_files(tmp_path: Path) -> None:
@@ -156,9 +159,13 @@ def test_empty_glob_and_bad_conditions_are_refused(tmp_path: Path) -> None:
 def test_lead_conditions() -> None:
     leads = np.array([0, 1800, 3600, 7200])
     for text, expected in [
-        ("any", [1, 1, 1, 1]), ("analysis", [1, 0, 0, 0]), (">= 1 h", [0, 0, 1, 1]),
-        ("<30 min", [1, 0, 0, 0]), ("== 2 h", [0, 0, 0, 1]), ("> 3600 s", [0, 0, 0, 1]),
-    ]:  # fmt: skip
+        ("any", [1, 1, 1, 1]),
+        ("analysis", [1, 0, 0, 0]),
+        (">= 1 h", [0, 0, 1, 1]),
+        ("<30 min", [1, 0, 0, 0]),
+        ("== 2 h", [0, 0, 0, 1]),
+        ("> 3600 s", [0, 0, 0, 1]),
+    ]:
         np.testing.assert_array_equal(lead_condition(text)(leads), np.array(expected, bool))
     for text in (">= 1..2 h", ">= . h", ">= 1 fortnight", "=> 1 h", ""):
         with pytest.raises(InputError, match="not understood"):
@@ -185,8 +192,9 @@ def test_a_replaced_file_is_read_again(tmp_path: Path) -> None:
     stamp = os.stat(path).st_mtime_ns
     write(tmp_path / "x.grib", *profile(when=(20090801, 1800)))
     assert [s["reason"] for s in first.changed()] in (
-        ["replaced since it was catalogued"], [],
-    )  # fmt: skip
+        ["replaced since it was catalogued"],
+        [],
+    )
     # Same size, and even the same time of modification: the sample of octets tells.
     os.utime(path, ns=(stamp, stamp))
     second = build_catalogue(path, name="x", cache_dir=tmp_path / "c")

@@ -198,9 +198,14 @@ def test_a_jet_stream_is_none_of_that(tmp_path: Path) -> None:
 
 
 PACKINGS = [
-    (2, "grid_complex"), (2, "grid_complex_spatial_differencing"), (2, "grid_png"),
-    (2, "grid_jpeg"), (2, "grid_ccsds"), (2, "grid_ieee"), (1, "grid_second_order"),
-]  # fmt: skip
+    (2, "grid_complex"),
+    (2, "grid_complex_spatial_differencing"),
+    (2, "grid_png"),
+    (2, "grid_jpeg"),
+    (2, "grid_ccsds"),
+    (2, "grid_ieee"),
+    (1, "grid_second_order"),
+]
 PLANE = 10.0 + 8.0 * np.sin(np.arange(LAMBERT["Nx"] * LAMBERT["Ny"]) / 9.0)
 
 

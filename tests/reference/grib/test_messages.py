@@ -28,9 +28,11 @@ REAL_FILES = [
     "grib/eta_1995_no_grid_section.grb",
 ]
 PACKINGS = {
-    (1, 0): "grid_simple", (2, 0): "grid_simple", (2, 2): "grid_complex",
+    (1, 0): "grid_simple",
+    (2, 0): "grid_simple",
+    (2, 2): "grid_complex",
     (2, 3): "grid_complex_spatial_differencing",
-}  # fmt: skip
+}
 
 
 def by_eccodes(path: str) -> tuple[list[dict[str, Any]], int]:
@@ -57,18 +59,42 @@ def _keys(handle: int) -> dict[str, Any] | None:
     if get("edition") == 1 and get("gridDefinition") != 255 and not get("GDSPresent"):
         return None
     names = [
-        "edition", "shortName", "level", "dataDate", "dataTime", "validityDate", "validityTime",
-        "gridType", "Ni", "Nj", "uvRelativeToGrid", "packingType", "bitmapPresent", "bitsPerValue",
-        "numberOfPoints", "iScansNegatively", "jScansPositively", "jPointsAreConsecutive",
-        "latitudeOfFirstGridPointInDegrees", "longitudeOfFirstGridPointInDegrees",
-    ]  # fmt: skip
+        "edition",
+        "shortName",
+        "level",
+        "dataDate",
+        "dataTime",
+        "validityDate",
+        "validityTime",
+        "gridType",
+        "Ni",
+        "Nj",
+        "uvRelativeToGrid",
+        "packingType",
+        "bitmapPresent",
+        "bitsPerValue",
+        "numberOfPoints",
+        "iScansNegatively",
+        "jScansPositively",
+        "jPointsAreConsecutive",
+        "latitudeOfFirstGridPointInDegrees",
+        "longitudeOfFirstGridPointInDegrees",
+    ]
     keys = {name: get(name) for name in names}
     keys["radius"] = get("radius") if eccodes.codes_is_defined(handle, "radius") else None
     if keys["packingType"] == "grid_simple":
         for name in ("referenceValue", "binaryScaleFactor", "decimalScaleFactor"):
             keys[name] = get(name)
-    for name in ("perturbationNumber", "LoVInDegrees", "Latin1InDegrees", "Latin2InDegrees",
-                 "DxInMetres", "DyInMetres", "offset", "totalLength"):  # fmt: skip
+    for name in (
+        "perturbationNumber",
+        "LoVInDegrees",
+        "Latin1InDegrees",
+        "Latin2InDegrees",
+        "DxInMetres",
+        "DyInMetres",
+        "offset",
+        "totalLength",
+    ):
         keys[name] = get(name) if eccodes.codes_is_defined(handle, name) else None
     return keys
 
@@ -145,8 +171,9 @@ def test_garbage_between_messages_is_passed_over(tmp_path: Path) -> None:
     contents = scan_file(path)
     assert contents.messages == 2
     assert [(row.offset, row.edition) for row in contents.fields] == [
-        (70000, 2), (70000 + len(one) + 16, 1),
-    ]  # fmt: skip
+        (70000, 2),
+        (70000 + len(one) + 16, 1),
+    ]
     assert not contents.skipped
 
 
@@ -192,11 +219,19 @@ def test_an_empty_file_and_a_text_file_hold_no_message(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("unit", "first", "second", "indicator", "seconds"),
     [
-        (1, 6, 0, 0, 21600), (0, 90, 0, 0, 5400), (2, 1, 0, 0, 86400), (10, 2, 0, 0, 21600),
-        (11, 1, 0, 0, 21600), (12, 1, 0, 0, 43200), (13, 3, 0, 0, 2700), (14, 3, 0, 0, 5400),
-        (254, 30, 0, 0, 30), (1, 1, 44, 10, 300 * 3600), (1, 0, 0, 1, 0),
+        (1, 6, 0, 0, 21600),
+        (0, 90, 0, 0, 5400),
+        (2, 1, 0, 0, 86400),
+        (10, 2, 0, 0, 21600),
+        (11, 1, 0, 0, 21600),
+        (12, 1, 0, 0, 43200),
+        (13, 3, 0, 0, 2700),
+        (14, 3, 0, 0, 5400),
+        (254, 30, 0, 0, 30),
+        (1, 1, 44, 10, 300 * 3600),
+        (1, 0, 0, 1, 0),
     ],
-)  # fmt: skip
+)
 def test_time_units_of_edition_1(
     unit: int, first: int, second: int, indicator: int, seconds: int, tmp_path: Path
 ) -> None:
@@ -221,9 +256,16 @@ def test_averages_and_accumulations_of_edition_1_are_no_wind(
 
 @pytest.mark.parametrize(
     ("unit", "steps", "seconds"),
-    [(0, 90, 5400), (1, 300, 1080000), (2, 1, 86400), (10, 2, 21600), (11, 1, 21600),
-     (12, 1, 43200), (13, 30, 30)],
-)  # fmt: skip
+    [
+        (0, 90, 5400),
+        (1, 300, 1080000),
+        (2, 1, 86400),
+        (10, 2, 21600),
+        (11, 1, 21600),
+        (12, 1, 43200),
+        (13, 30, 30),
+    ],
+)
 def test_time_units_of_edition_2(unit: int, steps: int, seconds: int, tmp_path: Path) -> None:
     extra = {"indicatorOfUnitOfTimeRange": unit, "forecastTime": steps}
     (row,) = scan_file(write(tmp_path / "x", build(LATLON, extra=extra))).fields
@@ -248,9 +290,18 @@ def test_impossible_dates_are_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("table", "centre", "parameter", "kind"),
-    [(2, 7, 33, U), (3, 59, 34, V), (1, 8, 33, U), (130, 7, 34, V), (128, 98, 131, U),
-     (128, 98, 132, V), (128, 98, 33, None), (2, 7, 131, None), (200, 7, 33, None)],
-)  # fmt: skip
+    [
+        (2, 7, 33, U),
+        (3, 59, 34, V),
+        (1, 8, 33, U),
+        (130, 7, 34, V),
+        (128, 98, 131, U),
+        (128, 98, 132, V),
+        (128, 98, 33, None),
+        (2, 7, 131, None),
+        (200, 7, 33, None),
+    ],
+)
 def test_parameters_of_edition_1(
     table: int, centre: int, parameter: int, kind: int | None, tmp_path: Path
 ) -> None:
@@ -267,16 +318,18 @@ def test_hybrid_levels_and_their_pressure(tmp_path: Path) -> None:
     pressure[8 + 8] = 1
     fields = scan_file(write(tmp_path / "x", bytes(wind), bytes(pressure))).fields
     assert [(row.kind, row.level_kind, row.level) for row in fields] == [
-        (U, HYBRID, 7.0), (PRESSURE, HYBRID, 7.0),
-    ]  # fmt: skip
+        (U, HYBRID, 7.0),
+        (PRESSURE, HYBRID, 7.0),
+    ]
 
 
 def test_scaled_levels_and_layers_of_edition_2(tmp_path: Path) -> None:
     fine = {"scaleFactorOfFirstFixedSurface": 1, "scaledValueOfFirstFixedSurface": 500125}
     layer = {
-        "typeOfSecondFixedSurface": 100, "scaleFactorOfSecondFixedSurface": 0,
+        "typeOfSecondFixedSurface": 100,
+        "scaleFactorOfSecondFixedSurface": 0,
         "scaledValueOfSecondFixedSurface": 60000,
-    }  # fmt: skip
+    }
     contents = scan_file(
         write(tmp_path / "x", build(LATLON, extra=fine), build(LATLON, extra=layer))
     )
@@ -293,11 +346,16 @@ def test_identical_grid_sections_are_kept_once(tmp_path: Path) -> None:
 def test_long_messages_of_edition_1_are_measured_by_eccodes(tmp_path: Path) -> None:
     """Above 8 MB a GRIB1 length counts in units of 120 octets."""
     side = {
-        **LATLON, "Ni": 1700, "Nj": 1700, "latitudeOfFirstGridPointInDegrees": 80.0,
-        "latitudeOfLastGridPointInDegrees": -4.95, "longitudeOfFirstGridPointInDegrees": 0.0,
-        "longitudeOfLastGridPointInDegrees": 84.95, "iDirectionIncrementInDegrees": 0.05,
+        **LATLON,
+        "Ni": 1700,
+        "Nj": 1700,
+        "latitudeOfFirstGridPointInDegrees": 80.0,
+        "latitudeOfLastGridPointInDegrees": -4.95,
+        "longitudeOfFirstGridPointInDegrees": 0.0,
+        "longitudeOfLastGridPointInDegrees": 84.95,
+        "iDirectionIncrementInDegrees": 0.05,
         "jDirectionIncrementInDegrees": 0.05,
-    }  # fmt: skip
+    }
     values = np.random.default_rng(1).integers(-30, 30, 1700 * 1700).astype(float)
     long = build(side, values, edition=1, bits=24)
     assert len(long) > 2**23

@@ -68,15 +68,25 @@ def eccodes_values(message: bytes) -> np.ndarray:
 
 
 def simple_message(
-    edition: int, raw: np.ndarray, bits: int, reference: float, binary: int, decimal: int,
+    edition: int,
+    raw: np.ndarray,
+    bits: int,
+    reference: float,
+    binary: int,
+    decimal: int,
     present: np.ndarray,
-) -> bytes:  # fmt: skip
+) -> bytes:
     """A simply packed message put together octet by octet around a grid eccodes wrote."""
     base = build(LATLON, edition=edition, bits=8)
-    packed = np.packbits(
-        ((raw[present][:, None] >> np.arange(bits - 1, -1, -1, dtype=np.uint64)) & np.uint64(1))
-        .astype(np.uint8).ravel()
-    ).tobytes() if bits else b""  # fmt: skip
+    packed = (
+        np.packbits(
+            ((raw[present][:, None] >> np.arange(bits - 1, -1, -1, dtype=np.uint64)) & np.uint64(1))
+            .astype(np.uint8)
+            .ravel()
+        ).tobytes()
+        if bits
+        else b""
+    )
     packed += b"\0" * (len(packed) % 2)
     mask = b"" if present.all() else np.packbits(present).tobytes()
     sign = lambda n: (abs(n) | 0x8000 if n < 0 else n).to_bytes(2, "big")  # noqa: E731
@@ -101,10 +111,15 @@ def simple_message(
         section = base[at : at + length]
         if number == 5:
             section = (
-                (21).to_bytes(4, "big") + b"\x05" + int(present.sum()).to_bytes(4, "big")
-                + b"\0\0" + struct.pack(">f", reference) + sign(binary) + sign(decimal)
+                (21).to_bytes(4, "big")
+                + b"\x05"
+                + int(present.sum()).to_bytes(4, "big")
+                + b"\0\0"
+                + struct.pack(">f", reference)
+                + sign(binary)
+                + sign(decimal)
                 + bytes([bits, 0])
-            )  # fmt: skip
+            )
         elif number == 6:
             section = (6 + len(mask)).to_bytes(4, "big") + b"\x06" + (b"\0" if mask else b"\xff")
             section += mask
@@ -143,9 +158,15 @@ def ibm_bytes(value: float) -> bytes:
 @example(2, 0, 0, 0, -0.0, 0.0, 0)
 @example(1, 0, 0, 0, -0.0, 0.0, 0)
 def test_sparse_equals_eccodes_bit_for_bit(
-    tmp_path_factory: pytest.TempPathFactory, edition: int, bits: int, binary: int, decimal: int,
-    lowest: float, missing_share: float, seed: int,
-) -> None:  # fmt: skip
+    tmp_path_factory: pytest.TempPathFactory,
+    edition: int,
+    bits: int,
+    binary: int,
+    decimal: int,
+    lowest: float,
+    missing_share: float,
+    seed: int,
+) -> None:
     reference = lowest * 10.0**decimal  # winds beyond 150 m/s are no winds
     rng = np.random.default_rng(seed)
     raw = rng.integers(0, 2**bits, SIZE, dtype=np.uint64)

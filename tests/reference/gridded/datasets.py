@@ -13,29 +13,40 @@ HOUR = np.timedelta64(3600, "s").astype("m8[ns]")
 LEVELS = np.array([200.0, 300.0, 500.0, 700.0, 850.0, 1000.0])  # hPa
 MAPPINGS: dict[str, dict[str, Any]] = {
     "lambert": {
-        "grid_mapping_name": "lambert_conformal_conic", "standard_parallel": [30.0, 60.0],
-        "longitude_of_central_meridian": -97.5, "latitude_of_projection_origin": 38.5,
-        "earth_radius": 6371229.0, "false_easting": 100000.0,
+        "grid_mapping_name": "lambert_conformal_conic",
+        "standard_parallel": [30.0, 60.0],
+        "longitude_of_central_meridian": -97.5,
+        "latitude_of_projection_origin": 38.5,
+        "earth_radius": 6371229.0,
+        "false_easting": 100000.0,
     },
     "tangent": {
-        "grid_mapping_name": "lambert_conformal_conic", "standard_parallel": 25.0,
-        "longitude_of_central_meridian": -95.0, "latitude_of_projection_origin": 25.0,
+        "grid_mapping_name": "lambert_conformal_conic",
+        "standard_parallel": 25.0,
+        "longitude_of_central_meridian": -95.0,
+        "latitude_of_projection_origin": 25.0,
         "earth_radius": 6371200.0,
     },
     "polar": {
-        "grid_mapping_name": "polar_stereographic", "standard_parallel": 60.0,
-        "straight_vertical_longitude_from_pole": -105.0, "latitude_of_projection_origin": 90.0,
+        "grid_mapping_name": "polar_stereographic",
+        "standard_parallel": 60.0,
+        "straight_vertical_longitude_from_pole": -105.0,
+        "latitude_of_projection_origin": 90.0,
         "earth_radius": 6371229.0,
     },
     "mercator": {
-        "grid_mapping_name": "mercator", "standard_parallel": 20.0,
-        "longitude_of_projection_origin": -100.0, "earth_radius": 6371229.0,
+        "grid_mapping_name": "mercator",
+        "standard_parallel": 20.0,
+        "longitude_of_projection_origin": -100.0,
+        "earth_radius": 6371229.0,
     },
     "rotated": {
-        "grid_mapping_name": "rotated_latitude_longitude", "grid_north_pole_latitude": 39.25,
-        "grid_north_pole_longitude": -162.0, "north_pole_grid_longitude": 0.0,
+        "grid_mapping_name": "rotated_latitude_longitude",
+        "grid_north_pole_latitude": 39.25,
+        "grid_north_pole_longitude": -162.0,
+        "north_pole_grid_longitude": 0.0,
     },
-}  # fmt: skip
+}
 
 
 def fields(shape: tuple[int, ...], seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
@@ -60,8 +71,11 @@ def projected(kind: str, *, units: str = "m", hours: int = 2, names: str = "xy")
     x, y = axes_of(kind)
     u, v = fields((hours, LEVELS.size, y.size, x.size))
     dims = ("time", "plev", "y", "x")
-    standard = ("grid_longitude", "grid_latitude") if kind == "rotated" else (
-        "projection_x_coordinate", "projection_y_coordinate")  # fmt: skip
+    standard = (
+        ("grid_longitude", "grid_latitude")
+        if kind == "rotated"
+        else ("projection_x_coordinate", "projection_y_coordinate")
+    )
     units = "degrees" if kind == "rotated" else units
     scale = {"m": 1.0, "km": 1e-3, "degrees": 1.0}[units]
     wind = {"units": "m s-1", "grid_mapping": "crs"}
@@ -128,7 +142,7 @@ def by_hand(
     """Report by report: ln p in each of four columns, then across them; fields (level, y, x).
 
     `levels` (Pa) by level, or by level, y and x; columns wrap round.
-    """  # fmt: skip
+    """
     found = np.full((2, fi.size), np.nan)
     for n, (i, j, p) in enumerate(zip(fi, fj, pressure, strict=True)):
         i0, j0 = int(np.floor(i)), min(int(np.floor(j)), u.shape[1] - 2)
@@ -141,8 +155,13 @@ def by_hand(
             p_here = levels if levels.ndim == 1 else levels[:, row, column]
             order = np.argsort(p_here)
             for c, one in enumerate((u, v)):
-                value = np.interp(np.log(p), np.log(p_here[order]), one[order, row, column],
-                                  left=np.nan, right=np.nan)  # fmt: skip
+                value = np.interp(
+                    np.log(p),
+                    np.log(p_here[order]),
+                    one[order, row, column],
+                    left=np.nan,
+                    right=np.nan,
+                )
                 total[c] += weight * value
         found[:, n] = total
     return found[0], found[1]

@@ -64,8 +64,11 @@ def half_staggered(ds: xr.Dataset) -> xr.Dataset:
 
 
 def hybrid_without_pressure(ds: xr.Dataset) -> xr.Dataset:
-    ds["level"] = ("level", np.arange(1.0, 7.0), {
-        "standard_name": "atmosphere_hybrid_sigma_pressure_coordinate"})  # fmt: skip
+    ds["level"] = (
+        "level",
+        np.arange(1.0, 7.0),
+        {"standard_name": "atmosphere_hybrid_sigma_pressure_coordinate"},
+    )
     return ds
 
 

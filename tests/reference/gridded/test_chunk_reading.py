@@ -20,8 +20,9 @@ LAT, LON = np.arange(20.0, 60.1, 1.0), np.arange(-120.0, -59.9, 1.0)
 
 def many(count: int, hours: float, seed: int = 4) -> xr.Dataset:
     rng = np.random.default_rng(seed)
-    found = points(rng.uniform(20, 60, count), rng.uniform(-120, -60, count),
-                   rng.uniform(20000, 100000, count))  # fmt: skip
+    found = points(
+        rng.uniform(20, 60, count), rng.uniform(-120, -60, count), rng.uniform(20000, 100000, count)
+    )
     return found.assign(
         time=("report", START + (rng.uniform(0, hours * 3600e9, count)).astype("m8[ns]"))
     )
@@ -158,13 +159,21 @@ def test_grib_and_datasets_in_one_pass(tmp_path: Path) -> None:
     from tests.reference.builders import LATLON, build, write
 
     messages = [
-        build(LATLON, np.full(176, value + level / 100), parameter=name, level=level,
-              when=(20221111, hour * 100), bits=24)
-        for hour in (0, 1) for level in (200, 300, 500, 700, 850, 1000)
+        build(
+            LATLON,
+            np.full(176, value + level / 100),
+            parameter=name,
+            level=level,
+            when=(20221111, hour * 100),
+            bits=24,
+        )
+        for hour in (0, 1)
+        for level in (200, 300, 500, 700, 850, 1000)
         for name, value in (("u", 5.0), ("v", -3.0))
-    ]  # fmt: skip
-    grib = airswing.build_catalogue(write(tmp_path / "m.grib", *messages), name="g",
-                                    cache_dir=tmp_path)  # fmt: skip
+    ]
+    grib = airswing.build_catalogue(
+        write(tmp_path / "m.grib", *messages), name="g", cache_dir=tmp_path
+    )
     ds = latlon(latitude=np.arange(40.0, 61), longitude=np.arange(5.0, 36), hours=2)
     reports = points([50.3], [20.2], [60000.0], after=0.25)
     found = airswing.collocate(reports, {"grib": grib, "ds": ds.chunk(time=1)}).compute()

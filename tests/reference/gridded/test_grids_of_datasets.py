@@ -34,8 +34,9 @@ def places_in(kind: str, count: int = 200) -> tuple[np.ndarray, ...]:
     px, py = np.interp(fi, np.arange(x.size), x), np.interp(fj, np.arange(y.size), y)
     if kind == "rotated":
         rotated = CRS.from_cf(MAPPINGS[kind])
-        lon, lat = Transformer.from_crs(rotated, rotated.source_crs or "EPSG:4326",
-                                        always_xy=True).transform(px, py)  # fmt: skip
+        lon, lat = Transformer.from_crs(
+            rotated, rotated.source_crs or "EPSG:4326", always_xy=True
+        ).transform(px, py)
     else:
         lon, lat = Proj(CRS.from_cf(MAPPINGS[kind]))(px, py, inverse=True)
     return fi, fj, np.asarray(lat), np.asarray(lon)
@@ -115,8 +116,9 @@ def test_gaussian_latitudes() -> None:
     u, _ = winds(airswing.collocate(points(*where, 60000.0), {"x": ds}))
     stored = ds.latitude.values.astype(float)
     fj = 63 - np.interp(where[0], stored[::-1], np.arange(64))
-    east, _ = by_hand(ds.u.values[0], ds.v.values[0], LEVELS * 100, where[1] / 2.8125, fj,
-                      np.full(60, 60000.0))  # fmt: skip
+    east, _ = by_hand(
+        ds.u.values[0], ds.v.values[0], LEVELS * 100, where[1] / 2.8125, fj, np.full(60, 60000.0)
+    )
     np.testing.assert_allclose(u, east, atol=1e-3)
 
 

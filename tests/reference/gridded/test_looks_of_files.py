@@ -56,9 +56,11 @@ def cds_new(ds: xr.Dataset) -> xr.Dataset:
     ds.valid_time.attrs = {"standard_name": "time", "long_name": "time"}
     for name in "uv":
         ds[name].attrs |= {
-            "GRIB_paramId": 131 + "uv".index(name), "GRIB_stepType": "instant",
-            "GRIB_uvRelativeToGrid": 0, "GRIB_gridType": "regular_ll",
-        }  # fmt: skip
+            "GRIB_paramId": 131 + "uv".index(name),
+            "GRIB_stepType": "instant",
+            "GRIB_uvRelativeToGrid": 0,
+            "GRIB_gridType": "regular_ll",
+        }
     return ds.assign_coords(number=((), 0), expver=("valid_time", np.array(["0001", "0001"])))
 
 
@@ -83,9 +85,12 @@ def ncep(ds: xr.Dataset) -> xr.Dataset:
 def merra(ds: xr.Dataset) -> xr.Dataset:
     ds = ds.rename(u="U", v="V", latitude="lat", longitude="lon", level="lev")
     ds.lev.attrs = {
-        "units": "hPa", "long_name": "vertical level", "positive": "down", "coordinate": "PLE",
+        "units": "hPa",
+        "long_name": "vertical level",
+        "positive": "down",
+        "coordinate": "PLE",
         "standard_name": "PLE_level",
-    }  # fmt: skip
+    }
     for name in ("U", "V"):
         ds[name].attrs["standard_name"] = f"{'east' if name == 'U' else 'north'}ward_wind"
     return ds
@@ -106,8 +111,10 @@ def ncl(ds: xr.Dataset) -> xr.Dataset:
         names | {"latitude": "lat_0", "longitude": "lon_0", "time": "initial_time0_hours"}
     )
     ds["lv_ISBL0"] = ("lv_ISBL0", LEVELS * 100.0, {"units": "Pa", "long_name": "Isobaric surface"})
-    for name, words in (("UGRD_P0_L100_GLL0", "U-component of wind"),
-                        ("VGRD_P0_L100_GLL0", "V-component of wind")):  # fmt: skip
+    for name, words in (
+        ("UGRD_P0_L100_GLL0", "U-component of wind"),
+        ("VGRD_P0_L100_GLL0", "V-component of wind"),
+    ):
         ds[name].attrs = {"units": "m s-1", "long_name": words}
     return ds
 
@@ -305,9 +312,14 @@ def test_names_in_the_configuration() -> None:
     for name in ("speed_1", "speed_2", "l", "a", "o"):
         ds[name].attrs = {}
     said = {
-        "u": "speed_1", "v": "speed_2", "level": "l", "latitude": "a", "longitude": "o",
-        "time": "t", "units": {"speed_1": "m/s", "speed_2": "m/s", "l": "hPa"},
-    }  # fmt: skip
+        "u": "speed_1",
+        "v": "speed_2",
+        "level": "l",
+        "latitude": "a",
+        "longitude": "o",
+        "time": "t",
+        "units": {"speed_1": "m/s", "speed_2": "m/s", "l": "hPa"},
+    }
     check(ds, naming=said)
 
 

@@ -33,11 +33,18 @@ def message(keys: dict[str, Any], values: np.ndarray, pv: np.ndarray | None = No
 
 
 GLOBE = {
-    "gridType": "regular_ll", "Ni": 36, "Nj": 19, "latitudeOfFirstGridPointInDegrees": 90.0,
-    "longitudeOfFirstGridPointInDegrees": 0.0, "latitudeOfLastGridPointInDegrees": -90.0,
-    "longitudeOfLastGridPointInDegrees": 350.0, "iDirectionIncrementInDegrees": 10.0,
-    "jDirectionIncrementInDegrees": 10.0, "dataDate": 20221111, "dataTime": 0,
-}  # fmt: skip
+    "gridType": "regular_ll",
+    "Ni": 36,
+    "Nj": 19,
+    "latitudeOfFirstGridPointInDegrees": 90.0,
+    "longitudeOfFirstGridPointInDegrees": 0.0,
+    "latitudeOfLastGridPointInDegrees": -90.0,
+    "longitudeOfLastGridPointInDegrees": 350.0,
+    "iDirectionIncrementInDegrees": 10.0,
+    "jDirectionIncrementInDegrees": 10.0,
+    "dataDate": 20221111,
+    "dataTime": 0,
+}
 
 
 def test_the_mean_of_half_levels_by_hand() -> None:
@@ -57,16 +64,31 @@ def test_ecmwf_model_levels(surface: str, tmp_path: Path) -> None:
     ps = RNG.uniform(85000.0, 102000.0, (19, 36))
     level = {"typeOfFirstFixedSurface": 105}
     found = [
-        message(GLOBE | {"discipline": 0, "parameterCategory": 2, "parameterNumber": number,
-                         **level, "level": k + 1}, field[k], pv)
-        for k in range(count) for number, field in ((2, u), (3, v))
-    ]  # fmt: skip
+        message(
+            GLOBE
+            | {
+                "discipline": 0,
+                "parameterCategory": 2,
+                "parameterNumber": number,
+                **level,
+                "level": k + 1,
+            },
+            field[k],
+            pv,
+        )
+        for k in range(count)
+        for number, field in ((2, u), (3, v))
+    ]
     if surface == "lnsp":
         keys = {"discipline": 0, "parameterCategory": 3, "parameterNumber": 25, **level, "level": 1}
         found.append(message(GLOBE | keys, np.log(ps), pv))
     else:
-        keys = {"discipline": 0, "parameterCategory": 3, "parameterNumber": 0,
-                "typeOfFirstFixedSurface": 1}  # fmt: skip
+        keys = {
+            "discipline": 0,
+            "parameterCategory": 3,
+            "parameterNumber": 0,
+            "typeOfFirstFixedSurface": 1,
+        }
         found.append(message(GLOBE | keys, ps))
     path = tmp_path / "ml.grib2"
     path.write_bytes(b"".join(found))
@@ -94,13 +116,19 @@ def test_rap_native_levels_on_its_own_grid(tmp_path: Path) -> None:
         rotate.transform(x[n], y[n], direction="INVERSE") for n in (0, -1)
     )
     grid = {
-        "centre": "kwbc", "gridDefinitionTemplateNumber": 32769, "shapeOfTheEarth": 6,
-        "Ni": ni, "Nj": nj, "numberOfDataPoints": ni * nj,
+        "centre": "kwbc",
+        "gridDefinitionTemplateNumber": 32769,
+        "shapeOfTheEarth": 6,
+        "Ni": ni,
+        "Nj": nj,
+        "numberOfDataPoints": ni * nj,
         "latitudeOfFirstGridPoint": round(lat1 * 1e6),
         "longitudeOfFirstGridPoint": round(lon1 * 1e6) % 360_000_000,
-        "resolutionAndComponentFlags": 56, "scanningMode": 64,
-        "dataDate": 20221111, "dataTime": 0,
-    }  # fmt: skip
+        "resolutionAndComponentFlags": 56,
+        "scanningMode": 64,
+        "dataDate": 20221111,
+        "dataTime": 0,
+    }
     u, v = RNG.normal(10, 15, (2, count, nj, ni))
     pressure = np.linspace(95000.0, 20000.0, count)[:, None, None] * RNG.uniform(
         0.97, 1.03, (1, nj, ni)
@@ -108,8 +136,13 @@ def test_rap_native_levels_on_its_own_grid(tmp_path: Path) -> None:
     found = []
     for k in range(count):
         for (category, number), field in (((2, 2), u), ((2, 3), v), ((3, 0), pressure)):
-            keys = {"discipline": 0, "parameterCategory": category, "parameterNumber": number,
-                    "typeOfFirstFixedSurface": 105, "level": k + 1}  # fmt: skip
+            keys = {
+                "discipline": 0,
+                "parameterCategory": category,
+                "parameterNumber": number,
+                "typeOfFirstFixedSurface": 105,
+                "level": k + 1,
+            }
             found.append(centred(message(grid | keys, field[k]), centre, step, (lat2, lon2)))
     path = tmp_path / "rap.grib2"
     path.write_bytes(b"".join(found))

@@ -72,10 +72,14 @@ def test_meps_hybrid_levels_by_hand(real: Real) -> None:
     ("name", "u", "v", "dims"),
     [
         ("pycontrails_met-accf-pl.nc", "u", "v", ("level", "latitude", "longitude")),
-        ("metpy_GFS_test_20101026.nc", "u-component_of_wind_isobaric",
-         "v-component_of_wind_isobaric", ("isobaric3", "lat", "lon")),
+        (
+            "metpy_GFS_test_20101026.nc",
+            "u-component_of_wind_isobaric",
+            "v-component_of_wind_isobaric",
+            ("isobaric3", "lat", "lon"),
+        ),
     ],
-)  # fmt: skip
+)
 def test_pressure_levels_by_hand(
     name: str, u: str, v: str, dims: tuple[str, ...], real: Real
 ) -> None:
@@ -122,12 +126,15 @@ def test_a_lambert_grid_as_cfgrib_opens_it(real: Real, tmp_path: Path) -> None:
     path = str(real("grib/nam_g211_20180917_00z.grib2"))
     parts = [
         xr.open_dataset(
-            path, engine="cfgrib",
-            backend_kwargs={"indexpath": "", "filter_by_keys": {
-                "typeOfLevel": "isobaricInhPa", "cfVarName": name}},
+            path,
+            engine="cfgrib",
+            backend_kwargs={
+                "indexpath": "",
+                "filter_by_keys": {"typeOfLevel": "isobaricInhPa", "cfVarName": name},
+            },
         )
         for name in "uv"
-    ]  # fmt: skip
+    ]
     lat, lon = RNG.uniform(25, 45, 200), RNG.uniform(-120, -80, 200)
     reports = at(np.datetime64("2018-09-17"), lat, lon, RNG.uniform(21000, 99000, 200))
     octets = airswing.build_catalogue(path, name="o", cache_dir=tmp_path)

@@ -38,24 +38,36 @@ def stability() -> dict:
             {"aircraft": "N1", "days": 60, "p_value": 0.001, "changes": [change]},
             {"aircraft": "N2", "days": 60, "p_value": 0.8, "changes": []},
         ],
-        "windows": [window("N1", "2009-09-01"), window("N2", "2009-09-01"),
-                    window("N1", "2009-10-01", offset=2.2),
-                    {"aircraft": "N2", "window": "2009-10-01", "reports": 9,
-                     "status": "too_few_reports"}],
-    }  # fmt: skip
+        "windows": [
+            window("N1", "2009-09-01"),
+            window("N2", "2009-09-01"),
+            window("N1", "2009-10-01", offset=2.2),
+            {"aircraft": "N2", "window": "2009-10-01", "reports": 9, "status": "too_few_reports"},
+        ],
+    }
 
 
 @pytest.fixture
 def ranking() -> list[dict]:
-    known = {"aircraft": "N1", "rank": 1, "status": "ok", "expected_gain_kt": 3.2,
-             "expected_gain_ci_kt": [2.8, 3.6], "disagreement_kt": 9.1}  # fmt: skip
+    known = {
+        "aircraft": "N1",
+        "rank": 1,
+        "status": "ok",
+        "expected_gain_kt": 3.2,
+        "expected_gain_ci_kt": [2.8, 3.6],
+        "disagreement_kt": 9.1,
+    }
     return [known, {"aircraft": "N2", "rank": None, "expected_gain_kt": None}]
 
 
 def virtual(agree: bool) -> dict:
-    sides = {"predicted_gain_kt": 3.2, "predicted_gain_ci_kt": [2.8, 3.6],
-             "realised_gain_kt": 3.0, "realised_gain_ci_kt": [2.5, 3.5],
-             "agree": agree}  # fmt: skip
+    sides = {
+        "predicted_gain_kt": 3.2,
+        "predicted_gain_ci_kt": [2.8, 3.6],
+        "realised_gain_kt": 3.0,
+        "realised_gain_ci_kt": [2.5, 3.5],
+        "agree": agree,
+    }
     part = {"learned_until": "2009-10-10", "by_aircraft": [{"aircraft": "N1"} | sides]} | sides
     return {"later": part, "held_out": {"why": "too few flights"}}
 

@@ -19,9 +19,14 @@ TIME = np.datetime64("2009-01-05T12:00:00", "ns")
 def piece(rows: int = 1, **values: Any) -> pd.DataFrame:
     """Raw piece in SI with some columns replaced."""
     plain = {
-        "tail": "N412XJ", "time": TIME, "latitude": 41.5, "longitude": -87.25,
-        "pressure_altitude": 5000.0, "wind_direction": 270.0, "wind_speed": 20.0,
-    }  # fmt: skip
+        "tail": "N412XJ",
+        "time": TIME,
+        "latitude": 41.5,
+        "longitude": -87.25,
+        "pressure_altitude": 5000.0,
+        "wind_direction": 270.0,
+        "wind_speed": 20.0,
+    }
     return pd.DataFrame({**plain, **values}, index=range(rows))
 
 
@@ -72,10 +77,17 @@ def test_longitudes_are_brought_to_one_range(given_longitude, kept_longitude):
 @pytest.mark.parametrize(
     ("direction", "eastward", "northward"),
     [
-        (0, 0, -1), (45, -1, -1), (90, -1, 0), (135, -1, 1),
-        (180, 0, 1), (225, 1, 1), (270, 1, 0), (315, 1, -1), (360, 0, -1),
+        (0, 0, -1),
+        (45, -1, -1),
+        (90, -1, 0),
+        (135, -1, 1),
+        (180, 0, 1),
+        (225, 1, 1),
+        (270, 1, 0),
+        (315, 1, -1),
+        (360, 0, -1),
     ],
-)  # fmt: skip
+)
 def test_wind_from_the_eight_compass_points(direction, eastward, northward):
     frame, _ = cleaned(wind_direction=float(direction), wind_speed=10.0)
     wanted = 10.0 * np.array([eastward, northward]) / np.hypot(eastward, northward)
@@ -184,9 +196,13 @@ def test_every_report_is_kept_or_dropped_once_and_what_stays_is_possible(rows):
         list(column) for column in zip(*rows, strict=True)
     )
     frame, audit = cleaned(
-        len(rows), tail=tail, latitude=latitude, longitude=longitude,
-        wind_speed=speed, wind_direction=direction,
-    )  # fmt: skip
+        len(rows),
+        tail=tail,
+        latitude=latitude,
+        longitude=longitude,
+        wind_speed=speed,
+        wind_direction=direction,
+    )
     assert audit.read == len(rows)
     assert audit.kept == len(frame)
     assert frame["latitude"].between(-90, 90).all()

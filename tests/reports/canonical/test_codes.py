@@ -15,8 +15,17 @@ def decoded(name: str, values: list[object]) -> tuple[list[int], Audit]:
 
 def test_roll_flags():
     found, audit = decoded("roll_flag", ["G", "b", "N", "", "-", " G ", None, "Z", float("nan")])
-    names = ["good", "bad", "not_available", "missing", "missing", "good", "missing", "missing",
-             "missing"]  # fmt: skip
+    names = [
+        "good",
+        "bad",
+        "not_available",
+        "missing",
+        "missing",
+        "good",
+        "missing",
+        "missing",
+        "missing",
+    ]
     assert found == [ROLL[name] for name in names]
     assert audit.flags["roll_flag"] == {"G": 2, "b": 1, "N": 1, "blank": 3, "-": 1, "Z": 1}
     assert audit.repaired == {"roll_flag_unknown_code": 1}

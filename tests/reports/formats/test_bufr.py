@@ -55,11 +55,20 @@ def messages(real: Callable[[str], Path]) -> list[dict[str, Any]]:
     return decoded(
         real(AMDAR),
         (
-            "aircraftFlightNumber", "aircraftRegistrationNumberOrOtherIdentification",
-            "latitude", "longitude", "hour", "minute", "height", "pressure", "windDirection",
-            "windSpeed", "airTemperature", "phaseOfAircraftFlight",
+            "aircraftFlightNumber",
+            "aircraftRegistrationNumberOrOtherIdentification",
+            "latitude",
+            "longitude",
+            "hour",
+            "minute",
+            "height",
+            "pressure",
+            "windDirection",
+            "windSpeed",
+            "airTemperature",
+            "phaseOfAircraftFlight",
         ),
-    )  # fmt: skip
+    )
 
 
 def tail_of(message: dict[str, Any]) -> str:
@@ -155,9 +164,15 @@ def test_resolutions_of_the_real_file(amdar: xr.Dataset):
     ],
 )
 def test_every_small_template(
-    real: Callable[[str], Path], name: str, tail: str, time: str, altitude: float, speed: float,
-    phase: int, roll: int,
-):  # fmt: skip
+    real: Callable[[str], Path],
+    name: str,
+    tail: str,
+    time: str,
+    altitude: float,
+    speed: float,
+    phase: int,
+    roll: int,
+):
     ds = read_reports(real(f"reports/{name}.bufr"))
     assert ds["aircraft"].to_numpy().tolist() == [tail]
     assert ds.sizes["report"] == 1
@@ -179,9 +194,12 @@ def encoded(path: Path, *, subsets: int, compressed: int, **values: Any) -> Path
     """Write an AMDAR message of the current template (3 11 010)."""
     message = eccodes.codes_bufr_new_from_samples("BUFR4")
     for key, value in (
-        ("masterTablesVersionNumber", 33), ("localTablesVersionNumber", 0), ("dataCategory", 4),
-        ("numberOfSubsets", subsets), ("compressedData", compressed),
-    ):  # fmt: skip
+        ("masterTablesVersionNumber", 33),
+        ("localTablesVersionNumber", 0),
+        ("dataCategory", 4),
+        ("numberOfSubsets", subsets),
+        ("compressedData", compressed),
+    ):
         eccodes.codes_set(message, key, value)
     for key in ("inputDelayed", "inputShortDelayed"):
         eccodes.codes_set_array(message, f"{key}DescriptorReplicationFactor", [0] * 6 * subsets)
@@ -205,17 +223,28 @@ def encoded(path: Path, *, subsets: int, compressed: int, **values: Any) -> Path
 @pytest.mark.parametrize("compressed", [0, 1])
 def test_the_current_template_with_several_subsets(tmp_path: Path, compressed: int):
     path = encoded(
-        tmp_path / "a.bufr", subsets=3, compressed=compressed,
+        tmp_path / "a.bufr",
+        subsets=3,
+        compressed=compressed,
         aircraftTailNumber=["N1", "N2", "N2"],
         aircraftFlightNumber=["F1", "F2", "F3"],
-        year=[2021, 2021, 2021], month=[2, 2, 2], day=[1, 1, 1], hour=[11, 11, 12],
-        minute=[59, 59, 0], second=[49, 50, 1],
-        latitude=[54.985, 10.0, 10.1], longitude=[77.23833, 179.9, -179.9],
-        flightLevel=[10058, 11000, 11010], detailedPhaseOfFlight=[3, 7, 2],
-        windDirection=[354, 90, 180], windSpeed=[3.1, 10.0, 20.0],
-        airTemperature=[211.2, 220.0, 221.0], aircraftTrueAirspeed=[230.0, 231.0, 232.0],
-        aircraftTrueHeading=[90.0, 91.0, 92.0], aircraftRollAngleQuality=[0, 1, 3],
-    )  # fmt: skip
+        year=[2021, 2021, 2021],
+        month=[2, 2, 2],
+        day=[1, 1, 1],
+        hour=[11, 11, 12],
+        minute=[59, 59, 0],
+        second=[49, 50, 1],
+        latitude=[54.985, 10.0, 10.1],
+        longitude=[77.23833, 179.9, -179.9],
+        flightLevel=[10058, 11000, 11010],
+        detailedPhaseOfFlight=[3, 7, 2],
+        windDirection=[354, 90, 180],
+        windSpeed=[3.1, 10.0, 20.0],
+        airTemperature=[211.2, 220.0, 221.0],
+        aircraftTrueAirspeed=[230.0, 231.0, 232.0],
+        aircraftTrueHeading=[90.0, 91.0, 92.0],
+        aircraftRollAngleQuality=[0, 1, 3],
+    )
     ds = read_reports(path)
     assert ds["aircraft"].to_numpy().tolist() == ["N1", "N2"]
     assert ds["row_size"].to_numpy().tolist() == [1, 2]

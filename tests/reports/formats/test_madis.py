@@ -223,8 +223,13 @@ def test_another_netcdf_is_refused_with_what_it_lacks(tmp_path: Path):
 
 def test_characters_of_bytes():
     assert characters(np.array([71, 0, 45, -1, 127, 32], np.int8)).tolist() == [
-        "G", "", "-", "", "", ""
-    ]  # fmt: skip
+        "G",
+        "",
+        "-",
+        "",
+        "",
+        "",
+    ]
     assert characters(np.array([b"G", b"", b" "], "S1")).tolist() == ["G", "", ""]
     assert characters(np.array([200], np.int16)).tolist() == ["200"]
     assert len(set(FLAG_FIELDS)) == len(FLAG_FIELDS)

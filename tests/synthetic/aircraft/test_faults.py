@@ -17,9 +17,17 @@ FINE = Coding(
     direction_deg=1e-5, speed_kt=1e-5, position_arcmin=1e-4, airspeed_noise=0.0, heading_noise=0.0
 )
 COMMON = {
-    "days": 2, "aircraft": 4, "seed": 3, "derivatives": False, "references": ("ruc",),
-    "columns": 20, "rows": 16, "spacing_km": 85.0, "levels": (950, 700, 500, 350), "coding": FINE,
-}  # fmt: skip
+    "days": 2,
+    "aircraft": 4,
+    "seed": 3,
+    "derivatives": False,
+    "references": ("ruc",),
+    "columns": 20,
+    "rows": 16,
+    "spacing_km": 85.0,
+    "levels": (950, 700, 500, 350),
+    "coding": FINE,
+}
 TAILS = ["N401", "N402", "N403", "N404"]
 
 
@@ -41,9 +49,15 @@ def heading_error(frame: pd.DataFrame) -> np.ndarray:
 @pytest.mark.parametrize("name", sorted(UNIT_FAULTS))
 def test_every_unit_fault_changes_the_wind_and_nothing_else(plain: pd.DataFrame, name: str) -> None:
     sizes = {
-        "offset_deg": 1.0, "amplitude_deg": 4.0, "phase_deg": 30.0, "rate_deg_per_day": 0.5,
-        "scale_percent": 1.0, "offset_m_s": 1.0, "fraction": 0.2, "epoch_year": 1995.0,
-    }  # fmt: skip
+        "offset_deg": 1.0,
+        "amplitude_deg": 4.0,
+        "phase_deg": 30.0,
+        "rate_deg_per_day": 0.5,
+        "scale_percent": 1.0,
+        "offset_m_s": 1.0,
+        "fraction": 0.2,
+        "epoch_year": 1995.0,
+    }
     found = simulated(name, **sizes)
     change = np.hypot(found["u"] - plain["u"], found["v"] - plain["v"])
     assert np.isfinite(change).all()

@@ -102,9 +102,17 @@ def test_wind_triangle_by_hand() -> None:
 
 @pytest.mark.parametrize(
     ("u", "v", "direction"),
-    [(0, -10, 360), (-10, -10, 45), (-10, 0, 90), (-10, 10, 135), (0, 10, 180), (10, 10, 225),
-     (10, 0, 270), (10, -10, 315)],
-)  # fmt: skip
+    [
+        (0, -10, 360),
+        (-10, -10, 45),
+        (-10, 0, 90),
+        (-10, 10, 135),
+        (0, 10, 180),
+        (10, 10, 225),
+        (10, 0, 270),
+        (10, -10, 315),
+    ],
+)
 def test_coded_direction_is_where_the_wind_comes_from(u: float, v: float, direction: int) -> None:
     step = np.ones(1)
     found, speed = coded(np.array([u]), np.array([v]), direction_step=step, speed_step=step)

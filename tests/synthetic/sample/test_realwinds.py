@@ -24,8 +24,9 @@ def test_the_run_is_read_as_eccodes_reads_it(real) -> None:
     with (folder / "2005080700_wrfprs_ruc13_12.tm00_G212").open("rb") as source:
         while (handle := eccodes.codes_grib_new_from_file(source)) is not None:
             if (eccodes.codes_get(handle, "shortName"), eccodes.codes_get(handle, "level")) == (
-                "v", 500
-            ):  # fmt: skip
+                "v",
+                500,
+            ):
                 break
             eccodes.codes_release(handle)
     values = eccodes.codes_get_values(handle).reshape(129, 185)

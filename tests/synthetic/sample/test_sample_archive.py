@@ -149,8 +149,15 @@ def test_field_test_units_apply_their_tables(tmp_path: Path) -> None:
     assert error[treated & ~after].std() > 2.0
     assert error[~treated & after].std() > 2.0
     config = write_archive(
-        tmp_path, days=1, aircraft=2, seed=6, effects=effects, field_test=(0, ("N401",)),
-        columns=20, rows=16, spacing_km=90.0,
-    )  # fmt: skip
+        tmp_path,
+        days=1,
+        aircraft=2,
+        seed=6,
+        effects=effects,
+        field_test=(0, ("N401",)),
+        columns=20,
+        rows=16,
+        spacing_km=90.0,
+    )
     section = yaml.safe_load(config.read_text())["field_test"]
     assert (section["corrected"], section["controls"]) == (["N401"], ["N402"])

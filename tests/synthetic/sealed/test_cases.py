@@ -145,8 +145,11 @@ def test_as_many_nulls_as_are_asked_for():
 
 def test_scaling_multiplies_sizes_and_leaves_phases():
     parameters = {"amplitude_deg": 1.0, "phase_deg": 40.0}
-    drawn = Drawn("hard_iron", ({"name": "hard_iron", "tails": None, "parameters": parameters},),
-                  DRAWS["hard_iron"])  # fmt: skip
+    drawn = Drawn(
+        "hard_iron",
+        ({"name": "hard_iron", "tails": None, "parameters": parameters},),
+        DRAWS["hard_iron"],
+    )
     out = scaled(drawn, 2.5).effects[0]["parameters"]
     assert out == {"amplitude_deg": 2.5, "phase_deg": 40.0}
     assert drawn.effects[0]["parameters"]["amplitude_deg"] == 1.0

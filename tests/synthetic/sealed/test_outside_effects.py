@@ -56,8 +56,9 @@ def test_shapes_of_a_variable_with_a_range_by_hand():
     assert hinge[500] == 0.0 and hinge[400] == 0.0
     # the range is that between the 2nd and 98th percentile: 96 of 100 units
     assert hinge[740] == pytest.approx(24 / 96, abs=1e-6)
-    flag = part_values({"variable": "phase", "shape": "flag", "equals": 3.0},
-                       {"phase": np.array([1, 2, 3])})  # fmt: skip
+    flag = part_values(
+        {"variable": "phase", "shape": "flag", "equals": 3.0}, {"phase": np.array([1, 2, 3])}
+    )
     assert flag.tolist() == [0, 0, 1]
 
 
@@ -65,13 +66,20 @@ def surroundings(n=4000, seed=0):
     rng = np.random.default_rng(seed)
     heading = rng.uniform(-np.pi, np.pi, n)
     frame = {
-        "heading": heading, "declination": np.full(n, -0.1), "airspeed": rng.normal(120, 10, n),
-        "ground_u": 120 * np.sin(heading) + 5, "ground_v": 120 * np.cos(heading) - 3,
-        "true_latitude": rng.uniform(38, 46, n), "true_longitude": rng.uniform(-95, -80, n),
-        "true_altitude": rng.uniform(500, 7000, n), "temperature": rng.uniform(240, 290, n),
-        "icing": rng.integers(0, 2, n), "phase": rng.integers(1, 4, n),
-        "bank": rng.normal(0, 0.1, n), "acceleration": rng.normal(0, 0.3, n),
-    }  # fmt: skip
+        "heading": heading,
+        "declination": np.full(n, -0.1),
+        "airspeed": rng.normal(120, 10, n),
+        "ground_u": 120 * np.sin(heading) + 5,
+        "ground_v": 120 * np.cos(heading) - 3,
+        "true_latitude": rng.uniform(38, 46, n),
+        "true_longitude": rng.uniform(-95, -80, n),
+        "true_altitude": rng.uniform(500, 7000, n),
+        "temperature": rng.uniform(240, 290, n),
+        "icing": rng.integers(0, 2, n),
+        "phase": rng.integers(1, 4, n),
+        "bank": rng.normal(0, 0.1, n),
+        "acceleration": rng.normal(0, 0.3, n),
+    }
     u, v = rng.normal(5, 8, n), rng.normal(0, 8, n)
     return report_variables(frame, u, v, rng.uniform(0, 240, n)), u, v
 
@@ -106,8 +114,9 @@ def test_a_turn_is_clockwise_and_the_sign_turns_it_back():
     variables |= {"wind_direction": np.zeros(3)}
     change = outside_change(effect(everywhere, "direction"), u, v, variables, np.ones(3, bool))
     assert (change[:, 0] < 0).all()  # from slightly east of north: blows to the west
-    back = outside_change(effect(everywhere, "direction", sign=-1.0), u, v, variables,
-                          np.ones(3, bool))  # fmt: skip
+    back = outside_change(
+        effect(everywhere, "direction", sign=-1.0), u, v, variables, np.ones(3, bool)
+    )
     assert (back[:, 0] > 0).all()
 
 
@@ -139,8 +148,9 @@ def test_jitter_and_gross_errors_act_where_they_should_and_as_often():
     acts = np.any(change != 0, axis=1)
     assert acts.mean() == pytest.approx(0.5, abs=0.02)
     assert np.sqrt((change[acts] ** 2).sum(1).mean()) == pytest.approx(2.0, rel=0.03)
-    gross = scatter_change({"kind": "gross", "parts": [], "fraction": 0.05}, u, v, variables, here,
-                           rng)  # fmt: skip
+    gross = scatter_change(
+        {"kind": "gross", "parts": [], "fraction": 0.05}, u, v, variables, here, rng
+    )
     assert np.any(gross != 0, axis=1).mean() == pytest.approx(0.05, abs=0.005)
 
 

@@ -27,9 +27,13 @@ CASES = [
 
 def fields(edition: int, *, flag: bool) -> GriddedReference:
     grid = centred_grid(
-        43.0, -86.0, columns=14, rows=11, spacing=40635.0,
+        43.0,
+        -86.0,
+        columns=14,
+        rows=11,
+        spacing=40635.0,
         radius=GRIB1_RADIUS if edition == 1 else GRIB2_RADIUS,
-    )  # fmt: skip
+    )
     wind = np.random.default_rng(2).normal(5, 20, (4, 2, 2, 11, 14)).round(1).astype(np.float32)
     return GriddedReference("ruc", grid, LEVELS, HOURS, wind, flag)
 
@@ -63,8 +67,11 @@ def test_eccodes_reads_what_was_written(
     for step, path in enumerate(paths):
         found = messages(path)
         assert [(item["shortName"], item["level"]) for item in found] == [
-            ("u", 850), ("v", 850), ("u", 500), ("v", 500)
-        ]  # fmt: skip
+            ("u", 850),
+            ("v", 850),
+            ("u", 500),
+            ("v", 500),
+        ]
         for number, item in enumerate(found):
             expected = made.wind[step, number % 2, number // 2].ravel()
             np.testing.assert_allclose(item["values"], expected, atol=tolerance)

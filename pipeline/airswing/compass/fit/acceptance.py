@@ -192,9 +192,14 @@ def _with_field(fits: list[AircraftFit], options: Options) -> _Estimate:
     for k, fit in enumerate(fits):
         theta, square = fit.theta[: COMPASS + 1] + joint.step[k], joint.covariance[k]
         number, to_one, extra = _choice(
-            theta, square, _cycles(fit), np.flatnonzero(free[k]), np.linalg.pinv(square),
-            fit.day_number.size, options,
-        )  # fmt: skip
+            theta,
+            square,
+            _cycles(fit),
+            np.flatnonzero(free[k]),
+            np.linalg.pinv(square),
+            fit.day_number.size,
+            options,
+        )
         widen = t_inflation(fit.freedom[: COMPASS + 1])
         thetas.append(to_one @ theta)
         covariances.append((to_one @ square @ to_one.T + extra) * np.outer(widen, widen))

@@ -147,10 +147,15 @@ def fit_deviation(
     """
     _groups(headings, pools or {}, alone=True)
     options: dict[str, Any] = {
-        "pools": pools, "harmonics": harmonics, "abscissa": abscissa, "joint": joint,
-        "shared_error": shared_error, "min_reports": min_reports,
-        "min_compass_points": min_compass_points, "alone": alone,
-    }  # fmt: skip
+        "pools": pools,
+        "harmonics": harmonics,
+        "abscissa": abscissa,
+        "joint": joint,
+        "shared_error": shared_error,
+        "min_reports": min_reports,
+        "min_compass_points": min_compass_points,
+        "alone": alone,
+    }
     parts = [headings] if _in_memory(headings) else blocks(headings, FITTED_FROM)
     return fit_sums([sum_aircraft(part, **options) for part in parts])
 
@@ -353,9 +358,12 @@ def _compass_points(angle: NDArray[np.floating[Any]]) -> int:
 def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Options) -> AircraftSums:
     sets, flight_day, abscissa, places, field = columns.observations(aircraft, members)
     fit = partial(
-        fit_aircraft, sets, flight_day, joint=options.joint,
+        fit_aircraft,
+        sets,
+        flight_day,
+        joint=options.joint,
         places=places if options.joint and options.shared_error else None,
-    )  # fmt: skip
+    )
     points = _compass_points(abscissa)
     found = AircraftSums(
         int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"], field

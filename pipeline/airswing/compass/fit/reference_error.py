@@ -254,10 +254,20 @@ class Stretch:
         lasting_share = np.hstack([lasting_share, every])
         node += (segment * basis.passing_size).astype(np.int32)[:, np.newaxis]
         return cls(
-            weight, means[1:3].astype(np.float64), means[3:].reshape(2, -1, piece.size), aircraft,
-            np.flatnonzero(change), np.cumsum(change) - 1, node, share, lasting, lasting_share,
-            segment, segments, basis.passing_size,
-        )  # fmt: skip
+            weight,
+            means[1:3].astype(np.float64),
+            means[3:].reshape(2, -1, piece.size),
+            aircraft,
+            np.flatnonzero(change),
+            np.cumsum(change) - 1,
+            node,
+            share,
+            lasting,
+            lasting_share,
+            segment,
+            segments,
+            basis.passing_size,
+        )
 
     @cached_property
     def lasting_design(self) -> sparse.csr_matrix:

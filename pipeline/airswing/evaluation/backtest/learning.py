@@ -17,9 +17,18 @@ from airswing.errors import InputError
 from airswing.products.ragged import blocks
 
 _JUDGED = (
-    "time", "flight", "eastward_wind", "northward_wind", "airspeed", "heading", "magnetic_heading",
-    "screening", "reference_eastward_wind", "reference_northward_wind", "horizontal_field",
-)  # fmt: skip
+    "time",
+    "flight",
+    "eastward_wind",
+    "northward_wind",
+    "airspeed",
+    "heading",
+    "magnetic_heading",
+    "screening",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+    "horizontal_field",
+)
 """Columns a correction is made from and judged by."""
 
 

@@ -30,8 +30,16 @@ from airswing.products.ragged import blocks, row_bounds
 from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
-_FLOWN = ("eastward_wind", "northward_wind", "reference_eastward_wind",
-          "reference_northward_wind", "heading", "airspeed", "time", "screening")  # fmt: skip
+_FLOWN = (
+    "eastward_wind",
+    "northward_wind",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+    "heading",
+    "airspeed",
+    "time",
+    "screening",
+)
 MOST_REPORTS = 4000
 """Reports of an aircraft that the intervals are drawn over; the gain itself uses all."""
 

@@ -223,9 +223,14 @@ def _windows(
         return np.bincount(row[chosen], weights=weights, minlength=size).astype(np.float64)
 
     return np.array(
-        [summed(learn), summed(learn, before), summed(judge), summed(judge, after),
-         summed(judge, before)]
-    )  # fmt: skip
+        [
+            summed(learn),
+            summed(learn, before),
+            summed(judge),
+            summed(judge, after),
+            summed(judge, before),
+        ]
+    )
 
 
 def _groups(windows: Floats, treated: NDArray[np.bool_]) -> dict[str, Any]:

@@ -117,8 +117,15 @@ def find_changes(
 def _fleet_sums(headings: xr.Dataset, members: list[str], abscissa: str) -> list[DaySums | None]:
     """Daily sums of every aircraft; None where there are too few reports."""
     argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
-    names = ["heading_error", "airspeed_error", "airspeed", "heading", argument, "time",
-             "screening"]  # fmt: skip
+    names = [
+        "heading_error",
+        "airspeed_error",
+        "airspeed",
+        "heading",
+        argument,
+        "time",
+        "screening",
+    ]
     found: list[DaySums | None] = []
     for block in blocks(headings, names):
         found += _block_sums(block, block.sel(reference=members), argument)

@@ -42,9 +42,20 @@ CURVE_RMS_DEG = 0.2
 REGION_BIAS = 0.4
 MIN_STRATUM = 500
 NAMES = ("A", "B", "C", "D", "E")
-_COLUMNS = ("time", "latitude", "longitude", "pressure", "phase", "heading", "magnetic_heading",
-            "airspeed", "screening", "lead_time", "reference_eastward_wind",
-            "reference_northward_wind")  # fmt: skip
+_COLUMNS = (
+    "time",
+    "latitude",
+    "longitude",
+    "pressure",
+    "phase",
+    "heading",
+    "magnetic_heading",
+    "airspeed",
+    "screening",
+    "lead_time",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+)
 SEASONS = ("DJF", "MAM", "JJA", "SON")
 
 
@@ -335,8 +346,10 @@ def _slices(rows: Rows, one: str, two: str) -> Iterator[tuple[str, str, NDArray[
         yield "by_phase", name, (rows.phase == code) & rows.kept_any_phase
     high, low = rows.pressure <= 50000.0, rows.pressure > 70000.0
     for name, mask in (
-        ("below 700 hPa", low), ("700 to 500 hPa", ~high & ~low), ("above 500 hPa", high)
-    ):  # fmt: skip
+        ("below 700 hPa", low),
+        ("700 to 500 hPa", ~high & ~low),
+        ("above 500 hPa", high),
+    ):
         yield "by_level", name, mask & rows.kept
     season = ((rows.month + 1) % 12) // 3
     for number, name in enumerate(SEASONS):

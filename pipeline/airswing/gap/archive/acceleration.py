@@ -221,6 +221,8 @@ def _mean_gained(start: Floats, end: Floats) -> Floats:
     whole = np.cumsum(gained, axis=0) - 0.5 * gained
     length = np.maximum(end - start, 1.0)[:, None]
     late = np.maximum(end - KNOTS[-1], 0.0) - np.maximum(start - KNOTS[-1], 0.0)
-    inside = [np.stack([np.interp(np.minimum(t, KNOTS[-1]), fine, column)
-                        for column in whole.T], -1) for t in (start, end)]  # fmt: skip
+    inside = [
+        np.stack([np.interp(np.minimum(t, KNOTS[-1]), fine, column) for column in whole.T], -1)
+        for t in (start, end)
+    ]
     return np.asarray((inside[1] - inside[0] + late[:, None] * gained[-1]) / length)

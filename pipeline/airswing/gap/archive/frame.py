@@ -272,9 +272,15 @@ class Frame:
             The reference is unknown, or no report is left.
         """
         return _build(
-            cls, ds, reference, phases, excluded, epoch=epoch, reference_field=reference_field,
+            cls,
+            ds,
+            reference,
+            phases,
+            excluded,
+            epoch=epoch,
+            reference_field=reference_field,
             meridian=meridian,
-        )  # fmt: skip
+        )
 
 
 REPORT_FIELDS: tuple[str, ...] = tuple(

@@ -141,9 +141,13 @@ def headings_columns(
         np.abs(east) > 180.0, middle + wrapped(east), values["longitude"]
     )
     values["bank"] = bank_at_reports(
-        values["bank"], _codes(ds, "roll_flag", ROLL["missing"]), values["flight"], values["time"],
-        latitude=values["latitude"], longitude=values["longitude"],
-    )  # fmt: skip
+        values["bank"],
+        _codes(ds, "roll_flag", ROLL["missing"]),
+        values["flight"],
+        values["time"],
+        latitude=values["latitude"],
+        longitude=values["longitude"],
+    )
     for name in AIRCRAFT_FIELDS:
         values[name] = (
             np.asarray(ds[name].values, dtype=np.float64)

@@ -48,11 +48,22 @@ PERIOD = {"hour": 24.0}
 OF_THE_REPORT = ("wind_direction", "wind_speed")
 #: Units in which curves are told.
 UNITS = {
-    "magnetic_heading": "degree", "track": "degree", "wind_direction": "degree", "hour": "hour",
-    "wind_speed": "m/s", "airspeed": "m/s", "latitude": "degree", "longitude": "degree",
-    "altitude": "ft", "temperature": "degC", "bank": "degree", "acceleration": "m/s2",
-    "date": "day", "icing": "", "phase": "",
-}  # fmt: skip
+    "magnetic_heading": "degree",
+    "track": "degree",
+    "wind_direction": "degree",
+    "hour": "hour",
+    "wind_speed": "m/s",
+    "airspeed": "m/s",
+    "latitude": "degree",
+    "longitude": "degree",
+    "altitude": "ft",
+    "temperature": "degC",
+    "bank": "degree",
+    "acceleration": "m/s2",
+    "date": "day",
+    "icing": "",
+    "phase": "",
+}
 #: Metres in a foot.
 FOOT = 0.3048
 CATEGORIES = {"icing": ("off", "on"), "phase": ("ascent", "cruise", "descent")}

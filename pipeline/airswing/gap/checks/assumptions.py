@@ -35,9 +35,15 @@ Integers = NDArray[np.int64]
 #: neighbours, area under the classifier's curve, share of reports clipped, cluster factors of
 #: one aircraft and of the fleet.
 LIMITS = {
-    "autocovariance": 0.1, "spread": 0.1, "pit": 0.25, "lag_one": 0.1, "auc": 0.6,
-    "clipped": 0.02, "aircraft_factor": 2.0, "fleet_factor": 8.0,
-}  # fmt: skip
+    "autocovariance": 0.1,
+    "spread": 0.1,
+    "pit": 0.25,
+    "lag_one": 0.1,
+    "auc": 0.6,
+    "clipped": 0.02,
+    "aircraft_factor": 2.0,
+    "fleet_factor": 8.0,
+}
 
 
 @dataclass(frozen=True)
@@ -68,9 +74,10 @@ class Checks:
         """What ``gap.json`` holds of them."""
         return {
             "calibration": {"after": self.after.entry(), "before": self.before.entry()},
-            "decoy": self.decoy.entry(), "aliases": self.aliases,
+            "decoy": self.decoy.entry(),
+            "aliases": self.aliases,
             "assumptions": self.assumptions,
-        }  # fmt: skip
+        }
 
     def histograms(self) -> dict[str, tuple[str, Any]]:
         """Return what ``gap.nc`` holds of them."""
@@ -177,8 +184,10 @@ def _noise_row(noise: NoiseFit) -> dict[str, Any]:
         text = f"largest misfit {100 * worst:.0f} % of the variance, at {at:.0f} km"
     return _row(
         "errors along a flight fall off with distance as the noise model says",
-        "autocovariance against distance", text, worst < LIMITS["autocovariance"],
-    )  # fmt: skip
+        "autocovariance against distance",
+        text,
+        worst < LIMITS["autocovariance"],
+    )
 
 
 def _calibration_row(after: Calibration) -> dict[str, Any]:
@@ -186,8 +195,10 @@ def _calibration_row(after: Calibration) -> dict[str, Any]:
     if not np.isfinite(after.spread):
         return _row(
             "the error predicted for a report has the right size and shape",
-            "PIT and CRPS of held-out reports", "too few held-out reports to tell", False,
-        )  # fmt: skip
+            "PIT and CRPS of held-out reports",
+            "too few held-out reports to tell",
+            False,
+        )
     share = after.pit_count * after.pit_count.size / max(int(number), 1)
     worst = float(np.abs(share - 1).max())
     excess = after.crps_m_s / after.crps_expected_m_s - 1 if after.crps_expected_m_s else 0.0
@@ -222,8 +233,9 @@ def _classifier_row(after: Calibration) -> dict[str, Any]:
     return _row(
         "real flights cannot be told from flights of the improved simulation",
         "linear classifier, judged on flights it has not seen",
-        text, bool(known and after.auc < LIMITS["auc"]),
-    )  # fmt: skip
+        text,
+        bool(known and after.auc < LIMITS["auc"]),
+    )
 
 
 def _clipped_row(base: Base) -> dict[str, Any]:

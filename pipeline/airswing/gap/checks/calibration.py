@@ -107,10 +107,15 @@ def calibrate(
         flight_features(frame, real, kept), flight_features(frame, simulated, kept), rng
     )
     return Calibration(
-        pit_histogram(values), float(crps_normal(values, error[:, None]).mean()),
-        float(error.mean() / np.sqrt(np.pi)), float(np.sqrt(np.mean(values**2))),
-        lag, lag_error, auc, auc_error,
-    )  # fmt: skip
+        pit_histogram(values),
+        float(crps_normal(values, error[:, None]).mean()),
+        float(error.mean() / np.sqrt(np.pi)),
+        float(np.sqrt(np.mean(values**2))),
+        lag,
+        lag_error,
+        auc,
+        auc_error,
+    )
 
 
 def pit_histogram(values: Floats, *, bins: int = BINS) -> Integers:

@@ -61,10 +61,12 @@ class Decoy:
     def entry(self) -> dict[str, Any]:
         """As ``gap.json`` holds it."""
         return {
-            "reduction_kt": self.held_out, "reduction_ci_kt": list(self.held_out_ci),
-            "reduction_where_fitted_kt": self.fitted, "draws": self.draws,
+            "reduction_kt": self.held_out,
+            "reduction_ci_kt": list(self.held_out_ci),
+            "reduction_where_fitted_kt": self.fitted,
+            "draws": self.draws,
             "closes_nothing": self.closes_nothing,
-        }  # fmt: skip
+        }
 
 
 def force_decoy(

@@ -179,9 +179,12 @@ def review_claims(
         found nothing beside the deviation.
     """
     result: dict[str, Any] = {
-        "taken_off": list(adjustment.names), "aircraft": [], "stay": 0, "of": 0,
+        "taken_off": list(adjustment.names),
+        "aircraft": [],
+        "stay": 0,
+        "of": 0,
         "field_test": None,
-    }  # fmt: skip
+    }
     if not adjustment.names:
         return result
     from airswing.compass.fit.deviation import fit_deviation
@@ -223,8 +226,11 @@ def compared_fits(before: xr.Dataset, after: xr.Dataset) -> list[dict[str, Any]]
         for name in ("offset", "amplitude"):
             value, then = float(one[name]), float(two[name])
             error = float(one[f"{name}_standard_error"])
-            entry |= {f"{name}_deg": value, f"{name}_deg_after": then,
-                      f"{name}_deg_standard_error": error}  # fmt: skip
+            entry |= {
+                f"{name}_deg": value,
+                f"{name}_deg_after": then,
+                f"{name}_deg_standard_error": error,
+            }
             stays &= abs(then - value) <= 1.96 * error
         trusted = int(one["status"]) == 0 and int(two["status"]) == 0
         entry["stays"] = bool(stays) if trusted else None
@@ -251,5 +257,6 @@ def _field_tests(
     return {
         "reduction_kt": float(before["adjusted_reduction_kt"]),
         "reduction_ci_kt": [float(low), float(high)],
-        "reduction_kt_after": value, "stays": bool(low <= value <= high),
-    }  # fmt: skip
+        "reduction_kt_after": value,
+        "stays": bool(low <= value <= high),
+    }

@@ -199,9 +199,11 @@ def with_scatter(closure: Closure, parts: Mapping[str, Reduction]) -> Closure:
         after = closure.after - part.kt
         step = (name, after, low, high)
         out = replace(
-            closure, after=after, sequence=(*closure.sequence, step),
+            closure,
+            after=after,
+            sequence=(*closure.sequence, step),
             alone=(*closure.alone, closure.before - part.kt),
-        )  # fmt: skip
+        )
         if closure.reduction_ci is not None:
             stated = closure.before - closure.after
             below, above = stated - closure.reduction_ci[0], closure.reduction_ci[1] - stated

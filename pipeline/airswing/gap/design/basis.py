@@ -207,10 +207,11 @@ def plan_dictionary(frame: Any, known: Collection[str] | None = None) -> Diction
         "log_pressure": _centre(np.log(frame.pressure)),
     }
     groups = tuple(
-        group for group in _groups(knots, flags)
+        group
+        for group in _groups(knots, flags)
         if group.name not in STANDS_FOR
         or (known is not None and not set(STANDS_FOR[group.name]) & set(known))
-    )  # fmt: skip
+    )
     means = {}
     for name, points in knots.items():
         values = variable(frame, name)

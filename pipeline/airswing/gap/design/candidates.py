@@ -114,11 +114,18 @@ def candidates(
             pick = np.array(subset, np.int64)
             out.append(
                 Candidate(
-                    name, block[pick], scope, scales[pick], True, tuple(subset), effect.kind,
+                    name,
+                    block[pick],
+                    scope,
+                    scales[pick],
+                    True,
+                    tuple(subset),
+                    effect.kind,
                     _lasting_columns(effect, block, scales),
-                    float(getattr(effect, "told_share", 1.0)), isinstance(effect, HeadingEffect),
+                    float(getattr(effect, "told_share", 1.0)),
+                    isinstance(effect, HeadingEffect),
                 )
-            )  # fmt: skip
+            )
             if scope == "aircraft" and _whole_fleet(effect):
                 out.append(replace(out[-1], scope="fleet"))
     if not dictionary:

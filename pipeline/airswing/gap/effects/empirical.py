@@ -70,16 +70,19 @@ class Empirical(MomentEffect):
         out = super().complete(values)
         if out["component"] not in UNIT_OF:
             raise InputError(
-                "empirical has no such component", field="component", found=out["component"],
+                "empirical has no such component",
+                field="component",
+                found=out["component"],
                 remedy=f"one of {', '.join(UNIT_OF)}",
-            )  # fmt: skip
+            )
         grid = grid_of(out)
         table = np.asarray(out["values"], np.float64)
         if table.shape != (grid.size,) or not np.isfinite(table).all():
             raise InputError(
-                "a table needs one number per cell", field="values",
+                "a table needs one number per cell",
+                field="values",
                 found=f"{table.size} values for {grid.size} cells",
-            )  # fmt: skip
+            )
         return out
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
@@ -117,9 +120,11 @@ def grid_of(values: Mapping[str, Any]) -> Grid:
     for name, cut in zip(names, edges, strict=False):
         if name not in KINDS:
             raise InputError(
-                "unknown variable of a table", field="variables", found=name,
+                "unknown variable of a table",
+                field="variables",
+                found=name,
                 remedy=f"one of {', '.join(KINDS)}",
-            )  # fmt: skip
+            )
         try:
             own = np.asarray(cut, np.float64)
         except (TypeError, ValueError) as err:

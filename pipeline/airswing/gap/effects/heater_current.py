@@ -94,9 +94,11 @@ class HeaterCurrent(OffsetAndCycle):
         ),
     )
     column_names = (
-        "offset", "sin", "cos",
+        "offset",
+        "sin",
+        "cos",
         *(f"{part}_colder_than_{edge}" for edge in EDGES for part in ("offset", "sin", "cos")),
-    )  # fmt: skip
+    )
     alternatives = _subsets()
     confused_with = (
         "hard_iron, compass_offset: where icing protection is on most of the time",
@@ -201,14 +203,18 @@ def _edges(values: Mapping[str, Any]) -> tuple[float, float]:
         low, high = (float(edge) for edge in given)
     except (TypeError, ValueError) as err:
         raise InputError(
-            "a band of temperatures needs two numbers", field="between_degC", found=str(given),
+            "a band of temperatures needs two numbers",
+            field="between_degC",
+            found=str(given),
             remedy="give [low, high] in degC",
-        ) from err  # fmt: skip
+        ) from err
     if not low < high:
         raise InputError(
-            "a band of temperatures runs from low to high", field="between_degC", found=str(given),
+            "a band of temperatures runs from low to high",
+            field="between_degC",
+            found=str(given),
             remedy="give [low, high] in degC",
-        )  # fmt: skip
+        )
     return low, high
 
 

@@ -103,9 +103,11 @@ class ReferenceSpeedBias(Effect):
         bias = float(values["bias_percent"])
         if bias <= -100.0:
             raise InputError(
-                "a model wind cannot be weaker than none", field="bias_percent", found=bias,
+                "a model wind cannot be weaker than none",
+                field="bias_percent",
+                found=bias,
                 remedy="give a bias above -100 percent",
-            )  # fmt: skip
+            )
         where = np.ones(frame.size, bool)
         if values["above_hPa"] is not None:
             where &= frame.pressure < 100.0 * float(values["above_hPa"])

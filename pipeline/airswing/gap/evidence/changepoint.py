@@ -166,9 +166,18 @@ def evaluate_step(
     if not struck:
         nothing = np.zeros((acting.size, candidate.columns.size))
         return Score(
-            candidate, 0.0, 0.0, factor, np.zeros(acting.size), np.zeros(acting.size), nothing,
-            np.zeros(acting.size), acting, period=(0, 0), background=background,
-        )  # fmt: skip
+            candidate,
+            0.0,
+            0.0,
+            factor,
+            np.zeros(acting.size),
+            np.zeros(acting.size),
+            nothing,
+            np.zeros(acting.size),
+            acting,
+            period=(0, 0),
+            background=background,
+        )
     best = _one_date([changing[a] for a in struck], prior)
     posterior, evidence = np.zeros((2, acting.size))
     estimate = np.zeros((acting.size, candidate.columns.size))
@@ -176,10 +185,18 @@ def evaluate_step(
     second = stats.raw_gram[:, candidate.columns][:, :, candidate.columns]
     first, last = tried[best.window]
     return Score(
-        candidate, best.total, best.raw, factor, posterior, evidence, estimate,
-        rms(second, acting, estimate), acting, period=(int(first), int(last)),
+        candidate,
+        best.total,
+        best.raw,
+        factor,
+        posterior,
+        evidence,
+        estimate,
+        rms(second, acting, estimate),
+        acting,
+        period=(int(first), int(last)),
         background=background,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -214,10 +231,13 @@ def _one_date(found: list[GridEvidence], prior: Floats) -> _OneDate:
     _, width = np.unravel_index(int(np.argmax(joint[..., window])), joint.shape[:2])
     at_best = mixture(tempered[None, :, window])
     return _OneDate(
-        float(np.logaddexp.reduce(by_window)), _pooled([x.raw for x in found], prior), window,
-        at_best.posterior, tempered[width, window],
+        float(np.logaddexp.reduce(by_window)),
+        _pooled([x.raw for x in found], prior),
+        window,
+        at_best.posterior,
+        tempered[width, window],
         np.stack([x.estimate[width, window] for x in found]),
-    )  # fmt: skip
+    )
 
 
 def _over_shares(joint: Floats) -> Floats:
@@ -363,9 +383,13 @@ def _window_evidence(
     acting = stats.acting[aircraft, columns].max()
     unit = allowance_covariance(second, acting, 1.0, candidate.scales)
     return grid_evidence(
-        information, score, factor=factor, allowance=background**2 * unit, unit=unit,
+        information,
+        score,
+        factor=factor,
+        allowance=background**2 * unit,
+        unit=unit,
         scales=candidate.scales,
-    )  # fmt: skip
+    )
 
 
 __all__ = ["evaluate_step", "own_day_grams", "residual_scores", "windows"]

@@ -183,8 +183,22 @@ def _aircraft_slices(base: Base, given: Conditional, half: NDArray[np.bool_]) ->
         score = given.score[a][:, columns]
         p, estimate, _ = score_test(gram, score.sum(axis=0), factor)
         energy = cross_fitted(gram, score, half)
-        out.append((Slice("aircraft", "both", (tail,), energy, 0.0, p, 1.0,
-                          tuple(float(x) for x in estimate), labels, ""),))  # fmt: skip
+        out.append(
+            (
+                Slice(
+                    "aircraft",
+                    "both",
+                    (tail,),
+                    energy,
+                    0.0,
+                    p,
+                    1.0,
+                    tuple(float(x) for x in estimate),
+                    labels,
+                    "",
+                ),
+            )
+        )
     return out
 
 
@@ -206,9 +220,22 @@ def _group_slices(
         energy = cross_fitted(gram, score, half)
         strong = np.abs(estimate) > 2 * np.maximum(error, 1e-12)
         values = tuple(x for x, s in zip(group.labels, strong, strict=True) if s)
-        out.append((Slice(group.variable, group.component, values or group.labels, energy, 0.0, p,
-                          1.0, tuple(float(x) for x in estimate), group.labels,
-                          group.name),))  # fmt: skip
+        out.append(
+            (
+                Slice(
+                    group.variable,
+                    group.component,
+                    values or group.labels,
+                    energy,
+                    0.0,
+                    p,
+                    1.0,
+                    tuple(float(x) for x in estimate),
+                    group.labels,
+                    group.name,
+                ),
+            )
+        )
     return out
 
 
@@ -297,9 +324,12 @@ def residual_maps(frame: Any) -> xr.Dataset:
         frame.aircraft * weeks + week,
     )
     coords = {
-        "aircraft": np.array(list(frame.tails), dtype=object), "octant": np.arange(8) * 45.0,
+        "aircraft": np.array(list(frame.tails), dtype=object),
+        "octant": np.arange(8) * 45.0,
         "phase": np.array(["unknown", "ascent", "cruise", "descent"], dtype=object),
-        "level": 0.5 * (edges[1:] + edges[:-1]) / 100, "latitude": 0.5 * (lat[1:] + lat[:-1]),
-        "longitude": 0.5 * (lon[1:] + lon[:-1]), "week": np.arange(weeks),
-    }  # fmt: skip
+        "level": 0.5 * (edges[1:] + edges[:-1]) / 100,
+        "latitude": 0.5 * (lat[1:] + lat[:-1]),
+        "longitude": 0.5 * (lon[1:] + lon[:-1]),
+        "week": np.arange(weeks),
+    }
     return xr.Dataset(out, coords=coords)

@@ -112,9 +112,16 @@ def _evaluate_fleet(stats: Statistics, given: Conditional, candidate: Candidate)
     estimate = np.tile(found.estimate[int(np.argmax(found.tempered))], (aircraft, 1))
     total = log_mean(found.tempered)
     return Score(
-        candidate, total, log_mean(found.raw), factor, np.ones(aircraft),
-        np.full(aircraft, total), estimate, rms(second, acting, estimate), acting,
-    )  # fmt: skip
+        candidate,
+        total,
+        log_mean(found.raw),
+        factor,
+        np.ones(aircraft),
+        np.full(aircraft, total),
+        estimate,
+        rms(second, acting, estimate),
+        acting,
+    )
 
 
 def _evaluate_aircraft(
@@ -130,10 +137,17 @@ def _evaluate_aircraft(
     mixed = mixture(found.tempered, found.nothing, found.states(told), found.levels)
     estimate = found.estimates[mixed.best]
     return Score(
-        candidate, mixed.total, mixture(found.raw).total, found.factor, mixed.posterior,
-        found.tempered[mixed.best], estimate, rms(second, acting, estimate), acting,
+        candidate,
+        mixed.total,
+        mixture(found.raw).total,
+        found.factor,
+        mixed.posterior,
+        found.tempered[mixed.best],
+        estimate,
+        rms(second, acting, estimate),
+        acting,
         background=mixed.background,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -163,10 +177,13 @@ class _Aircraft:
         """Of no evidence for anything."""
         states, widths = shift_weight.size * GRID.size, SIZE_GRID.size
         return cls(
-            np.zeros((states, widths, aircraft)), np.zeros((states, aircraft)),
-            np.zeros((1, SCALE_GRID.size, aircraft)), np.zeros((states, widths, aircraft, k)),
-            factor, shift_weight,
-        )  # fmt: skip
+            np.zeros((states, widths, aircraft)),
+            np.zeros((states, aircraft)),
+            np.zeros((1, SCALE_GRID.size, aircraft)),
+            np.zeros((states, widths, aircraft, k)),
+            factor,
+            shift_weight,
+        )
 
     @property
     def levels(self) -> Floats:

@@ -141,9 +141,15 @@ def _regressed(
     bare, own = replace(problem.plan, groups=()), {effect.name: effect}
     layout = make_layout(own, bare, columns_frame)
     stats = accumulate(
-        columns_frame, target, noise=noise, layout=layout, effects=own, plan=bare, clip=np.inf,
+        columns_frame,
+        target,
+        noise=noise,
+        layout=layout,
+        effects=own,
+        plan=bare,
+        clip=np.inf,
         day_shift=base.stats.day_shift,
-    )  # fmt: skip
+    )
     part = eliminate_days(stats, base.variances)
     column = int(layout.columns(effect.name)[term.candidate.subset[0]])
     weights = term_weights(term, stats.day_count.shape)

@@ -78,9 +78,14 @@ class FoundFirst:
         """Of the terms of a problem, keeping nothing else of it."""
         stats = problem.base.stats
         return cls(
-            terms, values, problem.effects, problem.plan, stats.days, stats.day_shift,
+            terms,
+            values,
+            problem.effects,
+            problem.plan,
+            stats.days,
+            stats.day_shift,
             problem.shape,
-        )  # fmt: skip
+        )
 
     def __call__(self, frame: Frame, context: Frame) -> tuple[Floats, Floats]:
         """Residual without the terms, heading and airspeed exactly, and the terms linearly."""
@@ -99,9 +104,10 @@ class FoundFirst:
         -------
         Errors
         """
-        day = np.searchsorted(
-            self.days, day_of_report(frame, shift=self.day_shift)[0], side="right"
-        ) - 1  # fmt: skip
+        day = (
+            np.searchsorted(self.days, day_of_report(frame, shift=self.day_shift)[0], side="right")
+            - 1
+        )
         sensor, other, linear = (np.zeros((frame.size, 2)) for _ in range(3))
         peak = 0.0
         for term, value in zip(self.terms, self.values, strict=True):

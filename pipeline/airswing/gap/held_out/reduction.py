@@ -105,11 +105,16 @@ def select_days(stats: Statistics, keep: NDArray[np.bool_]) -> Statistics:
     used = np.isin(np.arange(stats.weeks.size), week[keep])
     gram = stats.week_gram[:, used] * share[:, used, None, None].astype(np.float32)
     return replace(
-        stats, days=stats.days[keep], weeks=stats.weeks[used], week_gram=gram,
-        day_gram=stats.day_gram[:, keep], day_cross=stats.day_cross[:, keep],
-        day_score=stats.day_score[:, keep], day_energy=stats.day_energy[:, keep],
+        stats,
+        days=stats.days[keep],
+        weeks=stats.weeks[used],
+        week_gram=gram,
+        day_gram=stats.day_gram[:, keep],
+        day_cross=stats.day_cross[:, keep],
+        day_score=stats.day_score[:, keep],
+        day_energy=stats.day_energy[:, keep],
         day_count=stats.day_count[:, keep],
-    )  # fmt: skip
+    )
 
 
 def restrict_term(term: Term, keep: NDArray[np.bool_]) -> Term:
@@ -335,9 +340,16 @@ def close(
     for k, term in enumerate(terms):
         fields = term_fields(frame, term, effects=effects, plan=problem.plan)
         errors.append(
-            term_error(fields, term, [c[k] for c in by_fold], aircraft=frame.aircraft, day=day,
-                       fold=fold[day], shape=shape)
-        )  # fmt: skip
+            term_error(
+                fields,
+                term,
+                [c[k] for c in by_fold],
+                aircraft=frame.aircraft,
+                day=day,
+                fold=fold[day],
+                shape=shape,
+            )
+        )
         if term.candidate.name == "reference_time_offset":
             errors[-1] = retimed(frame.residual, errors[-1], fold[day])
     sensor = [is_sensor(t, effects) for t in terms]
@@ -355,9 +367,14 @@ def close(
     low, high = day_interval((before - left) / KNOT, day, seed, draws)
     first, last = float(before.mean()) / KNOT, float(left.mean()) / KNOT
     return Closure(
-        first, last, (low, high), (first - high, first - low), tuple(steps),
-        tuple(a / KNOT for a in alone), residual,
-    )  # fmt: skip
+        first,
+        last,
+        (low, high),
+        (first - high, first - low),
+        tuple(steps),
+        tuple(a / KNOT for a in alone),
+        residual,
+    )
 
 
 def _without(frame: Any, errors: Sequence[Floats], sensor: Sequence[bool]) -> Floats:

@@ -380,9 +380,10 @@ def fit_noise(
     model = replace(model, level_nodes=nodes, level_factors=factors)
     gains = _gains(model, order, distance, step, log_pressure, ~gross, reports.doubt)
     centre, covariance, count = autocovariance(
-        np.where(gross[chosen, None], 0.0, values[chosen]), distance[chosen],
+        np.where(gross[chosen, None], 0.0, values[chosen]),
+        distance[chosen],
         flight_order(reports.flight[chosen], reports.time[chosen]),
-    )  # fmt: skip
+    )
     fitted = model.correlated_sd**2 * np.exp(-centre / model.length)
     fitted[0] = model.correlated_sd**2 + model.white_sd**2
     return NoiseFit(model, order, gains, centre / 1e3, covariance, fitted, count, gross)
@@ -423,9 +424,14 @@ def _gains(
 ) -> Gains:
     """Gains of a model on reports."""
     return kalman_gains(
-        order, model.decay(distance, step), model.factor(log_pressure), keep,
-        correlated_sd=model.correlated_sd, white_sd=model.white_sd, doubt=doubt,
-    )  # fmt: skip
+        order,
+        model.decay(distance, step),
+        model.factor(log_pressure),
+        keep,
+        correlated_sd=model.correlated_sd,
+        white_sd=model.white_sd,
+        doubt=doubt,
+    )
 
 
 def _draw_flights(flight: NDArray[np.integer], most: int, seed: int) -> NDArray[np.int64]:
@@ -451,17 +457,21 @@ def _maximise(
     order = flight_order(flight[chosen], time[chosen])
     spread = max(_robust_sd(values[chosen].ravel()), 1e-3)
     start = np.log([0.9 * spread, 0.4 * spread, 150e3, 0.7])
-    bounds = np.log([[0.1 * spread, 5 * spread], [0.05 * spread, 2 * spread],
-                     [10e3, 2000e3], [0.05, 20.0]])  # fmt: skip
+    bounds = np.log(
+        [[0.1 * spread, 5 * spread], [0.05 * spread, 2 * spread], [10e3, 2000e3], [0.05, 20.0]]
+    )
     own = values[chosen], order, distance[chosen], step[chosen], keep[chosen]
 
     def cost(parameters: Floats) -> float:
         inside = np.clip(parameters, bounds[:, 0], bounds[:, 1])
         return _likelihood(*own, inside) + 1e3 * float(((parameters - inside) ** 2).sum())
 
-    best = minimize(cost, start, method="Nelder-Mead",
-                    options={"maxfev": 160, "xatol": 0.01, "fatol": 0.3,
-                             "initial_simplex": _simplex(start)})  # fmt: skip
+    best = minimize(
+        cost,
+        start,
+        method="Nelder-Mead",
+        options={"maxfev": 160, "xatol": 0.01, "fatol": 0.3, "initial_simplex": _simplex(start)},
+    )
     found = np.exp(np.clip(best.x, bounds[:, 0], bounds[:, 1]))
     return NoiseModel(found[0], found[1], found[2], found[3], np.zeros(1), np.ones(1))
 

@@ -109,33 +109,44 @@ def assemble(problem: Problem, findings: Findings) -> tuple[dict[str, Any], dict
     best = max([best, *(e["evidence_nats"] for e in [*entries, *unknown])])
     report = {
         "gap": {
-            "mean_vector_disagreement_kt": closure.before, "noise_floor_kt": whole.after,
+            "mean_vector_disagreement_kt": closure.before,
+            "noise_floor_kt": whole.after,
             "significance": float(min(1.0, 50.0 * np.exp(-np.clip(best, 0, 60)))),
         },
         "where": [_slice_entry(s) for s in findings.where if s.q_value < 0.05][:20],
         "effects": entries,
         "unknown": {"present": bool(unknown), "where": unknown},
         "closure": {
-            "before": closure.before, "after": closure.after, "ci": _bounds(closure.after_ci),
-            "fraction_of_excess": fraction, "held_out": True,
-            "reduction": explained, "reduction_ci": _bounds(closure.reduction_ci),
+            "before": closure.before,
+            "after": closure.after,
+            "ci": _bounds(closure.after_ci),
+            "fraction_of_excess": fraction,
+            "held_out": True,
+            "reduction": explained,
+            "reduction_ci": _bounds(closure.reduction_ci),
         },
-    }  # fmt: skip
+    }
     stats = problem.base.stats
     details = {
         "unconfirmed": [doubtful_entry(d, problem) for d in findings.doubtful],
-        "waterfall": _waterfall(closure, whole), "alone_kt": list(closure.alone),
-        "evidence": evidence_table(findings.found), "noise": _noise_entry(problem),
+        "waterfall": _waterfall(closure, whole),
+        "alone_kt": list(closure.alone),
+        "evidence": evidence_table(findings.found),
+        "noise": _noise_entry(problem),
         "untestable": dict(findings.untestable),
         "slices": [_slice_entry(s) for s in findings.where],
-        "reliability": dict(findings.factors), "seed": problem.seed, "ambiguity":
-        {e["name"]: e["ambiguity"] for e in entries}, "counts": {
-            "reports": problem.reports, "flights": problem.flights,
+        "reliability": dict(findings.factors),
+        "seed": problem.seed,
+        "ambiguity": {e["name"]: e["ambiguity"] for e in entries},
+        "counts": {
+            "reports": problem.reports,
+            "flights": problem.flights,
             "reports_in_view": problem.archive.size,
-            "days": int(stats.days.size), "clipped": float(stats.clipped.sum()),
+            "days": int(stats.days.size),
+            "clipped": float(stats.clipped.sum()),
             "gross": float(stats.gross.sum()),
         },
-    }  # fmt: skip
+    }
     return report, details
 
 
@@ -210,10 +221,13 @@ def doubtful_entry(doubtful: Doubtful, problem: Problem) -> dict[str, Any]:
     """Entry of ``unconfirmed``: a name the search came to that is not counted as found."""
     term, stats = doubtful.term, problem.base.stats
     return {
-        "name": term.candidate.name, "tails": [stats.tails[a] for a in term.tails],
-        "period": period_of(term, stats), "probability": doubtful.probability,
-        "evidence_nats": round(term.score.tempered, 2), "reason": doubtful.reason,
-    }  # fmt: skip
+        "name": term.candidate.name,
+        "tails": [stats.tails[a] for a in term.tails],
+        "period": period_of(term, stats),
+        "probability": doubtful.probability,
+        "evidence_nats": round(term.score.tempered, 2),
+        "reason": doubtful.reason,
+    }
 
 
 def _closes(reduction: Reduction) -> dict[str, Any]:
@@ -224,25 +238,37 @@ def _closes(reduction: Reduction) -> dict[str, Any]:
 def moment_entry(verdict: MomentVerdict, reduction: Reduction) -> dict[str, Any]:
     """Entry of ``effects`` for a second-moment effect: it moves no mean."""
     return _plain_entry(
-        verdict.name, verdict.tails, verdict.parameters, verdict.standard_errors, verdict.period,
-        evidence=verdict.evidence, energy=0.0, scope="aircraft",
+        verdict.name,
+        verdict.tails,
+        verdict.parameters,
+        verdict.standard_errors,
+        verdict.period,
+        evidence=verdict.evidence,
+        energy=0.0,
+        scope="aircraft",
     ) | {
         "per_tail": {t: {"parameters": p} for t, p in verdict.per_tail.items()},
         "closure": _closes(reduction),
-    }  # fmt: skip
+    }
 
 
 def scatter_place(found: Scattering, reduction: Reduction) -> dict[str, Any]:
     """Place of an unknown effect that shows in the scatter of single reports: it moves no mean."""
     return {
-        "equally_good": [], "component": "scatter", "variable": "scatter",
-        "variables": ["scatter"], "group": "scatter", "tails": list(found.tails),
-        "scope": "aircraft", "evidence_nats": round(found.evidence, 2),
+        "equally_good": [],
+        "component": "scatter",
+        "variable": "scatter",
+        "variables": ["scatter"],
+        "group": "scatter",
+        "tails": list(found.tails),
+        "scope": "aircraft",
+        "evidence_nats": round(found.evidence, 2),
         "size_m_s": float(np.median(found.excess)),
         "curve": {"labels": list(found.tails), "m_s": list(found.excess)},
-        "held_out_energy": 0.0, "held_out_energy_standard_error": 0.0,
+        "held_out_energy": 0.0,
+        "held_out_energy_standard_error": 0.0,
         "closure": _closes(reduction),
-    }  # fmt: skip
+    }
 
 
 def swap_entry(swap: Swap, base: Base) -> dict[str, Any]:
@@ -250,9 +276,15 @@ def swap_entry(swap: Swap, base: Base) -> dict[str, Any]:
     stats = base.stats
     pair = [stats.tails[a] for a in swap.pair]
     return _plain_entry(
-        "tail_swap", pair, {"pair": pair}, {}, [day_text(stats, swap.day), None],
-        evidence=swap.evidence, energy=2.0 * swap.gain, scope="pair",
-    )  # fmt: skip
+        "tail_swap",
+        pair,
+        {"pair": pair},
+        {},
+        [day_text(stats, swap.day), None],
+        evidence=swap.evidence,
+        energy=2.0 * swap.gain,
+        scope="pair",
+    )
 
 
 def _plain_entry(
@@ -267,12 +299,23 @@ def _plain_entry(
     scope: str,
 ) -> dict[str, Any]:
     return {
-        "name": name, "probability": float(1 / (1 + 50 * np.exp(-min(evidence, 50.0)))),
-        "tails": list(tails), "parameters": dict(parameters), "standard_errors": dict(errors),
-        "period": period, "scope": scope, "evidence_nats": evidence, "cluster_factor": 1.0,
-        "size_m_s": 0.0, "ambiguous_with": [], "ambiguity": [], "share_of_gap": 0.0,
-        "share_of_energy": 0.0, "held_out_energy": energy, "held_out_energy_standard_error": 0.0,
-    }  # fmt: skip
+        "name": name,
+        "probability": float(1 / (1 + 50 * np.exp(-min(evidence, 50.0)))),
+        "tails": list(tails),
+        "parameters": dict(parameters),
+        "standard_errors": dict(errors),
+        "period": period,
+        "scope": scope,
+        "evidence_nats": evidence,
+        "cluster_factor": 1.0,
+        "size_m_s": 0.0,
+        "ambiguous_with": [],
+        "ambiguity": [],
+        "share_of_gap": 0.0,
+        "share_of_energy": 0.0,
+        "held_out_energy": energy,
+        "held_out_energy_standard_error": 0.0,
+    }
 
 
 def _shares(terms: Sequence[Term], closure: Closure) -> list[float]:
@@ -292,11 +335,16 @@ def _bounds(interval: tuple[float, float] | None) -> list[float] | None:
 
 def _slice_entry(piece: Slice) -> dict[str, Any]:
     return {
-        "variable": piece.variable, "component": piece.component, "values": list(piece.values),
-        "share_of_gap": float(np.clip(piece.share, 0, 1)), "q_value": piece.q_value,
-        "p_value": piece.p_value, "energy": piece.energy, "group": piece.group,
+        "variable": piece.variable,
+        "component": piece.component,
+        "values": list(piece.values),
+        "share_of_gap": float(np.clip(piece.share, 0, 1)),
+        "q_value": piece.q_value,
+        "p_value": piece.p_value,
+        "energy": piece.energy,
+        "group": piece.group,
         "curve": {"labels": list(piece.labels), "m_s": list(piece.effect)},
-    }  # fmt: skip
+    }
 
 
 def _waterfall(closure: Closure, whole: Closure) -> list[dict[str, Any]]:
@@ -313,8 +361,10 @@ def _noise_entry(problem: Problem) -> dict[str, Any]:
     noise, base = problem.noise, problem.base
     model = noise.model
     return {
-        "correlated_sd_m_s": float(model.correlated_sd), "white_sd_m_s": float(model.white_sd),
-        "length_km": float(model.length) / 1e3, "height_ln_p": float(model.height),
+        "correlated_sd_m_s": float(model.correlated_sd),
+        "white_sd_m_s": float(model.white_sd),
+        "length_km": float(model.length) / 1e3,
+        "height_ln_p": float(model.height),
         "level_hPa": [float(x) for x in np.exp(model.level_nodes) / 100],
         "level_factor": [float(x) for x in model.level_factors],
         "day_field_sd_m_s": [float(x) for x in np.sqrt(base.variances.day)],
@@ -322,7 +372,7 @@ def _noise_entry(problem: Problem) -> dict[str, Any]:
         "distance_km": [float(x) for x in noise.distance_km],
         "autocovariance": [float(x) for x in noise.autocovariance],
         "autocovariance_model": [float(x) for x in noise.autocovariance_model],
-    }  # fmt: skip
+    }
 
 
 def evidence_table(found: Found) -> list[dict[str, Any]]:
@@ -330,20 +380,33 @@ def evidence_table(found: Found) -> list[dict[str, Any]]:
     out = []
     for term, ranked in zip(found.terms, found.rivals, strict=True):
         for score in ranked[:40]:
-            out.append({
-                "instead_of": term.candidate.name, "name": score.candidate.name,
-                "scope": score.candidate.scope, "known": score.candidate.known,
-                "subset": list(score.candidate.subset), "tempered_nats": score.tempered,
-                "raw_nats": score.raw, "cluster_factor": score.factor,
-                "posterior": [float(x) for x in score.posterior],
-            })  # fmt: skip
+            out.append(
+                {
+                    "instead_of": term.candidate.name,
+                    "name": score.candidate.name,
+                    "scope": score.candidate.scope,
+                    "known": score.candidate.known,
+                    "subset": list(score.candidate.subset),
+                    "tempered_nats": score.tempered,
+                    "raw_nats": score.raw,
+                    "cluster_factor": score.factor,
+                    "posterior": [float(x) for x in score.posterior],
+                }
+            )
     for score in found.left:
-        out.append({
-            "instead_of": None, "name": score.candidate.name, "scope": score.candidate.scope,
-            "known": score.candidate.known, "subset": list(score.candidate.subset),
-            "tempered_nats": score.tempered, "raw_nats": score.raw,
-            "cluster_factor": score.factor, "posterior": [float(x) for x in score.posterior],
-        })  # fmt: skip
+        out.append(
+            {
+                "instead_of": None,
+                "name": score.candidate.name,
+                "scope": score.candidate.scope,
+                "known": score.candidate.known,
+                "subset": list(score.candidate.subset),
+                "tempered_nats": score.tempered,
+                "raw_nats": score.raw,
+                "cluster_factor": score.factor,
+                "posterior": [float(x) for x in score.posterior],
+            }
+        )
     return out
 
 

@@ -120,14 +120,17 @@ def describe_term(
         each.append(effect.to_parameters(value, spread, frame))
     tails = [stats.tails[a] for a in term.tails]
     out: dict[str, Any] = {
-        "name": term.candidate.name, "probability": probability(term.score), "tails": tails,
+        "name": term.candidate.name,
+        "probability": probability(term.score),
+        "tails": tails,
         "parameters": summary([p for p, _ in each]),
         "standard_errors": summary([e for _, e in each], angles=False),
-        "period": period_of(term, stats), "scope": term.candidate.scope,
+        "period": period_of(term, stats),
+        "scope": term.candidate.scope,
         "evidence_nats": round(term.score.tempered, 2),
         "cluster_factor": round(term.score.factor, 2),
         "size_m_s": float(np.median(term.score.size[list(term.tails)])),
-    }  # fmt: skip
+    }
     if rows > 1:
         out["per_tail"] = {
             t: {"parameters": p, "standard_errors": e}
@@ -255,13 +258,20 @@ def unknown_place(
     told = variables(term.candidate.name)
     groups = [s for s in ranked if not s.candidate.known and s.novelty > 0]
     best = max((s.tempered for s in groups), default=0.0)
-    near = [s.candidate.name for s in sorted(groups, key=lambda s: -s.tempered)
-            if s.tempered > best - 3.0 * term.score.factor]  # fmt: skip
+    near = [
+        s.candidate.name
+        for s in sorted(groups, key=lambda s: -s.tempered)
+        if s.tempered > best - 3.0 * term.score.factor
+    ]
     return {
         "equally_good": [n for n in dict.fromkeys(near) if n != term.candidate.name],
-        "component": term.candidate.component, "variable": told[0], "variables": told,
-        "group": term.candidate.name, "tails": [stats.tails[a] for a in term.tails],
-        "scope": term.candidate.scope, "evidence_nats": round(term.score.tempered, 2),
+        "component": term.candidate.component,
+        "variable": told[0],
+        "variables": told,
+        "group": term.candidate.name,
+        "tails": [stats.tails[a] for a in term.tails],
+        "scope": term.candidate.scope,
+        "evidence_nats": round(term.score.tempered, 2),
         "size_m_s": float(np.median(term.score.size[list(term.tails)])),
         "curve": {"labels": list(labels), "m_s": [float(x) for x in curve]},
-    }  # fmt: skip
+    }

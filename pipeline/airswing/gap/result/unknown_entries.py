@@ -65,9 +65,11 @@ def with_unknowns(
             - (report["closure"]["before"] - after_names)
         )
         report["unknown"]["closure"] = {
-            "before": left, "after": left - moved - curves, "reduction": moved + curves,
+            "before": left,
+            "after": left - moved - curves,
+            "reduction": moved + curves,
             "reduction_ci": [low + curves, high + curves],
-        }  # fmt: skip
+        }
     if taken:
         _moved(report, details, taken, moved)
 

@@ -51,14 +51,16 @@ def folded(terms: Sequence[Term], energy: Floats, error: Floats) -> dict[int, in
     out: dict[int, int] = {}
     for component in ("cross", "along"):
         curves = [
-            k for k, term in enumerate(terms)
+            k
+            for k, term in enumerate(terms)
             if not term.candidate.known and term.candidate.component == component
-        ]  # fmt: skip
+        ]
         struck = {a for k in curves for a in terms[k].tails}
         names = [
-            k for k, term in enumerate(terms)
+            k
+            for k, term in enumerate(terms)
             if _component(term) == component and _alike(set(term.tails), struck)
-        ]  # fmt: skip
+        ]
         if not names or not curves:
             continue
         share, doubt = _share(*((energy[own], error[own]) for own in (names, curves)))

@@ -63,9 +63,12 @@ def features(terms: Sequence[Term], confirmation: Confirmation) -> Floats:
         named = float(evidence[others & known].max(initial=0.0))
         changes = term.period is not None or term.candidate.kind == "drift"
         out[k] = (
-            np.log(evidence[k]), deviations[k], np.log1p(nameless / evidence[k]),
-            np.log1p(named / evidence[k]), float(changes),
-        )  # fmt: skip
+            np.log(evidence[k]),
+            deviations[k],
+            np.log1p(nameless / evidence[k]),
+            np.log1p(named / evidence[k]),
+            float(changes),
+        )
     return out
 
 

@@ -244,10 +244,11 @@ def outliers(frame: Any, noise: NoiseFit, *, coarse: tuple[str, ...] = ()) -> Mo
     missed = float(np.clip(_inside(bound / size), 0, 0.6)) ** 2
     per_tail = {
         frame.tails[a]: {
-            "fraction": float((rate[a] - background) / (1 - missed)), "size_m_s": size,
+            "fraction": float((rate[a] - background) / (1 - missed)),
+            "size_m_s": size,
         }
         for a in np.flatnonzero(high)
-    }  # fmt: skip
+    }
     # of a rate that the fleet shares the fleet tells nothing: what is ordinary elsewhere does
     ordinary = min(max(common, 1e-3), ORDINARY_RATE)
     evidence = [against_chance(int(count[a]), rate[a], ordinary) for a in np.flatnonzero(high)]

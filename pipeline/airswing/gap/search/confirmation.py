@@ -111,8 +111,13 @@ def confirm(base: Base, terms: Sequence[Term]) -> Confirmation:
     dated = [term for term in core if term.period is not None]
     if dated:
         days = np.arange(count) % PARTS
-        _take_over(out, terms, core, _judged(left, core, days, _dated_products(left, core, days)),
-                   only=dated)  # fmt: skip
+        _take_over(
+            out,
+            terms,
+            core,
+            _judged(left, core, days, _dated_products(left, core, days)),
+            only=dated,
+        )
     return out
 
 

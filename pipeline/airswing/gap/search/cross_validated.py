@@ -113,9 +113,10 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
         chance = probabilities(terms, tests)
         shapes = folded(terms, tests.energy, tests.error)  # told with the unknown, not as names
         short = [
-            k for k, term in enumerate(terms)
+            k
+            for k, term in enumerate(terms)
             if term.candidate.known and k not in shapes and chance[k] < rules.probability
-        ]  # fmt: skip
+        ]
         if not short:
             break
         worst = min(short, key=lambda k: (chance[k], terms[k].score.tempered))

@@ -131,9 +131,10 @@ def single_departures(
     own, first, second = own[near], first[near], second[near]
     distance, step = flight_steps(frame.latitude, frame.longitude, log_pressure, noise.order)
     expected = expected_departure(
-        noise.model, noise.model.decay(distance[own], step[own]),
+        noise.model,
+        noise.model.decay(distance[own], step[own]),
         noise.model.decay(distance[second], step[second]),
-    ) * noise.model.factor(log_pressure[own])  # fmt: skip
+    ) * noise.model.factor(log_pressure[own])
     return own, residual[own] - (residual[first] + residual[second]) / 2, expected
 
 

@@ -56,10 +56,7 @@ def widened(base: Base, found: Found, pool: Sequence[Candidate]) -> Found:
 def _wider(term: Term, pool: Sequence[Candidate]) -> list[Candidate]:
     """Forms of a term's effect that hold its own, widest first."""
     own = set(term.candidate.subset)
-    forms = [
-        c for c in pool
-        if c.known and (c.name, c.scope) == term.key and own < set(c.subset)
-    ]  # fmt: skip
+    forms = [c for c in pool if c.known and (c.name, c.scope) == term.key and own < set(c.subset)]
     return sorted(forms, key=lambda c: -len(c.subset))
 
 

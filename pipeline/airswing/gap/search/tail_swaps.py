@@ -77,10 +77,13 @@ def beside(terms: Sequence[Term]) -> tuple[list[Term], float]:
         nats.
     """
     kept = [
-        term for term in terms
-        if term.period is None and ":date" not in term.candidate.name
-        and term.candidate.kind != "drift" and term.candidate.name not in MARKS
-    ]  # fmt: skip
+        term
+        for term in terms
+        if term.period is None
+        and ":date" not in term.candidate.name
+        and term.candidate.kind != "drift"
+        and term.candidate.name not in MARKS
+    ]
     nameless = [term.score.tempered for term in terms if not term.candidate.known]
     return kept, NEEDED + NEEDED_SHARE * max(nameless, default=0.0)
 
@@ -122,8 +125,12 @@ def find_swap(
     scores = residual_scores(base, given)[:, :, columns]
     before, after = [], []
     for a in range(aircraft):
-        gram = np.concatenate([np.zeros((1, prior.size, prior.size)),
-                               np.cumsum(own_day_grams(base, a, columns), axis=0)])  # fmt: skip
+        gram = np.concatenate(
+            [
+                np.zeros((1, prior.size, prior.size)),
+                np.cumsum(own_day_grams(base, a, columns), axis=0),
+            ]
+        )
         score = np.concatenate([np.zeros((1, prior.size)), np.cumsum(scores[a], axis=0)])
         before.append((gram[cuts], score[cuts]))
         after.append((gram[-1] - gram[cuts], score[-1] - score[cuts]))

@@ -183,10 +183,16 @@ def simulate(
         wind = wind + draw_noise(frame, noise, rng=np.random.default_rng(noise_seed))
     empty = np.zeros(frame.size)
     state = State(
-        airframe=frame.aircraft.copy(), wind_u=wind[:, 0], wind_v=wind[:, 1],
-        heading_error=empty, airspeed=empty, report_u=wind[:, 0], report_v=wind[:, 1],
-        latitude=frame.latitude, longitude=frame.longitude,
-    )  # fmt: skip
+        airframe=frame.aircraft.copy(),
+        wind_u=wind[:, 0],
+        wind_v=wind[:, 1],
+        heading_error=empty,
+        airspeed=empty,
+        report_u=wind[:, 0],
+        report_v=wind[:, 1],
+        latitude=frame.latitude,
+        longitude=frame.longitude,
+    )
     for stage in ("identity", "atmosphere"):
         state = apply_stage(state, frame, work, stage)
     state = _measured(state, frame, work)
@@ -358,9 +364,10 @@ def _measured(state: State, frame: Frame, work: Sequence[Work]) -> State:
     else:
         raise InputError(
             "effects turn the heading faster than the heading itself: it does not settle",
-            field="effects", found=f"still moving by {np.degrees(moved):.2g} degrees",
+            field="effects",
+            found=f"still moving by {np.degrees(moved):.2g} degrees",
             remedy="give a smaller amplitude (a compass errs by degrees, not tens of them)",
-        )  # fmt: skip
+        )
     report_u, report_v = wind_from_triangle(
         frame.ground_u, frame.ground_v, after.airspeed, heading + after.heading_error
     )

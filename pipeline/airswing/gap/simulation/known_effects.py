@@ -101,9 +101,12 @@ def effects_of_fits(
     names = [str(name) for name in fits["reference"].values]
     if reference not in names:
         raise InputError(
-            "no fit against the gap's reference", file=file, field="reference", found=reference,
+            "no fit against the gap's reference",
+            file=file,
+            field="reference",
+            found=reference,
             remedy=f"fitted were {', '.join(names)}; set gap.reference to one of them",
-        )  # fmt: skip
+        )
     own = fits.isel(reference=names.index(reference))
     out: list[ActiveEffect] = []
     for k, tail in enumerate(str(name) for name in own["aircraft"].values):
@@ -141,11 +144,16 @@ def _cycle(sine: float, cosine: float) -> dict[str, float]:
 def _start(frame: Frame) -> State:
     """Return the measurement as it stands: what effects change is read off afterwards."""
     return State(
-        airframe=frame.aircraft.copy(), wind_u=frame.u_ref, wind_v=frame.v_ref,
-        heading_error=np.zeros(frame.size), airspeed=frame.airspeed,
-        report_u=frame.u_rep, report_v=frame.v_rep,
-        latitude=frame.latitude, longitude=frame.longitude,
-    )  # fmt: skip
+        airframe=frame.aircraft.copy(),
+        wind_u=frame.u_ref,
+        wind_v=frame.v_ref,
+        heading_error=np.zeros(frame.size),
+        airspeed=frame.airspeed,
+        report_u=frame.u_rep,
+        report_v=frame.v_rep,
+        latitude=frame.latitude,
+        longitude=frame.longitude,
+    )
 
 
 def take_off_known(frame: Frame, effects: Sequence[ActiveEffect], *, seed: int = 0) -> Frame:
@@ -181,11 +189,14 @@ def take_off_known(frame: Frame, effects: Sequence[ActiveEffect], *, seed: int =
     change = change - airspeed * np.stack([np.sin(heading), np.cos(heading)])
     return replace(
         given_back,
-        u_ref=met.wind_u, v_ref=met.wind_v,
-        u_rep=frame.u_rep + change[0], v_rep=frame.v_rep + change[1],
-        heading=heading, airspeed=airspeed,
+        u_ref=met.wind_u,
+        v_ref=met.wind_v,
+        u_rep=frame.u_rep + change[0],
+        v_rep=frame.v_rep + change[1],
+        heading=heading,
+        airspeed=airspeed,
         magnetic_heading=wrap_positive(frame.magnetic_heading - error),
-    )  # fmt: skip
+    )
 
 
 def _sensor(frame: Frame, work: Sequence[Work]) -> tuple[FloatArray, FloatArray]:

@@ -172,11 +172,22 @@ def empty_statistics(
     a, d, p, c = len(tails), days.size, layout.size, layout.core
     q = layout.blocks["day_fields"].stop
     return Statistics(
-        layout, tails, days, weeks,
-        np.zeros((a, weeks.size, p, p), np.float32), np.zeros((a, d, c, c), np.float32),
-        np.zeros((a, d, q, p), np.float32), np.zeros((a, d, p)), np.zeros((a, d)), np.zeros((a, d)),
-        np.zeros((a, c, c)), np.zeros((a, c)), np.zeros(a), np.zeros(a), shift,
-    )  # fmt: skip
+        layout,
+        tails,
+        days,
+        weeks,
+        np.zeros((a, weeks.size, p, p), np.float32),
+        np.zeros((a, d, c, c), np.float32),
+        np.zeros((a, d, q, p), np.float32),
+        np.zeros((a, d, p)),
+        np.zeros((a, d)),
+        np.zeros((a, d)),
+        np.zeros((a, c, c)),
+        np.zeros((a, c)),
+        np.zeros(a),
+        np.zeros(a),
+        shift,
+    )
 
 
 def together(numbers: Integers, aircraft: int, most: int) -> Integers:
@@ -263,9 +274,18 @@ def accumulate(
     days = np.unique(day)
     out = empty_statistics(layout, tuple(frame.tails), days, shift)
     add_reports(
-        out, frame, residual, noise=noise, effects=effects, plan=plan, clip=clip, known=known,
-        day=day, workers=workers, progress=progress,
-    )  # fmt: skip
+        out,
+        frame,
+        residual,
+        noise=noise,
+        effects=effects,
+        plan=plan,
+        clip=clip,
+        known=known,
+        day=day,
+        workers=workers,
+        progress=progress,
+    )
     return out
 
 

@@ -221,10 +221,17 @@ def condition(base: Base, included: list[Included]) -> Conditional:
     share = fit.score @ fit.covariance
     score = base.score - np.einsum("dm,amp->adp", share, cross, optimize=True)
     return Conditional(
-        tuple(included), fit.coefficients, fit.covariance, gram, score,
-        base.fleet_gram - total.T @ total, fit.gram, fit.score, base.lasting_share,
+        tuple(included),
+        fit.coefficients,
+        fit.covariance,
+        gram,
+        score,
+        base.fleet_gram - total.T @ total,
+        fit.gram,
+        fit.score,
+        base.lasting_share,
         base.background,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)

@@ -178,9 +178,12 @@ class _Sums:
         score = stats.day_score.sum(axis=0)
         gram = stats.whole_gram.sum(axis=0)[np.ix_(columns, columns)]
         return cls(
-            normal[:, :, fields], normal[:, :, columns], score[:, fields],
-            score[:, columns].sum(axis=0), gram,
-        )  # fmt: skip
+            normal[:, :, fields],
+            normal[:, :, columns],
+            score[:, fields],
+            score[:, columns].sum(axis=0),
+            gram,
+        )
 
     def second_moments(self, day: Floats, precision: Floats) -> tuple[Floats, Floats]:
         """Expected squares of the coefficients, (D, q) and (m,), at variances and precisions."""

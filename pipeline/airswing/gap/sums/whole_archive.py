@@ -177,17 +177,24 @@ def read_archive(
     looks = [look for look in _in_turn(source.look(share), source.number, workers) if look]
     if not looks:
         raise InputError(
-            "no report has a wind, a ground vector and a reference wind at once", field="reports",
+            "no report has a wind, a ground vector and a reference wind at once",
+            field="reports",
             remedy="check that reports and references overlap in time, space and level",
-        )  # fmt: skip
+        )
     view = joined([look.view for look in looks])
     starts = np.concatenate([look.starts for look in looks])
     days, shift = day_of_report(_Starts(np.arange(starts.size), starts))
     winds = LargeScale.solved([look.winds for look in looks], source.epoch, source.centre)
     return Archive(
-        view, source.part, winds, np.unique(days), shift, sum(look.reports for look in looks),
-        starts.size, workers,
-    )  # fmt: skip
+        view,
+        source.part,
+        winds,
+        np.unique(days),
+        shift,
+        sum(look.reports for look in looks),
+        starts.size,
+        workers,
+    )
 
 
 class _Starts(NamedTuple):
@@ -235,9 +242,13 @@ class _Source:
         part = self.ds.isel(report=own).assign(row_size=(self.ds["row_size"].dims, rows))
         try:
             made = Frame.from_headings(
-                part, reference=self.reference, phases=self.phases, epoch=self.epoch,
-                reference_field=self.reference_field, meridian=self.meridian,
-            )  # fmt: skip
+                part,
+                reference=self.reference,
+                phases=self.phases,
+                epoch=self.epoch,
+                reference_field=self.reference_field,
+                meridian=self.meridian,
+            )
         except InputError as error:
             if error.field == "reports":
                 return None
@@ -255,9 +266,11 @@ class _Source:
             drawn = (flights * _SPREAD) % _WHOLE < share * _WHOLE
             kept = drawn[np.searchsorted(flights, frame.flight)]
             return _Look(
-                frame.take(np.flatnonzero(kept)), frame.time[first],
-                day_sums(frame, self.centre), frame.size,
-            )  # fmt: skip
+                frame.take(np.flatnonzero(kept)),
+                frame.time[first],
+                day_sums(frame, self.centre),
+                frame.size,
+            )
 
         return one
 
@@ -347,9 +360,14 @@ def sum_reports(
             reports = flown(context, heading_doubt(frame, context))
             noise = fitted_gains(columns.noise, calm, reports)
         add_reports(
-            out, context, residual, noise=noise, effects=columns.effects, plan=columns.plan,
+            out,
+            context,
+            residual,
+            noise=noise,
+            effects=columns.effects,
+            plan=columns.plan,
             known=known,
-        )  # fmt: skip
+        )
         return frame.size
 
     done = 0
@@ -369,9 +387,11 @@ def _held(
         return None
     frame, context, fit = archive.view.take(index), archive.context.take(index), columns.noise
     noise = replace(
-        fit, order=flight_order(frame.flight, frame.time), gains=take_gains(fit.gains, index),
+        fit,
+        order=flight_order(frame.flight, frame.time),
+        gains=take_gains(fit.gains, index),
         gross=fit.gross[index],
-    )  # fmt: skip
+    )
     return frame, context, noise
 
 

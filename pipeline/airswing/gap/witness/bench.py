@@ -69,9 +69,14 @@ class Setting:
         """Draw the errors of this many simulated archives."""
         noise, plan, variances = problem.noise, problem.plan, problem.base.variances
         errors = drawn_errors(
-            problem.context, draws, noise=noise, plan=plan, variances=variances, day=problem.day,
+            problem.context,
+            draws,
+            noise=noise,
+            plan=plan,
+            variances=variances,
+            day=problem.day,
             rng=np.random.default_rng(problem.seed),
-        )  # fmt: skip
+        )
         return cls(problem.archive, problem.context, noise, plan, variances, problem.day, errors)
 
 
@@ -133,9 +138,13 @@ class Bench:
             winds.append((u, v))
             values.append({name: values_of(sent, quiet, name) for name in OF_THE_REPORT})
         ground = prepare(
-            quiet, rest[None], noise=setting.noise, plan=setting.plan,
-            variances=setting.variances, day=setting.day,
-        )  # fmt: skip
+            quiet,
+            rest[None],
+            noise=setting.noise,
+            plan=setting.plan,
+            variances=setting.variances,
+            day=setting.day,
+        )
         bench = cls(
             setting, np.stack(told), tuple(winds), record(frame, quiet), tuple(values), ground, 1.0
         )
@@ -199,10 +208,16 @@ class Bench:
             direction = self.direction(component, k)
             values = np.einsum("nc,nc->n", self.residuals[k], direction)
             values[setting.noise.gross] = 0.0
-            made.append(plain_sums(
-                values[None], (direction**2).sum(axis=1), cells, grid.size,
-                aircraft=setting.frame.aircraft, day=setting.day,
-            ))  # fmt: skip
+            made.append(
+                plain_sums(
+                    values[None],
+                    (direction**2).sum(axis=1),
+                    cells,
+                    grid.size,
+                    aircraft=setting.frame.aircraft,
+                    day=setting.day,
+                )
+            )
         found, *alike = made
         scores = np.stack([sums.score[0] for sums in alike])
         mean = scores.mean(axis=0)

@@ -187,9 +187,9 @@ def plain_sums(
     unit = float(np.mean(square)) / max(float(np.mean(values[0] ** 2)), 1e-6)
     count = np.bincount(key, minlength=total).reshape(shape)
     weight = unit * np.bincount(key, square[used], minlength=total).reshape(shape)
-    score = np.stack([
-        unit * np.bincount(key, own[used], minlength=total).reshape(shape) for own in values
-    ])  # fmt: skip
+    score = np.stack(
+        [unit * np.bincount(key, own[used], minlength=total).reshape(shape) for own in values]
+    )
     day_gram = weight[..., None] * np.eye(size)
     by_aircraft = count.sum(axis=1).astype(float)
     gram = weight.sum(axis=1)[..., None] * np.eye(size)
@@ -254,10 +254,14 @@ def prepare(
     pieces = np.split(turn, np.flatnonzero(np.diff(key[turn])) + 1)
     stacked = np.concatenate([fields, steady, own, rests])
     rows = [
-        (int(quiet.aircraft[order.index[p[0]]]), int(day[order.index[p[0]]]), p,
-         np.ascontiguousarray(stacked[:, :, p].reshape(stacked.shape[0], -1).T))
+        (
+            int(quiet.aircraft[order.index[p[0]]]),
+            int(day[order.index[p[0]]]),
+            p,
+            np.ascontiguousarray(stacked[:, :, p].reshape(stacked.shape[0], -1).T),
+        )
         for p in pieces
-    ]  # fmt: skip
+    ]
     sizes = len(quiet.tails), int(day.max()) + 1, steady.shape[0], own.shape[0]
     prior = np.r_[1 / variances.climatology, 1 / np.square(SLOPE_SD)]
     prior = np.r_[prior, np.full(sizes[0] * sizes[3], 1 / background**2)]

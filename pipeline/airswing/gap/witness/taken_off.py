@@ -81,9 +81,13 @@ def without(frame: Any, wind: Floats) -> Any:
     heading = np.mod(np.arctan2(air_u, air_v), 2 * np.pi)
     declination = frame.heading - frame.magnetic_heading
     return replace(
-        frame, u_rep=u, v_rep=v, heading=heading, airspeed=np.hypot(air_u, air_v),
+        frame,
+        u_rep=u,
+        v_rep=v,
+        heading=heading,
+        airspeed=np.hypot(air_u, air_v),
         magnetic_heading=np.mod(heading - declination, 2 * np.pi),
-    )  # fmt: skip
+    )
 
 
 def next_unknown(
@@ -271,31 +275,41 @@ def entry(taken: Taken, tails: Sequence[str], day: Integers, seed: int) -> dict[
     names = list(unknown.grid.variables)
     reduction = float(taken.saved.mean()) / KNOT
     curve: dict[str, Any] = {
-        "labels": _labels(unknown), "m_s": [float(x) for x in middle],
-        "unit": UNIT_OF[unknown.component], "variables": names,
+        "labels": _labels(unknown),
+        "m_s": [float(x) for x in middle],
+        "unit": UNIT_OF[unknown.component],
+        "variables": names,
         "variable_units": [UNITS[name] for name in names],
         "edges": [[float(x) for x in axis.edges] for axis in unknown.grid.axes],
         "values": [float(x) for x in middle],
-    }  # fmt: skip
+    }
     if not unknown.shared:
         curve["per_tail"] = {tails[a]: [float(x) for x in unknown.values[a]] for a in own}
     odds = np.clip(unknown.evidence - np.log(50.0), -50, 50)
     return {
-        "equally_good": [f"{c} by {' x '.join(v)}" for n, c, v in taken.unknown.rivals[1:]
-                         if n > 0.8 * unknown.evidence],
-        "component": unknown.component, "variable": names[0], "variables": names,
+        "equally_good": [
+            f"{c} by {' x '.join(v)}"
+            for n, c, v in taken.unknown.rivals[1:]
+            if n > 0.8 * unknown.evidence
+        ],
+        "component": unknown.component,
+        "variable": names[0],
+        "variables": names,
         "group": f"{unknown.component}:{' x '.join(names)}",
         "tails": [] if whole else [tails[a] for a in own],
         "scope": "fleet" if whole else "aircraft",
         "evidence_nats": round(unknown.evidence, 2),
         "probability": float(1 / (1 + np.exp(-odds))),
-        "size_m_s": unknown.size, "largest_m_s": unknown.peak, "curve": curve,
+        "size_m_s": unknown.size,
+        "largest_m_s": unknown.peak,
+        "curve": curve,
         "closure": {"reduction": reduction, "reduction_ci": list(interval(taken.saved, day, seed))},
-        "nearest_effect": taken.nearest, "nearest_effect_share": taken.share,
+        "nearest_effect": taken.nearest,
+        "nearest_effect_share": taken.share,
         "settled_by": settled_by(names),
         "held_out_energy": 2 * unknown.held_out,
         "held_out_energy_standard_error": 2 * unknown.held_out_error,
-    }  # fmt: skip
+    }
 
 
 def _labels(unknown: Unknown) -> list[str]:
@@ -333,14 +347,19 @@ def active_entries(places: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         if "edges" not in curve:
             continue
         parameters = {
-            "component": place["component"], "variables": list(curve["variables"]),
+            "component": place["component"],
+            "variables": list(curve["variables"]),
             "edges": curve["edges"],
-        }  # fmt: skip
+        }
         each = curve.get("per_tail") or {None: curve["values"]}
         for tail, values in each.items():
             who: Any = [tail] if tail is not None else (place["tails"] or "all")
-            out.append({
-                "name": "empirical", "tails": who,
-                "parameters": parameters | {"values": values}, "period": None,
-            })  # fmt: skip
+            out.append(
+                {
+                    "name": "empirical",
+                    "tails": who,
+                    "parameters": parameters | {"values": values},
+                    "period": None,
+                }
+            )
     return out

@@ -291,9 +291,18 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
     values[own] = mean[0] if shared else found.value[own]
     size, peak = sizes(bench, candidate, values, own)
     return Unknown(
-        candidate.component, candidate.grid, tails, shared, candidate.nats, values, by_fold,
-        size, peak, 0.5 * float(energy.sum()), 0.5 * float(energy.std(ddof=1) * np.sqrt(folds)),
-    )  # fmt: skip
+        candidate.component,
+        candidate.grid,
+        tails,
+        shared,
+        candidate.nats,
+        values,
+        by_fold,
+        size,
+        peak,
+        0.5 * float(energy.sum()),
+        0.5 * float(energy.std(ddof=1) * np.sqrt(folds)),
+    )
 
 
 def sizes(

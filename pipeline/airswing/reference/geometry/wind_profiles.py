@@ -149,11 +149,17 @@ class Catalogue:
         chosen = np.concatenate([*rows, np.empty(0, dtype=np.int64)])
         sizes = [0, *(one.size for one in rows)]
         return replace(
-            self, valid=self.valid[numbers], leads=self.leads[numbers],
-            members=self.members[numbers], grid_numbers=self.grid_numbers[numbers],
-            level_kinds=self.level_kinds[numbers], bounds=np.cumsum(sizes).astype(np.int64),
-            u=self.u[chosen], v=self.v[chosen], pressure=self.pressure[chosen],
-        )  # fmt: skip
+            self,
+            valid=self.valid[numbers],
+            leads=self.leads[numbers],
+            members=self.members[numbers],
+            grid_numbers=self.grid_numbers[numbers],
+            level_kinds=self.level_kinds[numbers],
+            bounds=np.cumsum(sizes).astype(np.int64),
+            u=self.u[chosen],
+            v=self.v[chosen],
+            pressure=self.pressure[chosen],
+        )
 
     def batches(self, numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """Model times that share what is read at once: of messages each by itself."""
@@ -289,9 +295,10 @@ def refuse(skipped: Skipped) -> None:
     for skip in skipped:
         if skip["what"] in ("file", "message", "grid", "level"):
             raise InputError(
-                f"{skip['reason']} ({skip['count']} {skip['what']}s)", file=skip["file"],
+                f"{skip['reason']} ({skip['count']} {skip['what']}s)",
+                file=skip["file"],
                 remedy="Mend or remove the file, or let bad files be skipped",
-            )  # fmt: skip
+            )
 
 
 def selected(
@@ -344,11 +351,23 @@ def selected(
     bounds = np.concatenate([[0], np.cumsum(sizes[chosen])]).astype(np.int64)
     columns = {c: heads[c][chosen].astype(np.int64) for c in _PROFILE}
     return Catalogue(
-        name=name, lead=wanted.lead, files=tuple(sources), grids=grids, valid=columns["valid"],
-        leads=columns["lead"], members=columns["member"], grid_numbers=columns["grid"],
-        level_kinds=columns["level_kind"], bounds=bounds, u=u[rows], v=v[rows],
-        pressure=pressure[rows], skipped=skipped, notes=notes, messages=count,
-    )  # fmt: skip
+        name=name,
+        lead=wanted.lead,
+        files=tuple(sources),
+        grids=grids,
+        valid=columns["valid"],
+        leads=columns["lead"],
+        members=columns["member"],
+        grid_numbers=columns["grid"],
+        level_kinds=columns["level_kind"],
+        bounds=bounds,
+        u=u[rows],
+        v=v[rows],
+        pressure=pressure[rows],
+        skipped=skipped,
+        notes=notes,
+        messages=count,
+    )
 
 
 def _note_choices(heads: Table, first: NDArray[np.bool_], notes: list[str]) -> None:
@@ -362,8 +381,11 @@ def _note_choices(heads: Table, first: NDArray[np.bool_], notes: list[str]) -> N
     counts: Counter[str] = Counter()
     for n in again:
         counts[next((c for c in said if heads[c][n] != heads[c][n - 1]), "grid")] += 1
-    notes += [f"{counts[c]} further profile(s) at the same valid time, {said[c]}"
-              for c in said if counts[c]]  # fmt: skip
+    notes += [
+        f"{counts[c]} further profile(s) at the same valid time, {said[c]}"
+        for c in said
+        if counts[c]
+    ]
 
 
 def _no_winds(
@@ -384,7 +406,8 @@ def _no_winds(
         )
     raise InputError(
         f"no wind on pressure levels that can be used in {len(sources)} file(s)",
-        file=sources[0].path if len(sources) == 1 else None, field=where,
+        file=sources[0].path if len(sources) == 1 else None,
+        field=where,
         found=found or "no u or v at all",
         remedy=remedy,
-    )  # fmt: skip
+    )

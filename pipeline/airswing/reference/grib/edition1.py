@@ -119,17 +119,40 @@ def _field_grib1(
         bitmap_at = at
         at += _bitmap(window, at, end, size)
     return _packed(
-        window, at, end,
+        window,
+        at,
+        end,
         Field(
-            file=0, offset=start, length=length, part=0, edition=1, kind=kind,
-            level_kind=level_kind, level=level, valid=valid, lead=lead, member=0, grid=grid,
-            packing=0, sparse=False, coded=-1, bits=0, binary_scale=0,
-            decimal_scale=signed(product, 26, 2), reference_value=0.0, data_start=0, data_end=0,
-            section_identification=-1, section_grid=grid_at, section_product=start + 8,
-            section_packing=start + 8, section_bitmap=bitmap_at, section_data=at,
+            file=0,
+            offset=start,
+            length=length,
+            part=0,
+            edition=1,
+            kind=kind,
+            level_kind=level_kind,
+            level=level,
+            valid=valid,
+            lead=lead,
+            member=0,
+            grid=grid,
+            packing=0,
+            sparse=False,
+            coded=-1,
+            bits=0,
+            binary_scale=0,
+            decimal_scale=signed(product, 26, 2),
+            reference_value=0.0,
+            data_start=0,
+            data_end=0,
+            section_identification=-1,
+            section_grid=grid_at,
+            section_product=start + 8,
+            section_packing=start + 8,
+            section_bitmap=bitmap_at,
+            section_data=at,
         ),
         size,
-    )  # fmt: skip
+    )
 
 
 def _packed(window: Window, at: int, end: int, field: Field, size: int) -> Field:
@@ -152,9 +175,14 @@ def _packed(window: Window, at: int, end: int, field: Field, size: int) -> Field
     if simple and field.section_bitmap < 0:
         check_room(stop - at - 11, bits, size)
     return field._replace(
-        packing=packing, sparse=simple and bits <= MAX_BITS, bits=bits, binary_scale=scale,
-        reference_value=reference, data_start=at + 11, data_end=stop,
-    )  # fmt: skip
+        packing=packing,
+        sparse=simple and bits <= MAX_BITS,
+        bits=bits,
+        binary_scale=scale,
+        reference_value=reference,
+        data_start=at + 11,
+        data_end=stop,
+    )
 
 
 def _section(window: Window, at: int, end: int, least: int) -> bytes:

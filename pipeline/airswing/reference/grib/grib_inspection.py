@@ -21,10 +21,17 @@ from airswing.reference.grib.messages import scan_file
 _PACKINGS = {
     1: {0: "simple", 4: "second order", 8: "spherical harmonics"},
     2: {
-        0: "simple", 2: "complex", 3: "complex with spatial differencing", 4: "IEEE floats",
-        40: "JPEG 2000", 41: "PNG", 42: "CCSDS", 40000: "JPEG 2000", 40010: "PNG",
+        0: "simple",
+        2: "complex",
+        3: "complex with spatial differencing",
+        4: "IEEE floats",
+        40: "JPEG 2000",
+        41: "PNG",
+        42: "CCSDS",
+        40000: "JPEG 2000",
+        40010: "PNG",
     },
-}  # fmt: skip
+}
 
 
 def inspect_grib(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -330,8 +330,9 @@ def _grib2_centred(section: bytes, shared: dict[str, Any]) -> Grid:
         (signed(section, at, 4) / 1e6, signed(section, at + 4, 4) / 1e6) for at in (46, 55, 72)
     )
     pole: dict[str, Any] = {"pole_latitude": centre[0] - 90.0, "pole_longitude": centre[1]}
-    frame = Grid("rotated_ll", ni=1, nj=1, latitude_first=0.0, longitude_first=0.0, di=1.0, dj=1.0,
-                 **pole)  # fmt: skip
+    frame = Grid(
+        "rotated_ll", ni=1, nj=1, latitude_first=0.0, longitude_first=0.0, di=1.0, dj=1.0, **pole
+    )
     x, y = frame.plane(np.array([first[0], last[0]]), np.array([first[1], last[1]]))
     scan = section[71]
     stated = _stated(section, (63, 67), 4, 1e-6, given=section[54] & 0x30 == 0x30)

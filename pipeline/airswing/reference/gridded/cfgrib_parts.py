@@ -53,9 +53,11 @@ def cfgrib_parts(path: str) -> list[xr.Dataset]:
     wanted = [one for one in wanted if one["gridType"] not in _WITHOUT_ROWS]
     if odd and not wanted:
         raise InputError(
-            "winds on no grid of rows and columns", file=path, found=", ".join(odd),
+            "winds on no grid of rows and columns",
+            file=path,
+            found=", ".join(odd),
             remedy="Ask the archive for a regular grid, or interpolate to one",
-        )  # fmt: skip
+        )
     return [_part(path, index.subindex(one), one) for one in wanted]
 
 
@@ -76,12 +78,17 @@ def _part(path: str, index: Any, filters: dict[str, str]) -> xr.Dataset:
     import eccodes
 
     found = xr.open_dataset(
-        path, engine="cfgrib", decode_timedelta=False, cache=False,
+        path,
+        engine="cfgrib",
+        decode_timedelta=False,
+        cache=False,
         backend_kwargs={
-            "filter_by_keys": filters, "indexpath": "", "errors": "raise",
+            "filter_by_keys": filters,
+            "indexpath": "",
+            "errors": "raise",
             "read_keys": ["pv", "uvRelativeToGrid"],
         },
-    )  # fmt: skip
+    )
     message = index.first()
     found.encoding[GRID_SECTION] = grid_section(eccodes.codes_get_message(message.context.codes_id))
     return found

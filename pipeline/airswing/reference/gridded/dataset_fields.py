@@ -121,9 +121,11 @@ def describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
     speed = speed_only(ds)
     if not chosen and speed:
         raise InputError(
-            "a wind speed without components", file=file, field=speed,
+            "a wind speed without components",
+            file=file,
+            field=speed,
             remedy="Winds are needed as u and v",
-        )  # fmt: skip
+        )
     return found
 
 
@@ -133,9 +135,11 @@ def _less(one: Component, other: tuple[int, str], file: str) -> bool:
     if one.tier > tier:
         return True
     raise InputError(
-        f"two candidates for {'uv'[one.number]}", file=file, found=f"{name}, {one.name}",
+        f"two candidates for {'uv'[one.number]}",
+        file=file,
+        found=f"{name}, {one.name}",
         remedy=f"Say which in the configuration as {'uv'[one.number]}: NAME",
-    )  # fmt: skip
+    )
 
 
 def _profile(ds: xr.Dataset, one: Component, naming: Naming, file: str) -> tuple[Axes, Levels]:
@@ -277,9 +281,11 @@ def _grid(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> P
         return laid or CurvilinearGrid(lat, lon)
     if min(axes.y.size, axes.x.size) < 2:
         raise InputError(
-            "a grid of a single row or column", file=file, field=name,
+            "a grid of a single row or column",
+            file=file,
+            field=name,
             found=f"{axes.y.size} x {axes.x.size}",
-        )  # fmt: skip
+        )
     factors = [factor_of(_units(one, naming), "length") for one in (axes.y, axes.x)]
     frame = LONGITUDE_LATITUDE
     if naming.projection is not None:
@@ -349,9 +355,11 @@ def _monotonic(one: xr.DataArray, scale: float, meridional: bool, file: str) -> 
     steps = np.diff(np.unwrap(values, period=360.0) if meridional else values)
     if not ((steps > 0).all() or (steps < 0).all()):
         raise InputError(
-            "a coordinate that goes back and forth", file=file, field=str(one.name),
+            "a coordinate that goes back and forth",
+            file=file,
+            field=str(one.name),
             remedy="Sort the Dataset by it",
-        )  # fmt: skip
+        )
     return values
 
 
@@ -420,9 +428,16 @@ def describe_wrfout(ds: xr.Dataset, file: str) -> Described:
         y, x = Y + "_stag" * (stagger == "y"), X + "_stag" * (stagger == "x")
         outer = tuple((str(d), int(ds.sizes[d])) for d in one.dims[:-3])
         stored = StoredField(
-            names=names, dims=tuple(map(str, one.dims)), outer=outer, level="bottom_top", y=y, x=x,
-            shape=tuple(one.shape), chunks=chunks_of(one, (y, x)), stagger=stagger,
-        )  # fmt: skip
+            names=names,
+            dims=tuple(map(str, one.dims)),
+            outer=outer,
+            level="bottom_top",
+            y=y,
+            x=x,
+            shape=tuple(one.shape),
+            chunks=chunks_of(one, (y, x)),
+            stagger=stagger,
+        )
         table = _table(kind, levels, valid, lead, np.zeros_like(valid))
         table["grid"] = np.array([numbers[id(one)] for one in grids])[table["index"]]
         found.rows.append(Rows(stored, distinct, table, True, "WRF's grid"))

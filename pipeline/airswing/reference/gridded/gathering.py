@@ -103,7 +103,7 @@ class Gathering:
                 file=self._first,
                 found="; ".join(self._along[number].values()),
                 remedy="Say which it is as winds: grid or winds: earth",
-            )  # fmt: skip
+            )
         return said.pop() if said else True  # models write components along their grids
 
     def notes(self, found: Catalogue) -> list[str]:

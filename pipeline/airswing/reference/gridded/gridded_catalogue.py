@@ -170,9 +170,10 @@ def engine_of(path: str) -> str:
         raise InputError("cannot be opened", file=path, found=error.strerror) from error
     if not kind:
         raise InputError(
-            "neither GRIB nor NetCDF nor a Zarr store", file=path,
+            "neither GRIB nor NetCDF nor a Zarr store",
+            file=path,
             remedy="Model winds come as GRIB, NetCDF, Zarr or wrfout",
-        )  # fmt: skip
+        )
     if kind != "netcdf":
         return kind
     return "wrf" if is_wrfout(opened(identify(path), "netcdf")[0]) else "netcdf"

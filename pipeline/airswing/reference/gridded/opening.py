@@ -134,10 +134,12 @@ def _opened(file: SourceFile, engine: str) -> tuple[xr.Dataset, ...]:
             raise
         except Exception as error:  # each backend raises its own
             raise InputError(
-                f"cannot be opened as {engine}", file=file.path, found=_short(error),
+                f"cannot be opened as {engine}",
+                file=file.path,
+                found=_short(error),
                 remedy="The file is damaged, still being written, or of another kind; engine: says "
                 "which",
-            ) from error  # fmt: skip
+            ) from error
 
 
 def _open(path: str, engine: str) -> xr.Dataset:

@@ -21,11 +21,22 @@ SURFACE = 3
 #: the value of a pressure is ``a + b * field``. `offset` numbers the stored field.
 ROW_DTYPE = np.dtype(
     [
-        ("file", "i4"), ("part", "i2"), ("offset", "i4"), ("kind", "i1"), ("level_kind", "i1"),
-        ("level", "f8"), ("valid", "i8"), ("lead", "i8"), ("member", "i4"), ("grid", "i4"),
-        ("index", "i4"), ("level_index", "i4"), ("a", "f8"), ("b", "f8"),
+        ("file", "i4"),
+        ("part", "i2"),
+        ("offset", "i4"),
+        ("kind", "i1"),
+        ("level_kind", "i1"),
+        ("level", "f8"),
+        ("valid", "i8"),
+        ("lead", "i8"),
+        ("member", "i4"),
+        ("grid", "i4"),
+        ("index", "i4"),
+        ("level_index", "i4"),
+        ("a", "f8"),
+        ("b", "f8"),
     ]
-)  # fmt: skip
+)
 
 
 class StoredField(NamedTuple):

@@ -52,23 +52,28 @@ def required(ds: xr.Dataset, file: str) -> None:
     absent = [name for name in ("U", "V") if name not in ds.variables]
     if absent:
         raise InputError(
-            "wrfout without " + " and ".join(absent), file=file,
+            "wrfout without " + " and ".join(absent),
+            file=file,
             remedy="Keep U and V in WRF's output stream",
-        )  # fmt: skip
+        )
     for name, dims in (("U", (Y, X + "_stag")), ("V", (Y + "_stag", X))):
         if ds[name].dims[-2:] != dims:
             raise InputError(
-                "winds that are not on WRF's staggered grid", file=file, field=name,
+                "winds that are not on WRF's staggered grid",
+                file=file,
+                field=name,
                 found="dimensions " + ", ".join(map(str, ds[name].dims)),
                 remedy="Give the file as WRF wrote it, or both components at mass points with "
                 "engine: netcdf",
-            )  # fmt: skip
+            )
     missing = [name for name in ("P", "PB") if name not in ds.variables]
     if missing:
         raise InputError(
-            "wrfout without pressure", file=file, field=" and ".join(missing),
+            "wrfout without pressure",
+            file=file,
+            field=" and ".join(missing),
             remedy="Keep P and PB in WRF's output stream",
-        )  # fmt: skip
+        )
 
 
 def times_of_wrfout(ds: xr.Dataset, file: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -57,10 +57,13 @@ class _Decoder:
         script = str(Path(str(decoder_process.__file__)))
         try:
             self._process = subprocess.Popen(
-                [sys.executable, script], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL, cwd=os.path.abspath(os.sep),
+                [sys.executable, script],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                cwd=os.path.abspath(os.sep),
                 env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-            )  # fmt: skip
+            )
         except OSError as error:
             raise UnreadableMessageError(f"no process to decode it: {error.strerror}") from error
         self._input = cast(IO[bytes], self._process.stdin)

@@ -183,8 +183,10 @@ def _claims(claims: Mapping[str, Any]) -> list[Markup]:
     ]
     caption = f"Fits before and after (n = {len(rows)}); ± is one standard error."
     moved = any(entry["stays"] is False for entry in claims.get("aircraft") or [])
-    return [*parts, folded("Each aircraft", [table(columns, rows, caption=caption)],
-                           unfolded=moved)]  # fmt: skip
+    return [
+        *parts,
+        folded("Each aircraft", [table(columns, rows, caption=caption)], unfolded=moved),
+    ]
 
 
 def _fit_row(entry: Mapping[str, Any]) -> Row:

@@ -307,9 +307,10 @@ def _unknown_closure(gap: Mapping[str, Any]) -> str:
     unknown = gap.get("unknown") or {}
     closure = unknown.get("closure")
     tables = [
-        place for place in unknown.get("where") or []
+        place
+        for place in unknown.get("where") or []
         if isinstance(place, Mapping) and "edges" in (place.get("curve") or {})
-    ]  # fmt: skip
+    ]
     if not closure or not tables:
         return ""
     names = joined([" and ".join(place["variables"]).replace("_", " ") for place in tables], most=2)

@@ -23,8 +23,14 @@ from airswing.units import KNOT, NORMAL_95
 Floats = NDArray[np.float64]
 RANGE_FROM = 10
 """Aircraft from which on nine in ten can be told from all."""
-_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind",
-          "reference_northward_wind", "screening", "flight")  # fmt: skip
+_WINDS = (
+    "eastward_wind",
+    "northward_wind",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+    "screening",
+    "flight",
+)
 _MENDED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
 
 

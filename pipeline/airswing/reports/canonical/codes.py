@@ -19,33 +19,60 @@ from airswing.reports.canonical.audit import Audit
 BLANK = ""
 
 ROLL_CODES = {
-    BLANK: ROLL["missing"], "-": ROLL["missing"], "M": ROLL["missing"],
-    "G": ROLL["good"], "GOOD": ROLL["good"],
-    "B": ROLL["bad"], "BAD": ROLL["bad"],
-    "N": ROLL["not_available"], "NOT_AVAILABLE": ROLL["not_available"],
-}  # fmt: skip
+    BLANK: ROLL["missing"],
+    "-": ROLL["missing"],
+    "M": ROLL["missing"],
+    "G": ROLL["good"],
+    "GOOD": ROLL["good"],
+    "B": ROLL["bad"],
+    "BAD": ROLL["bad"],
+    "N": ROLL["not_available"],
+    "NOT_AVAILABLE": ROLL["not_available"],
+}
 """Roll angle: G up to 5 degrees, B above or suspect, N not available, '-' missing."""
 
 QC_CODES = {
-    BLANK: TEMPERATURE_QC["missing"], "-": TEMPERATURE_QC["missing"],
-    "PASS": TEMPERATURE_QC["pass"], "P": TEMPERATURE_QC["pass"], "PASSED": TEMPERATURE_QC["pass"],
-    "FAIL": TEMPERATURE_QC["fail"], "F": TEMPERATURE_QC["fail"], "FAILED": TEMPERATURE_QC["fail"],
-}  # fmt: skip
+    BLANK: TEMPERATURE_QC["missing"],
+    "-": TEMPERATURE_QC["missing"],
+    "PASS": TEMPERATURE_QC["pass"],
+    "P": TEMPERATURE_QC["pass"],
+    "PASSED": TEMPERATURE_QC["pass"],
+    "FAIL": TEMPERATURE_QC["fail"],
+    "F": TEMPERATURE_QC["fail"],
+    "FAILED": TEMPERATURE_QC["fail"],
+}
 
 PHASE_CODES = {
-    BLANK: PHASE["unknown"], "-": PHASE["unknown"], "UNKNOWN": PHASE["unknown"],
-    "ASCENT": PHASE["ascent"], "ASC": PHASE["ascent"], "CLIMB": PHASE["ascent"],
-    "CRUISE": PHASE["cruise"], "LEVEL": PHASE["cruise"], "ENROUTE": PHASE["cruise"],
-    "LVR": PHASE["cruise"], "LVW": PHASE["cruise"],
-    "DESCENT": PHASE["descent"], "DES": PHASE["descent"],
-}  # fmt: skip
+    BLANK: PHASE["unknown"],
+    "-": PHASE["unknown"],
+    "UNKNOWN": PHASE["unknown"],
+    "ASCENT": PHASE["ascent"],
+    "ASC": PHASE["ascent"],
+    "CLIMB": PHASE["ascent"],
+    "CRUISE": PHASE["cruise"],
+    "LEVEL": PHASE["cruise"],
+    "ENROUTE": PHASE["cruise"],
+    "LVR": PHASE["cruise"],
+    "LVW": PHASE["cruise"],
+    "DESCENT": PHASE["descent"],
+    "DES": PHASE["descent"],
+}
 
 ICING_CODES = {
-    BLANK: ICING["missing"], "-": ICING["missing"], "NAN": ICING["missing"],
-    "0": ICING["off"], "0.0": ICING["off"], "FALSE": ICING["off"], "OFF": ICING["off"],
-    "NO": ICING["off"], "1": ICING["on"], "1.0": ICING["on"], "TRUE": ICING["on"],
-    "ON": ICING["on"], "YES": ICING["on"],
-}  # fmt: skip
+    BLANK: ICING["missing"],
+    "-": ICING["missing"],
+    "NAN": ICING["missing"],
+    "0": ICING["off"],
+    "0.0": ICING["off"],
+    "FALSE": ICING["off"],
+    "OFF": ICING["off"],
+    "NO": ICING["off"],
+    "1": ICING["on"],
+    "1.0": ICING["on"],
+    "TRUE": ICING["on"],
+    "ON": ICING["on"],
+    "YES": ICING["on"],
+}
 
 TABLES = {
     "roll_flag": (ROLL_CODES, ROLL["missing"]),

@@ -85,19 +85,52 @@ QUANTITIES = {
 """Numeric columns by the stem of their name."""
 
 _SUFFIXES = {
-    "deg": "degree", "degree": "degree", "degrees": "degree", "rad": "radian",
-    "ft": "ft", "m": "m", "km": "km", "hft": "hft",
-    "hPa": "hPa", "Pa": "Pa", "mb": "hPa", "mbar": "hPa", "kPa": "kPa",
-    "kt": "kt", "kts": "kt", "kn": "kt", "knots": "kt", "m_s": "m/s", "mps": "m/s",
-    "ms": "m/s", "m_s-1": "m/s", "km_h": "km/h", "kmh": "km/h", "mph": "mph",
-    "degC": "degC", "C": "degC", "K": "K", "degF": "degF", "F": "degF",
-}  # fmt: skip
+    "deg": "degree",
+    "degree": "degree",
+    "degrees": "degree",
+    "rad": "radian",
+    "ft": "ft",
+    "m": "m",
+    "km": "km",
+    "hft": "hft",
+    "hPa": "hPa",
+    "Pa": "Pa",
+    "mb": "hPa",
+    "mbar": "hPa",
+    "kPa": "kPa",
+    "kt": "kt",
+    "kts": "kt",
+    "kn": "kt",
+    "knots": "kt",
+    "m_s": "m/s",
+    "mps": "m/s",
+    "ms": "m/s",
+    "m_s-1": "m/s",
+    "km_h": "km/h",
+    "kmh": "km/h",
+    "mph": "mph",
+    "degC": "degC",
+    "C": "degC",
+    "K": "K",
+    "degF": "degF",
+    "F": "degF",
+}
 _ALIASES = {
     **_SUFFIXES,
-    "hft": "hectofoot", "hundreds of feet": "hectofoot", "flight level": "hectofoot",
-    "m s-1": "m/s", "m s**-1": "m/s", "°": "degree", "celsius": "degC", "kelvin": "K",
-    "°C": "degC", "meters": "m", "metres": "m", "feet": "ft", "arcmin": "arcminute",
-}  # fmt: skip
+    "hft": "hectofoot",
+    "hundreds of feet": "hectofoot",
+    "flight level": "hectofoot",
+    "m s-1": "m/s",
+    "m s**-1": "m/s",
+    "°": "degree",
+    "celsius": "degC",
+    "kelvin": "K",
+    "°C": "degC",
+    "meters": "m",
+    "metres": "m",
+    "feet": "ft",
+    "arcmin": "arcminute",
+}
 
 REQUIRED = ("tail", "time", "latitude", "longitude")
 HEADINGS = ("reported_heading", "magnetic_heading")

@@ -81,10 +81,18 @@ def g1000_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataF
         )
     tail = str(mapping["tail"][1].value) if _has_constant(mapping) else _owner(lines, path)
     tables = pd.read_csv(
-        path, header=None, skiprows=number + 1, names=names, index_col=False, dtype=str,
-        skipinitialspace=True, chunksize=ROWS_PER_PIECE, on_bad_lines="skip", keep_default_na=False,
+        path,
+        header=None,
+        skiprows=number + 1,
+        names=names,
+        index_col=False,
+        dtype=str,
+        skipinitialspace=True,
+        chunksize=ROWS_PER_PIECE,
+        on_bad_lines="skip",
+        keep_default_na=False,
         encoding_errors="replace",
-    )  # fmt: skip
+    )
     rows = 0
     for table in tables:
         rows += len(table)

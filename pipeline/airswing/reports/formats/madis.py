@@ -63,12 +63,33 @@ NUMBERS = {
 SOURCES = {0.0: "ACARS", 1.0: "MDCRS", 2.0: "MDCRS", 3.0: "AMDAR", 4.0: "TAMDAR", 5.0: "AMDAR"}
 """Data streams by the code of ``dataSource``: the files say so in its attributes."""
 FLAG_FIELDS = (
-    "dataDescriptor", "errorType", "rollFlag", "waterVaporQC", "interpolatedTime",
-    "interpolatedLL", "tempError", "windDirError", "windSpeedError", "speedError", "bounceError",
-    "correctedFlag", "rollQuality", "phaseFlight", "sounding_flag", "icingCondition",
-    "icingError", "trueAirSpeedError", "temperatureDD", "windDirDD", "windSpeedDD",
-    "altitudeDD", "latitudeDD", "longitudeDD", "timeObsDD", "trueAirSpeedDD",
-)  # fmt: skip
+    "dataDescriptor",
+    "errorType",
+    "rollFlag",
+    "waterVaporQC",
+    "interpolatedTime",
+    "interpolatedLL",
+    "tempError",
+    "windDirError",
+    "windSpeedError",
+    "speedError",
+    "bounceError",
+    "correctedFlag",
+    "rollQuality",
+    "phaseFlight",
+    "sounding_flag",
+    "icingCondition",
+    "icingError",
+    "trueAirSpeedError",
+    "temperatureDD",
+    "windDirDD",
+    "windSpeedDD",
+    "altitudeDD",
+    "latitudeDD",
+    "longitudeDD",
+    "timeObsDD",
+    "trueAirSpeedDD",
+)
 """Fields whose codes are tallied."""
 _LATEST = 4.2e9  # s since 1970: the year 2103
 _MOST_OCTETS = 1 << 30
@@ -132,8 +153,9 @@ def _require_size(file: Any, path: Path) -> None:
         if octets > most:
             raise InputError(
                 f"damaged: a variable of {octets:,} octets in a file of {path.stat().st_size:,}",
-                file=path, field=name,
-            )  # fmt: skip
+                file=path,
+                field=name,
+            )
 
 
 def _piece(file: Any, path: Path, audit: Audit) -> pd.DataFrame:
@@ -164,9 +186,12 @@ def _piece(file: Any, path: Path, audit: Audit) -> pd.DataFrame:
         "tail": _strings(file[tail]),
         "time": time,
         "time_blank": blank,
-        **{ours: _number(file[name], path) for name, ours in NUMBERS.items()
-           if name in file.variables},
-    }  # fmt: skip
+        **{
+            ours: _number(file[name], path)
+            for name, ours in NUMBERS.items()
+            if name in file.variables
+        },
+    }
     if "flight" in file.variables and file["flight"].dimensions[:1] == (DIMENSION,):
         piece["flight"] = _strings(file["flight"])
     if "dataSource" in file.variables:

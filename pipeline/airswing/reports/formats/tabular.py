@@ -36,8 +36,28 @@ _LONGEST_HEADER = 100_000
 _MOST_REMARKS = 200
 _AGAIN = re.compile(r" \(column \d+\)")
 """What is added to a name that stands in a header a second time."""
-_BLANKS = ["", " ", "NA", "N/A", "n/a", "NaN", "nan", "NULL", "null", "None", "-", "--", "M",
-           "MISSING", "missing", "9999", "99999", "-9999", "99999.0", "-9999.0"]  # fmt: skip
+_BLANKS = [
+    "",
+    " ",
+    "NA",
+    "N/A",
+    "n/a",
+    "NaN",
+    "nan",
+    "NULL",
+    "null",
+    "None",
+    "-",
+    "--",
+    "M",
+    "MISSING",
+    "missing",
+    "9999",
+    "99999",
+    "-9999",
+    "99999.0",
+    "-9999.0",
+]
 _EXTRA = "columns past the header"
 _NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
 _SKIPPED = re.compile(r"Skipping line \d+")
@@ -76,12 +96,20 @@ def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
     }
     wanted = [column for source in found.values() for column in source.columns]
     options: dict[str, Any] = {
-        "sep": head.separator, "header": None, "skiprows": head.lines, "names": [*names, _EXTRA],
-        "index_col": False, "on_bad_lines": "warn", "dtype": {**text, _EXTRA: str},
-        "keep_default_na": False, "low_memory": False,
+        "sep": head.separator,
+        "header": None,
+        "skiprows": head.lines,
+        "names": [*names, _EXTRA],
+        "index_col": False,
+        "on_bad_lines": "warn",
+        "dtype": {**text, _EXTRA: str},
+        "keep_default_na": False,
+        "low_memory": False,
         "na_values": {column: _BLANKS for column in wanted if column not in text},
-        "encoding": "utf-8", "compression": head.compression, "chunksize": ROWS_PER_PIECE,
-    }  # fmt: skip
+        "encoding": "utf-8",
+        "compression": head.compression,
+        "chunksize": ROWS_PER_PIECE,
+    }
     rows = 0
     for table in _tables(path, options, audit):
         rows += len(table)
@@ -162,9 +190,10 @@ def _header(path: Path) -> _Head:
         raise InputError(f"cannot be read as CSV: {error}", file=path) from error
     if len(line) >= _LONGEST_HEADER:
         raise InputError(
-            f"has no header row within {_LONGEST_HEADER:,} characters", file=path,
+            f"has no header row within {_LONGEST_HEADER:,} characters",
+            file=path,
             remedy="Tables have one line a report, the first of them names the columns",
-        )  # fmt: skip
+        )
     if not line.strip():
         raise InputError("has no header row", file=path, remedy="The first row names the columns")
     separator = max(",;\t", key=line.count)

@@ -46,20 +46,39 @@ LEAST_SHARE = 0.05
 """An effect acts where its shape exceeds this share of its largest size."""
 
 COMPONENTS = (
-    "across_heading", "along_heading", "across_wind", "along_wind", "speed", "direction",
-)  # fmt: skip
+    "across_heading",
+    "along_heading",
+    "across_wind",
+    "along_wind",
+    "speed",
+    "direction",
+)
 """What is moved: body axes and wind axes in m/s, the wind's speed in parts, its direction."""
 CYCLIC: dict[str, float] = {
-    "magnetic_heading": 2 * np.pi, "heading": 2 * np.pi, "track": 2 * np.pi,
-    "wind_direction": 2 * np.pi, "hour": 24.0,
-}  # fmt: skip
+    "magnetic_heading": 2 * np.pi,
+    "heading": 2 * np.pi,
+    "track": 2 * np.pi,
+    "wind_direction": 2 * np.pi,
+    "hour": 24.0,
+}
 """Variables that turn, and their turn."""
 FLAGS = ("icing", "phase")
 """Variables with a few values: an effect acts on one of them."""
 VARIABLES = (
-    *CYCLIC, *FLAGS, "airspeed", "ground_speed", "latitude", "longitude", "altitude",
-    "temperature", "bank", "acceleration", "date", "wind_speed", "drift",
-)  # fmt: skip
+    *CYCLIC,
+    *FLAGS,
+    "airspeed",
+    "ground_speed",
+    "latitude",
+    "longitude",
+    "altitude",
+    "temperature",
+    "bank",
+    "acceleration",
+    "date",
+    "wind_speed",
+    "drift",
+)
 """Everything a report records or that follows from it without a model."""
 SHAPES = ("step", "sector", "hinge", "bump", "saw")
 """Forms of one variable; products and thresholds are made of two parts."""
@@ -87,17 +106,29 @@ def report_variables(
     east, north = np.asarray(frame["ground_u"], float), np.asarray(frame["ground_v"], float)
     heading = np.asarray(frame["heading"], float)
     track = np.arctan2(east, north)
-    same = {name: np.asarray(frame[name], float) for name in
-            ("icing", "phase", "airspeed", "temperature", "bank", "acceleration")}  # fmt: skip
-    places = {name: np.asarray(frame[f"true_{name}"], float) for name in
-              ("latitude", "longitude", "altitude")}  # fmt: skip
-    return same | places | {
-        "heading": heading, "magnetic_heading": heading - np.asarray(frame["declination"], float),
-        "track": track, "ground_speed": np.hypot(east, north),
-        "drift": np.angle(np.exp(1j * (track - heading))),
-        "wind_direction": np.arctan2(-u, -v), "wind_speed": np.hypot(u, v),
-        "hour": np.mod(hours, 24.0), "date": hours / 24.0,
-    }  # fmt: skip
+    same = {
+        name: np.asarray(frame[name], float)
+        for name in ("icing", "phase", "airspeed", "temperature", "bank", "acceleration")
+    }
+    places = {
+        name: np.asarray(frame[f"true_{name}"], float)
+        for name in ("latitude", "longitude", "altitude")
+    }
+    return (
+        same
+        | places
+        | {
+            "heading": heading,
+            "magnetic_heading": heading - np.asarray(frame["declination"], float),
+            "track": track,
+            "ground_speed": np.hypot(east, north),
+            "drift": np.angle(np.exp(1j * (track - heading))),
+            "wind_direction": np.arctan2(-u, -v),
+            "wind_speed": np.hypot(u, v),
+            "hour": np.mod(hours, 24.0),
+            "date": hours / 24.0,
+        }
+    )
 
 
 @dataclass(frozen=True)
@@ -155,9 +186,13 @@ def _linear(place: _Place, width: float) -> Array:
 
 
 _FORMS: dict[str, Callable[[_Place, float], Array]] = {
-    "step": _step, "sector": _sector, "hinge": _hinge, "bump": _bump, "saw": _saw,
+    "step": _step,
+    "sector": _sector,
+    "hinge": _hinge,
+    "bump": _bump,
+    "saw": _saw,
     "linear": _linear,
-}  # fmt: skip
+}
 
 
 def part_values(part: Mapping[str, Any], variables: Mapping[str, Array]) -> Array:
@@ -338,9 +373,13 @@ def _gross(u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: Any) -
 
 
 SCATTER: dict[str, Callable[..., Any]] = {
-    "floor": _floor, "ceiling": _ceiling, "hole": _hole, "lattice": _lattice, "jitter": _jitter,
+    "floor": _floor,
+    "ceiling": _ceiling,
+    "hole": _hole,
+    "lattice": _lattice,
+    "jitter": _jitter,
     "gross": _gross,
-}  # fmt: skip
+}
 """Effects of scatter: what becomes of a wind where they act."""
 
 

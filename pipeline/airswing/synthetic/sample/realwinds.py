@@ -256,9 +256,13 @@ class RealAir:
             where = flight[rows]
             shift = trial[0, where], trial[1, where]
             wind = self._sampled(
-                self._error, latitude[rows], longitude[rows], pressure[rows],
-                np.zeros(rows.size), shift,
-            )  # fmt: skip
+                self._error,
+                latitude[rows],
+                longitude[rows],
+                pressure[rows],
+                np.zeros(rows.size),
+                shift,
+            )
             lost = np.bincount(where, np.isnan(wind[0]), flights)
             good = open_ & (lost == 0)
             self._shift[:, good] = trial[:, good]

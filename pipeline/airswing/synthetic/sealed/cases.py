@@ -299,15 +299,28 @@ class _Dealer:
         draws = tuple(
             Drawn(
                 "outside",
-                (draw_outside(self.rng, shape=shape, tails=self.size.tails, start=START,
-                              days=case.world.days, size=strength),),
+                (
+                    draw_outside(
+                        self.rng,
+                        shape=shape,
+                        tails=self.size.tails,
+                        start=START,
+                        days=case.world.days,
+                        size=strength,
+                    ),
+                ),
             )
             for _ in range(MOST_DRAWS)
-        )  # fmt: skip
+        )
         return replace(
-            case, kind="outside", drawn=draws[:1], sizes=(strength,), variant=shape,
-            instead=draws[1:], worth=bool(self._number % 3),
-        )  # fmt: skip
+            case,
+            kind="outside",
+            drawn=draws[:1],
+            sizes=(strength,),
+            variant=shape,
+            instead=draws[1:],
+            worth=bool(self._number % 3),
+        )
 
     def _draw(
         self,

@@ -29,9 +29,17 @@ if TYPE_CHECKING:
     from airswing.synthetic.aircraft.faults import Fault, Setting
 
 __all__ = [
-    "SIZES", "Both", "Cycle", "Draw", "Drawn", "Occasion", "Signed", "draw_effect", "scaled",
+    "SIZES",
+    "Both",
+    "Cycle",
+    "Draw",
+    "Drawn",
+    "Occasion",
+    "Signed",
+    "draw_effect",
+    "scaled",
     "sign",
-]  # fmt: skip
+]
 
 Effect = dict[str, Any]
 Parameters = Mapping[str, Any]

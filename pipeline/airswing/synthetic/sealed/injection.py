@@ -259,9 +259,13 @@ def write_model_case(
     closure = {}
     for name, active in (("after", []), ("before", list(effects))):
         realwinds.write_archive(
-            folder, grib, aircraft=world.aircraft, seed=world.seed, effects=active,
+            folder,
+            grib,
+            aircraft=world.aircraft,
+            seed=world.seed,
+            effects=active,
             output=str((folder / "results").resolve()),
-        )  # fmt: skip
+        )
         closure[name] = _read_disagreement(folder / "reports", run, np.datetime64(start, "s"))
     truth = folder / "truth"
     for path in truth.iterdir():

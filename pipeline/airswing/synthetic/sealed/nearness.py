@@ -32,14 +32,21 @@ def _named_forms(variables: Mapping[str, Array], u: Array, v: Array) -> Array:
     sine, cosine = np.sin(magnetic), np.cos(magnetic)
     icing = np.asarray(variables["icing"] == 1, np.float64)
     turning = [
-        np.ones_like(u), sine, cosine, np.sin(2 * magnetic), np.cos(2 * magnetic),
-        icing, icing * sine, icing * cosine, variables["date"] / 30.0,
-        variables["acceleration"] * sine, variables["bank"] * cosine,
-    ]  # fmt: skip
+        np.ones_like(u),
+        sine,
+        cosine,
+        np.sin(2 * magnetic),
+        np.cos(2 * magnetic),
+        icing,
+        icing * sine,
+        icing * cosine,
+        variables["date"] / 30.0,
+        variables["acceleration"] * sine,
+        variables["bank"] * cosine,
+    ]
     wind = np.stack([u, v])
     forms = [across * factor for factor in turning]
-    forms += [along, along * variables["airspeed"] / 100.0, wind / 10.0,
-              np.stack([v, -u]) / 10.0]  # fmt: skip
+    forms += [along, along * variables["airspeed"] / 100.0, wind / 10.0, np.stack([v, -u]) / 10.0]
     return np.stack(forms).transpose(0, 2, 1)
 
 

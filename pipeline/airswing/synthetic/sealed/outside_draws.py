@@ -114,9 +114,12 @@ def _moving(rng: np.random.Generator, shape: str, size: float) -> dict[str, Any]
     else:
         parts = [_part(rng, first, shape)]
     return {
-        "component": component, "parts": parts, "shape": shape, "size_m_s": float(size),
+        "component": component,
+        "parts": parts,
+        "shape": shape,
+        "size_m_s": float(size),
         "sign": float(rng.choice([-1.0, 1.0])),
-    }  # fmt: skip
+    }
 
 
 def _variable(
@@ -150,9 +153,11 @@ def _part(rng: np.random.Generator, variable: str, shape: str) -> dict[str, Any]
     span = (0.0, 1.0) if variable in CYCLIC else _SPANS.get(shape, (0.25, 0.75))
     low, high = _SPREAD.get(shape, (0.1, 0.1))
     return {
-        "variable": variable, "shape": shape, "at": round(float(rng.uniform(*span)), 3),
+        "variable": variable,
+        "shape": shape,
+        "at": round(float(rng.uniform(*span)), 3),
         "width": round(float(rng.uniform(low, high)), 3),
-    }  # fmt: skip
+    }
 
 
 def _scatter(rng: np.random.Generator, size: float) -> dict[str, Any]:
@@ -167,8 +172,11 @@ def _scatter(rng: np.random.Generator, size: float) -> dict[str, Any]:
         low = float(rng.integers(8, 26))
         values |= {"between_kt": [low, low + float(rng.integers(6, 13))], "parts": []}
     elif kind == "lattice":
-        values |= {"limit_kt": float(rng.integers(15, 31)), "parts": [],
-                   "direction_step_deg": float(rng.choice([30.0, 45.0, 90.0]))}  # fmt: skip
+        values |= {
+            "limit_kt": float(rng.integers(15, 31)),
+            "parts": [],
+            "direction_step_deg": float(rng.choice([30.0, 45.0, 90.0])),
+        }
     else:
         variable = _variable(rng, "scatter", "step")
         shape = str(rng.choice(["step", "sector"]))

@@ -27,8 +27,13 @@ from airswing.synthetic.aircraft.outside_effects import (
 from airswing.synthetic.sealed.nearness import carried_by, named_share, signed_size
 
 __all__ = [
-    "LEAST_ENERGY", "LEAST_SIZE", "MOST_NAMED", "WORTH_KT", "is_fit", "outside_truth",
-]  # fmt: skip
+    "LEAST_ENERGY",
+    "LEAST_SIZE",
+    "MOST_NAMED",
+    "WORTH_KT",
+    "is_fit",
+    "outside_truth",
+]
 
 Array = NDArray[np.float64]
 

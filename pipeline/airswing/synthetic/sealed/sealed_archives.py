@@ -53,16 +53,26 @@ REFERENCES = tuple(EDITIONS)
 CALIBRATION_DAYS = 5
 _EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
 _COARSE_FIELDS: dict[str, Any] = {
-    "columns": 32, "rows": 25, "spacing_km": 57.0, "interval_hours": 2,
-}  # fmt: skip
+    "columns": 32,
+    "rows": 25,
+    "spacing_km": 57.0,
+    "interval_hours": 2,
+}
 _NO_FIELDS: dict[str, Any] = {
-    "columns": 3, "rows": 3, "spacing_km": 600.0, "levels": (1000, 350), "interval_hours": 6,
-}  # fmt: skip
+    "columns": 3,
+    "rows": 3,
+    "spacing_km": 600.0,
+    "levels": (1000, 350),
+    "interval_hours": 6,
+}
 """Options that make the references next to nothing, where only the reports are wanted."""
 _THIN_FIELDS: dict[str, Any] = {
-    "columns": 16, "rows": 12, "spacing_km": 120.0, "interval_hours": 3,
+    "columns": 16,
+    "rows": 12,
+    "spacing_km": 120.0,
+    "interval_hours": 3,
     "levels": (1000, 900, 800, 700, 600, 500, 400, 350),
-}  # fmt: skip
+}
 """Options that make the references good enough to measure a strength against."""
 
 

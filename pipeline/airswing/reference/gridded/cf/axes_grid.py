@@ -231,6 +231,8 @@ def box_of(latitude: Floats, longitude: Floats) -> tuple[float, float, float, fl
     """South, north, west and east of places, degrees; longitudes from -180 to 180."""
     east = np.mod(longitude + 180.0, 360.0) - 180.0
     return (
-        float(np.nanmin(latitude)), float(np.nanmax(latitude)),
-        float(np.nanmin(east)), float(np.nanmax(east)),
-    )  # fmt: skip
+        float(np.nanmin(latitude)),
+        float(np.nanmax(latitude)),
+        float(np.nanmin(east)),
+        float(np.nanmax(east)),
+    )

@@ -116,9 +116,14 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming, file: str) -> Axes:
     crs = getattr(parsed.coords.get("metpy_crs"), "item", lambda: None)()
     mapped = parsed.attrs.get("grid_mapping") in ds.variables
     return Axes(
-        y, x, vertical, tuple(d for d in left if d != either), member, either,
+        y,
+        x,
+        vertical,
+        tuple(d for d in left if d != either),
+        member,
+        either,
         dict(crs.to_dict()) if crs is not None and mapped else None,
-    )  # fmt: skip
+    )
 
 
 def _alone(ds: xr.Dataset, name: str) -> xr.Dataset:
@@ -151,9 +156,11 @@ def coordinate(ds: xr.Dataset, name: str, key: str, file: str) -> xr.DataArray:
     """
     if name not in ds.variables and name not in ds.dims:
         raise InputError(
-            "no such variable", file=file, field=f"{key}: {name}",
+            "no such variable",
+            file=file,
+            field=f"{key}: {name}",
             found="variables " + ", ".join(map(str, ds.variables)),
-        )  # fmt: skip
+        )
     return ds[name]
 
 
@@ -169,9 +176,10 @@ def _horizontal(
     named = [
         coordinate(ds, str(name), key, file) if name else None
         for name, key in (
-            (naming.y or naming.latitude, "y"), (naming.x or naming.longitude, "x"),
+            (naming.y or naming.latitude, "y"),
+            (naming.x or naming.longitude, "x"),
         )
-    ]  # fmt: skip
+    ]
     y = named[0] if named[0] is not None else found["y"]
     x = named[1] if named[1] is not None else found["x"]
     if y is None or x is None or y.ndim != 1 or x.ndim != 1:
@@ -181,11 +189,13 @@ def _horizontal(
         y, x = _without_attributes(parsed)
     if y is None or x is None:
         raise InputError(
-            "no horizontal coordinates", file=file, field=str(parsed.name),
+            "no horizontal coordinates",
+            file=file,
+            field=str(parsed.name),
             found=f"dimensions {', '.join(map(str, parsed.dims))}",
             remedy="Say latitude: and longitude: (or y: and x:) in the configuration; where there "
             "are several candidates, say which",
-        )  # fmt: skip
+        )
     if y.ndim > 2 and y.ndim == x.ndim:  # of a moving grid: told apart by the caller
         y, x = (one.isel({d: 0 for d in one.dims[:-2]}) for one in (y, x))
     return y, x
@@ -222,15 +232,22 @@ def _vertical(
         return found
     times = set() if time is None else {str(d) for d in time.dims}
     unexplained = [
-        d for d in left
-        if d not in times and d != _EITHER and not _is_member(ds, d) and not is_time(ds.get(d))
+        d
+        for d in left
+        if d not in times
+        and d != _EITHER
+        and not _is_member(ds, d)
+        and not is_time(ds.get(d))
         and parsed.sizes[d] > 1
-    ]  # fmt: skip
+    ]
     if len(unexplained) > 1:
         raise InputError(
-            "which dimension holds the levels cannot be told", file=file, field=str(parsed.name),
-            found=", ".join(unexplained), remedy="Say it in the configuration as level: NAME",
-        )  # fmt: skip
+            "which dimension holds the levels cannot be told",
+            file=file,
+            field=str(parsed.name),
+            found=", ".join(unexplained),
+            remedy="Say it in the configuration as level: NAME",
+        )
     return ds[unexplained[0]] if unexplained else None
 
 

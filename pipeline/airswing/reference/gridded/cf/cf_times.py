@@ -67,10 +67,12 @@ def times_of(
     valid, run, lead = _roles(stamps, leads, naming, file, name)
     if valid is None and run is None:
         raise InputError(
-            "no time axis", file=file, field=name,
+            "no time axis",
+            file=file,
+            field=name,
             found="coordinates " + (", ".join(map(str, ds[name].coords)) or "none"),
             remedy="Each field needs a valid time; say which coordinate holds it as time: NAME",
-        )  # fmt: skip
+        )
     begun = None if run is None else _spread(_stamps(run, file), run, outer)
     after = None if lead is None else _spread(_seconds(lead, file), lead, outer)
     if valid is not None:
@@ -126,9 +128,11 @@ def _roles(
     if naming.time:
         if naming.time not in stamps:
             raise InputError(
-                "no such time", file=file, field=f"time: {naming.time}",
+                "no such time",
+                file=file,
+                field=f"time: {naming.time}",
                 found="times " + (", ".join(stamps) or "none"),
-            )  # fmt: skip
+            )
         valids = [stamps[naming.time]]
         runs = [one for one in runs if one.name != naming.time]
     valid = _one_of(valids, file, name)
@@ -152,10 +156,12 @@ def _one_of(found: list[xr.DataArray], file: str, name: str) -> xr.DataArray | N
     if len(found) == 1:
         return found[0]
     raise InputError(
-        "two candidates for the valid time", file=file, field=name,
+        "two candidates for the valid time",
+        file=file,
+        field=name,
         found=", ".join(str(one.name) for one in found),
         remedy="Say which in the configuration as time: NAME",
-    )  # fmt: skip
+    )
 
 
 def _most(found: list[xr.DataArray]) -> xr.DataArray:
@@ -174,9 +180,12 @@ def _from_dates(values: NDArray[Any], name: str, file: str) -> NDArray[Any]:
     calendar = str(values.ravel()[0].calendar)
     if calendar == "360_day":
         raise InputError(
-            "a calendar of 360 days holds no observations' times", file=file, field=name,
-            found=calendar, remedy="Use winds of dates that were",
-        )  # fmt: skip
+            "a calendar of 360 days holds no observations' times",
+            file=file,
+            field=name,
+            found=calendar,
+            remedy="Use winds of dates that were",
+        )
     flat = [np.datetime64(date.isoformat(), "ns") for date in values.ravel()]
     return np.array(flat).reshape(values.shape)
 

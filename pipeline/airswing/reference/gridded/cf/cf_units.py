@@ -53,8 +53,10 @@ def required_factor(text: str | None, kind: str, *, file: str, name: str) -> flo
     if factor is None:
         absent = not text or not str(text).strip()
         raise InputError(
-            "units missing" if absent else f"units are none of {kind}", file=file, field=name,
+            "units missing" if absent else f"units are none of {kind}",
+            file=file,
+            field=name,
             found=None if absent else text,
             remedy=f"Say them in the configuration as units: {{{name}: {_KINDS[kind]}}}",
-        )  # fmt: skip
+        )
     return factor

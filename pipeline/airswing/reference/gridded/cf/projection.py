@@ -64,9 +64,16 @@ class Frame:
     def _rotated(self) -> Grid:
         """The rotation, as GRIB has it: by its southern pole."""
         return Grid(
-            "rotated_ll", ni=1, nj=1, latitude_first=0.0, longitude_first=0.0, di=1.0, dj=1.0,
-            pole_latitude=-self.pole_latitude, pole_longitude=self.pole_longitude + 180.0,
-        )  # fmt: skip
+            "rotated_ll",
+            ni=1,
+            nj=1,
+            latitude_first=0.0,
+            longitude_first=0.0,
+            di=1.0,
+            dj=1.0,
+            pole_latitude=-self.pole_latitude,
+            pole_longitude=self.pole_longitude + 180.0,
+        )
 
     def xy(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
         """Coordinates of places.
@@ -146,9 +153,12 @@ def frame_of(mapping: Mapping[str, Any] | str, *, file: str, field: str) -> Fram
     except (CRSError, KeyError, ValueError, TypeError) as error:
         named = mapping if isinstance(mapping, str) else mapping.get("grid_mapping_name", "")
         raise InputError(
-            "projection not known", file=file, field=field, found=named or str(mapping)[:300],
+            "projection not known",
+            file=file,
+            field=field,
+            found=named or str(mapping)[:300],
             remedy=_REMEDY,
-        ) from error  # fmt: skip
+        ) from error
 
 
 @lru_cache(maxsize=64)
@@ -210,9 +220,12 @@ def grib_projection(attrs: Mapping[str, Any]) -> str | None:
 def unknown_projection(file: str, found: str) -> InputError:
     """Say that projected coordinates come without their projection."""
     return InputError(
-        "coordinates of a projection that is not said", file=file, field="projection",
-        found=found, remedy=_REMEDY,
-    )  # fmt: skip
+        "coordinates of a projection that is not said",
+        file=file,
+        field="projection",
+        found=found,
+        remedy=_REMEDY,
+    )
 
 
 def _plain(value: Any) -> Any:

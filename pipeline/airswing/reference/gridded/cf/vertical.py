@@ -143,9 +143,11 @@ def _formula(
         a = _term(ds, terms, "a", None, file) * _term(ds, terms, "p0", "pressure", file)
     if a.shape != b.shape or b.shape != level.shape:
         raise InputError(
-            "formula terms do not fit the levels", file=file, field=str(level.name),
+            "formula terms do not fit the levels",
+            file=file,
+            field=str(level.name),
             found=f"{a.size} and {b.size} coefficients of {level.size} levels",
-        )  # fmt: skip
+        )
     return a, b
 
 
@@ -154,9 +156,11 @@ def _term(ds: xr.Dataset, terms: dict[str, str], term: str, kind: str | None, fi
     name = terms.get(term, "")
     if name not in ds.variables:
         raise InputError(
-            f"formula term {term} of the hybrid levels is missing", file=file, field=name or term,
+            f"formula term {term} of the hybrid levels is missing",
+            file=file,
+            field=name or term,
             found="terms " + (", ".join(f"{k}: {v}" for k, v in terms.items()) or "none"),
-        )  # fmt: skip
+        )
     values = np.asarray(ds[name].values, dtype=np.float64)
     if kind is not None:
         values = values * required_factor(ds[name].attrs.get("units"), kind, file=file, name=name)
