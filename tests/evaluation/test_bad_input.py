@@ -66,5 +66,5 @@ def test_a_field_test_that_cannot_be_is_refused(products, monkeypatch, capsys, c
 
 def test_one_reference_only_cannot_be_compared(products, monkeypatch, capsys):
     message = asked(products, monkeypatch, capsys, "compare")
-    assert "two references" in message
-    assert "rr" in message
+    assert "references.rr.files" in message  # of one, what an interval costs is looked for
+    assert "no file found" in message

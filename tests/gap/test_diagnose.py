@@ -183,7 +183,7 @@ def test_exchanged_identifiers_are_found_and_given_back():
 
 
 def test_missing_context_is_untestable_not_guessed(quiet):
-    blind = replace(quiet, icing=np.full(quiet.size, -1))
+    blind = replace(quiet, icing=np.full(quiet.size, -1), temperature=np.full(quiet.size, np.nan))
     made = diagnose(
         blind, catalogue=SMALL | {"heater_current": CATALOGUE["heater_current"]}, maps=False
     )

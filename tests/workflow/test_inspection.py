@@ -34,5 +34,5 @@ def test_a_table_that_speaks_of_grib_is_reports(tmp_path):
 def test_half_a_product_is_named(tmp_path):
     path = product(tmp_path / "a.nc")
     path.write_bytes(path.read_bytes()[:3000])
-    with pytest.raises(InputError, match=r"a\.nc.*not a whole NetCDF file"):
+    with pytest.raises(InputError, match=r"a\.nc.*a damaged NetCDF file"):
         inspect_file(path)

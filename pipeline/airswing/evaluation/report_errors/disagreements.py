@@ -107,7 +107,8 @@ def disagreements(
     for block, better in zip(blocks(headings, list(_NAMES)), mended, strict=True):
         columns = _columns(block, better, members, pool, every)
         columns["aircraft"] += first
-        sums.add(columns)
+        for own in _by_aircraft(columns["aircraft"]):  # the same sums however a fleet is divided
+            sums.add({name: values[..., own] for name, values in columns.items()})
         kept = columns["day"] % stride == 0
         parts.append({name: columns[name][kept] for name in _KEPT})
         first += block.sizes["aircraft"]
@@ -116,6 +117,13 @@ def disagreements(
 
 
 _KEPT = ("latitude", "longitude", "pressure", "time", "aircraft", "cell", "day", "east", "north")
+
+
+def _by_aircraft(aircraft: NDArray[Any]) -> list[slice]:
+    """Reports of each aircraft, which stand together."""
+    stops = [*np.flatnonzero(np.diff(aircraft) != 0) + 1, aircraft.size]
+    starts = [0, *stops[:-1]]
+    return [slice(start, stop) for start, stop in zip(starts, stops, strict=True) if stop > start]
 
 
 def _days(headings: xr.Dataset) -> NDArray[np.datetime64]:

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.base import (
+    Errors,
+    FloatArray,
+    Parameter,
+    Parameters,
+    State,
+    absent_context,
+)
 from airswing.gap.effects.forms import OffsetAndCycle, cycles, known, told
 from airswing.synthetic.sealed.draws import Both, Draw
 
@@ -136,6 +143,13 @@ class HeaterCurrent(OffsetAndCycle):
     ) -> State:
         """See `Effect.apply`: between two temperatures, else where the flag is on."""
         if values["between_degC"] is None:
+            if (absent := absent_context(frame, "icing")) is not None:
+                raise InputError(
+                    f"effect {self.name} by the icing flag cannot be simulated",
+                    field="icing",
+                    found=absent,
+                    remedy="Give between_degC, or reports with the flag",
+                )
             return super().apply(state, frame, values, rng)
         low, high = _edges(values)
         one = super().from_parameters({**values, "between_degC": None}, frame)
