@@ -16,6 +16,7 @@ from benchmarks.fault_drill import product_differences
 from airswing import workflow
 from airswing.compass import kept_headings as pieces
 from airswing.config import load_config
+from airswing.products.checked import note, noted
 from airswing.workflow import collocating
 from airswing.workflow import headings_stage as stages
 from airswing.workflow.progress import Progress
@@ -212,7 +213,7 @@ def cut_short(folder: Path) -> None:
 
 def of_another_product(folder: Path) -> None:
     path = folder / "results/.collocated/headings.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"product": "another"}))
+    path.write_text(note(noted(path.read_text()) | {"product": "another"}))
 
 
 def overwritten(folder: Path) -> None:

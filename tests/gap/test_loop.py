@@ -73,12 +73,16 @@ def headings_of(path):
 
 
 @pytest.fixture(scope="module")
-def sent(tmp_path_factory):
+def stated(tmp_path_factory):
     folder = tmp_path_factory.mktemp("loop")
     first = headings_of(write_reports(flown(), folder / "paths.csv"))
     table = simulate_reports(first, reference="ruc", effects=EFFECTS, seed=1)
-    headings = headings_of(write_reports(table, folder / "sent.csv"))
-    return Frame.from_headings(headings, reference="ruc")
+    return headings_of(write_reports(table, folder / "sent.csv"))
+
+
+@pytest.fixture(scope="module")
+def sent(stated):
+    return Frame.from_headings(stated, reference="ruc")
 
 
 def test_effects_are_found_in_the_archive_that_was_written(sent):
@@ -94,13 +98,17 @@ def test_effects_are_found_in_the_archive_that_was_written(sent):
     assert found["scale_percent"] == pytest.approx(2.0, abs=0.03)
 
 
-def test_nothing_is_left_once_the_simulation_has_them(sent, tmp_path):
+def test_nothing_is_left_once_the_simulation_has_them(sent, stated, tmp_path):
     again = simulate(sent, effects=read_effects(write_effects(EFFECTS, tmp_path / "effects.yaml")))
     left = np.stack([sent.u_rep - again.u_rep, sent.v_rep - again.v_rep], -1)
     struck = sent.aircraft == sent.tails.index("N401")
     before = np.sqrt(np.mean(np.sum(sent.residual**2, -1)[struck]))
     after = np.sqrt(np.mean(np.sum(left**2, -1)[struck]))
     control = np.sqrt(np.mean(np.sum(left**2, -1)[~struck]))
+    # beside turns and at the ends of flights the heading is known to its stated error alone
+    doubt = np.radians(stated["heading_standard_error"].to_numpy()[sent.report][struck])
+    unknown = np.sqrt(np.mean((doubt * sent.airspeed[struck]) ** 2))
     assert before > 4.0
-    assert after < 1.1 * control  # what is left is the coding: knots and degrees
+    assert unknown < 0.2 * before
+    assert after < 1.1 * np.hypot(control, unknown)  # the rest is the coding: knots and degrees
     assert control < 0.5 * KNOT
