@@ -93,7 +93,7 @@ def report_errors_figure(errors: xr.Dataset) -> Figure:
     figure = new_figure(4.2)
     panels = figure.subplots(1, len(_PHASES), sharey=True, sharex=True)
     level = 0.5 * (errors["layer_bottom_pressure"] + errors["layer_top_pressure"]) / 100.0
-    known = 0
+    known, drawn = 0, []
     for axes, phase in zip(panels, _PHASES, strict=True):
         for name, (label, line) in _USED.items():
             axes.plot(errors[name], level, color=SOFT, linewidth=1.0, linestyle=line, label=label)
@@ -101,6 +101,7 @@ def report_errors_figure(errors: xr.Dataset) -> Figure:
         shown = np.isfinite(own["observation_error"].to_numpy())
         known += int(shown.any(axis=1).sum())
         if shown.any():
+            drawn.append(axes)
             for index, state in enumerate(("reported", "corrected")):
                 _profile(axes, own.sel(state=state), level.to_numpy(), index)
         else:
@@ -109,7 +110,9 @@ def report_errors_figure(errors: xr.Dataset) -> Figure:
         axes.set_xlabel("error of a component (m/s)")
     panels[0].set_ylim(1000, 200)
     panels[0].set_xlim(left=0.0)
-    panels[0].set_ylabel("pressure (hPa)")
+    leftmost = drawn[0] if drawn else panels[0]  # a blank panel shows no scale
+    leftmost.set_ylabel("pressure (hPa)")
+    leftmost.tick_params(labelleft=True)
     fullest = max(panels, key=lambda axes: len(axes.get_legend_handles_labels()[1]))
     figure.legend(*fullest.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     number = int(errors["observation_count"].sel(flight_phase="all").sum())
