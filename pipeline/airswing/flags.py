@@ -4,13 +4,28 @@ Assumes what FORMATS says of each flag; a value that is in no table does not occ
 stages: whoever sets a flag or asks for one does it by its word here.
 """
 
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 PHASE = {"unknown": 0, "ascent": 1, "cruise": 2, "descent": 3}
 ROLL = {"missing": 0, "good": 1, "bad": 2, "not_available": 3}
 TEMPERATURE_QC = {"missing": 0, "pass": 1, "fail": 2}
 WIND_QC = {"missing": 0, "pass": 1, "fail": 2}
 WIND_SOURCE = {"reported": 0, "derived": 1, "derived_at_standard_temperature": 2}
 ICING = {"missing": -1, "off": 0, "on": 1}
-STATUS = {"ok": 0, "too_few_reports": 1, "poor_heading_coverage": 2, "unstable_fit": 3}
+STATUS = {
+    "ok": 0,
+    "too_few_reports": 1,
+    "poor_heading_coverage": 2,
+    "unstable_fit": 3,
+    "offset_only": 4,
+    "too_few_flights": 5,
+}
+"""``ok``: a curve; ``offset_only``: one constant, for the headings flown; the others: nothing."""
 CORRECTION = {
     "corrected": 0,
     "no_fit": 1,
@@ -32,3 +47,9 @@ SCREENING = {
     "field_test": 1024,
 }
 """Bits of ``screening``; their names are the rules of the audit table."""
+
+
+def published(status: ArrayLike) -> NDArray[np.bool_]:
+    """Whether a fit is to be trusted: a curve, or an offset alone."""
+    codes: NDArray[Any] = np.asarray(status)
+    return np.asarray((codes == STATUS["ok"]) | (codes == STATUS["offset_only"]))

@@ -7,6 +7,11 @@ from pathlib import Path
 
 from airswing.workflow.closing_summary import as_text
 
+FITTED = ("offset", "amplitude", "phase", "before_kt", "after_kt") + (
+    "offset_standard_error",
+    "amplitude_standard_error",
+)
+
 
 def fit(**changes: object) -> dict:
     return {
@@ -16,6 +21,7 @@ def fit(**changes: object) -> dict:
         "amplitude": 5.83,
         "phase": 33.8,
         "amplitude_standard_error": 0.1,
+        "offset_standard_error": 0.05,
         "reports": 4979,
         "before_kt": 17.4,
         "after_kt": 6.2,
@@ -27,7 +33,7 @@ def summary(**changes: object) -> dict:
         "reference": "ruc",
         "reports": {"read": 30796, "usable": 30796, "kept": 22991},
         "aircraft": 2,
-        "status": {"ok": 1},
+        "status": {"ok": 1, "offset_only": 0},
         "disagreement_kt": {"before": 11.3, "after": 5.9},
         "fits": [fit()],
     } | changes
@@ -40,9 +46,20 @@ def test_intervals_are_of_95_percent_as_on_the_page_and_say_so():
 
 
 def test_what_was_not_fitted_is_a_dash():
-    names = ("offset", "amplitude", "phase", "amplitude_standard_error", "before_kt", "after_kt")
-    unfitted = fit(aircraft="N406", status="too_few_reports", **dict.fromkeys(names, math.nan))
+    unfitted = fit(aircraft="N406", status="too_few_reports", **dict.fromkeys(FITTED, math.nan))
     text = as_text(summary(fits=[fit(), unfitted]), Path("out"))
     assert "nan" not in text
     lines = [line for line in text.splitlines() if line.startswith("N4")]
     assert len(lines[0].split("ok")[0]) == len(lines[1].split("too_few")[0])
+
+
+def test_an_offset_alone_has_its_interval_and_no_amplitude():
+    names = ("amplitude", "phase", "amplitude_standard_error")
+    alone = fit(aircraft="N407", status="offset_only", **dict.fromkeys(names, math.nan))
+    text = as_text(
+        summary(status={"ok": 1, "offset_only": 1}, fits=[fit(), alone]),
+        Path("out"),
+    )
+    assert "1 of 2 aircraft fitted against ruc, 1 with an offset alone" in text
+    row = next(line for line in text.splitlines() if line.startswith("N407"))
+    assert "0.82 +- 0.10" in row and row.count("+-") == 1

@@ -42,7 +42,7 @@ from airswing.compass.correction_error import (
 from airswing.compass.fit.sandwich import Array
 from airswing.compass.table import deviation_curve, error_from_table, unit_interpolation
 from airswing.errors import InputError
-from airswing.flags import CORRECTION, SCREENING, STATUS
+from airswing.flags import CORRECTION, SCREENING, published
 from airswing.products.ragged import aircraft_of_report
 from airswing.vocabulary import describe
 
@@ -204,7 +204,7 @@ def correct(
     fit = _chosen(fits, reference, method)
     row = _aircraft_rows(headings, fit)
     known = row >= 0
-    ok = known & (fit["status"].to_numpy()[row] == STATUS["ok"])
+    ok = known & published(fit["status"].to_numpy())[row]
     column = {
         name: headings[name].to_numpy().astype(np.float64)
         for name in ("eastward_wind", "northward_wind", "airspeed", "heading", "magnetic_heading")
@@ -316,10 +316,10 @@ def _corrected(
         table = fit["table_error"].to_numpy()[own]
         by_table = unit_interpolation(table, at)
         known, error, slope = np.hypot(known, by_table - error), by_table, table_slope(table, at)
-    scale = fit["airspeed_scale"].to_numpy()[own] if apply_scale else np.zeros(own.size)
-    scale_error = (
-        fit["airspeed_scale_standard_error"].to_numpy()[own] if apply_scale else np.zeros(own.size)
-    )
+    scale, scale_error = np.zeros(own.size), np.zeros(own.size)
+    if apply_scale:  # an offset alone comes without one
+        scale = np.nan_to_num(fit["airspeed_scale"].to_numpy()[own])
+        scale_error = np.nan_to_num(fit["airspeed_scale_standard_error"].to_numpy()[own])
     where = At(
         speed,
         column["airspeed_error"][done],

@@ -265,7 +265,9 @@ class _Drawing:
             f"{int(one['flight_count'])} flights, {int(one['compass_points'])} of 8 compass points"
         )
         status = _STATUS_TEXT[int(one["status"])]
-        if status != "ok":
+        if status == "offset_only":
+            foot += "; an offset alone, for the headings flown"
+        elif status != "ok":
             return refused_page(title, foot, f"fit refused: {status.replace('_', ' ')}")
         rows = card_rows(one["table_error"].to_numpy())
         cells = [[*rows[k], *rows[k + 6]] for k in range(6)]

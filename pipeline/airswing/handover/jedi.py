@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.flags import STATUS
+from airswing.flags import published
 from airswing.handover.records.platforms import identifiers
 from airswing.handover.records.registry import ExportFormat, Request, register
 from airswing.handover.records.run_products import product_beside, refuse_existing
@@ -171,7 +171,7 @@ def coefficient_rows(fits: xr.Dataset, reference: str, called: Mapping[str, str]
         ]
     )
     rows = [head, ",".join(["string", *["float"] * (len(columns) + 2)])]
-    good = own["status"].to_numpy() == STATUS["ok"]
+    good = published(own["status"])
     table = own["deviation"].transpose("aircraft", "coefficient").to_numpy()
     more = [own[name].to_numpy() for name in ("airspeed_scale", "mean_horizontal_field")]
     for place, name in enumerate(map(str, own["aircraft"].to_numpy())):

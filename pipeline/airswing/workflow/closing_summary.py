@@ -78,7 +78,10 @@ def summarise(
                 "status": status[i],
                 **{
                     key: float(chosen[key][i])
-                    for key in ("offset", "amplitude", "phase", "amplitude_standard_error")
+                    for key in (
+                        *("offset", "amplitude", "phase"),
+                        *("offset_standard_error", "amplitude_standard_error"),
+                    )
                 },
                 "reports": int(chosen["report_count"][i]),
                 "before_kt": _knots(before[i], used[i]),
@@ -106,9 +109,11 @@ def as_text(summary: dict[str, Any], output: Path) -> str:
     reports, status, change = summary["reports"], summary["status"], summary["disagreement_kt"]
     lines = [
         f"{reports['read']:,} reports read, {reports['kept']:,} kept for the fit; "
-        f"{status['ok']} of {summary['aircraft']} aircraft fitted against {summary['reference']}",
+        f"{status['ok']} of {summary['aircraft']} aircraft fitted against {summary['reference']}"
+        + (f", {status['offset_only']} with an offset alone" if status["offset_only"] else ""),
         "",
-        "aircraft    amplitude*       phase   offset   reports   wind disagreement (kt)  status",
+        "aircraft    amplitude*       phase   offset*          reports   wind disagreement (kt)  "
+        "status",
         *map(_line, summary["fits"]),
         "* degrees, with 95 % intervals",
     ]
@@ -127,12 +132,14 @@ def as_text(summary: dict[str, Any], output: Path) -> str:
 
 def _line(fit: dict[str, Any]) -> str:
     """One aircraft; a dash for what was not fitted."""
-    half = NORMAL_95 * fit["amplitude_standard_error"]
-    amplitude = _digits("{:6.2f} +- {:4.2f}", fit["amplitude"], half)
+    amplitude, offset = (
+        _digits(form, fit[name], NORMAL_95 * fit[f"{name}_standard_error"])
+        for name, form in (("amplitude", "{:6.2f} +- {:4.2f}"), ("offset", "{:8.2f} +- {:4.2f}"))
+    )
     winds = _digits("{:7.2f} -> {:5.2f}", fit["before_kt"], fit["after_kt"])
     return (
         f"{fit['aircraft']:<10} {amplitude} {_digits('{:8.1f}', fit['phase'])} "
-        f"{_digits('{:8.2f}', fit['offset'])} {fit['reports']:9,}   {winds}         {fit['status']}"
+        f"{offset} {fit['reports']:9,}   {winds}         {fit['status']}"
     )
 
 

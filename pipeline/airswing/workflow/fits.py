@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from airswing.flags import published
 from airswing.products.atomic import replacing
 from airswing.products.checked import note, noted
 from airswing.products.fingerprint import code_digest, fingerprint
@@ -65,7 +66,7 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
             fits = add_changes(
                 fits, find_changes(screened, members=members, abscissa=config.fit.abscissa)
             )
-            good = int((fits["status"] == 0).sum())
+            good = int(published(fits["status"]).sum())
             stage.note = f"{good} of {fits['status'].size} fits to be trusted"
         return fits
 

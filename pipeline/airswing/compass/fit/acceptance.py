@@ -6,7 +6,9 @@ aircraft (a few hundred kilobytes), not on reports, so a fleet may be summed in 
 Without the reference's shared error the biases are pooled over the fleet
 (:mod:`airswing.compass.fit.pooled_bias`) and errors are clustered by flight, wider where days
 scatter more; with it the whole fleet is solved at once (:mod:`airswing.compass.fit.fleet`) and
-errors are clustered by day. NaN coefficients wherever the status is not ``ok``.
+errors are clustered by day. Where headings or flights do not allow a curve the constant alone is
+published (:mod:`airswing.compass.fit.offset_alone`): A with its variance, the other coefficients
+zero, no amplitude. NaN coefficients wherever the status is neither.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from airswing.compass.fit.cycles import (
 )
 from airswing.compass.fit.fleet import solve_fleet
 from airswing.compass.fit.normal_equations import COMPASS
+from airswing.compass.fit.offset_alone import MIN_FLIGHTS, offsets
 from airswing.compass.fit.pooled_bias import day_ratio, pool, widened
 from airswing.compass.fit.sandwich import Array
 from airswing.flags import STATUS
@@ -68,6 +71,8 @@ class AircraftSums:
         Code of :data:`airswing.flags.STATUS`.
     field : float
         Mean horizontal field of the reports that count, nT; NaN where none is known.
+    constant : AircraftFit or None
+        The fit of the constant alone, where there is no curve.
     """
 
     reports: int
@@ -76,6 +81,7 @@ class AircraftSums:
     fit: AircraftFit | None
     status: int
     field: float
+    constant: AircraftFit | None = None
 
 
 @dataclass(frozen=True)
@@ -131,11 +137,10 @@ def publish(aircraft: list[AircraftSums], members: int, options: Options) -> xr.
         table["mean_horizontal_field"][k] = one.field
         if one.fit is not None:
             table["condition_number"][k] = condition_number(one.fit.normal, _cycles(one.fit))
-            if table["condition_number"][k] > MAX_CONDITION and one.status == STATUS["ok"]:
-                table["status"][k] = STATUS["poor_heading_coverage"]
     chosen = np.flatnonzero(table["status"] == STATUS["ok"])
     if chosen.size:
         _publish_fits(table, chosen, [_fit_of(aircraft[k]) for k in chosen], members, options)
+    _publish_offsets(table, aircraft, options)
     return _dataset(table)
 
 
@@ -180,6 +185,35 @@ def _publish_fits(
         table["reference_bias_standard_error"] = np.sqrt(
             np.diagonal(average @ found.bias_covariance @ average.T)
         )
+
+
+def _publish_offsets(
+    table: dict[str, NDArray[Any]], aircraft: list[AircraftSums], options: Options
+) -> None:
+    """The constant of every aircraft that has no curve."""
+    own = [k for k, one in enumerate(aircraft) if one.constant is not None]
+    alone = [one.constant for one in aircraft if one.constant is not None]
+    ok = np.flatnonzero(table["status"] == STATUS["ok"])
+    found = offsets(
+        alone,
+        [aircraft[k].flights < MIN_FLIGHTS for k in own],
+        [_fit_of(aircraft[k]) for k in ok],
+        joint=options.joint,
+    )
+    for k, fit, offset in zip(own, alone, found, strict=True):
+        if offset is None:
+            continue
+        error = np.degrees(np.sqrt(offset.variance))
+        if not offset.stable or error > MAX_STANDARD_ERROR:
+            table["status"][k] = STATUS["unstable_fit"]
+            continue
+        table["status"][k] = STATUS["offset_only"]
+        table["deviation"][k], table["deviation_covariance"][k] = 0.0, 0.0
+        table["deviation"][k, 0] = table["offset"][k] = np.degrees(offset.value)
+        table["deviation_covariance"][k, 0, 0] = error**2
+        table["offset_standard_error"][k] = error
+        table["residual_rms_before"][k] = np.degrees(fit.rms_before)
+        table["residual_rms_after"][k] = np.degrees(fit.rms_after)
 
 
 def _with_field(fits: list[AircraftFit], options: Options) -> _Estimate:

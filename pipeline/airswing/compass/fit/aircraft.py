@@ -130,7 +130,7 @@ def fit_aircraft(
     joint : bool
         Fit along and cross components together; else the heading error alone.
     harmonics : int
-        1 or 2 cycles.
+        1 or 2 cycles; 0: A and the airspeed scale alone, the bias zero.
     places : list of Places, optional
         Of the reports of every member: keeps the sums the fleet's part of the fit is made from.
 
@@ -145,7 +145,9 @@ def fit_aircraft(
     edges = _edges(members, places)
     size = COMPASS + 1 + 2 * len(members)
     compass = np.arange(1 + 2 * harmonics)
-    free = np.concatenate([compass, np.arange(COMPASS, size)]) if joint else compass
+    # on one heading a bias cannot be told from the constant: the fleet's is taken off afterwards
+    last = size if harmonics else COMPASS + 1
+    free = np.concatenate([compass, np.arange(COMPASS, last)]) if joint else compass
     flights = flight_day.size
     days = _days(flight_day)
     theta = np.zeros(size)

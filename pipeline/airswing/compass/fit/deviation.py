@@ -14,7 +14,10 @@ Standard errors allow for flights' and days' common errors, for the number of cl
 made wider so that +-1.96 of them is a 95 % interval) and for the choice of one or two cycles
 (where one was chosen, what that may have cost is in the covariance, D and E included).
 
-Inside degrees; NaN coefficients wherever the status is not ``ok``.
+Where headings or flights do not allow a curve, one constant an aircraft stands for it
+(:mod:`airswing.compass.fit.offset_alone`), status ``offset_only``.
+
+Inside degrees; NaN coefficients wherever the status is neither ``ok`` nor ``offset_only``.
 
 References
 ----------
@@ -25,7 +28,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -40,8 +43,11 @@ from airswing.compass.fit.acceptance import (
     condition_number,
     publish,
 )
-from airswing.compass.fit.aircraft import fit_aircraft
+from airswing.compass.fit.aircraft import AircraftFit, fit_aircraft
+from airswing.compass.fit.flight_segments import Places
 from airswing.compass.fit.normal_equations import plain_sinusoid
+from airswing.compass.fit.observations import Reports
+from airswing.compass.fit.offset_alone import MIN_FLIGHTS, STRETCH
 from airswing.compass.fit.report_columns import Columns
 from airswing.compass.fit.row_blocks import BLOCK
 from airswing.errors import InputError
@@ -50,7 +56,6 @@ from airswing.products.ragged import blocks, row_bounds
 from airswing.vocabulary import describe
 
 COEFFICIENTS = ("A", "B", "C", "D", "E")
-MIN_FLIGHTS = 5
 CHUNKS = 8
 """Tasks the aircraft are shared between, where there are more of them than that: a task graph costs
 half an aircraft's fit. They run one after the other: the kernel's blocks are so short that threads
@@ -70,6 +75,7 @@ _NEEDED = (
     "longitude",
     "pressure",
 )
+_FIRST = np.datetime64("1970-01-01", "s")
 _USEFUL = ("horizontal_field",)
 """Read where they are there."""
 FITTED_FROM = (*_NEEDED, *_USEFUL)
@@ -131,7 +137,8 @@ def fit_deviation(
         With ``joint``, also fit the reference's error that the fleet shares, as a field (see
         :mod:`airswing.compass.fit.reference_error`).
     min_reports, min_compass_points : int
-        Fewer give status ``too_few_reports``, ``poor_heading_coverage``.
+        Fewer give status ``too_few_reports``, ``poor_heading_coverage``; fewer than five flights
+        ``too_few_flights``. ``offset_only`` stands for the last two where a constant is found.
     alone : bool
         Also fit each reference alone, beside the pools; without pools always.
 
@@ -368,8 +375,10 @@ def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Optio
     found = AircraftSums(
         int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"], field
     )
-    if abscissa.size < options.min_reports or flight_day.size < MIN_FLIGHTS:
+    if abscissa.size < options.min_reports:
         found.status = STATUS["too_few_reports"]
+    elif flight_day.size < MIN_FLIGHTS:
+        found.status = STATUS["too_few_flights"]
     elif points < options.min_compass_points:
         found.status = STATUS["poor_heading_coverage"]
     cycles = 1 if options.harmonics == 1 else 2
@@ -381,6 +390,32 @@ def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Optio
             and condition_number(found.fit.normal, 2) > MAX_CONDITION
         ):
             found.fit = fit(harmonics=1)
-    if found.status == STATUS["ok"] and found.fit is None:
-        found.status = STATUS["too_few_reports"]
+    if found.status == STATUS["ok"]:
+        if found.fit is None:
+            found.status = STATUS["too_few_reports"]
+        elif condition_number(found.fit.normal, 2 if 4 in found.fit.free else 1) > MAX_CONDITION:
+            found.status = STATUS["poor_heading_coverage"]
+    if found.status == STATUS["poor_heading_coverage"]:
+        found.constant = fit_aircraft(sets, flight_day, joint=options.joint, harmonics=0)
+    elif found.status == STATUS["too_few_flights"]:
+        found.constant = _of_stretches(sets, places, options)
     return found
+
+
+def _of_stretches(
+    sets: list[Reports], places: list[Places], options: Options
+) -> AircraftFit | None:
+    """Constant of an aircraft with too few flights, stretches of them its clusters."""
+    numbers = [
+        reports.flight * 10**9 + (place.time.astype("datetime64[s]") - _FIRST) // STRETCH
+        for reports, place in zip(sets, places, strict=True)
+    ]
+    known, where = np.unique(np.concatenate(numbers), return_inverse=True)
+    if known.size < MIN_FLIGHTS:
+        return None
+    parts = np.split(where, np.cumsum([number.size for number in numbers])[:-1])
+    stretched = [
+        replace(reports, flight=part).sorted() for reports, part in zip(sets, parts, strict=True)
+    ]
+    day = (known % 10**9) * STRETCH.astype(np.int64) // 86_400
+    return fit_aircraft(stretched, day, joint=options.joint, harmonics=0)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from airswing.compass.correction import corrected_wind, curve_standard_error
 from airswing.evaluation.backtest.learning import require_reference
 from airswing.evaluation.disagreement import reference_mean
-from airswing.flags import STATUS
+from airswing.flags import STATUS, published
 from airswing.products.ragged import blocks, row_bounds
 from airswing.units import KNOT
 
@@ -287,7 +287,7 @@ def rank_aircraft(
             "status": status,
             "reports": int(own.u.size),
         }
-        if status == "ok" and own.u.size:
+        if published(chosen["status"][k]) and own.u.size:
             before, gain, spread = expected_gain(
                 own,
                 chosen["deviation"].to_numpy()[k],

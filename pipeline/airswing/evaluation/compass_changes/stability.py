@@ -31,7 +31,7 @@ from airswing.evaluation.compass_changes.change_kernels import (
     scores,
     without_changes,
 )
-from airswing.flags import STATUS
+from airswing.flags import STATUS, published
 from airswing.products.ragged import blocks, row_bounds, some_reports
 from airswing.vocabulary import describe
 
@@ -364,7 +364,7 @@ def fit_by_window(
     -------
     list of dict
         One for each aircraft, window with reports: ``aircraft``, ``window`` (its first day),
-        ``reports``, ``status`` and, where that is ``ok``, ``offset``, ``amplitude``, ``phase``
+        ``reports``, ``status`` and, where something is fitted, ``offset``, ``amplitude``, ``phase``
         and ``A`` to ``E`` with ``*_standard_error``, degrees.
 
     Raises
@@ -416,7 +416,7 @@ def _window_entry(fit: xr.Dataset, first: str, words: dict[int, str]) -> dict[st
         "reports": int(fit["report_count"]),
         "status": words[int(fit["status"])],
     }
-    if entry["status"] != "ok":
+    if not published(fit["status"]):
         return entry
     for name in ("offset", "amplitude", "phase"):
         entry[name] = float(fit[name])

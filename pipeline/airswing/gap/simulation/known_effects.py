@@ -27,7 +27,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.flags import STATUS
+from airswing.flags import published
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import CATALOGUE, ActiveEffect, State
 from airswing.gap.simulation.effects_file import read_effects
@@ -111,7 +111,7 @@ def effects_of_fits(
     out: list[ActiveEffect] = []
     for k, tail in enumerate(str(name) for name in own["aircraft"].values):
         one = own.isel(aircraft=k)
-        if int(one["status"]) == STATUS["ok"] and bool(np.isfinite(one["deviation"]).all()):
+        if published(one["status"]) and bool(np.isfinite(one["deviation"]).all()):
             out += _deviation_effects(one, tail)
     if not out:
         raise InputError("no accepted fit to start from", file=file, field="status")
@@ -122,10 +122,9 @@ def _deviation_effects(fit: xr.Dataset, tail: str) -> list[ActiveEffect]:
     """Return one aircraft's curve A + B sin + C cos + D sin 2 + E cos 2 as effects, degrees."""
     a, b, c, d, e = (float(value) for value in fit["deviation"].values)
     field = float(fit["mean_horizontal_field"])
-    found: list[tuple[str, dict[str, Any]]] = [
-        ("compass_offset", {"offset_deg": a}),
-        ("hard_iron", _cycle(b, c) | {"at_horizontal_field_nT": field}),
-    ]
+    found: list[tuple[str, dict[str, Any]]] = [("compass_offset", {"offset_deg": a})]
+    if b != 0.0 or c != 0.0:
+        found.append(("hard_iron", _cycle(b, c) | {"at_horizontal_field_nT": field}))
     if d != 0.0 or e != 0.0:
         found.append(("soft_iron", _cycle(d, e)))
     scale = float(fit["airspeed_scale"])

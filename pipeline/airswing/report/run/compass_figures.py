@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Wedge
 from numpy.typing import NDArray
 
+from airswing.flags import published
 from airswing.report.html.style import (
     BLUE,
     FAINT,
@@ -134,7 +135,7 @@ def draw_heading_error(
     fit = one_fit(fits, aircraft, reference)
     grid = np.linspace(0.0, 360.0, 181)
     fitted, half = curve_with_error(fit, grid)
-    trusted = int(fit["status"]) == 0
+    trusted = bool(published(fit["status"]))
     limit = limit or error_limit(error, fitted)
     _draw_reports(axes, heading, error, limit, dot=2.0 if small else 5.0)
     axes.axhline(0.0, color=INK, linewidth=0.8, zorder=1.7)
@@ -203,8 +204,11 @@ def draw_heading_error(
 
 def fit_words(fit: xr.Dataset) -> str:
     """Return a fit in one short line: offset, amplitude and phase with 95 % intervals."""
-    if not np.isfinite(float(fit["amplitude"])):
+    if not published(fit["status"]):
         return f"no fit: {status_words(fit['status'])}"
+    if not np.isfinite(float(fit["amplitude"])):
+        half_width = NORMAL_95 * float(fit["offset_standard_error"])
+        return f"offset alone {float(fit['offset']):+.2f} ± {half_width:.2f}°"
     half = {
         name: NORMAL_95 * float(fit[f"{name}_standard_error"])
         for name in ("offset", "amplitude", "phase")
@@ -253,7 +257,7 @@ def heading_error_figure(
     figure.legend(loc="outside lower center", ncols=5)
     flights = int(fit["flight_count"])
     state = status_words(fit["status"])
-    trust = "" if state == "ok" else f" The fit is not to be trusted: {state}."
+    trust = "" if published(fit["status"]) else f" The fit is not to be trusted: {state}."
     return figure.say(
         f"{name}: heading error (indicated minus the heading {reference} implies) against "
         f"indicated magnetic heading, n = {plural(number, 'report')} of "

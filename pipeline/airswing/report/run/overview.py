@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from airswing.flags import published
 from airswing.report.html.style import (
     BLUE,
     FAINT,
@@ -41,7 +42,7 @@ PAGE_OF_AIRCRAFT = 40
 def by_amplitude(fits: xr.Dataset, reference: str) -> list[str]:
     """Return aircraft with the largest amplitude first, untrusted fits last."""
     fit = fits.sel(reference=reference)
-    trusted = fit["status"].to_numpy() == 0
+    trusted = published(fit["status"])
     amplitude = np.nan_to_num(fit["amplitude"].to_numpy().astype(float), nan=-1.0)
     order = np.lexsort((-amplitude, ~trusted))
     names = tails(fits)
@@ -64,7 +65,7 @@ def _draw_quantity(axes: Axes, fits: xr.Dataset, names: Sequence[str], quantity:
         fit = fits.isel(reference=index, aircraft=rows)
         value = fit[quantity].to_numpy().astype(float)
         half = NORMAL_95 * fit[f"{quantity}_standard_error"].to_numpy().astype(float)
-        good = fit["status"].to_numpy() == 0
+        good = published(fit["status"])
         colour, marker = series_style(index)
         y = np.arange(len(rows)) + shift[index]
         for mask, face, edge in ((good, colour, colour), (~good, "white", SOFT)):
@@ -84,7 +85,7 @@ def _draw_quantity(axes: Axes, fits: xr.Dataset, names: Sequence[str], quantity:
 
 def _sane_limits(axes: Axes, fits: xr.Dataset, quantity: str) -> None:
     """Keep one wild fit from squeezing the rest: limits from the trusted fits."""
-    good = fits["status"].to_numpy() == 0
+    good = published(fits["status"])
     value = fits[quantity].to_numpy().astype(float)[good]
     value = value[np.isfinite(value)]
     if value.size == 0:
@@ -123,7 +124,7 @@ def fleet_figure(fits: xr.Dataset, aircraft: Sequence[str] | None = None) -> Fig
     right.tick_params(labelleft=False)
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
-    refused = int((fits["status"].sel(aircraft=names).to_numpy() != 0).any(axis=0).sum())
+    refused = int((~published(fits["status"].sel(aircraft=names))).any(axis=0).sum())
     hollow = f" Hollow grey: not to be trusted ({refused} aircraft)." if refused else ""
     return figure.say(
         f"Compass deviation of {plural(len(names), 'aircraft', 'aircraft')} (n = "

@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.evaluation.clustered_mean import cluster_sums, clustered_mean
-from airswing.flags import SCREENING
+from airswing.flags import SCREENING, STATUS, published
 from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.report.run.selection import pooled, status_words, tails, used
 from airswing.units import KNOT, NORMAL_95
@@ -174,20 +174,37 @@ def harmonic_amplitude(fits: xr.Dataset, reference: str) -> Floats:
     return np.asarray(fit["amplitude"].to_numpy()[fit["status"].to_numpy() == 0], float)
 
 
+def offsets_alone(fits: xr.Dataset, reference: str) -> Floats:
+    """Offset (degree) of each aircraft that has no curve but a constant, against one reference."""
+    fit = fits.sel(reference=reference)
+    alone = fit["status"].to_numpy() == STATUS["offset_only"]
+    return np.asarray(fit["offset"].to_numpy()[alone], float)
+
+
 def headline(
     headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
 ) -> str:
     """Return the page's first sentence: how many were fitted, how large, what it bought."""
     amplitude = harmonic_amplitude(fits, reference)
+    offset = offsets_alone(fits, reference)
     fleet = fits.sizes["aircraft"]
-    if amplitude.size == 0:
+    if amplitude.size + offset.size == 0:
         return (
             f"None of {fleet} aircraft could be fitted against {reference}: see below what was "
             "left out and why."
         )
-    text = f"{amplitude.size} of {fleet} aircraft fitted against {reference}: " + _typical(
-        amplitude
-    )
+    found = []
+    if amplitude.size:
+        found.append(
+            f"{amplitude.size} of {fleet} aircraft fitted against {reference}: "
+            + _typical(amplitude)
+        )
+    if offset.size:
+        found.append(
+            f"{offset.size} of {fleet} aircraft have an offset alone against {reference} (too few "
+            f"headings or flights for a curve), {np.median(offset):+.1f}° in the middle"
+        )
+    text = "; ".join(found)
     if corrected is None:
         return text + "."
     total = fleet_disagreement(headings, corrected, fits, reference)
@@ -218,7 +235,7 @@ def correction_rows(fits: xr.Dataset, reference: str) -> list[dict[str, Any]]:
     rows = []
     for index, name in enumerate(tails(fits)):
         one = fit.isel(aircraft=index)
-        good = int(one["status"]) == 0
+        good = bool(published(one["status"]))
         table = one["table_correction"].to_numpy().astype(float)
         rows.append(
             {

@@ -1,0 +1,166 @@
+"""One constant an aircraft, where its headings or flights do not allow a curve.
+
+Assumptions
+-----------
+psi_err = A over the headings flown: what lies beyond them is not known, and an amplitude is never
+told. The reference's bias b enters as (b_u cos psi - b_v sin psi) / V and cannot be told from A on
+one heading, so it comes from the rest of the fleet: from the aircraft with curves where there are
+two or more, else from the along-track errors of the aircraft without (a compass error does not
+touch them), and its scatter between aircraft widens the interval. Taken from along-track errors
+that scatter holds the airspeed sensors' own, so the interval is rather too wide than too narrow.
+
+Errors are clustered by flight. Fewer than `MIN_FLIGHTS` flights cannot tell what a flight's
+reference error is: their clusters are stretches of `STRETCH` and the flights' error is that of the
+along-track errors of all aircraft like it, `FEWEST_AIRCRAFT` of them or more.
+
+Radians and m/s inside.
+
+References
+----------
+de Haan 2011 (J. Geophys. Res. 116, D10111): one heading correction an aircraft from Mode-S.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from airswing.compass.fit.aircraft import AircraftFit
+from airswing.compass.fit.cycles import t_inflation
+from airswing.compass.fit.normal_equations import COMPASS
+from airswing.compass.fit.pooled_bias import FIRST_BIAS, day_ratio, pool
+from airswing.compass.fit.sandwich import Array
+
+MIN_FLIGHTS = 5
+STRETCH = np.timedelta64(120, "s")
+"""Length of a cluster within a flight where there are too few flights."""
+FEWEST_AIRCRAFT = 6
+"""Aircraft whose along-track errors tell the scatter of the reference's."""
+USUAL_BIAS = 0.5
+"""m/s: scatter of a reference's bias between aircraft where the archive cannot tell it."""
+HALVES_APART, HALVES_CHI2 = np.radians(1.0), 18.7
+"""More than this between the halves of the period is a compass that changed: as for curves, whose
+chi-square of 25 on three degrees of freedom is as rare as this on one."""
+
+
+@dataclass(frozen=True)
+class Offset:
+    """A constant and its variance, radians; ``stable`` where both halves of the period agree."""
+
+    value: float
+    variance: float
+    stable: bool
+
+
+@dataclass(frozen=True)
+class _Bias:
+    """Reference's bias of all members: mean, covariance, scatter between aircraft (members,)."""
+
+    mean: Array
+    covariance: Array
+    scatter: Array
+
+
+def offsets(
+    fits: list[AircraftFit], few: list[bool], curves: list[AircraftFit], *, joint: bool
+) -> list[Offset | None]:
+    """Offset of every aircraft that has no curve.
+
+    Parameters
+    ----------
+    fits : list of AircraftFit
+        Fitted with ``harmonics=0``.
+    few : list of bool
+        Whether an aircraft has fewer than `MIN_FLIGHTS` flights, its clusters being stretches.
+    curves : list of AircraftFit
+        Of the aircraft with curves, against the same references.
+    joint : bool
+        Whether along-track errors were fitted.
+
+    Returns
+    -------
+    list of Offset or None
+        None where too few aircraft tell what a single flight's error is.
+    """
+    if not fits:
+        return []
+    found: list[Offset | None] = [None] * len(fits)
+    for kind in (False, True):
+        own = [k for k, one in enumerate(few) if one == kind]
+        group = [fits[k] for k in own]
+        if not group or (kind and (len(group) < FEWEST_AIRCRAFT or not joint)):
+            continue
+        bias = _bias(group, [] if kind else curves, joint)
+        ratio = day_ratio(
+            [np.diagonal(fit.covariance) for fit in group],
+            [np.diagonal(fit.day_covariance) for fit in group],
+            [max(fit.day_number.size - 1, 1) for fit in group],
+        )[0]
+        for k, fit in zip(own, group, strict=True):
+            found[k] = _offset(fit, bias, float(ratio))
+    return found
+
+
+def _offset(fit: AircraftFit, bias: _Bias, ratio: float) -> Offset:
+    slope = fit.normal[0, FIRST_BIAS:] / fit.normal[0, 0]
+    sampling = float(fit.covariance[0, 0] * t_inflation(fit.freedom[:1])[0] ** 2) * ratio
+    changed = _changed(fit, float(fit.covariance[0, 0]) * ratio)
+    # references of a pool err together: their scatters add up, not their squares
+    shared = ((np.abs(slope.reshape(-1, 2)) * bias.scatter[:, np.newaxis]).sum(axis=0) ** 2).sum()
+    return Offset(
+        float(fit.theta[0] - slope @ bias.mean),
+        sampling + float(slope @ bias.covariance @ slope) + float(shared),
+        fit.converged and not changed,
+    )
+
+
+def _changed(fit: AircraftFit, variance: float) -> bool:
+    """Whether the halves of the period have different offsets."""
+    first = fit.flight_order[: fit.flight_order.size // 2]
+    apart = 4.0 * float(fit.flight[first, 0].sum())
+    # a step widens the scatter of the clusters itself: what it adds is taken off
+    inside = max(variance - apart**2 / (4.0 * fit.flight_order.size), 0.05 * variance)
+    return abs(apart) > HALVES_APART and apart**2 > HALVES_CHI2 * 4.0 * inside
+
+
+def _bias(group: list[AircraftFit], curves: list[AircraftFit], joint: bool) -> _Bias:
+    members = (group[0].theta.size - FIRST_BIAS) // 2
+    if joint and len(curves) >= 2:
+        fleet = pool(curves, joint=True)
+        return _Bias(fleet.bias, fleet.bias_covariance, fleet.tau)
+    mean, covariance, scatter = np.zeros(2), np.zeros((2, 2)), USUAL_BIAS
+    if joint and len(group) >= FEWEST_AIRCRAFT:
+        mean, covariance, scatter = _from_airspeed(group)
+    return _Bias(
+        np.tile(mean, members), np.tile(covariance, (members, members)), np.full(members, scatter)
+    )
+
+
+def _from_airspeed(group: list[AircraftFit]) -> tuple[Array, Array, float]:
+    """Bias common to all members from along-track errors: s_k V = s V + b along heading k.
+
+    Its mean counts only where the headings of the fleet tell it from the mean airspeed scale.
+    """
+    along = np.array([fit.normal[COMPASS, FIRST_BIAS:] for fit in group])
+    along = along.reshape(len(group), -1, 2).sum(axis=1)
+    strength = np.array([fit.normal[COMPASS, COMPASS] for fit in group])[:, np.newaxis]
+    design = np.hstack([np.ones((len(group), 1)), along / strength])
+    scale = np.array([fit.theta[COMPASS] for fit in group])
+    speed = np.array([_airspeed(fit) for fit in group])
+    design, error = design * speed[:, np.newaxis], scale * speed
+    size = np.sqrt((design**2).mean(axis=0))
+    if np.linalg.cond(design / size) > 10.0 or len(group) < 2 * FEWEST_AIRCRAFT:
+        spread = error - np.median(error)
+        return np.zeros(2), np.zeros((2, 2)), float(np.sqrt((spread**2).sum() / (len(group) - 1)))
+    inverse = np.linalg.inv(design.T @ design)
+    found = inverse @ design.T @ error
+    rest = error - design @ found
+    variance = float(rest @ rest) / (len(group) - 3)
+    return found[1:], inverse[1:, 1:] * variance, float(np.sqrt(variance))
+
+
+def _airspeed(fit: AircraftFit) -> float:
+    """Its airspeed, m/s: the normal matrix holds it squared beside the weights themselves."""
+    weights = np.trace(fit.normal[FIRST_BIAS:, FIRST_BIAS:])
+    return float(np.sqrt((fit.normal[0, 0] + fit.normal[COMPASS, COMPASS]) / weights))

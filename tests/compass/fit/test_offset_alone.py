@@ -1,0 +1,127 @@
+"""One constant an aircraft where headings or flights do not allow a curve."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.compass.flown import Setting, fly
+
+from airswing.compass.correction import correct
+from airswing.compass.fit.deviation import fit_deviation
+from airswing.compass.table import add_tables
+from airswing.compass.tables_csv import write_swing_cards, write_tables_csv
+from airswing.flags import STATUS, published
+from airswing.gap.simulation.known_effects import effects_of_fits
+
+FLEET = Setting(aircraft=10, days=40, flights_a_day=4)
+ONE_HOUR = Setting(
+    aircraft=30, days=1, flights_a_day=1, reports_a_flight=300, legs=1, bias=(0.2, 0.1)
+)
+
+
+def on_one_octant(setting, seed, aircraft):
+    """A fleet of constant deviations, some of them left with the headings of one octant."""
+    rng = np.random.default_rng([seed, 1])
+    deviation = np.zeros((setting.aircraft, 5))
+    deviation[:, 0] = rng.normal(0, 1, setting.aircraft)
+    headings, _ = fly(deviation, setting, seed)
+    own = np.repeat(np.arange(setting.aircraft), headings.sizes["report"] // setting.aircraft)
+    middle = headings["heading"].to_numpy()[np.searchsorted(own, np.arange(setting.aircraft))]
+    apart = (headings["heading"].to_numpy() - middle[own] + 180) % 360 - 180
+    off = np.isin(own, aircraft) & (np.abs(apart) > 22.5)
+    headings["screening"] = ("report", np.where(off, 8, 0).astype(np.int32))
+    return headings, deviation[:, 0]
+
+
+@pytest.mark.parametrize(
+    ("setting", "alone", "seeds", "least", "most"),
+    [
+        # beside aircraft with curves: their bias and its scatter are those of the simulation
+        pytest.param(FLEET, range(6, 10), 20, 0.90, 0.995, id="beside_curves"),
+        # without: airspeed sensors' errors are taken for the reference's, the interval is wide
+        pytest.param(FLEET, range(10), 8, 0.95, 1.0, id="no_curve_in_the_fleet"),
+        pytest.param(ONE_HOUR, range(30), 12, 0.90, 1.0, id="one_flight_each"),
+    ],
+)
+def test_intervals_hold_the_truth(setting, alone, seeds, least, most):
+    z = []
+    for seed in range(seeds):
+        headings, truth = on_one_octant(setting, seed, list(alone))
+        fits = fit_deviation(headings, min_reports=100).isel(reference=0, aircraft=list(alone))
+        only = fits["status"].to_numpy() == STATUS["offset_only"]
+        apart = fits["offset"].to_numpy() - truth[list(alone)]
+        z.append((apart / fits["offset_standard_error"].to_numpy())[only])
+    inside = np.abs(np.concatenate(z)) < 1.96
+    assert inside.size >= 60
+    assert least <= inside.mean() <= most
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    headings, truth = on_one_octant(FLEET, 3, [8, 9])
+    return headings, truth, add_tables(fit_deviation(headings), headings)
+
+
+def test_two_hundred_reports_in_one_octant_are_an_offset_never_an_amplitude(fleet):
+    _, truth, fits = fleet
+    one = fits.isel(reference=0, aircraft=9)
+    assert int(one["status"]) == STATUS["offset_only"]
+    assert int(one["compass_points"]) <= 3
+    assert int(one["report_count"]) >= 200
+    assert float(one["offset"]) == pytest.approx(
+        truth[9], abs=3 * float(one["offset_standard_error"])
+    )
+    for name in ("amplitude", "phase", "airspeed_scale", "amplitude_standard_error"):
+        assert np.isnan(one[name])
+    assert int(one["harmonics"]) == 0
+    table = one["table_correction"].to_numpy()
+    assert np.ptp(table) == 0
+    assert table[0] == pytest.approx(-float(one["offset"]), abs=0.051)
+    square = one["deviation_covariance"].to_numpy()
+    assert np.sqrt(square[0, 0]) == pytest.approx(float(one["offset_standard_error"]))
+    assert np.count_nonzero(square) == 1
+
+
+def test_everyone_who_takes_a_fit_takes_the_offset(fleet, tmp_path):
+    headings, _, fits = fleet
+    name = str(fits["aircraft"].to_numpy()[9])
+    corrected = correct(headings, fits, apply_airspeed_scale=True)
+    last = slice(-int(headings["row_size"][9]), None)
+    assert (corrected["correction_applied"].to_numpy()[last] == 0).all()
+    turned = corrected["corrected_heading"] - headings["heading"]
+    expected = float(fits["table_correction"][0, 9, 0])
+    turn = (turned.to_numpy()[last] - expected + 180) % 360 - 180
+    assert np.abs(turn).max() < 1e-3
+    assert np.isfinite(corrected["corrected_eastward_wind"].to_numpy()[last]).all()
+    rows = write_tables_csv(fits, tmp_path / "tables.csv").read_text().splitlines()
+    own = [row.split(",") for row in rows if row.startswith(name)]
+    assert len(own) == 8 and {row[2] for row in own} == {"offset_only"}
+    assert {row[5] for row in own} == {f"{float(fits['offset_standard_error'][0, 9]):.3f}"}
+    write_swing_cards(fits.isel(aircraft=[9]), tmp_path / "cards", suffix="svg")
+    card = next((tmp_path / "cards").glob("*.svg")).read_text()
+    assert "offset alone" in card and "NO CARD" not in card
+    effects = effects_of_fits(fits, reference=str(fits["reference"].item()))
+    assert [one.name for one in effects if one.tails == (name,)] == ["compass_offset"]
+
+
+def test_the_refusal_names_the_limit_that_refused():
+    few = replace(FLEET, aircraft=2, days=1)
+    headings, _ = on_one_octant(replace(few, reports_a_flight=60), 1, [])
+    fits = fit_deviation(headings, min_reports=200)
+    # four flights of sixty reports, and nobody to tell what a flight's reference error is
+    assert fits["status"].to_numpy().tolist() == [[STATUS["too_few_flights"]] * 2]
+    assert fit_deviation(headings, min_reports=1000)["status"].to_numpy().tolist() == [
+        [STATUS["too_few_reports"]] * 2
+    ]
+    assert not published(fits["status"]).any()
+
+
+def test_a_compass_that_changed_has_no_offset():
+    headings, _ = on_one_octant(FLEET, 5, list(range(10)))
+    half = headings["time"] > headings["time"].quantile(0.5)
+    moved = headings["heading_error"] + 6.0 * half
+    fits = fit_deviation(headings.assign(heading_error=moved))
+    found = fits["status"].to_numpy()[0]
+    enough = fits["report_count"].to_numpy()[0] >= 200
+    assert enough.sum() >= 6
+    assert (found[enough] == STATUS["unstable_fit"]).all()
