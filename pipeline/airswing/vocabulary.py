@@ -288,6 +288,7 @@ _FITS = [
         _RA,
         "f8",
     ),
+    _V("mean_declination", "degree", "mean declination over the reports used", _A, "f8"),
     _V("status", "", "whether the fit is to be trusted, or why not", _RA, "i1", "", STATUS),
     _V(
         "table_heading", "degree", "indicated magnetic heading of the table's node", ("node",), "f8"

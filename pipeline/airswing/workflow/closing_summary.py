@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from airswing.compass.fit.cycles import NORMAL_95
+from airswing.compass.heading_kind import heading_kind_warnings
 from airswing.config import Config
 from airswing.evaluation.compass_changes.stability import change_warnings
 from airswing.evaluation.disagreement import reference_mean, vector_difference
@@ -70,6 +71,7 @@ def summarise(
         "warnings": [
             *reading_warnings(tally(headings, "reading_audit")),
             *reference_warnings(tally(headings, "reference_audit")),
+            *heading_kind_warnings(fits, main),
             *change_warnings(fits),
         ],
         "fits": [

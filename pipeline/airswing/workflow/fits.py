@@ -19,6 +19,7 @@ from airswing.products.checked import note, noted
 from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.ragged import blocks
 from airswing.products.ragged_product import still_in_file
+from airswing.vocabulary import describe
 from airswing.workflow.job import (
     CORRECTED,
     FITS,
@@ -51,6 +52,7 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     Dataset
     """
     from airswing.compass.fit.deviation import fit_deviation
+    from airswing.compass.heading_kind import mean_declination
     from airswing.compass.table import add_tables
     from airswing.evaluation.compass_changes.stability import add_changes, find_changes
 
@@ -62,6 +64,7 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
             fits = fit_deviation(screened, pools=config.pools(), **config.fit.model_dump())
             resolution = math.degrees(config.table.resolution)
             fits = add_tables(fits, screened, resolution=resolution, sign=config.table.sign)
+            fits = describe(fits.assign(mean_declination=("aircraft", mean_declination(screened))))
             members = config.pools()[main_reference(config)]
             fits = add_changes(
                 fits, find_changes(screened, members=members, abscissa=config.fit.abscissa)

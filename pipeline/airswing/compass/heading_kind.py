@@ -1,0 +1,129 @@
+"""Whether the headings of an archive are of the kind they are taken for: true or magnetic.
+
+Assumptions
+-----------
+A magnetic heading taken for true is in error by minus the declination where it was flown, a true
+one taken for magnetic (or corrected twice) by the declination. Compass offsets proper differ from
+aircraft to aircraft and have a mean of their own: in Mode-S data of 27 types their mean is 1.0
+degree and their scatter 0.7, which is what the offsets are weighed against, as two normal
+hypotheses. Valid for two aircraft or more; where the declination is small (under 3 degrees all
+over) nothing can be told and nothing is said.
+
+References
+----------
+de Haan 2016 (KNMI): offsets by type in Mode-S headings.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from airswing.compass.fit.sandwich import Array
+from airswing.flags import published
+from airswing.products.ragged import aircraft_of_report, blocks
+
+COMMON, OWN = 1.0, 0.7
+"""Degrees: mean of a fleet's offsets as a standard deviation, and scatter between aircraft."""
+EVIDENCE = float(np.log(100.0))
+"""Log odds from which on it is said."""
+FEWEST = 2
+_WORDS = {
+    "magnetic_for_true": (
+        "minus the declination",
+        "headings taken for true are magnetic",
+        "map their column as magnetic_heading_deg (winds that a unit computed itself along a "
+        "magnetic heading need the unit's own remedy)",
+    ),
+    "true_for_magnetic": (
+        "the declination",
+        "headings taken for magnetic are true",
+        "map their column as heading_deg",
+    ),
+}
+
+
+def mean_declination(headings: xr.Dataset) -> Array:
+    """Mean declination over the reports of every aircraft that count.
+
+    Parameters
+    ----------
+    headings : Dataset
+        With ``declination`` and ``screening``.
+
+    Returns
+    -------
+    array, shape (aircraft,)
+        Degrees; NaN without a report.
+    """
+    found = []
+    for block in blocks(headings, ["declination", "screening"]):
+        value = block["declination"].to_numpy().astype(np.float64)
+        kept = np.isfinite(value) & (block["screening"].to_numpy() == 0)
+        own, size = aircraft_of_report(block)[kept], block.sizes["aircraft"]
+        count = np.bincount(own, minlength=size)
+        total = np.bincount(own, weights=value[kept], minlength=size)
+        found.append(np.divide(total, count, out=np.full(size, np.nan), where=count > 0))
+    return np.concatenate(found)
+
+
+def taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLike) -> str:
+    """Tell what the headings of a fleet were taken for, from offsets and declination.
+
+    Parameters
+    ----------
+    offset, standard_error, declination : array_like, shape (aircraft,)
+        Degrees; finite.
+
+    Returns
+    -------
+    str
+        ``magnetic_for_true``, ``true_for_magnetic``, or empty: as they should be, or not known.
+    """
+    error, wide, angle = (
+        np.asarray(one, dtype=np.float64) for one in (offset, standard_error, declination)
+    )
+    if error.size < FEWEST:
+        return ""
+    inverse = np.linalg.inv(np.diag(OWN**2 + wide**2) + COMMON**2)
+    odds = {
+        name: 0.5 * float(error @ inverse @ error - rest @ inverse @ rest)
+        for name, rest in (
+            ("magnetic_for_true", error + angle),
+            ("true_for_magnetic", error - angle),
+        )
+    }
+    best = max(odds, key=lambda name: odds[name])
+    return best if odds[best] > EVIDENCE else ""
+
+
+def heading_kind_warnings(fits: xr.Dataset, reference: str) -> list[str]:
+    """Say where a fleet's offsets are those of headings of the other kind.
+
+    Parameters
+    ----------
+    fits : Dataset
+        With ``mean_declination``; without it there is nothing to say.
+    reference : str
+        Whose fits.
+
+    Returns
+    -------
+    list of str
+        One sentence, or none.
+    """
+    if "mean_declination" not in fits:
+        return []
+    fit = fits.sel(reference=reference)
+    offset, angle = fit["offset"].to_numpy(), fit["mean_declination"].to_numpy()
+    good = published(fit["status"]) & np.isfinite(offset) & np.isfinite(angle)
+    kind = taken_for(offset[good], fit["offset_standard_error"].to_numpy()[good], angle[good])
+    if not kind:
+        return []
+    like, what, remedy = _WORDS[kind]
+    return [
+        f"the heading offsets of {np.count_nonzero(good)} aircraft (median "
+        f"{np.median(offset[good]):+.1f} degrees) are {like} where they flew "
+        f"({np.median(angle[good]):+.1f} degrees): it seems that {what}; {remedy}"
+    ]

@@ -1,0 +1,87 @@
+"""Offsets of a whole fleet that are the declination: headings of the other kind."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from airswing import workflow
+from airswing.compass.heading_kind import taken_for
+from airswing.config import load_config
+from airswing.products.netcdf import read_product
+from airswing.synthetic.sample.mode_s_sample import START, write_mode_s
+from airswing.synthetic.world.earthfield import EarthField
+from airswing.workflow.progress import Progress
+
+
+@pytest.mark.parametrize(
+    ("sign", "expected"), [(-1.0, "magnetic_for_true"), (1.0, "true_for_magnetic"), (0.0, "")]
+)
+def test_offsets_that_are_the_declination_are_told(sign, expected):
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        declination = rng.uniform(-14, -7) + rng.normal(0, 1, 8)
+        offset = rng.normal(0, 0.7) + rng.normal(0, 0.7, 8) + sign * declination
+        assert taken_for(offset, np.full(8, 0.3), declination) == expected
+
+
+def test_a_small_declination_or_one_aircraft_tells_nothing():
+    # Netherlands 2017, 0.9 degrees east: offsets of Mode-S aircraft are as large
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        offset = rng.normal(0, 1.0) + rng.normal(0, 0.7, 50)
+        assert not taken_for(offset, np.full(50, 0.2), np.full(50, 0.9))
+    assert not taken_for([12.0], [0.1], [-12.0])
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("mode_s")
+    write_mode_s(folder, flights=10)
+    return folder
+
+
+def summary_of(folder: Path, table: Path, columns: dict) -> tuple[dict, Path]:
+    output = folder / f"results_{table.stem}_{len(columns)}"
+    config = {
+        "reports": {"files": str(table), "interval": "60 s", "columns": columns},
+        "references": {"era5": {"files": str(folder / "era5.nc")}},
+        "screening": {"phases": ["ascent", "cruise", "descent", "unknown"]},
+        "fit": {"min_reports": 100},
+        "output": str(output),
+    }
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump(config))
+    return workflow.run(workflow.Job(load_config(path), Progress(quiet=True))), output
+
+
+def test_a_run_says_that_magnetic_headings_were_taken_for_true(archive):
+    table = archive / "mode_s.csv"
+    right, output = summary_of(archive, table, {})
+    assert not any("declination" in line for line in right["warnings"])
+    fits = read_product(output / "fits.nc").isel(reference=0)
+    truth = {"a00004": 2.1, "a00005": -1.4, "a00006": 0.9}
+    for name, offset in truth.items():
+        one = fits.sel(aircraft=name)
+        assert float(one["offset"]) == pytest.approx(
+            offset, abs=3 * float(one["offset_standard_error"])
+        )
+    wrong, output = summary_of(archive, table, {"heading": "heading_deg"})
+    (line,) = [line for line in wrong["warnings"] if "declination" in line]
+    assert "headings taken for true are magnetic" in line
+    assert "magnetic_heading_deg" in (output / "report" / "index.html").read_text()
+
+
+def test_a_run_says_that_true_headings_were_taken_for_magnetic(archive):
+    reports = pd.read_csv(archive / "mode_s.csv", parse_dates=["timestamp"])
+    field = EarthField(pd.Timestamp(START).to_pydatetime(), 1.0, (44, 54, -128, -114))
+    hours = np.zeros(len(reports))
+    declination = field.at(reports.latitude.to_numpy(), reports.longitude.to_numpy(), hours)[0]
+    reports["heading"] = (reports["heading"] + np.degrees(declination)) % 360
+    table = archive / "true.csv"
+    reports.to_csv(table, index=False)
+    wrong, _ = summary_of(archive, table, {})
+    (line,) = [line for line in wrong["warnings"] if "declination" in line]
+    assert "headings taken for magnetic are true" in line
