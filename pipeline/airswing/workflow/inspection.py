@@ -50,7 +50,40 @@ def inspect_file(path: Path) -> dict[str, Any]:
         return {"file": str(path), "kind": "grib", **inspect_grib(path)}
     from airswing.reports.file_summary import reports_summary
 
-    return {"file": str(path), "kind": "reports", **reports_summary(path)}
+    try:
+        return {"file": str(path), "kind": "reports", **reports_summary(path)}
+    except InputError as error:
+        proposed = _proposal(path, error)
+        if proposed is None:
+            raise
+        return {"file": str(path), "kind": "a table of unknown columns", **proposed}
+
+
+def _proposal(path: Path, error: InputError) -> dict[str, Any] | None:
+    """The mapping an unknown table would be read with, and what it then holds; None for others."""
+    from airswing.reports.file_summary import reports_summary
+    from airswing.reports.mapping_proposal import propose_mapping
+
+    if "column" not in error.what and "is there" not in error.what:
+        return None
+    try:
+        found = propose_mapping(path)
+    except (InputError, ValueError, ImportError):
+        return None
+    if found is None:
+        return None
+    told: dict[str, Any] = {"problem": f"{error.field}: {error.what}"}
+    told["proposed mapping, to go under reports"] = found["yaml"]
+    if found["unused"]:
+        told["columns not used"] = found["unused"]
+    if found["missing"]:
+        told["still missing"] = found["missing"]
+        return told
+    try:
+        told["read with it"] = reports_summary(path, columns=found["columns"])
+    except InputError as again:
+        told["read with it"] = str(again)
+    return told
 
 
 def _winds(path: Path) -> dict[str, Any]:
@@ -124,6 +157,8 @@ def as_text(found: dict[str, Any], *, indent: str = "") -> str:
             ]
         elif isinstance(value, list):
             lines.append(f"{indent}{key}: {', '.join(map(str, value))}")
+        elif isinstance(value, str) and "\n" in value:
+            lines += [f"{indent}{key}:", *(f"{indent}  {row}" for row in value.split("\n"))]
         else:
             lines.append(f"{indent}{key}: {value}")
     return "\n".join(line for line in lines if line)

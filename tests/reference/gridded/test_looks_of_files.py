@@ -127,6 +127,16 @@ def knots(ds: xr.Dataset) -> xr.Dataset:
     return ds
 
 
+def grads(ds: xr.Dataset) -> xr.Dataset:
+    """GrADS' server (NOMADS): units stand at the end of the long name."""
+    ds = ds.rename(u="ugrdprs", v="vgrdprs", latitude="lat", longitude="lon", level="lev")
+    for letter in "uv":
+        words = f"** (1000 975 950 925 900..) {letter}-component of wind [m/s] "
+        ds[f"{letter}grdprs"].attrs = {"long_name": words}
+    ds.lev.attrs = {"units": "millibar", "grads_dim": "z", "long_name": "altitude"}
+    return ds
+
+
 def other_order(ds: xr.Dataset) -> xr.Dataset:
     return ds.transpose("longitude", "latitude", "level", "time")
 
@@ -146,7 +156,7 @@ def other_levels_too(ds: xr.Dataset) -> xr.Dataset:
 
 @pytest.mark.parametrize(
     "look",
-    [cds_new, unlabelled, ncep, merra, cmip, ncl, knots, other_order, other_levels_too],
+    [cds_new, unlabelled, ncep, merra, cmip, ncl, grads, knots, other_order, other_levels_too],
 )
 def test_files_as_they_come(look: Callable[[xr.Dataset], xr.Dataset]) -> None:
     found = check(look(base()))

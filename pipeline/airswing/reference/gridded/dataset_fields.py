@@ -25,7 +25,7 @@ from airswing.reference.grib.fields import PRESSURE
 from airswing.reference.gridded.cf.axes_grid import AxesGrid, through_points
 from airswing.reference.gridded.cf.cf_axes import Axes, axes_of, coordinate, members_of
 from airswing.reference.gridded.cf.cf_times import times_of
-from airswing.reference.gridded.cf.cf_units import factor_of, required_factor
+from airswing.reference.gridded.cf.cf_units import factor_of, required_factor, written_units
 from airswing.reference.gridded.cf.curvilinear import CurvilinearGrid
 from airswing.reference.gridded.cf.naming import Naming
 from airswing.reference.gridded.cf.projection import (
@@ -183,7 +183,7 @@ def _rows(
         shape = [outer[d] if d == axes.member else 1 for d in outer]
         member = np.broadcast_to(numbers.reshape(shape), tuple(outer.values())).ravel()
     wind = kind < PRESSURE
-    written = naming.units.get(name, ds[name].attrs.get("units"))
+    written = naming.units.get(name, written_units(ds[name].attrs))
     exponential = kind == SURFACE and factor_of(written, "pressure") is None
     scale = 1.0
     if not exponential:

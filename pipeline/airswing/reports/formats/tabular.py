@@ -120,6 +120,50 @@ def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
         raise InputError("has a header but no reports", file=path)
 
 
+def first_rows(path: Path, rows: int = 2000) -> pd.DataFrame:
+    """The beginning of a table as it stands: nothing renamed, nothing converted.
+
+    Parameters
+    ----------
+    path : Path
+        CSV or Parquet.
+    rows : int
+
+    Returns
+    -------
+    DataFrame
+
+    Raises
+    ------
+    InputError
+        The file is no table.
+    """
+    with path.open("rb") as file:
+        packed = file.read(4) == b"PAR1"
+    if packed:
+        import pyarrow.parquet as pq
+
+        with pq.ParquetFile(path) as opened:
+            first: pd.DataFrame = next(opened.iter_batches(batch_size=rows)).to_pandas()
+        return first
+    head = _header(path)
+    try:
+        return pd.read_csv(
+            path,
+            sep=head.separator,
+            header=None,
+            skiprows=head.lines,
+            names=head.names,
+            index_col=False,
+            nrows=rows,
+            on_bad_lines="skip",
+            na_values=_BLANKS,
+            compression="gzip" if head.compression else None,
+        )
+    except (ValueError, OSError, EOFError, zlib.error) as error:
+        raise InputError(f"cannot be read as CSV: {error}", file=path) from error
+
+
 def _repeated(names: list[str], found: Mapping[str, Source]) -> list[str]:
     """Columns wanted that the header names again: the first of them counts, which is said."""
     return [

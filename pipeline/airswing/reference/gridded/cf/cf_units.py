@@ -6,6 +6,8 @@ Assumes unit strings as UDUNITS and GRIB decoders write them (``m s-1``, ``m s**
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from typing import Any
 
 from airswing.errors import InputError
@@ -39,6 +41,25 @@ def factor_of(text: str | None, kind: str) -> float | None:
         return float((1.0 * unit).to(_KINDS[kind]).magnitude)
     except (pint.PintError, AssertionError, AttributeError, TypeError, ValueError, SyntaxError):
         return None
+
+
+def written_units(attrs: Mapping[Any, Any]) -> str | None:
+    """Units of a variable: as CF has them, else in brackets at the end of its long name (GrADS).
+
+    Parameters
+    ----------
+    attrs : mapping
+        Of the variable.
+
+    Returns
+    -------
+    str or None
+    """
+    units = attrs.get("units")
+    if units is not None:
+        return str(units)
+    told = re.search(r"\[([^\[\]]+)\]\s*$", str(attrs.get("long_name", "")))
+    return told.group(1) if told else None
 
 
 def required_factor(text: str | None, kind: str, *, file: str, name: str) -> float:

@@ -1,0 +1,103 @@
+"""`airswing inspect` on a table nobody has seen: the mapping it proposes reads it."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from airswing import cli
+from airswing.reports.mapping_proposal import propose_mapping
+from airswing.reports.read import read_reports
+
+TIMES = pd.date_range("2017-01-11T12:00:00", periods=4, freq="30s")
+TRUTH = {
+    "pressure_altitude_m": [10668.0, 10668.0, 10058.4, 9448.8],
+    "direction": [310.0, 311.0, 350.0, 10.0],
+    "speed_m_s": [41.0, 40.0, 39.0, 38.0],
+    "latitude": [52.0, 52.02, 52.04, 52.06],
+    "longitude": [4.3, 4.35, 4.4, 4.45],
+}
+
+
+def european() -> pd.DataFrame:
+    """Date and time apart, units in brackets, semicolons, a column of no use."""
+    return pd.DataFrame(
+        {
+            "Registration": "D-ABCD",
+            "Date": TIMES.strftime("%Y-%m-%d"),
+            "UTC": TIMES.strftime("%H:%M:%S"),
+            "Lat": TRUTH["latitude"],
+            "Lng": TRUTH["longitude"],
+            "Alt (m)": TRUTH["pressure_altitude_m"],
+            "Wdir": TRUTH["direction"],
+            "WSpd [m/s]": TRUTH["speed_m_s"],
+            "OAT": -55.0,
+            "Remark: none": "x",
+        }
+    )
+
+
+def levels() -> pd.DataFrame:
+    """Flight levels, epoch milliseconds, wind as components, kelvin, no aircraft."""
+    angle = np.radians(TRUTH["direction"])
+    return pd.DataFrame(
+        {
+            "obs_time": (TIMES - pd.Timestamp(0)) // pd.Timedelta("1ms"),
+            "y": TRUTH["latitude"],
+            "x": TRUTH["longitude"],
+            "FL": np.array(TRUTH["pressure_altitude_m"]) / 30.48,
+            "u_m_s": -np.array(TRUTH["speed_m_s"]) * np.sin(angle),
+            "v_m_s": -np.array(TRUTH["speed_m_s"]) * np.cos(angle),
+            "temp": 218.0,
+        }
+    )
+
+
+@pytest.mark.parametrize("make", [european, levels])
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_what_is_proposed_reads_the_table(make, kind: str, tmp_path: Path) -> None:
+    path = tmp_path / f"theirs.{kind}"
+    table = make()
+    table.to_csv(path, index=False, sep=";") if kind == "csv" else table.to_parquet(path)
+    proposed = propose_mapping(path)
+    assert proposed is not None and not proposed["missing"]
+    columns = yaml.safe_load(proposed["yaml"])["columns"]
+    assert columns == proposed["columns"]
+    reports = read_reports(path, columns=columns)
+    assert reports["time"].to_numpy().tolist() == TIMES.to_numpy().astype("M8[ns]").tolist()
+    for name in ("latitude", "longitude"):
+        assert reports[name].to_numpy() == pytest.approx(TRUTH[name])
+    assert reports["pressure_altitude"].to_numpy() == pytest.approx(TRUTH["pressure_altitude_m"])
+    speed = np.hypot(reports["eastward_wind"], reports["northward_wind"])
+    assert speed.to_numpy() == pytest.approx(TRUTH["speed_m_s"], abs=0.01)
+    if make is european:
+        assert proposed["unused"] == ["Remark: none"]
+        assert reports["aircraft"].to_numpy().tolist() == ["D-ABCD"]
+
+
+def test_guesses_are_marked_and_what_is_missing_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "recorder.csv"
+    table = european()[["Date", "UTC", "Lat", "Lng"]].assign(hdg=10.0, gs=400.0, trk=11.0, mach=0.7)
+    table.to_csv(path, index=False)
+    shown = CliRunner().invoke(cli.app, ["inspect", str(path)])
+    assert shown.exit_code == 0, shown.output
+    assert "hdg: magnetic_heading_deg   # magnetic is a guess" in shown.output
+    assert "gs: {name: ground_speed_kt, unit: kt}   # kt or m/s" in shown.output
+    assert "tail: {value: recorder}   # one aircraft a file is a guess" in shown.output
+    assert "still missing: pressure_altitude_ft or pressure_hPa" in shown.output
+    whole = table.assign(alt=33000)
+    whole.to_csv(path, index=False)
+    shown = CliRunner().invoke(cli.app, ["inspect", str(path)])
+    assert "reports: 4" in shown.output and "alt: {name: pressure_altitude_ft, unit: ft}" in (
+        shown.output
+    )
+
+
+def test_text_that_is_no_table_is_still_refused(tmp_path: Path) -> None:
+    path = tmp_path / "letter.txt"
+    path.write_text("Dear colleague,\nhere is nothing of use.\n")
+    shown = CliRunner().invoke(cli.app, ["inspect", str(path)])
+    assert shown.exit_code != 0
