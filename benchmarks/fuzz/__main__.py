@@ -54,6 +54,18 @@ SHARES = {
     "kept reports": 5,
     "kept notes": 3,
     "header cache": 12,
+    "gridded NetCDF-4": 20,
+    "gridded NetCDF-3": 15,
+    "wrfout": 20,
+    "zarr": 25,
+    "GRIB2 model levels": 20,
+    "GRIB2 Gaussian": 15,
+    "station pairs": 12,
+    "station observations": 12,
+    "station GRIB": 20,
+    "corrected.nc": 8,
+    "reject list": 8,
+    "error table": 8,
     "whole command": 4,
 }
 """How often each kind is drawn."""

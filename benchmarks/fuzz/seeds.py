@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 import yaml
+from benchmarks.fuzz.dataset_seeds import make_dataset_seeds
 
 import airswing  # noqa: F401  (imports pyproj before eccodes can be)
 
@@ -66,6 +67,7 @@ GRIBS: dict[str, tuple[int, dict[str, Any], str, bool]] = {
 TEXTS = ("csv", "csv.gz", "yaml", "effects")
 TABLES = ("parquet", "netcdf3", "netcdf4", "bufr")
 PRODUCTS = ("headings.nc", "fits.nc")
+HANDED_OVER = ("corrected.nc",)
 KEPT = ("kept samples", "kept reports", "kept notes", "header cache")
 
 
@@ -90,12 +92,13 @@ def make_seeds(folder: Path) -> dict[str, Path]:
         "parquet": lambda path: table.to_parquet(path, index=False),
         "netcdf3": lambda path: _madis(path, "NETCDF3_CLASSIC"),
         "netcdf4": lambda path: _madis(path, "NETCDF4"),
-        "bufr": _bufr,
+        "bufr": bufr_file,
         "effects": lambda path: path.write_text(EFFECTS),
     }
     for kind, make in makers.items():
         made[kind] = folder / f"seed.{kind}"
         make(made[kind])
+    made |= make_dataset_seeds(folder)
     made |= _of_a_run(folder / "run")
     made["yaml"] = folder / "run" / "whole.yaml"
     return made
@@ -200,7 +203,7 @@ def _madis(path: Path, kind: Any) -> None:
         tails[:] = netCDF4.stringtochar(table["tail"].to_numpy().astype("S9"))
 
 
-def _bufr(path: Path) -> None:
+def bufr_file(path: Path) -> None:
     """A dozen AMDAR messages of the sequence 3 11 001."""
     import eccodes
 
@@ -250,7 +253,8 @@ def _of_a_run(folder: Path) -> dict[str, Path]:
     """Products, kept work and header cache of a small run, and its configuration."""
     from airswing.config import load_config
     from airswing.synthetic.sample.sample_archive import write_archive
-    from airswing.workflow import make_fits, make_headings
+    from airswing.workflow import make_corrected, make_fits, make_headings
+    from airswing.workflow.evaluation_stage import make_observation_errors
     from airswing.workflow.job import Job
     from airswing.workflow.progress import Progress
 
@@ -270,8 +274,9 @@ def _of_a_run(folder: Path) -> dict[str, Path]:
     (folder / "whole.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     job = Job(load_config(config), Progress(quiet=True), resume=True)
     headings = make_headings(job)
-    make_fits(job, headings)
+    corrected = make_corrected(job, headings, make_fits(job, headings))
+    make_observation_errors(job, headings, corrected)
     xr.Dataset.close(headings)
     shutil.rmtree(folder / "truth", ignore_errors=True)
-    made = {name: folder / "results" / name for name in PRODUCTS}
+    made = {name: folder / "results" / name for name in (*PRODUCTS, *HANDED_OVER)}
     return made | {kind: folder for kind in KEPT}

@@ -19,6 +19,17 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 import yaml
+from benchmarks.fuzz.dataset_seeds import DATASETS
+from benchmarks.fuzz.dataset_targets import (
+    EXPORTED,
+    OTHERS,
+    collocated,
+    damaged_dataset,
+    error_table,
+    exported,
+    possible,
+    postprocessed,
+)
 from benchmarks.fuzz.mutations import mutated
 from benchmarks.fuzz.seeds import GRIBS, KEPT, PRODUCTS, TABLES, TEXTS, WHEN, reports
 
@@ -26,7 +37,7 @@ from airswing.errors import LONGEST, AirswingError
 
 MAX_WIND = 150.0
 COMMAND_SECONDS = 120
-KINDS = (*GRIBS, *TEXTS, *TABLES, *PRODUCTS, *KEPT, "whole command")
+KINDS = (*GRIBS, *TEXTS, *TABLES, *PRODUCTS, *KEPT, *OTHERS, "whole command")
 
 
 class FoundError(Exception):
@@ -75,6 +86,8 @@ def _work(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) 
         return _kept(kind, pick, seeds, folder)
     if kind == "whole command":
         return _command(pick, seeds, folder)
+    if kind in OTHERS:
+        return _other(kind, pick, seeds, folder)
     path = damaged(kind, pick, seeds, folder)
     if kind in GRIBS:
         return _refusable(lambda: _grib(path, folder, pick))
@@ -85,6 +98,32 @@ def _work(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) 
     if kind == "effects":
         return _refusable(lambda: _effects(path))
     return _refusable(lambda: _reports(path))
+
+
+def _other(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) -> str:
+    """Datasets, stations and what is handed over."""
+    path = folder / f"damaged.{kind.replace(' ', '_')}"
+    other = seeds[pick.choice([*GRIBS, *TEXTS, *TABLES])].read_bytes()
+    damaged_dataset(kind, seeds[kind], other, pick, path)
+    if kind in DATASETS:
+        return _refusable(lambda: _gridded(path, folder, pick))
+    if kind == "error table":
+        return _refusable(lambda: error_table(path))
+    if kind in EXPORTED:
+        return command(*exported(kind, path, seeds, folder, pick))
+    end = command("postprocess", str(postprocessed(kind, path, seeds, folder)), "--quiet")
+    product = folder / "out" / "postprocessed.nc"
+    if end == "result":
+        with xr.open_dataset(product, engine="netcdf4") as ds:
+            winds = ds["forecast"][[str(n) != "air_temperature" for n in ds["variable"].values]]
+            if kind != "station pairs" and not possible(winds, MAX_WIND):
+                raise FoundError("absurd winds", f"{float(abs(winds).max())}")
+    return end
+
+
+def _gridded(path: Path, folder: Path, pick: random.Random) -> None:
+    winds = collocated(path, _places(), folder, pick)
+    _require_possible(winds["reference_eastward_wind"], winds["reference_northward_wind"])
 
 
 def damaged(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) -> Path:

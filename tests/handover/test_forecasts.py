@@ -220,6 +220,10 @@ def test_grib_forecasts_meet_observations(real, tmp_path):
         ("station,start,lead,forecast\nA,2009-01-01,3,1\n", "no column observation"),
         ("station,start,lead,forecast,observation\nA,bad,3,1,2\n", "no pair of forecast"),
         ("station,start,lead,forecast,observation\nA,2009-01-01,3,-999,2\n", "no pair"),
+        (
+            "station,start,lead,forecast,observation,lead\nA,2009-01-01,3,1,2,3\n",
+            "two columns of one name",
+        ),
         ("just some words\nthat are no table at all\n", "not a table"),
     ],
 )
@@ -229,6 +233,13 @@ def test_bad_tables_are_told(tmp_path, text, what):
     with pytest.raises(InputError, match=what) as told:
         pairs_from_tables([file])
     assert str(file) in str(told.value) and len(str(told.value)) < 2000
+
+
+def test_stations_of_which_nothing_can_be_used(tmp_path):
+    file = tmp_path / "stations.csv"
+    file.write_text("id,lat,lon,time,temperature_degC\nA,400,0,2009-01-01,3\n")
+    with pytest.raises(InputError, match="no observation can be used"):
+        pairs_at_stations([tmp_path / "none.grib"], [file])
 
 
 def test_bad_lines_are_counted_and_others_kept(tmp_path):

@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from benchmarks.fuzz.seeds import bufr_file
 
 from airswing.errors import InputError
 from airswing.products.ragged import aircraft_of_report
+from airswing.reference.packing.decoder import unpack_beside
+from airswing.reference.packing.simple_packing import UnreadableMessageError
 from airswing.reports import read_reports
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.formats.bufr import bufr_pieces
@@ -268,6 +271,38 @@ def test_a_broken_message_does_not_lose_the_others(tmp_path: Path, real: Callabl
     audit = audit_of(ds)
     assert audit["reports_read"] == 3
     assert audit["dropped"] == {"undecodable_message": 2}
+
+
+def test_a_message_that_ends_the_process_costs_one_report(tmp_path: Path):
+    """Sections 1 and 3 lie in two octets: ecCodes reads what is not there, and dies."""
+    path = tmp_path / "a.bufr"
+    bufr_file(path)
+    sound = read_reports(path)
+    messages = [b"BUFR" + part for part in path.read_bytes().split(b"BUFR")[1:]]
+    deadly = bytearray(messages[0])
+    deadly[10], deadly[39] = 68, 127
+    with pytest.raises(UnreadableMessageError, match="ends the decoder"):
+        unpack_beside(bytes(deadly), (33, 0))
+    path.write_bytes(b"".join([messages[1], bytes(deadly), b"noise", *messages[2:]]))
+    found = read_reports(path)
+    assert audit_of(found)["dropped"] == {"undecodable_message": 1}
+    assert found.sizes["report"] == sound.sizes["report"] - 1 == 11
+    tails = found["aircraft"].to_numpy()
+    same = sound.isel(
+        report=np.isin(sound["aircraft"].to_numpy()[aircraft_of_report(sound)], tails)
+    )
+    np.testing.assert_array_equal(found["eastward_wind"], same["eastward_wind"])
+
+
+def test_a_length_that_lies_costs_one_report(tmp_path: Path):
+    path = tmp_path / "a.bufr"
+    bufr_file(path)
+    content = bytearray(path.read_bytes())
+    content[4:7] = b"\xff\xff\xff"
+    path.write_bytes(content)
+    found = read_reports(path)
+    assert audit_of(found)["dropped"] == {"undecodable_message": 1}
+    assert found.sizes["report"] == 11
 
 
 def test_without_pdbufr_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -27,15 +27,18 @@ from airswing.reference.geometry.interpolation import bilinear, corners
 from airswing.reference.grib.fields import GarbageError, Window
 from airswing.reference.grib.gridsections import read_grid
 from airswing.reference.grib.messages import whole_messages
+from airswing.reference.grib.single_fields import single_fields
+from airswing.reference.packing.decoder import decode_beside, keys_beside
 from airswing.reference.packing.decoder_process import ABSENT
-from airswing.reference.packing.octets import unsigned
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
 Floats = NDArray[np.float64]
 _WANTED = {("2t", 2): "air_temperature", ("10u", 10): "u", ("10v", 10): "v"}
 _NUMBERS = {(0, 0), (2, 2), (2, 3)}
 """Category and number of temperature, u and v in discipline 0 of GRIB2."""
-_NO_BITMAP = b"\x00\x00\x00\x06\x06\xff"
+_HEADER = ["shortName", "level", "stepType", "dataDate", "dataTime", "validityDate", "validityTime"]
+_POSSIBLE = {"air_temperature": (150.0, 350.0), "u": (-150.0, 150.0), "v": (-150.0, 150.0)}
+MOST_POINTS = 100_000_000
 UNITS = {
     "air_temperature": "K",
     "eastward_wind": "m s-1",
@@ -144,95 +147,71 @@ def _fields_of(
         for start, edition, length in whole_messages(Window(descriptor), skipped):
             message = os.pread(descriptor, length, start)
             try:
-                yield from _fields(message, edition, latitude, longitude, skipped)
+                for single, sections in single_fields(message, edition):
+                    if _may_be_wanted(sections, edition):
+                        section = sections[2 if edition == 1 else 3]
+                        yield from _field(single, edition, section, latitude, longitude, skipped)
             except (GarbageError, IndexError):
                 skipped["message", "garbage: section lengths do not add up"] += 1
     finally:
         os.close(descriptor)
 
 
-def _fields(
+def _may_be_wanted(sections: dict[int, bytes], edition: int) -> bool:
+    """Whether a field stands at a height above ground on a grid of its own."""
+    if edition == 1:
+        return 2 in sections and sections[1][9] == 105
+    product = sections[4]
+    return (product[9], product[10]) in _NUMBERS and product[22] == 103
+
+
+def _field(
     message: bytes,
     edition: int,
+    section: bytes,
     latitude: Floats,
     longitude: Floats,
     skipped: Counter[tuple[str, str]],
 ) -> Iterator[_Field]:
-    """Wanted fields of a message, however many stand in it."""
-    for single, section in _single1(message) if edition == 1 else _single2(message):
-        try:
-            field = _at_stations(single, edition, section, latitude, longitude)
-        except UnplaceableGridError as err:
-            skipped["grid", str(err)] += 1
-        except UnreadableMessageError as err:
-            skipped["message", str(err)] += 1
-        else:
-            if field is not None:
-                yield field
-
-
-def _single1(message: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """A GRIB1 message of a field at a height above ground, and its grid section."""
-    product = message[8:36]
-    if product[9] != 105 or not product[7] & 0x80:
-        return
-    at = 8 + unsigned(product, 0, 3)
-    yield message, message[at : at + unsigned(message, at, 3)]
-
-
-def _single2(message: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Each wanted field of a GRIB2 message as a message of its own, and its grid section."""
-    sections: dict[int, bytes] = {}
-    bitmap, at, end = _NO_BITMAP, 16, len(message) - 4
-    while at < end:
-        size, number = unsigned(message, at, 4), message[at + 4]
-        if size < 5 or at + size > end:
-            raise GarbageError
-        sections[number] = message[at : at + size]
-        if number == 6 and sections[6][5] == 0:
-            bitmap = sections[6]
-        at += size
-        if number != 7 or not {1, 3, 4, 5, 6} <= sections.keys():
-            continue
-        product = sections[4]
-        if message[6] == 0 and (product[9], product[10]) in _NUMBERS and product[22] == 103:
-            own = bitmap if sections[6][5] == 254 else sections[6]
-            body = b"".join([sections[1], *(sections[k] for k in (3, 4, 5)), own, sections[7]])
-            head = message[:8] + (16 + len(body) + 4).to_bytes(8, "big")
-            yield head + body + b"7777", sections[3]
+    """A field at the stations; what cannot be read is counted."""
+    try:
+        field = _at_stations(message, edition, section, latitude, longitude)
+    except UnplaceableGridError as err:
+        skipped["grid", str(err)] += 1
+    except (UnreadableMessageError, ValueError, ArithmeticError) as err:
+        skipped["message", str(err)] += 1
+    else:
+        if field is not None:
+            yield field
 
 
 def _at_stations(
     message: bytes, edition: int, section: bytes, latitude: Floats, longitude: Floats
 ) -> _Field | None:
     """One field at the stations; None where it is another variable or no value at a time."""
-    import eccodes
-
-    try:
-        handle = eccodes.codes_new_from_message(message)
-    except eccodes.CodesInternalError as err:
-        raise UnreadableMessageError(f"not decodable: {err}") from err
-    try:
-        key = (eccodes.codes_get(handle, "shortName"), eccodes.codes_get(handle, "level"))
-        if key not in _WANTED or eccodes.codes_get(handle, "stepType") != "instant":
-            return None
-        start, valid = (_stamp(eccodes, handle, kind) for kind in ("data", "validity"))
-        grid = read_grid(edition, section)
-        eccodes.codes_set(handle, "missingValue", ABSENT)
-        values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
-    except (eccodes.CodesInternalError, ValueError) as err:
-        raise UnreadableMessageError(f"not decodable: {err}") from err
-    finally:
-        eccodes.codes_release(handle)
-    if values.size != grid.size:
-        raise UnreadableMessageError(f"{values.size} values on a grid of {grid.size} points")
+    keys = keys_beside(message, _HEADER)
+    name = _WANTED.get((str(keys.get("shortName")), keys.get("level", -1)))
+    if name is None or keys.get("stepType") != "instant":
+        return None
+    start, valid = (_stamp(keys, kind) for kind in ("data", "validity"))
+    grid = read_grid(edition, section)
+    if grid.size > MOST_POINTS:
+        raise UnreadableMessageError(f"damaged: a grid of {grid.size:,} points")
+    values = decode_beside(message, grid.size)
+    values[values == ABSENT] = np.nan
+    least, most = _POSSIBLE[name]
+    if not ((values >= least) & (values <= most) | np.isnan(values)).all():
+        raise UnreadableMessageError(f"{name} that no atmosphere has")
     lead = (valid - start) / np.timedelta64(1, "h")
-    at = _interpolated(grid, np.where(values == ABSENT, np.nan, values), latitude, longitude)
-    return _Field(_WANTED[key], int(start.astype(np.int64)), float(lead), grid, at)
+    at = _interpolated(grid, values, latitude, longitude)
+    return _Field(name, int(start.astype(np.int64)), float(lead), grid, at)
 
 
-def _stamp(eccodes: Any, handle: int, kind: str) -> np.datetime64:
-    date, clock = (int(eccodes.codes_get(handle, kind + part)) for part in ("Date", "Time"))
+def _stamp(keys: dict[str, Any], kind: str) -> np.datetime64:
+    """A time of the header within the years that ns can count."""
+    date, clock = (int(keys.get(kind + part, -1)) for part in ("Date", "Time"))
+    if not 19000101 <= date < 22000101:
+        raise UnreadableMessageError("damaged: impossible reference time")
     stamp = f"{date // 10000:04d}-{date // 100 % 100:02d}-{date % 100:02d}"
     return np.datetime64(f"{stamp}T{clock // 100:02d}:{clock % 100:02d}", "ns")
 

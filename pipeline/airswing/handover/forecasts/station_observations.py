@@ -85,6 +85,13 @@ def pairs_at_stations(
     left_out: Counter[str] = Counter()
     parts = [_observations(Path(file), columns or {}, left_out) for file in observations]
     observed = pd.concat(parts, ignore_index=True)
+    if observed.empty:
+        raise InputError(
+            "no observation can be used",
+            file=observations[0],
+            found="; ".join(f"{reason} ({n})" for reason, n in left_out.items() if n)
+            or "no line with a value",
+        )
     places = observed.groupby("station", sort=True)[list(PLACES)].first().reset_index()
     table, skipped = forecasts_at_stations(forecasts, places)
     left_out.update(skipped)

@@ -71,6 +71,14 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
         raise InputError(
             "no such column", file=path, field=unknown[0], found="columns " + ", ".join(names)
         )
+    again = table.columns[table.columns.duplicated()]
+    if len(again):
+        raise InputError(
+            "two columns of one name",
+            file=path,
+            field=str(again[0]),
+            remedy="Leave one of them out, or name them under columns",
+        )
     table.attrs["lines_skipped"] = len(rows) - len(whole)
     return table, told
 

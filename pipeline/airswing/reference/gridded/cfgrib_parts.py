@@ -11,6 +11,8 @@ Assumptions and validity
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
 import xarray as xr
@@ -18,10 +20,13 @@ import xarray as xr
 from airswing.errors import InputError
 from airswing.reference.geometry.grids import Grid, UnplaceableGridError
 from airswing.reference.grib.gridsections import read_grid
+from airswing.reference.gridded.grib_fieldset import GribField, Skipped, fields_of
 
 ISOBARIC = ("isobaricInhPa", "isobaricInPa")
 NATIVE = ("hybrid", "hybridLayer", "generalVertical", "generalVerticalLayer")
 GRID_SECTION = "grid_section"
+SKIPPED = "skipped"
+"""What a file holds that could not be read, in the encoding of its first part."""
 _KEYS = ("gridType", "shortName", "stepType", "typeOfLevel")
 _WITHOUT_ROWS = ("reduced_gg", "reduced_ll", "sh", "unstructured_grid", "healpix")
 
@@ -42,26 +47,52 @@ def cfgrib_parts(path: str) -> list[xr.Dataset]:
     InputError
         Where the file holds u and v on no grid of rows and columns.
     """
-    from cfgrib import messages
-
-    stream = messages.FileStream(path, errors="ignore")
-    index = messages.FileIndex.from_fieldset(stream, list(_KEYS))
-    held = [dict(zip(_KEYS, map(str, values), strict=True)) for values, _ in index.field_ids_index]
-    native = any(one["typeOfLevel"] in NATIVE for one in held)
-    wanted = [one for one in held if _is_wanted(one, native=native)]
-    odd = sorted({one["gridType"] for one in wanted if one["gridType"] in _WITHOUT_ROWS})
-    wanted = [one for one in wanted if one["gridType"] not in _WITHOUT_ROWS]
-    if odd and not wanted:
+    skipped: Skipped = Counter()
+    fields = fields_of(path, _may_matter, skipped)
+    native = any(one["typeOfLevel"] in NATIVE for one in fields.values())
+    kinds: dict[tuple[Any, ...], dict[int, GribField]] = {}
+    for number, one in fields.items():
+        if _is_wanted(one, native=native):
+            kinds.setdefault((*(one[key] for key in _KEYS), one.grid), {})[number] = one
+    odd = sorted({kind[0] for kind in kinds if kind[0] in _WITHOUT_ROWS})
+    usable = [own for kind, own in kinds.items() if kind[0] not in _WITHOUT_ROWS]
+    parts = _parts(usable, skipped)
+    if odd and not parts:
         raise InputError(
             "winds on no grid of rows and columns",
             file=path,
             found=", ".join(odd),
             remedy="Ask the archive for a regular grid, or interpolate to one",
         )
-    return [_part(path, index.subindex(one), one) for one in wanted]
+    if not parts and skipped:
+        raise InputError(
+            "cannot be opened as cfgrib",
+            file=path,
+            found="; ".join(f"{count:,} {what}: {why}" for (what, why), count in skipped.items()),
+        )
+    if parts:
+        parts[0].encoding[SKIPPED] = skipped
+    return parts
 
 
-def _is_wanted(one: dict[str, str], *, native: bool) -> bool:
+def _parts(kinds: list[dict[int, GribField]], skipped: Skipped) -> list[xr.Dataset]:
+    """A Dataset of each kind of field; kinds whose grid ecCodes cannot lay are counted."""
+    found = []
+    for fields in kinds:
+        try:
+            found.append(_part(fields))
+        except Exception as error:  # cfgrib and xarray raise many kinds
+            reason = f"not to be opened: {type(error).__name__}: {' '.join(str(error).split())}"
+            skipped["message", reason[:200]] += len(fields)
+    return found
+
+
+def _may_matter(keys: Mapping[str, Any]) -> bool:
+    """Whether a field is a wind or can give one its pressure."""
+    return all(key in keys for key in _KEYS) and _is_wanted(keys, native=True)
+
+
+def _is_wanted(one: Mapping[str, Any], *, native: bool) -> bool:
     if one["stepType"] != "instant":
         return False
     if one["typeOfLevel"] in ISOBARIC + NATIVE and one["shortName"] in ("u", "v"):
@@ -73,42 +104,18 @@ def _is_wanted(one: dict[str, str], *, native: bool) -> bool:
     return one["typeOfLevel"] == "surface" and one["shortName"] in ("sp", "lnsp")
 
 
-def _part(path: str, index: Any, filters: dict[str, str]) -> xr.Dataset:
+def _part(fields: dict[int, GribField]) -> xr.Dataset:
     """One variable, with the grid section of its first message in `encoding`."""
-    import eccodes
-
     found = xr.open_dataset(
-        path,
+        fields,  # type: ignore[arg-type]  # cfgrib takes mappings of fields
         engine="cfgrib",
         decode_timedelta=False,
         cache=False,
-        backend_kwargs={
-            "filter_by_keys": filters,
-            "indexpath": "",
-            "errors": "raise",
-            "read_keys": ["pv", "uvRelativeToGrid"],
-        },
+        backend_kwargs={"errors": "raise", "read_keys": ["pv", "uvRelativeToGrid"]},
     )
-    message = index.first()
-    found.encoding[GRID_SECTION] = grid_section(eccodes.codes_get_message(message.context.codes_id))
+    first = next(iter(fields.values()))
+    found.encoding[GRID_SECTION] = first.edition, first.grid
     return found
-
-
-def grid_section(message: bytes) -> tuple[int, bytes]:
-    """Edition and octets of the grid section of a GRIB message; no octets where it has none."""
-    edition = message[7]
-    if edition == 1:
-        at = 8 + int.from_bytes(message[8:11], "big")
-        held = bool(message[15] & 0x80)
-        length = int.from_bytes(message[at : at + 3], "big")
-        return edition, message[at : at + length] if held else b""
-    at = 16
-    while at + 5 <= len(message) - 4:
-        length = int.from_bytes(message[at : at + 4], "big")
-        if message[at + 4] == 3:
-            return edition, message[at : at + length]
-        at += length
-    return edition, b""
 
 
 def known_grid(ds: xr.Dataset) -> Grid | None:

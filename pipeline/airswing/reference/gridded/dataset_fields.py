@@ -42,7 +42,7 @@ from airswing.reference.gridded.cf.wind_names import (
     components,
     speed_only,
 )
-from airswing.reference.gridded.cfgrib_parts import known_grid
+from airswing.reference.gridded.cfgrib_parts import SKIPPED, known_grid
 from airswing.reference.gridded.stored import ROW_DTYPE, SURFACE, StoredField
 from airswing.reference.gridded.wrfout import (
     X,
@@ -96,7 +96,7 @@ def describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
     InputError
         Where something needed is missing or ambiguous.
     """
-    found = Described()
+    found = Described(skipped=Counter(ds.encoding.get(SKIPPED, {})))
     chosen: dict[tuple[int, bool], tuple[int, str]] = {}
     native: list[str] = []
     for one in components(ds, naming):

@@ -33,6 +33,10 @@ from airswing.reference.gridded.dataset_fields import (
 from airswing.reference.gridded.stored import ROW_DTYPE, SURFACE, StoredField
 from airswing.reference.gridded.wrfout import is_wrfout
 
+_LYING = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
+"""What attributes and coordinates of another kind than they should be lead to, here and in the
+libraries that read them."""
+
 
 class Gathering:
     """Rows of all files, with grids and stored fields numbered over them.
@@ -63,9 +67,18 @@ class Gathering:
                 self._tables.append(self._numbered(rows, number, part))
 
     def _described(self, ds: xr.Dataset, path: str) -> Described:
-        if is_wrfout(ds) and not (self.naming.u or self.naming.v):
-            return describe_wrfout(ds, path)
-        return describe_dataset(ds, self.naming, path)
+        try:
+            if is_wrfout(ds) and not (self.naming.u or self.naming.v):
+                return describe_wrfout(ds, path)
+            return describe_dataset(ds, self.naming, path)
+        except _LYING as error:
+            raise InputError(
+                "cannot be understood",
+                file=path,
+                found=f"{type(error).__name__}: {' '.join(str(error).split())[:300]}",
+                remedy="Its attributes or coordinates contradict each other; what they should say "
+                "can be given under the reference",
+            ) from error
 
     def _numbered(self, rows: Rows, number: int, part: int) -> Table:
         table = rows.table

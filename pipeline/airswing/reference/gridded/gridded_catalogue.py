@@ -81,6 +81,8 @@ class GriddedCatalogue(Catalogue):
 
     def batches(self, numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """Model times that share chunks of a file."""
+        if not numbers.size:
+            return []
         first = self.u[self.bounds[numbers]]
         keys = np.zeros((numbers.size, 6), dtype=np.int64)
         keys[:, 0], keys[:, 1], keys[:, 2] = first["file"], first["part"], first["offset"]
@@ -252,7 +254,7 @@ def _token(ds: xr.Dataset) -> str:
 
 def _of_one_file(error: InputError, sources: Sequence[SourceFile]) -> bool:
     """Whether a fault is of one damaged file among several, not of the kind of files."""
-    return len(sources) > 1 and error.what.startswith("cannot be opened")
+    return len(sources) > 1 and error.what.startswith("cannot be ")
 
 
 def _identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:

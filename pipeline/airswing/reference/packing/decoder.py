@@ -1,8 +1,9 @@
 """Decoding beside this process: ecCodes ends the process it runs in where an assertion fails.
 
-Messages whose octets do not prove that no assertion can fail (`airswing.reference.grib.values`) are
-decoded by a process that is started once, used again, and may die: then the message is tried once
-more in a new one, and what a new one dies of by a fault of its own cannot be read.
+Messages whose octets do not prove that no assertion can fail (`airswing.reference.grib.values`),
+and all of those that only ecCodes understands, are decoded by a process that is started once, used
+again, and may die: then the message is tried once more in a new one, and what a new one dies of by
+a fault of its own cannot be read.
 
 Assumptions and validity
 ------------------------
@@ -17,19 +18,21 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import json
 import os
 import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.reference.packing import decoder_process
-from airswing.reference.packing.decoder_process import ANSWER, REQUEST
+from airswing.reference.packing.decoder_process import ANSWER, ARRAY, KEYS, REQUEST, UNPACK, VALUES
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
 Floats = NDArray[np.float64]
@@ -69,13 +72,13 @@ class _Decoder:
         self._input = cast(IO[bytes], self._process.stdin)
         self._output = cast(IO[bytes], self._process.stdout)
 
-    def ask(self, message: bytes, size: int, points: Ints) -> Floats:
-        """Have a message decoded."""
+    def ask(self, job: int, message: bytes, size: int, asked: bytes) -> bytes:
+        """Have a job of `decoder_process` done on a message."""
         seconds = _SECONDS + size // _POINTS_A_SECOND
         try:
-            self._input.write(REQUEST.pack(len(message), points.size, size, seconds))
+            self._input.write(REQUEST.pack(job, len(message), len(asked), size, seconds))
             self._input.write(message)
-            self._input.write(np.ascontiguousarray(points, dtype=np.int64).tobytes())
+            self._input.write(asked)
             self._input.flush()
             status, octets, used = ANSWER.unpack(self._read(ANSWER.size))
             answer = self._read(octets)
@@ -85,7 +88,7 @@ class _Decoder:
         self.answers += 1
         if status:
             raise UnreadableMessageError(f"not decodable: {answer.decode(errors='replace')}")
-        return np.frombuffer(answer, dtype=np.float64).reshape(points.shape).copy()
+        return answer
 
     def _read(self, octets: int) -> bytes:
         found = self._output.read(octets)
@@ -124,13 +127,13 @@ class _Pool:
         """Begin without any: those of the process this one was forked from are not its own."""
         self._lock, self._idle = threading.Lock(), list[_Decoder]()
 
-    def decode(self, message: bytes, size: int, points: Ints) -> Floats:
-        """Have a message decoded, by a second process where the first dies."""
+    def ask(self, job: int, message: bytes, size: int, asked: bytes) -> bytes:
+        """Have a job done, by a second process where the first dies."""
         how = ""
         for trial in range(_TRIALS):
             decoder = self._take() if trial == 0 else _Decoder()
             try:
-                values = decoder.ask(message, size, points)
+                answer = decoder.ask(job, message, size, asked)
             except _DiedError as error:
                 how = str(error)
                 if error.certain:
@@ -143,7 +146,7 @@ class _Pool:
                 decoder.close()
                 raise
             self._give_back(decoder)
-            return values
+            return answer
         raise UnreadableMessageError(f"not decodable: {how}")
 
     def _take(self) -> _Decoder:
@@ -175,8 +178,8 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_POOL.forget)
 
 
-def decode_beside(message: bytes, size: int, points: Ints) -> Floats:
-    """Values of a message at some points, decoded in another process.
+def decode_beside(message: bytes, size: int, points: Ints | None = None) -> Floats:
+    """Values of a message, decoded in another process.
 
     Parameters
     ----------
@@ -184,12 +187,12 @@ def decode_beside(message: bytes, size: int, points: Ints) -> Floats:
         One field.
     size : int
         Points of its grid.
-    points : int array
-        Places in the message's list of values.
+    points : int array, optional
+        Places in the message's list of values; all where not given.
 
     Returns
     -------
-    values : float array of the shape of `points`
+    values : float array of the shape of `points`, or (size,)
         `decoder_process.ABSENT` at missing points.
 
     Raises
@@ -197,7 +200,79 @@ def decode_beside(message: bytes, size: int, points: Ints) -> Floats:
     UnreadableMessageError
         Where it cannot be decoded, or the decoder dies of it.
     """
-    return _POOL.decode(message, size, points)
+    if points is None:
+        return np.frombuffer(_POOL.ask(VALUES, message, size, b""), dtype=np.float64).copy()
+    if not points.size:
+        return np.empty(points.shape)
+    asked = np.ascontiguousarray(points, dtype=np.int64).tobytes()
+    values = np.frombuffer(_POOL.ask(VALUES, message, size, asked), dtype=np.float64)
+    return values.reshape(points.shape).copy()
+
+
+def keys_beside(message: bytes, names: Sequence[str]) -> dict[str, Any]:
+    """Values that ecCodes gives keys of a message, asked for in another process.
+
+    Parameters
+    ----------
+    message : bytes
+        One field.
+    names : sequence of str
+        As cfgrib writes them: with ``:int``, ``:float`` or ``:str`` for another type.
+
+    Returns
+    -------
+    dict of str to int, float, str or list of float
+        Without those it has not.
+
+    Raises
+    ------
+    UnreadableMessageError
+        Where it is no message, or the decoder dies of it.
+    """
+    found: dict[str, Any] = json.loads(
+        _POOL.ask(KEYS, message, 0, json.dumps(list(names)).encode())
+    )
+    return found
+
+
+def array_beside(message: bytes, name: str, size: int) -> Floats:
+    """A key of a message as an array, such as its latitudes, from another process.
+
+    Parameters
+    ----------
+    message : bytes
+        One field.
+    name : str
+    size : int
+        Points of its grid.
+
+    Returns
+    -------
+    (n,) float array
+
+    Raises
+    ------
+    UnreadableMessageError
+        Where there is none, or the decoder dies of it.
+    """
+    return np.frombuffer(_POOL.ask(ARRAY, message, size, name.encode()), dtype=np.float64)
+
+
+def unpack_beside(message: bytes, tables: tuple[int, int]) -> None:
+    """Try in another process whether a BUFR message can be unpacked.
+
+    Parameters
+    ----------
+    message : bytes
+    tables : (int, int)
+        Versions of master and local tables to try where its own are not known.
+
+    Raises
+    ------
+    UnreadableMessageError
+        Where it cannot, or the decoder dies of it.
+    """
+    _POOL.ask(UNPACK, message, 0, json.dumps(tables).encode())
 
 
 def processor_seconds() -> float:

@@ -4,23 +4,30 @@ Run as a script, it reads requests from standard input and answers on standard o
 input ends, which it does when the process that started it does, however that ends. It imports
 nothing of this package, so that it starts quickly.
 
-A request is :data:`REQUEST` (octets of the message, wanted points, points of the grid, seconds
-allowed), the message and the points (int64). An answer is :data:`ANSWER` (0 or 1, octets that
-follow, processor seconds used so far) and float64 values, or a text that says why there are none.
+A request is :data:`REQUEST` (number of the job, octets of the message, octets of what is asked of
+it, points of the grid, seconds allowed), the message and what is asked. An answer is
+:data:`ANSWER` (0 or 1, octets that follow, processor seconds used so far) and the job's octets, or
+a text that says why there are none. Jobs: values at points (int64 places; float64 values), the
+values of keys (JSON both ways), one key as an array (its name; float64), and whether a BUFR message
+can be unpacked (nothing asked, nothing answered; its expansion is only tried here).
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
 import signal
 import struct
 import sys
 import time
+from typing import Any
 
-REQUEST = struct.Struct("<qqqq")
+REQUEST = struct.Struct("<qqqqq")
 ANSWER = struct.Struct("<qqd")
 ABSENT = 1e300
 """What ecCodes is asked to put where a point is missing; no field holds it."""
+VALUES, KEYS, ARRAY, UNPACK = range(4)
+_TYPES = {"": None, "int": int, "float": float, "str": str}
 _MEMORY = 2 << 30
 _PER_POINT = 96
 """Octets of memory allowed beside `_MEMORY` for each point of the grid."""
@@ -31,13 +38,13 @@ def serve() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one decides
     given, answers = sys.stdin.buffer, sys.stdout.buffer
     while len(head := given.read(REQUEST.size)) == REQUEST.size:
-        octets, wanted, size, seconds = REQUEST.unpack(head)
-        message, points = given.read(octets), given.read(8 * wanted)
-        if len(message) + len(points) < octets + 8 * wanted:
+        job, octets, more, size, seconds = REQUEST.unpack(head)
+        message, asked = given.read(octets), given.read(more)
+        if len(message) + len(asked) < octets + more:
             return
         _limit(size, seconds)
         try:
-            status, answer = 0, decoded(message, points, size)
+            status, answer = 0, JOBS[job](message, asked, size)
         except Exception as error:
             status, answer = 1, f"{type(error).__name__}: {error}"[:300].encode()
         _limit(size, 0)
@@ -69,7 +76,7 @@ def decoded(message: bytes, points: bytes, size: int) -> bytes:
     ----------
     message : bytes
     points : bytes
-        int64 places in the message's list of values.
+        int64 places in the message's list of values; all where empty.
     size : int
         Points of its grid.
 
@@ -91,8 +98,107 @@ def decoded(message: bytes, points: bytes, size: int) -> bytes:
         eccodes.codes_release(handle)
     if values.size != size:
         raise ValueError(f"{values.size} values on a grid of {size} points")
-    return values[np.frombuffer(points, dtype=np.int64)].tobytes()
+    return (values[np.frombuffer(points, dtype=np.int64)] if points else values).tobytes()
 
+
+def keys_of(message: bytes, asked: bytes, size: int) -> bytes:
+    """Values of some keys of a message, JSON; those it has not are left out.
+
+    Parameters
+    ----------
+    message : bytes
+    asked : bytes
+        JSON list of names, each with a type after a colon where not the key's own is wanted.
+    size : int
+        Of no meaning.
+
+    Returns
+    -------
+    bytes
+        JSON.
+    """
+    import eccodes
+
+    handle = eccodes.codes_new_from_message(message)
+    try:
+        found = {}
+        for name in json.loads(asked):
+            with contextlib.suppress(eccodes.CodesInternalError, ValueError, TypeError):
+                found[name] = _value(eccodes, handle, name)
+    finally:
+        eccodes.codes_release(handle)
+    return json.dumps(found).encode()
+
+
+def _value(eccodes: Any, handle: int, name: str) -> Any:
+    key, _, kind = name.partition(":")
+    if eccodes.codes_get_size(handle, key) > 1:
+        return [float(value) for value in eccodes.codes_get_array(handle, key, _TYPES[kind])]
+    return eccodes.codes_get(handle, key, _TYPES[kind])
+
+
+def array_of(message: bytes, asked: bytes, size: int) -> bytes:
+    """A key of a message as an array.
+
+    Parameters
+    ----------
+    message, asked : bytes
+        The message, the name of the key.
+    size : int
+        Of no meaning.
+
+    Returns
+    -------
+    bytes
+        float64 values.
+    """
+    import eccodes
+    import numpy as np
+
+    handle = eccodes.codes_new_from_message(message)
+    try:
+        return np.asarray(eccodes.codes_get_array(handle, asked.decode(), float)).tobytes()
+    finally:
+        eccodes.codes_release(handle)
+
+
+def unpacked(message: bytes, asked: bytes, size: int) -> bytes:
+    """Unpack a BUFR message, by its own tables or by current ones, and ask for all it holds.
+
+    Parameters
+    ----------
+    message, asked : bytes
+        The message; numbers of current master and local tables, JSON.
+    size : int
+        Of no meaning.
+
+    Returns
+    -------
+    bytes
+        None.
+    """
+    import eccodes
+
+    for tables in (None, json.loads(asked)):
+        handle = eccodes.codes_new_from_message(message)
+        try:
+            if tables is not None:
+                eccodes.codes_set(handle, "masterTablesVersionNumber", tables[0])
+                eccodes.codes_set(handle, "localTablesVersionNumber", tables[1])
+            eccodes.codes_set(handle, "unpack", 1)
+            keys = eccodes.codes_bufr_keys_iterator_new(handle)
+            while eccodes.codes_bufr_keys_iterator_next(keys):
+                pass
+            eccodes.codes_bufr_keys_iterator_delete(keys)
+        except eccodes.CodesInternalError:
+            if tables is not None:
+                raise
+        finally:
+            eccodes.codes_release(handle)
+    return b""
+
+
+JOBS = {VALUES: decoded, KEYS: keys_of, ARRAY: array_of, UNPACK: unpacked}
 
 if __name__ == "__main__":
     serve()

@@ -8,8 +8,9 @@ aircraft is the tail number (001110) if given, else the registration (001008), e
 number (001006), which is where European AMDAR puts its aircraft identifier. Times are as coarse as
 coded: older templates have whole minutes.
 
-A message whose table version is not at hand is decoded with a current one; one that still cannot
-be decoded is counted as dropped (``undecodable_message``), and the rest of the file is read.
+A message of edition 2 or later whose table version is not at hand is decoded with a current one;
+one that still cannot be decoded, or that ends the process it is first tried in, is counted as
+dropped (``undecodable_message``), and the rest of the file is read.
 
 References
 ----------
@@ -18,6 +19,7 @@ WMO Manual on Codes, Volume I.2: code tables 0 08 004, 0 08 009, 0 02 064.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,8 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, ROLL
+from airswing.reference.packing.decoder import unpack_beside
+from airswing.reference.packing.simple_packing import UnreadableMessageError
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
 
@@ -69,6 +73,7 @@ _LARGEST_ROLL = 5.0  # degrees: AMDAR's limit of a good roll angle
 _OLDEST_TABLES = 6  # master table versions below are not shipped with eccodes
 _CURRENT_TABLES = 33  # master table version, of 2019, that holds every older descriptor
 _MESSAGES_PER_PIECE = 20_000
+_START, _END = b"BUFR", b"7777"
 
 
 def bufr_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
@@ -94,7 +99,6 @@ def bufr_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     """
     try:
         import pdbufr
-        from pdbufr.high_level_bufr.bufr import BufrFile
     except ImportError as error:
         raise InputError(
             "reading BUFR needs pdbufr",
@@ -102,11 +106,9 @@ def bufr_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
             remedy="Install it with: pip install 'airswing[bufr]'",
         ) from error
     rows = 0
-    with BufrFile(str(path)) as file:
-        messages = _decodable(file, audit)
-        for table in _tables(pdbufr, messages):
-            rows += len(table)
-            yield _piece(_merged(table), audit)
+    for table in _tables(pdbufr, _decodable(path, audit)):
+        rows += len(table)
+        yield _piece(_merged(table), audit)
     if not rows:
         raise InputError("holds no aircraft report that can be decoded", file=path)
 
@@ -136,8 +138,15 @@ class _Taken:
                 return
 
 
-def _decodable(file: Any, audit: Audit) -> Iterator[Any]:
-    for message in _framed(file, audit):
+def _decodable(path: Path, audit: Audit) -> Iterator[Any]:
+    """Messages that another process could unpack: ecCodes may die of one that is damaged."""
+    for octets in framed(path, audit):
+        try:
+            unpack_beside(octets, (_CURRENT_TABLES, 0))
+            message = _opened(octets)
+        except UnreadableMessageError:
+            _drop(audit)
+            continue
         if message["masterTablesVersionNumber"] < _OLDEST_TABLES:
             _retable(message)
         if _unpacked(message):
@@ -147,25 +156,59 @@ def _decodable(file: Any, audit: Audit) -> Iterator[Any]:
             if _retable(again) and _unpacked(again):
                 yield again
                 continue
-        audit.read += 1
-        audit.drop("undecodable_message", 1)
+        _drop(audit)
 
 
-def _framed(file: Any, audit: Audit) -> Iterator[Any]:
-    """Messages up to the end of the file, or to where it is cut off or garbled."""
+def _drop(audit: Audit) -> None:
+    audit.read += 1
+    audit.drop("undecodable_message", 1)
+
+
+def _opened(octets: bytes) -> Any:
+    """A message as pdbufr takes it."""
     import eccodes
+    from pdbufr.high_level_bufr.bufr import BufrMessage
 
-    messages = iter(file)
-    while True:
-        try:
-            message = next(messages, None)
-        except eccodes.CodesInternalError:
-            audit.read += 1
-            audit.drop("undecodable_message", 1)
-            return
-        if message is None:
-            return
-        yield message
+    message = object.__new__(BufrMessage)
+    message.codes_id, message.codes_file = eccodes.codes_new_from_message(octets), None
+    return message
+
+
+def framed(path: Path, audit: Audit) -> Iterator[bytes]:
+    """Whole messages of a file, over anything between; what has no end is counted as dropped.
+
+    Parameters
+    ----------
+    path : Path
+    audit : Audit
+
+    Yields
+    ------
+    bytes
+    """
+    with path.open("rb") as file:
+        size, at = file.seek(0, os.SEEK_END), 0
+        while (at := _mark(file.fileno(), at, size)) < size:
+            head = os.pread(file.fileno(), 8, at)
+            length = int.from_bytes(head[4:7], "big")
+            octets = os.pread(file.fileno(), length, at) if len(head) == 8 else b""
+            if head[7:] >= b"\x02" and length >= 12 and octets[length - 4 :] == _END:
+                yield octets
+                at += length
+            else:
+                _drop(audit)
+                at += len(_START)
+
+
+def _mark(descriptor: int, at: int, size: int) -> int:
+    """Where the next message begins; the file's size where there is none."""
+    while at < size:
+        block = os.pread(descriptor, 1 << 16, at)
+        found = block.find(_START)
+        if found >= 0:
+            return at + found
+        at += max(len(block) - len(_START) + 1, 1) if len(block) == 1 << 16 else size - at
+    return size
 
 
 def _unpacked(message: Any) -> bool:
