@@ -226,19 +226,20 @@ def run_case(
         "size_m_s",
         "probability",
     )
-    left = [e for e in made.details["evidence"] if e["instead_of"] is None]
-    left.sort(key=lambda e: -e["tempered_nats"])
+    left = [entry for entry in report.evidence if entry.instead_of is None]
+    left.sort(key=lambda entry: -entry.tempered_nats)
+    content = report.content()
     return case | {
         "seconds": time.time() - started,
         "rms": true_size(frame, clean),
         "true_after": None if clean is None else float(np.hypot(*clean.residual.T).mean() / KNOT),
-        "found": [{k: e[k] for k in keep if k in e} for e in report["effects"]],
+        "found": [{k: e[k] for k in keep} for e in content["effects"]],
         "unknown": [
             {k: w[k] for k in ("group", "tails", "evidence_nats", "size_m_s")}
-            for w in report["unknown"]["where"]
+            for w in content["unknown"]["where"]
         ],
-        "closure": report["closure"],
-        "left": [[e["name"], e["scope"], round(e["tempered_nats"], 2)] for e in left[:4]],
+        "closure": content["closure"],
+        "left": [[e.name, e.scope, round(e.tempered_nats, 2)] for e in left[:4]],
     }
 
 

@@ -33,6 +33,38 @@ def real() -> Callable[[str], Path]:
 
 
 @pytest.fixture(scope="session")
+def gap_product(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Output folder of ``airswing gap`` on a small archive: iron on N401, airspeed of N403."""
+    from airswing.config import load_config
+    from airswing.synthetic.sealed.cases import Case, World
+    from airswing.synthetic.sealed.draws import Drawn
+    from airswing.synthetic.sealed.sealed_archives import Archivist
+    from airswing.workflow import Job, gap_stage
+    from airswing.workflow.progress import Progress
+
+    class AsDrawn(Archivist):
+        """Effects at the strength they are given here."""
+
+        def _strengthened(self, drawn, size, world):  # type: ignore[no-untyped-def]
+            return drawn
+
+    struck = (
+        ("hard_iron", "N401", {"amplitude_deg": 6.0, "phase_deg": 40.0}),
+        ("tas_scale", "N403", {"scale_percent": 3.0}),
+    )
+    drawn = tuple(
+        Drawn(name, ({"name": name, "tails": [tail], "period": None, "parameters": values},))
+        for name, tail, values in struck
+    )
+    folder = tmp_path_factory.mktemp("gap_product")
+    world = World(11, "default", 14, 6, coarse=True)
+    AsDrawn(folder).write(Case("case", 3, "pair", world, drawn, (1.0, 1.0)))
+    config = load_config(folder / "cases" / "case" / "config.yaml", output=folder / "out")
+    gap_stage.diagnosis(Job(config, Progress(quiet=True)))
+    return folder / "out"
+
+
+@pytest.fixture(scope="session")
 def root() -> Path:
     """Top of the repository."""
     return ROOT

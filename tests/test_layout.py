@@ -34,6 +34,7 @@ ORDER = (
     "evaluation/backtest",
     "evaluation/reference_comparison",
     "evaluation/compass_changes",
+    "gap/result/schema",
     "gap/noise",
     "gap/archive",
     "gap/effects",

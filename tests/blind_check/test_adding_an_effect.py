@@ -104,12 +104,12 @@ def test_the_diagnosis_words_and_page_have_it(cold, tmp_path):
     _, frame, active = cold
     few = {name: CATALOGUE[name] for name in ("compass_offset", "hard_iron", "tas_scale", NAME)}
     made = diagnose(frame, catalogue=few, maps=False)
-    (effect,) = made.report["effects"]
-    assert effect["name"] == NAME and effect["tails"] == list(active.tails)
-    for entry in effect["per_tail"].values():
-        assert entry["parameters"]["rate_deg"] == pytest.approx(1.2, abs=0.15)
+    (effect,) = made.report.effects
+    assert effect.name == NAME and effect.tails == list(active.tails)
+    for entry in effect.per_tail.values():
+        assert entry.parameters["rate_deg"] == pytest.approx(1.2, abs=0.15)
     assert "heading error that grows with the cold" in verdict(made.report)
-    page = write_gap_page(tmp_path, gap=made.report | made.details)
+    page = write_gap_page(tmp_path, gap=made.report)
     assert "heading error that grows with the cold (cold_soak)" in page.read_text()
     assert separated_by("compass_offset", NAME) == "flights in warm air"
 

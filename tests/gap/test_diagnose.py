@@ -19,6 +19,7 @@ from airswing.gap.search.coding_and_outliers import coarsest, lattice_share
 from airswing.gap.search.cross_validated import settle
 from airswing.gap.search.stepwise import Rules
 from airswing.gap.sums.whole_archive import held_archive
+from airswing.products.netcdf import plain
 
 SMALL = {
     n: CATALOGUE[n]
@@ -43,52 +44,50 @@ def struck():
 
 def test_nothing_is_named_where_nothing_is(quiet):
     report = diagnose(quiet, catalogue=SMALL, maps=False).report
-    assert report["effects"] == []
-    assert not report["unknown"]["present"]
-    assert report["closure"]["before"] == report["closure"]["after"]
+    assert report.effects == []
+    assert not report.unknown.present
+    assert report.closure.before == report.closure.after
 
 
 def test_one_day_bounds_no_closure():
-    closure = diagnose(make_frame(seed=5, aircraft=6, days=1), catalogue=SMALL).report["closure"]
-    assert closure["ci"] is None and closure["reduction_ci"] is None
-    assert closure["before"] == closure["after"]
+    closure = diagnose(make_frame(seed=5, aircraft=6, days=1), catalogue=SMALL).report.closure
+    assert closure.ci is None and closure.reduction_ci is None
+    assert closure.before == closure.after
 
 
 def test_silence_excludes_a_small_loss_as_little_as_a_gain(quiet, monkeypatch):
     both = np.tile([-0.05, 0.08], 150)  # m/s
     monkeypatch.setattr("airswing.gap.closure.interval.left_over", lambda *_, **__: both)
-    bounds = diagnose(quiet, catalogue=SMALL, maps=False).report["closure"]["reduction_ci"]
+    bounds = diagnose(quiet, catalogue=SMALL, maps=False).report.closure.reduction_ci
     np.testing.assert_allclose(bounds, np.array([-0.05, 0.08]) * 3600 / 1852)
 
 
 def test_one_cycle_on_two_aircraft(struck, quiet):
     frame, made = struck
     report = made.report
-    (effect,) = report["effects"]
-    assert effect["name"] == "hard_iron"
-    assert effect["tails"] == [frame.tails[1], frame.tails[4]]
-    assert effect["probability"] > 0.95
-    for tail in effect["tails"]:
-        values = effect["per_tail"][tail]["parameters"]
-        errors = effect["per_tail"][tail]["standard_errors"]
+    (effect,) = report.effects
+    assert effect.name == "hard_iron"
+    assert effect.tails == [frame.tails[1], frame.tails[4]]
+    assert effect.probability > 0.95
+    for tail in effect.tails:
+        values = effect.per_tail[tail].parameters
+        errors = effect.per_tail[tail].standard_errors
         assert values["amplitude_deg"] == pytest.approx(1.5, abs=4 * errors["amplitude_deg"] + 0.05)
         assert values["phase_deg"] == pytest.approx(
             np.degrees(0.7), abs=4 * errors["phase_deg"] + 2
         )
     true = np.hypot(*quiet.residual.T).mean() / 0.514444
-    assert report["closure"]["after"] == pytest.approx(true, abs=0.1)
-    low, high = report["closure"]["ci"]
-    assert low < report["closure"]["after"] < high < report["closure"]["before"]
-    assert report["where"][0]["variable"] == "aircraft"
-    assert not report["unknown"]["present"]
+    assert report.closure.after == pytest.approx(true, abs=0.1)
+    low, high = report.closure.ci
+    assert low < report.closure.after < high < report.closure.before
+    assert report.where[0].variable == "aircraft"
+    assert not report.unknown.present
 
 
 def test_products_are_complete_and_serialise(struck):
     frame, made = struck
-    assert set(made.report) >= {"gap", "where", "effects", "unknown", "closure"}
-    json.dumps(made.report)
-    json.dumps(made.details)
-    assert [w["label"] for w in made.details["waterfall"]][-1] == "noise floor"
+    json.dumps(plain(made.report.content()), allow_nan=False)
+    assert [w.label for w in made.report.waterfall][-1] == "noise floor"
     heading = made.dataset["heading_map"]
     assert heading.dims == ("aircraft", "octant")
     assert heading.sizes["aircraft"] == len(frame.tails)
@@ -123,10 +122,10 @@ def test_step_is_dated():
 
     frame = make_frame(seed=6, aircraft=6, days=16, noise=0.3, heading_error=error)
     report = diagnose(frame, catalogue=SMALL, maps=False).report
-    effect = report["effects"][0]
-    assert effect["name"] == "compass_step"
-    assert effect["tails"] == [frame.tails[2]]
-    start = np.datetime64(effect["period"][0])
+    effect = report.effects[0]
+    assert effect.name == "compass_step"
+    assert effect.tails == [frame.tails[2]]
+    start = np.datetime64(effect.period[0])
     assert abs((start - (np.datetime64("1970-01-01") + day)).astype(int)) <= 1
 
 
@@ -137,12 +136,12 @@ def test_effect_outside_the_catalogue_is_unknown_and_placed():
 
     frame = make_frame(seed=7, aircraft=6, days=16, noise=0.3, airspeed_factor=factor)
     report = diagnose(frame, catalogue=SMALL, maps=False).report
-    assert report["unknown"]["present"]
-    place = report["unknown"]["where"][0]
-    assert place["component"] in ("along_heading", "airspeed_factor")
-    assert place["tails"] == [frame.tails[3]]
-    assert {"altitude", "airspeed", "phase", "temperature"} & set(place["variables"])
-    assert place["closure"]["reduction"] > 0
+    assert report.unknown.present
+    place = report.unknown.where[0]
+    assert place.component in ("along_heading", "airspeed_factor")
+    assert place.tails == [frame.tails[3]]
+    assert {"altitude", "airspeed", "phase", "temperature"} & set(place.variables)
+    assert place.closure.reduction > 0
 
 
 def test_a_name_for_the_mean_of_the_unknown_is_told_with_it():
@@ -152,12 +151,12 @@ def test_a_name_for_the_mean_of_the_unknown_is_told_with_it():
 
     frame = make_frame(seed=7, aircraft=6, days=16, noise=0.3, airspeed_factor=factor)
     report = diagnose(frame, catalogue=SMALL, maps=False).report
-    assert report["effects"] == []
-    assert report["closure"]["reduction"] == 0.0
-    place = report["unknown"]["where"][0]
-    assert place["nearest_effect"] in ("tas_scale", "tas_offset")
-    assert 0.1 < place["nearest_effect_share"] < 0.9
-    assert place["held_out_energy"] > 2 * place["held_out_energy_standard_error"]
+    assert report.effects == []
+    assert report.closure.reduction == 0.0
+    place = report.unknown.where[0]
+    assert place.nearest_effect in ("tas_scale", "tas_offset")
+    assert 0.1 < place.nearest_effect_share < 0.9
+    assert place.held_out_energy > 2 * place.held_out_energy_standard_error
 
 
 def test_exchanged_identifiers_are_found_and_given_back():
@@ -175,7 +174,7 @@ def test_exchanged_identifiers_are_found_and_given_back():
     report = diagnose(
         swapped, catalogue=SMALL | {"tail_swap": CATALOGUE["tail_swap"]}, maps=False
     ).report
-    found = {e["name"]: e for e in report["effects"]}
+    found = {e.name: e for e in report.effects}
     assert found["tail_swap"]["tails"] == [frame.tails[0], frame.tails[2]]
     assert found["tail_swap"]["period"][0] == "1970-01-11"
     assert found["hard_iron"]["tails"] == [frame.tails[0]]
@@ -187,7 +186,7 @@ def test_missing_context_is_untestable_not_guessed(quiet):
     made = diagnose(
         blind, catalogue=SMALL | {"heater_current": CATALOGUE["heater_current"]}, maps=False
     )
-    assert "icing" in made.details["untestable"]["heater_current"]
+    assert "icing" in made.report.untestable["heater_current"]
 
 
 def test_too_few_reports_are_refused(quiet):
@@ -229,11 +228,10 @@ def test_path_derivative_by_hand():
 
 def test_checks_come_with_the_diagnosis(struck):
     frame, made = struck
-    rows = made.details["assumptions"]
-    assert all(set(row) == {"assumption", "check", "result", "ok"} for row in rows)
-    assert made.details["decoy"]["closes_nothing"]
-    after, before = (made.details["calibration"][k] for k in ("after", "before"))
-    assert after["crps_m_s"] < before["crps_m_s"]
+    assert len(made.report.assumptions) >= 6
+    assert made.report.decoy.closes_nothing
+    after, before = (made.report.calibration.after, made.report.calibration.before)
+    assert after.crps_m_s < before.crps_m_s
     assert int(made.dataset["pit_count"].sum()) <= 2 * frame.size
     assert made.adjustment.names == ()
     assert not made.adjustment.reported.any()

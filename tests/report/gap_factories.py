@@ -1,130 +1,87 @@
-"""Made-up content of gap.json, gap.nc and the details, in the shapes the diagnosis gives."""
+"""Parts of a diagnosis that the small real product does not have, and the arrays of gap.nc."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
+from airswing.gap.result.schema import (
+    ClosesEntry,
+    CurveEntry,
+    EffectEntry,
+    EvidenceEntry,
+    PlaceEntry,
+    RivalEntry,
+    SliceEntry,
+)
 from tests.report.factories import names
 
 
-def gap() -> dict[str, Any]:
-    """Return the content of gap.json: two compass faults, one of them at a date."""
-    rival = {
-        "name": "soft_iron",
-        "difference_nats": 2.1,
-        "separated_by": "headings in more compass points",
-    }
-    return {
-        "gap": {"mean_vector_disagreement_kt": 7.4, "noise_floor_kt": 6.3, "significance": 1e-4},
-        "where": [
-            slice_entry("aircraft", ["N404", "N410"], 0.71, 0.0002),
-            slice_entry("magnetic_heading", ["one cycle"], 0.6, 0.001) | {"component": "cross"},
-            slice_entry("level", ["above 400 hPa"], 0.03, 0.3),
-        ],
-        "effects": [
-            {
-                "name": "hard_iron",
-                "probability": 0.99,
-                "tails": ["N404", "N410"],
-                "parameters": {"amplitude_deg": 3.912, "phase_deg": 40.12},
-                "standard_errors": {"amplitude_deg": 0.2, "phase_deg": 3.1},
-                "period": None,
-                "scope": "aircraft",
-                "ambiguous_with": ["soft_iron"],
-                "ambiguity": [rival],
-                "share_of_gap": 0.61,
-            },
-            {
-                "name": "compass_step",
-                "probability": 0.97,
-                "tails": ["N402"],
-                "parameters": {"offset_deg": 1.5},
-                "standard_errors": {"offset_deg": 0.06},
-                "period": ["2009-07-20", None],
-                "scope": "aircraft",
-                "ambiguous_with": [],
-                "share_of_gap": 0.1,
-            },
-        ],
-        "unknown": {"present": False, "where": []},
-        "closure": {
-            "before": 7.4,
-            "after": 6.5,
-            "ci": [6.4, 6.65],
-            "fraction_of_excess": 0.87,
-            "held_out": True,
-            "reduction": 0.9,
-            "reduction_ci": [0.8, 1.0],
-        },
-    }
+def effect(name: str, *tails: str, **given: object) -> EffectEntry:
+    """Return an effect found on aircraft."""
+    made = EffectEntry(name, 0.99, list(tails), {}, {}, None, "aircraft", 40.0)
+    return replace(made, **given)  # type: ignore[arg-type]
 
 
-def slice_entry(variable: str, values: list[str], share: float, q_value: float) -> dict[str, Any]:
+def rival() -> RivalEntry:
+    """Return an effect that could not be told from another."""
+    return RivalEntry("soft_iron", 2.1, "headings in more compass points")
+
+
+def slice_entry(variable: str, values: list[str], share: float, q_value: float) -> SliceEntry:
     """Return one slice of the gap."""
-    return {
-        "variable": variable,
-        "component": "both",
-        "values": values,
-        "share_of_gap": share,
-        "q_value": q_value,
-    }
+    curve = CurveEntry(["offset"], [0.4])
+    return SliceEntry(variable, "both", values, share, q_value, q_value / 2, 90.0, "", curve)
 
 
-def unknown_place() -> dict[str, Any]:
+def unknown_place() -> PlaceEntry:
     """Return the place of an effect that the catalogue does not hold."""
-    return {
-        "component": "cross",
-        "variable": "icing",
-        "variables": ["icing", "magnetic_heading"],
-        "tails": ["N403"],
-        "curve": {"labels": ["on", "on sin", "on cos"], "m_s": [0.1, 1.4, -0.3]},
-    }
+    return PlaceEntry(
+        component="cross",
+        variable="icing",
+        variables=["icing", "magnetic_heading"],
+        group="cross:icing*heading",
+        tails=["N403"],
+        scope="aircraft",
+        evidence_nats=30.0,
+        size_m_s=1.2,
+        curve=CurveEntry(["on", "on sin", "on cos"], [0.1, 1.4, -0.3]),
+        closure=ClosesEntry(0.12, [0.05, 0.2]),
+    )
 
 
-def details(aircraft: int = 14) -> dict[str, Any]:
-    """Return what the diagnosis tells beside gap.json."""
-    posterior = [0.01] * aircraft
-    distance = np.arange(10.0, 400.0, 25.0)
+def unknown_table() -> PlaceEntry:
+    """Return the table of an unknown over two variables."""
+    curve = CurveEntry(
+        labels=["low; cold", "low; warm", "high; cold", "high; warm"],
+        m_s=[0.1, 1.4, -0.3, 0.2],
+        unit="m/s",
+        variables=["altitude", "temperature"],
+        variable_units=["km", "K"],
+        edges=[[0.0, 4.0, 12.0], [210.0, 250.0, 300.0]],
+        values=[0.1, 1.4, -0.3, 0.2],
+    )
+    variables = ["altitude", "temperature"]
+    return replace(unknown_place(), variable="altitude", variables=variables, curve=curve)
 
-    def row(name: str, nats: float, instead: str | None, **extra: Any) -> dict[str, Any]:
-        return {
-            "name": name,
-            "tempered_nats": nats,
-            "instead_of": instead,
-            "known": True,
-            "scope": "aircraft",
-            "posterior": posterior,
-        } | extra
 
-    return {
-        "waterfall": [
-            {"label": "reports as they are", "kt": 7.4, "step_ci": None},
-            {"label": "hard_iron", "kt": 6.7, "step_ci": [0.6, 0.8]},
-            {"label": "compass_step", "kt": 6.5, "step_ci": [0.15, 0.25]},
-            {"label": "noise floor", "kt": 6.3, "step_ci": None},
-        ],
-        "evidence": [
-            row("hard_iron", 5230.0, "hard_iron", posterior=[*posterior[:-1], 0.99]),
-            row("soft_iron", 320.0, "hard_iron"),
-            row("compass_step", 400.0, "compass_step"),
-            row("hard_iron", 12.0, "compass_step"),
-            row("tas_scale", -2.0, None, scope="fleet", posterior=[]),
-            row("cross:icing*heading", 9000.0, None, known=False),
-        ],
-        "noise": {
-            "correlated_sd_m_s": 2.3,
-            "white_sd_m_s": 1.0,
-            "length_km": 155.0,
-            "distance_km": distance.tolist(),
-            "autocovariance": (5.2 * np.exp(-distance / 150)).tolist(),
-            "autocovariance_model": (5.3 * np.exp(-distance / 155)).tolist(),
-        },
-        "untestable": {"heater_current": "no icing flag in the reports"},
-        "counts": {"reports": 130_000, "flights": 2400},
-    }
+def evidence(aircraft: int = 14) -> list[EvidenceEntry]:
+    """Return rows of the evidence table: two effects on single aircraft, their rivals."""
+    none = [0.01] * aircraft
+
+    def row(name: str, nats: float, instead: str | None) -> EvidenceEntry:
+        return EvidenceEntry(instead, name, "aircraft", True, [0], nats, 2 * nats, 2.0, none)
+
+    return [
+        replace(row("hard_iron", 5230.0, "hard_iron"), posterior=[*none[:-1], 0.99]),
+        row("soft_iron", 320.0, "hard_iron"),
+        row("compass_step", 400.0, "compass_step"),
+        row("hard_iron", 12.0, "compass_step"),
+        replace(row("tas_scale", -2.0, None), scope="fleet", posterior=[]),
+        replace(row("cross:icing*heading", 9000.0, None), known=False),
+    ]
 
 
 def maps(aircraft: int = 14, seed: int = 3) -> xr.Dataset:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import airswing.report as report
-from airswing.report.gap import parts as gap_parts
+from airswing.gap.result.schema import CurveEntry
 from airswing.report.gap import which_figures as gap_evidence_figures
 from airswing.report.html import embed, style
 from airswing.report.run import compass_figures as compass
@@ -22,8 +23,10 @@ from tests.report import factories, gap_factories
 HEADINGS = factories.headings()
 FITS = factories.fits()
 CORRECTED = factories.corrected(HEADINGS)
-GAP = gap_factories.details() | gap_factories.gap()
-MAPS = gap_factories.maps()
+SLICES = [
+    gap_factories.slice_entry("aircraft", ["N404", "N410"], 0.71, 0.0002),
+    gap_factories.slice_entry("level", ["above 400 hPa"], 0.03, 0.3),
+]
 
 FIGURES: dict[str, Callable[[], Figure]] = {
     "reports": lambda: report.reports_figure(HEADINGS),
@@ -42,18 +45,17 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "profiles": lambda: report.profiles_figure(factories.profiles()),
     "pairs": lambda: report.pair_differences_figure(factories.sensitivity()["pairs"]),
     "pair": lambda: report.aircraft_differences_figure(factories.sensitivity()["pairs"][0]),
-    "slices": lambda: report.slices_figure(GAP["where"]),
+    "slices": lambda: report.slices_figure(SLICES),
     "no slices": lambda: report.slices_figure([]),
-    **{
-        f"gap where {i}": lambda i=i: list(gap_parts.where_figures(MAPS, GAP, ["N404"]))[i]
-        for i in range(4)
-    },
-    **{f"gap which {i}": lambda i=i: list(gap_parts.which_figures(MAPS, GAP))[i] for i in range(2)},
     "unknown": lambda: report.unknown_curve_figure(gap_factories.unknown_place()),
+    "unknown table": lambda: report.unknown_curve_figure(gap_factories.unknown_table()),
     "scatter": lambda: report.unknown_curve_figure(
-        gap_factories.unknown_place()
-        | {"component": "scatter", "variables": ["scatter"]}
-        | {"curve": {"labels": ["N403"], "m_s": [0.4]}}
+        replace(
+            gap_factories.unknown_place(),
+            component="scatter",
+            variables=["scatter"],
+            curve=CurveEntry(["N403"], [0.4]),
+        )
     ),
     "heading cells": lambda: report.aircraft_heading_figure(
         ["N1"], [90.0, 270.0], [[1, 2]], [[99, 9]]
@@ -64,21 +66,20 @@ FIGURES: dict[str, Callable[[], Figure]] = {
         changes={"step, N1": (np.datetime64("2009-07-03"), np.datetime64("2009-07-05"))},
         number=900,
     ),
-    "waterfall": lambda: next(iter(gap_parts.closure_figures(GAP))),
-    **{
-        f"gap method {i}": lambda i=i: list(gap_parts.method_figures(MAPS, GAP))[i]
-        for i in range(2)
-    },
 }
 UNIT = re.compile(
-    r"\((degree|kt|m/s|m²/s²|km|hPa|%|date|number)\)|degree|reports|probability|correlation|"
+    r"\((degree|kt|m/s|m²/s²|km|hPa|K|%|date|number)\)|degree|reports|probability|correlation|"
     r"log evidence|draws|expected"
 )
 
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_figure_says_what_it_shows_and_of_how_many(name: str) -> None:
-    figure = FIGURES[name]()
+    check_figure(FIGURES[name]())
+
+
+def check_figure(figure: Figure) -> None:
+    """A figure counts what it shows, names its axes with units and can be drawn."""
     caption = figure.caption  # type: ignore[attr-defined]
     assert re.search(r"n = [\d,]+", caption), caption
     assert "nan" not in caption

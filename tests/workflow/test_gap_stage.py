@@ -45,7 +45,7 @@ def test_gap_json_and_headings_tell_of_the_same_headings(run):
     assert decoded(first) > 0
     assert decoded(job) == 0  # nothing is decoded, or collocated, again
     headings = read_product(job.output / HEADINGS)
-    assert content["headings_uuid"] == headings.attrs["uuid"]
+    assert content.headings_uuid == headings.attrs["uuid"]
     written = json.loads((job.output / GAP_JSON).read_text())
     assert written["headings_uuid"] == headings.attrs["uuid"]
     frame = Frame.from_headings(gap_headings(job), reference="ruc")

@@ -106,8 +106,8 @@ def test_reports_of_the_package_s_own_simulation_match_and_leave_what_it_lacks(a
     assert done.exit_code == 0, done.output
     job = job_of(archive, tmp_path / "out")
     found = gap_stage.diagnosis(job, simulated=str(sent))
-    assert [(e["name"], e["tails"]) for e in found["effects"]] == [("hard_iron", ["N401"])]
-    assert found["simulation"]["matched"] == found["simulation"]["of"]
+    assert [(e.name, e.tails) for e in found.effects] == [("hard_iron", ["N401"])]
+    assert found.simulation.matched == found.simulation.of
     assert "reports matched)" in verdict(found)
 
 
@@ -136,25 +136,25 @@ def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp
         ("hard_iron", ("N401",)),
         ("tas_offset", None),
     ]
-    told = start.record["simulation"]
-    assert told["matched"] == 0 and told["matched_by"] == "distribution"
-    assert told["aircraft_in_both"] == [f"N{k}" for k in range(401, 406)]
-    assert start.record["known"][0]["left_out"] == 1
+    told = start.simulation
+    assert told.matched == 0 and told.matched_by == "distribution"
+    assert told.aircraft_in_both == [f"N{k}" for k in range(401, 406)]
+    assert start.told[0].left_out == 1
     assert start.frame.airspeed == pytest.approx(own.airspeed - 1.0, abs=1e-9)
-    assert "flew other paths" in start_words(start.record)
+    assert "flew other paths" in start_words(start.told, start.simulation)
 
 
 def test_an_archive_against_itself_has_no_gap(archive, frame):
     job, own = frame
     start = begin(job, own, simulated=str(archive.parent / "reports" / "*.csv"))
     assert np.abs(start.frame.residual).max() < 1e-6
-    assert start.record["simulation"]["matched_by"] == "aircraft and time"
+    assert start.simulation.matched_by == "aircraft and time"
 
 
 def test_nothing_given_is_the_perfect_instrument(frame):
     job, own = frame
     start = begin(job, own)
-    assert start.frame is own and start.record == {} and start_words(start.record) == ""
+    assert start.frame is own and not start.told and start_words([]) == ""
 
 
 @pytest.mark.parametrize(

@@ -41,6 +41,7 @@ from airswing.gap.held_out.reduction import (
 )
 from airswing.gap.noise.model import fit_noise, flown, gross_errors
 from airswing.gap.result.assembled import Findings, aircraft_probability, assemble, best_scores
+from airswing.gap.result.schema import EffectEntry, GapReport
 from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.search.absorbed_by_unknown import folded
 from airswing.gap.search.coding_and_outliers import second_moments
@@ -72,40 +73,35 @@ class Diagnosis:
 
     Attributes
     ----------
-    report : dict
+    report : GapReport
         The content of gap.json.
     dataset : xarray.Dataset
         The content of gap.nc.
-    details : dict
-        Everything else a page shows: waterfall, evidence, noise, ambiguity, untestable effects,
-        calibration, decoy, aliases, assumptions.
     adjustment : Adjustment
         What takes the effects beside the deviation off the winds.
     """
 
-    report: dict[str, Any]
+    report: GapReport
     dataset: xr.Dataset
-    details: dict[str, Any]
     adjustment: Adjustment
 
     def __repr__(self) -> str:
         """Say in a few lines what is at work and how far it closes."""
-        closure = self.report["closure"]
-        places = self.report["unknown"]["where"]
-        unnamed = [" x ".join(place["variables"]) for place in places]
+        closure = self.report.closure
+        unnamed = [" x ".join(place.variables) for place in self.report.unknown.where]
         return "\n".join(
             [
-                f"Diagnosis: {closure['before']:.2f} kt before, {closure['after']:.2f} kt after",
-                *(f"  {_line(effect)}" for effect in self.report["effects"]),
+                f"Diagnosis: {closure.before:.2f} kt before, {closure.after:.2f} kt after",
+                *(f"  {_line(effect)}" for effect in self.report.effects),
                 *(f"  without a name: {place}" for place in unnamed),
             ]
         )
 
 
-def _line(effect: Mapping[str, Any]) -> str:
-    tails = effect["tails"]
+def _line(effect: EffectEntry) -> str:
+    tails = effect.tails
     whom = "the fleet" if not tails else ", ".join(tails[:4]) + (" ..." if len(tails) > 4 else "")
-    return f"{effect['name']} ({whom}), probability {effect['probability']:.2f}"
+    return f"{effect.name} ({whom}), probability {effect.probability:.2f}"
 
 
 def _asked(headings: xr.Dataset, reference: str | Sequence[str] | None) -> str | Sequence[str]:
@@ -235,18 +231,23 @@ def diagnose(
     problem, found = final.problem, final.standing.found
     findings = _findings(final, search, again=again, names=known_names)
     findings = replace(findings, swap=swap, untestable=untestable | dict(findings.untestable))
-    report, details = assemble(problem, findings)
-    with_unknowns(report, details, taken, problem=problem, found=found, whole=findings.whole)
+    report = assemble(problem, findings)
+    report = with_unknowns(report, taken, problem=problem, found=found, whole=findings.whole)
     tell("checks", 0.0)
     checks = run_checks(problem, found, findings.closure)
     unseen = [name for name, reason in findings.hidden.items() if not reason.startswith("in part")]
     hidden = hidden_shares(problem.base.stats, found.terms, unseen)
-    with_aliases(report["effects"], checks.shares, hidden)
+    effects_told = with_aliases(report.effects, checks.shares, hidden)
+    report = replace(
+        checks.told(report),
+        effects=effects_told,
+        ambiguity={entry.name: entry.ambiguity for entry in effects_told},
+    )
     dataset = _dataset(problem, found, maps).assign(checks.histograms())
     fitted = term_coefficients(found.given, found.terms)
     whole = whole_coefficients(fitted, found.terms, findings.factors)
     adjustment = make_adjustment(problem, found.terms, whole)
-    return Diagnosis(report, dataset, details | checks.details(), adjustment)
+    return Diagnosis(report, dataset, adjustment)
 
 
 def _passes(archive: Archive, search: Search, *, swaps: bool) -> tuple[Pass, bool, Swap | None]:

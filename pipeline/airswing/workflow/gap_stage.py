@@ -7,17 +7,17 @@ hold they are read as they stand; where not they are made, as the main job makes
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from airswing.config import as_json
 from airswing.errors import InputError
-from airswing.products.netcdf import plain, read_product, write_json, write_product
+from airswing.products.netcdf import read_product, write_json, write_product
 from airswing.products.ragged import blocks, joined, some_reports
 from airswing.workflow.gap_inputs import MARK
 from airswing.workflow.headings_stage import make_headings
@@ -25,7 +25,8 @@ from airswing.workflow.job import GAP_INPUTS, Job
 
 if TYPE_CHECKING:
     from airswing.gap.checks.refit_claims import Adjustment
-    from airswing.gap.effects import ActiveEffect
+    from airswing.gap.effects import ActiveEffect, Effect
+    from airswing.gap.result.schema import ClaimsEntry, GapReport
     from airswing.gap.sums.whole_archive import Archive
 
 GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
@@ -84,49 +85,13 @@ def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -
     return write_reports(table, output)
 
 
-def active_effects(report: Mapping[str, Any]) -> list[ActiveEffect]:
-    """Effects of a diagnosis as the simulation takes them: one entry per aircraft or fleet.
-
-    Parameters
-    ----------
-    report : mapping
-        Content of ``gap.json``.
-
-    Returns
-    -------
-    list of ActiveEffect
-    """
-    from airswing.gap.simulation.effects_file import parse_effects
-    from airswing.gap.witness.taken_off import active_entries
-
-    entries: list[dict[str, Any]] = []
-    for effect in report["effects"]:
-        each = effect.get("per_tail")
-        tails = "all" if effect["scope"] == "fleet" else effect["tails"]
-        pieces = [(tails, effect["parameters"])]
-        if each:
-            pieces = [([tail], values["parameters"]) for tail, values in each.items()]
-        entries += [
-            {
-                "name": effect["name"],
-                "tails": who,
-                "parameters": parameters,
-                "period": effect["period"],
-            }
-            for who, parameters in pieces
-        ]
-    unknown = report.get("unknown") or {}
-    entries += active_entries(unknown.get("where") or [])
-    return parse_effects(plain(entries))
-
-
 def diagnosis(
     job: Job,
     *,
     without: Sequence[str] = (),
     known: Path | None = None,
     simulated: str | None = None,
-) -> dict[str, Any]:
+) -> GapReport:
     """Diagnose the gap: ``gap.json``, ``gap.nc``, ``effects.yaml`` and ``gap/index.html``.
 
     Parameters
@@ -142,7 +107,7 @@ def diagnosis(
 
     Returns
     -------
-    dict
+    GapReport
         The content of ``gap.json``.
 
     Raises
@@ -151,8 +116,8 @@ def diagnosis(
         If an effect to do without is unknown, or what the diagnosis starts from cannot be read.
     """
     from airswing.gap.diagnose import diagnose
+    from airswing.gap.result.effect_entries import active_effects, not_known
     from airswing.gap.simulation.effects_file import write_effects
-    from airswing.gap.simulation.known_effects import not_known
     from airswing.gap.sums.whole_archive import held_archive
     from airswing.report.gap.gap_page import write_gap_page
     from airswing.workflow.gap_start import read_start, starting_point
@@ -168,18 +133,20 @@ def diagnosis(
         archive = held_archive(start.frame, workers=archive.workers)
     with job.progress.stage("diagnose") as stage:
         found = diagnose(archive, catalogue=_catalogue(without))
-        found.report["effects"] = not_known(found.report["effects"], start.known)
-        names = [effect["name"] for effect in found.report["effects"]]
+        effects = not_known(found.report.effects, start.known)
+        names = [effect.name for effect in effects]
         stage.note = ", ".join(names) or "no effect missing"
-    content = found.report | {
-        "reference": config.gap_reference(),
-        "headings_uuid": headings.attrs["uuid"],
-        **found.details,
-        **start.record,
-    }
-    content["claims"] = _claims(job, *_seen(headings, archive, found.adjustment))
-    write_json(job.output / GAP_JSON, content)
-    write_effects([*start.known, *active_effects(found.report)], job.output / GAP_EFFECTS)
+    report = replace(
+        found.report,
+        effects=effects,
+        reference=config.gap_reference(),
+        headings_uuid=headings.attrs["uuid"],
+        known=start.told or None,
+        simulation=start.simulation,
+        claims=_claims(job, *_seen(headings, archive, found.adjustment)),
+    )
+    write_json(job.output / GAP_JSON, report.content())
+    write_effects([*start.known, *active_effects(report)], job.output / GAP_EFFECTS)
     write_product(
         found.dataset,
         job.output / GAP_PRODUCT,
@@ -189,13 +156,14 @@ def diagnosis(
         source_uuids=[headings.attrs["uuid"]],
     )
     with job.progress.stage("page") as stage:
-        stage.note = str(write_gap_page(job.output / "gap", gap=content, maps=found.dataset))
-    return content
+        stage.note = str(write_gap_page(job.output / "gap", gap=report, maps=found.dataset))
+    return report
 
 
 def _effects_of_archive(job: Job) -> list[ActiveEffect]:
     """Diagnose another archive (a simulation's) for what it has."""
     from airswing.gap.diagnose import diagnose
+    from airswing.gap.result.effect_entries import active_effects
 
     archive = _archive(job, gap_headings(job), held=False)
     with job.progress.stage("diagnose the simulation") as stage:
@@ -235,7 +203,7 @@ def _seen(
     return joined(parts), replace(adjustment, report=order)
 
 
-def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> dict[str, Any]:
+def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> ClaimsEntry:
     """Review the deviations and the field test with the effects beside the deviation off."""
     from airswing.gap.checks.refit_claims import review_claims
 
@@ -251,14 +219,14 @@ def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> dict[str,
             field_test=None if test is None else test.model_dump(),
         )
         stage.note = (
-            f"{reviewed['stay']} of {reviewed['of']} fits stay within their interval"
+            f"{reviewed.stay} of {reviewed.of} fits stay within their interval"
             if adjustment.names
             else "nothing beside the deviation to take off"
         )
     return reviewed
 
 
-def _catalogue(without: Sequence[str]) -> dict[str, Any]:
+def _catalogue(without: Sequence[str]) -> dict[str, Effect]:
     """Return the catalogue but for the effects named."""
     from airswing.gap.effects import CATALOGUE
 

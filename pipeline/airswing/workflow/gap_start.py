@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from glob import glob
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from airswing.config import Reports
     from airswing.gap.archive.frame import Frame
     from airswing.gap.effects import ActiveEffect
+    from airswing.gap.result.schema import KnownEntry, SimulationEntry
 
 __all__ = ["Asked", "Start", "job_of_simulation", "read_start", "starting_point"]
 
@@ -47,13 +48,15 @@ class Start:
     frame : Frame
     known : list of ActiveEffect
         Taken off.
-    record : dict
-        ``known`` and ``simulation`` of ``gap.json``; empty for the perfect instrument.
+    told : list of KnownEntry
+    simulation : SimulationEntry or None
+        What ``gap.json`` tells of it; nothing for the perfect instrument.
     """
 
     frame: Frame
     known: list[ActiveEffect] = field(default_factory=list)
-    record: dict[str, Any] = field(default_factory=dict)
+    told: list[KnownEntry] = field(default_factory=list)
+    simulation: SimulationEntry | None = None
 
 
 def disagreement_kt(frame: Frame) -> float:
@@ -148,6 +151,7 @@ def starting_point(
 
 def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, strict: bool) -> Start:
     """Take effects off; those of aircraft that are not in the archive are refused or left out."""
+    from airswing.gap.result.schema import KnownEntry
     from airswing.gap.simulation.effects_file import plain_effects
     from airswing.gap.simulation.known_effects import take_off_known
 
@@ -158,15 +162,14 @@ def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, stri
         raise InputError(
             err.what, file=source, field=err.field, found=err.found, remedy=err.remedy
         ) from err
-    told = {
-        "source": source,
-        "effects": plain_effects(own),
-        "left_out": len(effects) - len(own),
-        "disagreement_without_kt": disagreement_kt(start.frame),
-        "disagreement_with_kt": disagreement_kt(left),
-    }
-    known = [*start.record.get("known", []), told]
-    return Start(left, [*start.known, *own], start.record | {"known": known})
+    told = KnownEntry(
+        source=source,
+        effects=plain_effects(own),
+        left_out=len(effects) - len(own),
+        disagreement_without_kt=disagreement_kt(start.frame),
+        disagreement_with_kt=disagreement_kt(left),
+    )
+    return replace(start, frame=left, known=[*start.known, *own], told=[*start.told, told])
 
 
 def _of_archive(effects: Sequence[ActiveEffect], tails: Sequence[str]) -> list[ActiveEffect]:
@@ -183,6 +186,7 @@ def _against(
     job: Job, start: Start, asked: Asked, effects_of: Callable[[Job], list[ActiveEffect]]
 ) -> Start:
     """Put a simulation made elsewhere, if any, in place of the perfect instrument."""
+    from airswing.gap.result.schema import SimulationEntry
     from airswing.gap.simulation.other_simulation import (
         match_reports,
         same_paths,
@@ -196,23 +200,21 @@ def _against(
         matched = match_reports(start.frame, reports)
         number = int(matched.found.sum())
         stage.note = f"{number:,} of {start.frame.size:,} reports are in the simulation"
-    told: dict[str, Any] = {
-        "source": simulated,
-        "reports": matched.simulated,
-        "matched": number,
-        "of": start.frame.size,
-        "matched_by": "aircraft and time",
-    }
+    told = SimulationEntry(
+        source=simulated,
+        reports=matched.simulated,
+        matched=number,
+        of=start.frame.size,
+        matched_by="aircraft and time",
+    )
     if same_paths(matched):
-        frame = with_simulated_wind(start.frame, matched)
-        return Start(frame, record={"simulation": told})
+        return Start(with_simulated_wind(start.frame, matched), simulation=told)
     other = job_of_simulation(job, simulated, section)
     effects = effects_of(other)
     shutil.rmtree(other.output, ignore_errors=True)
     shared = set(start.frame.tails) & {str(name) for name in reports["aircraft"].values}
-    told |= {"matched_by": "distribution", "aircraft_in_both": sorted(shared)}
-    found = _without(Start(start.frame), effects, simulated, strict=False)
-    return replace(found, record=found.record | {"simulation": told})
+    told = replace(told, matched_by="distribution", aircraft_in_both=sorted(shared))
+    return _without(Start(start.frame, simulation=told), effects, simulated, strict=False)
 
 
 def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Reports]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ import airswing.gap.diagnose as stages
 from airswing.gap.checks.aliases import alias_table, explained, hidden_shares, project
 from airswing.gap.checks.assumptions import with_aliases
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.result.schema import EffectEntry, RivalEntry
 
 NAMES = ("compass_offset", "hard_iron", "soft_iron", "compass_step", "tas_scale", "tas_offset")
 
@@ -48,8 +50,8 @@ def test_aliases_of_airspeed_and_offset(searched):
     speed = next(name for name in shares if name.startswith("tas_"))
     other = "tas_offset" if speed == "tas_scale" else "tas_scale"
     assert shares[speed][other] > 0.9
-    assert (speed, other) in [(pair["effect"], pair["other"]) for pair in listed]
-    assert all(0.8 < pair["alias_share"] <= 1 for pair in listed)
+    assert (speed, other) in [(pair.effect, pair.other) for pair in listed]
+    assert all(0.8 < pair.alias_share <= 1 for pair in listed)
     assert all(0 <= share <= 1 for own in shares.values() for share in own.values())
 
 
@@ -70,24 +72,29 @@ def test_projection_leaves_what_is_beside():
     np.testing.assert_allclose(project(columns.T @ columns, 1, np.array([1e12])), [[2.0]])
 
 
+def rival(name, alias_share=None):
+    return RivalEntry(name, 1.0, "x", alias_share)
+
+
+def found(name, *rivals):
+    names = [one.name for one in rivals]
+    made = EffectEntry(name, 1.0, [], {}, {}, None, "aircraft", 9.0)
+    return replace(made, ambiguity=list(rivals), ambiguous_with=names)
+
+
 def test_rivals_get_their_share():
-    entries = [{"name": "a", "ambiguity": [{"name": "b"}, {"name": "c"}]}]
-    with_aliases(entries, {"a": {"b": 0.9}})
-    assert entries[0]["ambiguity"] == [{"name": "b", "alias_share": 0.9}, {"name": "c"}]
+    (entry,) = with_aliases([found("a", rival("b"), rival("c"))], {"a": {"b": 0.9}})
+    assert entry.ambiguity == [rival("b", alias_share=0.9), rival("c")]
 
 
 def test_an_alias_is_a_rival_whatever_the_evidence_says():
-    rival = {"name": "hard_iron", "difference_nats": 1.0, "separated_by": "x"}
-    entries = [
-        {"name": "tas_scale", "ambiguity": [dict(rival)], "ambiguous_with": ["hard_iron"]},
-        {"name": "outliers", "ambiguity": [], "ambiguous_with": []},
-    ]
+    entries = [found("tas_scale", rival("hard_iron")), found("outliers")]
     shares = {"tas_scale": {"tas_offset": 0.95, "hard_iron": 0.3, "soft_iron": 0.85}}
-    with_aliases(entries, shares)
-    assert entries[0]["ambiguous_with"] == ["hard_iron", "tas_offset"]
-    assert [r["alias_share"] for r in entries[0]["ambiguity"]] == [0.3, 0.95]
-    assert entries[0]["ambiguity"][1]["separated_by"] == "reports over a wider range of airspeeds"
-    assert entries[1]["ambiguous_with"] == []
+    first, second = with_aliases(entries, shares)
+    assert first.ambiguous_with == ["hard_iron", "tas_offset"]
+    assert [r.alias_share for r in first.ambiguity] == [0.3, 0.95]
+    assert first.ambiguity[1].separated_by == "reports over a wider range of airspeeds"
+    assert second.ambiguous_with == []
 
 
 def test_what_weather_takes_up_is_not_excluded_by_its_silence():
@@ -103,9 +110,8 @@ def test_what_weather_takes_up_is_not_excluded_by_its_silence():
     shares = hidden_shares(stats, terms, ["shear", "turn"])
     assert shares["bias"]["shear"] == pytest.approx(0.75)  # 3 * 3 / (4 * 3)
     assert shares["bias"]["turn"] == pytest.approx(0.01)
-    entries = [{"name": "bias", "ambiguity": [], "ambiguous_with": []}]
-    with_aliases(entries, {}, shares)
-    assert entries[0]["ambiguous_with"] == ["shear"]
-    assert entries[0]["ambiguity"][0]["alias_share"] == pytest.approx(0.75)
+    (entry,) = with_aliases([found("bias")], {}, shares)
+    assert entry.ambiguous_with == ["shear"]
+    assert entry.ambiguity[0].alias_share == pytest.approx(0.75)
     what.scope = "aircraft"
     assert hidden_shares(stats, terms, ["shear"]) == {}

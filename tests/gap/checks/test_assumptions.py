@@ -42,12 +42,12 @@ def _rows(*, noise=None, after=GOOD, decoy=None, clipped=1.0, left=()):
 
 
 def _failed(**wrong):
-    return [k for k, row in enumerate(_rows(**wrong)) if not row["ok"]]
+    return [k for k, row in enumerate(_rows(**wrong)) if not row.ok]
 
 
 def test_all_is_well():
     assert _failed() == []
-    assert all(row["result"] for row in _rows())
+    assert all(row.result for row in _rows())
 
 
 def test_each_failure_is_told_apart():
@@ -65,7 +65,7 @@ def test_each_failure_is_told_apart():
 
 def test_misfit_is_placed():
     row = _rows(noise=_noise([4, 2, 1], [4, 3, 1]))[0]
-    assert row["result"] == "largest misfit 25 % of the variance, at 50 km"
+    assert row.result == "largest misfit 25 % of the variance, at 50 km"
 
 
 def test_what_cannot_be_told_is_no_pass():
@@ -73,11 +73,11 @@ def test_what_cannot_be_told_is_no_pass():
     few = _noise([4, 2], [4, 2])
     few.pair_count[:] = 1
     assert _failed(noise=few) == [0]
-    assert "too few" in _rows(noise=few)[0]["result"]
+    assert "too few" in _rows(noise=few)[0].result
 
 
 def test_cluster_factors_of_aircraft_and_fleet_have_rows_of_their_own():
     left = [_score("aircraft", 1.2), _score("fleet", 12.0)]
     rows = _rows(left=left)[5:7]
-    assert [row["ok"] for row in rows] == [True, False]
-    assert "fleet" in rows[1]["assumption"]
+    assert [row.ok for row in rows] == [True, False]
+    assert "fleet" in rows[1].assumption

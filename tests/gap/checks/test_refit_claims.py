@@ -17,6 +17,7 @@ from airswing.gap.checks.refit_claims import (
 )
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.result.schema import ClaimsEntry
 
 FIT = {"shared_error": False, "min_reports": 100, "harmonics": 1}
 
@@ -115,17 +116,17 @@ def test_a_biased_reference_moves_the_claim_and_taking_it_off_restores_it():
     options = {"pools": {"model": ["model"]}, "reference": "model", "fit": FIT | {"joint": False}}
     made = review_claims(headings, off, **options)
     clean = review_claims(_headings(), _adjustment(("time_lag",)), **options)
-    assert made["taken_off"] == ["reference_speed_bias"]
-    assert (made["stay"], made["of"]) == (0, 2)
-    for one, two in zip(made["aircraft"], clean["aircraft"], strict=True):
-        assert one["amplitude_deg_after"] == pytest.approx(two["amplitude_deg"], abs=0.02)
-        assert abs(one["amplitude_deg"] - one["amplitude_deg_after"]) > 0.5
-    assert (clean["stay"], clean["of"]) == (2, 2)
+    assert made.taken_off == ["reference_speed_bias"]
+    assert (made.stay, made.of) == (0, 2)
+    for one, two in zip(made.aircraft, clean.aircraft, strict=True):
+        assert one.amplitude_deg_after == pytest.approx(two.amplitude_deg, abs=0.02)
+        assert abs(one.amplitude_deg - one.amplitude_deg_after) > 0.5
+    assert (clean.stay, clean.of) == (2, 2)
 
 
 def test_nothing_taken_off_needs_no_fit():
     made = review_claims(xr.Dataset(), _adjustment(()), pools={}, reference="model", fit={})
-    assert made == {"taken_off": [], "aircraft": [], "stay": 0, "of": 0, "field_test": None}
+    assert made == ClaimsEntry([])
 
 
 def test_comparison_by_hand():
@@ -138,10 +139,10 @@ def test_comparison_by_hand():
         )
 
     out = compared_fits(fits([0.0, 0.0], [1.0, 1.0], [0, 0]), fits([0.1, 0.0], [1.1, 1.3], [0, 0]))
-    assert [entry["stays"] for entry in out] == [True, False]
-    assert out[1]["amplitude_deg_after"] == 1.3
+    assert [entry.stays for entry in out] == [True, False]
+    assert out[1].amplitude_deg_after == 1.3
     out = compared_fits(fits([0.0, 0.0], [1.0, 1.0], [0, 1]), fits([0.0, 0.0], [1.0, 1.0], [0, 1]))
-    assert out[1]["stays"] is None
+    assert out[1].stays is None
 
 
 def test_field_test_is_computed_on_both():
@@ -158,14 +159,14 @@ def test_field_test_is_computed_on_both():
     }
     made = review_claims(
         headings, off, pools={"model": ["model"]}, reference="model", fit=FIT, field_test=test
-    )["field_test"]
+    ).field_test
     clean = review_claims(
         _headings(), off, pools={"model": ["model"]}, reference="model", fit=FIT, field_test=test
-    )["field_test"]
-    assert made["reduction_kt_after"] == pytest.approx(clean["reduction_kt"], abs=1e-9)
-    low, high = made["reduction_ci_kt"]
-    assert low <= made["reduction_kt"] <= high
-    assert made["stays"] == (low <= made["reduction_kt_after"] <= high)
+    ).field_test
+    assert made.reduction_kt_after == pytest.approx(clean.reduction_kt, abs=1e-9)
+    low, high = made.reduction_ci_kt
+    assert low <= made.reduction_kt <= high
+    assert made.stays == (low <= made.reduction_kt_after <= high)
 
 
 def test_diagnosis_takes_off_the_airspeed_and_leaves_the_deviation():
@@ -179,7 +180,7 @@ def test_diagnosis_takes_off_the_airspeed_and_leaves_the_deviation():
         airspeed_factor=lambda c: np.where(c["aircraft"] == 3, 1.02, 1.0),
     )
     made = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, maps=False, dictionary=False)
-    assert {e["name"] for e in made.report["effects"]} == {"compass_offset", "tas_scale"}
+    assert {e.name for e in made.report.effects} == {"compass_offset", "tas_scale"}
     assert made.adjustment.names == ("tas_scale",)
     struck = frame.aircraft == 3
     assert not made.adjustment.reported[~struck].any()

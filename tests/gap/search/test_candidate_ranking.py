@@ -24,7 +24,7 @@ def found(error, catalogue):
 
     frame = make_frame(seed=3, aircraft=5, days=16, noise=0.3, heading_error=own)
     made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False)
-    return [(e["name"], e["tails"]) for e in made.report["effects"]], frame.tails[2]
+    return [(e.name, e.tails) for e in made.report.effects], frame.tails[2]
 
 
 def test_a_lasting_offset_is_not_named_a_drift():
@@ -70,8 +70,8 @@ def test_a_step_of_the_whole_fleet_is_no_doubt_about_itself():
 
     frame = make_frame(seed=5, aircraft=5, days=20, noise=0.3, heading_error=swung)
     catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
-    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False).report["effects"]
-    assert [(e["name"], e["tails"]) for e in made] == [("compass_step", list(frame.tails))]
+    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False).report.effects
+    assert [(e.name, e.tails) for e in made] == [("compass_step", list(frame.tails))]
 
 
 def test_what_the_catalogue_lacks_is_placed_by_the_simplest_group():
@@ -82,10 +82,10 @@ def test_what_the_catalogue_lacks_is_placed_by_the_simplest_group():
     frame = make_frame(seed=6, aircraft=5, days=16, noise=0.3, heading_error=two_cycles)
     catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron")}
     report = diagnose(frame, catalogue=catalogue, maps=False).report
-    place = report["unknown"]["where"][0]
-    assert report["effects"] == []
-    assert place["group"] == "cross:magnetic_heading 2 cycles"
-    assert place["tails"] == [frame.tails[1]]
+    place = report.unknown.where[0]
+    assert report.effects == []
+    assert place.group == "cross:magnetic_heading 2 cycles"
+    assert place.tails == [frame.tails[1]]
 
 
 def test_a_rival_explains_what_the_term_explains():
@@ -100,8 +100,8 @@ def test_a_rival_explains_what_the_term_explains():
     ranked = [beside, score("compass_step", True, 20.0, 0.5), alike]
     left = [score("turn_error", True, 24.0, 0.1), score("compass_drift", True, 0.5, 0.1)]
     (rival,) = ambiguity(term, ranked, left)
-    assert rival["name"] == "compass_drift"
-    assert rival["difference_nats"] == 1.5
+    assert rival.name == "compass_drift"
+    assert rival.difference_nats == 1.5
 
 
 def test_together_aircraft_tell_a_drift_that_none_tells_alone():
@@ -110,8 +110,8 @@ def test_together_aircraft_tell_a_drift_that_none_tells_alone():
         return np.where(context["aircraft"] < 4, np.radians(0.03) * days, 0.0)
 
     frame = make_frame(seed=8, aircraft=8, days=20, noise=1.0, heading_error=drifting)
-    made = diagnose(frame, catalogue=DRIFTING, maps=False, dictionary=False).report["effects"]
-    assert [(e["name"], e["tails"]) for e in made] == [("compass_drift", list(frame.tails[:4]))]
+    made = diagnose(frame, catalogue=DRIFTING, maps=False, dictionary=False).report.effects
+    assert [(e.name, e.tails) for e in made] == [("compass_drift", list(frame.tails[:4]))]
 
 
 def test_aircraft_that_change_together_are_dated_together():
@@ -121,8 +121,8 @@ def test_aircraft_that_change_together_are_dated_together():
 
     catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
     frame = make_frame(seed=8, aircraft=8, days=20, noise=1.0, heading_error=swung)
-    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False).report["effects"]
-    assert [(e["name"], e["tails"]) for e in made] == [("compass_step", list(frame.tails[:4]))]
+    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False).report.effects
+    assert [(e.name, e.tails) for e in made] == [("compass_step", list(frame.tails[:4]))]
 
 
 def test_what_inferred_columns_cannot_carry_is_nothing_else():

@@ -14,7 +14,6 @@ from airswing.gap.simulation.effects_file import write_effects
 from airswing.gap.simulation.forward import simulate
 from airswing.gap.simulation.known_effects import (
     effects_of_fits,
-    not_known,
     read_known,
     take_off_known,
 )
@@ -133,21 +132,3 @@ def test_files_that_hold_nothing_known_are_told_clearly(tmp_path):
     write_effects(unknown, tmp_path / "effects.yaml")
     with pytest.raises(InputError, match="unknown aircraft"):
         take_off_known(frames.frame(), read_known(tmp_path / "effects.yaml", reference="ruc"))
-
-
-def test_scatter_that_was_known_is_not_named_again():
-    entries = [
-        {"name": "outliers", "tails": ["N401", "N402"], "per_tail": {"N401": {}, "N402": {}}},
-        {"name": "hard_iron", "tails": ["N401"]},
-    ]
-    known = [
-        ActiveEffect("outliers", {"fraction": 0.02}, ("N401",)),
-        ActiveEffect("hard_iron", {"amplitude_deg": 1.0}, ("N401",)),
-    ]
-    left = not_known(entries, known)
-    assert [(one["name"], one["tails"]) for one in left] == [
-        ("outliers", ["N402"]),
-        ("hard_iron", ["N401"]),
-    ]
-    everyone = [ActiveEffect("outliers", {"fraction": 0.02})]
-    assert [one["name"] for one in not_known(entries, everyone)] == ["hard_iron"]

@@ -181,7 +181,7 @@ def test_a_diagnosis_of_what_is_read_finds_what_one_of_what_is_held_does():
         for archive in (struck, read(struck))
     ]
     for report in reports:
-        (effect,) = report["effects"]
-        assert effect["name"] == "compass_offset"
-        assert effect["tails"] == [frame.tails[3]]
-        assert effect["parameters"]["offset_deg"] == pytest.approx(3.0, abs=0.3)
+        (effect,) = report.effects
+        assert effect.name == "compass_offset"
+        assert effect.tails == [frame.tails[3]]
+        assert effect.parameters["offset_deg"] == pytest.approx(3.0, abs=0.3)

@@ -14,10 +14,10 @@ from airswing.gap.design.weather import climatology_columns, day_field_columns, 
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise.whitening import whiten
+from airswing.gap.result.effect_entries import active_effects
 from airswing.gap.sums.variance_components import SLOPE_SD, Variances
 from airswing.gap.witness.ground import BACKGROUND, plain_sums, prepare, steady_columns
 from airswing.gap.witness.scan import SIZES, evidence
-from airswing.workflow.gap_stage import active_effects
 
 SMALL = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "tas_scale")}
 
@@ -109,21 +109,21 @@ def told():
 
 def test_an_unknown_has_variables_aircraft_curve_and_closure(told):
     frame, made = told
-    unknown = made.report["unknown"]
-    place = unknown["where"][0]
-    assert "longitude" in place["variables"]
-    assert place["component"] in ("across_heading", "heading_angle")
-    assert place["tails"] == [frame.tails[1], frame.tails[4]]
-    assert place["probability"] > 0.95
+    unknown = made.report.unknown
+    place = unknown.where[0]
+    assert "longitude" in place.variables
+    assert place.component in ("across_heading", "heading_angle")
+    assert place.tails == [frame.tails[1], frame.tails[4]]
+    assert place.probability > 0.95
     bare = make_frame(seed=5, aircraft=6, days=16, noise=0.3)
     true = (np.hypot(*frame.residual.T).mean() - np.hypot(*bare.residual.T).mean()) / 0.514444
-    assert unknown["closure"]["reduction"] == pytest.approx(true, abs=0.1)
-    low, high = unknown["closure"]["reduction_ci"]
+    assert unknown.closure.reduction == pytest.approx(true, abs=0.1)
+    low, high = unknown.closure.reduction_ci
     assert low < true < high
-    steps = [step["kt"] for step in made.details["waterfall"]]
+    steps = [step.kt for step in made.report.waterfall]
     assert steps[0] == pytest.approx(np.hypot(*frame.residual.T).mean() / 0.514444, rel=1e-5)
-    assert unknown["closure"]["before"] - unknown["closure"]["after"] == pytest.approx(
-        unknown["closure"]["reduction"]
+    assert unknown.closure.before - unknown.closure.after == pytest.approx(
+        unknown.closure.reduction
     )
 
 

@@ -1,14 +1,31 @@
-"""The gap page: the verdict in words, every section, and every way it can be empty."""
+"""The gap page of a real product: the verdict in words, every section, every way to be empty."""
 
 from __future__ import annotations
 
-import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray as xr
+from markupsafe import escape
+from matplotlib.figure import Figure
 from tests.report import gap_factories
+from tests.report.gap_factories import effect
 from tests.report.run.test_page import parsed
+from tests.report.test_figures import check_figure
 
+from airswing.gap.result.schema import (
+    GapReport,
+    MeanEntry,
+    PlaceEntry,
+    RivalEntry,
+    StepEntry,
+    TailEntry,
+    UnknownClosureEntry,
+    UnknownEntry,
+)
+from airswing.products.netcdf import read_product
 from airswing.report import write_gap_page
 from airswing.report.gap import parts as gap_parts
 from airswing.report.gap.words import (
@@ -25,30 +42,68 @@ from airswing.report.gap.words import (
 )
 
 
-def test_verdict_in_the_words_of_the_example() -> None:
-    gap = gap_factories.gap()
-    gap["effects"] = gap["effects"][:1]
-    gap["effects"][0] |= {"parameters": {"amplitude_deg": 3.912}, "tails": ["N412", "N418"]}
-    assert verdict(gap) == (
+@pytest.fixture(scope="module")
+def gap(gap_product: Path) -> GapReport:
+    """A diagnosis as the command wrote it: iron on N401, airspeed of N403."""
+    return GapReport.read(gap_product / "gap.json")
+
+
+@pytest.fixture(scope="module")
+def maps(gap_product: Path) -> xr.Dataset:
+    """Its gap.nc."""
+    return read_product(gap_product / "gap.nc")
+
+
+def unknown(*places: PlaceEntry) -> UnknownEntry:
+    closure = UnknownClosureEntry(7.4, 7.2, 0.2, [0.1, 0.3])
+    return UnknownEntry(bool(places), list(places), closure)
+
+
+def test_verdict_of_a_real_diagnosis(gap: GapReport) -> None:
+    text = verdict(gap)
+    assert "N401: heading error of one cycle, amplitude 6." in text
+    assert "N403: airspeed wrong by a factor, scale 3." in text
+    before, after = gap.closure.before, gap.closure.after
+    assert f"adding them takes the disagreement from {before:.1f} to {after:.1f} kt" in text
+    assert text.endswith(f"on held-out flights, noise floor {gap.gap.noise_floor_kt:.1f}.")
+
+
+def test_verdict_in_the_words_of_the_example(gap: GapReport) -> None:
+    one = effect(
+        "hard_iron",
+        "N412",
+        "N418",
+        parameters={"amplitude_deg": 3.912},
+        standard_errors={"amplitude_deg": 0.2},
+        share_of_gap=0.61,
+    )
+    closure = replace(gap.closure, before=7.4, after=6.5)
+    example = replace(gap, effects=[one], closure=closure, gap=replace(gap.gap, noise_floor_kt=6.3))
+    assert verdict(example) == (
         "N412 and N418: heading error of one cycle, amplitude 3.9 ± 0.2°; explains 61 % of the "
         "gap; adding it takes the disagreement from 7.4 to 6.5 kt on held-out flights, noise "
         "floor 6.3."
     )
 
 
-def test_verdict_when_nothing_is_missing_claims_nothing() -> None:
-    gap = gap_factories.gap() | {"effects": []}
-    assert verdict(gap).startswith("Nothing is missing")
-    assert verdict({**gap, "counts": {"days": 1}}).startswith("One day of reports is too short")
-    assert "7.4 kt and the noise floor 6.3 kt" in verdict(gap)
+def test_verdict_when_nothing_is_missing_claims_nothing(gap: GapReport) -> None:
+    numbers = replace(gap.gap, mean_vector_disagreement_kt=7.4, noise_floor_kt=6.3)
+    none = replace(gap, effects=[], gap=numbers)
+    assert verdict(none).startswith("Nothing is missing")
+    assert "7.4 kt and the noise floor 6.3 kt" in verdict(none)
+    one_day = replace(none, counts=replace(gap.counts, days=1))
+    assert verdict(one_day).startswith("One day of reports is too short")
 
 
-def test_verdict_says_unknown_and_where() -> None:
-    place = [{"variable": "icing", "values": ["on"]}]
-    gap = gap_factories.gap() | {"effects": [], "unknown": {"present": True, "where": place}}
-    assert "catalogue does not hold (icing: on)" in verdict(gap)
-    gap = gap_factories.gap() | {"unknown": {"present": True, "where": place}}
-    assert verdict(gap).endswith("Something unknown remains (icing: on).")
+def test_verdict_says_unknown_and_where(gap: GapReport) -> None:
+    place, table = gap_factories.unknown_place(), gap_factories.unknown_table()
+    alone = replace(gap, effects=[], unknown=unknown(place))
+    assert "hold (icing by magnetic heading, across the heading: N403)" in verdict(alone)
+    both = replace(gap, unknown=unknown(table))
+    assert verdict(both).endswith(
+        "Something unknown remains (altitude by temperature, across the heading: N403); a table "
+        "by altitude and temperature closes 0.20 kt (0.10 to 0.30) of 7.40."
+    )
 
 
 @pytest.mark.parametrize(
@@ -64,7 +119,9 @@ def test_verdict_says_unknown_and_where() -> None:
         ("pair", "N1/N2", None, "pair N1/N2"),
     ],
 )
-def test_parameters_carry_their_unit(name: str, value: object, error: object, text: str) -> None:
+def test_parameters_carry_their_unit(
+    name: str, value: float | str, error: float | None, text: str
+) -> None:
     assert parameter_text(name, value, error) == text
 
 
@@ -77,92 +134,123 @@ def test_words() -> None:
     assert small_text(4e-25) == "< 1e-06"
     assert digits_for(6.6) == 0
     assert digits_for(float("nan")) == 2
-    assert period_text({"period": ["2009-07-20T00:00", None]}) == "from 2009-07-20"
-    assert period_text({"period": {"start": "2009-07-01", "end": "2009-07-09"}}) == (
-        "from 2009-07-01 to 2009-07-09"
-    )
-    assert period_text({"period": [None, "2009-08-01"]}) == "until 2009-08-01"
-    assert period_text({"period": None}) == ""
-    assert effect_sentence({"name": "reference_time_offset"}).startswith("The reference: ")
-    assert effect_sentence({"name": "declination_error", "tails": []}).startswith("The whole fleet")
-    place = {"component": "scatter", "variables": ["scatter"], "tails": ["N1"]}
-    assert slice_words(place) == "scatter, of single reports: N1"
-    place = {"component": "wind", "variables": ["stretched_above_700_hPa", "wind_speed"]}
-    assert slice_words(place) == "the reference's wind, stretched above 700 hPa"
-    everybody = {"tails": ["N1", "N2", "N3"], "scope": "fleet"}
-    assert who_text({"name": "declination_error"} | everybody) == "the whole fleet"
-    assert who_text({"name": "reference_speed_bias"} | everybody) == "the reference"
-    single = {"name": "tas_scale", "tails": ["n1x"], "scope": "aircraft"}
+    assert period_text(effect("x", period=["2009-07-20T00:00", None])) == "from 2009-07-20"
+    both = effect("x", period=["2009-07-01", "2009-07-09"])
+    assert period_text(both) == "from 2009-07-01 to 2009-07-09"
+    assert period_text(effect("x", period=[None, "2009-08-01"])) == "until 2009-08-01"
+    assert period_text(effect("x")) == ""
+    assert effect_sentence(effect("reference_time_offset")).startswith("The reference: ")
+    assert effect_sentence(effect("declination_error")).startswith("The whole fleet")
+
+
+def test_places_in_words() -> None:
+    place = gap_factories.unknown_place()
+    one = replace(place, component="scatter", variables=["scatter"], tails=["N1"])
+    assert slice_words(one) == "scatter, of single reports: N1"
+    wind = ["stretched_above_700_hPa", "wind_speed"]
+    one = replace(place, component="wind", variables=wind, tails=[])
+    assert slice_words(one) == "the reference's wind, stretched above 700 hPa"
+    piece = gap_factories.slice_entry("level", ["above 400 hPa"], 0.1, 0.1)
+    assert slice_words(piece) == "level: above 400 hPa"
+
+
+def test_whom_an_effect_concerns(gap: GapReport) -> None:
+    everybody = ("N1", "N2", "N3")
+    assert who_text(effect("declination_error", *everybody, scope="fleet")) == "the whole fleet"
+    shared = effect("reference_speed_bias", *everybody, scope="fleet")
+    assert who_text(shared) == "the reference"
+    single = effect("tas_scale", "n1x")
     assert who_text(single) == "n1x"
-    shared = {"name": "reference_speed_bias"} | everybody
-    assert verdict({"effects": [single, shared]}).startswith("n1x: ")
-    assert "; the reference: " in verdict({"effects": [single, shared]})
-    assert verdict({"effects": [shared, single]}).startswith("The reference: ")
+    assert verdict(replace(gap, effects=[single, shared])).startswith("n1x: ")
+    assert "; the reference: " in verdict(replace(gap, effects=[single, shared]))
+    assert verdict(replace(gap, effects=[shared, single])).startswith("The reference: ")
 
 
-def test_page_with_everything(tmp_path: Path) -> None:
-    page = write_gap_page(
-        tmp_path / "gap",
-        gap=gap_factories.gap(),
-        maps=gap_factories.maps(),
-        details=gap_factories.details(),
-    )
+def test_page_of_a_real_diagnosis(gap: GapReport, maps: xr.Dataset, tmp_path: Path) -> None:
+    page = write_gap_page(tmp_path / "gap", gap=gap, maps=maps)
     assert page == tmp_path / "gap" / "index.html"
     text, found = parsed(page)
     assert found.open == []
     assert all(a.startswith(("data:image/", "#")) for a in found.addresses)
     where, which, far, method = 1 + 4, 2, 1, 2
     assert found.images == where + which + far + method
-    order = [
-        text.index(f'<section id="{name}"') for name in ("where", "which", "far", "open", "method")
-    ]
+    names = ("where", "which", "far", "open", "claims", "method")
+    order = [text.index(f'<section id="{name}"') for name in names]
     assert order == sorted(order)
     assert text.index("<h1>") < order[0]
-    assert "no icing flag in the reports" in text
-    assert "What would tell: headings in more compass points." in text
+    for name, reason in gap.untestable.items():
+        assert str(escape(reason)) in text, name
+    held = sum(one.ok for one in gap.assumptions)
+    assert f"{held} of {len(gap.assumptions)} hold" in " ".join(text.split())
+    assert "heading error of one cycle (hard_iron)" in text
 
 
-def test_page_of_the_bare_contract(tmp_path: Path) -> None:
-    gap = gap_factories.gap()
-    bare = {key: gap[key] for key in ("gap", "where", "unknown")}
-    bare |= {
-        "effects": [],
-        "closure": {
-            "before": 6.4,
-            "after": 6.4,
-            "ci": [6.3, 6.5],
-            "fraction_of_excess": 0.0,
-            "held_out": True,
-        },
-    }
-    text, found = parsed(write_gap_page(tmp_path, gap=bare))
+def test_the_page_the_command_wrote_is_the_page_of_its_products(
+    gap: GapReport, maps: xr.Dataset, gap_product: Path, tmp_path: Path
+) -> None:
+    again = write_gap_page(tmp_path, gap=gap, maps=maps)
+    assert again.read_text() == (gap_product / "gap" / "index.html").read_text()
+
+
+def test_figures_of_a_real_diagnosis(gap: GapReport, maps: xr.Dataset) -> None:
+    figures: list[Figure] = [
+        *gap_parts.where_figures(maps, gap, ["N401"]),
+        *gap_parts.which_figures(maps, gap),
+        *gap_parts.closure_figures(gap),
+        *gap_parts.method_figures(maps, gap),
+    ]
+    assert len(figures) == 4 + 2 + 1 + 2
+    for figure in figures:
+        check_figure(figure)
+
+
+def test_page_without_maps_and_effects(gap: GapReport, tmp_path: Path) -> None:
+    text, found = parsed(write_gap_page(tmp_path, gap=replace(gap, effects=[])))
     assert found.open == []
-    assert re.search(r"<h1>Nothing is missing", text)
+    assert "<h1>Nothing is missing" in text
     assert "No effect of the catalogue is needed" in text
 
 
-def test_an_unknown_effect_is_placed_and_drawn(tmp_path: Path) -> None:
-    unknown = {"present": True, "where": [gap_factories.unknown_place()]}
-    gap = gap_factories.gap() | {"effects": [], "unknown": unknown}
-    text, found = parsed(write_gap_page(tmp_path, gap=gap))
-    place = "icing by magnetic heading, across the heading: N403"
-    assert f"found in {place}." in text
-    assert f"catalogue does not hold ({place})" in text
-    assert found.images == 2
+def test_what_could_not_be_told_apart(gap: GapReport, tmp_path: Path) -> None:
+    like = effect("hard_iron", "N404", ambiguity=[gap_factories.rival()])
+    alike = RivalEntry("heater_current", None, "the icing flag", 0.9)
+    bare = replace(gap, effects=[like, effect("compass_offset", "N4", ambiguity=[alike])])
+    text, _ = parsed(write_gap_page(tmp_path, gap=bare))
+    assert "What would tell: headings in more compass points." in text
+    assert "What would tell: the icing flag." in text
 
 
-def test_steps_of_the_waterfall_carry_the_level_they_leave() -> None:
-    steps = gap_parts.closure_steps(gap_factories.details())
+def test_unknown_effects_are_placed_and_drawn(gap: GapReport, tmp_path: Path) -> None:
+    mean = MeanEntry("tas_scale", ["N403"], {"scale_percent": 1.0}, {})
+    place, table = gap_factories.unknown_place(), gap_factories.unknown_table()
+    places = unknown(replace(place, mean=mean), table)
+    text, found = parsed(write_gap_page(tmp_path, gap=replace(gap, effects=[], unknown=places)))
+    first, second = slice_words(place), slice_words(table)
+    assert f"found in {first} and {second}." in text
+    _, without = parsed(write_gap_page(tmp_path, gap=replace(gap, effects=[])))
+    assert found.images == without.images + 2
+
+
+def test_steps_of_the_waterfall_carry_the_level_they_leave(gap: GapReport) -> None:
+    waterfall = [
+        StepEntry("reports as they are", 7.4, None),
+        StepEntry("hard_iron", 6.7, [0.6, 0.8]),
+        StepEntry("compass_step", 6.5, [0.15, 0.25]),
+        StepEntry("noise floor", 6.3, None),
+    ]
+    steps = gap_parts.closure_steps(replace(gap, waterfall=waterfall))
     assert [(name, level) for name, level, _ in steps] == [
         ("hard_iron", 6.7),
         ("compass_step", 6.5),
     ]
     assert steps[0][2] == pytest.approx([6.6, 6.8])
     assert steps[1][2] == pytest.approx([6.45, 6.55])
+    real = gap_parts.closure_steps(gap)
+    assert [name for name, *_ in real] == [one.name for one in gap.effects]
 
 
 def test_best_evidence_is_of_the_catalogue_alone() -> None:
-    best = gap_parts.best_evidence(gap_factories.details()["evidence"])
+    best = gap_parts.best_evidence(gap_factories.evidence())
     assert list(best.items()) == [
         ("hard_iron", 5230.0),
         ("compass_step", 400.0),
@@ -173,63 +261,63 @@ def test_best_evidence_is_of_the_catalogue_alone() -> None:
 
 def test_posterior_is_taken_from_the_effect_s_own_row() -> None:
     names = [f"N{i}" for i in range(14)]
-    found = gap_parts.posteriors(gap_factories.details()["evidence"], names)
+    found = gap_parts.posteriors(gap_factories.evidence(), names)
     assert list(found) == ["hard_iron", "compass_step"]
     assert found["hard_iron"][-1] == 0.99
 
 
-def test_weeks_are_dated_from_the_first_day() -> None:
-    starts = gap_parts.week_starts(gap_factories.maps()).astype("datetime64[D]").astype(str)
-    assert starts[:3].tolist() == ["2009-07-01", "2009-07-08", "2009-07-15"]
-    numbers = gap_parts.week_starts(gap_factories.maps().drop_vars("day"))
-    assert numbers.tolist() == list(range(7))
+def test_weeks_are_dated_from_the_first_day(maps: xr.Dataset) -> None:
+    starts = gap_parts.week_starts(maps).astype("datetime64[D]")
+    assert starts[0] == maps["day"].to_numpy().min().astype("datetime64[D]")
+    assert (np.diff(starts) == np.timedelta64(7, "D")).all()
+    numbers = gap_parts.week_starts(maps.drop_vars("day"))
+    assert numbers.tolist() == list(range(maps.sizes["week"]))
 
 
 def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:
-    effect = {
-        "name": "hard_iron",
-        "tails": ["N1", "N2"],
-        "parameters": {"amplitude_deg": 2.6, "phase_deg": 31.0, "at_horizontal_field_nT": 18820.0},
-        "standard_errors": {"amplitude_deg": 0.1, "phase_deg": 3.0},
-        "per_tail": {
-            "N1": {"parameters": {"amplitude_deg": 1.14, "phase_deg": 170.0}},
-            "N2": {"parameters": {"amplitude_deg": 5.92, "phase_deg": -50.0}},
-        },
-    }
-    assert parameters_text(effect) == "amplitude 1.1 to 5.9°, at 18,820 nT"
-    assert effect_sentence(effect) == (
+    parameters = {"amplitude_deg": 2.6, "phase_deg": 31.0, "at_horizontal_field_nT": 18820.0}
+    errors = {"amplitude_deg": 0.1, "phase_deg": 3.0}
+
+    def pair(one: dict[str, float], two: dict[str, float], **other: float) -> object:
+        return effect(
+            "hard_iron",
+            "N1",
+            "N2",
+            parameters=parameters | other,
+            standard_errors=errors,
+            per_tail={"N1": TailEntry(one), "N2": TailEntry(two)},
+        )
+
+    second = {"amplitude_deg": 5.92, "phase_deg": -50.0}
+    apart = pair({"amplitude_deg": 1.14, "phase_deg": 170.0}, second)
+    assert parameters_text(apart) == "amplitude 1.1 to 5.9°, at 18,820 nT"
+    assert effect_sentence(apart) == (
         "N1 and N2: heading error of one cycle, amplitude 1.1 to 5.9°"
     )
-    effect["per_tail"]["N1"]["parameters"] = {"amplitude_deg": 5.8, "phase_deg": -51.0}
-    assert parameters_text(effect, brief=True) == "amplitude 2.6 ± 0.1°, phase 31 ± 3°"
-    effect["per_tail"]["N1"]["parameters"] = {"amplitude_deg": 5.8, "phase_deg": 178.0}
-    effect["per_tail"]["N2"]["parameters"] = {"amplitude_deg": 5.9, "phase_deg": -179.0}
-    effect["parameters"]["phase_deg"] = 179.5
-    assert parameters_text(effect, brief=True) == "amplitude 2.6 ± 0.1°, phase 180 ± 3°"
+    near = pair({"amplitude_deg": 5.8, "phase_deg": -51.0}, second)
+    assert parameters_text(near, brief=True) == "amplitude 2.6 ± 0.1°, phase 31 ± 3°"
+    round_the_back = pair(
+        {"amplitude_deg": 5.8, "phase_deg": 178.0},
+        {"amplitude_deg": 5.9, "phase_deg": -179.0},
+        phase_deg=179.5,
+    )
+    assert parameters_text(round_the_back, brief=True) == "amplitude 2.6 ± 0.1°, phase 180 ± 3°"
 
 
 def test_a_range_of_small_values_keeps_its_digits() -> None:
-    each = {
-        "N1": {"parameters": {"rate_deg_per_day": 0.021}},
-        "N2": {"parameters": {"rate_deg_per_day": 0.048}},
-    }
-    effect = {
-        "name": "compass_drift",
-        "parameters": {"rate_deg_per_day": 0.03},
-        "standard_errors": {"rate_deg_per_day": 0.001},
-        "per_tail": each,
-    }
-    assert parameters_text(effect) == "rate 0.021 to 0.048°/day"
+    each = {"N1": 0.021, "N2": 0.048}
+    drift = effect(
+        "compass_drift",
+        parameters={"rate_deg_per_day": 0.03},
+        standard_errors={"rate_deg_per_day": 0.001},
+        per_tail={tail: TailEntry({"rate_deg_per_day": rate}) for tail, rate in each.items()},
+    )
+    assert parameters_text(drift) == "rate 0.021 to 0.048°/day"
 
 
 def test_the_aircraft_of_a_swap_are_told_once_and_not_as_a_list() -> None:
     pair = ["N402", "N406"]
-    effect = {
-        "name": "tail_swap",
-        "tails": pair,
-        "parameters": {"pair": pair},
-        "period": ["2009-03-10", None],
-    }
-    assert effect_sentence(effect) == (
+    swap = effect("tail_swap", *pair, parameters={"pair": pair}, period=["2009-03-10", None])
+    assert effect_sentence(swap) == (
         "N402 and N406: two aircraft exchanged identifiers, from 2009-03-10"
     )

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.terms import Term, term_weights
+from airswing.gap.result.schema import AliasEntry
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, climatology, included_sums
 
@@ -214,7 +215,7 @@ def separated_by(effect: str, other: str, *, otherwise: str = "other flights") -
 
 def alias_table(
     base: Base, terms: Sequence[Term], effects: Mapping[str, Any]
-) -> tuple[list[dict[str, Any]], dict[str, dict[str, float]]]:
+) -> tuple[list[AliasEntry], dict[str, dict[str, float]]]:
     """List the aliases of the effects found, and every share by effect.
 
     Parameters
@@ -226,9 +227,8 @@ def alias_table(
 
     Returns
     -------
-    listed : list of dict
-        ``effect``, ``other``, ``alias_share`` above 0.8, largest first, and ``separated_by``, the
-        data that would tell them apart.
+    listed : list of AliasEntry
+        Of a share above 0.8, largest first.
     shares : dict
         Effect -> other -> share; of an effect found twice the larger.
     """
@@ -240,14 +240,9 @@ def alias_table(
         for name, share in alias_shares(base, term, effects).items():
             known[name] = max(share, known.get(name, 0.0))
     listed = [
-        {
-            "effect": effect,
-            "other": other,
-            "alias_share": share,
-            "separated_by": separated_by(effect, other),
-        }
+        AliasEntry(effect, other, share, separated_by(effect, other))
         for effect, others in shares.items()
         for other, share in others.items()
         if share > LISTED
     ]
-    return sorted(listed, key=lambda pair: -float(str(pair["alias_share"]))), shares
+    return sorted(listed, key=lambda pair: -pair.alias_share), shares

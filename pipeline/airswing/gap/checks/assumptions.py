@@ -10,7 +10,7 @@ every model is wrong significantly.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,14 @@ from airswing.gap.design.weather import climatology_columns, slope_columns
 from airswing.gap.evidence.terms import Term, fit_terms
 from airswing.gap.held_out.reduction import Closure, folds_of_days, restrict_term, select_days
 from airswing.gap.noise.model import NoiseFit
+from airswing.gap.result.schema import (
+    AliasEntry,
+    AssumptionEntry,
+    CalibrationPair,
+    EffectEntry,
+    GapReport,
+    RivalEntry,
+)
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.elimination import Base, climatology, eliminate_days
 from airswing.gap.sums.problem import Problem
@@ -55,29 +63,29 @@ class Checks:
     after, before : Calibration
         With the effects found in the simulation, and without.
     decoy : Decoy
-    aliases : list of dict
+    aliases : list of AliasEntry
         Pairs of effects with more than 0.8 of their energy in common.
     shares : dict
         Effect found -> other effect -> share of energy in common.
-    assumptions : list of dict
-        ``assumption``, ``check``, ``result`` (words), ``ok``.
+    assumptions : list of AssumptionEntry
     """
 
     after: Calibration
     before: Calibration
     decoy: Decoy
-    aliases: list[dict[str, Any]]
+    aliases: list[AliasEntry]
     shares: dict[str, dict[str, float]]
-    assumptions: list[dict[str, Any]]
+    assumptions: list[AssumptionEntry]
 
-    def details(self) -> dict[str, Any]:
-        """What ``gap.json`` holds of them."""
-        return {
-            "calibration": {"after": self.after.entry(), "before": self.before.entry()},
-            "decoy": self.decoy.entry(),
-            "aliases": self.aliases,
-            "assumptions": self.assumptions,
-        }
+    def told(self, report: GapReport) -> GapReport:
+        """Return a report with what the checks found."""
+        return replace(
+            report,
+            calibration=CalibrationPair(self.after.entry(), self.before.entry()),
+            decoy=self.decoy.entry(),
+            aliases=self.aliases,
+            assumptions=self.assumptions,
+        )
 
     def histograms(self) -> dict[str, tuple[str, Any]]:
         """Return what ``gap.nc`` holds of them."""
@@ -146,7 +154,7 @@ def held_out_climatology(problem: Problem, terms: Sequence[Term]) -> Floats:
 
 def assumptions(
     *, base: Base, noise: NoiseFit, found: Found, after: Calibration, decoy: Decoy
-) -> list[dict[str, Any]]:
+) -> list[AssumptionEntry]:
     """Every assumption with its check, the result in words, and whether it holds.
 
     Parameters
@@ -156,7 +164,7 @@ def assumptions(
 
     Returns
     -------
-    list of dict
+    list of AssumptionEntry
     """
     return [
         _noise_row(noise),
@@ -169,11 +177,11 @@ def assumptions(
     ]
 
 
-def _row(assumption: str, check: str, result: str, ok: bool) -> dict[str, Any]:
-    return {"assumption": assumption, "check": check, "result": result, "ok": bool(ok)}
+def _row(assumption: str, check: str, result: str, ok: bool) -> AssumptionEntry:
+    return AssumptionEntry(assumption, check, result, bool(ok))
 
 
-def _noise_row(noise: NoiseFit) -> dict[str, Any]:
+def _noise_row(noise: NoiseFit) -> AssumptionEntry:
     there = np.isfinite(noise.autocovariance) & (noise.pair_count > 100)
     misfit = np.abs(noise.autocovariance - noise.autocovariance_model)[there]
     if not misfit.size or noise.autocovariance_model[0] <= 0:
@@ -190,7 +198,7 @@ def _noise_row(noise: NoiseFit) -> dict[str, Any]:
     )
 
 
-def _calibration_row(after: Calibration) -> dict[str, Any]:
+def _calibration_row(after: Calibration) -> AssumptionEntry:
     number = after.pit_count.sum()
     if not np.isfinite(after.spread):
         return _row(
@@ -212,7 +220,7 @@ def _calibration_row(after: Calibration) -> dict[str, Any]:
     )
 
 
-def _neighbours_row(after: Calibration) -> dict[str, Any]:
+def _neighbours_row(after: Calibration) -> AssumptionEntry:
     return _row(
         "nothing is left between neighbours on a flight",
         "correlation of whitened held-out residuals at lag 1",
@@ -223,7 +231,7 @@ def _neighbours_row(after: Calibration) -> dict[str, Any]:
     )
 
 
-def _classifier_row(after: Calibration) -> dict[str, Any]:
+def _classifier_row(after: Calibration) -> AssumptionEntry:
     known = np.isfinite(after.auc)
     text = (
         f"area under the curve {after.auc:.2f} ± {after.auc_standard_error:.2f} (0.5: cannot)"
@@ -238,7 +246,7 @@ def _classifier_row(after: Calibration) -> dict[str, Any]:
     )
 
 
-def _clipped_row(base: Base) -> dict[str, Any]:
+def _clipped_row(base: Base) -> AssumptionEntry:
     stats = base.stats
     number = max(float(stats.day_count.sum()), 1.0)
     clipped, gross = float(stats.clipped.sum()) / number, float(stats.gross.sum()) / number
@@ -250,7 +258,7 @@ def _clipped_row(base: Base) -> dict[str, Any]:
     )
 
 
-def _cluster_rows(found: Found) -> list[dict[str, Any]]:
+def _cluster_rows(found: Found) -> list[AssumptionEntry]:
     scores = [score for ranked in (*found.rivals, found.left) for score in ranked]
     rows = []
     for scope, who in (("aircraft", "of one aircraft"), ("fleet", "of the fleet")):
@@ -269,7 +277,7 @@ def _cluster_rows(found: Found) -> list[dict[str, Any]]:
     return rows
 
 
-def _decoy_row(decoy: Decoy) -> dict[str, Any]:
+def _decoy_row(decoy: Decoy) -> AssumptionEntry:
     low, high = decoy.held_out_ci
     return _row(
         "what an effect closes on held-out flights is no luck",
@@ -281,16 +289,16 @@ def _decoy_row(decoy: Decoy) -> dict[str, Any]:
 
 
 def with_aliases(
-    entries: Sequence[dict[str, Any]],
+    entries: Sequence[EffectEntry],
     shares: Mapping[str, Mapping[str, float]],
     hidden: Mapping[str, Mapping[str, float]] | None = None,
-) -> None:
-    """Write the share of energy in common to each entry's rivals, and add its aliases, in place.
+) -> list[EffectEntry]:
+    """Write the share of energy in common to each entry's rivals, and add its aliases.
 
     Parameters
     ----------
-    entries : sequence of dict
-        ``effects`` of ``gap.json``: rivals get an ``alias_share``; effects of a share of
+    entries : sequence of EffectEntry
+        Rivals get an ``alias_share``; effects of a share of
         :data:`~airswing.gap.checks.aliases.ALIAS` and more are rivals however the evidence falls
         out, because a model error of a few hundredths decides between them.
     shares : mapping
@@ -299,19 +307,22 @@ def with_aliases(
         The same of effects that weather takes up; from
         :data:`~airswing.gap.checks.aliases.HIDDEN_ALIAS` they are rivals: silence does not exclude
         them.
+
+    Returns
+    -------
+    list of EffectEntry
     """
+    out = []
     for entry in entries:
-        own = shares.get(entry["name"], {})
-        unseen = (hidden or {}).get(entry["name"], {})
-        told = {rival["name"] for rival in entry["ambiguity"]}
-        alike = {name: separated_by(entry["name"], name) for name in own if own[name] >= ALIAS}
+        own = shares.get(entry.name, {})
+        unseen = (hidden or {}).get(entry.name, {})
+        told = {rival.name for rival in entry.ambiguity}
+        alike = {name: separated_by(entry.name, name) for name in own if own[name] >= ALIAS}
         alike |= {name: MORE_REGION for name in unseen if unseen[name] >= HIDDEN_ALIAS}
-        entry["ambiguity"] += [
-            {"name": name, "difference_nats": None, "separated_by": data}
-            for name, data in alike.items()
-            if name not in told
-        ]
-        for rival in entry["ambiguity"]:
-            if rival["name"] in {**own, **unseen}:
-                rival["alias_share"] = {**own, **unseen}[rival["name"]]
-        entry["ambiguous_with"] = [rival["name"] for rival in entry["ambiguity"]]
+        rivals = [*entry.ambiguity]
+        rivals += [RivalEntry(name, None, data) for name, data in alike.items() if name not in told]
+        known = {**own, **unseen}
+        rivals = [replace(rival, alias_share=known.get(rival.name)) for rival in rivals]
+        names = [rival.name for rival in rivals]
+        out.append(replace(entry, ambiguity=rivals, ambiguous_with=names))
+    return out

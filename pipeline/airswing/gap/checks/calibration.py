@@ -27,6 +27,7 @@ from scipy.stats import norm, rankdata
 from airswing.gap.design.basis import unit_vectors
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import whiten
+from airswing.gap.result.schema import CalibrationEntry
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -62,13 +63,10 @@ class Calibration:
     auc: float
     auc_standard_error: float
 
-    def entry(self) -> dict[str, float | None]:
-        """Everything but the histogram as ``gap.json`` holds it; None where it is not known."""
-        return {
-            name: float(value) if np.isfinite(value) else None
-            for name, value in vars(self).items()
-            if name != "pit_count"
-        }
+    def entry(self) -> CalibrationEntry:
+        """Everything but the histogram as ``gap.json`` holds it."""
+        numbers = {k: float(value) for k, value in vars(self).items() if k != "pit_count"}
+        return CalibrationEntry(**numbers)
 
 
 def calibrate(

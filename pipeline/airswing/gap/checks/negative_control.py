@@ -24,6 +24,7 @@ from airswing.gap.design.basis import unit_vectors
 from airswing.gap.held_out.reduction import day_interval
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import whiten
+from airswing.gap.result.schema import DecoyEntry
 from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
@@ -58,15 +59,15 @@ class Decoy:
         """Whether the interval reaches zero, or what is closed is under 0.01 kt."""
         return self.held_out_ci[0] <= 0.0 or self.held_out < 0.01
 
-    def entry(self) -> dict[str, Any]:
+    def entry(self) -> DecoyEntry:
         """As ``gap.json`` holds it."""
-        return {
-            "reduction_kt": self.held_out,
-            "reduction_ci_kt": list(self.held_out_ci),
-            "reduction_where_fitted_kt": self.fitted,
-            "draws": self.draws,
-            "closes_nothing": self.closes_nothing,
-        }
+        return DecoyEntry(
+            reduction_kt=self.held_out,
+            reduction_ci_kt=list(self.held_out_ci),
+            reduction_where_fitted_kt=self.fitted,
+            draws=self.draws,
+            closes_nothing=self.closes_nothing,
+        )
 
 
 def force_decoy(

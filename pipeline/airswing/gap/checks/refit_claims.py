@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import is_sensor, take_off, term_error, term_fields
+from airswing.gap.result.schema import ClaimsEntry, FieldTestEntry, FitEntry
 from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
@@ -154,7 +155,7 @@ def review_claims(
     reference: str,
     fit: Mapping[str, Any],
     field_test: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
+) -> ClaimsEntry:
     """Fit the deviations and the field test before and after the other effects are taken off.
 
     Parameters
@@ -173,20 +174,12 @@ def review_claims(
 
     Returns
     -------
-    dict
-        ``taken_off`` (names), ``aircraft`` (one entry each, degrees), ``stay`` and ``of``
-        (counts), ``field_test`` (None where none is configured); empty lists where the diagnosis
-        found nothing beside the deviation.
+    ClaimsEntry
+        Without fits where the diagnosis found nothing beside the deviation.
     """
-    result: dict[str, Any] = {
-        "taken_off": list(adjustment.names),
-        "aircraft": [],
-        "stay": 0,
-        "of": 0,
-        "field_test": None,
-    }
-    if not adjustment.names:
-        return result
+    names = list(adjustment.names)
+    if not names:
+        return ClaimsEntry(names)
     from airswing.compass.fit.deviation import fit_deviation
 
     adjusted = adjusted_headings(headings, adjustment)
@@ -195,15 +188,15 @@ def review_claims(
         fit_deviation(part, pools={reference: members}, alone=False, **fit).sel(reference=reference)
         for part in (headings, adjusted)
     )
-    result["aircraft"] = compared_fits(before, after)
-    judged = [entry for entry in result["aircraft"] if entry["stays"] is not None]
-    result["stay"], result["of"] = sum(entry["stays"] for entry in judged), len(judged)
+    fits = compared_fits(before, after)
+    judged = [entry.stays for entry in fits if entry.stays is not None]
+    test = None
     if field_test is not None:
-        result["field_test"] = _field_tests(headings, adjusted, members, reference, field_test)
-    return result
+        test = _field_tests(headings, adjusted, members, reference, field_test)
+    return ClaimsEntry(names, fits, stay=sum(judged), of=len(judged), field_test=test)
 
 
-def compared_fits(before: xr.Dataset, after: xr.Dataset) -> list[dict[str, Any]]:
+def compared_fits(before: xr.Dataset, after: xr.Dataset) -> list[FitEntry]:
     """Compare offset and amplitude of each aircraft with their intervals before.
 
     Parameters
@@ -213,28 +206,24 @@ def compared_fits(before: xr.Dataset, after: xr.Dataset) -> list[dict[str, Any]]
 
     Returns
     -------
-    list of dict
-        ``aircraft``; ``offset_deg`` and ``amplitude_deg``, each with ``_after`` and
-        ``_standard_error``; ``stays``: both within 1.96 standard errors of before, None where a
-        fit is not to be trusted.
+    list of FitEntry
     """
     out = []
     for tail in before["aircraft"].to_numpy():
         one, two = before.sel(aircraft=tail), after.sel(aircraft=tail)
-        entry: dict[str, Any] = {"aircraft": str(tail)}
+        numbers: dict[str, float] = {}
         stays = True
         for name in ("offset", "amplitude"):
             value, then = float(one[name]), float(two[name])
             error = float(one[f"{name}_standard_error"])
-            entry |= {
+            numbers |= {
                 f"{name}_deg": value,
                 f"{name}_deg_after": then,
                 f"{name}_deg_standard_error": error,
             }
             stays &= abs(then - value) <= 1.96 * error
         trusted = int(one["status"]) == 0 and int(two["status"]) == 0
-        entry["stays"] = bool(stays) if trusted else None
-        out.append(entry)
+        out.append(FitEntry(str(tail), **numbers, stays=bool(stays) if trusted else None))
     return out
 
 
@@ -244,7 +233,7 @@ def _field_tests(
     members: Sequence[str],
     reference: str,
     options: Mapping[str, Any],
-) -> dict[str, Any]:
+) -> FieldTestEntry:
     """Adjusted reduction of the field test before and after, kt."""
     from airswing.evaluation.field_test import field_test
 
@@ -254,9 +243,9 @@ def _field_tests(
     )
     low, high = before["adjusted_reduction_ci_kt"]
     value = float(after["adjusted_reduction_kt"])
-    return {
-        "reduction_kt": float(before["adjusted_reduction_kt"]),
-        "reduction_ci_kt": [float(low), float(high)],
-        "reduction_kt_after": value,
-        "stays": bool(low <= value <= high),
-    }
+    return FieldTestEntry(
+        reduction_kt=float(before["adjusted_reduction_kt"]),
+        reduction_ci_kt=[float(low), float(high)],
+        reduction_kt_after=value,
+        stays=bool(low <= value <= high),
+    )

@@ -1,4 +1,4 @@
-"""Puts the pieces of a diagnosis into gap.json and the details a page shows.
+"""Puts the pieces of a diagnosis into gap.json.
 
 Assumptions: shares of the gap are in mean vector disagreement on held-out reports where a term
 moves it, and in held-out whitened energy beside it (an unrotated wind or a lag hardly moves the
@@ -10,8 +10,7 @@ Validity: as the modules that made the pieces. Speeds in kt in the ``gap`` and `
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +22,31 @@ from airswing.gap.evidence.term_covariance import term_offsets
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import Closure
 from airswing.gap.result.describe import (
+    Readout,
     ambiguity,
     day_text,
     describe_term,
     period_of,
     probability,
     unknown_place,
+)
+from airswing.gap.result.schema import (
+    ClosesEntry,
+    ClosureEntry,
+    CountsEntry,
+    CurveEntry,
+    DisagreementEntry,
+    EffectEntry,
+    EvidenceEntry,
+    GapReport,
+    MeanEntry,
+    NoiseEntry,
+    PlaceEntry,
+    SliceEntry,
+    StepEntry,
+    TailEntry,
+    UnconfirmedEntry,
+    UnknownEntry,
 )
 from airswing.gap.search.coding_and_outliers import MomentVerdict
 from airswing.gap.search.cross_validated import Doubtful
@@ -88,8 +106,8 @@ class Findings:
     doubtful: Sequence[Doubtful]
 
 
-def assemble(problem: Problem, findings: Findings) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Make the content of gap.json and the details.
+def assemble(problem: Problem, findings: Findings) -> GapReport:
+    """Make the content of gap.json, but for the checks.
 
     Parameters
     ----------
@@ -98,224 +116,206 @@ def assemble(problem: Problem, findings: Findings) -> tuple[dict[str, Any], dict
 
     Returns
     -------
-    report, details : dict
+    GapReport
     """
     closure, whole = findings.closure, findings.whole
-    entries, unknown = _entries(problem, findings)
+    effects, unknown = _found_entries(problem, findings)
     everything = closure.before - whole.after
     explained = closure.before - closure.after
     fraction = float(np.clip(explained / everything, 0, 1)) if everything > 1e-6 else None
     best = max((t.score.tempered for t in findings.found.terms), default=0.0)
-    best = max([best, *(e["evidence_nats"] for e in [*entries, *unknown])])
-    report = {
-        "gap": {
-            "mean_vector_disagreement_kt": closure.before,
-            "noise_floor_kt": whole.after,
-            "significance": float(min(1.0, 50.0 * np.exp(-np.clip(best, 0, 60)))),
-        },
-        "where": [_slice_entry(s) for s in findings.where if s.q_value < 0.05][:20],
-        "effects": entries,
-        "unknown": {"present": bool(unknown), "where": unknown},
-        "closure": {
-            "before": closure.before,
-            "after": closure.after,
-            "ci": _bounds(closure.after_ci),
-            "fraction_of_excess": fraction,
-            "held_out": True,
-            "reduction": explained,
-            "reduction_ci": _bounds(closure.reduction_ci),
-        },
-    }
+    nats = [*(e.evidence_nats for e in effects), *(place.evidence_nats for place in unknown)]
+    best = max([best, *nats])
+    slices = [_slice_entry(s) for s in findings.where]
     stats = problem.base.stats
-    details = {
-        "unconfirmed": [doubtful_entry(d, problem) for d in findings.doubtful],
-        "waterfall": _waterfall(closure, whole),
-        "alone_kt": list(closure.alone),
-        "evidence": evidence_table(findings.found),
-        "noise": _noise_entry(problem),
-        "untestable": dict(findings.untestable),
-        "slices": [_slice_entry(s) for s in findings.where],
-        "reliability": dict(findings.factors),
-        "seed": problem.seed,
-        "ambiguity": {e["name"]: e["ambiguity"] for e in entries},
-        "counts": {
-            "reports": problem.reports,
-            "flights": problem.flights,
-            "reports_in_view": problem.archive.size,
-            "days": int(stats.days.size),
-            "clipped": float(stats.clipped.sum()),
-            "gross": float(stats.gross.sum()),
-        },
-    }
-    return report, details
+    return GapReport(
+        gap=DisagreementEntry(
+            mean_vector_disagreement_kt=closure.before,
+            noise_floor_kt=whole.after,
+            significance=float(min(1.0, 50.0 * np.exp(-np.clip(best, 0, 60)))),
+        ),
+        where=[entry for entry in slices if entry.q_value < 0.05][:20],
+        effects=effects,
+        unknown=UnknownEntry(bool(unknown), unknown),
+        closure=ClosureEntry(
+            before=closure.before,
+            after=closure.after,
+            ci=_bounds(closure.after_ci),
+            fraction_of_excess=fraction,
+            held_out=True,
+            reduction=explained,
+            reduction_ci=_bounds(closure.reduction_ci),
+        ),
+        counts=CountsEntry(
+            reports=problem.reports,
+            flights=problem.flights,
+            reports_in_view=problem.archive.size,
+            days=int(stats.days.size),
+            clipped=float(stats.clipped.sum()),
+            gross=float(stats.gross.sum()),
+        ),
+        noise=_noise_entry(problem),
+        unconfirmed=[doubtful_entry(d, problem) for d in findings.doubtful],
+        waterfall=_waterfall(closure, whole),
+        alone_kt=list(closure.alone),
+        evidence=evidence_table(findings.found),
+        untestable=dict(findings.untestable),
+        slices=slices,
+        reliability=dict(findings.factors),
+        seed=problem.seed,
+        ambiguity={entry.name: entry.ambiguity for entry in effects},
+    )
 
 
-def _entries(
+def _found_entries(
     problem: Problem, findings: Findings
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+) -> tuple[list[EffectEntry], list[PlaceEntry]]:
     """Entries of ``effects`` and of ``unknown.where``."""
-    found, energy = findings.found, findings.energy
-    entries: list[dict[str, Any]] = []
-    unknown: list[dict[str, Any]] = []
-    described: dict[int, dict[str, Any]] = {}
-    offsets = term_offsets(found.given, found.terms)
-    shares = _shares(found.terms, findings.closure)
-    rank = 0
-    for k, term in enumerate(found.terms):
-        if not term.candidate.known:
-            place = _unnamed(problem, found, k, offsets[k])
-            place["held_out_energy"] = float(energy[0][k])
-            place["held_out_energy_standard_error"] = float(energy[1][k])
-            described[k] = place
-            unknown.append(place)
-            continue
-        entry = describe_term(
-            term,
-            offsets[k],
-            found,
-            problem.base,
-            effects=problem.effects,
-            frame=problem.archive,
-            reliability=findings.factors,
-            doubts=findings.doubts,
-        )
-        if k in findings.means:
-            described[k] = entry
-            continue
-        rivals = ambiguity(term, found.rivals[k], found.left)
-        entry["ambiguous_with"] = [r["name"] for r in rivals]
-        entry["ambiguity"] = rivals
-        entry["share_of_gap"] = shares[rank]
-        entry["held_out_energy"] = float(energy[0][k])
-        entry["held_out_energy_standard_error"] = float(energy[1][k])
-        entries.append(entry)
-        rank += 1
-    for part, whole_of in findings.means.items():
-        kept = ("name", "tails", "parameters", "standard_errors")
-        described[whole_of]["mean"] = {key: described[part][key] for key in kept}
-    total = sum(max(e["held_out_energy"], 0) for e in entries) or 1.0
-    for entry in entries:
-        entry["share_of_energy"] = max(entry["held_out_energy"], 0) / total
+    named, means = _named(problem, findings)
+    unknown = _places(problem, findings, means)
+    total = sum(max(e.held_out_energy, 0) for e in named) or 1.0
+    effects = [replace(e, share_of_energy=max(e.held_out_energy, 0) / total) for e in named]
     whole = findings.closure.before - findings.closure.after
     for moment in findings.moments:
         reduction = findings.scatter[moment.name]
         share = float(np.clip(reduction.kt / whole, 0, 1)) if whole > 1e-6 else 0.0
-        entries.append(moment_entry(moment, reduction) | {"share_of_gap": share})
+        effects.append(replace(moment_entry(moment, reduction), share_of_gap=share))
     if findings.jittery is not None:
         unknown.append(scatter_place(findings.jittery, findings.scatter["scatter"]))
     if findings.swap is not None:
-        entries.append(swap_entry(findings.swap, problem.base))
-    entries.sort(key=lambda e: -e["held_out_energy"])
-    return entries, unknown
+        effects.append(swap_entry(findings.swap, problem.base))
+    effects.sort(key=lambda e: -e.held_out_energy)
+    return effects, unknown
 
 
-def _unnamed(problem: Problem, found: Found, k: int, offset: int) -> dict[str, Any]:
-    """Place of a term of the nonparametric basis."""
-    term = found.terms[k]
-    group = next(g for g in problem.plan.groups if g.name == term.candidate.name)
-    stats = problem.base.stats
-    return unknown_place(term, found.given, offset, stats, group.labels, found.rivals[k])
+def _named(
+    problem: Problem, findings: Findings
+) -> tuple[list[EffectEntry], dict[int, EffectEntry]]:
+    """Terms with a name; apart, by the unknown term's position, those that are its mean."""
+    found, (energy, error) = findings.found, findings.energy
+    offsets = term_offsets(found.given, found.terms)
+    shares = _shares(found.terms, findings.closure)
+    entries: list[EffectEntry] = []
+    means: dict[int, EffectEntry] = {}
+    for k, term in enumerate(found.terms):
+        if not term.candidate.known:
+            continue
+        readout = Readout(problem.effects, problem.archive, findings.factors, findings.doubts)
+        entry = describe_term(term, offsets[k], found, problem.base, readout=readout)
+        if k in findings.means:
+            means[findings.means[k]] = entry
+            continue
+        rivals = ambiguity(term, found.rivals[k], found.left)
+        entries.append(
+            replace(
+                entry,
+                ambiguous_with=[rival.name for rival in rivals],
+                ambiguity=rivals,
+                share_of_gap=shares[len(entries)],
+                held_out_energy=float(energy[k]),
+                held_out_energy_standard_error=float(error[k]),
+            )
+        )
+    return entries, means
 
 
-def doubtful_entry(doubtful: Doubtful, problem: Problem) -> dict[str, Any]:
+def _places(
+    problem: Problem, findings: Findings, means: Mapping[int, EffectEntry]
+) -> list[PlaceEntry]:
+    """Places of the terms of the nonparametric basis."""
+    found, (energy, error) = findings.found, findings.energy
+    offsets = term_offsets(found.given, found.terms)
+    out = []
+    for k, term in enumerate(found.terms):
+        if term.candidate.known:
+            continue
+        group = next(g for g in problem.plan.groups if g.name == term.candidate.name)
+        stats = problem.base.stats
+        place = unknown_place(term, found.given, offsets[k], stats, group.labels, found.rivals[k])
+        mean = means.get(k)
+        if mean is not None:
+            told = MeanEntry(mean.name, mean.tails, mean.parameters, mean.standard_errors)
+            place = replace(place, mean=told)
+        out.append(
+            replace(
+                place,
+                held_out_energy=float(energy[k]),
+                held_out_energy_standard_error=float(error[k]),
+            )
+        )
+    return out
+
+
+def doubtful_entry(doubtful: Doubtful, problem: Problem) -> UnconfirmedEntry:
     """Entry of ``unconfirmed``: a name the search came to that is not counted as found."""
     term, stats = doubtful.term, problem.base.stats
-    return {
-        "name": term.candidate.name,
-        "tails": [stats.tails[a] for a in term.tails],
-        "period": period_of(term, stats),
-        "probability": doubtful.probability,
-        "evidence_nats": round(term.score.tempered, 2),
-        "reason": doubtful.reason,
-    }
-
-
-def _closes(reduction: Reduction) -> dict[str, Any]:
-    """What an effect of scatter closes, kt."""
-    return {"reduction": reduction.kt, "reduction_ci": list(reduction.interval)}
-
-
-def moment_entry(verdict: MomentVerdict, reduction: Reduction) -> dict[str, Any]:
-    """Entry of ``effects`` for a second-moment effect: it moves no mean."""
-    return _plain_entry(
-        verdict.name,
-        verdict.tails,
-        verdict.parameters,
-        verdict.standard_errors,
-        verdict.period,
-        evidence=verdict.evidence,
-        energy=0.0,
-        scope="aircraft",
-    ) | {
-        "per_tail": {t: {"parameters": p} for t, p in verdict.per_tail.items()},
-        "closure": _closes(reduction),
-    }
-
-
-def scatter_place(found: Scattering, reduction: Reduction) -> dict[str, Any]:
-    """Place of an unknown effect that shows in the scatter of single reports: it moves no mean."""
-    return {
-        "equally_good": [],
-        "component": "scatter",
-        "variable": "scatter",
-        "variables": ["scatter"],
-        "group": "scatter",
-        "tails": list(found.tails),
-        "scope": "aircraft",
-        "evidence_nats": round(found.evidence, 2),
-        "size_m_s": float(np.median(found.excess)),
-        "curve": {"labels": list(found.tails), "m_s": list(found.excess)},
-        "held_out_energy": 0.0,
-        "held_out_energy_standard_error": 0.0,
-        "closure": _closes(reduction),
-    }
-
-
-def swap_entry(swap: Swap, base: Base) -> dict[str, Any]:
-    """Entry of ``effects`` for exchanged identifiers."""
-    stats = base.stats
-    pair = [stats.tails[a] for a in swap.pair]
-    return _plain_entry(
-        "tail_swap",
-        pair,
-        {"pair": pair},
-        {},
-        [day_text(stats, swap.day), None],
-        evidence=swap.evidence,
-        energy=2.0 * swap.gain,
-        scope="pair",
+    return UnconfirmedEntry(
+        name=term.candidate.name,
+        tails=[stats.tails[a] for a in term.tails],
+        period=period_of(term, stats),
+        probability=doubtful.probability,
+        evidence_nats=round(term.score.tempered, 2),
+        reason=doubtful.reason,
     )
 
 
-def _plain_entry(
-    name: str,
-    tails: Sequence[str],
-    parameters: Mapping[str, Any],
-    errors: Mapping[str, float],
-    period: list[str | None] | None,
-    *,
-    evidence: float,
-    energy: float,
-    scope: str,
-) -> dict[str, Any]:
-    return {
-        "name": name,
-        "probability": float(1 / (1 + 50 * np.exp(-min(evidence, 50.0)))),
-        "tails": list(tails),
-        "parameters": dict(parameters),
-        "standard_errors": dict(errors),
-        "period": period,
-        "scope": scope,
-        "evidence_nats": evidence,
-        "cluster_factor": 1.0,
-        "size_m_s": 0.0,
-        "ambiguous_with": [],
-        "ambiguity": [],
-        "share_of_gap": 0.0,
-        "share_of_energy": 0.0,
-        "held_out_energy": energy,
-        "held_out_energy_standard_error": 0.0,
-    }
+def _closes(reduction: Reduction) -> ClosesEntry:
+    """What an effect of scatter closes, kt."""
+    return ClosesEntry(reduction.kt, list(reduction.interval))
+
+
+def moment_entry(verdict: MomentVerdict, reduction: Reduction) -> EffectEntry:
+    """Entry of ``effects`` for a second-moment effect: it moves no mean."""
+    return EffectEntry(
+        name=verdict.name,
+        probability=_plain_probability(verdict.evidence),
+        tails=list(verdict.tails),
+        parameters=dict(verdict.parameters),
+        standard_errors=dict(verdict.standard_errors),
+        period=verdict.period,
+        scope="aircraft",
+        evidence_nats=verdict.evidence,
+        per_tail={tail: TailEntry(values) for tail, values in verdict.per_tail.items()},
+        closure=_closes(reduction),
+    )
+
+
+def scatter_place(found: Scattering, reduction: Reduction) -> PlaceEntry:
+    """Place of an unknown effect that shows in the scatter of single reports: it moves no mean."""
+    return PlaceEntry(
+        component="scatter",
+        variable="scatter",
+        variables=["scatter"],
+        group="scatter",
+        tails=list(found.tails),
+        scope="aircraft",
+        evidence_nats=round(found.evidence, 2),
+        size_m_s=float(np.median(found.excess)),
+        curve=CurveEntry(list(found.tails), list(found.excess)),
+        closure=_closes(reduction),
+    )
+
+
+def swap_entry(swap: Swap, base: Base) -> EffectEntry:
+    """Entry of ``effects`` for exchanged identifiers."""
+    stats = base.stats
+    pair = [stats.tails[a] for a in swap.pair]
+    return EffectEntry(
+        name="tail_swap",
+        probability=_plain_probability(swap.evidence),
+        tails=pair,
+        parameters={"pair": pair},
+        standard_errors={},
+        period=[day_text(stats, swap.day), None],
+        scope="pair",
+        evidence_nats=swap.evidence,
+        held_out_energy=2.0 * swap.gain,
+    )
+
+
+def _plain_probability(evidence: float) -> float:
+    """Probability of an effect with its evidence, nats, against prior odds of one in fifty."""
+    return float(1 / (1 + 50 * np.exp(-min(evidence, 50.0))))
 
 
 def _shares(terms: Sequence[Term], closure: Closure) -> list[float]:
@@ -333,81 +333,71 @@ def _bounds(interval: tuple[float, float] | None) -> list[float] | None:
     return None if interval is None else list(interval)
 
 
-def _slice_entry(piece: Slice) -> dict[str, Any]:
-    return {
-        "variable": piece.variable,
-        "component": piece.component,
-        "values": list(piece.values),
-        "share_of_gap": float(np.clip(piece.share, 0, 1)),
-        "q_value": piece.q_value,
-        "p_value": piece.p_value,
-        "energy": piece.energy,
-        "group": piece.group,
-        "curve": {"labels": list(piece.labels), "m_s": list(piece.effect)},
-    }
+def _slice_entry(piece: Slice) -> SliceEntry:
+    return SliceEntry(
+        variable=piece.variable,
+        component=piece.component,
+        values=list(piece.values),
+        share_of_gap=float(np.clip(piece.share, 0, 1)),
+        q_value=piece.q_value,
+        p_value=piece.p_value,
+        energy=piece.energy,
+        group=piece.group,
+        curve=CurveEntry(list(piece.labels), list(piece.effect)),
+    )
 
 
-def _waterfall(closure: Closure, whole: Closure) -> list[dict[str, Any]]:
+def _waterfall(closure: Closure, whole: Closure) -> list[StepEntry]:
     """Disagreement of the real gap, after each effect, and the noise floor, kt."""
-    out = [{"label": "reports as they are", "kt": closure.before, "step_ci": None}]
-    out += [
-        {"label": name, "kt": after, "step_ci": [low, high]}
-        for name, after, low, high in closure.sequence
-    ]
-    return [*out, {"label": "noise floor", "kt": whole.after, "step_ci": None}]
+    steps = [StepEntry(name, after, [low, high]) for name, after, low, high in closure.sequence]
+    first = StepEntry("reports as they are", closure.before, None)
+    return [first, *steps, StepEntry("noise floor", whole.after, None)]
 
 
-def _noise_entry(problem: Problem) -> dict[str, Any]:
-    noise, base = problem.noise, problem.base
+def _noise_entry(problem: Problem) -> NoiseEntry:
+    noise, variances = problem.noise, problem.base.variances
     model = noise.model
-    return {
-        "correlated_sd_m_s": float(model.correlated_sd),
-        "white_sd_m_s": float(model.white_sd),
-        "length_km": float(model.length) / 1e3,
-        "height_ln_p": float(model.height),
-        "level_hPa": [float(x) for x in np.exp(model.level_nodes) / 100],
-        "level_factor": [float(x) for x in model.level_factors],
-        "day_field_sd_m_s": [float(x) for x in np.sqrt(base.variances.day)],
-        "climatology_sd_m_s": [float(x) for x in np.sqrt(base.variances.climatology)],
-        "distance_km": [float(x) for x in noise.distance_km],
-        "autocovariance": [float(x) for x in noise.autocovariance],
-        "autocovariance_model": [float(x) for x in noise.autocovariance_model],
-    }
+    return NoiseEntry(
+        correlated_sd_m_s=float(model.correlated_sd),
+        white_sd_m_s=float(model.white_sd),
+        length_km=float(model.length) / 1e3,
+        height_ln_p=float(model.height),
+        level_hPa=_floats(np.exp(model.level_nodes) / 100),
+        level_factor=_floats(model.level_factors),
+        day_field_sd_m_s=_floats(np.sqrt(variances.day)),
+        climatology_sd_m_s=_floats(np.sqrt(variances.climatology)),
+        distance_km=_floats(noise.distance_km),
+        autocovariance=_floats(noise.autocovariance),
+        autocovariance_model=_floats(noise.autocovariance_model),
+    )
 
 
-def evidence_table(found: Found) -> list[dict[str, Any]]:
+def _floats(values: Floats) -> list[float]:
+    return [float(value) for value in values]
+
+
+def evidence_table(found: Found) -> list[EvidenceEntry]:
     """All candidates with each term taken out, ranked; and those left over in the end."""
-    out = []
-    for term, ranked in zip(found.terms, found.rivals, strict=True):
-        for score in ranked[:40]:
-            out.append(
-                {
-                    "instead_of": term.candidate.name,
-                    "name": score.candidate.name,
-                    "scope": score.candidate.scope,
-                    "known": score.candidate.known,
-                    "subset": list(score.candidate.subset),
-                    "tempered_nats": score.tempered,
-                    "raw_nats": score.raw,
-                    "cluster_factor": score.factor,
-                    "posterior": [float(x) for x in score.posterior],
-                }
-            )
-    for score in found.left:
-        out.append(
-            {
-                "instead_of": None,
-                "name": score.candidate.name,
-                "scope": score.candidate.scope,
-                "known": score.candidate.known,
-                "subset": list(score.candidate.subset),
-                "tempered_nats": score.tempered,
-                "raw_nats": score.raw,
-                "cluster_factor": score.factor,
-                "posterior": [float(x) for x in score.posterior],
-            }
-        )
-    return out
+    out = [
+        _evidence_entry(score, term.candidate.name)
+        for term, ranked in zip(found.terms, found.rivals, strict=True)
+        for score in ranked[:40]
+    ]
+    return out + [_evidence_entry(score, None) for score in found.left]
+
+
+def _evidence_entry(score: Score, instead_of: str | None) -> EvidenceEntry:
+    return EvidenceEntry(
+        instead_of=instead_of,
+        name=score.candidate.name,
+        scope=score.candidate.scope,
+        known=score.candidate.known,
+        subset=list(score.candidate.subset),
+        tempered_nats=score.tempered,
+        raw_nats=score.raw,
+        cluster_factor=score.factor,
+        posterior=_floats(score.posterior),
+    )
 
 
 def best_scores(found: Found) -> list[Score]:

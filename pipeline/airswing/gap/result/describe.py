@@ -14,19 +14,20 @@ Source: docs/gap.md section 6; docs/formats.md (gap.json).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.checks.aliases import separated_by
 from airswing.gap.design.basis import variables
-from airswing.gap.evidence.gaussian import (
-    Score,
-)
+from airswing.gap.effects.base import Effect, Parameters
+from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.term_covariance import term_covariances
 from airswing.gap.evidence.terms import Term
+from airswing.gap.result.schema import CurveEntry, EffectEntry, PlaceEntry, RivalEntry, TailEntry
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, Conditional
@@ -72,17 +73,29 @@ def pooled(values: Floats, formal: Floats, allowed: Floats) -> tuple[Floats, Flo
     return mean + (1 - share) * apart, share * common + (1 - share) * spreads
 
 
+@dataclass(frozen=True)
+class Readout:
+    """How coefficients become parameters.
+
+    Attributes
+    ----------
+    effects : mapping
+        Name -> effect.
+    frame : Frame
+        For constants of the archive.
+    factors, doubts : mapping
+        Effect name -> factor its coefficient is divided by; relative standard error of that.
+    """
+
+    effects: Mapping[str, Effect]
+    frame: Frame
+    factors: Mapping[str, float]
+    doubts: Mapping[str, float]
+
+
 def describe_term(
-    term: Term,
-    start: int,
-    found: Found,
-    base: Base,
-    *,
-    effects: Mapping[str, Any],
-    frame: Any,
-    reliability: Mapping[str, float],
-    doubts: Mapping[str, float],
-) -> dict[str, Any]:
+    term: Term, start: int, found: Found, base: Base, *, readout: Readout
+) -> EffectEntry:
     """One entry of ``effects`` in gap.json, without shares.
 
     Parameters
@@ -92,20 +105,17 @@ def describe_term(
         Position of its coefficients.
     found : Found
     base : Base
-    effects : mapping
-    frame : Frame
-    reliability, doubts : mapping
-        Effect name -> factor its coefficient is divided by; relative standard error of that.
+    readout : Readout
 
     Returns
     -------
-    dict
+    EffectEntry
     """
-    stats, given = base.stats, found.given
-    effect, k = effects[term.candidate.name], term.candidate.columns.size
+    stats, given, name = base.stats, found.given, term.candidate.name
+    effect, k = readout.effects[name], term.candidate.columns.size
     rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
     whole = len(np.asarray(effect.column_scales))
-    factor = reliability.get(term.candidate.name, 1.0)
+    factor = readout.factors.get(name, 1.0)
     subset = list(term.candidate.subset)
     values = given.coefficients[start : start + rows * k].reshape(rows, k)
     spreads = [term_covariances(stats, given, term, start, row) for row in range(rows)]
@@ -116,37 +126,33 @@ def describe_term(
         value, spread = np.zeros(whole), np.zeros((whole, whole))
         value[subset] = near / factor
         spread[np.ix_(subset, subset)] = error / factor**2
-        spread += doubts.get(term.candidate.name, 0.0) ** 2 * np.outer(value, value)
-        each.append(effect.to_parameters(value, spread, frame))
+        spread += readout.doubts.get(name, 0.0) ** 2 * np.outer(value, value)
+        each.append(effect.to_parameters(value, spread, readout.frame))
     tails = [stats.tails[a] for a in term.tails]
-    out: dict[str, Any] = {
-        "name": term.candidate.name,
-        "probability": probability(term.score),
-        "tails": tails,
-        "parameters": summary([p for p, _ in each]),
-        "standard_errors": summary([e for _, e in each], angles=False),
-        "period": period_of(term, stats),
-        "scope": term.candidate.scope,
-        "evidence_nats": round(term.score.tempered, 2),
-        "cluster_factor": round(term.score.factor, 2),
-        "size_m_s": float(np.median(term.score.size[list(term.tails)])),
-    }
-    if rows > 1:
-        out["per_tail"] = {
-            t: {"parameters": p, "standard_errors": e}
-            for t, (p, e) in zip(tails, each, strict=True)
-        }
-    return out
+    per_tail = {t: TailEntry(p, e) for t, (p, e) in zip(tails, each, strict=False)}
+    return EffectEntry(
+        name=name,
+        probability=probability(term.score),
+        tails=tails,
+        parameters=summary([p for p, _ in each]),
+        standard_errors=summary([e for _, e in each], angles=False),
+        period=period_of(term, stats),
+        scope=term.candidate.scope,
+        evidence_nats=round(term.score.tempered, 2),
+        cluster_factor=round(term.score.factor, 2),
+        size_m_s=float(np.median(term.score.size[list(term.tails)])),
+        per_tail=per_tail if rows > 1 else None,
+    )
 
 
-def summary(values: Sequence[Mapping[str, Any]], *, angles: bool = True) -> dict[str, Any]:
+def summary(values: Sequence[Parameters], *, angles: bool = True) -> Parameters:
     """Median over aircraft of each parameter (the first where it is not a number).
 
     A phase is averaged as the angle it is, its standard error (``angles`` false) is not.
     """
     if len(values) == 1:
         return dict(values[0])
-    out: dict[str, Any] = {}
+    out: Parameters = {}
     for name in values[0]:
         column = [v[name] for v in values]
         if any(not isinstance(x, int | float) for x in column):
@@ -188,9 +194,7 @@ def day_text(stats: Statistics, day: int) -> str:
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d")
 
 
-def ambiguity(
-    term: Term, ranked: Sequence[Score], left: Sequence[Score] = ()
-) -> list[dict[str, Any]]:
+def ambiguity(term: Term, ranked: Sequence[Score], left: Sequence[Score] = ()) -> list[RivalEntry]:
     """Rivals within three cluster factors of a term, with what would separate them.
 
     A rival explains what the term explains: only the evidence it loses to the term counts, not what
@@ -204,25 +208,27 @@ def ambiguity(
 
     Returns
     -------
-    list of dict
-        ``name``, ``difference_nats`` and ``separated_by``; best first, each name once.
+    list of RivalEntry
+        Best first, each name once.
     """
-    own = [s for s in ranked if s.candidate.name == term.candidate.name]
+    own_name = term.candidate.name
+    own = [s for s in ranked if s.candidate.name == own_name]
     best = max((s.raw for s in own), default=term.score.raw)
     beside = {s.candidate.key: max(s.raw, 0.0) for s in left}
-    out: dict[str, dict[str, Any]] = {}
+    behind: dict[str, float] = {}
     for score in ranked:
         name = score.candidate.name
         lost = score.raw - beside.get(score.candidate.key, 0.0)
-        if name == term.candidate.name or not score.candidate.known or lost <= 0:
+        if name == own_name or not score.candidate.known or lost <= 0:
             continue
         if best - lost > 3.0 * max(score.factor, term.score.factor):
             continue
-        advice = separated_by(name, term.candidate.name, otherwise="a longer record")
-        entry = {"name": name, "difference_nats": best - lost, "separated_by": advice}
-        if name not in out or out[name]["difference_nats"] > entry["difference_nats"]:
-            out[name] = entry
-    return sorted(out.values(), key=lambda entry: entry["difference_nats"])
+        behind[name] = min(best - lost, behind.get(name, np.inf))
+    names = sorted(behind, key=behind.__getitem__)
+    return [
+        RivalEntry(name, behind[name], separated_by(name, own_name, otherwise="a longer record"))
+        for name in names
+    ]
 
 
 def unknown_place(
@@ -232,7 +238,7 @@ def unknown_place(
     stats: Statistics,
     labels: Sequence[str],
     ranked: Sequence[Score] = (),
-) -> dict[str, Any]:
+) -> PlaceEntry:
     """Where an unknown effect sits: component, variables, aircraft and fitted curve.
 
     Parameters
@@ -250,7 +256,7 @@ def unknown_place(
 
     Returns
     -------
-    dict
+    PlaceEntry
     """
     k = term.candidate.columns.size
     rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
@@ -263,15 +269,15 @@ def unknown_place(
         for s in sorted(groups, key=lambda s: -s.tempered)
         if s.tempered > best - 3.0 * term.score.factor
     ]
-    return {
-        "equally_good": [n for n in dict.fromkeys(near) if n != term.candidate.name],
-        "component": term.candidate.component,
-        "variable": told[0],
-        "variables": told,
-        "group": term.candidate.name,
-        "tails": [stats.tails[a] for a in term.tails],
-        "scope": term.candidate.scope,
-        "evidence_nats": round(term.score.tempered, 2),
-        "size_m_s": float(np.median(term.score.size[list(term.tails)])),
-        "curve": {"labels": list(labels), "m_s": [float(x) for x in curve]},
-    }
+    return PlaceEntry(
+        component=term.candidate.component,
+        variable=told[0],
+        variables=told,
+        group=term.candidate.name,
+        tails=[stats.tails[a] for a in term.tails],
+        scope=term.candidate.scope,
+        evidence_nats=round(term.score.tempered, 2),
+        size_m_s=float(np.median(term.score.size[list(term.tails)])),
+        curve=CurveEntry(list(labels), [float(x) for x in curve]),
+        equally_good=[n for n in dict.fromkeys(near) if n != term.candidate.name],
+    )

@@ -10,11 +10,19 @@ Units: kt.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from airswing.gap.held_out.reduction import Closure
+from airswing.gap.result.schema import (
+    ClosesEntry,
+    GapReport,
+    PlaceEntry,
+    StepEntry,
+    UnknownClosureEntry,
+    UnknownEntry,
+)
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.problem import Problem
 from airswing.gap.witness.taken_off import Taken, entry, interval
@@ -22,19 +30,18 @@ from airswing.units import KNOT
 
 
 def with_unknowns(
-    report: dict[str, Any],
-    details: dict[str, Any],
+    report: GapReport,
     taken: Sequence[Taken],
     *,
     problem: Problem,
     found: Found,
     whole: Closure,
-) -> None:
-    """Add unknowns, their closure and their steps of the waterfall, in place.
+) -> GapReport:
+    """Add unknowns, their closure and their steps of the waterfall.
 
     Parameters
     ----------
-    report, details : dict
+    report : GapReport
         From `airswing.gap.result.assembled.assemble`.
     taken : sequence of Taken
         Unknowns taken off before.
@@ -43,77 +50,85 @@ def with_unknowns(
     found : Found
     whole : Closure
         With the dictionary's unknown terms; in the order of the terms.
+
+    Returns
+    -------
+    GapReport
     """
     day, seed = problem.day, problem.seed
     tables = [entry(one, problem.archive.tails, day, seed) for one in taken]
-    others = report["unknown"]["where"]
-    _dictionary_closures(others, found, whole)
-    after_names = report["closure"]["after"]
+    others = _with_closures(report.unknown.where, found, whole)
+    after_names = report.closure.after
     curves = max(after_names - whole.after, 0.0) if others else 0.0
-    report["unknown"]["where"] = [*tables, *others]
-    report["unknown"]["present"] = bool(tables or others)
     saved = sum((one.saved for one in taken), np.zeros(problem.archive.size))
     moved = float(saved.mean()) / KNOT
     low, high = interval(saved, day, seed) if taken else (0.0, 0.0)
     if others:
         spread = 0.5 * curves + 0.01
         low, high = low - spread, high + spread
+    closes = None
     if tables or others:
-        left = (
-            report["gap"]["mean_vector_disagreement_kt"]
-            + moved
-            - (report["closure"]["before"] - after_names)
+        named = report.closure.before - after_names
+        left = report.gap.mean_vector_disagreement_kt + moved - named
+        closes = UnknownClosureEntry(
+            before=left,
+            after=left - moved - curves,
+            reduction=moved + curves,
+            reduction_ci=[low + curves, high + curves],
         )
-        report["unknown"]["closure"] = {
-            "before": left,
-            "after": left - moved - curves,
-            "reduction": moved + curves,
-            "reduction_ci": [low + curves, high + curves],
-        }
-    if taken:
-        _moved(report, details, taken, moved)
+    places = [*tables, *others]
+    report = replace(report, unknown=UnknownEntry(bool(places), places, closes))
+    return _moved(report, taken, moved) if taken else report
 
 
-def _dictionary_closures(places: Sequence[dict[str, Any]], found: Found, whole: Closure) -> None:
+def _with_closures(places: Sequence[PlaceEntry], found: Found, whole: Closure) -> list[PlaceEntry]:
     """Give each unknown of the dictionary the step its term makes."""
     before, steps = whole.before, []
     for term, (_, after, low, high) in zip(found.terms, whole.sequence, strict=False):
         if not term.candidate.known:
             steps.append((term.candidate.name, before - after, low, high))
         before = after
+    out = []
     for place in places:
-        if "closure" in place:  # of scatter, told where it was found
-            continue
-        own = [step for step in steps if step[0] == place.get("group")]
-        _, reduction, low, high = own[0] if own else ("", 0.0, 0.0, 0.0)
-        place["closure"] = {"reduction": reduction, "reduction_ci": [low, high]}
-        if own:
-            steps.remove(own[0])
+        if place.closure is None:  # else of scatter, told where it was found
+            own = [step for step in steps if step[0] == place.group]
+            _, reduction, low, high = own[0] if own else ("", 0.0, 0.0, 0.0)
+            place = replace(place, closure=ClosesEntry(reduction, [low, high]))
+            if own:
+                steps.remove(own[0])
+        out.append(place)
+    return out
 
 
-def _moved(
-    report: dict[str, Any], details: dict[str, Any], taken: Sequence[Taken], moved: float
-) -> None:
+def _moved(report: GapReport, taken: Sequence[Taken], moved: float) -> GapReport:
     """Start the closure and the waterfall from the archive as it is."""
-    closure = report["closure"]
-    closure["before"] += moved
-    closure["after"] += moved
-    if closure["ci"] is not None:
-        closure["ci"] = [end + moved for end in closure["ci"]]
-    report["gap"]["mean_vector_disagreement_kt"] += moved
-    strongest = max(one.unknown.evidence for one in taken)
-    report["gap"]["significance"] = min(
-        report["gap"]["significance"], float(50.0 * np.exp(-min(strongest, 60.0)))
-    )
-    everything = closure["before"] - report["gap"]["noise_floor_kt"]
+    gap, closure = report.gap, report.closure
+    before, fraction = closure.before + moved, closure.fraction_of_excess
+    everything = before - gap.noise_floor_kt
     if everything > 1e-6:
-        closure["fraction_of_excess"] = float(np.clip(closure["reduction"] / everything, 0, 1))
-    now, steps = closure["before"], []
+        fraction = float(np.clip(closure.reduction / everything, 0, 1))
+    strongest = max(one.unknown.evidence for one in taken)
+    luck = float(50.0 * np.exp(-min(strongest, 60.0)))
+    now, steps = before, []
     for one in taken:
-        step = float(one.saved.mean()) / KNOT
-        now -= step
+        now -= float(one.saved.mean()) / KNOT
         names = " x ".join(one.unknown.grid.variables)
         what = one.unknown.component.replace("_", " ")
-        steps.append({"label": f"unknown: {what} by {names}", "kt": now, "step_ci": None})
-    first, *rest = details["waterfall"]
-    details["waterfall"] = [first | {"kt": closure["before"]}, *steps, *rest]
+        steps.append(StepEntry(f"unknown: {what} by {names}", now, None))
+    first, *rest = report.waterfall
+    return replace(
+        report,
+        gap=replace(
+            gap,
+            mean_vector_disagreement_kt=gap.mean_vector_disagreement_kt + moved,
+            significance=min(gap.significance, luck),
+        ),
+        closure=replace(
+            closure,
+            before=before,
+            after=closure.after + moved,
+            ci=None if closure.ci is None else [end + moved for end in closure.ci],
+            fraction_of_excess=fraction,
+        ),
+        waterfall=[replace(first, kt=before), *steps, *rest],
+    )

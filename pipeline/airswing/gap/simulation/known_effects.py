@@ -17,7 +17,7 @@ Source of the deviation's terms: coefficients A-E of ``fits.nc``, see
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.flags import published
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects import CATALOGUE, ActiveEffect, State
+from airswing.gap.effects import ActiveEffect, State
 from airswing.gap.simulation.effects_file import read_effects
 from airswing.gap.simulation.forward import Work, apply_stage, prepared
 from airswing.physics.triangle import wrap_positive
 
-__all__ = ["effects_of_fits", "not_known", "read_known", "take_off_known"]
+__all__ = ["effects_of_fits", "read_known", "take_off_known"]
 
 FloatArray = NDArray[np.float64]
 AIRSPEED_STEPS = 8
@@ -207,35 +207,3 @@ def _sensor(frame: Frame, work: Sequence[Work]) -> tuple[FloatArray, FloatArray]
         after = apply_stage(replace(start, airspeed=true), frame, work, "sensor")
         true = true - (after.airspeed - frame.airspeed)
     return after.heading_error, true
-
-
-def not_known(
-    entries: Sequence[Mapping[str, Any]], effects: Sequence[ActiveEffect]
-) -> list[dict[str, Any]]:
-    """Return the effects found but for those of scatter that were known.
-
-    Parameters
-    ----------
-    entries : sequence of mapping
-        ``effects`` of ``gap.json``.
-    effects : sequence of ActiveEffect
-        Known.
-
-    Returns
-    -------
-    list of dict
-        An effect known on some of its aircraft is kept with the others.
-    """
-    out = []
-    for entry in entries:
-        kind = CATALOGUE[str(entry["name"])].kind if entry["name"] in CATALOGUE else "mean"
-        own = [one for one in effects if one.name == entry["name"]]
-        if kind != "second_moment" or not own:
-            out.append(dict(entry))
-            continue
-        told = {tail for one in own for tail in one.tails or entry["tails"]}
-        left = [tail for tail in entry["tails"] if tail not in told]
-        each = {t: v for t, v in (entry.get("per_tail") or {}).items() if t in left}
-        if left:
-            out.append({**entry, "tails": left, "per_tail": each})
-    return out

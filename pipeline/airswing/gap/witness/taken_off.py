@@ -25,6 +25,7 @@ from airswing.gap.archive.value_tables import UNIT_OF
 from airswing.gap.design.layout import effect_columns
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import day_interval, take_off
+from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry
 from airswing.gap.witness.bench import Bench, Setting, stands_on_report
 from airswing.gap.witness.unknowns import (
     LEAST_EVIDENCE,
@@ -253,7 +254,7 @@ def interval(saved: Floats, day: Integers, seed: int, draws: int = 400) -> tuple
     return middle - WIDENED * (middle - low) - 0.01, middle + WIDENED * (high - middle) + 0.01
 
 
-def entry(taken: Taken, tails: Sequence[str], day: Integers, seed: int) -> dict[str, Any]:
+def entry(taken: Taken, tails: Sequence[str], day: Integers, seed: int) -> PlaceEntry:
     """One of ``unknown.where`` of gap.json.
 
     Parameters
@@ -266,50 +267,58 @@ def entry(taken: Taken, tails: Sequence[str], day: Integers, seed: int) -> dict[
 
     Returns
     -------
-    dict
+    PlaceEntry
     """
     unknown = taken.unknown
     whole = len(unknown.tails) == len(tails)
     own = list(unknown.tails)
-    middle = unknown.values[own].mean(axis=0)
     names = list(unknown.grid.variables)
     reduction = float(taken.saved.mean()) / KNOT
-    curve: dict[str, Any] = {
-        "labels": _labels(unknown),
-        "m_s": [float(x) for x in middle],
-        "unit": UNIT_OF[unknown.component],
-        "variables": names,
-        "variable_units": [UNITS[name] for name in names],
-        "edges": [[float(x) for x in axis.edges] for axis in unknown.grid.axes],
-        "values": [float(x) for x in middle],
-    }
-    if not unknown.shared:
-        curve["per_tail"] = {tails[a]: [float(x) for x in unknown.values[a]] for a in own}
     odds = np.clip(unknown.evidence - np.log(50.0), -50, 50)
-    return {
-        "equally_good": [
+    return PlaceEntry(
+        component=unknown.component,
+        variable=names[0],
+        variables=names,
+        group=f"{unknown.component}:{' x '.join(names)}",
+        tails=[] if whole else [tails[a] for a in own],
+        scope="fleet" if whole else "aircraft",
+        evidence_nats=round(unknown.evidence, 2),
+        size_m_s=unknown.size,
+        curve=_curve(unknown, tails),
+        equally_good=[
             f"{c} by {' x '.join(v)}"
-            for n, c, v in taken.unknown.rivals[1:]
+            for n, c, v in unknown.rivals[1:]
             if n > 0.8 * unknown.evidence
         ],
-        "component": unknown.component,
-        "variable": names[0],
-        "variables": names,
-        "group": f"{unknown.component}:{' x '.join(names)}",
-        "tails": [] if whole else [tails[a] for a in own],
-        "scope": "fleet" if whole else "aircraft",
-        "evidence_nats": round(unknown.evidence, 2),
-        "probability": float(1 / (1 + np.exp(-odds))),
-        "size_m_s": unknown.size,
-        "largest_m_s": unknown.peak,
-        "curve": curve,
-        "closure": {"reduction": reduction, "reduction_ci": list(interval(taken.saved, day, seed))},
-        "nearest_effect": taken.nearest,
-        "nearest_effect_share": taken.share,
-        "settled_by": settled_by(names),
-        "held_out_energy": 2 * unknown.held_out,
-        "held_out_energy_standard_error": 2 * unknown.held_out_error,
-    }
+        closure=ClosesEntry(reduction, list(interval(taken.saved, day, seed))),
+        held_out_energy=2 * unknown.held_out,
+        held_out_energy_standard_error=2 * unknown.held_out_error,
+        probability=float(1 / (1 + np.exp(-odds))),
+        largest_m_s=unknown.peak,
+        nearest_effect=taken.nearest,
+        nearest_effect_share=taken.share,
+        settled_by=settled_by(names),
+    )
+
+
+def _curve(unknown: Unknown, tails: Sequence[str]) -> CurveEntry:
+    """The table of an unknown: its mean over aircraft, and each one's where they differ."""
+    own = list(unknown.tails)
+    middle = [float(x) for x in unknown.values[own].mean(axis=0)]
+    names = list(unknown.grid.variables)
+    each = None
+    if not unknown.shared:
+        each = {tails[a]: [float(x) for x in unknown.values[a]] for a in own}
+    return CurveEntry(
+        labels=_labels(unknown),
+        m_s=middle,
+        unit=UNIT_OF[unknown.component],
+        variables=names,
+        variable_units=[UNITS[name] for name in names],
+        edges=[[float(x) for x in axis.edges] for axis in unknown.grid.axes],
+        values=middle,
+        per_tail=each,
+    )
 
 
 def _labels(unknown: Unknown) -> list[str]:
@@ -337,29 +346,3 @@ def settled_by(names: Sequence[str]) -> str:
     }
     found = [told[name] for name in names if name in told]
     return found[0] if found else "another unit on the same routes, or these units on other routes"
-
-
-def active_entries(places: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Entries of effects.yaml for the unknowns of gap.json."""
-    out = []
-    for place in places:
-        curve = place["curve"]
-        if "edges" not in curve:
-            continue
-        parameters = {
-            "component": place["component"],
-            "variables": list(curve["variables"]),
-            "edges": curve["edges"],
-        }
-        each = curve.get("per_tail") or {None: curve["values"]}
-        for tail, values in each.items():
-            who: Any = [tail] if tail is not None else (place["tails"] or "all")
-            out.append(
-                {
-                    "name": "empirical",
-                    "tails": who,
-                    "parameters": parameters | {"values": values},
-                    "period": None,
-                }
-            )
-    return out

@@ -1,20 +1,19 @@
 """The page of a gap diagnosis: verdict, where, which, how far, what stays open, the checks.
 
-Assumes ``gap.json`` of docs/formats.md.  Everything beyond it is optional and shown where
-given: further keys of the dictionary and the arrays of ``gap.nc`` (names in
-:mod:`airswing.report.gap.parts`).  What is missing is left out, never guessed.
+Assumes a report in the shapes of :mod:`airswing.gap.result.schema`. The arrays of ``gap.nc`` (names
+in :mod:`airswing.report.gap.parts`) are optional: what is missing is left out, never guessed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 from markupsafe import Markup
 
 import airswing
+from airswing.gap.result.schema import EffectEntry, GapReport, NoiseEntry
 from airswing.report.gap import parts as gap_parts
 from airswing.report.gap.checks_section import (
     alias_lines,
@@ -30,8 +29,6 @@ from airswing.report.gap.words import (
     parameters_text,
     period_text,
     plain_name,
-    rival_advice,
-    rival_names,
     slice_words,
     small_text,
     verdict,
@@ -50,34 +47,12 @@ from airswing.report.html.document import (
 )
 from airswing.report.html.embed import embedded, write_whole
 
-ASSUMPTIONS: tuple[tuple[str, str], ...] = (
-    (
-        "Errors along a flight fall off with distance as the fitted noise model says",
-        "autocorrelation against distance, below",
-    ),
-    (
-        "Model error shared by the fleet on a day is counted once",
-        "scores are rescaled by clusters of aircraft by day and of days across the fleet",
-    ),
-    (
-        "The reference's own climatology is not an aircraft's fault",
-        "it is fitted beside every effect",
-    ),
-    (
-        "The catalogue holds the effect",
-        "a dictionary without physics competes with it; where that wins, the verdict is unknown",
-    ),
-    ("An effect found is not luck", "its energy must hold on flights it was not fitted to"),
-)
-
 
 def write_gap_page(
     directory: Path | str,
     *,
-    gap: Mapping[str, Any],
+    gap: GapReport,
     maps: xr.Dataset | None = None,
-    details: Mapping[str, Any] | None = None,
-    summary: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write the page of a gap diagnosis, ``index.html``, into its folder.
 
@@ -85,16 +60,10 @@ def write_gap_page(
     ----------
     directory : Path
         Folder of the page, ``gap`` in the run's output folder.
-    gap : mapping
-        Content of ``gap.json``; ``second_moment`` (list), ``would_tell`` and ``notes`` (lists
-        of str) are shown where given.
+    gap : GapReport
+        Content of ``gap.json``.
     maps : Dataset, optional
         Content of ``gap.nc``, names as in :mod:`airswing.report.gap.parts`.
-    details : mapping, optional
-        What the diagnosis tells beside ``gap.json``: ``waterfall``, ``evidence``, ``noise``,
-        ``untestable``, ``slices``, ``counts`` (see :mod:`airswing.gap.result.assembled`).
-    summary : mapping, optional
-        ``warnings``: list of str shown below the headline.
 
     Returns
     -------
@@ -106,11 +75,10 @@ def write_gap_page(
     InputError
         If the page cannot be written.
     """
-    gap = {**(details or {}), **gap}
     sections = [
         _where_section(gap, maps),
         _which_section(gap, maps),
-        _far_section(gap, maps),
+        _far_section(gap),
         _open_section(gap),
         claims_section(gap),
         _method_section(gap, maps),
@@ -120,7 +88,6 @@ def write_gap_page(
         kicker="Where real reports part from simulated ones",
         headline=verdict(gap),
         facts=_facts(gap),
-        warnings=[str(line) for line in (summary or {}).get("warnings", [])],
         sections=[section for section in sections if section.parts],
         footer=[
             f"airswing {airswing.__version__}. Disagreement is the mean length of the "
@@ -132,59 +99,37 @@ def write_gap_page(
     return write_whole(Path(directory) / "index.html", text)
 
 
-def _number(value: Any, digits: int = 2) -> str:
-    return f"{float(value):.{digits}f}" if isinstance(value, int | float) else "-"
+def _facts(gap: GapReport) -> list[tuple[str, str]]:
+    numbers, closure = gap.gap, gap.closure
+    level = f"{numbers.mean_vector_disagreement_kt:.1f} kt"
+    facts = [(level, "disagreement of reports and simulation")]
+    if gap.effects:
+        bounds = closure.ci
+        interval = f" [{bounds[0]:.1f}, {bounds[1]:.1f}]" if bounds else ""
+        facts.append((f"{closure.after:.1f} kt{interval}", "with the effects found"))
+    facts.append((f"{numbers.noise_floor_kt:.1f} kt", "noise floor"))
+    if closure.fraction_of_excess is not None and gap.effects:
+        share = f"{100 * closure.fraction_of_excess:.0f} %"
+        facts.append((share, "of what can be explained is explained"))
+    luck = small_text(numbers.significance).removeprefix("= ")
+    return [*facts, (luck, "probability of this gap by luck")]
 
 
-def _facts(gap: Mapping[str, Any]) -> list[tuple[str, str]]:
-    numbers, closure = gap.get("gap") or {}, gap.get("closure") or {}
-    facts = []
-    if numbers.get("mean_vector_disagreement_kt") is not None:
-        facts.append(
-            (
-                f"{_number(numbers['mean_vector_disagreement_kt'], 1)} kt",
-                "disagreement of reports and simulation",
-            )
-        )
-    if closure.get("after") is not None and gap.get("effects"):
-        bounds = closure.get("ci")
-        interval = f" [{_number(bounds[0], 1)}, {_number(bounds[1], 1)}]" if bounds else ""
-        facts.append((f"{_number(closure['after'], 1)} kt{interval}", "with the effects found"))
-    if numbers.get("noise_floor_kt") is not None:
-        facts.append((f"{_number(numbers['noise_floor_kt'], 1)} kt", "noise floor"))
-    if closure.get("fraction_of_excess") is not None and gap.get("effects"):
-        facts.append(
-            (
-                f"{100 * float(closure['fraction_of_excess']):.0f} %",
-                "of what can be explained is explained",
-            )
-        )
-    if numbers.get("significance") is not None:
-        facts.append(
-            (
-                small_text(float(numbers["significance"])).removeprefix("= "),
-                "probability of this gap by luck",
-            )
-        )
-    return facts
-
-
-def _where_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
-    where = list(gap.get("where") or [])
-    everywhere = list(gap.get("slices") or where)
-    named = sorted({str(t) for effect in gap.get("effects") or [] for t in effect.get("tails", [])})
-    parts = [embedded(figure) for figure in gap_parts.where_figures(maps, gap, named)]
-    parts.insert(0, embedded(slices_figure(where)))
+def _where_section(gap: GapReport, maps: xr.Dataset | None) -> Section:
+    named = sorted({tail for effect in gap.effects for tail in effect.tails})
+    parts = [embedded(slices_figure(gap.where))]
+    parts += [embedded(figure) for figure in gap_parts.where_figures(maps, gap, named)]
+    everywhere = sorted(gap.slices, key=lambda entry: -entry.share_of_gap)
     if everywhere:
         rows = [
             Row(
                 [
                     slice_words(entry, most=12),
-                    f"{100 * float(entry['share_of_gap']):.1f} %",
-                    f"{float(entry.get('q_value', float('nan'))):.2g}",
+                    f"{100 * entry.share_of_gap:.1f} %",
+                    f"{entry.q_value:.2g}",
                 ]
             )
-            for entry in sorted(everywhere, key=lambda entry: -float(entry["share_of_gap"]))
+            for entry in everywhere
         ]
         columns = [Column("slice", "long"), Column("share of the gap"), Column("q value")]
         parts.append(folded(f"All {len(rows)} slices", [table(columns, rows)]))
@@ -192,20 +137,20 @@ def _where_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
     return Section("where", "Where", lead, parts)
 
 
-def _which_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
-    effects = list(gap.get("effects") or [])
+def _which_section(gap: GapReport, maps: xr.Dataset | None) -> Section:
+    effects = gap.effects
     parts: list[Markup] = []
     if effects:
         rows = [
             Row(
                 [
-                    f"{plain_name(str(effect['name']))} ({effect['name']})",
+                    f"{plain_name(effect.name)} ({effect.name})",
                     who_text(effect),
                     parameters_text(effect) or "-",
                     period_text(effect) or "always",
-                    _number(effect.get("probability")),
-                    _share(effect),
-                    joined([plain_name(name) for name in rival_names(effect)]) or "-",
+                    f"{effect.probability:.2f}",
+                    f"{100 * effect.share_of_gap:.0f} %",
+                    joined([plain_name(name) for name in effect.ambiguous_with]) or "-",
                 ]
             )
             for effect in effects
@@ -232,16 +177,15 @@ def _which_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
         parts.append(paragraph("No effect of the catalogue is needed to explain these reports."))
     parts += _unknown(gap)
     parts += [embedded(figure) for figure in gap_parts.which_figures(maps, gap)]
-    parts += _second_moment(gap)
     return Section("which", "Which effect", "", parts)
 
 
-def _per_aircraft(effects: Sequence[Mapping[str, Any]]) -> list[Markup]:
+def _per_aircraft(effects: Sequence[EffectEntry]) -> list[Markup]:
     """Return the parameters of each aircraft, where an effect has several."""
     rows = [
-        Row([tail, plain_name(str(effect["name"])), parameters_text(entry)])
+        Row([tail, plain_name(effect.name), parameters_text(entry)])
         for effect in effects
-        for tail, entry in (effect.get("per_tail") or {}).items()
+        for tail, entry in (effect.per_tail or {}).items()
     ]
     if not rows:
         return []
@@ -249,109 +193,48 @@ def _per_aircraft(effects: Sequence[Mapping[str, Any]]) -> list[Markup]:
     return [folded("Each aircraft's parameters", [table(columns, rows)])]
 
 
-def _share(effect: Mapping[str, Any]) -> str:
-    share = effect.get("share_of_gap")
-    return f"{100 * float(share):.0f} %" if share is not None else "-"
-
-
-def _unknown(gap: Mapping[str, Any]) -> list[Markup]:
-    unknown = gap.get("unknown") or {}
-    if not unknown.get("present"):
+def _unknown(gap: GapReport) -> list[Markup]:
+    if not gap.unknown.present:
         return []
-    places = [
-        slice_words(p) if isinstance(p, Mapping) else str(p) for p in unknown.get("where") or []
-    ]
-    text = "Something outside the catalogue is at work"
-    text += f", found in {joined(places)}." if places else "; its place could not be told."
-    places_drawn = [
-        embedded(unknown_curve_figure(place))
-        for place in unknown.get("where") or []
-        if isinstance(place, Mapping) and (place.get("curve") or {}).get("labels")
-    ]
-    extra = [
-        f"{key.replace('_', ' ')}: {value}"
-        for key, value in unknown.items()
-        if key not in {"present", "where"} and isinstance(value, str | int | float)
-    ]
-    return [paragraph(text, note=True), *places_drawn, *([listing(extra)] if extra else [])]
+    places = joined([slice_words(place) for place in gap.unknown.where])
+    text = f"Something outside the catalogue is at work, found in {places}."
+    drawn = [embedded(unknown_curve_figure(place)) for place in gap.unknown.where]
+    return [paragraph(text, note=True), *drawn]
 
 
-def _second_moment(gap: Mapping[str, Any]) -> list[Markup]:
-    tests = [entry for entry in gap.get("second_moment") or [] if isinstance(entry, Mapping)]
-    if not tests:
-        return []
-    keys = [key for key in tests[0] if isinstance(tests[0][key], str | int | float)]
-    columns = [Column(key.replace("_", " "), "" if i else "words") for i, key in enumerate(keys)]
-    rows = [Row([_cell(entry.get(key)) for key in keys]) for entry in tests]
-    return [
-        heading("Coding and gross errors"),
-        table(
-            columns,
-            rows,
-            caption=(
-                "Effects that show in spread and rounding, not in means, have tests of their own."
-            ),
+def _far_section(gap: GapReport) -> Section:
+    closure = gap.closure
+    interval = "no interval can be had from one day"
+    if closure.ci:
+        interval = f"95 % interval {closure.ci[0]:.2f} to {closure.ci[1]:.2f}"
+    rows = [Row(["reduction (kt)", f"{closure.reduction:.3g}"])]
+    if closure.fraction_of_excess is not None:
+        rows.append(Row(["fraction of excess", f"{closure.fraction_of_excess:.3g}"]))
+    parts = [
+        *(embedded(figure) for figure in gap_parts.closure_figures(gap)),
+        paragraph(
+            f"On {'held-out' if closure.held_out else 'the same'} flights the disagreement goes "
+            f"from {closure.before:.2f} to {closure.after:.2f} kt ({interval})."
         ),
+        folded("The numbers", [table([Column("", "words"), Column("")], rows)]),
     ]
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def _far_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
-    closure = gap.get("closure") or {}
-    parts = [embedded(figure) for figure in gap_parts.closure_figures(gap)]
-    bounds = closure.get("ci")
-    if closure.get("before") is not None and closure.get("after") is not None:
-        text = (
-            f"On {'held-out' if closure.get('held_out', True) else 'the same'} flights the "
-            f"disagreement goes from {_number(closure['before'])} to "
-            f"{_number(closure['after'])} kt"
-        )
-        interval = "no interval can be had from one day"
-        if bounds:
-            interval = f"95 % interval {_number(bounds[0])} to {_number(bounds[1])}"
-        text += f" ({interval})."
-        parts.append(paragraph(text))
-    rest = {
-        key: value
-        for key, value in closure.items()
-        if key not in {"before", "after", "ci", "held_out", "steps"}
-        and isinstance(value, str | int | float)
-    }
-    if rest:
-        rows = [Row([key.replace("_", " "), _cell(value)]) for key, value in rest.items()]
-        parts.append(folded("The numbers", [table([Column("", "words"), Column("")], rows)]))
     lead = "What adding the effects to the simulation buys, on flights they were not fitted to."
     return Section("far", "How far it closes", lead, parts)
 
 
-def _open_section(gap: Mapping[str, Any]) -> Section:
+def _open_section(gap: GapReport) -> Section:
     parts: list[Markup] = []
-    for effect in gap.get("effects") or []:
-        others = [plain_name(name) for name in rival_names(effect)]
-        if others:
-            told = rival_advice(effect)
+    for effect in gap.effects:
+        if effect.ambiguity:
+            others = [plain_name(rival.name) for rival in effect.ambiguity]
+            told = list(dict.fromkeys(rival.separated_by for rival in effect.ambiguity))
             text = f"{effect_sentence(effect)}. The data fit as well: {joined(others)}."
-            text += f" What would tell: {joined(told)}." if told else ""
-            parts.append(paragraph(text))
+            parts.append(paragraph(f"{text} What would tell: {joined(told)}."))
     alike = alias_lines(gap)
     if alike:
         parts += [heading("What looks alike on these flights"), listing(alike)]
-    would = gap.get("would_tell") or []
-    if would:
-        parts += [heading("What data would tell"), listing([str(line) for line in would])]
-    untested = gap.get("untestable") or {}
-    pairs = (
-        list(untested.items())
-        if isinstance(untested, Mapping)
-        else [(entry["name"], entry.get("reason", "")) for entry in untested]
-    )
-    if pairs:
-        rows = [Row([plain_name(str(name)), str(reason)]) for name, reason in pairs]
+    if gap.untestable:
+        rows = [Row([plain_name(name), reason]) for name, reason in gap.untestable.items()]
         parts += [
             heading("What could not be tested"),
             table([Column("effect", "long"), Column("why", "long")], rows),
@@ -361,22 +244,17 @@ def _open_section(gap: Mapping[str, Any]) -> Section:
     return Section("open", "What could not be told apart", "", parts)
 
 
-def _method_section(gap: Mapping[str, Any], maps: xr.Dataset | None) -> Section:
-    parts = assumption_table(gap, ASSUMPTIONS) + calibration_table(gap)
+def _method_section(gap: GapReport, maps: xr.Dataset | None) -> Section:
+    parts = assumption_table(gap) + calibration_table(gap)
     parts += [embedded(figure) for figure in gap_parts.method_figures(maps, gap)]
-    parts += _noise_table(gap.get("noise") or {})
-    if gap.get("notes"):
-        parts.append(listing([str(note) for note in gap["notes"]]))
+    parts.append(_noise_table(gap.noise))
     return Section("method", "What this rests on", "", parts)
 
 
-def _noise_table(noise: Mapping[str, Any]) -> list[Markup]:
-    names = {
-        "correlated_sd_m_s": "correlated part (m/s)",
-        "white_sd_m_s": "white part (m/s)",
-        "length_km": "correlation length (km)",
-    }
-    rows = [Row([label, _number(noise[key])]) for key, label in names.items() if key in noise]
-    if not rows:
-        return []
-    return [table([Column("noise model", "words"), Column("fitted")], rows)]
+def _noise_table(noise: NoiseEntry) -> Markup:
+    rows = [
+        Row(["correlated part (m/s)", f"{noise.correlated_sd_m_s:.2f}"]),
+        Row(["white part (m/s)", f"{noise.white_sd_m_s:.2f}"]),
+        Row(["correlation length (km)", f"{noise.length_km:.2f}"]),
+    ]
+    return table([Column("noise model", "words"), Column("fitted")], rows)

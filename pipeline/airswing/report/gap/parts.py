@@ -14,13 +14,12 @@ time_line (degree)                       aircraft, week
 pit_count, pit_count_before              pit_bin
 =======================================  =============================================
 
-A map may have its ``*_count``.  From the details of the diagnosis: ``evidence`` (tempered
-evidence and posterior by aircraft), ``waterfall``, ``noise``, ``counts``.
+A map may have its ``*_count``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -28,9 +27,10 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from airswing.gap.result.schema import EvidenceEntry, GapReport
 from airswing.report.gap import where_figures as places
 from airswing.report.gap import which_figures as evidence
-from airswing.report.gap.words import plain_name, rival_names
+from airswing.report.gap.words import plain_name
 
 
 def _has(maps: xr.Dataset | None, *names: str) -> bool:
@@ -46,21 +46,13 @@ def _array(maps: xr.Dataset, name: str, *dims: str) -> Any:
     return maps[name].transpose(*dims).to_numpy() if name in maps.variables else None
 
 
-def report_total(maps: xr.Dataset | None, gap: Mapping[str, Any]) -> int:
-    """Return the number of reports behind a diagnosis; 0 where it is not told."""
-    found = (gap.get("counts") or {}).get("reports") or gap.get("reports")
-    if not found and maps is not None:
-        found = maps.attrs.get("reports", 0)
-    return int(found or 0)
-
-
 def where_figures(
-    maps: xr.Dataset | None, gap: Mapping[str, Any], named: Sequence[str]
+    maps: xr.Dataset | None, gap: GapReport, named: Sequence[str]
 ) -> Iterator[Figure]:
     """Yield the figures of where the gap lies, as far as ``gap.nc`` holds them."""
     if maps is None:
         return
-    total = report_total(maps, gap)
+    total = gap.counts.reports
     if _has(maps, "heading_map"):
         yield places.aircraft_heading_figure(
             _words(maps["aircraft"]),
@@ -121,98 +113,88 @@ def _levels(maps: xr.Dataset, total: int) -> Figure:
     )
 
 
-def which_figures(maps: xr.Dataset | None, gap: Mapping[str, Any]) -> Iterator[Figure]:
+def which_figures(maps: xr.Dataset | None, gap: GapReport) -> Iterator[Figure]:
     """Yield the evidence of each effect and the aircraft that carry the effects."""
-    effects = gap.get("effects") or []
-    chosen = [str(effect["name"]) for effect in effects]
-    ambiguous = [name for effect in effects for name in rival_names(effect)]
-    best = best_evidence(gap.get("evidence") or [])
+    best = best_evidence(gap.evidence)
     if best:
         yield evidence.evidence_figure(
             list(best),
             list(best.values()),
-            chosen=chosen,
-            ambiguous=ambiguous,
-            number=report_total(maps, gap),
+            chosen=[effect.name for effect in gap.effects],
+            ambiguous=[name for effect in gap.effects for name in effect.ambiguous_with],
+            number=gap.counts.reports,
         )
     if maps is not None and "aircraft" in maps.variables:
         tails = _words(maps["aircraft"])
-        rows = posteriors(gap.get("evidence") or [], tails)
+        rows = posteriors(gap.evidence, tails)
         if rows:
             yield evidence.posterior_figure(tails, list(rows), np.array(list(rows.values())))
 
 
-def best_evidence(rows: Sequence[Mapping[str, Any]], *, most: int = 20) -> dict[str, float]:
+def best_evidence(rows: Sequence[EvidenceEntry], *, most: int = 20) -> dict[str, float]:
     """Return the best tempered evidence (nats) of each effect of the catalogue, largest first."""
     best: dict[str, float] = {}
     for row in rows:
-        value = row.get("tempered_nats", row.get("log_evidence"))
-        if row.get("known", True) and isinstance(value, int | float) and np.isfinite(value):
-            best[str(row["name"])] = max(float(value), best.get(str(row["name"]), -np.inf))
+        if row.known and np.isfinite(row.tempered_nats):
+            best[row.name] = max(row.tempered_nats, best.get(row.name, -np.inf))
     return dict(sorted(best.items(), key=lambda item: -item[1])[:most])
 
 
-def posteriors(rows: Sequence[Mapping[str, Any]], tails: Sequence[str]) -> dict[str, list[float]]:
+def posteriors(rows: Sequence[EvidenceEntry], tails: Sequence[str]) -> dict[str, list[float]]:
     """Return the probability of each aircraft for the effects found on single aircraft."""
     found: dict[str, list[float]] = {}
     for row in rows:
-        name, posterior = str(row["name"]), list(row.get("posterior") or [])
-        own = row.get("instead_of") == row["name"] and row.get("scope") == "aircraft"
-        if own and name not in found and len(posterior) == len(tails):
-            found[name] = [float(value) for value in posterior]
+        own = row.instead_of == row.name and row.scope == "aircraft"
+        if own and row.name not in found and len(row.posterior) == len(tails):
+            found[row.name] = list(row.posterior)
     return found
 
 
-def closure_steps(gap: Mapping[str, Any]) -> list[tuple[str, float, Sequence[float] | None]]:
+def closure_steps(gap: GapReport) -> list[tuple[str, float, Sequence[float] | None]]:
     """Return (name, disagreement after it in kt, 95 % interval) of each step of the waterfall.
 
     The diagnosis gives the interval of the step's reduction; what is left after it lies the
     reduction below the level before it.
     """
-    levels = gap.get("waterfall") or []
     steps: list[tuple[str, float, Sequence[float] | None]] = []
-    for before, entry in pairwise(levels):
-        bounds = entry.get("step_ci")
-        if bounds is not None:
-            level = float(before["kt"])
-            interval = sorted(level - float(bound) for bound in bounds)
-            steps.append((str(entry["label"]), float(entry["kt"]), interval))
+    for before, entry in pairwise(gap.waterfall):
+        if entry.step_ci is not None:
+            interval = sorted(before.kt - bound for bound in entry.step_ci)
+            steps.append((entry.label, entry.kt, interval))
     return steps
 
 
-def closure_figures(gap: Mapping[str, Any]) -> Iterator[Figure]:
+def closure_figures(gap: GapReport) -> Iterator[Figure]:
     """Yield the waterfall, where there is something to close."""
-    closure, numbers = gap.get("closure") or {}, gap.get("gap") or {}
-    before, after = closure.get("before"), closure.get("after")
-    if before is None or after is None or not gap.get("effects"):
+    closure = gap.closure
+    if not gap.effects:
         return
-    floor = numbers.get("noise_floor_kt")
     steps = closure_steps(gap)
     if not steps:
-        names = " + ".join(plain_name(str(effect["name"])) for effect in gap["effects"][:2])
-        more = " + ..." if len(gap["effects"]) > 2 else ""
-        steps = [(names + more, float(after), closure.get("ci"))]
+        names = " + ".join(plain_name(effect.name) for effect in gap.effects[:2])
+        more = " + ..." if len(gap.effects) > 2 else ""
+        steps = [(names + more, closure.after, closure.ci)]
     yield evidence.waterfall_figure(
         steps,
-        before=float(before),
-        floor=float("nan") if floor is None else float(floor),
-        number=report_total(None, gap),
-        after_all=(float(after), closure.get("ci")),
+        before=closure.before,
+        floor=gap.gap.noise_floor_kt,
+        number=gap.counts.reports,
+        after_all=(closure.after, closure.ci),
     )
 
 
-def method_figures(maps: xr.Dataset | None, gap: Mapping[str, Any]) -> Iterator[Figure]:
+def method_figures(maps: xr.Dataset | None, gap: GapReport) -> Iterator[Figure]:
     """Yield the checks of the noise model and of the improved simulation's calibration."""
-    noise = gap.get("noise") or {}
-    if noise.get("distance_km"):
-        value = np.asarray(noise["autocovariance"], float)
+    noise = gap.noise
+    if noise.distance_km:
+        value = np.asarray(noise.autocovariance, float)
         yield evidence.autocorrelation_figure(
-            noise["distance_km"],
+            noise.distance_km,
             value,
             np.full(value.shape, np.nan),
-            noise["autocovariance_model"],
+            noise.autocovariance_model,
             quantity="autocovariance of residuals (m²/s²)",
-            number=report_total(maps, gap),
+            number=gap.counts.reports,
         )
     if _has(maps, "pit_count") and maps is not None:
         early = _array(maps, "pit_count_before", "pit_bin")

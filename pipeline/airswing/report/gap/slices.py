@@ -1,7 +1,8 @@
 """The gap over time and the slices that hold it.
 
-Assumes ``where`` of ``gap.json`` (shares in 0 to 1 of the gap's cross-fitted energy, q values of
-false-discovery control) and plain arrays over time with half widths of 95 % intervals.
+Assumes slices of :mod:`airswing.gap.result.schema` (shares in 0 to 1 of the gap's cross-fitted
+energy, q values of false-discovery control) and plain arrays over time with half widths of 95 %
+intervals.
 """
 
 from __future__ import annotations
@@ -13,11 +14,11 @@ import numpy as np
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
+from airswing.gap.result.schema import SliceEntry
 from airswing.report.gap.words import slice_words, small_text
 from airswing.report.html.style import (
     BLUE,
     FAINT,
-    INK,
     SOFT,
     VERMILION,
     blank,
@@ -102,14 +103,12 @@ LEAST = 0.005
 
 
 @styled
-def slices_figure(where: Sequence[Mapping[str, Any]], *, most: int = 15) -> Figure:
+def slices_figure(where: Sequence[SliceEntry], *, most: int = 15) -> Figure:
     """Bars of the slices of the archive that hold the gap, by share of its energy.
 
     Parameters
     ----------
-    where : sequence of mappings
-        ``where`` of ``gap.json``: ``variable``, ``values``, ``share_of_gap``, ``q_value``, and
-        ``share_ci`` where given.
+    where : sequence of SliceEntry
     most : int, optional
         Slices drawn at most; the rest is in the table.
 
@@ -117,27 +116,22 @@ def slices_figure(where: Sequence[Mapping[str, Any]], *, most: int = 15) -> Figu
     -------
     CaptionedFigure
     """
-    known = sorted(where, key=lambda entry: -float(entry["share_of_gap"]))[:most]
-    rows = [entry for entry in known if float(entry["share_of_gap"]) >= LEAST] or known[:3]
+    known = sorted(where, key=lambda entry: -entry.share_of_gap)[:most]
+    rows = [entry for entry in known if entry.share_of_gap >= LEAST] or known[:3]
     if not rows:
         figure = new_figure(1.2)
         blank(figure.add_subplot(), "No slice holds more of the gap than noise would.")
         return figure.say("No slice holds more of the gap than noise would (n = 0 slices).")
     figure = new_figure(1.0 + 0.3 * len(rows))
     axes = figure.add_subplot()
-    share = 100 * np.array([float(entry["share_of_gap"]) for entry in rows])
-    sure = [float(entry.get("q_value", 0.0)) < 0.05 for entry in rows]
+    share = 100 * np.array([entry.share_of_gap for entry in rows])
+    sure = [entry.q_value < 0.05 for entry in rows]
     y = np.arange(len(rows))
     axes.barh(y, share, color=[BLUE if good else FAINT for good in sure], height=0.7)
     for row, entry in enumerate(rows):
-        if entry.get("share_ci"):
-            axes.plot(
-                100 * np.asarray(entry["share_ci"], float), [row, row], color=INK, linewidth=1
-            )
-        q = float(entry.get("q_value", np.nan))
-        text = f"  {share[row]:.0f} %" + (f"   q {small_text(q)}" if np.isfinite(q) else "")
-        end = max(share[row], 100 * max(entry.get("share_ci", [0])))
-        axes.text(max(end, 0), row, text, va="center", fontsize=8.5)
+        q = f"   q {small_text(entry.q_value)}" if np.isfinite(entry.q_value) else ""
+        text = f"  {share[row]:.0f} %{q}"
+        axes.text(max(share[row], 0), row, text, va="center", fontsize=8.5)
     axes.set_yticks(y, [slice_words(entry, most=2) for entry in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)

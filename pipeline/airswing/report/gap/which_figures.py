@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
+from airswing.gap.result.schema import PlaceEntry
 from airswing.report.gap.words import slice_words
 from airswing.report.html.style import (
     BLUE,
@@ -347,26 +348,26 @@ def pit_figure(counts: Any, *, before: Any | None = None) -> Figure:
 
 
 @styled
-def table_figure(place: Mapping[str, Any]) -> Figure:
+def table_figure(place: PlaceEntry) -> Figure:
     """Steps of an unknown's table over one variable, or a map of it over two.
 
     Parameters
     ----------
-    place : mapping
-        One of ``unknown.where`` of ``gap.json`` whose ``curve`` has ``edges`` and ``values``.
+    place : PlaceEntry
+        Its curve has edges and values.
 
     Returns
     -------
     CaptionedFigure
     """
-    curve = place["curve"]
-    edges = [np.asarray(own, float) for own in curve["edges"]]
-    value = np.reshape(np.asarray(curve["values"], float), [own.size - 1 for own in edges])
+    curve = place.curve
+    edges = [np.asarray(own, float) for own in curve.edges or ()]
+    value = np.reshape(np.asarray(curve.values, float), [own.size - 1 for own in edges])
     names = [
         f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}"
-        for name, unit in zip(curve["variables"], curve["variable_units"], strict=True)
+        for name, unit in zip(curve.variables or (), curve.variable_units or (), strict=True)
     ]
-    what = f"{str(place['component']).replace('_', ' ')} ({curve['unit']})"
+    what = f"{place.component.replace('_', ' ')} ({curve.unit})"
     figure = new_figure(2.6 if len(edges) == 1 else 3.4)
     axes = figure.add_subplot()
     axes.set_xlabel(names[0])
@@ -381,8 +382,7 @@ def table_figure(place: Mapping[str, Any]) -> Figure:
         )
         axes.set_ylabel(names[1])
         figure.colorbar(mesh, ax=axes, label=what)
-    closure = place.get("closure") or {}
-    closes = f"; it closes {float(closure['reduction']):.2f} kt" if closure else ""
+    closes = f"; it closes {place.closure.reduction:.2f} kt" if place.closure else ""
     return figure.say(
         f"The unknown effect, fitted without physics on weeks left out: {slice_words(place)} "
         f"(n = {plural(int(value.size), 'cell')}){closes}."
@@ -390,22 +390,20 @@ def table_figure(place: Mapping[str, Any]) -> Figure:
 
 
 @styled
-def unknown_curve_figure(place: Mapping[str, Any]) -> Figure:
+def unknown_curve_figure(place: PlaceEntry) -> Figure:
     """Bars of the curve fitted to an effect that the catalogue does not hold.
 
     Parameters
     ----------
-    place : mapping
-        One of ``unknown.where`` of ``gap.json``: ``curve`` with ``labels`` and ``m_s``,
-        ``variables``, ``component`` and ``tails``.
+    place : PlaceEntry
 
     Returns
     -------
     CaptionedFigure
     """
-    if "edges" in place["curve"]:
+    if place.curve.edges is not None:
         return table_figure(place)
-    labels, value = place["curve"]["labels"], np.asarray(place["curve"]["m_s"], float)
+    labels, value = place.curve.labels, np.asarray(place.curve.m_s, float)
     figure = new_figure(2.6)
     axes = figure.add_subplot()
     axes.bar(range(value.size), value, color=[BLUE if v >= 0 else ORANGE for v in value], width=0.7)
@@ -419,7 +417,7 @@ def unknown_curve_figure(place: Mapping[str, Any]) -> Figure:
         fontsize=8.5,
     )
     axes.grid(axis="x", visible=False)
-    if place.get("component") == "scatter":
+    if place.component == "scatter":
         axes.set_ylabel("beyond the fleet's (m/s)")
         return figure.say(
             f"What aircraft scatter more than the fleet: {slice_words(place)} (n = {value.size})."

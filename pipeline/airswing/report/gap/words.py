@@ -1,17 +1,26 @@
 """The verdict of a gap diagnosis in plain words.
 
-Assumes ``gap.json`` of docs/formats.md: disagreement in knots, shares in 0 to 1, parameter names
-that end in their unit.  ``±`` is one standard error, as the file gives it.
+Assumes a report in the shapes of :mod:`airswing.gap.result.schema`: disagreement in knots, shares
+in 0 to 1, parameter names that end in their unit.  ``±`` is one standard error.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.result.schema import (
+    EffectEntry,
+    GapReport,
+    KnownEntry,
+    PlaceEntry,
+    SimulationEntry,
+    SliceEntry,
+    TailEntry,
+)
+from airswing.gap.result.schema.entries import Parameter
 
 UNITS: tuple[tuple[str, str], ...] = (
     ("_deg_per_day", "°/day"),
@@ -65,12 +74,12 @@ def label_and_unit(name: str) -> tuple[str, str]:
     return name.replace("_", " "), ""
 
 
-def parameter_text(name: str, value: Any, error: Any = None) -> str:
+def parameter_text(name: str, value: Parameter, error: float | None = None) -> str:
     """Return ``amplitude 3.9 ± 0.2°`` for ``amplitude_deg``."""
     label, unit = label_and_unit(name)
     if not isinstance(value, int | float):
         return f"{label} {value}"
-    spread = float(error) if isinstance(error, int | float) else float("nan")
+    spread = float("nan") if error is None else error
     if not np.isfinite(spread) or spread == 0:
         number = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
         return f"{label} {number}{unit}"
@@ -78,7 +87,7 @@ def parameter_text(name: str, value: Any, error: Any = None) -> str:
     return f"{label} {value:.{digits}f} ± {spread:.{digits}f}{unit}"
 
 
-def parameters_text(effect: Mapping[str, Any], *, brief: bool = False) -> str:
+def parameters_text(effect: EffectEntry | TailEntry, *, brief: bool = False) -> str:
     """Return all parameters of an effect in one line.
 
     Where single aircraft carry it with values of their own, their range stands instead of the
@@ -86,8 +95,7 @@ def parameters_text(effect: Mapping[str, Any], *, brief: bool = False) -> str:
 
     Parameters
     ----------
-    effect : mapping
-        One of ``effects`` of ``gap.json``.
+    effect : EffectEntry or TailEntry
     brief : bool, optional
         Leave out the conditions a parameter is stated at (``at_...``).
 
@@ -95,10 +103,11 @@ def parameters_text(effect: Mapping[str, Any], *, brief: bool = False) -> str:
     -------
     str
     """
-    errors = effect.get("standard_errors") or {}
-    each = [entry["parameters"] for entry in (effect.get("per_tail") or {}).values()]
+    errors = effect.standard_errors or {}
+    per_tail = effect.per_tail if isinstance(effect, EffectEntry) else None
+    each = [entry.parameters for entry in (per_tail or {}).values()]
     parts = []
-    for name, value in (effect.get("parameters") or {}).items():
+    for name, value in effect.parameters.items():
         if value is None or (brief and name.startswith("at_")):
             continue
         if isinstance(value, list | tuple):  # the aircraft of a pair, who are told as such
@@ -111,16 +120,18 @@ def parameters_text(effect: Mapping[str, Any], *, brief: bool = False) -> str:
     return ", ".join(parts)
 
 
-def _spread(name: str, each: Sequence[Mapping[str, Any]], error: Any) -> tuple[float, float] | None:
+def _spread(
+    name: str, each: Sequence[Mapping[str, Parameter]], error: float | None
+) -> tuple[float, float] | None:
     """Return the least and the greatest value over aircraft, where they differ beyond error."""
-    values = [entry[name] for entry in each if isinstance(entry.get(name), int | float)]
+    values = [float(x) for entry in each if isinstance(x := entry.get(name), int | float)]
     if len(values) < 2:
         return None
-    room = 4.0 * float(error) if isinstance(error, int | float) else 0.0
+    room = 4.0 * error if error is not None else 0.0
     if name.startswith("phase"):
         turned = np.degrees(np.angle(np.exp(1j * np.radians(np.subtract(values, values[0])))))
         values = (values[0] + turned).tolist()
-    low, high = float(min(values)), float(max(values))
+    low, high = min(values), max(values)
     return (low, high) if high - low > room else None
 
 
@@ -130,9 +141,9 @@ def _range_text(name: str, spread: tuple[float, float]) -> str:
     return f"{label} {spread[0]:.{digits}f} to {spread[1]:.{digits}f}{unit}"
 
 
-def period_text(effect: Mapping[str, Any]) -> str:
+def period_text(effect: EffectEntry) -> str:
     """Return since when, until when or between when an effect holds, or nothing."""
-    first, last = period_bounds(effect)
+    first, last = ((day or "")[:10] for day in effect.period or (None, None))
     if first and last:
         return f"from {first} to {last}"
     if last:
@@ -140,43 +151,15 @@ def period_text(effect: Mapping[str, Any]) -> str:
     return f"from {first}" if first else ""
 
 
-def period_bounds(effect: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the first and the last date of an effect; empty where it has none."""
-    period = effect.get("period")
-    if isinstance(period, Mapping):
-        period = list(period.values())
-    if isinstance(period, str):
-        period = [period]
-    bounds = [str(value)[:10] if value else "" for value in period or []]
-    first, last, *_ = [*bounds, "", ""]
-    return first, last
-
-
-def rival_names(effect: Mapping[str, Any]) -> list[str]:
-    """Return the names of the effects that could not be told from one."""
-    rivals = effect.get("ambiguous_with") or []
-    return [str(rival["name"] if isinstance(rival, Mapping) else rival) for rival in rivals]
-
-
-def rival_advice(effect: Mapping[str, Any]) -> list[str]:
-    """Return the data that would tell an effect from its rivals, each once."""
-    listed = [*(effect.get("ambiguous_with") or []), *(effect.get("ambiguity") or [])]
-    rivals = [rival for rival in listed if isinstance(rival, Mapping)]
-    told = [str(rival["separated_by"]) for rival in rivals if "separated_by" in rival]
-    own = effect.get("separated_by") or effect.get("would_separate") or []
-    told += [own] if isinstance(own, str) else [str(line) for line in own]
-    return list(dict.fromkeys(told))
-
-
-def who_text(effect: Mapping[str, Any]) -> str:
+def who_text(effect: EffectEntry) -> str:
     """Return whom an effect concerns: its aircraft, the whole fleet, or the reference."""
-    scope, tails = effect.get("scope"), list(effect.get("tails") or [])
-    if scope == "reference" or str(effect.get("name", "")).startswith("reference_"):
+    if effect.scope == "reference" or effect.name.startswith("reference_"):
         return "the reference"
-    return joined(tails) if tails and scope != "fleet" else "the whole fleet"
+    of_some = effect.tails and effect.scope != "fleet"
+    return joined(effect.tails) if of_some else "the whole fleet"
 
 
-def effect_sentence(effect: Mapping[str, Any]) -> str:
+def effect_sentence(effect: EffectEntry) -> str:
     """Return one effect as a sentence without its stop."""
     return capitalised(effect_clause(effect))
 
@@ -186,41 +169,35 @@ def capitalised(text: str) -> str:
     return f"The {text[4:]}" if text.startswith("the ") else text
 
 
-def effect_clause(effect: Mapping[str, Any]) -> str:
+def effect_clause(effect: EffectEntry) -> str:
     """Return one effect as it stands within a sentence."""
-    text = f"{who_text(effect)}: {plain_name(str(effect['name']))}"
+    text = f"{who_text(effect)}: {plain_name(effect.name)}"
     details = [part for part in (parameters_text(effect, brief=True), period_text(effect)) if part]
     text += "".join(f", {part}" for part in details)
-    share = effect.get("share_of_gap")
-    if share is not None and float(share) >= 0.005:
-        text += f"; explains {100 * float(share):.0f} % of the gap"
+    if effect.share_of_gap >= 0.005:
+        text += f"; explains {100 * effect.share_of_gap:.0f} % of the gap"
     return text
 
 
-def closure_sentence(gap: Mapping[str, Any]) -> str:
+def closure_sentence(gap: GapReport) -> str:
     """Return what adding the effects does to the disagreement, with the noise floor."""
-    closure = gap.get("closure") or {}
-    floor = (gap.get("gap") or {}).get("noise_floor_kt")
-    floor_text = f", noise floor {float(floor):.1f}" if floor is not None else ""
-    effects = gap.get("effects") or []
-    before, after = closure.get("before"), closure.get("after")
-    if not effects or before is None or after is None:
-        return ""
-    what = "it" if len(effects) == 1 else "them"
-    where = " on held-out flights" if closure.get("held_out", True) else ""
+    what = "it" if len(gap.effects) == 1 else "them"
+    where = " on held-out flights" if gap.closure.held_out else ""
     return (
-        f"adding {what} takes the disagreement from {float(before):.1f} to {float(after):.1f} kt"
-        f"{where}{floor_text}"
+        f"adding {what} takes the disagreement from {gap.closure.before:.1f} to "
+        f"{gap.closure.after:.1f} kt{where}, noise floor {gap.gap.noise_floor_kt:.1f}"
     )
 
 
-def start_words(gap: Mapping[str, Any]) -> str:
-    """Return what the diagnosis started from; empty for the perfect instrument.
+def start_words(
+    known: Sequence[KnownEntry] | None, simulation: SimulationEntry | None = None
+) -> str:
+    """Return what a diagnosis started from; empty for the perfect instrument.
 
     Parameters
     ----------
-    gap : mapping
-        Content of ``gap.json``; ``simulation`` and ``known`` where given.
+    known : sequence of KnownEntry or None
+    simulation : SimulationEntry, optional
 
     Returns
     -------
@@ -228,34 +205,31 @@ def start_words(gap: Mapping[str, Any]) -> str:
         Whole sentences, each with a blank behind it.
     """
     out = []
-    other = gap.get("simulation")
-    if other:
-        text = f"Against the simulation in {other['source']}"
-        if other["matched_by"] == "distribution":
+    if simulation is not None:
+        text = f"Against the simulation in {simulation.source}"
+        if simulation.matched_by == "distribution":
             text += ", which flew other paths and was compared by what it has"
         else:
-            text += f" ({other['matched']:,} of {other['of']:,} reports matched)"
+            text += f" ({simulation.matched:,} of {simulation.of:,} reports matched)"
         out.append(f"{text}.")
-    for known in gap.get("known") or []:
-        number = len(known["effects"])
+    for one in known or ():
+        number = len(one.effects)
         out.append(
-            f"Beyond {number} known effect{'' if number == 1 else 's'} of {known['source']}, which "
+            f"Beyond {number} known effect{'' if number == 1 else 's'} of {one.source}, which "
             f"take{'s' if number == 1 else ''} the disagreement from "
-            f"{float(known['disagreement_without_kt']):.1f} to "
-            f"{float(known['disagreement_with_kt']):.1f} kt:"
+            f"{one.disagreement_without_kt:.1f} to {one.disagreement_with_kt:.1f} kt:"
         )
     return "".join(f"{text} " for text in out)
 
 
-def verdict(gap: Mapping[str, Any], *, most: int = 3) -> str:
+def verdict(gap: GapReport, *, most: int = 3) -> str:
     """Return the verdict: what is missing, how much of the gap it is, what adding it buys.
 
     What the diagnosis started from stands before it where that is not the perfect instrument.
 
     Parameters
     ----------
-    gap : mapping
-        Content of ``gap.json``.
+    gap : GapReport
     most : int, optional
         Effects named in full.
 
@@ -263,14 +237,13 @@ def verdict(gap: Mapping[str, Any], *, most: int = 3) -> str:
     -------
     str
     """
-    return start_words(gap) + _what_is_missing(gap, most)
+    return start_words(gap.known, gap.simulation) + _what_is_missing(gap, most)
 
 
-def _what_is_missing(gap: Mapping[str, Any], most: int) -> str:
-    effects = list(gap.get("effects") or [])
-    unknown = bool((gap.get("unknown") or {}).get("present"))
+def _what_is_missing(gap: GapReport, most: int) -> str:
+    effects = gap.effects
     if not effects:
-        if unknown:
+        if gap.unknown.present:
             return (
                 "Something is missing that the catalogue does not hold"
                 f"{_unknown_place(gap)}: no known effect explains it{_unknown_closure(gap)}."
@@ -280,50 +253,41 @@ def _what_is_missing(gap: Mapping[str, Any], most: int) -> str:
     if len(effects) > most:
         rest = len(effects) - most
         text += f"; and {rest} smaller effect{'s' if rest > 1 else ''}"
-    closing = closure_sentence(gap)
-    text += f"; {closing}." if closing else "."
-    if unknown:
+    text += f"; {closure_sentence(gap)}."
+    if gap.unknown.present:
         text += f" Something unknown remains{_unknown_place(gap)}{_unknown_closure(gap)}."
     return text
 
 
-def _nothing_missing(gap: Mapping[str, Any]) -> str:
-    numbers = gap.get("gap") or {}
-    level, floor = numbers.get("mean_vector_disagreement_kt"), numbers.get("noise_floor_kt")
-    if (gap.get("counts") or {}).get("days") == 1:
+def _nothing_missing(gap: GapReport) -> str:
+    if gap.counts.days == 1:
         return (
             "One day of reports is too short to tell what is missing: no finding could be checked "
             "on other days, and none is stated."
         )
-    text = "Nothing is missing from the simulation that these reports can show"
-    if level is None:
-        return text + "."
-    text += f": the disagreement is {float(level):.1f} kt"
-    return text + (f" and the noise floor {float(floor):.1f} kt." if floor is not None else ".")
-
-
-def _unknown_closure(gap: Mapping[str, Any]) -> str:
-    """What a table closes of the gap beside what has a name; nothing where that is not known."""
-    unknown = gap.get("unknown") or {}
-    closure = unknown.get("closure")
-    tables = [
-        place
-        for place in unknown.get("where") or []
-        if isinstance(place, Mapping) and "edges" in (place.get("curve") or {})
-    ]
-    if not closure or not tables:
-        return ""
-    names = joined([" and ".join(place["variables"]).replace("_", " ") for place in tables], most=2)
-    low, high = closure["reduction_ci"]
     return (
-        f"; a table by {names} closes {closure['reduction']:.2f} kt ({low:.2f} to {high:.2f}) of "
-        f"{closure['before']:.2f}"
+        "Nothing is missing from the simulation that these reports can show: the disagreement is "
+        f"{gap.gap.mean_vector_disagreement_kt:.1f} kt and the noise floor "
+        f"{gap.gap.noise_floor_kt:.1f} kt."
     )
 
 
-def _unknown_place(gap: Mapping[str, Any]) -> str:
-    places = (gap.get("unknown") or {}).get("where") or []
-    named = [slice_words(p) if isinstance(p, Mapping) else str(p) for p in places]
+def _unknown_closure(gap: GapReport) -> str:
+    """What a table closes of the gap beside what has a name; nothing where that is not known."""
+    closure = gap.unknown.closure
+    tables = [place for place in gap.unknown.where if place.curve.edges is not None]
+    if closure is None or not tables:
+        return ""
+    names = joined([" and ".join(place.variables).replace("_", " ") for place in tables], most=2)
+    low, high = closure.reduction_ci
+    return (
+        f"; a table by {names} closes {closure.reduction:.2f} kt ({low:.2f} to {high:.2f}) of "
+        f"{closure.before:.2f}"
+    )
+
+
+def _unknown_place(gap: GapReport) -> str:
+    named = [slice_words(place) for place in gap.unknown.where]
     return f" ({joined(named, most=2)})" if named else ""
 
 
@@ -343,14 +307,15 @@ COMPONENTS = {
 }
 
 
-def slice_words(entry: Mapping[str, Any], *, most: int = 4) -> str:
+def slice_words(entry: SliceEntry | PlaceEntry, *, most: int = 4) -> str:
     """Return a slice of the archive in words: variable, component and at most a few values."""
-    variables = entry.get("variables") or [entry.get("variable", "")]
-    of_wind = entry.get("component") == "wind"
-    names = [str(name).replace("_", " ") for name in (variables[:1] if of_wind else variables)]
+    if isinstance(entry, PlaceEntry):
+        variables, values = entry.variables, entry.tails
+    else:
+        variables, values = [entry.variable], entry.values
+    of_wind = entry.component == "wind"
+    names = [name.replace("_", " ") for name in (variables[:1] if of_wind else variables)]
     text = ("the reference's wind, " if of_wind else "") + " by ".join(names)
-    component = COMPONENTS.get(str(entry.get("component", "")))
+    component = COMPONENTS.get(entry.component)
     text += f", {component}" if component else ""
-    values = entry.get("values", entry.get("tails", []))
-    named = [str(value) for value in values] if isinstance(values, list | tuple) else [str(values)]
-    return f"{text}: {joined(named, most=most)}" if named else text
+    return f"{text}: {joined(values, most=most)}" if values else text

@@ -1,0 +1,94 @@
+"""From gap.json to effects.yaml: what a diagnosis found, as the simulation takes it.
+
+Assumptions: one entry an aircraft where each has parameters of its own, else one for all; unknowns
+with a table are effects of the name ``empirical``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from airswing.gap.effects import CATALOGUE, ActiveEffect
+from airswing.gap.result.schema import EffectEntry, GapReport, PlaceEntry
+from airswing.gap.simulation.effects_file import parse_effects
+from airswing.products.netcdf import plain
+
+
+def active_effects(report: GapReport) -> list[ActiveEffect]:
+    """Effects of a diagnosis as the simulation takes them: one entry per aircraft or fleet.
+
+    Parameters
+    ----------
+    report : GapReport
+
+    Returns
+    -------
+    list of ActiveEffect
+    """
+    entries = [one for effect in report.effects for one in _of_effect(effect)]
+    entries += [one for place in report.unknown.where for one in _of_place(place)]
+    return parse_effects(plain(entries))
+
+
+def _of_effect(effect: EffectEntry) -> list[dict[str, object]]:
+    who = "all" if effect.scope == "fleet" else effect.tails
+    pieces = [(who, effect.parameters)]
+    if effect.per_tail:
+        pieces = [([tail], values.parameters) for tail, values in effect.per_tail.items()]
+    return [
+        {"name": effect.name, "tails": tails, "parameters": values, "period": effect.period}
+        for tails, values in pieces
+    ]
+
+
+def _of_place(place: PlaceEntry) -> list[dict[str, object]]:
+    curve = place.curve
+    if curve.edges is None:
+        return []
+    parameters = {
+        "component": place.component,
+        "variables": curve.variables,
+        "edges": curve.edges,
+    }
+    pieces = [(place.tails or "all", curve.values)]
+    if curve.per_tail:
+        pieces = [([tail], values) for tail, values in curve.per_tail.items()]
+    return [
+        {
+            "name": "empirical",
+            "tails": tails,
+            "parameters": parameters | {"values": values},
+            "period": None,
+        }
+        for tails, values in pieces
+    ]
+
+
+def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -> list[EffectEntry]:
+    """Return the effects found but for those of scatter that were known.
+
+    Parameters
+    ----------
+    entries : sequence of EffectEntry
+    effects : sequence of ActiveEffect
+        Known.
+
+    Returns
+    -------
+    list of EffectEntry
+        An effect known on some of its aircraft is kept with the others.
+    """
+    out = []
+    for entry in entries:
+        kind = CATALOGUE[entry.name].kind if entry.name in CATALOGUE else "mean"
+        own = [one for one in effects if one.name == entry.name]
+        if kind != "second_moment" or not own:
+            out.append(entry)
+            continue
+        told = {tail for one in own for tail in one.tails or entry.tails}
+        left = [tail for tail in entry.tails if tail not in told]
+        each = {t: v for t, v in (entry.per_tail or {}).items() if t in left}
+        if left:
+            out.append(replace(entry, tails=left, per_tail=each))
+    return out

@@ -1,0 +1,256 @@
+"""Entries of gap.json: where the gap lies, what makes it, how far that closes.
+
+Names and units are those of docs/formats.md: kt for disagreement and closure, m s-1 for sizes and
+curves, parameters as in the catalogue. A number that is not known is NaN here and null in the file;
+a field marked `left_out` does not stand in the file where it is None.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from pydantic import BeforeValidator
+
+#: A number that may be unknown.
+Number = Annotated[float, BeforeValidator(lambda value: float("nan") if value is None else value)]
+#: Value of an effect's parameter.
+Parameter = bool | int | float | str | list[str] | None
+#: First and last date, ISO 8601; null at the archive's ends.
+Period = list[str | None]
+
+#: Metadata of a field that does not stand in the file where it is None.
+LEFT_OUT = {"left_out": True}
+
+
+@dataclass(frozen=True)
+class DisagreementEntry:
+    """Mean vector disagreement, the floor no effect can pass, and the probability by luck."""
+
+    mean_vector_disagreement_kt: float
+    noise_floor_kt: float
+    significance: float
+
+
+@dataclass(frozen=True)
+class CurveEntry:
+    """Coefficients of a nonparametric fit, m s-1; of a table also its edges and values.
+
+    ``edges`` holds the bounds of the cells of each variable, ``values`` the cells in C order in
+    ``unit``; ``per_tail`` the values of each aircraft where they differ.
+    """
+
+    labels: Sequence[str]
+    m_s: Sequence[Number]
+    unit: str | None = field(default=None, metadata=LEFT_OUT)
+    variables: Sequence[str] | None = field(default=None, metadata=LEFT_OUT)
+    variable_units: Sequence[str] | None = field(default=None, metadata=LEFT_OUT)
+    edges: Sequence[Sequence[float]] | None = field(default=None, metadata=LEFT_OUT)
+    values: Sequence[Number] | None = field(default=None, metadata=LEFT_OUT)
+    per_tail: Mapping[str, Sequence[Number]] | None = field(default=None, metadata=LEFT_OUT)
+
+
+@dataclass(frozen=True)
+class SliceEntry:
+    """A slice of the archive and the share of the gap's energy it holds, 0 to 1."""
+
+    variable: str
+    component: str
+    values: Sequence[str]
+    share_of_gap: float
+    q_value: Number
+    p_value: Number
+    energy: Number
+    group: str
+    curve: CurveEntry
+
+
+@dataclass(frozen=True)
+class ClosesEntry:
+    """What something closes on held-out reports, kt, with its 95 % interval."""
+
+    reduction: float
+    reduction_ci: Sequence[float]
+
+
+@dataclass(frozen=True)
+class RivalEntry:
+    """An effect that could not be told from one found, and what data would tell.
+
+    ``difference_nats`` is the evidence it lies behind; None of one that looks alike whatever the
+    evidence. ``alias_share`` is the energy of the columns in common, 0 to 1.
+    """
+
+    name: str
+    difference_nats: float | None
+    separated_by: str
+    alias_share: float | None = field(default=None, metadata=LEFT_OUT)
+
+
+@dataclass(frozen=True)
+class TailEntry:
+    """Parameters of an effect on one aircraft."""
+
+    parameters: Mapping[str, Parameter]
+    standard_errors: Mapping[str, Number] | None = field(default=None, metadata=LEFT_OUT)
+
+
+@dataclass(frozen=True)
+class MeanEntry:
+    """An effect of the catalogue that is the mean of an unknown one."""
+
+    name: str
+    tails: Sequence[str]
+    parameters: Mapping[str, Parameter]
+    standard_errors: Mapping[str, Number]
+
+
+@dataclass(frozen=True)
+class EffectEntry:
+    """An effect of the catalogue that is at work.
+
+    ``parameters`` are medians over aircraft where ``per_tail`` has several. ``closure`` is told of
+    effects of scatter alone, which are no step of the waterfall.
+    """
+
+    name: str
+    probability: float
+    tails: Sequence[str]
+    parameters: Mapping[str, Parameter]
+    standard_errors: Mapping[str, Number]
+    period: Period | None
+    scope: str
+    evidence_nats: float
+    cluster_factor: float = 1.0
+    size_m_s: float = 0.0
+    per_tail: Mapping[str, TailEntry] | None = field(default=None, metadata=LEFT_OUT)
+    ambiguous_with: Sequence[str] = ()
+    ambiguity: Sequence[RivalEntry] = ()
+    share_of_gap: float = 0.0
+    share_of_energy: float = 0.0
+    held_out_energy: float = 0.0
+    held_out_energy_standard_error: float = 0.0
+    closure: ClosesEntry | None = field(default=None, metadata=LEFT_OUT)
+
+
+@dataclass(frozen=True)
+class PlaceEntry:
+    """Where an effect outside the catalogue sits; no ``tails`` of a table is the whole fleet."""
+
+    component: str
+    variable: str
+    variables: Sequence[str]
+    group: str
+    tails: Sequence[str]
+    scope: str
+    evidence_nats: float
+    size_m_s: float
+    curve: CurveEntry
+    equally_good: Sequence[str] = ()
+    closure: ClosesEntry | None = None
+    held_out_energy: float = 0.0
+    held_out_energy_standard_error: float = 0.0
+    probability: float | None = None
+    largest_m_s: float | None = None
+    nearest_effect: str | None = None
+    nearest_effect_share: float | None = None
+    settled_by: str | None = None
+    mean: MeanEntry | None = field(default=None, metadata=LEFT_OUT)
+
+
+@dataclass(frozen=True)
+class UnknownClosureEntry:
+    """What all unknowns close beside what has a name, kt."""
+
+    before: float
+    after: float
+    reduction: float
+    reduction_ci: Sequence[float]
+
+
+@dataclass(frozen=True)
+class UnknownEntry:
+    """Whether something outside the catalogue is at work, and where."""
+
+    present: bool
+    where: Sequence[PlaceEntry]
+    closure: UnknownClosureEntry | None = field(default=None, metadata=LEFT_OUT)
+
+
+@dataclass(frozen=True)
+class ClosureEntry:
+    """Disagreement on held-out reports without and with the effects, kt; intervals of 95 %."""
+
+    before: float
+    after: float
+    ci: Sequence[float] | None
+    fraction_of_excess: float | None
+    held_out: bool
+    reduction: float
+    reduction_ci: Sequence[float] | None
+
+
+@dataclass(frozen=True)
+class UnconfirmedEntry:
+    """A name the search came to that is not counted as found, and why."""
+
+    name: str
+    tails: Sequence[str]
+    period: Period | None
+    probability: float
+    evidence_nats: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class StepEntry:
+    """Disagreement after a step of the waterfall, kt, and the interval of what the step closes."""
+
+    label: str
+    kt: float
+    step_ci: Sequence[float] | None
+
+
+@dataclass(frozen=True)
+class EvidenceEntry:
+    """Evidence of one candidate in place of a term found, or (None) beside all of them."""
+
+    instead_of: str | None
+    name: str
+    scope: str
+    known: bool
+    subset: Sequence[int]
+    tempered_nats: Number
+    raw_nats: Number
+    cluster_factor: Number
+    posterior: Sequence[Number]
+
+
+@dataclass(frozen=True)
+class NoiseEntry:
+    """The fitted noise model, and the measured autocovariance beside it, m2 s-2."""
+
+    correlated_sd_m_s: float
+    white_sd_m_s: float
+    length_km: float
+    height_ln_p: float
+    level_hPa: Sequence[float]  # noqa: N815  (the unit as in the file)
+    level_factor: Sequence[float]
+    day_field_sd_m_s: Sequence[Number]
+    climatology_sd_m_s: Sequence[Number]
+    distance_km: Sequence[Number]
+    autocovariance: Sequence[Number]
+    autocovariance_model: Sequence[Number]
+
+
+@dataclass(frozen=True)
+class CountsEntry:
+    """Reports, flights and days behind a diagnosis; those held in memory; those set aside."""
+
+    reports: int
+    flights: int
+    reports_in_view: int
+    days: int
+    clipped: float
+    gross: float
