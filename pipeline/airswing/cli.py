@@ -299,7 +299,7 @@ def gap(
         ),
     )
     text = f"{verdict(result)}\npage: {job.output / 'gap' / 'index.html'}"
-    _print(result, as_json=json, text=text)
+    _print(result.content(), as_json=json, text=text)
 
 
 @app.command(name="gap-check")

@@ -175,10 +175,10 @@ def test_exchanged_identifiers_are_found_and_given_back():
         swapped, catalogue=SMALL | {"tail_swap": CATALOGUE["tail_swap"]}, maps=False
     ).report
     found = {e.name: e for e in report.effects}
-    assert found["tail_swap"]["tails"] == [frame.tails[0], frame.tails[2]]
-    assert found["tail_swap"]["period"][0] == "1970-01-11"
-    assert found["hard_iron"]["tails"] == [frame.tails[0]]
-    assert found["compass_offset"]["tails"] == [frame.tails[2]]
+    assert found["tail_swap"].tails == [frame.tails[0], frame.tails[2]]
+    assert found["tail_swap"].period[0] == "1970-01-11"
+    assert found["hard_iron"].tails == [frame.tails[0]]
+    assert found["compass_offset"].tails == [frame.tails[2]]
 
 
 def test_missing_context_is_untestable_not_guessed(quiet):

@@ -14,6 +14,7 @@ from airswing import cli
 from airswing.cli import app
 from airswing.config import load_config
 from airswing.gap.archive.frame import Frame
+from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import read_effects
 from airswing.gap.sums.whole_archive import held_archive
 from airswing.report.gap.words import start_words, verdict
@@ -104,8 +105,14 @@ def test_reports_of_the_package_s_own_simulation_match_and_leave_what_it_lacks(a
         app, ["simulate", str(archive), "--effects", str(effects), "-o", str(sent), "--quiet"]
     )
     assert done.exit_code == 0, done.output
-    job = job_of(archive, tmp_path / "out")
-    found = gap_stage.diagnosis(job, simulated=str(sent))
+    done = CliRunner().invoke(
+        app,
+        ["gap", str(archive), "--output", str(tmp_path / "out"), "--simulated", str(sent)]
+        + ["--quiet", "--json"],
+    )
+    assert done.exit_code == 0, done.output
+    found = GapReport.of(json.loads(done.output))
+    assert found == GapReport.read(tmp_path / "out" / "gap.json")
     assert [(e.name, e.tails) for e in found.effects] == [("hard_iron", ["N401"])]
     assert found.simulation.matched == found.simulation.of
     assert "reports matched)" in verdict(found)
