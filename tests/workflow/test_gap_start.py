@@ -107,8 +107,10 @@ def test_reports_of_the_package_s_own_simulation_match_and_leave_what_it_lacks(a
     assert done.exit_code == 0, done.output
     done = CliRunner().invoke(
         app,
-        ["gap", str(archive), "--output", str(tmp_path / "out"), "--simulated", str(sent)]
-        + ["--quiet", "--json"],
+        [
+            *("gap", str(archive), "--output", str(tmp_path / "out")),
+            *("--simulated", str(sent), "--quiet", "--json"),
+        ],
     )
     assert done.exit_code == 0, done.output
     content = json.loads(done.output)
