@@ -16,7 +16,7 @@ from airswing.gap.search.belief import features, probabilities
 from airswing.gap.search.confirmation import Confirmation, confirm
 from airswing.gap.search.cross_validated import _believed
 from airswing.gap.search.fewest import fewest, worth
-from airswing.gap.search.stepwise import Rules, found_of
+from airswing.gap.search.stepwise import Rules, _prune, _Ranking, found_of
 from airswing.gap.search.tail_swaps import NEEDED, beside
 from airswing.gap.sums.whole_archive import held_archive
 
@@ -81,13 +81,12 @@ def test_what_is_in_force_on_two_days_cannot_be_tested_and_is_not_found(late):
     assert "too few days" in doubtful.reason
 
 
-def test_two_changes_a_day_apart_are_one_and_what_is_none_goes(late):
+def test_what_the_other_terms_leave_nothing_for_goes(late):
     base, pool, term = late
     other = replace(term, tails=(5,), period=(14, base.stats.days.size))
     nothing = replace(term, tails=(0,), period=(2, 9))
-    assert [(x.tails, x.period) for x in fewest(base, pool, [term, other, nothing])] == [
-        ((2,), (15, base.stats.days.size))
-    ]
+    kept = _prune(base, _Ranking(base, pool), [term, other, nothing], Rules())
+    assert [(x.tails, x.period) for x in kept] == [((2,), (15, base.stats.days.size))]
 
 
 def test_changes_of_two_aircraft_join_on_one_date():

@@ -1,7 +1,8 @@
 """What could explain the residual: effects of the catalogue in all their forms, dictionary groups.
 
 Assumptions: an effect of single aircraft has coefficients of its own for each, one of the fleet or
-the reference one set for all; an effect of the wind that one aircraft meets is tried both ways. A
+the reference one set for all; a lasting effect of aircraft is tried both ways: what all have alike
+(one installation, one table) would pass for the little of it that every fleet has. A
 change at a date is tried as an offset, as one cycle and as both. Dictionary groups are tried for
 single aircraft and for the fleet; those of the reference's wind for single aircraft only where what
 would make one aircraft follow them is not in the catalogue in use.
@@ -126,7 +127,7 @@ def candidates(
                     isinstance(effect, HeadingEffect),
                 )
             )
-            if scope == "aircraft" and _whole_fleet(effect):
+            if scope == "aircraft" and effect.kind == "mean":
                 out.append(replace(out[-1], scope="fleet"))
     if not dictionary:
         return out
@@ -140,11 +141,6 @@ def candidates(
             whole, across = tuple(range(block.size)), name.startswith("cross:")
             out.append(Candidate(name, block, scope, scales, False, whole, heading=across))
     return out
-
-
-def _whole_fleet(effect: Any) -> bool:
-    """Whether an effect of the wind one aircraft meets is also tried with one value for all."""
-    return bool(effect.kind == "mean" and getattr(effect, "stage", "sensor") == "atmosphere")
 
 
 def _lasting_columns(effect: Any, block: Integers, scales: Floats) -> tuple[tuple[int, float], ...]:

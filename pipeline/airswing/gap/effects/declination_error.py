@@ -11,7 +11,12 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State
 from airswing.gap.effects.forms import HeadingEffect, known, standard_error, told
-from airswing.gap.effects.secular import declination_change, project, year_matching
+from airswing.gap.effects.secular import (
+    declination_change,
+    project,
+    secular_patterns,
+    year_matching,
+)
 from airswing.synthetic.sealed.draws import Draw, sign
 
 
@@ -25,9 +30,9 @@ def _table(rng: np.random.Generator) -> dict[str, Any]:
 class DeclinationError(HeadingEffect):
     """The unit adds the declination of an old epoch, or a wrong multiple of the right one.
 
-    Two candidates: `years` out of date (the pattern of ten years' secular variation) and
-    `factor` minus one times the declination. ``mean_deg`` is the mean error that results; given
-    alone it scales the secular pattern.
+    Three candidates: `years` out of date (the pattern of ten years' secular variation), the same
+    with the `bend` of older tables, and `factor` minus one times the declination. ``mean_deg`` is
+    the mean error that results; given alone it scales the secular pattern.
     """
 
     name = "declination_error"
@@ -56,17 +61,18 @@ class DeclinationError(HeadingEffect):
     scope = "fleet"
     needs = ("heading", "declination")
     confused_with = ("compass_offset: of the whole fleet, where the region is small",)
-    column_names = ("years", "factor")
-    alternatives = ((0,), (1,))
+    column_names = ("years", "factor", "bend")
+    alternatives = ((0,), (1,), (0, 2))
 
     @property
     def column_scales(self) -> FloatArray:
-        """See `Effect.column_scales`; years, 1."""
-        return np.array([10.0, 0.3])
+        """See `Effect.column_scales`; years, 1, years."""
+        return np.array([10.0, 0.3, 10.0])
 
     def basis(self, frame: Frame) -> FloatArray:
-        """Return rad per year out of date and rad per unit of factor, (2, n)."""
-        return np.stack([declination_change(frame, years=10.0) / 10.0, frame.declination])
+        """Return rad per year out of date, per unit of factor and per year of bend, (3, n)."""
+        near, bend = secular_patterns(frame)
+        return np.stack([near, frame.declination, bend])
 
     def apply(
         self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
@@ -80,28 +86,32 @@ class DeclinationError(HeadingEffect):
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
     ) -> tuple[Parameters, Errors]:
-        """See `Effect.to_parameters`; of the candidate with the larger coefficient."""
-        k = int(np.argmax(np.abs(coefficients / self.column_scales)))
-        error, per_unit = standard_error(covariance, k), np.mean(known(self.basis(frame)[k]))
+        """See `Effect.to_parameters`; of the age or of the factor, whichever is larger."""
+        aged, factor = np.array([coefficients[0], coefficients[2]]), float(coefficients[1])
+        old = abs(aged[0] / self.column_scales[0]) >= abs(factor / self.column_scales[1])
+        used = [0, 2] if old else [1]
+        per_unit = known(self.basis(frame)[used]).mean(axis=1)
+        mean_error = float(np.sqrt(per_unit @ covariance[np.ix_(used, used)] @ per_unit))
         values: Parameters = {"epoch_year": None, "factor": None}
-        values["mean_deg"] = float(np.degrees(coefficients[k] * per_unit))
-        errors = {"mean_deg": float(np.degrees(error * abs(per_unit)))}
-        if k == 0:
-            values["epoch_year"] = year_matching(frame, float(coefficients[0]))
-            return values, errors | {"epoch_year": error}
-        values["factor"] = 1.0 + float(coefficients[1])
-        return values, errors | {"factor": error}
+        values["mean_deg"] = float(np.degrees(coefficients[used] @ per_unit))
+        errors = {"mean_deg": float(np.degrees(mean_error))}
+        if old:
+            values["epoch_year"] = year_matching(frame, aged)
+            return values, errors | {"epoch_year": standard_error(covariance, 0)}
+        values["factor"] = 1.0 + factor
+        return values, errors | {"factor": standard_error(covariance, 1)}
 
     def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         if full["epoch_year"] is not None:
-            return np.array([project(frame, float(full["epoch_year"])), 0.0])
+            years, bend = project(frame, float(full["epoch_year"]))
+            return np.array([years, 0.0, bend])
         if full["factor"] is not None:
-            return np.array([0.0, float(full["factor"]) - 1.0])
+            return np.array([0.0, float(full["factor"]) - 1.0, 0.0])
         mean = float(np.mean(known(self.basis(frame)[0])))
         wanted = np.radians(float(full["mean_deg"] or 0.0))
-        return np.array([wanted / mean if mean != 0.0 else 0.0, 0.0])
+        return np.array([wanted / mean if mean != 0.0 else 0.0, 0.0, 0.0])
 
     def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
         """See `Effect.wording`."""

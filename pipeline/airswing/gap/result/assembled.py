@@ -403,6 +403,8 @@ def _evidence_entry(score: Score, instead_of: str | None) -> EvidenceEntry:
 def best_scores(found: Found) -> list[Score]:
     """Best score of every effect of the catalogue: with each term taken out, and with all in.
 
+    Its forms and scopes are ranked as in the search, by raw evidence.
+
     Parameters
     ----------
     found : Found
@@ -416,7 +418,7 @@ def best_scores(found: Found) -> list[Score]:
     for ranked in (*found.rivals, found.left):
         for score in ranked:
             name = score.candidate.name
-            if score.candidate.known and (name not in best or score.tempered > best[name].tempered):
+            if score.candidate.known and (name not in best or score.raw > best[name].raw):
                 best[name] = score
     return sorted(best.values(), key=lambda score: -score.tempered)
 

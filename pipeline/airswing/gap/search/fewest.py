@@ -1,17 +1,17 @@
-"""Fewest effects that explain: terms of a search joined, or left out, where the data allow it.
+"""Fewest effects that explain: changes that are one told as one.
 
 Assumptions: the residual is the sum of the terms, each coefficient normal about nothing with the
-prior of its column; the evidence of the whole is then known in closed form, and every term, every
-aircraft of it and every date has a price before the data are asked. The search puts terms in one by
-one, so a change of two aircraft on one day may come in as two changes a day apart, and what an
-early term took wrongly a later one gives back (a step back in time, a drift of no rate). Here the
-terms are weighed together: changes of one kind are tried as one, on either's dates and with the
-form that holds both, and each term and each aircraft without it; the best exchange is made until
-none gains.
+prior of its column; the evidence of the whole is then known in closed form. The search puts terms
+in one by one, so a change of two aircraft on one day may come in as two changes a day apart. Here
+the terms are weighed together: those of one kind are tried as one, on either's dates and with the
+form that holds both, and the best exchange is made until none gains. Every date costs what it was
+picked from, the days of the archive. Whether a term, or an aircraft of it, is needed at all is no
+question here: its evidence given all the others says so (`airswing.gap.search.stepwise`), with a
+prior that is averaged over sizes; the wide one of a fit would price out what acts for a few days.
 
 Validity: closed forms of linear terms; curves of the nonparametric basis stay as they are.
 
-Source: GAP.md section 6; Occam factor of a Gaussian model, MacKay (1992), Neural Comput. 4, 415.
+Source: docs/gap.md section 6; Occam factor: MacKay (1992), Neural Comput. 4, 415.
 """
 
 from __future__ import annotations
@@ -26,14 +26,12 @@ from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.terms import Term, all_columns
 from airswing.gap.sums.elimination import Base, fit_included
 
-#: Prices of a term, of each aircraft it strikes, and of each end of a period, nats.
-TERM_PRICE, AIRCRAFT_PRICE, DATE_PRICE = 4.0, 1.0, 3.0
 #: Days by which the dates of changes that may be one are apart.
 NEAR = 5
 
 
 def fewest(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> list[Term]:
-    """Join terms and leave some out, as long as the whole is worth more so.
+    """Join terms as long as the whole is worth more so.
 
     Parameters
     ----------
@@ -99,33 +97,21 @@ def worth(base: Base, terms: Sequence[Term]) -> Worth:
 
 
 def _price(base: Base, term: Term) -> float:
-    """What a term costs before the data are asked, nats."""
-    out = TERM_PRICE
-    if term.candidate.scope == "aircraft":
-        out += AIRCRAFT_PRICE * min(len(term.tails), len(base.stats.tails) / 2)
-    if term.period is not None:
-        ends = (term.period[0] > 0) + (term.period[1] < base.stats.days.size)
-        out += DATE_PRICE * ends
-    return out
+    """What the dates of a term cost before the data are asked, nats."""
+    if term.period is None:
+        return 0.0
+    days = base.stats.days.size
+    ends = (term.period[0] > 0) + (term.period[1] < days)
+    return float(ends * np.log(days))
 
 
 def _exchanges(pool: Sequence[Candidate], terms: list[Term]) -> Iterator[tuple[list[Term], float]]:
-    """Terms with one left out, with an aircraft of one left out, with two joined.
-
-    With each the cluster factor of what is exchanged.
-    """
+    """Terms with two joined, and the cluster factor of the two."""
     for k, term in enumerate(terms):
         if not term.candidate.known:
             continue
-        others = terms[:k] + terms[k + 1 :]
-        factor = max(term.score.factor, 1.0)
-        yield others, factor
-        if term.candidate.scope == "aircraft" and len(term.tails) > 1:
-            for a in term.tails:
-                rest = replace(term, tails=tuple(t for t in term.tails if t != a))
-                yield [*terms[:k], rest, *terms[k + 1 :]], factor
         for j in range(k):
-            both = max(0.5 * (factor + terms[j].score.factor), 1.0)
+            both = max(0.5 * (term.score.factor + terms[j].score.factor), 1.0)
             for joined in _joined(pool, terms[j], term):
                 yield [*terms[:j], joined, *terms[j + 1 : k], *terms[k + 1 :]], both
 

@@ -111,7 +111,7 @@ def absorbed(
     """
     shares: dict[str, dict[str, float]] = {}
     for candidate in pool:
-        if not candidate.known or candidate.scope != "fleet":
+        if not candidate.known or candidate.scope != "fleet" or _of_units(effects[candidate.name]):
             continue
         share = surviving_share(base, bare, candidate)
         if np.isfinite(share):
@@ -123,6 +123,12 @@ def absorbed(
         if lost:
             out[name] = _reason(lost, len(lost) == len(forms))
     return out
+
+
+def _of_units(effect: Any) -> bool:
+    """Whether an effect is one of each unit's sensors: an aircraft alone may show it as well."""
+    sensor = getattr(effect, "stage", "sensor") == "sensor"
+    return bool(sensor and getattr(effect, "scope", "") in ("aircraft", "pair"))
 
 
 def _reason(lost: Mapping[str, float], entirely: bool) -> str:
