@@ -41,12 +41,14 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.products.netcdf import write_product as write_product
     from airswing.reference.catalogues import build_catalogue as build_catalogue
     from airswing.reference.collocate import collocate as collocate
+    from airswing.reference.fleet_wind import fleet_wind as fleet_wind
     from airswing.reports.read import read_reports as read_reports
 
 _STAGES = {
     "read_reports": "airswing.reports.read",
     "build_catalogue": "airswing.reference.catalogues",
     "collocate": "airswing.reference.collocate",
+    "fleet_wind": "airswing.reference.fleet_wind",
     "derive_headings": "airswing.compass.headings",
     "screen": "airswing.compass.screening",
     "audit": "airswing.compass.screening",

@@ -145,11 +145,12 @@ class Reports(_Section):
 class Reference(_Section):
     """Where one model's winds are, which leads and ensemble member count, how files are read.
 
-    The names (`u` to `units`) say what a file does not say itself.
+    The names (`u` to `units`) say what a file does not say itself. Engine `fleet` has no files: the
+    wind is that of the aircraft themselves.
     """
 
-    files: Strings
-    engine: Literal["auto", "grib", "cfgrib", "netcdf", "zarr", "wrf"] = "auto"
+    files: Strings = []
+    engine: Literal["auto", "grib", "cfgrib", "netcdf", "zarr", "wrf", "fleet"] = "auto"
     lead: Annotated[str, AfterValidator(_checked_lead)] = "any"
     member: int | None = Field(None, ge=0, le=1_000_000)
     on_bad_file: Literal["skip", "fail"] = "skip"
@@ -166,6 +167,14 @@ class Reference(_Section):
     winds: Literal["grid", "earth"] | None = None
     projection: str | dict[str, str | float | list[float]] | None = None
     units: dict[str, str] = {}
+
+    @model_validator(mode="after")
+    def _has_files(self) -> Reference:
+        if bool(self.files) == (self.engine == "fleet"):
+            raise ValueError(
+                "files must name the model's files (none for engine fleet, the aircraft's own wind)"
+            )
+        return self
 
     def naming(self) -> dict[str, object]:
         """What the configuration says of the files' variables."""

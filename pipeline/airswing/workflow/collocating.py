@@ -67,31 +67,43 @@ def read(job: Job, folder: Path) -> Archive:
     return archive
 
 
-def catalogues(job: Job, names: list[str]) -> dict[str, Catalogue]:
+def catalogues(
+    job: Job, names: list[str], archive: Archive | None = None, folder: Path | None = None
+) -> dict[str, Catalogue]:
     """Catalogue the files of some references.
 
     Parameters
     ----------
     job : Job
     names : list of str
+    archive : Archive, optional
+        What a wind of the fleet itself is made of.
+    folder : Path, optional
+        Where that is kept.
 
     Returns
     -------
     dict of str to Catalogue
     """
     from airswing.reference.catalogues import build_catalogue
+    from airswing.reference.fleet_wind import write_fleet_wind
 
     found = {}
     with job.progress.stage("catalogue") as stage:
         for name in names:
             asked = job.config.references[name]
+            files, engine = asked.files, str(asked.engine)
+            if engine == "fleet" and archive is not None and folder is not None:
+                with written_to(folder):
+                    files = [str(write_fleet_wind(archive, folder / f"{name}_wind.nc"))]
+                engine = "netcdf"
             found[name] = build_catalogue(
-                asked.files,
+                files,
                 name=name,
                 lead=asked.lead,
                 member=asked.member,
                 on_bad_file=asked.on_bad_file,
-                engine=asked.engine,
+                engine=engine,
                 naming=asked.naming(),
             )
         stage.note = ", ".join(
@@ -306,7 +318,7 @@ def collocated_blocks(
     from airswing.reference.overlap import require_overlap
 
     archive = read(job, job.store)
-    models = catalogues(job, names)
+    models = catalogues(job, names, archive, job.store)
     places = set_places_down(archive, job.store / "blocks")
     plans = plans_of(job, places, models, aircraft=archive.aircraft)
     require_overlap(plans)

@@ -209,7 +209,8 @@ def _interval_costs(job: Job, headings: xr.Dataset) -> dict[str, Any]:
     from airswing.evaluation.reference_comparison.time_interval import interval_cost
     from airswing.workflow.collocating import catalogues
 
-    models = catalogues(job, list(job.config.references))
+    own = [name for name, one in job.config.references.items() if one.engine != "fleet"]
+    models = catalogues(job, own)
     with job.progress.stage("time interval") as stage:
         costs = {name: interval_cost(headings, model) for name, model in models.items()}
         found = {name: rows for name, rows in costs.items() if rows}

@@ -64,7 +64,7 @@ def plan_run(job: Job) -> dict[str, Any]:
     kept = SampleStore(job.store) if job.resume else None
     with tempfile.TemporaryDirectory() as name:
         archive = read(job, Path(name))
-        models = catalogues(job, list(job.config.references))
+        models = catalogues(job, list(job.config.references), archive, Path(name))
         places = set_places_down(archive, Path(name) / "blocks")
         with job.progress.stage("plan"):
             needs = needs_of(job, places, models, kept=kept)

@@ -46,6 +46,7 @@ from airswing.report.run.page_numbers import (
     harmonic_amplitude,
     headline,
     kept_reports,
+    offsets_alone,
     screening_audit,
 )
 from airswing.report.run.reading_warnings import model_reasons, reading_warnings, tally
@@ -185,12 +186,18 @@ def _period(headings: xr.Dataset) -> str:
 def _facts(
     headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
 ) -> list[tuple[str, str]]:
-    amplitude = harmonic_amplitude(fits, reference)
+    amplitude, alone = harmonic_amplitude(fits, reference), offsets_alone(fits, reference)
     kept = kept_reports(headings)
-    facts = [
-        (f"{amplitude.size} of {fits.sizes['aircraft']}", "aircraft with a fit to be trusted"),
-        (f"{np.median(amplitude):.1f}°" if amplitude.size else "-", "median amplitude"),
-    ]
+    fleet = fits.sizes["aircraft"]
+    facts = [(f"{amplitude.size + alone.size} of {fleet}", "aircraft with a fit to be trusted")]
+    if amplitude.size or not alone.size:
+        facts.append(
+            (f"{np.median(amplitude):.1f}°" if amplitude.size else "-", "median amplitude")
+        )
+    if alone.size:
+        facts.append(
+            (f"{np.median(alone):+.1f}°", f"median offset of {alone.size} without a curve")
+        )
     if corrected is not None:
         total = fleet_disagreement(headings, corrected, fits, reference)
         if total.number:

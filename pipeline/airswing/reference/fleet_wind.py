@@ -1,0 +1,236 @@
+"""The fleet's own wind: a field laid through the winds of all aircraft, as a reference for each.
+
+Assumptions
+-----------
+Each component of the wind is multilinear between nodes in latitude, longitude, ln p and time, bent
+no more than the reports ask for (second differences are penalised); an aircraft's own offset of
+heading and error of airspeed are unknowns beside the field, so that none draws the field to itself:
+what aircraft on other headings say of the same air tells an offset from the wind. An offset that
+all share is told by headings spread over the compass alone. Robust weights (Huber). Valid for hours
+to a day and some hundred kilometres, where no model is at hand; a model is better elsewhere.
+
+SI units; degrees for places.
+
+References
+----------
+Sun, Vu, Ellerbroek & Hoekstra 2018 (PLoS ONE 13, e0205029): wind of a fleet's Mode-S reports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from airswing.errors import InputError
+from airswing.products.ragged import aircraft_of_report
+
+__all__ = ["fleet_wind", "write_fleet_wind"]
+
+Floats = NDArray[np.float64]
+STEPS = (0.7, 1.1, 0.15, 1800.0)
+"""Node distances: degrees of latitude and longitude, ln p, s."""
+MOST_NODES, MOST_REPORTS = 2500, 100_000
+BEND = 6.0
+"""Weight of a bend: m/s of wind error that a second difference of 1 m/s stands for."""
+OFFSET_SPREAD, SCALE_SPREAD = np.radians(2.0), 0.01
+NOISE = 4.0
+"""m/s: a report's error about the field, gusts and all."""
+HUBER, ROUNDS = 1.5, 4
+FEWEST_AIRCRAFT = 5
+
+
+@dataclass(frozen=True)
+class _Winds:
+    """Winds of the fleet; `across`, `along`: what an offset and an airspeed scale do to them."""
+
+    place: Floats
+    wind: Floats
+    across: Floats
+    along: Floats
+    aircraft: NDArray[np.int64]
+
+
+def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
+    """Lay a wind field through the winds of a fleet.
+
+    Parameters
+    ----------
+    reports : Dataset or iterable of Dataset
+        Canonical reports, whole or some aircraft at a time.
+
+    Returns
+    -------
+    Dataset
+        ``eastward_wind``, ``northward_wind`` (time, pressure, latitude, longitude), m/s: a
+        reference like any other.
+
+    Raises
+    ------
+    InputError
+        Fewer than five aircraft have winds.
+    """
+    data = _gathered([reports] if isinstance(reports, xr.Dataset) else reports)
+    axes = _nodes(data.place)
+    values = _field(data, axes)
+    lat, lon, log_p, second = axes
+    grids = [one.reshape([axis.size for axis in axes]).transpose(3, 2, 0, 1) for one in values]
+    dims = ("time", "pressure", "latitude", "longitude")
+    names = ("eastward_wind", "northward_wind")
+    return xr.Dataset(
+        {
+            name: (dims, grid.astype(np.float32), {"units": "m s-1", "standard_name": name})
+            for name, grid in zip(names, grids, strict=True)
+        },
+        coords={
+            "time": ("time", (second * 1e9).astype("datetime64[ns]"), {"standard_name": "time"}),
+            "pressure": (
+                "pressure",
+                np.exp(log_p),
+                {"units": "Pa", "standard_name": "air_pressure", "positive": "down"},
+            ),
+            "latitude": ("latitude", lat, {"units": "degrees_north"}),
+            "longitude": ("longitude", lon, {"units": "degrees_east"}),
+        },
+        attrs={"Conventions": "CF-1.11", "title": "Wind field of the fleet's own reports"},
+    )
+
+
+def write_fleet_wind(reports: Iterable[xr.Dataset], path: Path) -> Path:
+    """Write :func:`fleet_wind` as NetCDF.
+
+    Parameters
+    ----------
+    reports : iterable of Dataset
+    path : Path
+
+    Returns
+    -------
+    Path
+    """
+    fleet_wind(reports).to_netcdf(path)
+    return path
+
+
+def _gathered(blocks: Iterable[xr.Dataset]) -> _Winds:
+    """Winds with their places, evenly thinned where there are very many."""
+    parts, aircraft = [], 0
+    for block in blocks:
+        parts.append(_of_block(block, aircraft))
+        aircraft += block.sizes["aircraft"]
+    columns = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
+    step = -(-columns[1].shape[-1] // MOST_REPORTS) or 1
+    place, wind, heading, airspeed, owner = (part[..., ::step] for part in columns)
+    number = owner.astype(np.int64)
+    if np.unique(number).size < FEWEST_AIRCRAFT:
+        raise InputError(
+            "too few aircraft have winds for a wind of the fleet",
+            field="references",
+            found=f"{np.unique(number).size} aircraft",
+            remedy=f"{FEWEST_AIRCRAFT} or more are needed, or a model",
+        )
+    sine, cosine = np.sin(np.radians(heading)), np.cos(np.radians(heading))
+    # wind = ground vector - air vector: turning or stretching that vector moves it so
+    across = np.stack([-airspeed * cosine, airspeed * sine])
+    along = np.stack([-airspeed * sine, -airspeed * cosine])
+    return _Winds(place, wind, across, along, number)
+
+
+def _of_block(block: xr.Dataset, first: int) -> list[Floats]:
+    def column(name: str) -> Floats:
+        if name not in block:
+            return np.zeros(block.sizes["report"])
+        return block[name].to_numpy().astype(np.float64)
+
+    time = block["time"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
+    place = np.stack([column("latitude"), column("longitude"), np.log(column("pressure")), time])
+    wind = np.stack([column("eastward_wind"), column("northward_wind")])
+    heading, airspeed = column("reported_heading"), column("reported_airspeed")
+    known = np.isfinite(heading + airspeed)
+    heading, airspeed = np.where(known, heading, 0.0), np.where(known, airspeed, 0.0)
+    good = np.isfinite(place.sum(axis=0) + wind.sum(axis=0))
+    if "wind_qc" in block:
+        good &= block["wind_qc"].to_numpy() != 2
+    owner = aircraft_of_report(block).astype(np.float64) + first
+    return [part[..., good] for part in (place, wind, heading, airspeed, owner)]
+
+
+def _nodes(place: Floats) -> list[Floats]:
+    """Nodes along latitude, longitude, ln p and time, coarser where they would be too many."""
+    low, high = place.min(axis=1), place.max(axis=1)
+    spread = np.array(STEPS)
+    while True:
+        counts = np.maximum(np.ceil((high - low) / spread).astype(int) + 1, 2)
+        if np.prod(counts) <= MOST_NODES:
+            room = np.maximum(1e-6 * np.abs(high), 1e-3)
+            ends = zip(low - room, high + room, counts, strict=True)
+            return [np.linspace(start, stop, count) for start, stop, count in ends]
+        spread = spread * 1.15
+
+
+def _field(data: _Winds, axes: list[Floats]) -> Floats:
+    """Both components at the nodes, shape (2, nodes); offsets and scales beside them."""
+    basis = _basis(data.place, axes)
+    nodes, owners = basis.shape[1], int(data.aircraft.max()) + 1
+    rows = np.arange(data.aircraft.size)
+    own = [
+        [sparse.csr_matrix((part, (rows, data.aircraft)), (rows.size, owners)) for part in both]
+        for both in (data.across, data.along)
+    ]
+    design = sparse.bmat(
+        [[basis, None, own[0][0], own[1][0]], [None, basis, own[0][1], own[1][1]]], format="csr"
+    )
+    bend = _bends([axis.size for axis in axes])
+    smooth = (bend.T @ bend) * (BEND / NOISE) ** 2 + sparse.identity(nodes) * 1e-6
+    spread = np.repeat([(NOISE / OFFSET_SPREAD) ** 2, (NOISE / SCALE_SPREAD) ** 2], owners)
+    prior = sparse.block_diag([smooth, smooth, sparse.diags(spread)], format="csr")
+    middle = np.median(data.wind, axis=1)
+    right = (data.wind - middle[:, np.newaxis]).ravel()
+    # an aircraft heard often counts no more than its share: its errors are not independent
+    heard = np.bincount(data.aircraft)[data.aircraft]
+    plain = np.tile(1.0 / np.sqrt(heard / np.median(heard)), 2)
+    weight, found = plain, np.zeros(design.shape[1])
+    for _ in range(ROUNDS):
+        normal = (design.T @ sparse.diags(weight) @ design + prior).tocsc()
+        found = spsolve(normal, design.T @ (weight * right))
+        rest = np.abs(right - design @ found)
+        limit = HUBER * max(float(np.median(rest)) / 0.6745, 1e-6)
+        weight = plain * np.minimum(1.0, limit / np.maximum(rest, 1e-9))
+    return np.asarray(found[: 2 * nodes].reshape(2, nodes) + middle[:, np.newaxis])
+
+
+def _basis(place: Floats, axes: list[Floats]) -> sparse.csr_matrix:
+    """Multilinear weights of the nodes at every report, shape (report, nodes)."""
+    size = place.shape[1]
+    index, weight = np.zeros((size, 1), dtype=np.int64), np.ones((size, 1))
+    for values, axis in zip(place, axes, strict=True):
+        step = axis[1] - axis[0]
+        left = np.clip(((values - axis[0]) / step).astype(np.int64), 0, axis.size - 2)
+        share = (values - axis[left]) / step
+        both = np.stack([left, left + 1], axis=1)
+        part = np.stack([1.0 - share, share], axis=1)
+        index = (index[:, :, None] * axis.size + both[:, None]).reshape(size, -1)
+        weight = (weight[:, :, None] * part[:, None]).reshape(size, -1)
+    rows = np.repeat(np.arange(size), index.shape[1])
+    nodes = int(np.prod([axis.size for axis in axes]))
+    return sparse.csr_matrix((weight.ravel(), (rows, index.ravel())), (size, nodes))
+
+
+def _bends(sizes: list[int]) -> sparse.csr_matrix:
+    """Second differences along every axis (first where there are but two nodes)."""
+    parts = []
+    for k, size in enumerate(sizes):
+        if size > 2:
+            own = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(size - 2, size))
+        else:
+            own = sparse.diags([-0.3, 0.3], [0, 1], shape=(size - 1, size))
+        each = [own if k == j else sparse.identity(n) for j, n in enumerate(sizes)]
+        parts.append(reduce(sparse.kron, each))
+    return sparse.vstack(parts, format="csr")

@@ -1,0 +1,135 @@
+"""The fleet's own wind as a reference: an hour of Mode-S gives one offset an aircraft."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+
+import airswing
+from airswing import workflow
+from airswing.compass.fit.deviation import fit_deviation
+from airswing.config import load_config
+from airswing.errors import ConfigError, InputError
+from airswing.flags import STATUS
+from airswing.reference.fleet_wind import fleet_wind
+from airswing.workflow.progress import Progress
+
+MODES = Path(__file__).resolve().parents[3] / "shared/real/modes/mpm_20170111_12z_aggregated.csv"
+START = np.datetime64("2017-01-11T12:00", "ns")
+
+
+def wind_at(lat, lon, log_p, second):
+    """Bent in height, so that a plane would not do."""
+    height = 11.5 - log_p
+    return np.stack(
+        [
+            20 + 2 * (lat - 52) + 10 * height + second / 900 + 2 * np.sin(3 * height),
+            -15 + 3 * (lon - 5) - 6 * height + 0 * second,
+        ]
+    )
+
+
+def an_hour(offset, seed=1):
+    """Straight legs through the same air, one an aircraft, on headings of all directions."""
+    rng = np.random.default_rng(seed)
+    size, aircraft = 120, offset.size
+    heading = np.repeat(np.linspace(0, 360, aircraft, endpoint=False) * 3.0, size)
+    second = np.tile(np.arange(size) * 10.0, aircraft) + np.repeat(
+        rng.uniform(0, 2000, aircraft), size
+    )
+    along = np.tile(np.linspace(-1, 1, size), aircraft) * 1.0
+    lat = (
+        52.0
+        + np.repeat(rng.uniform(-0.4, 0.4, aircraft), size)
+        + along * np.cos(np.radians(heading))
+    )
+    lon = (
+        5.0
+        + np.repeat(rng.uniform(-0.6, 0.6, aircraft), size)
+        + 1.6 * along * np.sin(np.radians(heading))
+    )
+    log_p = np.log(np.repeat(rng.uniform(20000, 40000, aircraft), size))
+    truth = wind_at(lat, lon, log_p, second)
+    off, speed = np.radians(np.repeat(offset, size)), 220.0
+    true, shown = np.radians(heading), np.radians(heading) + off
+    air = np.stack([np.sin(true) - np.sin(shown), np.cos(true) - np.cos(shown)])
+    reported = truth + speed * air + rng.normal(0, 1.0, truth.shape)
+    one = "report"
+    reports = xr.Dataset(
+        {
+            "row_size": ("aircraft", np.full(aircraft, size)),
+            "time": (one, START + (second * 1e9).astype("timedelta64[ns]")),
+            "latitude": (one, lat),
+            "longitude": (one, lon),
+            "pressure": (one, np.exp(log_p)),
+            "eastward_wind": (one, reported[0]),
+            "northward_wind": (one, reported[1]),
+            "reported_heading": (one, np.degrees(shown) % 360),
+            "reported_airspeed": (one, np.full(shown.size, speed)),
+        },
+        coords={"aircraft": [f"A{k}" for k in range(aircraft)]},
+    )
+    return reports, truth
+
+
+def test_no_aircraft_draws_the_field_to_its_own_offset():
+    rng = np.random.default_rng(3)
+    offset = rng.normal(0.0, 1.5, 24)
+    reports, truth = an_hour(offset)
+    field = fleet_wind(reports)
+    found = airswing.collocate(reports, {"fleet": field}).compute()
+    wind = np.stack([found[f"reference_{way}ward_wind"].to_numpy()[0] for way in ("east", "north")])
+    inside = np.isfinite(wind[0])
+    assert inside.mean() > 0.99
+    apart = (wind - truth)[:, inside]
+    # an offset of 1.5 degrees is 5.8 m/s; the field is that of all, within a fifth of it
+    assert np.sqrt((apart**2).mean()) < 1.2
+    assert np.abs(apart.mean(axis=1)).max() < 0.5
+
+
+def test_too_few_aircraft_are_refused():
+    reports, _ = an_hour(np.zeros(4))
+    with pytest.raises(InputError, match="too few aircraft"):
+        fleet_wind(reports)
+
+
+def test_files_and_the_fleet_exclude_each_other(tmp_path):
+    path = tmp_path / "c.yaml"
+    for reference in ({"engine": "fleet", "files": "x.nc"}, {"engine": "netcdf"}):
+        path.write_text(
+            yaml.safe_dump({"reports": {"files": "x.csv"}, "references": {"a": reference}})
+        )
+        with pytest.raises(ConfigError, match="files must name"):
+            load_config(path)
+
+
+@pytest.mark.skipif(not MODES.exists(), reason=f"{MODES} is absent")
+def test_an_hour_of_mode_s_gives_an_offset_with_interval_an_aircraft(tmp_path):
+    path = tmp_path / "modes.yaml"
+    config = {
+        "reports": {"files": str(MODES), "interval": "10 s"},
+        "references": {"fleet": {"engine": "fleet"}},
+        "screening": {"phases": ["ascent", "cruise", "descent", "unknown"]},
+        "output": str(tmp_path / "out"),
+    }
+    path.write_text(yaml.safe_dump(config))
+    headings = workflow.make_headings(workflow.Job(load_config(path), Progress(quiet=True)))
+    fits = fit_deviation(headings, min_reports=30).isel(reference=0)
+    only = fits["status"].to_numpy() == STATUS["offset_only"]
+    import pandas as pd
+
+    rows = pd.read_csv(MODES).dropna(subset=["hdg", "gs_adsb"])["icao"].value_counts()
+    named = fits["aircraft"].to_numpy()[only]
+    often = set(rows.index[rows > 200]) & set(named)
+    assert len(often) >= 45  # of the 51 that the file has; the rest turn or stand still
+    offset = fits["offset"].to_numpy()[only]
+    # by aircraft type 1.0 degree in the mean and 0.7 of scatter (de Haan 2016)
+    assert 0.5 < np.median(offset) < 2.0
+    assert 0.4 < np.median(np.abs(offset - np.median(offset))) / 0.6745 < 1.4
+    wide = fits["offset_standard_error"].to_numpy()[only]
+    assert 0.2 < np.median(wide) < 1.0
+    assert np.isnan(fits["amplitude"].to_numpy()).all()
