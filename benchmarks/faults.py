@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ import pandas as pd
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
-PATIENCE = 900
+PATIENCE = 3600
 Outcome = tuple[bool, str]
 
 
@@ -42,7 +42,10 @@ def environment(folder: Path) -> dict[str, str]:
 
 
 def started(
-    folder: Path, *words: str, limit: tuple[int, int] | None = None
+    folder: Path,
+    *words: str,
+    limit: tuple[int, int] | None = None,
+    more: Mapping[str, str] | None = None,
 ) -> subprocess.Popen[str]:
     """Start a command, under a limit of the system where one is given."""
 
@@ -57,7 +60,7 @@ def started(
         preexec_fn=limited,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        env=environment(folder),
+        env=environment(folder) | dict(more or {}),
     )
 
 
@@ -197,40 +200,76 @@ def two_runs(folder: Path, long: bool) -> Outcome:
     return second[0] and "another run" in second[1], second[1]
 
 
-def fleet(folder: Path, aircraft: int, each: int) -> Path:
-    """Reports of a fleet over the model's day, as Parquet; the configuration."""
-    config = archive(folder)
-    rng = np.random.default_rng(1)
-    count = aircraft * each
-    start = np.datetime64("2009-03-01T10:00", "ms")
-    seconds = np.sort(rng.integers(0, 16 * 3600, count))
-    pd.DataFrame(
-        {
-            "tail": [f"N{n:05d}" for n in range(aircraft)] * each if aircraft > 1 else "N1",
-            "time": start + (seconds * 1000).astype("timedelta64[ms]"),
-            "latitude": rng.uniform(38.0, 44.0, count),
-            "longitude": rng.uniform(-92.0, -84.0, count),
-            "pressure_altitude_ft": rng.uniform(15_000.0, 20_000.0, count),
-            "wind_direction_deg": rng.uniform(0.0, 359.0, count),
-            "wind_speed_kt": rng.uniform(5.0, 60.0, count),
-        }
-    ).to_parquet(folder / "fleet.parquet", index=False)
-    content = yaml.safe_load(config.read_text())
-    content["reports"] = {"files": str(folder / "fleet.parquet")}
+def fleet(folder: Path, aircraft: int, reports: int) -> Path:
+    """Aircraft on straight legs over a small model, deviations of their own; the configuration."""
+    from benchmarks.year import LEG, write_fields, write_reports
+
+    hours = 24 * max(reports // aircraft // 20_000, 2)
+    legs = max(reports // (aircraft * LEG), 1)
+    write_fields(folder / "model", hours)
+    write_reports(folder / "reports", aircraft * LEG * legs, hours, aircraft)
+    if reports < aircraft * LEG:  # fewer than a leg: the first of it
+        each = reports // aircraft
+        for path in sorted((folder / "reports").iterdir()):
+            table = pd.read_parquet(path)
+            table[table.groupby("tail").cumcount() < each].to_parquet(path, index=False)
+    content = {
+        "reports": {"files": str(folder / "reports" / "*.parquet")},
+        "references": {"model": {"files": str(folder / "model" / "*.grb")}},
+        "output": str(folder / "out"),
+        "compute": {"workers": 1, "threads": 2},
+    }
+    config = folder / "config.yaml"
     config.write_text(yaml.safe_dump(content))
     return config
 
 
 def many_aircraft(folder: Path, long: bool) -> Outcome:
-    """10,000 aircraft of ten reports each."""
-    config = fleet(folder, 10_000, 10)
-    return judged(started(folder, "collocate", str(config)), folder)
+    """10,000 aircraft of ten reports each, to the page (500 where not long)."""
+    config = fleet(folder, 10_000 if long else 500, 100_000 if long else 5_000)
+    return judged(started(folder, "run", str(config), "--quiet"), folder)
 
 
 def one_aircraft(folder: Path, long: bool) -> Outcome:
-    """One aircraft of very many reports."""
-    config = fleet(folder, 1, 10_000_000 if long else 500_000)
-    return judged(started(folder, "collocate", str(config)), folder)
+    """One aircraft of ten million reports (200,000 where not long), to the corrected winds."""
+    config = fleet(folder, 1, 10_000_000 if long else 200_000)
+    said = []
+    for stage in ("collocate", "fit", "correct"):
+        good, what = judged(started(folder, stage, str(config), "--quiet"), folder)
+        said.append(f"{stage}: {what}")
+        if not good:
+            break
+    return good and "refused" not in "".join(said), ", ".join(said)
+
+
+def slow_disk(folder: Path, long: bool) -> Outcome:
+    """Every read of a model file takes 20 ms longer, as over a bad network."""
+    config = archive(folder)
+    hook = folder / "slow"
+    hook.mkdir()
+    (hook / "sitecustomize.py").write_text(SLOW.format(folder=str(folder)))
+    paths = {"PYTHONPATH": os.pathsep.join([str(hook), environment(folder)["PYTHONPATH"]])}
+    process = started(folder, "collocate", str(config), more=paths)
+    good, what = judged(process, folder)
+    told = folder / "slow.txt"
+    return good and told.exists(), f"{what}, {len(told.read_text())} reads slowed"
+
+
+SLOW = """
+import os, time
+true, folder = os.pread, {folder!r}
+
+def pread(descriptor, length, offset):
+    name = os.readlink(f"/proc/self/fd/{{descriptor}}")
+    if name.startswith(folder) and not name.endswith((".sqlite", ".npy")):
+        time.sleep(0.02)
+        with open(os.path.join(folder, "slow.txt"), "a") as file:
+            file.write(".")
+    return true(descriptor, length, offset)
+
+os.pread = pread
+"""
+"""Read at the start of the process that is to find its disk slow."""
 
 
 FAULTS: dict[str, Callable[[Path, bool], Outcome]] = {
@@ -244,6 +283,7 @@ FAULTS: dict[str, Callable[[Path, bool], Outcome]] = {
         large_file,
         little_memory,
         two_runs,
+        slow_disk,
         many_aircraft,
         one_aircraft,
     )

@@ -79,6 +79,21 @@ def test_unreadable_numbers_are_missing_and_counted(tmp_path: Path):
     assert audit["missing"]["eastward_wind"] == 2
 
 
+def test_a_nul_in_a_row_costs_no_other(tmp_path: Path):
+    table = flight()
+    rows = table.to_csv(index=False).encode().split(b"\n")
+    rows[2] = rows[2].replace(b",", b",\x00", 3)
+    rows.insert(4, b"\x00\x00")
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"\n".join(rows))
+    found, sound = read_reports(path), read_reports(write(tmp_path / "b.csv", table))
+    kept = np.isin(sound["time"], found["time"])
+    assert kept.sum() >= sound.sizes["report"] - 1
+    assert not any("\x00" in str(name) for name in found["aircraft"].values)
+    others = found["time"].isin(sound["time"][2:])
+    np.testing.assert_array_equal(found["eastward_wind"][others.values], sound["eastward_wind"][2:])
+
+
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_separators(tmp_path: Path, separator: str):
     flight().to_csv(tmp_path / "a.txt", sep=separator, index=False)

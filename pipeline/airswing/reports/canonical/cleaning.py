@@ -20,6 +20,7 @@ Wind up to 150 m/s, temperature 150-340 K, pressure altitude -700 to 20,000 m.
 
 from __future__ import annotations
 
+import string
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,7 @@ ANGLES = ("wind_direction", "reported_heading", "magnetic_heading", "track")
 _FLOATS = ("air_temperature", "reported_airspeed", "reported_heading")
 _DERIVED_FROM = ("magnetic_heading", "ground_speed", "track", "indicated_airspeed", "mach")
 """What only a wind derived here needs; it is not kept."""
+_AROUND = string.whitespace + "\xa0\x00"
 _ORIGIN = 1e-6  # degrees: a position nearer to 0 N 0 E than this is an unset one
 
 
@@ -180,7 +182,7 @@ def _distrust_origin(frame: pd.DataFrame, audit: Audit) -> None:
 
 
 def _stripped(values: pd.Series[Any]) -> pd.Series[Any]:
-    return values.fillna("").astype(str).str.strip()
+    return values.fillna("").astype(str).str.strip(_AROUND)
 
 
 def _flight(piece: pd.DataFrame) -> pd.Series[Any]:

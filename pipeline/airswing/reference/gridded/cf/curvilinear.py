@@ -40,6 +40,11 @@ class CurvilinearGrid:
     turned : (nj, ni) float array, optional
         Angle (rad) that turns grid components to true east and north, at each point.
     wind_along_grid : bool, default False
+
+    Raises
+    ------
+    ValueError
+        A latitude or longitude is none.
     """
 
     periodic = False
@@ -53,6 +58,8 @@ class CurvilinearGrid:
         turned: Floats | None = None,
         wind_along_grid: bool = False,
     ) -> None:
+        if not ((np.abs(latitude) < 90.001) & (np.abs(longitude) < 1e4)).all():
+            raise ValueError("points whose latitude or longitude is none")
         self.latitude, self.longitude, self.turned = latitude, longitude, turned
         self.wind_along_grid = wind_along_grid
         self.nj, self.ni = (int(n) for n in latitude.shape)
