@@ -55,6 +55,7 @@ from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_prior, shared_variances
 from airswing.gap.sums.whole_archive import Archive, Columns, held_archive, sum_reports
 from airswing.gap.witness.bench import Setting
+from airswing.gap.witness.learned import LearnedWitness
 from airswing.gap.witness.taken_off import Taken, is_remainder, next_unknown, remainder_names
 from airswing.units import DAY
 
@@ -215,9 +216,10 @@ def diagnose(
     swaps = "tail_swap" in known_names
     final, again, swap = _passes(archive, search, swaps=swaps)
     taken: list[Taken] = []
+    witness = LearnedWitness()
     while dictionary and len(taken) < MOST_UNKNOWNS:
         tell("witness", len(taken) / MOST_UNKNOWNS)
-        unknown = _next_unknown(final)
+        unknown = _next_unknown(final, witness)
         if unknown is None or is_remainder(unknown[0], taken):
             break
         taken.append(unknown[0])
@@ -289,7 +291,7 @@ def _of_view(archive: Archive, frame: Frame) -> Archive:
     return replace(held, reports=archive.reports, flights=archive.flights)
 
 
-def _next_unknown(final: Pass) -> tuple[Taken, Frame] | None:
+def _next_unknown(final: Pass, witness: LearnedWitness) -> tuple[Taken, Frame] | None:
     """Find what the names of a pass do not explain, and the archive without it."""
     problem, found = final.problem, final.standing.found
     values = term_coefficients(found.given, found.terms)
@@ -299,7 +301,7 @@ def _next_unknown(final: Pass) -> tuple[Taken, Frame] | None:
     if named:
         rest = about(problem.archive, problem.context)[0]
     fold = folds_of_days(problem.base.stats)
-    return next_unknown(Setting.of(problem), problem.effects, rest, fold)
+    return next_unknown(Setting.of(problem), problem.effects, rest, fold, witness)
 
 
 def _swap(made: Pass, search: Search) -> Swap | None:

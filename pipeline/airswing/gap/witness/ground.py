@@ -87,6 +87,10 @@ class Ground:
         Root of the inverse of what lasts given the day fields.
     sizes : (int, int, int, int)
         Aircraft, days, columns of the climatology, of one aircraft's steady errors.
+    daily : (D, q, R) float
+        Best values of the day fields given each residual.
+    lasting : (L, R) float
+        The same of what lasts.
     """
 
     order: FlightOrder
@@ -96,6 +100,35 @@ class Ground:
     fields: Floats
     half: Floats
     sizes: tuple[int, int, int, int]
+    daily: Floats
+    lasting: Floats
+
+    def cleared(
+        self, quiet: Any, residuals: Floats, *, plan: DictionaryPlan, day: Integers
+    ) -> Floats:
+        """Residuals without day fields, climatology and everyone's little of steady errors.
+
+        Parameters
+        ----------
+        quiet : Frame
+        residuals : (R, n, 2) float
+            Those the ground was prepared with.
+        plan : DictionaryPlan
+        day : (n,) int
+
+        Returns
+        -------
+        (R, n, 2) float
+        """
+        count, own = self.sizes[2:]
+        fields, mine = day_field_columns(quiet, plan), steady_columns(quiet)
+        steady = _lasting_columns(quiet, plan)
+        out = np.array(residuals)
+        for r, left in enumerate(out):
+            each = self.lasting[count:, r].reshape(-1, own)[quiet.aircraft]
+            left -= np.einsum("nck,nk->nc", fields, self.daily[day, :, r])
+            left -= np.einsum("nck,nk->nc", mine, each) + steady @ self.lasting[:count, r]
+        return out
 
     def sums(self, cells: Integers, size: int, direction: Floats) -> Sums:
         """Sums of a table.
@@ -205,6 +238,10 @@ def steady_columns(quiet: Any) -> Floats:
     return np.stack([*columns, along, speed * along], -1)
 
 
+def _lasting_columns(quiet: Any, plan: DictionaryPlan) -> Floats:
+    return np.concatenate([climatology_columns(quiet, plan), slope_columns(quiet)], -1)
+
+
 def prepare(
     quiet: Any,
     residuals: Floats,
@@ -245,8 +282,8 @@ def prepare(
         whiten_blocks(out, order.starts, gains)
         return out
 
-    lasting = np.concatenate([climatology_columns(quiet, plan), slope_columns(quiet)], -1)
-    fields, steady = white(day_field_columns(quiet, plan)), white(lasting)
+    fields = white(day_field_columns(quiet, plan))
+    steady = white(_lasting_columns(quiet, plan))
     own = white(steady_columns(quiet))
     rests = np.clip(white(np.moveaxis(residuals, 0, -1)), -CLIP, CLIP)
     key = quiet.aircraft[order.index] * (int(day.max()) + 1) + day[order.index]
@@ -306,4 +343,4 @@ def _solved(
             np.float32
         )
         parts.append((a, d, positions, part))
-    return Ground(order, gains, tuple(parts), root, fields, half, sizes)
+    return Ground(order, gains, tuple(parts), root, fields, half, sizes, by_day, found)

@@ -26,6 +26,33 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
+def small_scale_slope(frame: Any, quiet: Any, residual: Floats, use: Any) -> tuple[Floats, float]:
+    """What the residual follows of the reference's wind beside the large-scale one.
+
+    Parameters
+    ----------
+    frame, quiet : Frame
+        Reports with the reference wind, and with its large-scale part.
+    residual : (n, 2) float
+        m/s.
+    use : (n,) bool
+        Reports fitted.
+
+    Returns
+    -------
+    followed : (n, 2) float
+        Slope times the reference's small scales, m/s.
+    share : float
+        Part of the residual's mean square it makes.
+    """
+    small = np.stack([frame.u_ref - quiet.u_ref, frame.v_ref - quiet.v_ref], -1)
+    square = float((small[use] ** 2).sum())
+    slope = float((small[use] * residual[use]).sum()) / square if square > 0 else 0.0
+    whole = float((residual[use] ** 2).sum())
+    share = slope**2 * square / whole if whole > 0 else 0.0
+    return slope * small, min(share, 0.9)
+
+
 def drawn_errors(
     frame: Any,
     number: int,

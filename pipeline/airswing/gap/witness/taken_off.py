@@ -27,13 +27,16 @@ from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import day_interval, take_off
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry
 from airswing.gap.witness.bench import Bench, Setting, stands_on_report
+from airswing.gap.witness.learned import LearnedWitness
 from airswing.gap.witness.unknowns import (
     LEAST_EVIDENCE,
+    SECOND,
     Candidate,
     Unknown,
     curves,
     explained,
     field_of,
+    pairs_of,
     refined,
     stands,
 )
@@ -92,7 +95,11 @@ def without(frame: Any, wind: Floats) -> Any:
 
 
 def next_unknown(
-    setting: Setting, effects: Mapping[str, Any], named_rest: Floats, fold: Integers
+    setting: Setting,
+    effects: Mapping[str, Any],
+    named_rest: Floats,
+    fold: Integers,
+    witness: LearnedWitness,
 ) -> tuple[Taken, Any] | None:
     """Find the strongest unknown of an archive and take it off.
 
@@ -105,6 +112,8 @@ def next_unknown(
         Residual with all that has a name taken off, m/s.
     fold : (D,) int
         Fold of every day.
+    witness : LearnedWitness
+        Which pairs of variables to try as tables.
 
     Returns
     -------
@@ -116,14 +125,14 @@ def next_unknown(
     """
     frame = setting.frame
     bench = Bench.of(setting, named_rest)
-    ranked = curves(bench)
+    ranked = _ranked(bench, witness)
     if not ranked or ranked[0].nats < LEAST_EVIDENCE:
         return None
     errors = frame.residual - named_rest
     named = bool(errors.any())
     if named:
         plain = Bench.of(setting, frame.residual)
-        alone = curves(plain)
+        alone = _ranked(plain, witness)
         first = refined(plain, alone[0], fold)
         if first is not None and _leads(plain, first, errors, fold):
             return _taken(setting, plain, first, alone, effects, fold)
@@ -131,6 +140,14 @@ def next_unknown(
     if unknown is None or (named and _remainder(frame, unknown, errors)):
         return None
     return _taken(setting, bench, unknown, ranked, effects, fold)
+
+
+def _ranked(bench: Bench, witness: LearnedWitness) -> list[Candidate]:
+    """Tables of one variable and of the pairs the learned witness names, most evidence first."""
+    single, pairs = curves(bench), pairs_of(bench, witness.hear(bench))
+    # of a pair and a curve that tell the same the curve is simpler: `refined` tries its pairs
+    least = single[0].nats + max(SECOND[0], SECOND[1] * single[0].nats)
+    return [c for c in pairs if c.nats > least] + single
 
 
 def _taken(

@@ -7,7 +7,7 @@ table explains is judged by its evidence, its size where it acts, and on weeks l
 
 Validity: sizes from 0.25 m/s where it acts most; evidence from 6 nats, more than the largest of
 sixty tables on archives that hold nothing. What two variables carry and neither of them alone is
-not seen.
+seen by the learned witness, which names the pair (:mod:`airswing.gap.witness.learned`).
 
 Units: nats, m/s.
 """
@@ -25,6 +25,7 @@ from airswing.gap.archive.value_tables import COMPONENTS, SCALED, Axis, Grid, ax
 from airswing.gap.noise.whitening import whiten
 from airswing.gap.witness.bench import Bench, stands_on_report
 from airswing.gap.witness.ground import CLIP, Sums
+from airswing.gap.witness.learned import Heard
 from airswing.gap.witness.scan import Weighed, evidence
 
 Floats = NDArray[np.float64]
@@ -131,6 +132,16 @@ def curves(bench: Bench) -> list[Candidate]:
     return sorted(out, key=lambda c: -c.nats)
 
 
+def pairs_of(bench: Bench, heard: Heard) -> list[Candidate]:
+    """Tables of the pairs of variables that the learned witness names, most evidence first."""
+    out = [
+        weighed(bench, Grid(tuple(_pair_axis(bench, name) for name in pair)), component)
+        for component in heard.components[:1]
+        for pair in heard.pairs
+    ]
+    return sorted(out, key=lambda c: -c.nats)
+
+
 def refined(bench: Bench, best: Candidate, fold: Integers) -> Unknown | None:
     """The best table that holds a variable and component, fitted.
 
@@ -150,6 +161,12 @@ def refined(bench: Bench, best: Candidate, fold: Integers) -> Unknown | None:
     Unknown or None
     """
     best = _better(best, [weighed(bench, best.grid, SCALED[best.component][0])], FINER)
+    if len(best.grid.axes) == 2:
+        finest = tuple(
+            axis_of(bench.variables[axis.variable], FINE_CELLS[axis.kind])
+            for axis in best.grid.axes
+        )
+        return _most_explaining(bench, [best, weighed(bench, Grid(finest), best.component)], fold)
     name = best.grid.variables[0]
     first = bench.variables[name]
     options = [best]
