@@ -20,6 +20,7 @@ from airswing.flags import (
     CORRECTION,
     ICING,
     PHASE,
+    PLATFORM,
     ROLL,
     SCREENING,
     STATUS,
@@ -83,6 +84,7 @@ _V = Variable
 _REPORTS = [
     _V("aircraft", "", "aircraft identifier (tail number)", _A, "str", "platform_id"),
     _V("row_size", "1", "number of reports of the aircraft", _A, "i4"),
+    _V("platform", "", "kind of reports the aircraft sends", _A, "i1", "", PLATFORM),
     _V("time", "", "time of the report", _R, "datetime64[ns]", "time"),
     _V("latitude", "degrees_north", "latitude", _R, "f8", "latitude"),
     _V("longitude", "degrees_east", "longitude", _R, "f8", "longitude"),

@@ -111,16 +111,6 @@ def test_identifiers_no_format_can_hold(tmp_path, name, to):
     assert not [*tmp_path.iterdir()]
 
 
-def test_files_of_several_kinds_do_not_tell_the_platform(tmp_path):
-    audit = json.dumps({"formats": {"madis": 3, "csv": 1}})
-    ds = corrected({"N1": 2, "EU2": 2}).assign_attrs(reading_audit=audit)
-    with pytest.raises(InputError, match=r"--platform.*madis, csv.*handover"):
-        airswing.export(ds, to="ob_ascii", path=tmp_path / "f")
-    told = Handover(aircraft={"AMDAR": ["EU*"], "TAMDAR": ["N?"]})
-    done = airswing.export(ds, to="ob_ascii", path=tmp_path / "f", settings=told)
-    assert done["platforms"] == {"TAMDAR": 2, "AMDAR": 2, "ACARS": 0, "AIREP": 0}
-
-
 @pytest.mark.parametrize(
     "name", ["correction_applied", "screening", "corrected_eastward_wind", "flight", "pressure"]
 )

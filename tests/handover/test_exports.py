@@ -7,7 +7,6 @@ that are none or impossible.
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from datetime import datetime, timedelta
 
@@ -19,7 +18,7 @@ from hypothesis import strategies as st
 import airswing
 from airswing.config import Handover
 from airswing.errors import InputError
-from airswing.flags import CORRECTION, PHASE, SCREENING
+from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
 from airswing.handover.export import as_text
 from airswing.handover.records import time_order
 from tests.handover import obsproc, wrf_nudging, wrfda
@@ -398,18 +397,25 @@ def test_the_header_of_ob_ascii_counts(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("formats", "code"),
+    ("platform", "code"),
     [
-        ({"csv": 2}, "FM-101 TAMDA"),
-        ({"madis": 1}, "FM-97 ACARS "),
-        ({"bufr": 1}, "FM-42 AMDAR "),
-        ({}, "FM-101 TAMDA"),
+        ("TAMDAR", "FM-101 TAMDA"),
+        ("ACARS", "FM-97 ACARS "),
+        ("AMDAR", "FM-42 AMDAR "),
+        ("AIREP", "FM-97 AIREP "),
+        ("unknown", "FM-101 TAMDA"),
     ],
 )
-def test_the_platform_follows_the_source(tmp_path, formats, code):
-    ds = corrected({"N1": 1}).assign_attrs(reading_audit=json.dumps({"formats": formats}))
+def test_the_platform_follows_the_source(tmp_path, platform, code):
+    codes = np.array([PLATFORM[platform], PLATFORM["ACARS"]], dtype=np.int8)
+    ds = corrected({"N1": 1, "N2": 1}).assign(platform=("aircraft", codes))
     airswing.export(ds, to="ob_ascii", path=tmp_path / "f")
-    assert wrfda.read((tmp_path / "f").read_text())[0][0]["platform"] == code
+    read = {one["id"].strip(): one["platform"] for one in wrfda.read((tmp_path / "f").read_text())[0]}
+    assert read == {"N1": code, "N2": "FM-97 ACARS "}
+    airswing.export(ds.drop_vars("platform"), to="ob_ascii", path=tmp_path / "g")
+    assert {one["platform"] for one in wrfda.read((tmp_path / "g").read_text())[0]} == {
+        "FM-101 TAMDA"
+    }
 
 
 @pytest.mark.parametrize("to", FORMATS)

@@ -65,6 +65,7 @@ KEPT = (
     "flight",
     "screening",
     "row_size",
+    "platform",
     "roll_flag",
     "temperature_qc",
 )

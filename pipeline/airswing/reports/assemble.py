@@ -25,6 +25,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.flags import PLATFORM
 from airswing.reports.averaging import averaged
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.derive import derive_flight, derive_phase, seconds_since_1970
@@ -325,6 +326,7 @@ def _layout(columns: Columns, tails: NDArray[Any], audit: Audit) -> Block:
     ds = xr.Dataset(
         {
             "row_size": ("aircraft", row_size[present].astype(np.int32)),
+            "platform": ("aircraft", _platform(columns, int(present.sum()))),
             "time": ("report", columns["time"]),
             **{name: ("report", columns[name]) for name in _OUTPUT},
             "flight": ("report", flight),
@@ -332,3 +334,12 @@ def _layout(columns: Columns, tails: NDArray[Any], audit: Audit) -> Block:
         coords={"aircraft": ("aircraft", tails[present])},
     )
     return Block(ds, counts, int(flight.max(initial=-1)) + 1)
+
+
+def _platform(columns: Columns, aircraft: int) -> NDArray[np.int8]:
+    """Platform most of an aircraft's reports tell; unknown where none does."""
+    size = max(PLATFORM.values()) + 1
+    place = columns["tail"].astype(np.int64) * size + columns["platform"]
+    told = np.bincount(place, minlength=aircraft * size).reshape(aircraft, size)
+    told[:, PLATFORM["unknown"]] = 0
+    return np.asarray(told.argmax(axis=1), dtype=np.int8)

@@ -89,7 +89,7 @@ class Archive:
         """
         with np.load(self._path(number), allow_pickle=False) as stored:
             columns = {name: stored[name] for name in stored.files}
-        per_aircraft = {"aircraft", "row_size"}
+        per_aircraft = {"aircraft", "row_size", "platform"}
         ds = xr.Dataset(
             {
                 name: ("aircraft" if name in per_aircraft else "report", values)

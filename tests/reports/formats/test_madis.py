@@ -15,6 +15,7 @@ import pytest
 import xarray as xr
 
 from airswing.errors import InputError
+from airswing.flags import PLATFORM
 from airswing.products.ragged import aircraft_of_report
 from airswing.reports import read_reports
 from airswing.reports.canonical.audit import Audit
@@ -148,6 +149,26 @@ def made(path: Path, **variables: Any) -> Path:
             fill = 99999.0 if values.dtype.kind == "f" and name != "timeObs" else None
             file.createVariable(name, values.dtype, ("recNum",), fill_value=fill)[:] = values
     return path
+
+
+def test_platform_by_data_source(tmp_path: Path, real: Callable[[str], Path]):
+    path = real("reports/madis_acars_20050826_00z.nc.gz")
+    ds = read_reports(path)
+    with netCDF4.Dataset("memory", memory=gzip.open(path).read()) as file:
+        tails = netCDF4.chartostring(file["en_tailNumber"][:], encoding="latin-1")
+        stream = np.asarray(file["dataSource"][:])
+    tamdar = {str(name).rstrip("\x00 ") for name in tails[stream == 4]}
+    found = ds["aircraft"].to_numpy()[ds["platform"].to_numpy() == PLATFORM["TAMDAR"]]
+    assert len(tamdar) == 43
+    assert set(found.tolist()) == tamdar
+    # most reports count; a code nobody knows is ACARS, as the files are
+    one = read_reports(made(tmp_path / "a.nc", dataSource=np.array([1, 4, 4, -9], "i2")))
+    assert one["platform"].to_numpy().tolist() == [PLATFORM["TAMDAR"]]
+    other = read_reports(made(tmp_path / "b.nc", dataSource=np.array([2, 2, 4, 4], "i2")))
+    assert other["platform"].to_numpy().tolist() == [PLATFORM["TAMDAR"]]
+    assert read_reports(made(tmp_path / "c.nc"))["platform"].to_numpy().tolist() == [
+        PLATFORM["ACARS"]
+    ]
 
 
 def letters(text: str) -> np.ndarray:

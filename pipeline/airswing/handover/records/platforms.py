@@ -1,9 +1,8 @@
 """Aircraft as the readers know them: identifier, and platform by the source of the reports.
 
-Assumes that what a report's file was tells its platform: FSL/MADIS files hold ACARS, BUFR files
-AMDAR, and tables the reports of the units this package is about, TAMDAR. Where an archive was read
-from several kinds of file its Dataset does not tell which aircraft came from which; then the
-configuration or the command has to (``handover: {platform: ..., aircraft: {AMDAR: ["EU*"]}}``).
+Assumes that the reports tell (``platform``: FSL/MADIS files by the data stream of each report,
+BUFR files are AMDAR), and that those which do not are of the units this package is about, TAMDAR.
+The configuration and the command go first (``handover: {aircraft: {AMDAR: ["EU*"]}}``).
 
 Identifiers are written as they are, or as numbers of five digits for those who let WRFDA correct
 biases by aircraft (VarBC reads ``00751``, and stops at ``N751A``): an aircraft that is called by a
@@ -16,7 +15,6 @@ and 97 as ``airep`` (var/obsproc/src/fm_decoder.F90), each with error tables and
 from __future__ import annotations
 
 import fnmatch
-import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -24,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.flags import PLATFORM
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from airswing.config import Handover
 
-PLATFORMS = ("TAMDAR", "AMDAR", "ACARS", "AIREP")
+PLATFORMS = tuple(name for name in PLATFORM if name != "unknown")
 CODES = {
     "TAMDAR": "FM-101 TAMDAR",
     "AMDAR": "FM-42 AMDAR",
@@ -40,7 +39,7 @@ CODES = {
 """What stands in LITTLE_R and ob.ascii."""
 LONGEST_IDENTIFIER = 40
 LARGEST_NUMBER = 99_999
-_OF_FORMAT = {"csv": "TAMDAR", "parquet": "TAMDAR", "madis": "ACARS", "bufr": "AMDAR"}
+_WORDS = {code: name for name, code in PLATFORM.items()} | {PLATFORM["unknown"]: "TAMDAR"}
 
 
 def identifiers(corrected: xr.Dataset, settings: Handover) -> list[str]:
@@ -100,42 +99,21 @@ def platforms(corrected: xr.Dataset, settings: Handover) -> NDArray[np.int8]:
     -------
     array of int8, shape (aircraft,)
         Numbers of `PLATFORMS`.
-
-    Raises
-    ------
-    InputError
-        If the source does not tell and nobody else does.
     """
-    names, found = _names(corrected), []
-    default = "" if settings.platform == "auto" else str(settings.platform)
-    for name in names:
+    names = _names(corrected)
+    told = np.full(len(names), PLATFORM["unknown"])
+    if "platform" in corrected:
+        told = corrected["platform"].to_numpy()
+    found = []
+    for name, own in zip(names, told.tolist(), strict=True):
+        default = _WORDS[own] if settings.platform == "auto" else str(settings.platform)
         matched = (
             platform
             for platform, patterns in settings.aircraft.items()
             if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
         )
-        platform = next(matched, default)
-        if not platform:
-            default = platform = _of_source(corrected)
-        found.append(PLATFORMS.index(platform))
+        found.append(PLATFORMS.index(next(matched, default)))
     return np.array(found, dtype=np.int8)
-
-
-def _of_source(corrected: xr.Dataset) -> str:
-    """Platform the files the reports were read from stand for."""
-    audit = corrected.attrs.get("reading_audit", "{}")
-    told = json.loads(audit) if isinstance(audit, str) else audit
-    found = sorted({_OF_FORMAT.get(kind, "TAMDAR") for kind in told.get("formats", {})})
-    if len(found) > 1:
-        raise InputError(
-            "the reports came from files of several kinds, which do not tell each aircraft's "
-            "platform",
-            field="--platform",
-            found=f"{', '.join(told['formats'])}: {' or '.join(found)}",
-            remedy="Give --platform, or handover: {aircraft: {AMDAR: ['EU*'], ...}} in the "
-            "configuration",
-        )
-    return found[0] if found else "TAMDAR"
 
 
 def _names(corrected: xr.Dataset) -> Sequence[str]:

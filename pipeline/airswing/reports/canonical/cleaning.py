@@ -27,7 +27,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC, WIND_QC, WIND_SOURCE
+from airswing.flags import (
+    ICING,
+    PHASE,
+    PLATFORM,
+    ROLL,
+    TEMPERATURE_QC,
+    WIND_QC,
+    WIND_SOURCE,
+)
 from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
 from airswing.physics.triangle import wind_from_direction
 from airswing.reports.canonical.air_vector import (
@@ -46,6 +54,7 @@ FLAGS = {
     "phase": PHASE["unknown"],
     "icing": ICING["missing"],
     "wind_source": WIND_SOURCE["reported"],
+    "platform": PLATFORM["unknown"],
 }
 """Flag columns of a piece and the value that stands for missing."""
 

@@ -29,7 +29,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.flags import ICING, PHASE, ROLL
+from airswing.flags import ICING, PHASE, PLATFORM, ROLL
 from airswing.reference.packing.decoder import unpack_beside
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 from airswing.reports.canonical.audit import Audit
@@ -270,6 +270,7 @@ def _piece(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
             "phase": _phases(table),
             "roll_flag": _rolls(table),
             "icing": _icing(table),
+            "platform": np.int8(PLATFORM["AMDAR"]),
         }
     )
 

@@ -38,7 +38,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.flags import ROLL, TEMPERATURE_QC
+from airswing.flags import PLATFORM, ROLL, TEMPERATURE_QC
 from airswing.products.classic_netcdf import require_whole
 from airswing.products.openable import require_openable
 from airswing.reports.canonical.audit import Audit
@@ -62,6 +62,14 @@ NUMBERS = {
 """Their variable to the piece's column; units are SI and degrees already."""
 SOURCES = {0.0: "ACARS", 1.0: "MDCRS", 2.0: "MDCRS", 3.0: "AMDAR", 4.0: "TAMDAR", 5.0: "AMDAR"}
 """Data streams by the code of ``dataSource``: the files say so in its attributes."""
+PLATFORM_OF = {
+    "TAMDAR": PLATFORM["TAMDAR"],
+    "AMDAR": PLATFORM["AMDAR"],
+    "ACARS": PLATFORM["ACARS"],
+    "MDCRS": PLATFORM["ACARS"],
+    "": PLATFORM["ACARS"],
+}
+"""What assimilation systems know a stream by; MDCRS is ACARS as the U.S. carriers send it."""
 FLAG_FIELDS = (
     "dataDescriptor",
     "errorType",
@@ -194,9 +202,11 @@ def _piece(file: Any, path: Path, audit: Audit) -> pd.DataFrame:
     }
     if "flight" in file.variables and file["flight"].dimensions[:1] == (DIMENSION,):
         piece["flight"] = _strings(file["flight"])
+    sources = [""] * time.size
     if "dataSource" in file.variables:
         codes = _number(file["dataSource"], path)
-        piece[f"{ONLY}source"] = [SOURCES.get(code, "") for code in codes.tolist()]
+        sources = piece[f"{ONLY}source"] = [SOURCES.get(code, "") for code in codes.tolist()]
+    piece["platform"] = np.array([PLATFORM_OF[source] for source in sources], dtype=np.int8)
     return pd.DataFrame({**piece, **_decoded(flags, time.size, audit)})
 
 
