@@ -19,6 +19,7 @@ from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.products.netcdf import read_product
 from airswing.vocabulary import lookup
+from airswing.workflow.evaluation_stage import make_observation_errors
 from airswing.workflow.job import GAP_INPUTS
 from airswing.workflow.progress import Progress
 
@@ -299,3 +300,19 @@ def test_a_read_only_output_folder_is_named(tmp_path, root):
     (tmp_path / "out").mkdir(mode=0o500)
     with pytest.raises(InputError, match="cannot write"):
         workflow.make_headings(job_of(root, tmp_path / "out"))
+
+
+def test_a_covariance_of_the_references_that_is_told_is_taken_off(finished, root, tmp_path):
+    done, _ = finished
+    kept = [read_product(done.output / name) for name in (workflow.HEADINGS, workflow.CORRECTED)]
+    found = []
+    for known in (0.0, 0.2):
+        output = tmp_path / str(known) / "results"
+        output.mkdir(parents=True)
+        job = job_of(root, output, observation_errors={"reference_covariance": known})
+        found.append(make_observation_errors(job, *kept))
+    hats = [
+        one["fleet_observation_error_by_method"].sel(way="three_cornered_hat") ** 2 for one in found
+    ]
+    np.testing.assert_allclose(hats[0] - hats[1], 0.2, atol=1e-9)
+    assert found[1].attrs["told_covariance"] == 0.2

@@ -249,6 +249,13 @@ class Gap(_Section):
     phases: list[Phase] = Field(["ascent", "cruise", "descent"], min_length=1)
 
 
+class ObservationErrors(_Section):
+    """What is known of the references beforehand (``observation_errors.nc``)."""
+
+    reference_covariance: float = Field(0.0, ge=-100.0, le=100.0)
+    """Of the errors of two references, a component of the wind, m2/s2."""
+
+
 class Handover(_Section):
     """How corrected winds are handed over (`airswing export`)."""
 
@@ -342,6 +349,7 @@ class Config(_Section):
     table: Table = Table()
     field_test: FieldTest | None = None
     gap: Gap = Gap()
+    observation_errors: ObservationErrors = ObservationErrors()
     handover: Handover = Handover()
     postprocess: Postprocess | None = None
     output: Path

@@ -1,13 +1,17 @@
 """The reports' own error: neighbours by hand, fields of known error, a simulated archive."""
 
+from types import SimpleNamespace
+
 import benchmarks.observation_errors as archive
 import numpy as np
 import pytest
 import xarray as xr
 
 from airswing.evaluation.day_blocks import block_weights, interval, widened
+from airswing.evaluation.report_errors.disagreements import disagreements
 from airswing.evaluation.report_errors.neighbours import REACH, half_squares, neighbouring_pairs
 from airswing.evaluation.report_errors.observation_errors import observation_errors
+from airswing.evaluation.report_errors.reported_winds import added_variance
 from airswing.evaluation.report_errors.used_errors import used_error
 from airswing.products.netcdf import read_product, write_product
 from airswing.report.run.report_errors import report_errors_section, worth_sentence
@@ -214,17 +218,93 @@ def test_figures_others_use():
     assert used_error("nam_tamdar", 70_000) == 4.80
 
 
+def two_aircraft(change, model_error):
+    """Two aircraft on days of one report each, corrected winds right but for the model's error."""
+    days = change.shape[1]
+    size = change.size
+    one, zero = ("report",), np.zeros(size)
+    day = np.tile(np.arange(days), 2)
+    time = (np.datetime64("2009-01-01") + day).astype("datetime64[ns]")
+    headings = xr.Dataset(
+        {
+            "latitude": (one, zero + 40.0),
+            "longitude": (one, zero - 90.0),
+            "pressure": (one, zero + 45_000.0),
+            "time": (one, time),
+            "phase": (one, np.full(size, 2, dtype=np.int8)),
+            "screening": (one, np.zeros(size, dtype=np.int32)),
+            "eastward_wind": (one, change.ravel()),
+            "northward_wind": (one, zero),
+            "reference_eastward_wind": (("reference", "report"), model_error.reshape(1, -1)),
+            "reference_northward_wind": (("reference", "report"), zero[None]),
+            "row_size": ("aircraft", [days, days]),
+        },
+        coords={"reference": ["a"], "aircraft": ["N0", "N1"]},
+    )
+    still = {f"corrected_{way}_wind": (one, zero) for way in ("eastward", "northward")}
+    return headings, xr.Dataset(still | {"row_size": ("aircraft", [days, days])})
+
+
+def test_what_reported_winds_have_more_by_hand():
+    # East alone is changed: half of c^2, and c d with d = -model error.
+    change = np.array([[2.0, 2.0, 4.0], [-1.0, -1.0, -2.0]])
+    model = np.array([[0.5, 0.5, 1.0], [1.0, 0.0, 1.0]])
+    found = disagreements(*two_aircraft(change, model), ["a"], ["a"])
+    draws = added_variance(found, np.ones((1, 3)), seed=0)
+    crossed = -change * model
+    assert draws[0, 0] == pytest.approx(0.5 * (change**2).mean() + crossed.mean())
+    cell = np.flatnonzero(np.isfinite(draws[0, 1:]))
+    assert draws[0, 1 + cell] == pytest.approx(draws[0, :1])
+    # Three clusters of days, two of aircraft, six of both, about the mean.
+    off = crossed - crossed.mean()
+    alone = found.crossed_alone[:, 0]
+    mean = crossed.mean()
+    np.testing.assert_allclose(
+        alone[0] - 2.0 * mean * alone[1] + mean**2 * alone[2], (off**2).sum()
+    )
+    np.testing.assert_allclose(found.aircraft_crossed.sum(axis=1), crossed.sum(axis=1))
+    np.testing.assert_allclose(found.crossed.sum(axis=0), crossed.sum(axis=0))
+
+
+def test_a_model_error_that_lasts_is_in_the_interval_of_reported_winds():
+    """Days alone cannot see it: each aircraft's product with it is the same every day."""
+    rng = np.random.default_rng(5)
+    held = {"days": 0, "both": 0}
+    for _ in range(60):
+        change = np.repeat(rng.normal(0, 3.0, (12, 1)), 40, axis=1)
+        lasting = np.repeat(rng.normal(0, 1.0, (12, 1)), 40, axis=1)  # where it flies
+        crossed = -change * (lasting + rng.normal(0, 0.5, (12, 40)))
+        number = np.ones((12, 40))
+        found = SimpleNamespace(
+            number=number.sum(axis=0)[None],
+            crossed=crossed.sum(axis=0)[None],
+            change_squares=np.array([0.5 * (change**2).sum()]),
+            aircraft_crossed=crossed.sum(axis=1)[:, None],
+            aircraft_number=number.sum(axis=1)[:, None],
+            crossed_alone=np.stack([[part.sum()] * 2 for part in (crossed**2, crossed, number)]),
+        )
+        weights = np.vstack([np.ones(40), block_weights(40, draws=400, seed=0)])
+        draws = added_variance(found, weights, seed=0)[:, 0]
+        true = 0.5 * (change**2).mean()
+        low, high = interval(widened(draws, 40)[1:])
+        held["both"] += low <= true <= high
+        by_day = (weights - 1.0) @ (found.crossed[0] - crossed.mean() * 12) / crossed.size
+        low, high = interval(widened(draws[0] + by_day, 40)[1:])
+        held["days"] += low <= true <= high
+    assert held["both"] >= 54  # 90 % of 60
+    assert held["days"] < 30
+
+
 @pytest.fixture(scope="module")
 def simulated():
-    return archive.simulated(11, days=16, aircraft=12)
+    return archive.archive(11, days=16, aircraft=12)
 
 
 def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
-    reported, right = simulated
-    headings, corrected = archive.datasets(reported, right)
+    headings, corrected, wind = simulated
     found = observation_errors(headings, corrected, pools=archive.POOLS, reference="ruc+rtfdaa")
-    for state, frame, share in (("reported", reported, 0.05), ("corrected", right, 0.2)):
-        true, _ = archive.truth(frame, headings)
+    for state, share in (("reported", 0.1), ("corrected", 0.1)):
+        true, _ = archive.truth(headings, corrected, wind, state)
         own = found.sel(state=state)
         assert own["fleet_observation_error"].item() == pytest.approx(true, rel=share)
         low, high = own["fleet_observation_error_interval"].to_numpy()

@@ -12,8 +12,9 @@ import pytest
 
 import airswing
 from airswing import cli
-from airswing.config import Handover
 from airswing.errors import InputError
+from airswing.flags import SCREENING
+from airswing.products.atomic import replacing
 from airswing.products.netcdf import write_product
 from tests.handover.archives import corrected
 
@@ -144,3 +145,24 @@ def test_a_full_disk_leaves_nothing(folder, to):
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr and "cannot write the export" in done.stderr
     assert left(folder) == before
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_a_failed_export_leaves_no_folder(tmp_path, to):
+    """Neither the folder asked for nor those above it, of which one was there."""
+    ds = corrected({"N1": 2}, screening=SCREENING["wind_qc"])
+    with pytest.raises(InputError, match="no report is left"):
+        airswing.export(ds, to=to, path=tmp_path / "new" / "newer" / "f")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_what_fails_while_written_leaves_no_folder_but_that_of_others(tmp_path):
+    target = tmp_path / "a" / "b" / "f"
+    with pytest.raises(RuntimeError), replacing(target) as part:
+        part.write_text("half")
+        raise RuntimeError
+    assert not [*tmp_path.iterdir()]
+    with pytest.raises(RuntimeError), replacing(target):
+        (tmp_path / "a" / "other").write_text("somebody else's")
+        raise RuntimeError
+    assert [one.name for one in (tmp_path / "a").iterdir()] == ["other"]

@@ -410,7 +410,9 @@ def test_the_platform_follows_the_source(tmp_path, platform, code):
     codes = np.array([PLATFORM[platform], PLATFORM["ACARS"]], dtype=np.int8)
     ds = corrected({"N1": 1, "N2": 1}).assign(platform=("aircraft", codes))
     airswing.export(ds, to="ob_ascii", path=tmp_path / "f")
-    read = {one["id"].strip(): one["platform"] for one in wrfda.read((tmp_path / "f").read_text())[0]}
+    read = {
+        one["id"].strip(): one["platform"] for one in wrfda.read((tmp_path / "f").read_text())[0]
+    }
     assert read == {"N1": code, "N2": "FM-97 ACARS "}
     airswing.export(ds.drop_vars("platform"), to="ob_ascii", path=tmp_path / "g")
     assert {one["platform"] for one in wrfda.read((tmp_path / "g").read_text())[0]} == {

@@ -1,6 +1,7 @@
 """Forecasts corrected after the fact: real stations, real GRIB, and nothing from the future."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,9 +15,10 @@ from airswing.errors import ConfigError, InputError
 from airswing.handover.forecasts.correcting import DIMS, TIME, correct_forecasts
 from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
 from airswing.handover.forecasts.forecast_scores import score_forecasts
-from airswing.handover.forecasts.station_grib import forecasts_at_stations
+from airswing.handover.forecasts.station_grib import UNITS, forecasts_at_stations
 from airswing.handover.forecasts.station_observations import pairs_at_stations
 from airswing.products.netcdf import read_product
+from tests.reference.builders import LAMBERT, LATLON, build, write
 
 
 def pairs(errors, *, first="2009-01-01", step="1D", leads=(12.0,), variable="air_temperature"):
@@ -185,6 +187,57 @@ def test_grib_at_grid_points_is_the_grids_value_turned_to_true_north(real):
     np.testing.assert_allclose(got.loc["eastward_wind"], east, atol=0.02)
     np.testing.assert_allclose(got.loc["northward_wind"], north, atol=0.02)
     assert abs(angle).max() > 0.05 and skipped == {}
+
+
+NEAR = {
+    "t": {"typeOfLevel": "heightAboveGround", "level": 2},
+    "u": {"typeOfLevel": "heightAboveGround", "level": 10},
+    "v": {"typeOfLevel": "heightAboveGround", "level": 10},
+}
+
+
+@pytest.mark.parametrize("packing", ["grid_simple", "grid_png", "grid_ccsds"])
+def test_a_message_that_ends_the_decoder_costs_one_field(tmp_path, packing):
+    """GRIB2; a stream whose depth is not what its section says aborts ecCodes."""
+    values = 10.0 + np.arange(LAMBERT["Nx"] * LAMBERT["Ny"]) / 100.0
+    parts = [
+        build(
+            LAMBERT,
+            values + 270.0 * (name == "t"),
+            parameter=name,
+            packing=packing,
+            extra=NEAR[name],
+        )
+        for name in "tuv"
+    ]
+    stations = pd.DataFrame({"station": ["A"], "latitude": [30.0], "longitude": [-105.0]})
+    whole = Path(write(tmp_path / "whole.grib2", *parts))
+    table, skipped = forecasts_at_stations([whole], stations)
+    found = table.set_index("variable")["forecast"]
+    assert skipped == {} and set(found.index) == set(UNITS)
+    # The three fields are one but for 270 K: the wind is that along both axes of the grid.
+    along = found["air_temperature"] - 270.0
+    assert found["wind_speed"] == pytest.approx(np.sqrt(2.0) * along, abs=0.02)
+    png = build(LAMBERT, values, parameter="u", packing="grid_png", extra=NEAR["u"])
+    at = png.index((21).to_bytes(4, "big") + b"\x05") + 19
+    deadly = png[:at] + b"\x08" + png[at + 1 :]
+    bad = Path(write(tmp_path / "bad.grib2", parts[0], deadly, parts[2]))
+    table, skipped = forecasts_at_stations([bad], stations)
+    assert table["variable"].unique().tolist() == ["air_temperature"]
+    assert list(skipped.values()) == [1] and "message" in next(iter(skipped))
+
+
+def test_other_heights_levels_and_averages_are_no_forecasts_at_stations(tmp_path):
+    others = [
+        build(LAMBERT, None, parameter="t", extra={**NEAR["t"], "level": 80}),
+        build(LAMBERT, None, parameter="u", extra={**NEAR["u"], "level": 2}),
+        build(LATLON, None, parameter="v"),
+        build(LATLON, None, parameter="t", edition=1),
+    ]
+    path = Path(write(tmp_path / "m.grib", *others))
+    stations = pd.DataFrame({"station": ["A"], "latitude": [50.0], "longitude": [10.0]})
+    with pytest.raises(InputError, match="no temperature at 2 m and no wind at 10 m"):
+        forecasts_at_stations([path], stations)
 
 
 def test_grib_forecasts_meet_observations(real, tmp_path):

@@ -98,7 +98,11 @@ def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Datase
 
     with job.progress.stage("observation errors") as stage:
         found = observation_errors(
-            headings, corrected, pools=job.config.pools(), reference=main_reference(job.config)
+            headings,
+            corrected,
+            pools=job.config.pools(),
+            reference=main_reference(job.config),
+            covariance=job.config.observation_errors.reference_covariance,
         )
         write_product(
             found,

@@ -55,11 +55,22 @@ class Disagreements:
     ----------
     days : array of datetime64[D], shape (day,)
     number : array, shape (cell, day)
-    squares : array, shape (state, cell, day)
-        Summed squared disagreement with the reference, mean of both components.
-    products : array, shape (combination, state, cell, day)
-        Summed products of disagreements with two references, mean of both components, by
+    squares : array, shape (cell, day)
+        Summed squared disagreement of the corrected winds with the reference, mean of both
+        components.
+    products : array, shape (combination, cell, day)
+        Summed products of their disagreements with two references, mean of both components, by
         `combinations_with_replacement` of the members.
+    change_squares : array, shape (cell,)
+        Summed squares of what the correction changed (reported minus corrected), mean of both
+        components.
+    crossed : array, shape (cell, day)
+        Summed products of that change and the corrected wind's disagreement, of both components:
+        with `squares` and `change_squares` this makes the reported winds' squared disagreement.
+    crossed_alone : array, shape (3, 1 + cell)
+        Over all pairs of aircraft and day, sums of the squared `crossed`, of its product with the
+        number of reports, and of their squared number; of all cells together, then of each.
+    aircraft_crossed : array, shape (aircraft, cell)
     aircraft_number : array, shape (aircraft, cell)
     aircraft_day_number : array, shape (aircraft, day)
     aircraft_squares : array, shape (state, aircraft, day)
@@ -73,6 +84,10 @@ class Disagreements:
     number: Floats
     squares: Floats
     products: Floats
+    change_squares: Floats
+    crossed: Floats
+    crossed_alone: Floats
+    aircraft_crossed: Floats
     aircraft_number: Floats
     aircraft_day_number: Floats
     aircraft_squares: Floats
@@ -175,9 +190,10 @@ def _columns(
     found["cell"], found["aircraft"] = cell[good], aircraft_of_report(block)[good].copy()
     for state, (u, v) in wind.items():
         found[state] = np.stack([(u - pooled[0])[good], (v - pooled[1])[good]]).astype(np.float64)
-        found[f"{state}_of_each"] = np.array(
-            [[(u - east)[good], (v - north)[good]] for east, north in single], dtype=np.float64
-        )
+    u, v = wind["corrected"]
+    found["of_each"] = np.array(
+        [[(u - east)[good], (v - north)[good]] for east, north in single], dtype=np.float64
+    )
     found["east"], found["north"] = found["corrected"]
     found["speed"] = np.hypot(*(part[good] for part in pooled)).astype(np.float64)
     return found
@@ -190,31 +206,47 @@ class _Sums:
         self.combinations = list(combinations_with_replacement(range(members), 2))
         cells = CELLS
         self.number = np.zeros((cells, days))
-        self.squares = np.zeros((len(STATES), cells, days))
-        self.products = np.zeros((len(self.combinations), len(STATES), cells, days))
+        self.squares = np.zeros((cells, days))
+        self.products = np.zeros((len(self.combinations), cells, days))
+        self.change_squares = np.zeros(cells)
+        self.crossed = np.zeros((cells, days))
+        self.crossed_alone = np.zeros((3, 1 + cells))
+        self.aircraft_crossed = np.zeros((aircraft, cells))
         self.aircraft_number = np.zeros((aircraft, cells))
         self.aircraft_day_number = np.zeros((aircraft, days))
         self.aircraft_squares = np.zeros((len(STATES), aircraft, days))
         self.speeds = np.zeros((cells, SPEED_BINS))
 
     def add(self, columns: dict[str, NDArray[Any]]) -> None:
-        """Add a block's reports."""
+        """Add the reports of one aircraft."""
         day, cell, aircraft = columns["day"], columns["cell"], columns["aircraft"]
-        ones = np.ones(day.size)
-        self.number += _summed(cell, day, ones, self.number.shape)
-        self.aircraft_number += _summed(aircraft, cell, ones, self.aircraft_number.shape)
-        shape = self.aircraft_day_number.shape
-        self.aircraft_day_number += _summed(aircraft, day, ones, shape)
-        speed = np.minimum(columns["speed"], SPEED_BINS - 1).astype(np.int64)
-        self.speeds += _summed(cell, speed, ones, self.speeds.shape)
+        shape = self.number.shape
+        number = _summed(cell, day, np.ones(day.size), shape)
+        after = columns["corrected"]
+        change = columns["reported"] - after
+        crossed = _summed(cell, day, (change * after).sum(axis=0), shape)
+        change_square = 0.5 * (change**2).sum(axis=0)
+        self.number += number
+        self.crossed += crossed
+        self.squares += _summed(cell, day, 0.5 * (after**2).sum(axis=0), shape)
+        self.change_squares += np.bincount(cell, weights=change_square, minlength=shape[0])
+        for row, (one, two) in enumerate(self.combinations):
+            product = 0.5 * (columns["of_each"][one] * columns["of_each"][two]).sum(axis=0)
+            self.products[row] += _summed(cell, day, product, shape)
+        sums, counts = (np.vstack([part.sum(axis=0), part]) for part in (crossed, number))
+        for row, moment in enumerate((sums**2, sums * counts, counts**2)):
+            self.crossed_alone[row] += moment.sum(axis=1)
+        own = int(aircraft[0])
+        self.aircraft_crossed[own] += crossed.sum(axis=1)
+        self.aircraft_number[own] += number.sum(axis=1)
+        self.aircraft_day_number[own] += number.sum(axis=0)
         for place, state in enumerate(STATES):
             square = 0.5 * (columns[state] ** 2).sum(axis=0)
-            self.squares[place] += _summed(cell, day, square, self.number.shape)
-            self.aircraft_squares[place] += _summed(aircraft, day, square, shape)
-            for row, (one, two) in enumerate(self.combinations):
-                each = columns[f"{state}_of_each"]
-                product = 0.5 * (each[one] * each[two]).sum(axis=0)
-                self.products[row, place] += _summed(cell, day, product, self.number.shape)
+            self.aircraft_squares[place, own] += np.bincount(
+                day, weights=square, minlength=shape[1]
+            )
+        speed = np.minimum(columns["speed"], SPEED_BINS - 1).astype(np.int64)
+        self.speeds += _summed(cell, speed, np.ones(day.size), self.speeds.shape)
 
     def of(self, days: NDArray[np.datetime64], reports: dict[str, NDArray[Any]]) -> Disagreements:
         """All of it."""
@@ -223,6 +255,10 @@ class _Sums:
             self.number,
             self.squares,
             self.products,
+            self.change_squares,
+            self.crossed,
+            self.crossed_alone,
+            self.aircraft_crossed,
             self.aircraft_number,
             self.aircraft_day_number,
             self.aircraft_squares,

@@ -13,13 +13,15 @@ covariance taken as zero, or as told, it is an upper bound wherever references e
 models that take in the same observations do. The covariance itself is measured: the hat's variance
 less the separation's.
 
-Neighbours are looked for among the corrected winds, whose errors are alike; the reported winds'
-variance is larger by as much as their mean square disagreement, in which the reference's error is
-the same. That takes the reference's error as independent of the correction.
+Both ways are taken with the corrected winds, whose errors are alike; the reported winds' variance
+is larger by as much as their mean square disagreement, in which the reference's error is the same.
+That takes the reference's error as independent of the correction. What the correction changed is
+known; what is not is how it happens to go along with the reference's error, part of which lasts
+(:mod:`airswing.evaluation.report_errors.reported_winds`).
 
 Which is believed: the separation; the hat where no interval of the separation is known, and where
 the measured covariance cannot be told from zero and the hat's interval is the narrower one.
-Intervals (95 %) are a bootstrap over blocks of days.
+Intervals (95 %) are a bootstrap over blocks of days, of the reported winds over aircraft as well.
 """
 
 from __future__ import annotations
@@ -41,6 +43,7 @@ from airswing.evaluation.report_errors.disagreements import (
     disagreements,
     near_pairs,
 )
+from airswing.evaluation.report_errors.reported_winds import added_variance
 from airswing.evaluation.report_errors.separation import FEWEST_DAYS, separate
 from airswing.evaluation.report_errors.used_errors import USED, used_error
 from airswing.flags import PHASE
@@ -117,9 +120,10 @@ def observation_errors(
         weights = np.vstack([weights, block_weights(days, draws=DRAWS, seed=seed)])
     number = np.maximum(weights @ found.number.T, 0.0)
     classes = aircraft_classes(found)
+    added = added_variance(found, weights, seed=seed)
     ways = {
-        "separation": _separation(found, classes, number, weights),
-        "three_cornered_hat": _hat(found, number, weights, covariance),
+        "separation": _separation(found, classes, number, weights, added),
+        "three_cornered_hat": _hat(found, number, weights, added, covariance),
     }
     ways = {name: way and way.widened(days) for name, way in ways.items()}
     believed, because = _believed(ways, len(members))
@@ -137,41 +141,51 @@ def observation_errors(
     return ds
 
 
+def _of_states(cells: Floats, fleet: Floats, added: Floats) -> tuple[Floats, Floats]:
+    """Variances of both states by cell and of the fleet, from those of corrected winds."""
+    return (
+        np.stack([cells + added[:, 1:], cells], axis=1),
+        np.stack([fleet + added[:, 0], fleet], axis=1),
+    )
+
+
 def _separation(
-    found: Disagreements, classes: NDArray[np.int64], number: Floats, weights: Floats
+    found: Disagreements,
+    classes: NDArray[np.int64],
+    number: Floats,
+    weights: Floats,
+    added: Floats,
 ) -> _Variances | None:
     """Variances from neighbours; None where too few meet."""
     if found.number.sum() == 0:
         return None
     by_class = np.zeros((found.number.shape[0], int(classes.max()) + 1))
     np.add.at(by_class.T, classes, found.aircraft_number)
-    mean_square = _ratio((found.squares @ weights.T).transpose(2, 0, 1), number[:, None])
-    amplitude = np.nan_to_num(mean_square[0, -1], nan=0.0)
+    amplitude = np.nan_to_num(_ratio(found.squares.sum(axis=1), found.number.sum(axis=1)))
     told = separate(near_pairs(found, classes), by_class, amplitude, weights)
     if told is None:
         return None
-    added = np.nan_to_num(mean_square - mean_square[:, -1:], nan=0.0)
-    cells = told.by_cell[:, None] + added
-    fleet = _ratio((cells * number[:, None]).sum(-1), number.sum(-1)[:, None])
+    fleet = _ratio((told.by_cell * number).sum(-1), number.sum(-1))
+    cells, both = _of_states(np.where(told.resolved, told.by_cell, np.nan), fleet, added)
     own = _ratio(found.aircraft_squares @ weights.T, found.aircraft_day_number @ weights.T)
     moved = np.nan_to_num((own - own[-1:]).transpose(2, 0, 1), nan=0.0)
     aircraft = told.by_class[:, classes][:, None] + moved
     aircraft[..., found.aircraft_number.sum(axis=1) == 0] = np.nan
-    return _Variances(np.where(told.resolved, cells, np.nan), fleet, aircraft)
+    return _Variances(cells, both, aircraft)
 
 
 def _hat(
-    found: Disagreements, number: Floats, weights: Floats, covariance: float
+    found: Disagreements, number: Floats, weights: Floats, added: Floats, covariance: float
 ) -> _Variances | None:
     """Variances from the two references whose errors covary least; None with only one."""
     row = _hat_row(found)
     if row is None:
         return None
-    total = (found.products[row] @ weights.T).transpose(2, 0, 1)
-    cells = _ratio(total, number[:, None]) - covariance
-    fleet = _ratio(total.sum(-1), number.sum(-1)[:, None]) - covariance
-    few = found.number.sum(axis=1) < FEWEST_REPORTS
-    return _Variances(np.where(few, np.nan, cells), fleet)
+    total = weights @ found.products[row].T
+    cells = _ratio(total, number) - covariance
+    cells[:, found.number.sum(axis=1) < FEWEST_REPORTS] = np.nan
+    fleet = _ratio(total.sum(-1), number.sum(-1)) - covariance
+    return _Variances(*_of_states(cells, fleet, added))
 
 
 def _hat_row(found: Disagreements) -> int | None:
@@ -179,7 +193,7 @@ def _hat_row(found: Disagreements) -> int | None:
     size = found.products.shape[0]
     pairs = _combinations(size)
     sums = [
-        (float(found.products[row, -1].sum()), row)
+        (float(found.products[row].sum()), row)
         for row, (one, two) in enumerate(pairs)
         if one != two
     ]
@@ -320,7 +334,9 @@ def _beside(found: Disagreements) -> dict[str, Any]:
     middle = 0.5 * (edges[:-1] + edges[1:])
     shape = (len(PHASE), _LAYERS)
     number = found.number.sum(axis=1).reshape(shape)
-    square = np.moveaxis(found.squares.sum(axis=2).reshape(len(STATES), *shape), 0, -1)
+    after = found.squares.sum(axis=1)
+    before = after + found.change_squares + found.crossed.sum(axis=1)
+    square = np.stack([before, after], axis=-1).reshape(*shape, len(STATES))
     rows = [slice(None), *(slice(PHASE[name], PHASE[name] + 1) for name in FLIGHT_PHASES[1:])]
     counted = np.stack([number[row].sum(axis=0) for row in rows])
     squares = np.stack([square[row].sum(axis=0) for row in rows])

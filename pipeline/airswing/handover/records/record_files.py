@@ -38,6 +38,7 @@ from airswing.handover.records.platforms import (
 from airswing.handover.records.registry import Request
 from airswing.handover.records.soundings import joined_soundings
 from airswing.handover.records.time_order import TimeOrder
+from airswing.products.atomic import made_folder
 
 
 @dataclass(frozen=True)
@@ -144,8 +145,10 @@ def write_records(request: Request, layout: Layout) -> dict[str, Any]:
     winds_of(request)
     folder = request.path.parent
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".airswing-export-", dir=folder) as name:
+        with (
+            made_folder(folder),
+            tempfile.TemporaryDirectory(prefix=".airswing-export-", dir=folder) as name,
+        ):
             return _write(request, layout, Path(name))
     except OSError as err:
         raise InputError(
