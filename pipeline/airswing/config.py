@@ -118,8 +118,10 @@ Screened = Literal[
     "no_reference",
     "temperature_qc",
     "field_test",
+    "offset_only",
 ]
-"""Screening rules whose reports may be handed over all the same."""
+"""Screening rules whose reports may be handed over all the same, and winds corrected by an offset
+alone."""
 
 
 class _Section(BaseModel):

@@ -33,7 +33,9 @@ CORRECTION = {
     "no_heading": 2,
     "missing_wind": 3,
     "already_corrected": 4,
+    "offset_only": 5,
 }
+"""``offset_only``: corrected by one constant, which leaves whatever turns with the heading."""
 SCREENING = {
     "phase": 1,
     "roll": 2,
@@ -54,3 +56,8 @@ def published(status: ArrayLike) -> NDArray[np.bool_]:
     """Whether a fit is to be trusted: a curve, or an offset alone."""
     codes: NDArray[Any] = np.asarray(status)
     return np.asarray((codes == STATUS["ok"]) | (codes == STATUS["offset_only"]))
+
+
+def mended(applied: ArrayLike) -> NDArray[np.bool_]:
+    """Whether a wind was corrected here: by a curve, or by an offset alone."""
+    return np.isin(applied, (CORRECTION["corrected"], CORRECTION["offset_only"]))

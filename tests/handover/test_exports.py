@@ -431,3 +431,14 @@ def test_aircraft_by_number(tmp_path, to):
     assert [one["id"] for one in understood(to, tmp_path / "f")] == numbers
     assert "identifiers" not in airswing.export(ds, to=to, path=tmp_path / "g")
     assert "N751A 00004, and 1 more" in as_text(told)
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_what_one_constant_corrected_stays_out_unless_accepted(tmp_path, to):
+    ds = corrected({"N1": 2, "N2": 3})
+    ds["correction_applied"][2:] = CORRECTION["offset_only"]
+    told = airswing.export(ds, to=to, path=tmp_path / "f")
+    assert told["levels"] == len(understood(to, tmp_path / "f")) == 2
+    assert told["left_out"] == {"not_corrected_offset_only": 3}
+    taken = Handover(accept=["phase", "field_test", "offset_only"])
+    assert airswing.export(ds, to=to, path=tmp_path / "g", settings=taken)["levels"] == 5

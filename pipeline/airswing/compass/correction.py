@@ -42,7 +42,7 @@ from airswing.compass.correction_error import (
 from airswing.compass.fit.sandwich import Array
 from airswing.compass.table import deviation_curve, error_from_table, unit_interpolation
 from airswing.errors import InputError
-from airswing.flags import CORRECTION, SCREENING, published
+from airswing.flags import CORRECTION, SCREENING, STATUS, mended, published
 from airswing.products.ragged import aircraft_of_report
 from airswing.vocabulary import describe
 
@@ -215,15 +215,17 @@ def correct(
     ]
     has_heading = np.isfinite(m) & np.isfinite(column["airspeed"]) & np.isfinite(column["heading"])
     has_wind = np.isfinite(column["eastward_wind"]) & np.isfinite(column["northward_wind"])
-    mended = np.zeros(m.size, dtype=bool)
+    by_unit = np.zeros(m.size, dtype=bool)
     if "screening" in headings:
-        mended = (headings["screening"].to_numpy() & SCREENING["field_test"]) > 0
+        by_unit = (headings["screening"].to_numpy() & SCREENING["field_test"]) > 0
     flag = np.select(
-        [~has_wind, mended, ~ok, ~has_heading],
+        [~has_wind, by_unit, ~ok, ~has_heading],
         [CORRECTION[why] for why in ("missing_wind", "already_corrected", "no_fit", "no_heading")],
         CORRECTION["corrected"],
     ).astype(np.int8)
-    done = flag == CORRECTION["corrected"]
+    alone = known & (fit["status"].to_numpy()[row] == STATUS["offset_only"])
+    flag[alone & (flag == CORRECTION["corrected"])] = CORRECTION["offset_only"]
+    done = mended(flag)
     column["gain"] = _gain(headings, fit, row)
     column |= _doubts(headings, column)
     found = _corrected(column, m, fit, row, done, method, apply_airspeed_scale)

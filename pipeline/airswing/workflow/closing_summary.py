@@ -18,7 +18,8 @@ from airswing.compass.heading_kind import heading_kind_warnings
 from airswing.config import Config
 from airswing.evaluation.compass_changes.stability import change_warnings
 from airswing.evaluation.disagreement import reference_mean, vector_difference
-from airswing.flags import CORRECTION, STATUS
+from airswing.flags import STATUS
+from airswing.flags import mended as was_mended
 from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
 from airswing.units import KNOT
@@ -158,7 +159,7 @@ def _sums(
     for block, mended in zip(blocks(headings, _WINDS), blocks(corrected, _MENDED), strict=True):
         before, after = _differences(config, block, mended, main)
         kept = (block["screening"].to_numpy() == 0) & np.isfinite(before)
-        used = kept & (mended["correction_applied"].to_numpy() == CORRECTION["corrected"])
+        used = kept & was_mended(mended["correction_applied"].to_numpy())
         row, size = aircraft_of_report(block), block.sizes["aircraft"]
         found.append(
             [

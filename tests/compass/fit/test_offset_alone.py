@@ -10,7 +10,7 @@ from airswing.compass.correction import correct
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables
 from airswing.compass.tables_csv import write_swing_cards, write_tables_csv
-from airswing.flags import STATUS, published
+from airswing.flags import CORRECTION, STATUS, published
 from airswing.gap.simulation.known_effects import effects_of_fits
 
 FLEET = Setting(aircraft=10, days=40, flights_a_day=4)
@@ -86,7 +86,10 @@ def test_everyone_who_takes_a_fit_takes_the_offset(fleet, tmp_path):
     name = str(fits["aircraft"].to_numpy()[9])
     corrected = correct(headings, fits, apply_airspeed_scale=True)
     last = slice(-int(headings["row_size"][9]), None)
-    assert (corrected["correction_applied"].to_numpy()[last] == 0).all()
+    applied = corrected["correction_applied"].to_numpy()
+    assert (applied[last] == CORRECTION["offset_only"]).all()
+    curve = np.repeat(fits["status"].to_numpy()[0] == STATUS["ok"], headings["row_size"])
+    assert (applied[curve] != CORRECTION["offset_only"]).all()
     turned = corrected["corrected_heading"] - headings["heading"]
     expected = float(fits["table_correction"][0, 9, 0])
     turn = (turned.to_numpy()[last] - expected + 180) % 360 - 180

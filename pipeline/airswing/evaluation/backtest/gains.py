@@ -16,7 +16,7 @@ from airswing.compass.correction import correct
 from airswing.errors import InputError
 from airswing.evaluation.day_sums import day_weights, interval_95
 from airswing.evaluation.disagreement import reference_mean, vector_difference
-from airswing.flags import CORRECTION
+from airswing.flags import mended as was_mended
 from airswing.products.ragged import row_bounds
 from airswing.units import KNOT
 
@@ -71,7 +71,7 @@ class Apart(NamedTuple):
             np.asarray(vector_difference(u.to_numpy(), v.to_numpy(), *model) / KNOT, dtype=float)
             for u, v in pairs
         )
-        done = mended["correction_applied"].to_numpy() == CORRECTION["corrected"]
+        done = was_mended(mended["correction_applied"].to_numpy())
         return cls(before, after, done)
 
 

@@ -5,7 +5,8 @@ the screening let pass, but for two rules: ``phase`` only says which legs the fi
 ``field_test`` marks units that apply their own correction, whose winds are corrected as they come.
 A report no model wind could be held against (``no_reference``) is not screened for gross errors and
 stays out too, unless the configuration accepts it (``handover: {accept: [...]}``). Of corrected
-winds, those that could not be corrected stay out.
+winds, those that could not be corrected stay out, and so do those of aircraft that got one constant
+(``offset_only``: a deviation that turns with the heading is still in them), unless accepted.
 
 Limits of what a value can be are those of the reading (:mod:`airswing.reports.canonical.cleaning`):
 WRF and WRFDA take whatever number stands in a column, NaN included.
@@ -188,13 +189,19 @@ def _reasons(
             ("impossible_level", (rows["pressure"] < low) | (rows["pressure"] > high)),
         ]
     if request.winds == "corrected":
-        found += _uncorrected(block["correction_applied"].to_numpy())
+        found += _uncorrected(block["correction_applied"].to_numpy(), request.settings.accept)
     found += _rejected(block["screening"].to_numpy(), request.settings.accept)
     return found
 
 
-def _uncorrected(applied: NDArray[np.int8]) -> list[tuple[str, NDArray[np.bool_]]]:
-    why = {name: code for name, code in CORRECTION.items() if code not in _AS_CORRECTED}
+def _uncorrected(
+    applied: NDArray[np.int8], accepted: Sequence[str]
+) -> list[tuple[str, NDArray[np.bool_]]]:
+    why = {
+        name: code
+        for name, code in CORRECTION.items()
+        if code not in _AS_CORRECTED and name not in accepted
+    }
     return [(f"not_corrected_{name}", applied == code) for name, code in why.items()]
 
 

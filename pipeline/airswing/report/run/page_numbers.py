@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.evaluation.clustered_mean import cluster_sums, clustered_mean
-from airswing.flags import SCREENING, STATUS, published
+from airswing.flags import SCREENING, STATUS, mended, published
 from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.report.run.selection import pooled, status_words, tails, used
 from airswing.units import KNOT, NORMAL_95
@@ -69,7 +69,7 @@ def compared(
     )
     keep = used(headings) & np.isfinite(before) & np.isfinite(after)
     if "correction_applied" in corrected:
-        keep &= corrected["correction_applied"].to_numpy() == 0
+        keep &= mended(corrected["correction_applied"].to_numpy())
     return before, after, keep
 
 
