@@ -188,6 +188,7 @@ def test_the_binding_names_are_there(finished):
         "corrected_wind_standard_error",
         "corrected_heading",
         "correction_applied",
+        "platform",
         "eastward_wind",
         "northward_wind",
     ]:

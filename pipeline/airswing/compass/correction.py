@@ -78,6 +78,7 @@ NEEDED = (
     "airspeed",
     "screening",
     "row_size",
+    "platform",
     "horizontal_field",
     "heading_standard_error",
     "ground_velocity_error",

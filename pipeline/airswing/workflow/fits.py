@@ -157,7 +157,7 @@ def make_corrected(
 
     screened, fitted = ready(job, headings, HEADINGS), ready(job, fits, FITS)
     reference = main_reference(job.config)
-    kept = screened[[name for name in KEPT if name in screened and name != "row_size"]]
+    kept = screened[[name for name in KEPT if name in screened and "report" in screened[name].dims]]
 
     def make() -> Blocks:
         attrs: dict[str, Any] = {}
