@@ -370,6 +370,7 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
         untestable=untestable,
         hidden=hidden,
         energy=(standing.energy, standing.error),
+        weighed=standing.weighed,
         means=means,
         factors=factors,
         doubts=doubts,

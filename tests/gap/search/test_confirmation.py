@@ -57,7 +57,7 @@ def test_a_change_in_the_last_week_is_confirmed_on_days_left_out(late):
     assert tests.parts[0] >= 3
     assert tests.multiple[0] == pytest.approx(1.0, abs=0.15)
     assert tests.deviations[0] > 2.5
-    assert probabilities([term], tests)[0] > 0.95
+    assert probabilities(features([term], tests), tests)[0] > 0.95
 
 
 def test_a_change_that_is_none_is_not_confirmed(late):
@@ -66,7 +66,7 @@ def test_a_change_that_is_none_is_not_confirmed(late):
         wrong = replace(term, tails=(tail,), period=period)
         tests = confirm(base, [term, wrong])
         assert tests.deviations[1] < 2.0 < tests.deviations[0]
-        assert probabilities([term, wrong], tests)[1] < 0.9
+        assert probabilities(features([term, wrong], tests), tests)[1] < 0.9
 
 
 def test_what_is_in_force_on_two_days_cannot_be_tested_and_is_not_found(late):
@@ -119,7 +119,8 @@ def test_what_has_no_name_makes_a_claim_less_likely(late):
     )
     tests = Confirmation(*np.ones((2, 2)), np.array([1.0, 1.0]), np.full(2, 0.3), np.full(2, 6))
     one = Confirmation(*np.ones((2, 1)), np.ones(1), np.full(1, 0.3), np.full(1, 6))
-    alone, besides = probabilities([claim], one)[0], probabilities([claim, unknown], tests)[0]
+    alone = probabilities(features([claim], one), one)[0]
+    besides = probabilities(features([claim, unknown], tests), tests)[0]
     assert besides < alone
     np.testing.assert_allclose(features([claim, unknown], tests)[0, 2], np.log1p(20.0))
 

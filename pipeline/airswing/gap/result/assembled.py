@@ -76,6 +76,8 @@ class Findings:
         The same of effects that what is always fitted takes up, named or not.
     energy : (t,), (t,) float
         Held-out energy of the terms and its standard error.
+    weighed : (t, f) float
+        What the probabilities of the terms were made of.
     means : mapping
         Positions of terms that are the mean of an unknown one -> that one's.
     factors, doubts : mapping
@@ -96,6 +98,7 @@ class Findings:
     untestable: Mapping[str, str]
     hidden: Mapping[str, str]
     energy: tuple[Floats, Floats]
+    weighed: Floats
     means: Mapping[int, int]
     factors: Mapping[str, float]
     doubts: Mapping[str, float]
@@ -214,9 +217,14 @@ def _named(
                 share_of_gap=shares[len(entries)],
                 held_out_energy=float(energy[k]),
                 held_out_energy_standard_error=float(error[k]),
+                weighed=_rounded(findings.weighed[k]),
             )
         )
     return entries, means
+
+
+def _rounded(weighed: Floats) -> list[float]:
+    return [round(float(x), 3) for x in weighed]
 
 
 def _places(
@@ -255,6 +263,7 @@ def doubtful_entry(doubtful: Doubtful, problem: Problem) -> UnconfirmedEntry:
         period=period_of(term, stats),
         probability=doubtful.probability,
         evidence_nats=round(term.score.tempered, 2),
+        weighed=_rounded(doubtful.weighed),
         reason=doubtful.reason,
     )
 

@@ -72,19 +72,20 @@ def features(terms: Sequence[Term], confirmation: Confirmation) -> Floats:
     return out
 
 
-def probabilities(terms: Sequence[Term], confirmation: Confirmation) -> Floats:
+def probabilities(weighed: Floats, confirmation: Confirmation) -> Floats:
     """Probability that each term is at work as named, (t,); 0 where it could not be tested.
 
     Parameters
     ----------
-    terms : sequence of Term
+    weighed : (t, 5) float
+        From :func:`features`.
     confirmation : Confirmation
 
     Returns
     -------
     (t,) float
     """
-    logit = CONSTANT + features(terms, confirmation) @ np.array(WEIGHTS)
+    logit = CONSTANT + weighed @ np.array(WEIGHTS)
     out = 1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0)))
     out = np.where(confirmation.deviations < LEAST_DEVIATIONS, np.minimum(out, 0.5), out)
     return np.asarray(np.where(confirmation.tested, out, 0.0))

@@ -24,7 +24,7 @@ from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import held_out_energy
 from airswing.gap.search.absorbed_by_unknown import folded
-from airswing.gap.search.belief import probabilities
+from airswing.gap.search.belief import features, probabilities
 from airswing.gap.search.confirmation import LEAST_PARTS, confirm
 from airswing.gap.search.nested_forms import widened
 from airswing.gap.search.stepwise import Found, Rules, found_of, search
@@ -45,11 +45,14 @@ class Doubtful:
     term : Term
     probability : float
         0 where it could not be tested.
+    weighed : (f,) float
+        What the probability was made of (`airswing.gap.search.belief.features`).
     reason : str
     """
 
     term: Term
     probability: float
+    weighed: Floats
     reason: str
 
 
@@ -64,6 +67,8 @@ class Standing:
         Held-out energy of each term and its standard error.
     probability : (t,) float
         That each term is at work as named.
+    weighed : (t, f) float
+        What each was made of (`airswing.gap.search.belief.features`).
     doubtful : tuple of Doubtful
         Names that were not confirmed.
     """
@@ -72,6 +77,7 @@ class Standing:
     energy: Floats
     error: Floats
     probability: Floats
+    weighed: Floats
     doubtful: tuple[Doubtful, ...] = ()
 
 
@@ -110,7 +116,8 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
     terms = list(found.terms)
     while True:
         tests = confirm(base, terms)
-        chance = probabilities(terms, tests)
+        weighed = features(terms, tests)
+        chance = probabilities(weighed, tests)
         shapes = folded(terms, tests.energy, tests.error)  # told with the unknown, not as names
         short = [
             k
@@ -120,7 +127,8 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
         if not short:
             break
         worst = min(short, key=lambda k: (chance[k], terms[k].score.tempered))
-        doubtful.append(_doubted(terms[worst], float(chance[worst]), int(tests.parts[worst])))
+        parts = int(tests.parts[worst])
+        doubtful.append(_doubted(terms[worst], float(chance[worst]), parts, weighed[worst]))
         del terms[worst]
     found = found_of(base, pool, terms) if doubtful else found
     sure = tuple(
@@ -128,16 +136,15 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
         for term, p in zip(found.terms, chance, strict=True)
     )
     found = replace(found, terms=sure)
-    return Standing(found, tests.energy, tests.error, chance, tuple(doubtful))
+    return Standing(found, tests.energy, tests.error, chance, weighed, tuple(doubtful))
 
 
-def _doubted(term: Term, chance: float, parts: int) -> Doubtful:
+def _doubted(term: Term, chance: float, parts: int, weighed: Floats) -> Doubtful:
     """Say why a name is not stated."""
     if parts < LEAST_PARTS:
-        return Doubtful(
-            term, 0.0, f"in force on too few days to leave some out ({parts}; {LEAST_PARTS} needed)"
-        )
-    return Doubtful(term, chance, "days left out do not confirm it beyond doubt")
+        few = f"in force on too few days to leave some out ({parts}; {LEAST_PARTS} needed)"
+        return Doubtful(term, 0.0, weighed, few)
+    return Doubtful(term, chance, weighed, "days left out do not confirm it beyond doubt")
 
 
 def _dated(term: Term) -> bool:

@@ -144,9 +144,8 @@ def struck(score: Score, rules: Rules) -> NDArray[np.int64]:
     under a share :data:`LEAK` of the largest wait until it is conditioned on.
     """
     if score.candidate.scope == "fleet":
-        return (
-            np.arange(score.posterior.size) if score.size.max() > rules.size else np.zeros(0, int)
-        )
+        least = np.hypot(rules.size, np.max(score.remainder))
+        return np.arange(score.posterior.size if score.size.max() > least else 0)
     ok = _likely(score, rules)
     ok &= score.aircraft_evidence > LEAK * score.aircraft_evidence.max(initial=0.0)
     return np.flatnonzero(ok)
@@ -295,7 +294,8 @@ def remainder(terms: Sequence[Term], score: Score) -> Floats:
     square = np.zeros(score.acting.size)
     for term in terms:
         what = term.candidate
-        if score.candidate.scope == "fleet" or (what.heading and not score.candidate.heading):
+        of_weather = score.candidate.scope == "fleet" and not score.candidate.heading
+        if of_weather or (what.heading and not score.candidate.heading):
             continue
         tails = list(term.tails)
         thinned = np.minimum(1.0, term.score.acting[tails] / np.maximum(score.acting[tails], 1.0))

@@ -111,7 +111,8 @@ class EffectEntry:
     """An effect of the catalogue that is at work.
 
     ``parameters`` are medians over aircraft where ``per_tail`` has several. ``closure`` is told of
-    effects of scatter alone, which are no step of the waterfall.
+    effects of scatter alone, which are no step of the waterfall. ``weighed`` is what the
+    probability was made of (`airswing.gap.search.belief`).
     """
 
     name: str
@@ -131,6 +132,7 @@ class EffectEntry:
     share_of_energy: float = 0.0
     held_out_energy: float = 0.0
     held_out_energy_standard_error: float = 0.0
+    weighed: Sequence[float] | None = field(default=None, metadata=LEFT_OUT)
     closure: ClosesEntry | None = field(default=None, metadata=LEFT_OUT)
 
 
@@ -200,6 +202,7 @@ class UnconfirmedEntry:
     period: Period | None
     probability: float
     evidence_nats: float
+    weighed: Sequence[float]
     reason: str
 
 
