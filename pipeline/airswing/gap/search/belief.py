@@ -4,8 +4,9 @@ Assumptions: four things tell a right name from a wrong one, whichever effect it
 how it does on days it was not fitted on, how much stronger what has no name in the same archive is,
 and how much stronger what else has one is (unexplained structure, and leaks of large effects, make
 false changes and exchanges). A logistic function of them states the probability; changes in time
-have a constant of their own. Its weights are set, not fitted: on 25 simulated archives with effects
-in the catalogue and outside it the search came to too few wrong names (4 of 17) to fit them.
+have a constant of their own. Its weights are learned from simulated archives
+(``python -m benchmarks.gap_probabilities`` prints how it does on archives left out) and stand in
+``claim_weights.json``.
 
 Validity: archives like those; a claim that could not be tested on days left out has no probability
 and is not stated.
@@ -15,7 +16,10 @@ Source: Platt (1999), Advances in Large Margin Classifiers, 61-74 (probabilities
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +29,11 @@ from airswing.gap.search.confirmation import Confirmation
 
 Floats = NDArray[np.float64]
 
-#: Constant, and weights of :func:`features`.
-CONSTANT = -3.0
-WEIGHTS = (1.2, 1.0, -0.8, -0.2, -1.5)
+#: Numbers that a probability is made of, in the order of :func:`features`.
+FEATURES = ("log_nats", "deviations", "nameless", "named", "change")
+WEIGHTS_FILE = Path(__file__).with_name("claim_weights.json")
 #: Probability from which a name is stated.
 STATED = 0.9
-#: Deviations under which days left out do not confirm a claim, whatever its evidence; it is then no
-#: likelier than not.
-LEAST_DEVIATIONS = 2.0
 #: Deviations beyond which a claim does not become surer.
 MOST_DEVIATIONS = 6.0
 
@@ -56,7 +57,7 @@ def features(terms: Sequence[Term], confirmation: Confirmation) -> Floats:
     evidence = np.array([max(term.score.tempered, 0.1) for term in terms])
     known = np.array([term.candidate.known for term in terms], bool)
     deviations = np.clip(confirmation.deviations, -MOST_DEVIATIONS, MOST_DEVIATIONS)
-    out = np.zeros((len(terms), len(WEIGHTS)))
+    out = np.zeros((len(terms), len(FEATURES)))
     for k, term in enumerate(terms):
         others = np.arange(len(terms)) != k
         nameless = float(evidence[others & ~known].max(initial=0.0))
@@ -85,7 +86,14 @@ def probabilities(weighed: Floats, confirmation: Confirmation) -> Floats:
     -------
     (t,) float
     """
-    logit = CONSTANT + weighed @ np.array(WEIGHTS)
+    constant, weights = learned_weights()
+    logit = constant + weighed @ weights
     out = 1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0)))
-    out = np.where(confirmation.deviations < LEAST_DEVIATIONS, np.minimum(out, 0.5), out)
     return np.asarray(np.where(confirmation.tested, out, 0.0))
+
+
+@lru_cache(maxsize=1)
+def learned_weights() -> tuple[float, Floats]:
+    """Constant and weights (5,) of the logistic function."""
+    content = json.loads(WEIGHTS_FILE.read_text(encoding="utf-8"))
+    return float(content["constant"]), np.array([content[name] for name in FEATURES], float)
