@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "pipeline" / "airswing"
-ENTRANCES = {"__init__", "__main__", "cli"}
+ENTRANCES = {"__init__", "__main__", "cli", "cli_options"}
 
 #: Every room may import from those before it. Left of all: the files of the package's own folder.
 ORDER = (

@@ -14,6 +14,19 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from airswing.cli_options import (
+    CheckOptions,
+    ConfigPath,
+    ExportOptions,
+    GapOptions,
+    Json,
+    Output,
+    Quiet,
+    Resume,
+    Scheduler,
+    takes,
+)
+
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
@@ -45,15 +58,6 @@ _NOT_OURS = (
 """Faults of the disk or the folders that no code of ours can mend: bad input, not a defect."""
 _USAGE_ERROR: Any = typer.BadParameter.__base__
 """Base of every error in how a command was called (typer does not export it by name)."""
-
-ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Configuration (YAML).")]
-Output = Annotated[Path | None, typer.Option(help="Folder for the products.", metavar="DIR")]
-Resume = Annotated[bool, typer.Option("--resume", help="Keep finished work that still holds.")]
-Scheduler = Annotated[
-    str | None, typer.Option(help="Address of a dask scheduler.", metavar="ADDRESS")
-]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
 def _job(
@@ -185,64 +189,30 @@ class _WithFormats(TyperCommand):
 
 
 @app.command(cls=_WithFormats)
-def export(
-    config: ConfigPath,
-    to: Annotated[str, typer.Option(help="What to write; see below.", metavar="FORMAT")],
-    output: Annotated[
-        str, typer.Option("-o", "--output", help="File or folder to write.", metavar="PATH")
-    ],
-    winds: Annotated[str, typer.Option(help="corrected or reported.")] = "corrected",
-    window: Annotated[
-        str | None, typer.Option(help="A folder for every so long, such as '1 h'.")
-    ] = None,
-    soundings: Annotated[
-        bool, typer.Option("--soundings", help="Join ascents and descents into one report each.")
-    ] = False,
-    domain: Annotated[int | None, typer.Option(help="Nest of WRF, for OBS_DOMAIN.")] = None,
-    platform: Annotated[
-        str | None, typer.Option(help="TAMDAR, AMDAR, ACARS or AIREP; else by source.")
-    ] = None,
-    identifiers: Annotated[
-        str | None, typer.Option(help="tail, or number: five digits an aircraft.")
-    ] = None,
-    base: Annotated[
-        Path | None,
-        typer.Option(help="Reject list or error table to begin from.", metavar="FILE"),
-    ] = None,
-    start: Annotated[str | None, typer.Option(help="First time (ISO 8601, UTC).")] = None,
-    end: Annotated[str | None, typer.Option(help="First time no longer taken.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
-    quiet: Quiet = False,
-    json: Json = False,
-) -> None:
+@takes(ExportOptions)
+def export(options: ExportOptions) -> None:
     """Hand over corrected winds, from corrected.nc: to WRF, WRFDA, GSI or JEDI."""
     from airswing import workflow
     from airswing.config import with_handover
     from airswing.handover.export import as_text
     from airswing.handover.export import export as hand_over
 
-    job = _job(config, quiet=quiet)
-    given = {
-        "domain": domain,
-        "platform": platform,
-        "identifiers": identifiers,
-        "base": base,
-        "start": start,
-        "end": end,
-    }
+    job = _job(options.config, quiet=options.quiet)
+    asked = ("domain", "platform", "identifiers", "base", "start", "end")
+    given = {name: getattr(options, name) for name in asked}
     with job.progress.stage("export") as stage:
         result = hand_over(
             job.output / workflow.CORRECTED,
-            to=to,
-            path=output,
-            winds=winds,  # type: ignore[arg-type]
-            window=window,
-            soundings=soundings,
-            overwrite=overwrite,
+            to=options.to,
+            path=options.output,
+            winds=options.winds,  # type: ignore[arg-type]
+            window=options.window,
+            soundings=options.soundings,
+            overwrite=options.overwrite,
             settings=with_handover(job.config, given),
         )
         stage.note = f"{len(result['files']):,} files"
-    _print(result, as_json=json, text=as_text(result))
+    _print(result, as_json=options.json, text=as_text(result))
 
 
 @app.command()
@@ -261,86 +231,56 @@ def simulate(
 
 
 @app.command()
-def gap(
-    config: ConfigPath,
-    output: Output = None,
-    resume: Resume = False,
-    scheduler: Scheduler = None,
-    without: Annotated[
-        list[str] | None,
-        typer.Option(help="Effect to do without, as if unknown.", metavar="EFFECT"),
-    ] = None,
-    known: Annotated[
-        Path | None,
-        typer.Option(
-            help="What the simulation has already: effects.yaml, or a run's fits.nc.",
-            metavar="FILE",
-        ),
-    ] = None,
-    simulated: Annotated[
-        str | None,
-        typer.Option(
-            help="Reports a simulation made elsewhere (file, glob, or its configuration).",
-            metavar="REPORTS",
-        ),
-    ] = None,
-    quiet: Quiet = False,
-    json: Json = False,
-) -> None:
+@takes(GapOptions)
+def gap(options: GapOptions) -> None:
     """Diagnose the gap to the simulation: where, which effect, how far it closes."""
     from airswing.report.gap.words import verdict
     from airswing.workflow import gap_stage as gap_workflow
 
-    job = _job(config, output=output, resume=resume, quiet=quiet, scheduler=scheduler)
+    job = _job(
+        options.config,
+        output=options.output,
+        resume=options.resume,
+        quiet=options.quiet,
+        scheduler=options.scheduler,
+    )
     result = _alone(
         job,
         lambda job: gap_workflow.diagnosis(
-            job, without=without or (), known=known, simulated=simulated
+            job,
+            without=options.without or (),
+            known=options.known,
+            simulated=options.simulated,
         ),
     )
     text = f"{verdict(result)}\npage: {job.output / 'gap' / 'index.html'}"
-    _print(result.content(), as_json=json, text=text)
+    _print(result.content(), as_json=options.json, text=text)
 
 
 @app.command(name="gap-check")
-def gap_check(
-    cases: Annotated[int, typer.Option(help="Number of cases.", min=1)] = 60,
-    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
-    output: Annotated[
-        Path, typer.Option(help="Folder for archives, seals and scores.", metavar="DIR")
-    ] = Path("results/gap_check"),
-    workers: Annotated[
-        int, typer.Option(help="Archives written and diagnosed at a time.", min=1)
-    ] = 1,
-    nulls: Annotated[
-        int | None, typer.Option(help="Cases that hold nothing; a quarter by default.", min=0)
-    ] = None,
-    baselines: Annotated[bool, typer.Option(help="Also run simple methods beside ours.")] = True,
-    so_far: Annotated[
-        bool, typer.Option("--so-far", help="Score what is diagnosed already; diagnose no more.")
-    ] = False,
-    fast: Annotated[bool, typer.Option("--fast", help="Small archives, clear effects.")] = False,
-    real: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of real data; without it the fifth rung is left out.", metavar="DIR"
-        ),
-    ] = None,
-    rung: Annotated[
-        list[int] | None, typer.Option(help="Rung to play; all by default.", min=1, max=5)
-    ] = None,
-    quiet: Quiet = False,
-    json: Json = False,
-) -> None:
+@takes(CheckOptions)
+def gap_check(options: CheckOptions) -> None:
     """Check the diagnosis blindly: archives with sealed effects, diagnosed, opened, scored."""
     from airswing.blind_check.check_run import Plan
     from airswing.blind_check.command import check_and_report
 
-    plan = Plan(cases, seed, fast, nulls, tuple(rung) if rung else None, real=real)
-    summary, text = check_and_report(
-        output, plan, workers=workers, baselines=baselines, so_far=so_far, quiet=quiet
+    plan = Plan(
+        options.cases,
+        options.seed,
+        options.fast,
+        options.nulls,
+        tuple(options.rung) if options.rung else None,
+        real=options.real,
     )
-    _print(summary, as_json=json, text=text)
+    summary, text = check_and_report(
+        options.output,
+        plan,
+        workers=options.workers,
+        baselines=options.baselines,
+        so_far=options.so_far,
+        quiet=options.quiet,
+    )
+    _print(summary, as_json=options.json, text=text)
 
 
 @app.command()

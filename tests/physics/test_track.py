@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Geod
 
-from airswing.physics.track import GroundTrack, ground_track
+from airswing.physics.track import GroundTrack, Resolution, ground_track
 from airswing.physics.triangle import along_cross, bearing
 
 GEOD = Geod(ellps="WGS84")
@@ -33,10 +33,10 @@ def straight(
 
 
 def tracked(lat: Any, lon: Any, seconds: Any, **options: Any) -> GroundTrack:
-    options = {"position_resolution": 0.0, "time_resolution": 0.0, **options}
+    steps = Resolution(options.pop("position", 0.0), options.pop("tick", 0.0))
     altitude = options.pop("altitude", np.zeros(np.shape(lat)))
     flight = options.pop("flight", np.zeros(np.shape(lat), dtype=int))
-    return ground_track(lat, lon, seconds, altitude, flight, **options)
+    return ground_track(lat, lon, seconds, altitude, flight, steps, **options)
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0])
@@ -195,7 +195,7 @@ def test_one_chord_of_tenths_of_a_minute(leg: float, rms_degrees: float) -> None
         leg, position=TENTH_MINUTE, tick=1e-3, flights=3000, fixes=2
     )
     found = ground_track(
-        **arguments, position_resolution=TENTH_MINUTE, time_resolution=0.0, acceleration_density=0.0
+        **arguments, resolution=Resolution(TENTH_MINUTE, 0.0), acceleration_density=0.0
     )
     assert np.all(found.before + found.after == 1)
     _, cross = misses(found, east, north, np.isfinite(found.eastward))
@@ -213,9 +213,7 @@ def test_one_chord_of_whole_minutes(leg: float, share: float) -> None:
     arguments, east, north = rounded_flights(
         leg, position=1e-6, tick=60.0, flights=6000, fixes=2, spread=0.25
     )
-    found = ground_track(
-        **arguments, position_resolution=0.0, time_resolution=60.0, acceleration_density=0.0
-    )
+    found = ground_track(**arguments, resolution=Resolution(0.0, 60.0), acceleration_density=0.0)
     along, _ = misses(found, east, north, np.isfinite(found.eastward))
     assert rms(along) / (250 * KNOT) == pytest.approx(share, abs=0.02)
     assert np.mean(along) > 0.0, "one over a rounded time is too large on average"
@@ -237,11 +235,7 @@ def test_stated_errors_are_the_found_ones_and_widening_pays(
 ) -> None:
     density = 0.011
     arguments, east, north = rounded_flights(leg, position=position, tick=tick, density=density)
-    options = {
-        "position_resolution": position,
-        "time_resolution": tick,
-        "acceleration_density": density,
-    }
+    options = {"resolution": Resolution(position, tick), "acceleration_density": density}
     wide = ground_track(**arguments, **options)
     plain = ground_track(**arguments, **options, widen=False)
     centred = (wide.before > 0) & (wide.after > 0)
@@ -260,7 +254,7 @@ def test_stated_errors_are_the_found_ones_and_widening_pays(
 
 def test_close_fixes_of_one_minute_are_reached_over() -> None:
     arguments, east, north = rounded_flights(30.0, position=TENTH_MINUTE, tick=60.0, flights=40)
-    options = {"position_resolution": TENTH_MINUTE, "time_resolution": 60.0}
+    options = {"resolution": Resolution(TENTH_MINUTE, 60.0)}
     plain = ground_track(**arguments, **options, widen=False)
     wide = ground_track(**arguments, **options)
     assert np.isnan(plain.eastward).mean() > 0.5
@@ -277,7 +271,7 @@ def test_no_window_reaches_over_a_turn() -> None:
     north = np.minimum(along, corner)
     east = np.maximum(along - corner, 0.0)
     lat, lon = north / 110574.28, east / 111319.49
-    found = tracked(lat, lon, seconds, position_resolution=TENTH_MINUTE, time_resolution=1.0)
+    found = tracked(lat, lon, seconds, position=TENTH_MINUTE, tick=1.0)
     reach = np.arange(size)
     assert np.all((reach + found.after)[reach < 10] <= 10)
     assert np.all((reach - found.before)[reach > 10] >= 10)

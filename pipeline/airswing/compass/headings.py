@@ -42,7 +42,7 @@ from airswing.compass.ground_vector import Evidence, choose_ground_vector
 from airswing.errors import InputError
 from airswing.physics import triangle
 from airswing.physics.geomagnetism import FieldLattice
-from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, ground_track
+from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, Resolution, ground_track
 from airswing.physics.turns import beside_turns
 from airswing.products.ragged import aircraft_of_report
 from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
@@ -296,8 +296,10 @@ def _motion(reports: xr.Dataset, *, acceleration_density: float, widen: bool) ->
         _seconds(reports),
         _column(reports, "pressure_altitude"),
         reports["flight"].to_numpy(),
-        position_resolution=_per_report(reports, "position_resolution", aircraft),
-        time_resolution=_per_report(reports, "time_resolution", aircraft),
+        Resolution(
+            _per_report(reports, "position_resolution", aircraft),
+            _per_report(reports, "time_resolution", aircraft),
+        ),
         acceleration_density=acceleration_density,
         widen=widen,
     )

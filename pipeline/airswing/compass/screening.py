@@ -24,7 +24,7 @@ Keywords in SI and radians, like the configuration; the Dataset in degrees, like
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Literal
+from typing import Literal, TypedDict, Unpack
 
 import numpy as np
 import xarray as xr
@@ -48,17 +48,44 @@ MAX_GROUND_VELOCITY_ERROR = 0.15
 """Of the ground speed: a single chord of two whole minutes has 0.27, of three 0.15."""
 
 
+class Limits(TypedDict, total=False):
+    """Numbers a report must keep to; `LIMITS` where not given.
+
+    Attributes
+    ----------
+    max_turn : float
+        Largest change of track at the report, radians.
+    min_ground_speed : float
+        m s-1.
+    max_ground_velocity_error : float
+        Largest standard error of the ground velocity, as a share of the ground speed.
+    max_innovation : float
+        Gross errors: vector difference, m s-1, from any reference a report has (a third of its
+        airspeed where that is more).
+    """
+
+    max_turn: float
+    min_ground_speed: float
+    max_ground_velocity_error: float
+    max_innovation: float
+
+
+LIMITS: Limits = {
+    "max_turn": float(np.radians(10.0)),
+    "min_ground_speed": 80.0 * KNOT,
+    "max_ground_velocity_error": MAX_GROUND_VELOCITY_ERROR,
+    "max_innovation": MAX_INNOVATION,
+}
+
+
 def screen(
     headings: xr.Dataset,
     *,
     phases: Collection[str] = ("cruise",),
     roll: Literal["reject_bad", "require_good", "ignore"] = "reject_bad",
     temperature_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail",
-    max_turn: float = float(np.radians(10.0)),
-    min_ground_speed: float = 80.0 * KNOT,
     wind_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail",
-    max_ground_velocity_error: float = MAX_GROUND_VELOCITY_ERROR,
-    max_innovation: float = MAX_INNOVATION,
+    **limits: Unpack[Limits],
 ) -> xr.Dataset:
     """Mark the reports that the fit should not use, and why.
 
@@ -72,15 +99,8 @@ def screen(
         Roll flag. Requiring "good" drops every carrier that reports no roll.
     temperature_qc, wind_qc : {"reject_fail", "require_pass", "ignore"}
         The source's own verdicts.
-    max_turn : float
-        Largest change of track at the report, radians.
-    min_ground_speed : float
-        m s-1.
-    max_ground_velocity_error : float
-        Largest standard error of the ground velocity, as a share of the ground speed.
-    max_innovation : float
-        Gross errors: vector difference, m s-1, from any reference a report has (a third of its
-        airspeed where that is more).
+    **limits
+        Numbers a report must keep to, as in :class:`Limits`.
 
     Returns
     -------
@@ -93,6 +113,7 @@ def screen(
     ConfigError
         On an unknown phase or policy.
     """
+    bounds = Limits(**{**LIMITS, **limits})
     rules = {
         "phase": ~headings["phase"].isin(_phase_codes(phases)),
         "roll": _judged(headings, "roll_flag", ROLL, roll, {"reject_bad": "bad"}),
@@ -100,12 +121,12 @@ def screen(
             headings, "temperature_qc", TEMPERATURE_QC, temperature_qc, {"reject_fail": "fail"}
         ),
         "wind_qc": _judged(headings, "wind_qc", WIND_QC, wind_qc, {"reject_fail": "fail"}),
-        "turn": np.abs(headings["turn"]) > np.degrees(max_turn),
-        "ground_speed": headings["ground_speed"] < min_ground_speed,
-        "no_ground_vector": _no_ground_vector(headings, max_ground_velocity_error),
+        "turn": np.abs(headings["turn"]) > np.degrees(bounds["max_turn"]),
+        "ground_speed": headings["ground_speed"] < bounds["min_ground_speed"],
+        "no_ground_vector": _no_ground_vector(headings, bounds["max_ground_velocity_error"]),
         "no_reference": _no_reference(headings),
         "missing_wind": headings["eastward_wind"].isnull() | headings["northward_wind"].isnull(),
-        "gross_error": _gross_error(headings, max_innovation),
+        "gross_error": _gross_error(headings, bounds["max_innovation"]),
     }
     bits = xr.zeros_like(headings["phase"], dtype=np.int32)
     for name, broken in rules.items():

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import Any
+from typing import Any, NotRequired, TypedDict, Unpack
 
 import numpy as np
 import xarray as xr
@@ -81,20 +81,38 @@ def adjusted_reductions(
     return linear, untreated - corrected_during
 
 
+class FieldTest(TypedDict):
+    """What a field test is.
+
+    Attributes
+    ----------
+    start, before_start, end : date
+        The test runs from ``start`` to ``end`` (default: the archive's end), the window before
+        it from ``before_start`` to ``start``.
+    corrected, controls : list of str
+        Aircraft of each group.
+    roll, temperature_qc : str
+        ``require_good`` / ``require_pass`` (the seed's rule, the default; a flag that no report of
+        the archive carries cannot be required and is named in ``notes``), or ``ignore``.
+    """
+
+    start: date
+    before_start: date
+    corrected: list[str]
+    controls: list[str]
+    end: NotRequired[date | None]
+    roll: NotRequired[str]
+    temperature_qc: NotRequired[str]
+
+
 def field_test(
     headings: xr.Dataset,
     *,
-    start: date,
-    before_start: date,
-    corrected: list[str],
-    controls: list[str],
     pools: Mapping[str, list[str]],
     reference: str,
-    end: date | None = None,
-    roll: str = "require_good",
-    temperature_qc: str = "require_pass",
     draws: int = 2000,
     seed: int = 0,
+    **test: Unpack[FieldTest],
 ) -> dict[str, Any]:
     """Compute the field test of two groups of aircraft.
 
@@ -102,21 +120,15 @@ def field_test(
     ----------
     headings : Dataset
         Screened headings; the winds are as reported.
-    start, before_start, end : date
-        The test runs from ``start`` to ``end`` (default: the archive's end), the window before
-        it from ``before_start`` to ``start``.
-    corrected, controls : list of str
-        Aircraft of each group.
     pools : mapping of str to list of str
         Members of each reference and pool.
     reference : str
         Key of ``pools`` the headline is measured against.
-    roll, temperature_qc : str
-        ``require_good`` / ``require_pass`` (the seed's rule; a flag that no report of the
-        archive carries cannot be required and is named in ``notes``), or ``ignore``.
     draws : int, default 2000
         Bootstrap and permutation draws.
     seed : int, default 0
+    **test
+        Dates, groups and rules, as in :class:`FieldTest`.
 
     Returns
     -------
@@ -128,13 +140,18 @@ def field_test(
     InputError
         If a group names an unknown aircraft or a window holds no report of a group.
     """
+    corrected, controls, end = test["corrected"], test["controls"], test.get("end")
     _require_known(headings, corrected, controls)
-    required, notes = _rules(headings, roll=roll, temperature_qc=temperature_qc)
-    window = _Window.of(headings, start=start, before_start=before_start, end=end)
+    required, notes = _rules(
+        headings,
+        roll=test.get("roll", "require_good"),
+        temperature_qc=test.get("temperature_qc", "require_pass"),
+    )
+    window = _Window.of(headings, start=test["start"], before_start=test["before_start"], end=end)
     result: dict[str, Any] = {
         "reference": reference,
-        "start": str(start),
-        "before_start": str(before_start),
+        "start": str(test["start"]),
+        "before_start": str(test["before_start"]),
         "end": str(end) if end else None,
         "notes": notes,
     }

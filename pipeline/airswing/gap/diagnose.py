@@ -50,10 +50,11 @@ from airswing.gap.search.excess_scatter import scattering
 from airswing.gap.search.stepwise import Found, Rules, with_background
 from airswing.gap.search.tail_swaps import Swap, beside, exchange, find_swap
 from airswing.gap.search.testability import absorbed, too_short
+from airswing.gap.sums.accumulate import SumColumns
 from airswing.gap.sums.elimination import eliminate_days
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_prior, shared_variances
-from airswing.gap.sums.whole_archive import Archive, Columns, held_archive, sum_reports
+from airswing.gap.sums.whole_archive import Archive, held_archive, sum_reports
 from airswing.gap.witness.bench import Setting
 from airswing.gap.witness.learned import LearnedWitness
 from airswing.gap.witness.taken_off import Taken, is_remainder, next_unknown, remainder_names
@@ -416,7 +417,7 @@ def _run(
     plan = plan_dictionary(context, effects)
     if not search.dictionary:
         plan = DictionaryPlan(plan.knots, (), plan.centre, plan.means, plan.flags)
-    columns = Columns(noise, make_layout(effects, plan, context), effects, plan)
+    columns = SumColumns(noise, make_layout(effects, plan, context), effects, plan)
     stats = sum_reports(
         archive, columns, about=about, progress=lambda done: tell("statistics", done)
     )

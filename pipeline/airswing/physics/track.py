@@ -132,17 +132,30 @@ class _Fixes(NamedTuple):
     segment: Index  # number of the unbroken run of fixes
 
 
+class Resolution(NamedTuple):
+    """Steps of what is reported: each a scalar or of shape (report,).
+
+    Attributes
+    ----------
+    position : array_like
+        Of latitude and longitude, degrees.
+    time : array_like
+        Seconds.
+    """
+
+    position: ArrayLike
+    time: ArrayLike
+
+
 def ground_track(
     latitude: ArrayLike,
     longitude: ArrayLike,
     seconds: ArrayLike,
     altitude: ArrayLike,
     flight: ArrayLike,
+    resolution: Resolution,
     *,
-    position_resolution: ArrayLike,
-    time_resolution: ArrayLike,
     acceleration_density: float = ACCELERATION_DENSITY,
-    max_gap: float = MAX_GAP,
     widen: bool = True,
 ) -> GroundTrack:
     """Ground velocity at every report of an archive, with its standard error.
@@ -157,14 +170,10 @@ def ground_track(
         Pressure altitude, m.
     flight : array_like of int, shape (report,)
         Number of the flight, the same for reports that stand together and belong together.
-    position_resolution : array_like, scalar or shape (report,)
-        Degrees: the step of latitude and longitude.
-    time_resolution : array_like, scalar or shape (report,)
-        Seconds: the step of time.
+    resolution : Resolution
+        Steps of position and time.
     acceleration_density : float
         Spectral density of each component's acceleration, m2 s-3.
-    max_gap : float
-        Longest chord that is evidence of a velocity, s.
     widen : bool
         Whether windows may reach past the neighbouring fixes where that lowers the error.
 
@@ -176,16 +185,7 @@ def ground_track(
     ----------
     Jacobs et al. 2010 step a, with the chords centred at the report.
     """
-    fixes = _make_fixes(
-        latitude,
-        longitude,
-        seconds,
-        altitude,
-        flight,
-        position_resolution,
-        time_resolution,
-        max_gap,
-    )
+    fixes = _make_fixes(latitude, longitude, seconds, altitude, flight, resolution)
     before, after = _neighbours(fixes)
     if widen:
         _widen(fixes, before, after, acceleration_density)
@@ -198,17 +198,15 @@ def _make_fixes(
     seconds: ArrayLike,
     altitude: ArrayLike,
     flight: ArrayLike,
-    position_resolution: ArrayLike,
-    time_resolution: ArrayLike,
-    max_gap: float,
+    resolution: Resolution,
 ) -> _Fixes:
     lat, lon, when, height = (
         np.asarray(value, dtype=np.float64).reshape(-1)
         for value in (latitude, longitude, seconds, altitude)
     )
     number = np.asarray(flight).reshape(-1)
-    step = np.broadcast_to(np.nan_to_num(np.asarray(position_resolution, np.float64)), lat.shape)
-    tick = np.broadcast_to(np.nan_to_num(np.asarray(time_resolution, np.float64)), lat.shape)
+    step = np.broadcast_to(np.nan_to_num(np.asarray(resolution.position, np.float64)), lat.shape)
+    tick = np.broadcast_to(np.nan_to_num(np.asarray(resolution.time, np.float64)), lat.shape)
     distance, forward, backward = (np.full(lat.shape, np.nan) for _ in range(3))
     placed = np.isfinite(lat) & np.isfinite(lon) & np.isfinite(when)
     pair = np.flatnonzero((number[1:] == number[:-1]) & placed[1:] & placed[:-1])
@@ -217,7 +215,7 @@ def _make_fixes(
     duration[:-1] = np.diff(when)
     # rounding may hide up to one step of time and two of position
     slack = 2.0 * METRES_PER_DEGREE * step
-    sound = (duration >= 0.0) & (duration <= max_gap)
+    sound = (duration >= 0.0) & (duration <= MAX_GAP)
     sound &= distance - slack <= MAX_GROUND_SPEED * (duration + np.where(tick > 1.0, tick, 0.0))
     segment = np.concatenate([[0], np.cumsum(~sound[:-1])]) if lat.size else np.zeros(0)
     shrink = (1.0 + np.cos(np.radians(lat)) ** 2) / 2.0

@@ -11,6 +11,7 @@ import xarray as xr
 
 from airswing.config import as_json
 from airswing.errors import ConfigError
+from airswing.evaluation.results import Evaluation
 from airswing.products.netcdf import write_json, write_product
 from airswing.workflow.job import (
     FIELD_TEST,
@@ -27,7 +28,7 @@ from airswing.workflow.ranking_stage import make_ranking, make_stability, make_v
 
 def make_evaluation(
     job: Job, headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset
-) -> dict[str, Any]:
+) -> Evaluation:
     """Everything that judges the corrections, as far as the configuration allows it.
 
     Parameters
@@ -37,23 +38,19 @@ def make_evaluation(
 
     Returns
     -------
-    dict
-        ``profiles``, ``observation_errors``, ``stability``, ``ranking``, ``virtual``, and
-        ``field_test`` and ``sensitivity`` where there are groups and more than one reference; the
-        keywords of :func:`airswing.report.run.page.write_page`.
+    Evaluation
+        ``field_test`` and ``sensitivity`` where there are groups and more than one reference.
     """
-    found: dict[str, Any] = {
-        "profiles": make_profiles(job, headings, corrected),
-        "observation_errors": make_observation_errors(job, headings, corrected),
-        "stability": make_stability(job, headings, fits),
-        "ranking": make_ranking(job, headings, fits),
-    }
-    found["virtual"] = make_virtual(job, headings, fits, found["ranking"])
-    if job.config.field_test is not None:
-        found["field_test"] = make_field_test(job, headings)
-    if len(job.config.references) > 1:
-        found["sensitivity"] = make_sensitivity(job, headings)
-    return found
+    config = job.config
+    return Evaluation(
+        profiles=make_profiles(job, headings, corrected),
+        observation_errors=make_observation_errors(job, headings, corrected),
+        stability=make_stability(job, headings, fits),
+        ranking=(ranking := make_ranking(job, headings, fits)),
+        virtual=make_virtual(job, headings, fits, ranking),
+        field_test=None if config.field_test is None else make_field_test(job, headings),
+        sensitivity=make_sensitivity(job, headings) if len(config.references) > 1 else None,
+    )
 
 
 def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:

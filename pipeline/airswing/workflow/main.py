@@ -10,6 +10,7 @@ from typing import Any
 
 import xarray as xr
 
+from airswing.evaluation.results import Evaluation
 from airswing.products.workspace import workspace
 from airswing.workflow.evaluation_stage import make_evaluation
 from airswing.workflow.fits import make_corrected, make_fits
@@ -50,7 +51,7 @@ def make_page(
     fits: xr.Dataset,
     corrected: xr.Dataset,
     summary: dict[str, Any],
-    evaluation: dict[str, Any],
+    evaluation: Evaluation,
 ) -> Path:
     """The page a person opens first: ``report/index.html``.
 
@@ -60,14 +61,13 @@ def make_page(
     headings, fits, corrected : Dataset
     summary : dict
         Of :func:`airswing.workflow.closing_summary.summarise`.
-    evaluation : dict
+    evaluation : Evaluation
         Of :func:`make_evaluation`.
 
     Returns
     -------
     Path
     """
-    from airswing.compass.screening import audit
     from airswing.report.run.page import write_page
 
     with job.progress.stage("page") as stage:
@@ -76,9 +76,8 @@ def make_page(
             headings=headings,
             fits=fits,
             corrected=corrected,
-            audit=audit(headings),
             summary=summary,
-            **evaluation,
+            evaluation=evaluation,
         )
         stage.note = str(page)
     return page

@@ -182,7 +182,7 @@ def make_virtual(
                 )
             ),
             "held_out": _tried(
-                lambda: cross_validate(headings, folds=FOLDS, fits=fits, ranking=ranking, **options)
+                lambda: cross_validate(headings, folds=FOLDS, whole=(fits, ranking), **options)
             ),
         }
         write_json(job.output / VIRTUAL, result)

@@ -50,7 +50,7 @@ def test_fits_at_hand_are_not_made_again(headings, monkeypatch):
     monkeypatch.setattr(
         crossvalidation, "fitted", lambda *args, **kw: made.append(1) or fitted(*args, **kw)
     )
-    assert cross_validate(headings, fits=fits, ranking=ranking, **options, **QUICK) == alone
+    assert cross_validate(headings, whole=(fits, ranking), **options, **QUICK) == alone
     assert len(made) == 3
     finer = cross_validate(headings, folds=3, draws=50, **QUICK)
     assert finer["realised_gain_kt"] > alone["realised_gain_kt"]  # whole degrees cost something

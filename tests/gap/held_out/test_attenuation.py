@@ -22,7 +22,7 @@ from airswing.gap.held_out.attenuation import (
     with_large_scale_tendency,
 )
 from airswing.gap.held_out.reduction import retimed, whole_coefficients
-from airswing.gap.sums.accumulate import accumulate
+from airswing.gap.sums.accumulate import SumColumns, accumulate
 from airswing.gap.sums.elimination import climatology, condition, eliminate_days
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_variances
@@ -41,9 +41,7 @@ def made():
     plan = plan_dictionary(columns_frame)
     plan = replace(plan, groups=())
     layout = make_layout(EFFECTS, plan, columns_frame)
-    stats = accumulate(
-        columns_frame, frame.residual, noise=noise, layout=layout, effects=EFFECTS, plan=plan
-    )
+    stats = accumulate(columns_frame, frame.residual, SumColumns(noise, layout, EFFECTS, plan))
     base = eliminate_days(stats, shared_variances(stats))
     return Problem(frame, columns_frame, EFFECTS, plan, noise, base, frame.size, 1)
 

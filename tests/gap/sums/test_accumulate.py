@@ -13,6 +13,7 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import flight_order, take_gains, whiten
 from airswing.gap.sums.accumulate import (
+    SumColumns,
     accumulate,
     add_reports,
     day_of_report,
@@ -37,9 +38,7 @@ def made():
     frame = exogenous(make_frame(seed=3, aircraft=3, days=9))
     noise, plan = noise_of(frame), plan_dictionary(frame)
     layout = make_layout(EFFECTS, plan, frame)
-    stats = accumulate(
-        frame, frame.residual, noise=noise, layout=layout, effects=EFFECTS, plan=plan, clip=50.0
-    )
+    stats = accumulate(frame, frame.residual, SumColumns(noise, layout, EFFECTS, plan), clip=50.0)
     return frame, noise, plan, layout, stats
 
 
@@ -126,7 +125,7 @@ def test_reports_may_be_added_in_parts(made):
             noise.pair_count,
             noise.gross[index],
         )
-        add_reports(both, part, part.residual, noise=own, effects=EFFECTS, plan=plan, clip=50.0)
+        add_reports(both, part, part.residual, SumColumns(own, layout, EFFECTS, plan), clip=50.0)
     np.testing.assert_array_equal(both.days, stats.days)
     np.testing.assert_allclose(both.day_score, stats.day_score, atol=1e-6)
     np.testing.assert_allclose(both.week_gram, stats.week_gram, rtol=1e-4, atol=1e-3)
@@ -174,10 +173,7 @@ def test_sums_of_days_together_are_the_sums_of_the_days(monkeypatch):
         made[most] = accumulate(
             columns,
             columns.residual,
-            noise=noise,
-            effects=EFFECTS,
-            plan=plan,
-            layout=make_layout(EFFECTS, plan, columns),
+            SumColumns(noise, make_layout(EFFECTS, plan, columns), EFFECTS, plan),
         )
     fine, coarse = made[10_000], made[12]
     assert coarse.days.size <= 4 < fine.days.size

@@ -13,7 +13,7 @@ from airswing.gap.design.exogenous import exogenous
 from airswing.gap.design.layout import build_columns, make_layout
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise.whitening import whiten
-from airswing.gap.sums.accumulate import accumulate, day_of_report
+from airswing.gap.sums.accumulate import SumColumns, accumulate, day_of_report
 from airswing.gap.sums.variance_components import (
     LEAST_CLIMATOLOGY,
     lasting_prior,
@@ -32,9 +32,7 @@ def made():
     plan = plan_dictionary(frame)
     plan = DictionaryPlan(plan.knots, (), plan.centre, plan.means, plan.flags)
     layout = make_layout(EFFECTS, plan, frame)
-    stats = accumulate(
-        frame, frame.residual, noise=noise, layout=layout, effects=EFFECTS, plan=plan
-    )
+    stats = accumulate(frame, frame.residual, SumColumns(noise, layout, EFFECTS, plan))
     raw = build_columns(frame, layout, EFFECTS, plan).astype(float).T
     white = whiten(raw, noise.order, noise.gains).reshape(-1, layout.size)
     days, _ = day_of_report(frame)

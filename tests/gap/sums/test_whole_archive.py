@@ -17,10 +17,9 @@ from airswing.gap.design.layout import make_layout
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.search.tail_swaps import Swap, exchange
-from airswing.gap.sums.accumulate import accumulate
+from airswing.gap.sums.accumulate import SumColumns, accumulate
 from airswing.gap.sums.whole_archive import (
     Archive,
-    Columns,
     held_archive,
     joined,
     read_archive,
@@ -49,7 +48,7 @@ def whole():
 def columns_of(archive):
     noise = noise_of(archive.view, archive.context)
     plan = plan_dictionary(archive.context)
-    return Columns(noise, make_layout(EFFECTS, plan, archive.context), EFFECTS, plan)
+    return SumColumns(noise, make_layout(EFFECTS, plan, archive.context), EFFECTS, plan)
 
 
 def read(frame, *, workers=1):
@@ -75,10 +74,7 @@ def test_aircraft_after_aircraft_gives_the_sums_of_one_frame(whole):
     expected = accumulate(
         archive.context,
         whole.residual,
-        noise=columns.noise,
-        layout=columns.layout,
-        effects=EFFECTS,
-        plan=columns.plan,
+        columns,
         day_shift=archive.day_shift,
     )
     np.testing.assert_array_equal(found.days, expected.days)

@@ -13,6 +13,7 @@ import pytest
 from tests.report import factories
 
 from airswing.errors import InputError
+from airswing.evaluation.results import Evaluation
 from airswing.report import write_page
 from airswing.report.run import page
 from airswing.report.run.evaluation_sections import sensitivity_section
@@ -141,9 +142,11 @@ def test_evaluations_become_sections(tmp_path: Path) -> None:
             tmp_path,
             headings=headings,
             fits=fits,
-            field_test=factories.full_field_test(),
-            sensitivity=factories.sensitivity(),
-            profiles=factories.profiles(),
+            evaluation=Evaluation(
+                field_test=factories.full_field_test(),
+                sensitivity=factories.sensitivity(),
+                profiles=factories.profiles(),
+            ),
         )
     )
     assert found.open == []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from airswing.synthetic.world.true_atmosphere import Reference, World, WorldParameters, stream
-from airswing.synthetic.world.waves import random_waves
+from airswing.synthetic.world.waves import WaveKind, random_waves
 
 
 @pytest.fixture(scope="module")
@@ -25,14 +25,9 @@ def errors(world: World, name: str, grid: tuple[np.ndarray, np.ndarray]) -> np.n
 def test_waves_on_the_grid_are_the_waves_at_the_points(grid: tuple) -> None:
     waves = random_waves(
         np.random.default_rng(3),
-        count=40,
-        rms=2.0,
-        lengths=(100, 300),
-        depth=0.4,
-        memory=6.0,
+        WaveKind(count=40, rms=2.0, lengths=(100, 300), depth=0.4, memory=6.0, drift=(30.0, 5.0)),
         start=-5.0,
         end=30.0,
-        drift=(30.0, 5.0),
     )
     x, y = grid
     zeta, hours = np.log([0.8, 0.4]), np.array([0.0, 1.25, 7.5])
@@ -50,14 +45,11 @@ def test_waves_have_the_size_and_the_correlation_asked_for() -> None:
     for seed in range(200):
         waves = random_waves(
             np.random.default_rng(seed),
-            count=60,
-            rms=2.0,
-            lengths=(200.0, 200.001),
-            depth=0.5,
-            memory=6.0,
+            WaveKind(
+                count=60, rms=2.0, lengths=(200.0, 200.001), depth=0.5, memory=6.0, rotational=0.0
+            ),
             start=0.0,
             end=8.0,
-            rotational=0.0,
         )
         points = np.array([0.0, 200.0, 0.0, 0.0])
         values.append(

@@ -14,7 +14,7 @@ zero, no amplitude. NaN coefficients wherever the status is neither.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 import xarray as xr
@@ -49,7 +49,32 @@ LEAST_REPORTS = 500
 
 @dataclass(frozen=True)
 class Options:
-    """What was asked of the fit; see :func:`airswing.compass.fit.deviation.fit_deviation`."""
+    """What is asked of the fit.
+
+    Attributes
+    ----------
+    harmonics : {"auto", 1, 2}
+        Cycles of the curve; "auto" keeps the second where the data show it.
+    joint : bool
+        Fit airspeed errors jointly, with airspeed scale and reference bias; else the heading
+        error alone.
+    shared_error : bool
+        With ``joint``, also fit the reference's error that the fleet shares, as a field (see
+        :mod:`airswing.compass.fit.reference_error`).
+    min_reports, min_compass_points : int
+        Fewer give status ``too_few_reports``, ``poor_heading_coverage``; fewer than five flights
+        ``too_few_flights``. ``offset_only`` stands for the last two where a constant is found.
+    """
+
+    harmonics: Literal["auto", 1, 2] = "auto"
+    joint: bool = True
+    shared_error: bool = True
+    min_reports: int = 200
+    min_compass_points: int = 6
+
+
+class Asked(TypedDict, total=False):
+    """Fields of :class:`Options` as keywords."""
 
     harmonics: Literal["auto", 1, 2]
     joint: bool

@@ -30,7 +30,7 @@ import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import numpy as np
 import xarray as xr
@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 from airswing.compass.fit.acceptance import (
     MAX_CONDITION,
     AircraftSums,
+    Asked,
     Options,
     condition_number,
     publish,
@@ -109,13 +110,9 @@ def fit_deviation(
     headings: xr.Dataset,
     *,
     pools: Mapping[str, Sequence[str]] | None = None,
-    harmonics: Literal["auto", 1, 2] = "auto",
     abscissa: Literal["magnetic", "true"] = "magnetic",
-    joint: bool = True,
-    shared_error: bool = True,
-    min_reports: int = 200,
-    min_compass_points: int = 6,
     alone: bool = True,
+    **options: Unpack[Asked],
 ) -> xr.Dataset:
     """Fit the deviation of every aircraft against every reference and every pool.
 
@@ -126,21 +123,13 @@ def fit_deviation(
         lazily; only reports with ``screening`` 0 and finite values count.
     pools : mapping of str to list of str, optional
         Name of a pool -> its references, fitted together.
-    harmonics : {"auto", 1, 2}
-        Cycles of the curve; "auto" keeps the second where the data show it.
     abscissa : {"magnetic", "true"}
         Argument of the curve: indicated magnetic heading, or (the seed's) true heading.
-    joint : bool
-        Fit airspeed errors jointly, with airspeed scale and reference bias; else the heading
-        error alone.
-    shared_error : bool
-        With ``joint``, also fit the reference's error that the fleet shares, as a field (see
-        :mod:`airswing.compass.fit.reference_error`).
-    min_reports, min_compass_points : int
-        Fewer give status ``too_few_reports``, ``poor_heading_coverage``; fewer than five flights
-        ``too_few_flights``. ``offset_only`` stands for the last two where a constant is found.
     alone : bool
         Also fit each reference alone, beside the pools; without pools always.
+    **options
+        ``harmonics``, ``joint``, ``shared_error``, ``min_reports``, ``min_compass_points``: see
+        :class:`airswing.compass.fit.acceptance.Options`.
 
     Returns
     -------
@@ -153,18 +142,13 @@ def fit_deviation(
         If a variable is missing or a pool names an unknown reference.
     """
     _groups(headings, pools or {}, alone=True)
-    options: dict[str, Any] = {
-        "pools": pools,
-        "harmonics": harmonics,
-        "abscissa": abscissa,
-        "joint": joint,
-        "shared_error": shared_error,
-        "min_reports": min_reports,
-        "min_compass_points": min_compass_points,
-        "alone": alone,
-    }
     parts = [headings] if _in_memory(headings) else blocks(headings, FITTED_FROM)
-    return fit_sums([sum_aircraft(part, **options) for part in parts])
+    return fit_sums(
+        [
+            sum_aircraft(part, pools=pools, abscissa=abscissa, alone=alone, **options)
+            for part in parts
+        ]
+    )
 
 
 def _in_memory(headings: xr.Dataset) -> bool:
@@ -178,13 +162,9 @@ def sum_aircraft(
     headings: xr.Dataset,
     *,
     pools: Mapping[str, Sequence[str]] | None = None,
-    harmonics: Literal["auto", 1, 2] = "auto",
     abscissa: Literal["magnetic", "true"] = "magnetic",
-    joint: bool = True,
-    shared_error: bool = True,
-    min_reports: int = 200,
-    min_compass_points: int = 6,
     alone: bool = True,
+    **options: Unpack[Asked],
 ) -> FleetSums:
     """Fit every aircraft by itself and sum its blocks: all that looks at reports.
 
@@ -194,7 +174,7 @@ def sum_aircraft(
     ----------
     headings : Dataset
         Of a fleet, or of some of its aircraft.
-    pools, harmonics, abscissa, joint, shared_error, min_reports, min_compass_points, alone
+    pools, abscissa, alone, **options
         As for :func:`fit_deviation`.
 
     Returns
@@ -207,21 +187,21 @@ def sum_aircraft(
         If a variable is missing or a pool names an unknown reference.
     """
     groups = _groups(headings, pools or {}, alone=alone or not pools)
-    options = Options(harmonics, joint, shared_error, min_reports, min_compass_points)
+    asked = Options(**options)
     columns = Columns(headings, abscissa)
     found = {}
     for name, members in groups.items():
         columns.use(members)
-        found[name] = _sum_reference(columns, members, options)
+        found[name] = _sum_reference(columns, members, asked)
     return FleetSums(
         headings["aircraft"].to_numpy().astype(object),
         found,
         {name: len(members) for name, members in groups.items()},
-        options,
+        asked,
         {
             "abscissa": abscissa,
-            "joint": int(joint),
-            "harmonics_asked": str(harmonics),
+            "joint": int(asked.joint),
+            "harmonics_asked": str(asked.harmonics),
             "reference_count": headings.sizes["reference"],
         },
     )

@@ -28,9 +28,7 @@ def cross_validate(
     reference: str,
     folds: int = 5,
     method: str = "table",
-    resolution: float = 0.1,
-    fits: xr.Dataset | None = None,
-    ranking: list[dict[str, Any]] | None = None,
+    whole: tuple[xr.Dataset, list[dict[str, Any]]] | None = None,
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Any,
@@ -47,17 +45,13 @@ def cross_validate(
     folds : int, default 5
         Parts the flights are dealt into, day by day and aircraft by aircraft.
     method : {"table", "curve"}
-    resolution : float, default 0.1
-        Of the tables, degrees.
-    fits : Dataset, optional
-        Of all reports with the same options, and their tables; made when not given.
-    ranking : list of dict, optional
-        Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft` by these fits; made when not
-        given.
+    whole : (Dataset, list of dict), optional
+        Fits of all reports with the same options, with their tables, and the ranking of
+        :func:`airswing.evaluation.backtest.ranking.rank_aircraft` by them; made when not given.
     draws : int, default 1000
     seed : int, default 0
     **fit_options
-        As for :func:`airswing.compass.fit.deviation.fit_deviation`.
+        As for :func:`airswing.evaluation.backtest.learning.fitted`.
 
     Returns
     -------
@@ -77,16 +71,18 @@ def cross_validate(
         return only(headings, lambda reports: dealt.of(reports) != fold)
 
     def learned(part: xr.Dataset) -> xr.Dataset:
-        return fitted(part, pools, reference, fit_options, resolution=resolution)
+        return fitted(part, pools, reference, **fit_options)
 
     apart = [learned(without(fold)) for fold in range(folds)]
-    whole = learned(headings) if fits is None else fits
-    if ranking is None:
-        ranking = rank_aircraft(headings, whole, pools=pools, reference=reference, seed=seed)
+    if whole is None:
+        made = learned(headings)
+        ranking = rank_aircraft(headings, made, pools=pools, reference=reference, seed=seed)
+        whole = made, ranking
+    fits, ranking = whole
     gains, own_gains = [], []
     for block, _ in judged_blocks(headings):
         before, after, done = _held_out(block, dealt, apart, pools[reference], reference, method)
-        own = Apart.of(block, whole, pools[reference], reference, method)
+        own = Apart.of(block, fits, pools[reference], reference, method)
         judged = (block["screening"].to_numpy() == 0) & np.isfinite(before + after) & done
         gains += gains_of(block, before - after, judged)
         own_gains += gains_of(block, own.before - own.after, judged)

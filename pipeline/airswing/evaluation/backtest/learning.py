@@ -36,9 +36,9 @@ def fitted(
     headings: xr.Dataset,
     pools: Mapping[str, list[str]],
     reference: str,
-    options: dict[str, Any],
     *,
     resolution: float = 0.1,
+    **options: Any,
 ) -> xr.Dataset:
     """Fit and tabulate against one reference or pool.
 
@@ -49,10 +49,10 @@ def fitted(
     pools : mapping of str to list of str
     reference : str
         Key of ``pools``.
-    options : dict
-        As for :func:`airswing.compass.fit.deviation.fit_deviation`.
     resolution : float, default 0.1
         Of the tables, degrees.
+    **options
+        As for :func:`airswing.compass.fit.deviation.fit_deviation`.
 
     Returns
     -------

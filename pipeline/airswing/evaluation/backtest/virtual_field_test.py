@@ -31,10 +31,7 @@ def virtual_field_test(
     pools: Mapping[str, list[str]],
     reference: str,
     corrected: list[str] | None = None,
-    learned_from: date | None = None,
-    end: date | None = None,
     method: str = "table",
-    resolution: float = 0.1,
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Any,
@@ -53,16 +50,12 @@ def virtual_field_test(
         Key of ``pools``: the fit and what it is judged by.
     corrected : list of str, optional
         Aircraft that get the correction, the others being controls; all by default.
-    learned_from, end : date, optional
-        Start of the learning and end of the judging; the archive's by default.
     method : {"table", "curve"}
         What is applied: the unit's table or the curve itself.
-    resolution : float, default 0.1
-        Of the tables, degrees.
     draws : int, default 1000
     seed : int, default 0
     **fit_options
-        As for :func:`airswing.compass.fit.deviation.fit_deviation`.
+        As for :func:`airswing.evaluation.backtest.learning.fitted`.
 
     Returns
     -------
@@ -80,22 +73,14 @@ def virtual_field_test(
     require_reference(pools, reference)
 
     def learn(reports: xr.Dataset) -> NDArray[np.bool_]:
-        time = reports["time"].to_numpy()
-        chosen = time < np.datetime64(learned_until)
-        if learned_from is not None:
-            chosen &= time >= np.datetime64(learned_from)
-        return np.asarray(chosen)
+        return np.asarray(reports["time"].to_numpy() < np.datetime64(learned_until))
 
     def judge(reports: xr.Dataset) -> NDArray[np.bool_]:
-        time = reports["time"].to_numpy()
-        chosen = time >= np.datetime64(learned_until)
-        if end is not None:
-            chosen &= time < np.datetime64(end)
-        return np.asarray(chosen)
+        return np.asarray(reports["time"].to_numpy() >= np.datetime64(learned_until))
 
     _require_reports(headings, learn, judge, learned_until)
     part = only(headings, learn)
-    fits = fitted(part, pools, reference, fit_options, resolution=resolution)
+    fits = fitted(part, pools, reference, **fit_options)
     ranking = rank_aircraft(part, fits, pools=pools, reference=reference, seed=seed)
     windows, gains = [], []
     for block, aircraft in judged_blocks(headings):
@@ -152,7 +137,7 @@ def predicted_reduction(
     """
     require_reference(pools, reference)
     before = only(headings, lambda reports: reports["time"].to_numpy() < np.datetime64(start))
-    fits = fitted(before, pools, reference, fit_options)
+    fits = fitted(before, pools, reference, **fit_options)
     ranking = rank_aircraft(before, fits, pools=pools, reference=reference, seed=seed)
     known = [
         entry

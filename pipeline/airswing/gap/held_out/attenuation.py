@@ -32,7 +32,7 @@ from airswing.gap.design.layout import effect_columns, make_layout
 from airswing.gap.evidence.terms import Term, term_weights
 from airswing.gap.held_out.gradient_reliability import lag_reliability
 from airswing.gap.held_out.reduction import term_error, term_fields
-from airswing.gap.sums.accumulate import accumulate
+from airswing.gap.sums.accumulate import SumColumns, accumulate
 from airswing.gap.sums.elimination import Included, climatology, eliminate_days, fit_included
 from airswing.gap.sums.problem import Problem
 from airswing.units import DAY
@@ -140,16 +140,9 @@ def _regressed(
     base, noise = problem.base, problem.noise
     bare, own = replace(problem.plan, groups=()), {effect.name: effect}
     layout = make_layout(own, bare, columns_frame)
-    stats = accumulate(
-        columns_frame,
-        target,
-        noise=noise,
-        layout=layout,
-        effects=own,
-        plan=bare,
-        clip=np.inf,
-        day_shift=base.stats.day_shift,
-    )
+    columns = SumColumns(noise, layout, own, bare)
+    shift = base.stats.day_shift
+    stats = accumulate(columns_frame, target, columns, clip=np.inf, day_shift=shift)
     part = eliminate_days(stats, base.variances)
     column = int(layout.columns(effect.name)[term.candidate.subset[0]])
     weights = term_weights(term, stats.day_count.shape)

@@ -16,17 +16,18 @@ Source: docs/gap.md section 3.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.design.layout import Layout, build_columns
+from airswing.gap.effects.base import Effect
 from airswing.gap.noise.model import NoiseFit, remove_smooth_effects
 from airswing.gap.noise.whitening import flight_order, take_gains, whiten, whiten_blocks
 from airswing.units import DAY
@@ -39,6 +40,20 @@ AIRCRAFT_DAYS = 3_600
 of a year of sixty aircraft then take hardly more memory than those of a month."""
 AIRCRAFT_WEEKS = 600
 """The same of weeks."""
+
+
+class Timed(Protocol):
+    """Reports of which the flight and the time are known."""
+
+    @property
+    def flight(self) -> Integers:
+        """Number of the flight, (n,)."""
+        ...
+
+    @property
+    def time(self) -> Floats:
+        """Seconds since 1970, (n,)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -123,7 +138,7 @@ class Statistics:
         return np.asarray(share)
 
 
-def day_of_report(frame: Any, *, shift: float | None = None) -> tuple[Integers, float]:
+def day_of_report(frame: Timed, *, shift: float | None = None) -> tuple[Integers, float]:
     """Day of each report's flight, and the hour at which days start.
 
     Parameters
@@ -228,19 +243,24 @@ def aircraft_weeks(aircraft: Integers, day: Integers) -> Iterator[Integers]:
     yield from np.split(order, cuts)
 
 
+@dataclass(frozen=True)
+class SumColumns:
+    """What sums are made of: noise, layout, effects and the nonparametric basis."""
+
+    noise: NoiseFit
+    layout: Layout
+    effects: Mapping[str, Effect]
+    plan: DictionaryPlan
+
+
 def accumulate(
-    frame: Any,
+    frame: Frame,
     residual: Floats,
+    columns: SumColumns,
     *,
-    noise: NoiseFit,
-    layout: Layout,
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
     clip: float = 5.0,
     known: Floats | None = None,
     day_shift: float | None = None,
-    workers: int = 1,
-    progress: Callable[[float], None] | None = None,
 ) -> Statistics:
     """Whiten and sum over all reports of an archive.
 
@@ -249,59 +269,34 @@ def accumulate(
     frame : Frame
     residual : (n, 2) float
         Reported minus simulated wind, m s-1.
-    noise : NoiseFit
-        Gains for these reports.
-    layout : Layout
-    effects : mapping
-        Name -> effect.
-    plan : DictionaryPlan
+    columns : SumColumns
+        Its noise has the gains for these reports.
     clip : float
         Winsorising bound on the whitened residual about the smooth fit.
     known : (n, 2) float, optional
         Part of the residual that effects already found explain: it is never clipped, m/s.
     day_shift : float, optional
         Hour UTC at which days start; archives to be merged need the same.
-    workers : int
-        Threads; each takes whole aircraft.
-    progress : callable, optional
-        Called with the fraction done.
 
     Returns
     -------
     Statistics
     """
     day, shift = day_of_report(frame, shift=day_shift)
-    days = np.unique(day)
-    out = empty_statistics(layout, tuple(frame.tails), days, shift)
-    add_reports(
-        out,
-        frame,
-        residual,
-        noise=noise,
-        effects=effects,
-        plan=plan,
-        clip=clip,
-        known=known,
-        day=day,
-        workers=workers,
-        progress=progress,
-    )
+    out = empty_statistics(columns.layout, tuple(frame.tails), np.unique(day), shift)
+    add_reports(out, frame, residual, columns, clip=clip, known=known, day=day)
     return out
 
 
 def add_reports(
     out: Statistics,
-    frame: Any,
+    frame: Frame,
     residual: Floats,
+    columns: SumColumns,
     *,
-    noise: NoiseFit,
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
     clip: float = 5.0,
     known: Floats | None = None,
     day: Integers | None = None,
-    workers: int = 1,
-    progress: Callable[[float], None] | None = None,
 ) -> None:
     """Add the sums of some reports: whole aircraft that are not in the sums yet, or other weeks.
 
@@ -309,37 +304,24 @@ def add_reports(
     ----------
     out : Statistics
         Changed in place.
-    frame, residual, noise, effects, plan, clip, known, workers, progress
+    frame, residual, columns, clip, known
         As in :func:`accumulate`.
     day : (n,) int, optional
         Day of each report's flight, where it is known already.
     """
     if day is None:
         day, _ = day_of_report(frame, shift=out.day_shift)
-    day = out.days[out.day_index(day)]
+    day, noise = out.days[out.day_index(day)], columns.noise
     values = clipped_residual(frame, residual, noise=noise, clip=clip, known=known)
     own = np.unique(frame.aircraft)  # other aircraft may be added by other threads
     out.clipped[own] += np.bincount(frame.aircraft, values[1])[own]
     out.gross[own] += np.bincount(frame.aircraft, noise.gross)[own]
-    by_aircraft: dict[int, list[Integers]] = {}
     for index in aircraft_weeks(frame.aircraft, day):
-        by_aircraft.setdefault(int(frame.aircraft[index[0]]), []).append(index)
-
-    def add(chunks: list[Integers]) -> int:
-        for index in chunks:
-            _add_chunk(out, frame, index, day, values[0], noise, effects, plan)
-        return sum(index.size for index in chunks)
-
-    done = 0
-    with ThreadPoolExecutor(max_workers=max(1, workers)) as pool:
-        for size in pool.map(add, by_aircraft.values()):
-            done += size
-            if progress is not None:
-                progress(done / frame.size)
+        _add_chunk(out, frame, index, day, values[0], columns)
 
 
 def clipped_residual(
-    frame: Any, residual: Floats, *, noise: NoiseFit, clip: float, known: Floats | None = None
+    frame: Frame, residual: Floats, *, noise: NoiseFit, clip: float, known: Floats | None = None
 ) -> tuple[Floats, Floats]:
     """Whitened residual, winsorised about a smooth per-aircraft fit.
 
@@ -368,23 +350,21 @@ def clipped_residual(
 
 def _add_chunk(
     out: Statistics,
-    frame: Any,
+    frame: Frame,
     index: Integers,
     day: Integers,
     values: Floats,
-    noise: NoiseFit,
-    effects: Mapping[str, Any],
-    plan: DictionaryPlan,
+    made_of: SumColumns,
 ) -> None:
     """Add the sums of one aircraft-week, whose whole flights are ``index``."""
     own = flight_order(frame.flight[index], frame.time[index])
     index = index[own.index]
-    gains = take_gains(noise.gains, index)
+    gains = take_gains(made_of.noise.gains, index)
     part = frame.take(index)
-    columns = build_columns(part, out.layout, effects, plan)
+    columns = build_columns(part, out.layout, made_of.effects, made_of.plan)
     columns[:, :, gains.weight == 0] = 0.0
     aircraft = int(frame.aircraft[index[0]])
-    _add_raw(out, aircraft, columns, part, effects)
+    _add_raw(out, aircraft, columns, part, made_of.effects)
     whiten_blocks(columns, own.starts, gains)
     target = np.asarray(values[index].T, np.float32)
     week = int(out.week_of_day[out.day_index(day[index[:1]])[0]])
@@ -410,8 +390,8 @@ def _add_raw(
     out: Statistics,
     aircraft: int,
     columns: NDArray[np.float32],
-    part: Any,
-    effects: Mapping[str, Any],
+    part: Frame,
+    effects: Mapping[str, Effect],
 ) -> None:
     """Add the sums of core columns (p, 2, n) as they are; 0 at reports that do not count."""
     core = columns[: out.layout.core]

@@ -12,7 +12,7 @@ sums (of bounded size, :mod:`airswing.gap.sums.accumulate`) and one aircraft for
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,13 +25,17 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.gap.archive.frame import REPORT_FIELDS, Frame
 from airswing.gap.archive.headings_columns import middle_longitude, wrapped
-from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.design.exogenous import LargeScale, day_sums, exogenous
 from airswing.gap.design.heading_uncertainty import heading_doubt
-from airswing.gap.design.layout import Layout
 from airswing.gap.noise.model import NoiseFit, fitted_gains, flown
 from airswing.gap.noise.whitening import flight_order, take_gains
-from airswing.gap.sums.accumulate import Statistics, add_reports, day_of_report, empty_statistics
+from airswing.gap.sums.accumulate import (
+    Statistics,
+    SumColumns,
+    add_reports,
+    day_of_report,
+    empty_statistics,
+)
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -301,29 +305,9 @@ def _in_turn(work: Callable[[int], Result], number: int, workers: int) -> Iterat
         yield from pool.map(work, range(number))
 
 
-@dataclass(frozen=True)
-class Columns:
-    """What is summed: noise and columns.
-
-    Attributes
-    ----------
-    noise : NoiseFit
-        Of the view.
-    layout : Layout
-    effects : mapping
-        Name -> effect.
-    plan : DictionaryPlan
-    """
-
-    noise: NoiseFit
-    layout: Layout
-    effects: Mapping[str, Any]
-    plan: DictionaryPlan
-
-
 def sum_reports(
     archive: Archive,
-    columns: Columns,
+    columns: SumColumns,
     *,
     about: About | None = None,
     progress: Callable[[float], None] | None = None,
@@ -333,7 +317,7 @@ def sum_reports(
     Parameters
     ----------
     archive : Archive
-    columns : Columns
+    columns : SumColumns
     about : callable, optional
         Effects to be linearised about.
     progress : callable, optional
@@ -359,15 +343,7 @@ def sum_reports(
             calm = residual if known is None else residual - known
             reports = flown(context, heading_doubt(frame, context))
             noise = fitted_gains(columns.noise, calm, reports)
-        add_reports(
-            out,
-            context,
-            residual,
-            noise=noise,
-            effects=columns.effects,
-            plan=columns.plan,
-            known=known,
-        )
+        add_reports(out, context, residual, replace(columns, noise=noise), known=known)
         return frame.size
 
     done = 0
@@ -379,7 +355,7 @@ def sum_reports(
 
 
 def _held(
-    archive: Archive, number: int, columns: Columns
+    archive: Archive, number: int, columns: SumColumns
 ) -> tuple[Frame, Frame, NoiseFit | None] | None:
     """Reports of an aircraft that are in memory, with their context and noise."""
     index = np.flatnonzero(archive.view.aircraft == number)

@@ -7,6 +7,8 @@ templates 4.0, 4.1 and 4.2 (ensemble means). Octets count from 0.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from airswing.reference.geometry.grids import UnplaceableGridError
 from airswing.reference.geometry.model_time import HYBRID, ISOBARIC
 from airswing.reference.grib.consistency import (
@@ -48,6 +50,14 @@ SMALLEST_NORMAL = 2.0**-126
 """Smallest single-precision number with a full significand."""
 
 
+class _Part(NamedTuple):
+    """One field of a message: where the message is, and which of its fields."""
+
+    start: int
+    length: int
+    part: int
+
+
 def scan_grib2(window: Window, start: int, length: int, contents: FileContents) -> None:
     """Add the wind and pressure fields of a message to `contents`, or what was skipped and why."""
     discipline, end = window.get(start, 8)[6], start + length - 4
@@ -64,7 +74,7 @@ def scan_grib2(window: Window, start: int, length: int, contents: FileContents) 
             bitmap = at
         if number == 7:
             contents.parts += 1
-            _scan_part(window, start, length, part, discipline, sections, bitmap, contents)
+            _scan_part(window, _Part(start, length, part), discipline, sections, bitmap, contents)
             part += 1
         at += size
     if at != end or before != 7:
@@ -73,9 +83,7 @@ def scan_grib2(window: Window, start: int, length: int, contents: FileContents) 
 
 def _scan_part(
     window: Window,
-    start: int,
-    length: int,
-    part: int,
+    place: _Part,
     discipline: int,
     sections: dict[int, int],
     bitmap: int,
@@ -89,7 +97,7 @@ def _scan_part(
         return
     try:
         contents.fields.append(
-            _field_grib2(window, start, length, part, kind, product, sections, bitmap, contents)
+            _field_grib2(window, place, kind, product, sections, bitmap, contents)
         )
     except SkippedError as skip:
         if skip.what:
@@ -122,9 +130,7 @@ def _lead_grib2(product: bytes) -> int:
 
 def _field_grib2(
     window: Window,
-    start: int,
-    length: int,
-    part: int,
+    place: _Part,
     kind: int,
     product: bytes,
     sections: dict[int, int],
@@ -151,9 +157,9 @@ def _field_grib2(
         window,
         Field(
             file=0,
-            offset=start,
-            length=length,
-            part=part,
+            offset=place.start,
+            length=place.length,
+            part=place.part,
             edition=2,
             kind=kind,
             level_kind=level_kind,

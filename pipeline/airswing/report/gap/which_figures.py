@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
@@ -219,18 +220,9 @@ def waterfall_figure(
         axes.axvline(floor, color=SOFT, linewidth=1.0, linestyle=(0, (4, 2)))
         labels.append("noise floor")
     right = max([before, *levels, *(end_interval or [])])
-    for row, value in ((0, before), (last, end), (last + 1, floor)):
-        if np.isfinite(value):
-            edge = max([value, *(end_interval or [])]) if row == last else value
-            axes.annotate(
-                f"{value:.2f} kt",
-                (edge, row),
-                xytext=(5, 0),
-                fontweight="bold",
-                textcoords="offset points",
-                va="center",
-                fontsize=9,
-            )
+    _level(axes, 0, before, before)
+    _level(axes, last, end, max([end, *(end_interval or [])]))
+    _level(axes, last + 1, floor, floor)
     axes.set_yticks(range(len(labels)), labels)
     axes.set_ylim(len(labels) - 0.4, -0.6)
     axes.set_xlim(0, right * 1.14)
@@ -243,6 +235,20 @@ def waterfall_figure(
         "step each effect makes when it is added in turn (black: 95 % interval), what is left, "
         "and the noise floor that no effect can pass."
     )
+
+
+def _level(axes: Axes, row: int, value: float, edge: float) -> None:
+    """Write a disagreement beside the end of its bar; nothing where it is not known."""
+    if np.isfinite(value):
+        axes.annotate(
+            f"{value:.2f} kt",
+            (edge, row),
+            xytext=(5, 0),
+            fontweight="bold",
+            textcoords="offset points",
+            va="center",
+            fontsize=9,
+        )
 
 
 @styled

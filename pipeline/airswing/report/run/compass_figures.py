@@ -135,32 +135,12 @@ def draw_heading_error(
     fit = one_fit(fits, aircraft, reference)
     grid = np.linspace(0.0, 360.0, 181)
     fitted, half = curve_with_error(fit, grid)
-    trusted = bool(published(fit["status"]))
     limit = limit or error_limit(error, fitted)
     _draw_reports(axes, heading, error, limit, dot=2.0 if small else 5.0)
     axes.axhline(0.0, color=INK, linewidth=0.8, zorder=1.7)
+    trusted = bool(published(fit["status"]))
     if np.isfinite(fit["deviation"].to_numpy()).any():
-        look = "-" if trusted else (0, (4, 2))
-        low, high = fitted - NORMAL_95 * half, fitted + NORMAL_95 * half
-        axes.fill_between(
-            grid,
-            low,
-            high,
-            color=SKY,
-            alpha=0.45,
-            linewidth=0,
-            zorder=2,
-            label="95 % interval of the fit",
-        )
-        axes.plot(
-            grid,
-            fitted,
-            color=BLUE,
-            linestyle=look,
-            linewidth=1.4 if small else 2.2,
-            zorder=3,
-            label="fitted curve" if trusted else "fit, not to be trusted",
-        )
+        _draw_curve(axes, grid, fitted, NORMAL_95 * half, trusted=trusted, small=small)
     bins = binned_medians(heading, error, width=30.0 if small else BIN_WIDTH)
     axes.errorbar(
         bins.centre,
@@ -173,33 +153,64 @@ def draw_heading_error(
         linewidth=1.0,
         label="median, 95 % interval",
     )
-    nodes, node_error = table_error(fit)
-    if trusted and np.isfinite(node_error).all():
-        axes.plot(
-            np.append(nodes, 360.0),
-            np.append(node_error, node_error[0]),
-            color=VERMILION,
-            linewidth=0.8 if small else 1.1,
-            linestyle=":",
-            zorder=3.4,
-        )
-        axes.plot(
-            nodes,
-            node_error,
-            "D",
-            color=VERMILION,
-            markersize=2.8 if small else 6.0,
-            markeredgecolor="white",
-            markeredgewidth=0.5 if small else 0.9,
-            zorder=5,
-            clip_on=False,
-            label="8-point table",
-        )
+    if trusted:
+        _draw_table(axes, *table_error(fit), small=small)
     axes.set_ylim(-limit, limit)
     compass_axis(
         axes, label="" if small else "indicated magnetic heading (degree)", step=90 if small else 45
     )
     return int(heading.size)
+
+
+def _draw_curve(
+    axes: Axes, grid: Floats, fitted: Floats, half: Floats, *, trusted: bool, small: bool
+) -> None:
+    """Draw the fitted curve over its interval of half width `half`."""
+    axes.fill_between(
+        grid,
+        fitted - half,
+        fitted + half,
+        color=SKY,
+        alpha=0.45,
+        linewidth=0,
+        zorder=2,
+        label="95 % interval of the fit",
+    )
+    axes.plot(
+        grid,
+        fitted,
+        color=BLUE,
+        linestyle="-" if trusted else (0, (4, 2)),
+        linewidth=1.4 if small else 2.2,
+        zorder=3,
+        label="fitted curve" if trusted else "fit, not to be trusted",
+    )
+
+
+def _draw_table(axes: Axes, nodes: Floats, error: Floats, *, small: bool) -> None:
+    """Draw the 8-point table and the straight lines between its points."""
+    if not np.isfinite(error).all():
+        return
+    axes.plot(
+        np.append(nodes, 360.0),
+        np.append(error, error[0]),
+        color=VERMILION,
+        linewidth=0.8 if small else 1.1,
+        linestyle=":",
+        zorder=3.4,
+    )
+    axes.plot(
+        nodes,
+        error,
+        "D",
+        color=VERMILION,
+        markersize=2.8 if small else 6.0,
+        markeredgecolor="white",
+        markeredgewidth=0.5 if small else 0.9,
+        zorder=5,
+        clip_on=False,
+        label="8-point table",
+    )
 
 
 def fit_words(fit: xr.Dataset) -> str:

@@ -8,7 +8,7 @@ everyone is in the table.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import xarray as xr
 from markupsafe import Markup
 
 import airswing
+from airswing.evaluation.results import Evaluation
 from airswing.products.ragged import time_span
 from airswing.report.html import maps
 from airswing.report.html.document import (
@@ -68,15 +69,8 @@ def write_page(
     headings: xr.Dataset,
     fits: xr.Dataset,
     corrected: xr.Dataset | None = None,
-    audit: Mapping[str, Any] | xr.Dataset | None = None,
     summary: Mapping[str, Any] | None = None,
-    field_test: Mapping[str, Any] | None = None,
-    sensitivity: Mapping[str, Any] | None = None,
-    profiles: xr.Dataset | None = None,
-    stability: Mapping[str, Any] | None = None,
-    ranking: Sequence[Mapping[str, Any]] | None = None,
-    virtual: Mapping[str, Any] | None = None,
-    observation_errors: xr.Dataset | None = None,
+    evaluation: Evaluation | None = None,
 ) -> Path:
     """Write the page of a run, ``index.html``, into its folder.
 
@@ -87,21 +81,10 @@ def write_page(
         linked.
     headings, fits, corrected : Dataset
         Products of docs/formats.md.
-    audit : mapping or Dataset, optional
-        What screening removed by rule; counted from ``headings["screening"]`` where absent.
     summary : mapping, optional
         ``reference``: the fit the page leads with; ``links``: more (label, address relative to
         the page); ``warnings``: list of str; other plain values are listed under "This run".
-    field_test, sensitivity : mapping, optional
-        Contents of ``field_test.json`` and ``sensitivity.json``.
-    profiles : Dataset, optional
-        ``error_profiles.nc``.
-    stability, virtual : mapping, optional
-        Contents of ``stability.json`` and ``virtual_field_test.json``.
-    observation_errors : Dataset, optional
-        ``observation_errors.nc``.
-    ranking : sequence of mapping, optional
-        Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
+    evaluation : Evaluation, optional
 
     Returns
     -------
@@ -113,19 +96,19 @@ def write_page(
     InputError
         If the page cannot be written.
     """
-    summary = dict(summary or {})
+    summary, found = dict(summary or {}), evaluation or Evaluation()
     reference = _lead_reference(fits, headings, summary)
     summary["links"] = [*product_links(Path(directory)), *summary.get("links", [])]
     sections = [
         _corrections_section(fits, reference, summary),
         _curves_section(headings, fits, reference),
         _fleet_section(headings, fits, corrected, reference),
-        ranking_section(ranking, virtual),
-        stability_section(stability),
-        field_test_section(field_test),
-        sensitivity_section(sensitivity),
-        profiles_section(profiles, reference),
-        report_errors_section(observation_errors),
+        ranking_section(found.ranking, found.virtual),
+        stability_section(found.stability),
+        field_test_section(found.field_test),
+        sensitivity_section(found.sensitivity),
+        profiles_section(found.profiles, reference),
+        report_errors_section(found.observation_errors),
         _places_section(headings),
         _audit_section(headings),
         _run_section(summary, headings),

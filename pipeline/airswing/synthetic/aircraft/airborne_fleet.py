@@ -131,6 +131,33 @@ def _airspeed(table: Timetable, altitude: Array, phase: NDArray[np.int8]) -> Arr
     return np.where(phase == ASCENT, climb, np.where(phase == CRUISE, top, descent))
 
 
+def _targets(table: Timetable, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return the course from gate to gate, and a way point, a fix and the gate: (3, flights, 2)."""
+    flights = table.departure.size
+    course, length = _course(table.origin[:, 0], table.origin[:, 1], table.destination)
+    middle = _offset(table.origin, course, length * rng.uniform(0.35, 0.65, flights))
+    side = length * rng.uniform(0.02, 0.07, flights) * rng.choice([-1, 1], flights)
+    way = _offset(middle, course + np.pi / 2, side)
+    fix = _offset(
+        table.destination,
+        course + np.pi + rng.uniform(-1.6, 1.6, flights),
+        rng.uniform(14e3, 26e3, flights),
+    )
+    return course, np.stack([way, fix, table.destination])
+
+
+def _moved(
+    lat: Array, lon: Array, speed: Array, track: Array, seconds: Array
+) -> tuple[Array, Array]:
+    """Return places a step later; the length of a degree of longitude is that of its middle."""
+    per_lat, _ = _metres(lat)
+    _, per_lon = _metres(lat + np.degrees(0.5 * speed * np.cos(track) * STEP / per_lat))
+    return (
+        lat + np.degrees(speed * np.cos(track) * seconds / per_lat),
+        lon + np.degrees(speed * np.sin(track) * seconds / per_lon),
+    )
+
+
 def fly(
     table: Timetable,
     wind: Callable[[Array, Array, Array, Array], Array],
@@ -156,16 +183,7 @@ def fly(
     flights = table.departure.size
     rng = stream(seed, "steering")
     lat, lon = table.origin[:, 0].copy(), table.origin[:, 1].copy()
-    course, length = _course(lat, lon, table.destination)
-    middle = _offset(table.origin, course, length * rng.uniform(0.35, 0.65, flights))
-    side = length * rng.uniform(0.02, 0.07, flights) * rng.choice([-1, 1], flights)
-    way = _offset(middle, course + np.pi / 2, side)
-    fix = _offset(
-        table.destination,
-        course + np.pi + rng.uniform(-1.6, 1.6, flights),
-        rng.uniform(14e3, 26e3, flights),
-    )
-    targets = np.stack([way, fix, table.destination])
+    course, targets = _targets(table, rng)
     track = course + rng.normal(0, 1.0, flights)
     release = rng.uniform(350.0, 900.0, flights)
     stage = np.zeros(flights, int)
@@ -173,9 +191,8 @@ def fly(
     altitude = np.zeros(flights)
     speed = np.full(flights, 68.0)
     rate = np.zeros(flights)
-    kept: dict[str, list[NDArray[np.float64]]] = {
-        name: [] for name in ("latitude", "longitude", "altitude", "east", "north", "bank", "phase")
-    }
+    names = ("latitude", "longitude", "altitude", "east", "north", "bank", "phase")
+    kept: dict[str, list[Array]] = {name: [] for name in names}
     breeze = np.zeros((2, flights))
     for step in range(1500):
         alive = phase > 0
@@ -206,21 +223,15 @@ def fly(
         pull = np.clip((ground - speed) / 45.0, -0.35, 0.3)
         new_speed = np.maximum(speed + pull * STEP, 45.0)
         mean_track, mean_speed = 0.5 * (track + new_track), 0.5 * (speed + new_speed)
-        per_lat, per_lon = _metres(lat)
-        per_lon = _metres(lat + np.degrees(0.5 * mean_speed * np.cos(mean_track) * STEP / per_lat))[
-            1
-        ]
         moving = np.where(alive, STEP, 0.0)
-        lat = lat + np.degrees(mean_speed * np.cos(mean_track) * moving / per_lat)
-        lon = lon + np.degrees(mean_speed * np.sin(mean_track) * moving / per_lon)
+        lat, lon = _moved(lat, lon, mean_speed, mean_track, moving)
         climb = np.where(phase == ASCENT, _CLIMB, np.where(phase == DESCENT, -_DESCENT, 0.0))
         altitude = np.maximum(altitude + climb * moving, 0.0)
         track, speed, rate = new_track, new_speed, new_rate
         sink = home / np.maximum(speed, 60.0) * _DESCENT
-        phase = np.where((phase == ASCENT) & (altitude >= table.cruise_altitude), CRUISE, phase)
-        phase = np.where(
-            (phase != DESCENT) & alive & (altitude > 500) & (sink < altitude), DESCENT, phase
-        )
+        level = (phase == ASCENT) & (altitude >= table.cruise_altitude)
+        down = (phase != DESCENT) & alive & (altitude > 500) & (sink < altitude)
+        phase = np.where(down, DESCENT, np.where(level, CRUISE, phase))
         landed = (phase == DESCENT) & ((altitude < 250.0) | ((stage == 2) & (left < 4000.0)))
         phase = np.where(landed, 0, phase).astype(np.int8)
     stacked = {name: np.stack(values) for name, values in kept.items()}

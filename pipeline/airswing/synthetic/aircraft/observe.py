@@ -29,7 +29,7 @@ from airswing.synthetic.aircraft.outside_effects import (
 from airswing.synthetic.world.earthfield import EarthField
 from airswing.synthetic.world.gridded_fields import plane
 from airswing.synthetic.world.true_atmosphere import stream
-from airswing.synthetic.world.waves import random_waves
+from airswing.synthetic.world.waves import WaveKind, random_waves
 
 __all__ = ["Coding", "Correction", "observe"]
 
@@ -75,6 +75,28 @@ class Correction:
     start: float
 
 
+@dataclass(frozen=True)
+class Units:
+    """The fleet's units.
+
+    Parameters
+    ----------
+    tails : sequence of str
+        The fleet.
+    faults : sequence of Fault
+        Of units and reporting; the references' are passed over.
+    coding : Coding
+        Steps and noise.
+    correction : Correction, optional
+        Eight-point tables in use.
+    """
+
+    tails: Sequence[str]
+    faults: Sequence[Fault]
+    coding: Coding
+    correction: Correction | None = None
+
+
 def _state(
     flown: Flown, flight: NDArray[np.int64], step: Array, wind: Wind, field: EarthField
 ) -> dict[str, Array]:
@@ -109,14 +131,11 @@ def _weather(state: dict[str, Array], seed: int) -> tuple[Array, NDArray[np.bool
     """Return true temperature (K) and whether icing protection is on."""
     moist = random_waves(
         stream(seed, "weather"),
-        count=40,
-        rms=1.0,
-        lengths=(90.0, 250.0),
-        depth=0.6,
-        memory=12.0,
+        WaveKind(
+            count=40, rms=1.0, lengths=(90.0, 250.0), depth=0.6, memory=12.0, drift=(35.0, 0.0)
+        ),
         start=-12.0,
         end=float(state["hours"].max()) + 24.0,
-        drift=(35.0, 0.0),
     )
     x, y = plane(state["latitude"], state["longitude"])
     zeta = np.log(state["pressure"] / 1e5)
@@ -184,10 +203,7 @@ def observe(
     wind: Wind,
     seed: int,
     field: EarthField,
-    faults: Sequence[Fault],
-    tails: Sequence[str],
-    coding: Coding,
-    correction: Correction | None = None,
+    units: Units,
 ) -> pd.DataFrame:
     """Return what the units report, with the truth in columns of their own.
 
@@ -203,14 +219,7 @@ def observe(
         The archive's seed.
     field : EarthField
         Earth's magnetic field.
-    faults : sequence of Fault
-        Of units and reporting; the references' are passed over.
-    tails : sequence of str
-        The fleet.
-    coding : Coding
-        Steps and noise.
-    correction : Correction, optional
-        Eight-point tables in use.
+    units : Units
 
     Returns
     -------
@@ -221,7 +230,7 @@ def observe(
         ``horizontal``, ``dip`` (radians, SI); ``computed_u/v``, the wind the unit computed before
         whatever became of it. ``made`` numbers the reports, with and without effects alike.
     """
-    tail = flown.aircraft[flight]
+    tail, tails, faults = flown.aircraft[flight], units.tails, units.faults
     here = _state(flown, flight, step.astype(float), wind, field)
     lag = _lag_steps(faults, tail, here["hours"], tails)
     late = lag != 0
@@ -232,64 +241,59 @@ def observe(
         for name, values in past.items():
             used[name][late] = values
     temperature, icing = _weather(here, seed)
-    box = (
-        float(here["latitude"].min()),
-        float(here["latitude"].max()),
-        float(here["longitude"].min()),
-        float(here["longitude"].max()),
-    )
     setting = Setting(
         tail=tail,
         temperature=temperature,
         icing=icing,
         phase=flown.phase[step, flight].astype(np.int64),
-        box=box,
+        box=(
+            float(here["latitude"].min()),
+            float(here["latitude"].max()),
+            float(here["longitude"].min()),
+            float(here["longitude"].max()),
+        ),
         magnetic=used["heading"] - used["declination"],
-        **{
-            name: used[name]
-            for name in (
-                "hours",
-                "latitude",
-                "longitude",
-                "altitude",
-                "declination",
-                "horizontal",
-                "down",
-                "acceleration",
-                "bank",
-            )
-        },
+        **{name: used[name] for name in SET_BY},
     )
     apply_unit_faults(setting, faults, tails)
     rng = stream(seed, "instrument noise")
-    heading, airspeed = _indicate(used, setting, rng, coding, correction)
+    heading, airspeed = _indicate(used, setting, rng, units.coding, units.correction)
     u, v = compute_wind(used["east"], used["north"], airspeed, heading)
-    frame = pd.DataFrame(
-        {
-            "aircraft": tail,
-            "flight": flight,
-            "phase": flown.phase[step, flight],
-            "icing": icing.astype(np.int8),
-            "true_u": here["u"],
-            "true_v": here["v"],
-            "true_heading": here["heading"],
-            "true_airspeed": here["airspeed"],
-            "true_latitude": here["latitude"],
-            "true_longitude": here["longitude"],
-            "true_altitude": here["altitude"],
-            "ground_u": here["east"],
-            "ground_v": here["north"],
-            "heading": heading,
-            "airspeed": airspeed,
-            "bank": here["bank"],
-            "acceleration": here["acceleration"],
-            "declination": here["declination"],
-            "horizontal": here["horizontal"],
-            "dip": np.arctan2(here["down"], here["horizontal"]),
-            "temperature": temperature,
-        }
-    )
-    return _report(frame, here, u, v, faults, tails, coding, seed)
+    exact = {"aircraft": tail, "flight": flight, "phase": flown.phase[step, flight]}
+    exact |= {"icing": icing.astype(np.int8), "heading": heading, "airspeed": airspeed}
+    exact |= {name: here[own] for name, own in TRUTH.items()}
+    exact |= {"dip": np.arctan2(here["down"], here["horizontal"]), "temperature": temperature}
+    return _report(pd.DataFrame(exact), here, u, v, faults, tails, units.coding, seed)
+
+
+SET_BY = (
+    "hours",
+    "latitude",
+    "longitude",
+    "altitude",
+    "declination",
+    "horizontal",
+    "down",
+    "acceleration",
+    "bank",
+)
+"""What of the state a unit's faults depend on."""
+TRUTH = {
+    "true_u": "u",
+    "true_v": "v",
+    "true_heading": "heading",
+    "true_airspeed": "airspeed",
+    "true_latitude": "latitude",
+    "true_longitude": "longitude",
+    "true_altitude": "altitude",
+    "ground_u": "east",
+    "ground_v": "north",
+    "bank": "bank",
+    "acceleration": "acceleration",
+    "declination": "declination",
+    "horizontal": "horizontal",
+}
+"""Columns of the exact state, and their names in it."""
 
 
 def _outside(

@@ -277,16 +277,11 @@ def truth_record(
 
 def save_truth(
     folder: Path,
-    frame: pd.DataFrame,
-    faults: Sequence[Fault],
-    earth: EarthField,
-    tails: Sequence[str],
-    effects: Sequence[Mapping[str, Any]],
+    record: Mapping[str, Any],
     *,
     seed: int,
     start: datetime,
     corrected: Sequence[str] | None = None,
-    usual_field: float | None = None,
 ) -> None:
     """Write ``truth.json``.
 
@@ -294,18 +289,15 @@ def save_truth(
     ----------
     folder : Path
         Where; made where missing.
-    frame, faults, earth, tails, effects
-        See `airswing.synthetic.aircraft.truth.truth_record`.
+    record : mapping
+        Of `airswing.synthetic.aircraft.truth.truth_record`.
     seed : int
         The archive's seed.
     start : datetime
         Its first day.
     corrected : sequence of str, optional
         Tails that apply a table in the field test.
-    usual_field : float, optional
-        See `airswing.synthetic.aircraft.truth.truth_record`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    record = truth_record(frame, faults, earth, tails, effects, usual_field=usual_field)
-    record.update(seed=seed, start=start.isoformat(), corrected=corrected)
-    (folder / "truth.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
+    whole = {**record, "seed": seed, "start": start.isoformat(), "corrected": corrected}
+    (folder / "truth.json").write_text(json.dumps(whole, indent=1), encoding="utf-8")

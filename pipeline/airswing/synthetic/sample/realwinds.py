@@ -36,9 +36,9 @@ from airswing.errors import InputError
 from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.synthetic.aircraft.airborne_fleet import report_steps
 from airswing.synthetic.aircraft.faults import parse_faults
-from airswing.synthetic.aircraft.observe import Coding, observe
+from airswing.synthetic.aircraft.observe import Coding, Units, observe
 from airswing.synthetic.aircraft.route_over_all_headings import tour
-from airswing.synthetic.aircraft.truth import fleet_deviations, save_truth
+from airswing.synthetic.aircraft.truth import fleet_deviations, save_truth, truth_record
 from airswing.synthetic.sample.sample_archive import Scenario, finished, write_reports
 from airswing.synthetic.world.earthfield import EarthField
 from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
@@ -291,8 +291,6 @@ def write_archive(
     seed: int = 1,
     effects: Sequence[Mapping[str, Any]] | None = None,
     seconds: float = 60.0,
-    coding: Coding | None = None,
-    error_scale: float = 1.0,
     output: str | None = None,
 ) -> Path:
     """Write the reports of one day flown through a real run, and a configuration for them.
@@ -312,11 +310,6 @@ def write_archive(
         As in `airswing.synthetic.write_archive`.
     seconds : float
         Between reports; a multiple of 10.
-    coding : Coding, optional
-        Coding and noise; positions to 0.01 arc-minute by default, because reports are a minute
-        apart.
-    error_scale : float
-        Factor on the real forecast error.
     output : str, optional
         The configuration's output folder.
 
@@ -327,7 +320,6 @@ def write_archive(
     """
     root, source = Path(directory), Path(grib)
     run, error, start = read_run(source)
-    error.wind *= np.float32(error_scale)
     scenario = Scenario(days=1, aircraft=aircraft, seed=seed, start=start)
     tails = scenario.tails
     effects = fleet_deviations(tails, seed) if effects is None else effects
@@ -346,9 +338,7 @@ def write_archive(
         wind=air.wind,
         seed=seed,
         field=earth,
-        faults=faults,
-        tails=tails,
-        coding=coding or Coding(position_arcmin=0.01),
+        units=Units(tails, faults, Coding(position_arcmin=0.01)),  # reports a minute apart
     )
     frame = finished(reports, start)
     write_reports(root / "reports", frame)
@@ -356,7 +346,8 @@ def write_archive(
     target = root / "config.yaml"
     config = _config(root, files, start, output)
     target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
-    save_truth(root / "truth", frame, faults, earth, tails, effects, seed=seed, start=start)
+    record = truth_record(frame, faults, earth, tails, effects)
+    save_truth(root / "truth", record, seed=seed, start=start)
     return target
 
 

@@ -11,7 +11,7 @@ docstring says.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -25,12 +25,13 @@ from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.synthetic.aircraft.airborne_fleet import Flown, fly, report_steps
 from airswing.synthetic.aircraft.faults import Fault, parse_faults, reference_changes
 from airswing.synthetic.aircraft.network import NETWORKS, timetable
-from airswing.synthetic.aircraft.observe import Coding, Correction, observe
+from airswing.synthetic.aircraft.observe import Coding, Correction, Units, observe
 from airswing.synthetic.aircraft.truth import (
     corrections,
     fleet_deviations,
     save_truth,
     small_effects,
+    truth_record,
 )
 from airswing.synthetic.world.earthfield import EarthField
 from airswing.synthetic.world.gridded_fields import (
@@ -197,10 +198,7 @@ def _simulate(scenario: Scenario) -> _Simulated:
         wind=wind,
         seed=scenario.seed,
         field=earth,
-        faults=faults,
-        tails=scenario.tails,
-        coding=scenario.coding,
-        correction=correction,
+        units=Units(scenario.tails, faults, scenario.coding, correction),
     )
     last = float(np.ceil(reports["hours"].max())) + scenario.interval_hours
     first = np.floor(reports["hours"].min() / scenario.interval_hours) * scenario.interval_hours
@@ -368,11 +366,7 @@ def _config(directory: str, scenario: Scenario, made: _Simulated, output: str) -
 def write_archive(
     directory: str | Path,
     *,
-    days: int = 45,
-    aircraft: int = 14,
-    seed: int = 1,
     effects: Effects | None = None,
-    true_airspeed: bool = False,
     phases: Sequence[str] = ("ascent", "cruise", "descent"),
     times_per_file: int = 1,
     truth: str | Path | None = None,
@@ -387,13 +381,9 @@ def write_archive(
     ----------
     directory : path
         Folder, made where missing.
-    days, aircraft, seed : int
-        Length, fleet, seed.
     effects : sequence of mapping, optional
         What is wrong with the units and references (`airswing.synthetic.aircraft.faults`). None
         draws a compass deviation for every aircraft; an empty list means perfect units.
-    true_airspeed : bool
-        Also write the indicated airspeed and heading.
     phases : sequence of str
         Phases of flight to write.
     times_per_file : int
@@ -407,7 +397,7 @@ def write_archive(
     thinned : mapping, optional
         Tail to the share of its flights that is kept.
     **options
-        Further fields of `Scenario`.
+        Further fields of `Scenario`: ``days``, ``aircraft``, ``seed`` ...
 
     Returns
     -------
@@ -417,17 +407,17 @@ def write_archive(
     from airswing.synthetic.world.gribwriter import write_reference
 
     root = Path(directory)
-    probe = Scenario(days=days, aircraft=aircraft, seed=seed, **options)
+    scenario = Scenario(**options)
     if effects is None:
-        effects = fleet_deviations(probe.tails, seed)
-    scenario = Scenario(days=days, aircraft=aircraft, seed=seed, effects=effects, **options)
+        effects = fleet_deviations(scenario.tails, scenario.seed)
+    scenario = replace(scenario, effects=effects)
     made = _simulate(scenario)
     frame = finished(made.reports, scenario.start)
     for tail, share in (thinned or {}).items():
         own = frame["flight"][frame["tail"] == tail].unique()
         kept = own[: max(1, int(share * own.size))]
         frame = frame[(frame["tail"] != tail) | frame["flight"].isin(kept)]
-    write_reports(root / "reports", frame, true_airspeed=true_airspeed, phases=phases)
+    write_reports(root / "reports", frame, phases=phases)
     for name, stored in made.references.items():
         write_reference(
             root / name,
@@ -446,14 +436,16 @@ def write_archive(
     target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
     save_truth(
         Path(truth) if truth is not None else root / "truth",
-        frame,
-        made.faults,
-        made.field,
-        scenario.tails,
-        effects,
-        seed=seed,
+        truth_record(
+            frame,
+            made.faults,
+            made.field,
+            scenario.tails,
+            effects,
+            usual_field=float(made.reports["horizontal"].median()),
+        ),
+        seed=scenario.seed,
         start=scenario.start,
         corrected=scenario.field_test and list(scenario.field_test[1]),
-        usual_field=float(made.reports["horizontal"].median()),
     )
     return target

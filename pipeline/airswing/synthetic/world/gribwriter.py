@@ -10,7 +10,6 @@ Validity: checked by reading back with eccodes and cfgrib in the tests. Units: m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -167,7 +166,6 @@ def write_reference(
     packing: str = "grid_simple",
     times_per_file: int = 1,
     decimals: int = 1,
-    names: Mapping[int, str] | None = None,
 ) -> list[Path]:
     """Write the fields of one reference.
 
@@ -189,8 +187,6 @@ def write_reference(
         Valid times in one file.
     decimals : int
         Decimals kept.
-    names : mapping, optional
-        File suffix by edition.
 
     Returns
     -------
@@ -198,7 +194,7 @@ def write_reference(
         Files, in order of time.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    suffix = (names or {1: "grb", 2: "grb2"})[edition]
+    suffix = {1: "grb", 2: "grb2"}[edition]
     writer = MessageWriter(
         stored.grid,
         edition=edition,

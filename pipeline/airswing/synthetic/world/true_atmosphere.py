@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.synthetic.world.waves import Waves, random_waves
+from airswing.synthetic.world.waves import WaveKind, Waves, random_waves
 
 __all__ = ["Reference", "World", "WorldParameters", "stream"]
 
@@ -140,25 +140,29 @@ class World:
         start, end = -12.0, self.end + 24.0
         waves = random_waves(
             stream(self.seed, "waves"),
-            count=36,
-            rms=sizes.waves,
-            lengths=(450.0, 900.0),
-            depth=1.2,
-            memory=60.0,
-            drift=(38.0, -6.0),
-            rotational=0.97,
+            WaveKind(
+                count=36,
+                rms=sizes.waves,
+                lengths=(450.0, 900.0),
+                depth=1.2,
+                memory=60.0,
+                drift=(38.0, -6.0),
+                rotational=0.97,
+            ),
             start=start,
             end=end,
         )
         meso = random_waves(
             stream(self.seed, "mesoscale"),
-            count=90,
-            rms=sizes.mesoscale,
-            lengths=(14.0, 80.0),
-            depth=0.2,
-            memory=5.0,
-            drift=(45.0, 5.0),
-            rotational=0.6,
+            WaveKind(
+                count=90,
+                rms=sizes.mesoscale,
+                lengths=(14.0, 80.0),
+                depth=0.2,
+                memory=5.0,
+                drift=(45.0, 5.0),
+                rotational=0.6,
+            ),
             start=start,
             end=end,
         )
@@ -246,12 +250,14 @@ class Reference:
         def error(label: str, rms: float, count: int) -> Waves:
             return random_waves(
                 stream(seed, label),
-                count=count,
-                rms=rms * self.level,
-                lengths=sizes.lengths,
-                depth=sizes.depth,
-                memory=sizes.memory,
-                drift=(25.0, 0.0),
+                WaveKind(
+                    count=count,
+                    rms=rms * self.level,
+                    lengths=sizes.lengths,
+                    depth=sizes.depth,
+                    memory=sizes.memory,
+                    drift=(25.0, 0.0),
+                ),
                 start=start,
                 end=end,
             )
@@ -259,11 +265,7 @@ class Reference:
         def steady(label: str, rms: float) -> Waves:
             return random_waves(
                 stream(seed, label + self.name),
-                count=24,
-                rms=rms,
-                lengths=sizes.bias_lengths,
-                depth=0.6,
-                memory=np.inf,
+                WaveKind(count=24, rms=rms, lengths=sizes.bias_lengths, depth=0.6, memory=np.inf),
                 start=start,
                 end=end,
             )
@@ -290,11 +292,7 @@ class Reference:
         """Draw the field whose exponential scales the error where tails are heavy."""
         return random_waves(
             stream(self.world.seed, "burst " + self.name),
-            count=24,
-            rms=1.0,
-            lengths=(500.0, 900.0),
-            depth=3.0,
-            memory=18.0,
+            WaveKind(count=24, rms=1.0, lengths=(500.0, 900.0), depth=3.0, memory=18.0),
             start=-12.0,
             end=self.world.end + 24.0,
         )

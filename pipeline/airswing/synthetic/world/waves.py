@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Waves", "random_waves"]
+__all__ = ["WaveKind", "Waves", "random_waves"]
 
 Array = NDArray[np.float64]
 _CHUNK = 8192
@@ -147,25 +147,12 @@ def _series(
     return np.asarray(shock)
 
 
-def random_waves(
-    rng: np.random.Generator,
-    *,
-    count: int,
-    rms: float,
-    lengths: tuple[float, float],
-    depth: float,
-    memory: float,
-    start: float,
-    end: float,
-    drift: tuple[float, float] = (0.0, 0.0),
-    rotational: float = 0.7,
-) -> Waves:
-    """Draw a random wind field.
+@dataclass(frozen=True)
+class WaveKind:
+    """What waves a random wind field is made of.
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-        Source of every number drawn.
     count : int
         Waves.
     rms : float
@@ -177,34 +164,53 @@ def random_waves(
         Vertical correlation length in ln p.
     memory : float
         e-folding time of the amplitudes in h; inf for a fixed field.
-    start, end : float
-        Hours the amplitudes must cover.
     drift : (float, float)
         Velocity in km/h that carries the waves east and north.
     rotational : float
         Share of the amplitude without divergence.
+    """
+
+    count: int
+    rms: float
+    lengths: tuple[float, float]
+    depth: float
+    memory: float
+    drift: tuple[float, float] = (0.0, 0.0)
+    rotational: float = 0.7
+
+
+def random_waves(rng: np.random.Generator, kind: WaveKind, *, start: float, end: float) -> Waves:
+    """Draw a random wind field.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of every number drawn.
+    kind : WaveKind
+    start, end : float
+        Hours the amplitudes must cover.
 
     Returns
     -------
     Waves
         The field.
     """
-    length = np.exp(rng.uniform(np.log(lengths[0]), np.log(lengths[1]), count))
-    kx, ky = rng.normal(size=(2, count)) / length
-    kz = rng.normal(size=count) / depth
+    length = np.exp(rng.uniform(np.log(kind.lengths[0]), np.log(kind.lengths[1]), kind.count))
+    kx, ky = rng.normal(size=(2, kind.count)) / length
+    kz = rng.normal(size=kind.count) / kind.depth
     size = np.hypot(kx, ky)
     swirl = np.stack([-ky, kx]) / size
-    free = rng.normal(size=(2, count)) + 1j * rng.normal(size=(2, count))
+    free = rng.normal(size=(2, kind.count)) + 1j * rng.normal(size=(2, kind.count))
     free /= np.sqrt(np.sum(np.abs(free) ** 2, axis=0))
-    pair = rotational * swirl + np.sqrt(1.0 - rotational**2) * free
-    pair = pair * (2.0 * rms / np.sqrt(np.sum(np.abs(pair) ** 2)))
+    pair = kind.rotational * swirl + np.sqrt(1.0 - kind.rotational**2) * free
+    pair = pair * (2.0 * kind.rms / np.sqrt(np.sum(np.abs(pair) ** 2)))
     return Waves(
         kx=kx,
         ky=ky,
         kz=kz,
-        omega=kx * drift[0] + ky * drift[1],
+        omega=kx * kind.drift[0] + ky * kind.drift[1],
         east=pair[0],
         north=pair[1],
-        series=_series(rng, count, start, end, memory),
+        series=_series(rng, kind.count, start, end, kind.memory),
         start=start,
     )
