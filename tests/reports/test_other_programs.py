@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
+from pyproj import Geod
 
 from airswing.config import load_config
 from airswing.errors import InputError
@@ -21,10 +23,12 @@ from airswing.reports.read import read_reports
 from airswing.units import KNOT
 from airswing.workflow.inspection import inspect_file
 
+GEOD = Geod(ellps="WGS84")
 REAL = Path(__file__).resolve().parents[3] / "shared" / "real"
 MODES = REAL / "modes" / "mpm_20170111_12z_aggregated.csv"
 THEIR_WINDS = REAL / "modes" / "mpm_20170111_12z_wind.csv"
 TAMDAR = REAL / "reports" / "madis_acars_20050826_00z.nc.gz"
+SOUNDINGS = REAL / "reports" / "madis_rawin_20050826_00z.nc.gz"
 
 
 def real(path: Path) -> Path:
@@ -232,6 +236,59 @@ def test_real_mode_s_is_understood_as_it_stands():
 def test_real_tamdar_among_other_data_of_the_hour():
     reports = read_reports(real(TAMDAR), columns={"source": {"only": "TAMDAR"}})
     assert (reports.sizes["aircraft"], reports.sizes["report"]) == (43, 878)
+
+
+def test_real_tamdar_winds_are_those_of_the_soundings_of_the_same_hour(tmp_path):
+    """878 reports of summer's weak winds, 473 of them within 150 km of a sounding."""
+    reports = read_reports(real(TAMDAR), columns={"source": {"only": "TAMDAR"}})
+    theirs, ours = [], []
+    for _, one in sounding_winds(real(SOUNDINGS), tmp_path):
+        place = (one["latitude"], one["longitude"])
+        _, _, away = GEOD.inv(
+            reports.longitude.values.astype(float),
+            reports.latitude.values.astype(float),
+            np.full(reports.sizes["report"], place[1]),
+            np.full(reports.sizes["report"], place[0]),
+        )
+        height = np.log(reports.pressure.values.astype(float))
+        near = (away < 150e3) & (height >= one["ln_p"][0]) & (height <= one["ln_p"][-1])
+        for wind in ("eastward_wind", "northward_wind"):
+            theirs.append(np.interp(height[near], one["ln_p"], one[wind]))
+            ours.append(reports[wind].values[near])
+    truth, found = np.concatenate(theirs), np.concatenate(ours)
+    known = np.isfinite(found)
+    truth, found = truth[known], found[known]
+    assert found.size > 2 * 400
+    assert abs((found - truth).mean()) < 0.3
+    # over 100 km apart on the whole: winds from the opposite direction would differ by 6.9 m/s
+    assert np.sqrt(((found - truth) ** 2).mean()) < 4.0
+    assert np.sqrt(((found + truth) ** 2).mean()) > 6.0
+    assert np.corrcoef(found, truth)[0, 1] > 0.6
+
+
+def sounding_winds(path: Path, folder: Path):
+    """Winds on the mandatory levels of every sounding, from the lowest pressure up."""
+    plain = folder / "soundings.nc"
+    plain.write_bytes(gzip.decompress(path.read_bytes()))
+    with xr.open_dataset(plain, decode_times=False) as ds:
+        table = {name: ds[name].values for name in ("staLat", "staLon", "prMan", "wsMan", "wdMan")}
+    for number in range(table["staLat"].size):
+        p, speed, angle = (table[name][number] for name in ("prMan", "wsMan", "wdMan"))
+        good = (p > 1) & (p < 1200) & (speed < 150) & (angle <= 360)
+        if good.sum() < 2:
+            continue
+        order = np.flatnonzero(good)[np.argsort(p[good])]
+        turn = np.radians(angle[order])
+        yield (
+            number,
+            {
+                "latitude": float(table["staLat"][number]),
+                "longitude": float(table["staLon"][number]),
+                "ln_p": np.log(p[order] * 100.0),
+                "eastward_wind": -speed[order] * np.sin(turn),
+                "northward_wind": -speed[order] * np.cos(turn),
+            },
+        )
 
 
 def log(path: Path, *, roll: float = 1.0) -> Path:
