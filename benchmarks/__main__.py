@@ -17,6 +17,7 @@ from pathlib import Path
 
 SHORT = {
     "collocation": ["--hours", "24", "--repeats", "3"],
+    "gridded_collocation": ["--hours", "2"],
     "fit": ["--days", "120", "--repeats", "3"],
     "storage": ["--reports", "1000000"],
     "export": ["--reports", "1000000"],

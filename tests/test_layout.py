@@ -25,6 +25,7 @@ ORDER = (
     "reference/geometry",
     "reference/grib",
     "reference/gridded/cf",
+    "reference/gridded/formats",
     "reference/gridded",
     "reference",
     "compass/fit",

@@ -27,6 +27,7 @@ from pydantic import (
 )
 
 from airswing.errors import ConfigError, InputError, shortened
+from airswing.model_formats import model_formats
 from airswing.plain_yaml import load_yaml
 from airswing.units import KNOT
 
@@ -144,6 +145,13 @@ class Reports(_Section):
         return {**self.columns, **{name: {"only": values} for name, values in self.only.items()}}
 
 
+def _checked_engine(name: str) -> str:
+    known = ("auto", "grib", "cfgrib", "netcdf", "zarr", "wrf", "fleet", *model_formats())
+    if name not in known:
+        raise ValueError(f"must be one of {', '.join(known)}")
+    return name
+
+
 class Reference(_Section):
     """Where one model's winds are, which leads and ensemble member count, how files are read.
 
@@ -152,7 +160,7 @@ class Reference(_Section):
     """
 
     files: Strings = []
-    engine: Literal["auto", "grib", "cfgrib", "netcdf", "zarr", "wrf", "fleet"] = "auto"
+    engine: Annotated[str, AfterValidator(_checked_engine)] = "auto"
     lead: Annotated[str, AfterValidator(_checked_lead)] = "any"
     member: int | None = Field(None, ge=0, le=1_000_000)
     on_bad_file: Literal["skip", "fail"] = "skip"

@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 import xarray as xr
 
 from airswing.errors import InputError
+from airswing.model_formats import model_formats
 from airswing.reference.geometry.wind_profiles import Catalogue
 from airswing.reference.grib import catalogue as grib
 from airswing.reference.gridded.cf.naming import Naming
@@ -73,12 +74,13 @@ def build_catalogue(
     """
     if on_bad_file not in ("skip", "fail"):
         raise InputError("must be skip or fail", field="on_bad_file", found=on_bad_file)
-    if engine not in ENGINES:
+    engines = [*ENGINES, *model_formats()]
+    if engine not in engines:
         raise InputError(
             "no such engine",
             field=f"references.{name}.engine",
             found=engine,
-            remedy="Engines are " + ", ".join(ENGINES),
+            remedy="Engines are " + ", ".join(engines),
         )
     if isinstance(naming, Mapping):
         naming = Naming(**naming)  # type: ignore[arg-type]

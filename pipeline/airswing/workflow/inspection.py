@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from airswing.errors import InputError, shortened
+from airswing.model_formats import model_formats
 
 
 def inspect_file(path: Path) -> dict[str, Any]:
@@ -38,6 +39,8 @@ def inspect_file(path: Path) -> dict[str, Any]:
         raise InputError("cannot open the file", file=path, found=err.strerror) from err
     if not start:
         raise InputError("the file is empty", file=path)
+    if any(one.tells(str(path), start) for one in model_formats().values()):
+        return {"file": str(path), "kind": "model winds", **_winds(path)}
     if start.startswith((b"CDF", b"\x89HDF")):
         product = _product(path)
         if product is not None:

@@ -37,16 +37,21 @@ def stored(path: Path, hours: int, chunks: tuple[int, ...] | None) -> str:
 
 @pytest.fixture
 def loads(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Sizes of what is read, one a read."""
+    """Sizes of what is read, one a read: by xarray, or a chunk as it is stored."""
     seen: list[int] = []
-    original = chunk_reading._load
+    original, as_stored = chunk_reading._load, chunk_reading.RawVariable.values
 
     def counted(variable: xr.Variable) -> np.ndarray:
         values = original(variable)
         seen.append(values.size)
         return values
 
+    def expanded(raw: chunk_reading.RawVariable, place: tuple[int, ...]) -> object:
+        seen.append(int(np.prod(raw.chunks)))
+        return as_stored(raw, place)
+
     monkeypatch.setattr(chunk_reading, "_load", counted)
+    monkeypatch.setattr(chunk_reading.RawVariable, "values", expanded)
     return seen
 
 

@@ -22,6 +22,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.reference.gridded.raw_chunks import RawVariable, raw_variable
 from airswing.reference.gridded.stored import StoredField
 
 Floats = NDArray[np.float64]
@@ -155,13 +156,16 @@ class Wants:
         account : Account
             Takes what reading took.
         """
-        for (number, (name, _)), pieces in self._pieces.items():
-            stored = self._fields[number]
+        known: dict[tuple[int, str], RawVariable | None] = {}
+        for (number, (name, chunk)), pieces in self._pieces.items():
+            stored, key = self._fields[number], (number, name)
+            if key not in known:
+                known[key] = None if stored.either else raw_variable(ds, name, stored.chunks)
             began = time.perf_counter()
-            box = _box(stored, pieces)
-            variable = ds.variables[name]
             try:
-                values = _load(variable[tuple(box[d] for d in stored.dims)])
+                octets = _as_stored(known[key], stored, chunk, pieces) or _by_library(
+                    ds.variables[name], stored, pieces
+                )
             except Exception as error:  # each backend raises its own
                 account.problems[f"{name}: cannot be read: {_short(error)}"] = None
                 for piece in pieces:
@@ -169,12 +173,39 @@ class Wants:
                 continue
             account.seconds += time.perf_counter() - began
             account.chunks += 1
-            account.octets += values.size * _width(variable)
-            for piece in pieces:
-                _put(stored, piece, values, box)
+            account.octets += octets
         self._pieces.clear()
         self._sorted.clear()
         self._kept.clear()
+
+
+def _by_library(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> int:
+    """Read the box that holds all pieces by xarray, and put them in their places."""
+    box = _box(stored, pieces)
+    values = _load(variable[tuple(box[d] for d in stored.dims)])
+    for piece in pieces:
+        _put(stored, piece, values, box)
+    return values.size * _width(variable)
+
+
+def _as_stored(
+    raw: RawVariable | None, stored: StoredField, chunk: tuple[int, ...], pieces: list[_Piece]
+) -> int:
+    """Expand a chunk once, and take the values of all pieces out of it; 0 where that cannot be."""
+    if raw is None:
+        return 0
+    begins = tuple(n * length for n, length in zip(chunk, raw.chunks, strict=True))
+    at = raw.values(begins)
+    if at is None:
+        return 0
+    steps = np.append(np.cumprod(raw.chunks[:0:-1])[::-1], 1).astype(np.int64)
+    for piece in pieces:
+        flat: Ints = np.zeros(piece.j.shape, dtype=np.int64)
+        for dim, begin, step in zip(stored.dims, begins, steps, strict=True):
+            where = piece.j if dim == stored.y else piece.i if dim == stored.x else piece.at[dim]
+            flat += (where - begin) * step
+        piece.target[piece.places] += piece.weight * at(flat)
+    return int(np.prod(raw.chunks)) * raw.dtype.itemsize
 
 
 def _box(stored: StoredField, pieces: list[_Piece]) -> dict[str, slice]:

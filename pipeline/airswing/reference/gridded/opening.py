@@ -27,6 +27,7 @@ from typing import Any
 import xarray as xr
 
 from airswing.errors import InputError
+from airswing.model_formats import model_formats
 from airswing.products.classic_netcdf import require_whole
 from airswing.products.fingerprint import ZARR_MARKS
 from airswing.products.openable import require_openable
@@ -50,7 +51,7 @@ def kind_of(path: str) -> str:
     Returns
     -------
     str
-        ``netcdf``, ``zarr``, ``grib``, or empty.
+        ``netcdf``, ``zarr``, ``grib``, a further kind's name, or empty.
 
     Raises
     ------
@@ -60,6 +61,9 @@ def kind_of(path: str) -> str:
         return "zarr" if is_zarr(path) else ""
     with open(path, "rb") as file:
         start = file.read(1024)
+    for further in model_formats().values():
+        if further.tells(path, start):
+            return further.name
     return next((kind for magic, kind in _MAGIC if start.startswith(magic)), "") or (
         "grib" if b"GRIB" in start else ""
     )
@@ -129,6 +133,8 @@ def _opened(file: SourceFile, engine: str) -> tuple[xr.Dataset, ...]:
         try:
             if engine == "cfgrib":
                 return tuple(cfgrib_parts(file.path))
+            if engine in model_formats():
+                return tuple(model_formats()[engine].open(file.path))
             return (_open(file.path, engine),)
         except InputError:
             raise

@@ -1,0 +1,241 @@
+"""Values of stored chunks at some of their points, past the libraries that would make whole arrays.
+
+A chunk of a NetCDF-4 variable or of a Zarr array is fetched as the octets it is stored in, expanded
+once, and only the wanted values are put together from its planes of octets and unpacked: no array
+of the chunk is made, nothing is cast or masked that is not asked for.
+
+Assumptions and validity
+------------------------
+* NetCDF-4: no filter, deflate, or shuffle and deflate; read by h5py. Zarr (versions 2 and 3, local
+  folders): regular chunks in C order, no filters, one compressor numcodecs knows. Whatever else
+  there is (sharding, other filters, groups, a change of dtype by `_Unsigned`) is left to xarray:
+  `raw_variable` gives None.
+* A chunk that was never written is left to xarray, too: what it holds is each format's own matter.
+* Unpacking is in double precision: value * scale_factor + add_offset.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Fetch = Callable[[tuple[int, ...]], "bytes | None"]
+"""Expanded octets of the chunk that begins at a place; None where none was written."""
+
+
+@dataclass(frozen=True)
+class RawVariable:
+    """A variable whose chunks are read as they are stored.
+
+    Parameters
+    ----------
+    chunks : tuple of int
+    dtype : dtype
+        As stored.
+    shuffled : bool
+        Whether the first octets of all values stand before the second ones, and so on.
+    fetch : callable
+    scale, offset : float
+    fills : tuple of float
+        Stored values that are none.
+    """
+
+    chunks: tuple[int, ...]
+    dtype: np.dtype[Any]
+    shuffled: bool
+    fetch: Fetch
+    scale: float
+    offset: float
+    fills: tuple[float, ...]
+
+    def values(self, place: tuple[int, ...]) -> Callable[[Ints], Floats] | None:
+        """Reader of one chunk: flat places in it to values.
+
+        Parameters
+        ----------
+        place : tuple of int
+            Where the chunk begins.
+
+        Returns
+        -------
+        callable or None
+            None where the chunk was never written.
+
+        Raises
+        ------
+        ValueError
+            The chunk is not of its length.
+        """
+        octets = self.fetch(place)
+        if octets is None:
+            return None
+        count = int(np.prod(self.chunks))
+        if len(octets) != count * self.dtype.itemsize:
+            raise ValueError(f"a chunk of {len(octets)} octets")
+        plain = np.frombuffer(octets, dtype=np.uint8)
+        planes = (
+            plain.reshape(self.dtype.itemsize, count).T
+            if self.shuffled
+            else (plain.reshape(count, self.dtype.itemsize))
+        )
+
+        def at(flat: Ints) -> Floats:
+            stored = np.ascontiguousarray(planes[flat]).view(self.dtype)[..., 0]
+            found: Floats = stored.astype(np.float64)
+            for fill in self.fills:
+                found[stored == fill] = np.nan
+            if self.scale != 1.0 or self.offset != 0.0:
+                found = found * self.scale + self.offset
+            return found
+
+        return at
+
+
+def raw_variable(ds: xr.Dataset, name: str, chunks: tuple[Any, ...]) -> RawVariable | None:
+    """A variable's chunks, where they can be read as they are stored.
+
+    Parameters
+    ----------
+    ds : Dataset
+        As opened from a file.
+    name : str
+    chunks : tuple
+        Lengths the chunks are taken to have.
+
+    Returns
+    -------
+    RawVariable or None
+        None where they must be left to xarray.
+    """
+    variable = ds.variables[name]
+    source = str(variable.encoding.get("source") or ds.encoding.get("source") or "")
+    known = variable.encoding.keys() | variable.attrs.keys()
+    if variable.chunks is not None or not source or "_Unsigned" in known:
+        return None
+    if not all(isinstance(length, int) for length in chunks):
+        return None
+    path = Path(source.removeprefix("file://"))
+    try:
+        stored = _of_zarr(path, name) if path.is_dir() else _of_hdf5(path, name)
+    except (OSError, KeyError, ValueError, ImportError):
+        return None
+    if stored is None or stored[0] != tuple(chunks) or stored[1].kind not in "iuf":
+        return None
+    length, dtype, shuffled, fetch = stored
+    encoding = variable.encoding
+    fills = [encoding[key] for key in ("_FillValue", "missing_value") if key in encoding]
+    return RawVariable(
+        length,
+        dtype,
+        shuffled,
+        fetch,
+        float(encoding.get("scale_factor", 1.0)),
+        float(encoding.get("add_offset", 0.0)),
+        tuple(float(value) for fill in fills for value in np.atleast_1d(fill) if value == value),
+    )
+
+
+_Stored = tuple[tuple[int, ...], "np.dtype[Any]", bool, Fetch]
+
+
+def _of_hdf5(path: Path, name: str) -> _Stored | None:
+    import h5py
+    from isal import isal_zlib
+
+    with path.open("rb") as file:
+        if file.read(4) != b"\x89HDF":
+            return None
+    opened = h5py.File(path, "r")
+    data = opened[name]
+    filters = data.id.get_create_plist()
+    codes = [filters.get_filter(k)[0] for k in range(filters.get_nfilters())]
+    if data.chunks is None or codes not in ([], [1], [2, 1]):
+        return None
+    size = int(np.prod(data.chunks)) * data.dtype.itemsize
+
+    def fetch(place: tuple[int, ...]) -> bytes | None:
+        info = data.id.get_chunk_info_by_coord(place)
+        if info.byte_offset is None:
+            return None
+        left_out, octets = data.id.read_direct_chunk(place)
+        if left_out:
+            raise ValueError("a chunk stored without its filters")
+        return isal_zlib.decompress(octets, bufsize=size) if codes else bytes(octets)
+
+    return data.chunks, data.dtype, 2 in codes, fetch
+
+
+def _of_zarr(path: Path, name: str) -> _Stored | None:
+    folder = path / name
+    if (folder / ".zarray").is_file():
+        return _of_zarr2(folder, json.loads((folder / ".zarray").read_text()))
+    told = json.loads((folder / "zarr.json").read_text())
+    grid, keys = told["chunk_grid"], told["chunk_key_encoding"]
+    codecs = [(one["name"], one.get("configuration", {})) for one in told["codecs"]]
+    if grid["name"] != "regular" or keys["name"] != "default" or told["storage_transformers"]:
+        return None
+    if not codecs or codecs[0][0] != "bytes" or len(codecs) > 2:
+        return None
+    expand = _expander(*codecs[1]) if len(codecs) == 2 else bytes
+    if expand is None:
+        return None
+    order = ">" if codecs[0][1].get("endian") == "big" else "<"
+    dtype = np.dtype(str(told["data_type"])).newbyteorder(order)  # type: ignore[arg-type]
+    lengths = tuple(int(n) for n in grid["configuration"]["chunk_shape"])
+    between = keys.get("configuration", {}).get("separator", "/")
+    return lengths, dtype, False, _files(folder, lengths, "c" + between, between, expand)
+
+
+def _of_zarr2(folder: Path, told: dict[str, Any]) -> _Stored | None:
+    if told["order"] != "C" or told["filters"]:
+        return None
+    compressor = told["compressor"]
+    expand = _expander(compressor["id"], compressor) if compressor else bytes
+    if expand is None:
+        return None
+    lengths = tuple(int(n) for n in told["chunks"])
+    between = told.get("dimension_separator", ".")
+    return lengths, np.dtype(told["dtype"]), False, _files(folder, lengths, "", between, expand)
+
+
+def _expander(name: str, options: dict[str, Any]) -> Callable[[bytes], Any] | None:
+    """What expands a compressed chunk; None for what is not known."""
+    from isal import igzip, isal_zlib
+
+    if name == "zlib":
+        return isal_zlib.decompress
+    if name == "gzip":
+        return igzip.decompress
+    if name not in ("blosc", "zstd", "lz4"):
+        return None
+    import numcodecs  # type: ignore[import-untyped]
+
+    codec: Any = numcodecs.get_codec({"id": name})
+    return codec.decode  # type: ignore[no-any-return]
+
+
+def _files(
+    folder: Path,
+    lengths: tuple[int, ...],
+    start: str,
+    between: str,
+    expand: Callable[[bytes], Any],
+) -> Fetch:
+    def fetch(place: tuple[int, ...]) -> bytes | None:
+        numbers = (str(at // length) for at, length in zip(place, lengths, strict=True))
+        try:
+            octets = (folder / (start + between.join(numbers))).read_bytes()
+        except FileNotFoundError:
+            return None
+        return bytes(memoryview(expand(octets)).cast("B"))
+
+    return fetch
