@@ -23,7 +23,12 @@ from airswing.gap.checks.aliases import hidden_shares
 from airswing.gap.checks.assumptions import run_checks, with_aliases
 from airswing.gap.checks.refit_claims import Adjustment, make_adjustment
 from airswing.gap.closure.interval import with_interval
-from airswing.gap.closure.of_scatter import reduction_of, reduction_of_jitter, with_scatter
+from airswing.gap.closure.of_scatter import (
+    Reduction,
+    reduction_of,
+    reduction_of_jitter,
+    with_scatter,
+)
 from airswing.gap.design.basis import DictionaryPlan, plan_dictionary
 from airswing.gap.design.candidates import candidates
 from airswing.gap.design.heading_uncertainty import heading_doubt
@@ -55,8 +60,9 @@ from airswing.gap.sums.elimination import eliminate_days
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_prior, shared_variances
 from airswing.gap.sums.whole_archive import Archive, held_archive, sum_reports
-from airswing.gap.witness.bench import Setting
+from airswing.gap.witness.bench import Bench, Setting
 from airswing.gap.witness.learned import LearnedWitness
+from airswing.gap.witness.sent_winds import SentWinds, sent_winds
 from airswing.gap.witness.taken_off import Taken, is_remainder, next_unknown, remainder_names
 from airswing.units import DAY
 
@@ -233,6 +239,9 @@ def diagnose(
         final, again, _ = _passes(archive, replace(search, effects=left), swaps=False)
     problem, found = final.problem, final.standing.found
     findings = _findings(final, search, again=again, names=known_names)
+    told = {name for one in taken for name in one.unknown.grid.variables}
+    if findings.sent is not None and told & set(findings.sent.telling):
+        findings = replace(findings, sent=None)  # what a table's cells left of its variable
     findings = replace(findings, swap=swap, untestable=untestable | dict(findings.untestable))
     report = assemble(problem, findings)
     report = with_unknowns(report, taken, problem=problem, found=found, whole=findings.whole)
@@ -356,13 +365,19 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
     gross = calm.gross
     scatter = {m.name: reduction_of(frame, whole.residual, m, gross) for m in moments}
     closure, whole = with_scatter(closure, scatter), with_scatter(whole, scatter)
-    jittery = None
+    explained = {tail for moment in moments for tail in moment.tails}
+    jittery = sent = None
     if search.dictionary:
-        explained = {tail for moment in moments for tail in moment.tails}
         jittery = scattering(frame, whole.residual, problem.noise, explained=explained)
+        explained |= set(() if jittery is None else jittery.tails)
+        sent = _sent_otherwise(problem, whole.residual, explained)
+    unnamed = {}
     if jittery is not None:
-        scatter["scatter"] = reduction_of_jitter(frame, whole.residual, jittery)
-        whole = with_scatter(whole, {"scatter": scatter["scatter"]})
+        unnamed["scatter"] = reduction_of_jitter(frame, whole.residual, jittery)
+    if sent is not None and sent.speeds is not None:
+        unnamed["reported_speed"] = Reduction(sent.closes, sent.closes_error)
+    scatter |= unnamed
+    whole = with_scatter(whole, unnamed)
     return Findings(
         found=found,
         closure=closure,
@@ -379,8 +394,17 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
         moments=moments,
         scatter=scatter,
         jittery=jittery,
+        sent=sent,
         doubtful=standing.doubtful,
     )
+
+
+def _sent_otherwise(problem: Problem, rest: Floats, explained: Collection[str]) -> SentWinds | None:
+    """Find winds sent otherwise than simulated, but for aircraft whose scatter has a name."""
+    setting = Setting.of(problem)
+    fold = folds_of_days(problem.base.stats)
+    known = [a for a, tail in enumerate(problem.archive.tails) if tail in explained]
+    return sent_winds(Bench.of(setting, rest), fold, without=known)
 
 
 def _check(archive: Archive) -> None:

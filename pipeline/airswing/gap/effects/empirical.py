@@ -23,6 +23,8 @@ class Empirical(MomentEffect):
     """An error of one component by a table over one or two variables of the report.
 
     A table by the reported wind is one by the wind as sent: what is sent is found in a few rounds.
+    The component ``reported_speed`` is a map instead: ``edges`` are speeds, ``values`` what is sent
+    in their place, linear between them and moved along beyond.
     """
 
     name = "empirical"
@@ -44,6 +46,8 @@ class Empirical(MomentEffect):
     ) -> State:
         """See `Effect.apply`: heading and airspeed exactly, winds by addition."""
         component = str(values["component"])
+        if component == "reported_speed":
+            return _resent(state, values)
         grid, table = grid_of(values), np.asarray(values["values"], np.float64)
         u, v = state.report_u, state.report_v
         reported = {"wind_direction", "wind_speed"} & set(grid.variables)
@@ -77,11 +81,18 @@ class Empirical(MomentEffect):
             )
         grid = grid_of(out)
         table = np.asarray(out["values"], np.float64)
-        if table.shape != (grid.size,) or not np.isfinite(table).all():
+        mapped = out["component"] == "reported_speed"
+        if mapped and grid.variables != ("wind_speed",):
             raise InputError(
-                "a table needs one number per cell",
+                "a map of speeds has one variable, wind_speed",
+                field="variables",
+                found=list(grid.variables),
+            )
+        if table.shape != (grid.size + mapped,) or not np.isfinite(table).all():
+            raise InputError(
+                f"a table needs one number per {'speed' if mapped else 'cell'}",
                 field="values",
-                found=f"{table.size} values for {grid.size} cells",
+                found=f"{table.size} values for {grid.size + mapped}",
             )
         return out
 
@@ -94,6 +105,31 @@ class Empirical(MomentEffect):
             f"effect of the catalogue explains, {table.min():.2g} to {table.max():.2g} "
             f"{UNIT_OF[str(values['component'])]}"
         )
+
+
+def _resent(state: State, values: Parameters) -> State:
+    """Winds of other speeds and the same directions."""
+    speed = np.hypot(state.report_u, state.report_v)
+    knots, sent = (np.asarray(x, float) for x in (values["edges"][0], values["values"]))
+    scale = mapped_speed(speed, knots, sent) / np.maximum(speed, 1e-6)
+    return replace(state, report_u=scale * state.report_u, report_v=scale * state.report_v)
+
+
+def mapped_speed(speed: Any, speeds: Any, sent: Any) -> Any:
+    """Speeds sent in the place of others, m/s: linear between a map's points, moved along beyond.
+
+    Parameters
+    ----------
+    speed : (n,) float
+    speeds, sent : (m,) float
+        The map; speeds increase.
+
+    Returns
+    -------
+    (n,) float
+    """
+    inside = np.interp(speed, speeds, sent)
+    return np.maximum(inside + np.maximum(speed - speeds[-1], 0.0), 0.0)
 
 
 def grid_of(values: Mapping[str, Any]) -> Grid:

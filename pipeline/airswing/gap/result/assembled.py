@@ -55,6 +55,7 @@ from airswing.gap.search.stepwise import Found
 from airswing.gap.search.tail_swaps import Swap
 from airswing.gap.sums.elimination import Base
 from airswing.gap.sums.problem import Problem
+from airswing.gap.witness.sent_winds import SentWinds
 
 Floats = NDArray[np.float64]
 
@@ -87,6 +88,8 @@ class Findings:
     scatter : mapping
         Name of each effect of scatter -> what it closes.
     jittery : Scattering or None
+    sent : SentWinds or None
+        Winds sent otherwise than simulated ones.
     doubtful : sequence of Doubtful
         Names that days left out did not confirm.
     """
@@ -106,6 +109,7 @@ class Findings:
     moments: Sequence[MomentVerdict]
     scatter: Mapping[str, Reduction]
     jittery: Scattering | None
+    sent: SentWinds | None
     doubtful: Sequence[Doubtful]
 
 
@@ -185,6 +189,8 @@ def _found_entries(
         effects.append(replace(moment_entry(moment, reduction), share_of_gap=share))
     if findings.jittery is not None:
         unknown.append(scatter_place(findings.jittery, findings.scatter["scatter"]))
+    if findings.sent is not None:
+        unknown.append(sent_place(findings.sent, problem.archive.tails, findings.scatter))
     if findings.swap is not None:
         effects.append(swap_entry(findings.swap, problem.base))
     effects.sort(key=lambda e: -e.held_out_energy)
@@ -302,6 +308,47 @@ def scatter_place(found: Scattering, reduction: Reduction) -> PlaceEntry:
         size_m_s=float(np.median(found.excess)),
         curve=CurveEntry(list(found.tails), list(found.excess)),
         closure=_closes(reduction),
+    )
+
+
+def sent_place(
+    found: SentWinds, tails: Sequence[str], scatter: Mapping[str, Reduction]
+) -> PlaceEntry:
+    """Place of winds that are sent otherwise than simulated: a map of speeds, or directions."""
+    whole = len(found.aircraft) >= 0.75 * len(tails)
+    component = "reported_direction"
+    curve = CurveEntry(
+        [f"{10 * k}" for k in range(36)], [100.0 * x for x in found.directions], unit="percent"
+    )
+    size = 0.0
+    if found.speeds is not None and found.sent is not None:
+        component = "reported_speed"
+        size = float(np.sqrt(np.mean((found.sent - found.speeds) ** 2)))
+        speeds, sent = _floats(found.speeds), _floats(found.sent)
+        curve = CurveEntry(
+            [f"{speed:.3g}" for speed in speeds],
+            sent,
+            unit="m/s",
+            variables=["wind_speed"],
+            variable_units=["m/s"],
+            edges=[speeds],
+            values=sent,
+        )
+    return PlaceEntry(
+        component=component,
+        variable=found.telling[0],
+        variables=list(found.telling),
+        group=f"{component}:{found.telling[0]}",
+        tails=[] if whole else [tails[a] for a in found.aircraft],
+        scope="fleet" if whole else "aircraft",
+        evidence_nats=round(found.evidence, 2),
+        probability=_plain_probability(found.evidence),
+        size_m_s=size,
+        curve=curve,
+        closure=_closes(scatter[component])
+        if component in scatter
+        else ClosesEntry(0.0, [0.0, 0.0]),
+        settled_by="the unit's winds before they are coded, beside those it sends",
     )
 
 

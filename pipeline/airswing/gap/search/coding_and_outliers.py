@@ -29,6 +29,9 @@ Floats = NDArray[np.float64]
 SPEED_STEPS = (2.0, 5.0, 10.0)
 DIRECTION_STEPS = (2.0, 5.0, 10.0)
 POSITION_STEPS = (0.5, 0.6, 1.0, 2.0, 3.0, 5.0, 6.0, 10.0)
+FREQUENT = {"speed": 2, "direction": 12}
+"""Most frequent values that a lattice must show without: a floor or a hole sends one or two speeds
+too often, a few directions at weak winds are at most twelve; a coding in steps spreads over all."""
 LEAST_SHARE = 0.15
 ORDINARY_RATE = 0.012
 LEAST_SIZE = 6.0
@@ -155,8 +158,10 @@ def wind_coding(frame: Any) -> MomentVerdict | None:
         own = np.flatnonzero((frame.aircraft == a) & moving)
         if own.size < 100:
             continue
-        step, share = coarsest(speed[own], SPEED_STEPS, base=1.0)
-        turn, turn_share = coarsest(direction[own], DIRECTION_STEPS, base=1.0)
+        fast = own[_usual(speed[own], FREQUENT["speed"])]
+        turned = own[_usual(direction[own], FREQUENT["direction"])]
+        step, share = coarsest(speed[fast], SPEED_STEPS, base=1.0)
+        turn, turn_share = coarsest(direction[turned], DIRECTION_STEPS, base=1.0)
         if step <= 1.0 and turn <= 1.0:
             continue
         per_tail[tail] = {"step": step if step > 1 else 1.0, "direction_step_deg": turn}
@@ -168,6 +173,14 @@ def wind_coding(frame: Any) -> MomentVerdict | None:
         return None
     period = [_date(float(np.median(start))), None] if len(start) == len(per_tail) else None
     return _verdict("wind_coding", per_tail, period, evidence)
+
+
+def _usual(values: Floats, frequent: int) -> NDArray[np.bool_]:
+    """Reports (n,) but for those of the most frequent whole values."""
+    whole, number, count = np.unique(np.round(values), return_inverse=True, return_counts=True)
+    if whole.size <= 2 * frequent:
+        return np.ones(values.size, bool)
+    return ~np.isin(number, np.argsort(-count, kind="stable")[:frequent])
 
 
 def position_coding(frame: Any) -> MomentVerdict | None:

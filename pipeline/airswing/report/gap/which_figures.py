@@ -396,6 +396,34 @@ def table_figure(place: PlaceEntry) -> Figure:
 
 
 @styled
+def speed_map_figure(place: PlaceEntry) -> Figure:
+    """Speeds sent in the place of others.
+
+    Parameters
+    ----------
+    place : PlaceEntry
+        Its curve holds the map.
+
+    Returns
+    -------
+    CaptionedFigure
+    """
+    speeds = np.asarray((place.curve.edges or [[]])[0], float)
+    sent = np.asarray(place.curve.values, float)
+    figure = new_figure(2.8)
+    axes = figure.add_subplot()
+    axes.plot(speeds, speeds, color=INK, linewidth=0.8, linestyle="--")
+    axes.plot(speeds, sent, color=BLUE, linewidth=1.6)
+    axes.set_xlabel("simulated wind speed (m/s)")
+    axes.set_ylabel("speed sent (m/s)")
+    closes = f"; it closes {place.closure.reduction:.2f} kt" if place.closure else ""
+    return figure.say(
+        f"Speeds as sent against simulated ones, dashed where they are the same: "
+        f"{slice_words(place)} (n = {plural(int(sent.size), 'quantile')}){closes}."
+    )
+
+
+@styled
 def unknown_curve_figure(place: PlaceEntry) -> Figure:
     """Bars of the curve fitted to an effect that the catalogue does not hold.
 
@@ -407,6 +435,8 @@ def unknown_curve_figure(place: PlaceEntry) -> Figure:
     -------
     CaptionedFigure
     """
+    if place.component == "reported_speed":
+        return speed_map_figure(place)
     if place.curve.edges is not None:
         return table_figure(place)
     labels, value = place.curve.labels, np.asarray(place.curve.m_s, float)
@@ -427,6 +457,13 @@ def unknown_curve_figure(place: PlaceEntry) -> Figure:
         axes.set_ylabel("beyond the fleet's (m/s)")
         return figure.say(
             f"What aircraft scatter more than the fleet: {slice_words(place)} (n = {value.size})."
+        )
+    if place.component == "reported_direction":
+        axes.set_xlabel("reported wind direction (degrees)")
+        axes.set_ylabel("beside simulated (%)")
+        return figure.say(
+            f"Reports beside simulated ones in each ten degrees: {slice_words(place)} "
+            f"(n = {value.size})."
         )
     axes.set_ylabel("fitted residual (m/s)")
     return figure.say(

@@ -296,6 +296,8 @@ COMPONENTS = {
     "across": "across the heading",
     "along": "along the heading",
     "scatter": "of single reports",
+    "reported_speed": "speeds sent in the place of others",
+    "reported_direction": "directions sent too often or never",
     "across_heading": "across the heading",
     "along_heading": "along the heading",
     "heading_angle": "an angle of the heading",

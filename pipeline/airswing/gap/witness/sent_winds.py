@@ -1,0 +1,254 @@
+"""What no mean shows: winds whose speeds or directions are never, or too often, sent.
+
+Assumptions: a simulated archive of the same paths with the effects found, coded as the unit codes,
+has the reported speeds and directions that the real one has. Trees that tell a real report from a
+simulated one by them, learned on half of the days, are judged on the others by the area under the
+receiver's curve: 0.5 where there is nothing to tell. What they tell a simulated archive from
+another by is the measure of chance. A floor, a ceiling or a hole sends another speed for every
+speed: the monotone map between the quantiles of simulated and reported speeds.
+
+Validity: whole flights, a sample of reports; effects that move a few percent of the reports. The
+map holds for an effect of the speed alone; directions sent on a few values are told, not mapped.
+
+Source: Lopez-Paz & Oquab (2017), classifier two-sample tests; Hanley & McNeil (1982), Radiology
+143, 29-36 (area under the curve).
+
+Units: m/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.effects.empirical import mapped_speed
+from airswing.gap.simulation.forward import Coding
+from airswing.gap.witness.bench import Bench
+from airswing.gap.witness.learned import Sample
+from airswing.units import KNOT
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Of the trees.
+TREES = {"max_iter": 40, "max_leaf_nodes": 31, "learning_rate": 0.15, "min_samples_leaf": 60}
+#: Area beyond that of simulated archives that counts: least, and in standard errors of it.
+LEAST_AREA, SIGNIFICANT = 0.025, 4.0
+#: Least standard error of an area.
+LEAST_ERROR = 0.004
+#: Share of the clearest variable's (aircraft's) loss (area) from which another counts.
+TELLING = 0.5
+#: Variables the trees see; those by which an effect on the wind sent is told come first.
+SEEN = ("wind_speed", "wind_direction", "altitude", "hour")
+#: Quantiles of the map of speeds, and the least change that is one, m/s and standard errors.
+QUANTILES, LEAST_CHANGE, CLEAR = 80, 1.0 * KNOT, 4.0
+
+
+@dataclass(frozen=True)
+class SentWinds:
+    """Winds sent otherwise than simulated ones.
+
+    Attributes
+    ----------
+    area : float
+        Under the receiver's curve, real against simulated.
+    simulated, error : float
+        The same between simulated archives, and its standard error.
+    telling : tuple of str
+        ``wind_speed``, ``wind_direction``: what tells, most first.
+    aircraft : tuple of int
+        Those that have it.
+    speeds, sent : (m,) float or None
+        Speeds and what is sent in their place; None where the map is the identity.
+    closes, closes_error : float
+        How far the disagreement shrinks, kt.
+    directions : (36,) float
+        Reports beside simulated ones in each ten degrees of direction, as a share less 1.
+    """
+
+    area: float
+    simulated: float
+    error: float
+    telling: tuple[str, ...]
+    aircraft: tuple[int, ...]
+    speeds: Floats | None
+    sent: Floats | None
+    closes: float
+    closes_error: float
+    directions: Floats
+
+    @property
+    def evidence(self) -> float:
+        """Half the square of the excess in standard errors, nats."""
+        return 0.5 * ((self.area - self.simulated) / self.error) ** 2
+
+
+@dataclass(frozen=True)
+class _Told:
+    """Area under the curve, what permuting each variable costs of it, areas by aircraft."""
+
+    area: float
+    loss: dict[str, float]
+    by_aircraft: Floats
+
+
+def sent_winds(bench: Bench, fold: Integers, *, without: Sequence[int] = ()) -> SentWinds | None:
+    """Find winds that are sent otherwise than the simulation sends them.
+
+    Parameters
+    ----------
+    bench : Bench
+        With three simulated archives or more.
+    fold : (D,) int
+        Fold of every day.
+    without : sequence of int
+        Aircraft left out: their winds are coded otherwise, and that has a name.
+
+    Returns
+    -------
+    SentWinds or None
+        None where trees tell no more than between simulated archives.
+    """
+    frame = bench.setting.frame
+    sample = Sample.of(bench.setting)
+    keep = ~np.isin(frame.aircraft[sample.rows], without)
+    keep &= ~bench.setting.noise.gross[sample.rows]
+    if keep.sum() < 2000:
+        return None
+    sample = Sample(sample.rows[keep], sample.day[keep], sample.second[keep])
+    real = _told(bench, sample, 0)
+    alike = [_told(bench, sample, k).area for k in range(2, len(bench.winds))]
+    simulated = float(np.mean(alike))
+    error = max(float(np.std(alike, ddof=1)) if len(alike) > 1 else 0.0, LEAST_ERROR)
+    if real.area - simulated < max(LEAST_AREA, SIGNIFICANT * error):
+        return None
+    winds = {name: real.loss[name] for name in SEEN[:2]}
+    most = max(winds.values())
+    if most < 0.5 * (real.area - 0.5) or most < max(real.loss.values()):
+        return None  # what the weather of these days had, not what is sent of it
+    telling = tuple(n for n, x in sorted(winds.items(), key=lambda i: -i[1]) if x >= TELLING * most)
+    clearest = float(np.nanmax(real.by_aircraft))
+    own = real.by_aircraft - 0.5 >= TELLING * (clearest - 0.5)
+    aircraft = tuple(int(a) for a in np.flatnonzero(own))
+    speeds, sent = _map_of(bench, aircraft, np.ones(frame.size, bool))
+    turned = _directions(bench, aircraft)
+    if telling[0] != "wind_speed" or not (speeds != sent).any():
+        return SentWinds(
+            real.area, simulated, error, telling, aircraft, None, None, 0.0, 0.0, turned
+        )
+    closes, doubt = _closure(bench, aircraft, fold)
+    return SentWinds(
+        real.area, simulated, error, telling, aircraft, speeds, sent, closes, doubt, turned
+    )
+
+
+def _sent(bench: Bench, k: int) -> tuple[Floats, Floats]:
+    """Winds of an archive as the unit codes them."""
+    return Coding.of_archive(bench.setting.frame).apply(*bench.winds[k])
+
+
+def _features(bench: Bench, rows: Integers, k: int) -> Floats:
+    u, v = (x[rows] for x in _sent(bench, k))
+    speed = np.round(np.hypot(u, v) / KNOT, 1)
+    direction = np.round(np.mod(np.degrees(np.arctan2(-u, -v)), 360.0))
+    other = [bench.variables[n].values[rows] for n in SEEN[2:] if n in bench.variables]
+    return np.stack([speed, direction, *other, bench.setting.frame.aircraft[rows]], -1)
+
+
+def _told(bench: Bench, sample: Sample, k: int) -> _Told:
+    """Tell an archive from the first simulated one."""
+    from sklearn.ensemble import HistGradientBoostingClassifier
+    from sklearn.metrics import roc_auc_score
+
+    names = [*SEEN[:2], *(n for n in SEEN[2:] if n in bench.variables), "aircraft"]
+    one, other = (_features(bench, sample.rows, j) for j in (k, 1))
+    tails = bench.setting.frame.aircraft[sample.rows]
+    number = len(bench.setting.frame.tails)
+    rng = np.random.default_rng(0)
+    areas, loss, each = [], dict.fromkeys(names, 0.0), []
+    for learn in (sample.second, ~sample.second):
+        trees = HistGradientBoostingClassifier(
+            **TREES, categorical_features=[len(names) - 1], early_stopping=False, random_state=0
+        )
+        label = np.repeat([1, 0], learn.sum())
+        trees.fit(np.concatenate([one[learn], other[learn]]), label)
+        left = np.concatenate([one[~learn], other[~learn]])
+        label, own = np.repeat([1, 0], (~learn).sum()), np.tile(tails[~learn], 2)
+        score = trees.decision_function(left)
+        areas.append(float(roc_auc_score(label, score)))
+        for j, name in enumerate(names):
+            moved = left.copy()
+            moved[:, j] = left[rng.permutation(left.shape[0]), j]
+            area = float(roc_auc_score(label, trees.decision_function(moved)))
+            loss[name] += 0.5 * (areas[-1] - area)
+        each.append(
+            [
+                roc_auc_score(label[own == a], score[own == a]) if (own == a).sum() > 50 else 0.5
+                for a in range(number)
+            ]
+        )
+    return _Told(float(np.mean(areas)), loss, np.mean(each, axis=0))
+
+
+def _map_of(bench: Bench, aircraft: Sequence[int], use: Any) -> tuple[Floats, Floats]:
+    """Speeds and what is sent in their place, (m,) each, m/s: the identity where chance allows."""
+    own = np.flatnonzero(np.isin(bench.setting.frame.aircraft, aircraft) & use)
+    coding = Coding.of_archive(bench.setting.frame)
+    step = np.broadcast_to(np.asarray(coding.speed, float), bench.setting.frame.size)[own]
+    rng = np.random.default_rng(0)
+    levels = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    spread = rng.uniform(-0.5, 0.5, own.size) * step
+    made = np.stack(
+        [
+            np.quantile(np.abs(np.hypot(*(x[own] for x in _sent(bench, k))) + spread), levels)
+            for k in range(1, len(bench.winds))
+        ]
+    )
+    speeds = made.mean(axis=0)
+    error = np.maximum(made.std(axis=0, ddof=1), 0.02) * np.sqrt(1 + 1 / made.shape[0])
+    told = np.hypot(*(x[own] for x in _sent(bench, 0)))
+    sent, smooth = np.quantile(told, levels), np.quantile(np.abs(told + spread), levels)
+    same = np.abs(smooth - speeds) < np.maximum(LEAST_CHANGE, CLEAR * error)
+    sent = np.maximum.accumulate(np.where(same, speeds, sent))
+    speeds = np.maximum.accumulate(speeds + 1e-6 * np.arange(QUANTILES))
+    return speeds, np.where(same, speeds, sent)
+
+
+def _directions(bench: Bench, aircraft: Sequence[int]) -> Floats:
+    """Reports beside simulated ones in each ten degrees of direction, as a share less 1, (36,)."""
+    own = np.isin(bench.setting.frame.aircraft, aircraft)
+    count = []
+    for k in range(len(bench.winds)):
+        u, v = (x[own] for x in _sent(bench, k))
+        sector = np.mod(np.degrees(np.arctan2(-u, -v)), 360.0) // 10.0
+        count.append(np.bincount(sector.astype(int), minlength=36)[:36])
+    return np.asarray(count[0] / np.maximum(np.mean(count[1:], axis=0), 1.0) - 1.0)
+
+
+def _closure(bench: Bench, aircraft: Sequence[int], fold: Integers) -> tuple[float, float]:
+    """How far the disagreement shrinks, kt, and its standard error.
+
+    Simulated winds of every fold of days, with the map fitted to the other folds and without,
+    beside the reference: what the effect adds to the disagreement, as a twin archive would show.
+    """
+    frame = bench.setting.frame
+    own, group = np.isin(frame.aircraft, aircraft), fold[bench.setting.day]
+    added = np.zeros((len(bench.winds) - 1, int(fold.max()) + 1))
+    for f in range(added.shape[1]):
+        speeds, sent = _map_of(bench, aircraft, group != f)
+        rows = np.flatnonzero(own & (group == f))
+        for k in range(1, len(bench.winds)):
+            u, v = (x[rows] for x in _sent(bench, k))
+            speed = np.hypot(u, v)
+            scale = mapped_speed(speed, speeds, sent) / np.maximum(speed, 1e-6)
+            after = np.hypot(scale * u - frame.u_ref[rows], scale * v - frame.v_ref[rows])
+            before = np.hypot(u - frame.u_ref[rows], v - frame.v_ref[rows])
+            added[k - 1, f] = (after - before).sum() / frame.size / KNOT
+    total = added.sum(axis=1)
+    folds = added.mean(axis=0)
+    within = folds.std(ddof=1) * np.sqrt(folds.size)
+    return float(total.mean()), float(np.hypot(within, total.std(ddof=1)) + 0.01)

@@ -1,0 +1,116 @@
+"""Floors and directions that are never sent are told from simulated reports, and mapped."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from tests.gap.toy import make_frame
+from tests.gap.witness.test_learned import setting_of
+
+from airswing.errors import InputError
+from airswing.gap.effects.base import ActiveEffect
+from airswing.gap.effects.empirical import mapped_speed
+from airswing.gap.search.coding_and_outliers import wind_coding
+from airswing.gap.simulation.forward import simulate
+from airswing.gap.witness.bench import Bench
+from airswing.gap.witness.sent_winds import sent_winds
+from airswing.units import KNOT
+
+
+def sent_as(frame, change):
+    """The frame with other reported winds."""
+    speed, direction = np.hypot(frame.u_rep, frame.v_rep), np.arctan2(frame.u_rep, frame.v_rep)
+    speed, direction = change(speed, direction)
+    u, v = speed * np.sin(direction), speed * np.cos(direction)
+    return dataclasses.replace(frame, u_rep=u, v_rep=v)
+
+
+def told_of(frame):
+    setting = setting_of(frame)
+    fold = np.arange(setting.day.max() + 1) % 5
+    return sent_winds(Bench.of(setting, frame.residual), fold)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return make_frame(seed=6, aircraft=6, days=14, noise=0.5)
+
+
+@pytest.fixture(scope="module")
+def floored(plain):
+    return sent_as(plain, lambda speed, direction: (np.maximum(speed, 14 * KNOT), direction))
+
+
+def test_nothing_is_told_of_winds_as_they_are(plain):
+    assert told_of(plain) is None
+
+
+def test_a_floor_is_told_mapped_and_closed(plain, floored):
+    found = told_of(floored)
+    assert found is not None and found.telling[0] == "wind_speed"
+    assert len(found.aircraft) >= 5
+    low = np.array([2.0, 6.0, 10.0]) * KNOT
+    np.testing.assert_allclose(mapped_speed(low, found.speeds, found.sent), 14 * KNOT, rtol=0.02)
+    high = np.array([20.0, 35.0]) * KNOT
+    np.testing.assert_allclose(mapped_speed(high, found.speeds, found.sent), high, rtol=0.08)
+    true = (np.hypot(*floored.residual.T).mean() - np.hypot(*plain.residual.T).mean()) / KNOT
+    assert abs(found.closes - true) < max(2 * found.closes_error, 0.3 * true)
+
+
+def test_directions_that_are_never_sent_are_told(plain):
+    step = np.radians(45.0)
+    turned = sent_as(
+        plain,
+        lambda speed, direction: (
+            speed,
+            np.where(speed < 25 * KNOT, np.round(direction / step) * step, direction),
+        ),
+    )
+    found = told_of(turned)
+    assert found is not None and found.telling[0] == "wind_direction"
+    assert found.speeds is None
+    assert found.directions.max() > 0.5  # the sectors that hold the eight directions
+
+
+def test_a_map_of_speeds_is_simulated(plain):
+    """Between its points linear, beyond them moved along; directions stay."""
+    values = {
+        "component": "reported_speed",
+        "variables": ["wind_speed"],
+        "edges": [[0.0, 6.0, 8.0, 20.0]],
+        "values": [6.0, 6.0, 8.0, 21.0],
+    }
+    sent = simulate(plain, effects=[ActiveEffect("empirical", values)])
+    before, after = np.hypot(plain.u_ref, plain.v_ref), np.hypot(sent.u_rep, sent.v_rep)
+    assert after[before < 6.0] == pytest.approx(6.0)
+    middle = (before > 8.0) & (before < 20.0)
+    assert after[middle] == pytest.approx(8.0 + (before[middle] - 8.0) * 13 / 12)
+    beyond = before > 20.0
+    assert after[beyond] == pytest.approx(before[beyond] + 1.0)
+    np.testing.assert_allclose(
+        sent.u_rep * plain.v_ref - sent.v_rep * plain.u_ref, 0.0, atol=1e-6 * before.max() ** 2
+    )
+
+
+def test_a_map_needs_one_value_for_each_speed(plain):
+    values = {
+        "component": "reported_speed",
+        "variables": ["wind_speed"],
+        "edges": [[0.0, 6.0, 8.0]],
+        "values": [6.0, 6.0],
+    }
+    with pytest.raises(InputError, match="one number per speed"):
+        simulate(plain, effects=[ActiveEffect("empirical", values)])
+
+
+def test_a_floor_is_no_coarse_coding(floored):
+    """All the floor's reports have one even speed; a coding in twos has all even speeds."""
+
+    def coded(step):
+        def change(speed, direction):
+            return step * KNOT * np.round(speed / (step * KNOT)), direction
+
+        return sent_as(floored, change)
+
+    assert wind_coding(coded(1.0)) is None
+    assert wind_coding(coded(2.0)).parameters["step"] == 2.0
