@@ -554,7 +554,7 @@ _POSTPROCESS = [
     _V(
         "ratio",
         "1",
-        "ratio of variances of the filter: of the bias's daily change to noise",
+        "ratio of variances of the filter: of the bias's daily change to noise; 0: not corrected",
         ("variable",),
         "f8",
     ),

@@ -121,6 +121,22 @@ def test_ratio_is_chosen_on_the_first_part_of_the_days():
     assert found["ratio"].item() == 0.4
 
 
+def test_what_the_filter_would_make_worse_is_left_as_it_is(tmp_path):
+    rng = np.random.default_rng(4)
+    noise = pairs(rng.normal(size=(1, 60, 1)))
+    biased = pairs(rng.normal(size=(1, 60, 1)) + 2.0, variable="wind_speed")
+    found = correct_forecasts(xr.concat([noise, biased], "variable"))
+    assert found["ratio"].to_numpy()[0] == 0.0 < found["ratio"].to_numpy()[1]
+    assert found["ratio_chosen"].to_numpy().tolist() == [1, 1]
+    left, taken = (found.isel(variable=k) for k in (0, 1))
+    np.testing.assert_array_equal(left["corrected_forecast"], left["forecast"])
+    judged = taken.isel({TIME: slice(30, None)})
+    error = judged["corrected_forecast"] - judged["observation"]
+    assert abs(float(error.mean())) < 0.5
+    given = correct_forecasts(noise, ratio=0.06)
+    assert not np.allclose(given["corrected_forecast"], given["forecast"])
+
+
 def test_one_day_is_left_as_it_is():
     found = correct_forecasts(pairs(np.ones((3, 1, 1))))
     np.testing.assert_array_equal(found["corrected_forecast"], found["forecast"])

@@ -7,7 +7,8 @@ its own (:mod:`airswing.handover.forecasts.kalman`), run over whole days; days w
 bridged.
 
 The filter's ratio is one number a variable: the one with the least mean square error over the first
-part of the days, the training part; the rest of the days, held out, judge it.
+part of the days, the training part; the rest of the days, held out, judge it. Where no ratio gives
+less error than the forecast has as it is, the variable is left so: ratio 0.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ def correct_forecasts(
         ``forecast`` and ``observation`` (variable, station, forecast_reference_time, lead), NaN
         where missing; ``lead`` in hours. May be dask-backed along variable, station and lead.
     ratio : float or "auto", default "auto"
-        Of the filter; chosen by variable on the training days when "auto".
+        Of the filter; chosen by variable on the training days when "auto", 0 where it does not
+        help.
     training : float, default 0.5
         Share of the days that choose.
     window : int, default 7
@@ -66,7 +68,7 @@ def correct_forecasts(
     errors = errors.where(np.isfinite(errors)).transpose(..., TIME)
     held_out = _held_out(pairs[TIME].to_numpy(), training)
     chosen, by_data = _ratios(errors, held_out, ratio)
-    bias = _known_bias(errors, kalman_bias, chosen).transpose(*DIMS)
+    bias = _known_bias(errors, kalman_bias, chosen).where(chosen > 0.0, 0.0).transpose(*DIMS)
     mean = _known_bias(errors, running_mean, window).transpose(*DIMS)
     starts = pairs[TIME]
     hours = (pairs["lead"] * 3.6e12).round().astype("timedelta64[ns]")
@@ -102,8 +104,9 @@ def _ratios(
     table = np.array(
         [((part - _known_bias(part, kalman_bias, one)) ** 2).mean(rest) for one in RATIOS]
     )
+    table = np.vstack([(part**2).mean(rest).to_numpy()[None], table])
     told = np.isfinite(table).all(axis=0)
-    best = np.array(RATIOS)[np.where(told[None], table, 0.0).argmin(axis=0)]
+    best = np.array((0.0, *RATIOS))[np.where(told[None], table, 0.0).argmin(axis=0)]
     return like * np.where(told, best, USUAL_RATIO), told
 
 

@@ -179,7 +179,9 @@ def _notes_section(corrected: xr.Dataset) -> Section:
             if int(own["ratio_chosen"])
             else "given, or the usual one where days are too few to choose"
         )
-        lines.append(f"{str(name).replace('_', ' ')}: ratio {float(own['ratio']):g} ({how})")
+        ratio = float(own["ratio"])
+        what = f"ratio {ratio:g} ({how})" if ratio else f"left as it is ({how}: no ratio has less)"
+        lines.append(f"{str(name).replace('_', ' ')}: {what}")
     judged = int(corrected["held_out"].sum())
     lines.append(f"{plural(judged, 'start')} of {corrected.sizes[TIME]:,} held out")
     for reason, number in _left_out(corrected).items():
