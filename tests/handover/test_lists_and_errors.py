@@ -160,6 +160,20 @@ def test_lines_that_are_none_stay_as_they_are_and_blanks_match_nothing(tmp_path)
     assert done["blank_identifiers_filled"] == 2
 
 
+@pytest.mark.parametrize("number", [500, 501])
+def test_more_than_gsi_has_room_for_is_told(tmp_path, number):
+    base = tmp_path / "list"
+    rows = [f"{place:08d}  - W -      --------  100 SAAB ( bias_DIR )\n" for place in range(number)]
+    base.write_text(HEADER + "".join(rows) + "90000000  T - -      --------\n")
+    done = export(
+        run(tmp_path, {"751": (0.0, 0.0)}),
+        to="reject_list",
+        path=tmp_path / "out",
+        settings=Handover(base=base),
+    )
+    assert any("room for 500" in note for note in done["notes"]) == (number > 500)
+
+
 @pytest.mark.parametrize(
     ("text", "what"),
     [

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 FILE_NAME = "current_bad_aircraft"
 FEWEST = 200
 """Reports below which an aircraft is not judged; the least that real lists name."""
+ROOM = 500
+"""Identifiers GSI's lists hold (src/gsi/aircraftobsqc.f90)."""
 _SHOWN = 12
 
 
@@ -252,6 +254,11 @@ def _account(
     if failing:
         names = ", ".join(one["name"] for one in failing[:_SHOWN])
         notes.append(f"not listed, but failing as reported: {names}")
+    listed_winds = sum("W" in one.flags for one in current.entries) - len(taken_off)
+    if listed_winds > ROOM:
+        notes.append(
+            f"{listed_winds} aircraft are listed for wind; GSI has room for {ROOM}, untested"
+        )
     if current.filled:
         notes.append(
             f"{current.filled} blank second identifiers, which match every report without one, "
