@@ -25,10 +25,10 @@ Radians, m s-1.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.physics.triangle import (
     along_cross,
@@ -181,7 +181,7 @@ def _judge(
     off_speed = np.abs(speed_of_vector(*air) - speed)
     both = np.isfinite(off_air)
 
-    def middle(values: Any) -> Array:
+    def middle(values: ArrayLike) -> Array:
         return group_median(np.where(both, values, np.nan), aircraft, number)
 
     noise = MEDIAN_OF_NORMAL * 2.0

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from airswing.reports.canonical.columns import QUANTITIES, REQUIRED, compatible, split_name
 from airswing.reports.formats.tabular import first_rows
@@ -230,7 +231,7 @@ def _as_yaml(mapping: Mapping[str, Any], remarks: Mapping[str, str]) -> str:
     return "\n".join(lines)
 
 
-def _in_yaml(value: Any) -> str:
+def _in_yaml(value: ArrayLike) -> str:
     import yaml
 
     return yaml.safe_dump(value, default_flow_style=True, width=1000).split("\n")[0]

@@ -16,12 +16,12 @@ Source: docs/gap.md section 6 (the ambiguity set).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term, term_weights
 from airswing.gap.result.schema import AliasEntry
 from airswing.gap.sums.accumulate import Statistics
@@ -41,7 +41,7 @@ MORE_REGION = "aircraft over a wider region and more days"
 MOST_AIRCRAFT = 4
 
 
-def alias_shares(base: Base, term: Term, effects: Mapping[str, Any]) -> dict[str, float]:
+def alias_shares(base: Base, term: Term, effects: Mapping[str, Effect]) -> dict[str, float]:
     """Share of a term's energy that each other effect has in common with it.
 
     Parameters
@@ -114,7 +114,7 @@ def hidden_shares(
     return out
 
 
-def _holds(effect: Any, name: str) -> bool:
+def _holds(effect: Effect, name: str) -> bool:
     """Whether an effect contains another as a special case: no alias, but a wider claim."""
     return bool(effect.name == "compass_drift" and name == "compass_offset")
 
@@ -124,7 +124,7 @@ def _energies(
     term: Term,
     weights: Floats,
     names: Sequence[str],
-    effects: Mapping[str, Any],
+    effects: Mapping[str, Effect],
     aircraft: Sequence[int],
 ) -> tuple[Floats, float]:
     """Energy each effect shares with the term on some aircraft, and the term's own."""
@@ -149,7 +149,7 @@ def _energies(
     return np.array(out), float(np.trace(inner))
 
 
-def _rival_weights(effect: Any, term: Term, weights: Floats, aircraft: Sequence[int]) -> Floats:
+def _rival_weights(effect: Effect, term: Term, weights: Floats, aircraft: Sequence[int]) -> Floats:
     """Aircraft and days on which a rival acts."""
     if effect.kind == "step" and term.period is None:
         half = np.zeros_like(weights)
@@ -214,7 +214,7 @@ def separated_by(effect: str, other: str, *, otherwise: str = "other flights") -
 
 
 def alias_table(
-    base: Base, terms: Sequence[Term], effects: Mapping[str, Any]
+    base: Base, terms: Sequence[Term], effects: Mapping[str, Effect]
 ) -> tuple[list[AliasEntry], dict[str, dict[str, float]]]:
     """List the aliases of the effects found, and every share by effect.
 

@@ -18,12 +18,12 @@ the Mann-Whitney statistic, Hanley & McNeil (1982).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, rankdata
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import unit_vectors
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import whiten
@@ -70,7 +70,7 @@ class Calibration:
 
 
 def calibrate(
-    frame: Any,
+    frame: Frame,
     residual: Floats,
     *,
     noise: NoiseFit,
@@ -188,7 +188,7 @@ def lag_one(
     return float(ratio), float(np.sqrt(((top - ratio * bottom) ** 2).sum()) / bottom.sum())
 
 
-def flight_features(frame: Any, values: Floats, kept: NDArray[np.bool_]) -> Floats:
+def flight_features(frame: Frame, values: Floats, kept: NDArray[np.bool_]) -> Floats:
     """Simple features of every flight with five reports or more.
 
     Parameters

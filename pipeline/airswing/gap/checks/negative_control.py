@@ -15,11 +15,11 @@ Source: docs/gap.md section 7.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import unit_vectors
 from airswing.gap.held_out.reduction import day_interval
 from airswing.gap.noise.model import NoiseFit
@@ -71,7 +71,7 @@ class Decoy:
 
 
 def force_decoy(
-    frame: Any,
+    frame: Frame,
     residual: Floats,
     *,
     noise: NoiseFit,
@@ -114,7 +114,7 @@ def force_decoy(
     return Decoy(float(inside.mean()) / KNOT, float(outside.mean()) / KNOT, interval, draws)
 
 
-def decoy_columns(frame: Any, rng: np.random.Generator) -> Floats:
+def decoy_columns(frame: Frame, rng: np.random.Generator) -> Floats:
     """Columns (n, 2, 2) of one cycle in the magnetic heading of other flights, m s-1 per rad."""
     order = np.lexsort((frame.time, frame.flight))
     _, start, number, count = np.unique(

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.of_candidate import LEAST_ACTING
 from airswing.gap.evidence.terms import Term
@@ -91,14 +92,14 @@ def _silent(found: Found) -> list[_Silent]:
     return out
 
 
-def _by_aircraft(frame: Any) -> list[Integers]:
+def _by_aircraft(frame: Frame) -> list[Integers]:
     """Reports of each aircraft: columns of one at a time fit in memory."""
     order = np.argsort(frame.aircraft, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(frame.aircraft[order])) + 1)
 
 
 def _add_slopes(
-    one: _Silent, part: Any, day: Integers, *, effects: Mapping[str, Any], plan: DictionaryPlan
+    one: _Silent, part: Frame, day: Integers, *, effects: Mapping[str, Effect], plan: DictionaryPlan
 ) -> None:
     """Add an aircraft's reports to the slopes of an effect."""
     score = one.score

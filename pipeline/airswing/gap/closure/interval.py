@@ -31,12 +31,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.closure.effects_not_named import left_over
+from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.term_covariance import term_covariances, term_offsets
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import (
@@ -141,7 +142,7 @@ def _drawn(
     return np.asarray(drawn)
 
 
-def _told_share(term: Term, effects: Mapping[str, Any], factors: Mapping[str, float]) -> float:
+def _told_share(term: Term, effects: Mapping[str, Effect], factors: Mapping[str, float]) -> float:
     """Part of a term's energy that its columns carry, 0.3 to 1."""
     name = term.candidate.name
     share = float(getattr(effects[name], "told_share", 0.99))
@@ -150,7 +151,7 @@ def _told_share(term: Term, effects: Mapping[str, Any], factors: Mapping[str, fl
     return float(np.clip(share, 0.3, 1.0))
 
 
-def rounding_error(frame: Any, changes: Sequence[Change]) -> float:
+def rounding_error(frame: Frame, changes: Sequence[Change]) -> float:
     """Standard error of the mean reduction from rounding the touched reports one way or another.
 
     Parameters
@@ -246,7 +247,7 @@ def _about_estimate(open_: _Open, known: Sequence[int]) -> tuple[Floats, list[Ch
     return take_off(frame, sensor, other), changes
 
 
-def _reports(frame: Any, term: Term, row: int, day: Integers) -> Integers:
+def _reports(frame: Frame, term: Term, row: int, day: Integers) -> Integers:
     """Reports a term acts on, of its ``row``-th aircraft or of the fleet."""
     here = np.ones(frame.size, bool)
     if term.candidate.scope != "fleet":

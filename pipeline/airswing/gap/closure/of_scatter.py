@@ -18,11 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.held_out.reduction import Closure
 from airswing.gap.search.coding_and_outliers import MomentVerdict
 from airswing.gap.search.excess_scatter import Scattering
@@ -58,7 +58,7 @@ class Reduction:
 
 
 def reduction_of(
-    frame: Any, residual: Floats, verdict: MomentVerdict, gross: Mask, *, seed: int = 0
+    frame: Frame, residual: Floats, verdict: MomentVerdict, gross: Mask, *, seed: int = 0
 ) -> Reduction:
     """How far the disagreement shrinks without one effect of coding or of gross errors.
 
@@ -87,7 +87,7 @@ def reduction_of(
 
 
 def reduction_of_jitter(
-    frame: Any, residual: Floats, found: Scattering, *, seed: int = 0
+    frame: Frame, residual: Floats, found: Scattering, *, seed: int = 0
 ) -> Reduction:
     """How far the disagreement shrinks without scatter of no known kind.
 
@@ -116,7 +116,7 @@ def reduction_of_jitter(
 
 
 def _of_gross(
-    frame: Any, residual: Floats, verdict: MomentVerdict, calm: Mask, rng: np.random.Generator
+    frame: Frame, residual: Floats, verdict: MomentVerdict, calm: Mask, rng: np.random.Generator
 ) -> Reduction:
     """Gross errors: as much longer as a normal error of their size makes the calm reports."""
     total, doubt = 0.0, 0.0
@@ -134,7 +134,7 @@ def _of_gross(
 
 
 def _of_coding(
-    frame: Any, residual: Floats, verdict: MomentVerdict, struck: Mask, rng: np.random.Generator
+    frame: Frame, residual: Floats, verdict: MomentVerdict, struck: Mask, rng: np.random.Generator
 ) -> Reduction:
     """Coarse coding: rounding once more, continued backwards."""
     speed_step, turn_step = np.zeros((2, len(frame.tails)))

@@ -17,11 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.physics.splines import hats
 from airswing.units import DAY
 
@@ -108,7 +108,7 @@ class DictionaryPlan:
         return sum(len(g.labels) for g in self.groups)
 
 
-def variable(frame: Any, name: str) -> Floats:
+def variable(frame: Frame, name: str) -> Floats:
     """Value of a dictionary variable of every report, in its display unit.
 
     Parameters
@@ -166,7 +166,7 @@ def variables(name: str) -> list[str]:
     return [stem, "magnetic_heading"] if stem != own else [stem]
 
 
-def plan_dictionary(frame: Any, known: Collection[str] | None = None) -> DictionaryPlan:
+def plan_dictionary(frame: Frame, known: Collection[str] | None = None) -> DictionaryPlan:
     """Knots, groups and centring constants for an archive.
 
     Parameters
@@ -264,7 +264,7 @@ def unit_vectors(heading: Floats) -> tuple[Floats, Floats]:
     return np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)
 
 
-def dictionary_columns(frame: Any, plan: DictionaryPlan) -> Floats:
+def dictionary_columns(frame: Frame, plan: DictionaryPlan) -> Floats:
     """Columns of the dictionary for some reports.
 
     Parameters
@@ -282,7 +282,7 @@ def dictionary_columns(frame: Any, plan: DictionaryPlan) -> Floats:
     return out.T
 
 
-def fill_dictionary(out: NDArray[np.floating], frame: Any, plan: DictionaryPlan) -> None:
+def fill_dictionary(out: NDArray[np.floating], frame: Frame, plan: DictionaryPlan) -> None:
     """Write the columns of the dictionary for some reports, one column after the other.
 
     Parameters
@@ -325,7 +325,7 @@ class _Waves:
         return self._made[name]
 
 
-def _factors(frame: Any, plan: DictionaryPlan, group: Group, waves: _Waves) -> Floats:
+def _factors(frame: Frame, plan: DictionaryPlan, group: Group, waves: _Waves) -> Floats:
     """Scalar factors (k, n) of a heading-frame group."""
     if group.variable == "constant":
         return np.ones((1, frame.size))
@@ -362,7 +362,7 @@ def _hour_hats(values: Floats, points: Floats) -> Floats:
     return rows[:-1]
 
 
-def _taylor(frame: Any, plan: DictionaryPlan, group: Group) -> Floats:
+def _taylor(frame: Frame, plan: DictionaryPlan, group: Group) -> Floats:
     """Columns (n, 2, k) made of the reference wind and its derivatives, of order 1."""
     wind = np.stack([frame.u_ref, frame.v_ref], -1) / 10.0
     turned = np.stack([-wind[:, 1], wind[:, 0]], -1)

@@ -17,13 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.layout import Layout
 from airswing.gap.effects import HeadingEffect
+from airswing.gap.effects.base import Effect
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -87,7 +87,7 @@ class Candidate:
 
 
 def candidates(
-    layout: Layout, effects: Mapping[str, Any], *, dictionary: bool = True
+    layout: Layout, effects: Mapping[str, Effect], *, dictionary: bool = True
 ) -> list[Candidate]:
     """All candidates of a layout.
 
@@ -143,7 +143,9 @@ def candidates(
     return out
 
 
-def _lasting_columns(effect: Any, block: Integers, scales: Floats) -> tuple[tuple[int, float], ...]:
+def _lasting_columns(
+    effect: Effect, block: Integers, scales: Floats
+) -> tuple[tuple[int, float], ...]:
     """Columns of a drift that do not change in time: all but the rates."""
     if effect.kind != "drift":
         return ()

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.physics.splines import hats
 from airswing.physics.triangle import wrap_signed
 from airswing.units import DAY
@@ -38,7 +39,7 @@ TERMS = 13
 """Terms of the large-scale wind."""
 
 
-def exogenous(frame: Any, winds: LargeScale | None = None) -> Any:
+def exogenous(frame: Frame, winds: LargeScale | None = None) -> Any:
     """Frame whose heading and airspeed may stand in design columns.
 
     Parameters
@@ -95,7 +96,7 @@ class LargeScale:
     coefficients: Floats
 
     @classmethod
-    def of(cls, frame: Any) -> LargeScale:
+    def of(cls, frame: Frame) -> LargeScale:
         """Fit to the reports of a frame."""
         centre = centre_of(frame)
         return cls.solved([day_sums(frame, centre)], float(frame.epoch), centre)
@@ -130,7 +131,7 @@ class LargeScale:
             found[day - first] = np.linalg.solve(part[:, :TERMS] + ridge, part[:, TERMS:])
         return cls(epoch, centre, first, found)
 
-    def at(self, frame: Any) -> tuple[Floats, Floats]:
+    def at(self, frame: Frame) -> tuple[Floats, Floats]:
         """Wind and its derivative by ln p at the reports of a frame, each (n, 2), m s-1."""
         design, rates = _large_scale_terms(frame, self.centre)
         own = self.coefficients[_day_of_archive(frame) - self.first]
@@ -138,13 +139,13 @@ class LargeScale:
         return fit, np.einsum("nt,ntc->nc", rates, own) / self.centre[2, 1]
 
 
-def centre_of(frame: Any) -> Floats:
+def centre_of(frame: Frame) -> Floats:
     """Mean and spread of longitude, latitude (degrees) and ln p, (3, 2)."""
     places = (frame.longitude, frame.latitude, np.log(frame.pressure))
     return np.array([[v.mean(), v.std() if v.std() > 0 else 1.0] for v in places])
 
 
-def day_sums(frame: Any, centre: Floats) -> tuple[Integers, Floats]:
+def day_sums(frame: Frame, centre: Floats) -> tuple[Integers, Floats]:
     """Sums of the large-scale fit: days (d,) and X'[X y] of each, (d, 13, 15)."""
     design, _ = _large_scale_terms(frame, centre)
     table = np.concatenate([design, frame.u_rep[:, None], frame.v_rep[:, None]], axis=1)
@@ -155,11 +156,11 @@ def day_sums(frame: Any, centre: Floats) -> tuple[Integers, Floats]:
     return day[order][np.r_[0, cuts]], np.stack(parts)
 
 
-def _day_of_archive(frame: Any) -> Integers:
+def _day_of_archive(frame: Frame) -> Integers:
     return np.asarray(np.floor((frame.time - frame.epoch) / DAY).astype(np.int64))
 
 
-def _large_scale_terms(frame: Any, centre: Floats) -> tuple[Floats, Floats]:
+def _large_scale_terms(frame: Frame, centre: Floats) -> tuple[Floats, Floats]:
     """Terms of the large-scale fit and their derivatives by ln p (times its spread), (n, 13)."""
     places = (frame.longitude, frame.latitude, np.log(frame.pressure))
     x, y, z = (

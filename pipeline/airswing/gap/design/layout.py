@@ -14,13 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan, fill_dictionary
 from airswing.gap.design.weather import climatology_columns, day_field_columns, slope_columns
+from airswing.gap.effects.base import Effect
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -60,7 +61,7 @@ class Layout:
         return np.arange(block.start, block.stop)
 
 
-def make_layout(effects: Mapping[str, Any], plan: DictionaryPlan, frame: Any) -> Layout:
+def make_layout(effects: Mapping[str, Effect], plan: DictionaryPlan, frame: Frame) -> Layout:
     """Number the columns.
 
     Parameters
@@ -97,7 +98,7 @@ def make_layout(effects: Mapping[str, Any], plan: DictionaryPlan, frame: Any) ->
 
 
 def build_columns(
-    frame: Any, layout: Layout, effects: Mapping[str, Any], plan: DictionaryPlan
+    frame: Frame, layout: Layout, effects: Mapping[str, Effect], plan: DictionaryPlan
 ) -> NDArray[np.float32]:
     """All columns for some reports.
 
@@ -128,7 +129,7 @@ def build_columns(
     return out
 
 
-def effect_columns(frame: Any, effect: Any) -> Floats:
+def effect_columns(frame: Frame, effect: Effect) -> Floats:
     """Columns of an effect, with its edges in pressure softened where it has levels.
 
     A bias that begins at a level begins between two levels of the model, and no sooner: a sharp

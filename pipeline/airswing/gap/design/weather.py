@@ -12,18 +12,17 @@ Source: docs/gap.md section 5.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
 from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 
 
-def day_field_columns(frame: Any, plan: DictionaryPlan) -> Floats:
+def day_field_columns(frame: Frame, plan: DictionaryPlan) -> Floats:
     """Columns of the day fields: u and v times {1, x, y, z} and the products of two of these.
 
     The weather a model misses reaches some hundred km and a part of the troposphere: fields linear
@@ -45,7 +44,7 @@ def day_field_columns(frame: Any, plan: DictionaryPlan) -> Floats:
     return _by_component(np.stack([np.ones_like(x), x, y, z, *squares], -1))
 
 
-def climatology_columns(frame: Any, plan: DictionaryPlan) -> Floats:
+def climatology_columns(frame: Frame, plan: DictionaryPlan) -> Floats:
     """Columns of the reference's own climatology: u and v by height, region and hour.
 
     What a reference lacks over a region changes with height: without the products of three places,
@@ -68,7 +67,7 @@ def climatology_columns(frame: Any, plan: DictionaryPlan) -> Floats:
     return _by_component(np.stack(terms, -1))
 
 
-def slope_columns(frame: Any) -> Floats:
+def slope_columns(frame: Frame) -> Floats:
     """Columns of the slope of reports on model winds: the wind and the wind turned by 90 degrees.
 
     Parameters
@@ -85,7 +84,7 @@ def slope_columns(frame: Any) -> Floats:
     return np.stack([wind, np.stack([-wind[:, 1], wind[:, 0]], -1)], -1)
 
 
-def _places(frame: Any, plan: DictionaryPlan) -> list[Floats]:
+def _places(frame: Frame, plan: DictionaryPlan) -> list[Floats]:
     """Longitude, latitude and ln p from the archive's middle, in units of its spread."""
     named = {
         "longitude": frame.longitude,

@@ -16,13 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan, unit_vectors
 from airswing.gap.sums.cluster_inflation import aircraft_factor, fleet_factor
 from airswing.gap.sums.elimination import Base, Conditional, beyond
@@ -272,7 +272,7 @@ def binned(values: Floats, key: Integers, flight: Integers, size: int) -> tuple[
     return mean, error
 
 
-def residual_maps(frame: Any) -> xr.Dataset:
+def residual_maps(frame: Frame) -> xr.Dataset:
     """Pictures of the gap: aircraft by heading, phase by level, region, and time line.
 
     Parameters

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.design.layout import effect_columns, make_layout
+from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term, term_weights
 from airswing.gap.held_out.gradient_reliability import lag_reliability
 from airswing.gap.held_out.reduction import term_error, term_fields
@@ -134,7 +135,7 @@ def _without_others(
 
 
 def _regressed(
-    problem: Problem, columns_frame: Frame, target: Floats, term: Term, effect: Any
+    problem: Problem, columns_frame: Frame, target: Floats, term: Term, effect: Effect
 ) -> tuple[float, float]:
     """Coefficient of a target (n, 2) on a term's column in the mixed model, and its error."""
     base, noise = problem.base, problem.noise
@@ -150,7 +151,7 @@ def _regressed(
     return float(fit.coefficients[-1]), float(np.sqrt(fit.covariance[-1, -1]))
 
 
-def with_large_scale_tendency(frame: Any) -> Any:
+def with_large_scale_tendency(frame: Frame) -> Any:
     """Frame whose tendency is that of the reported winds' large-scale part, day by day.
 
     Parameters
@@ -180,7 +181,7 @@ def with_large_scale_tendency(frame: Any) -> Any:
     return replace(frame, dudt=out[:, 0], dvdt=out[:, 1])
 
 
-def _in_space_and_time(frame: Any) -> tuple[Floats, Floats, Floats]:
+def _in_space_and_time(frame: Frame) -> tuple[Floats, Floats, Floats]:
     """Time in days from the quietest hour, the design of the fit and its derivative (s-1)."""
     hours = np.bincount((np.mod(frame.time, DAY) // 3600).astype(int), minlength=24)
     quiet = int(np.argmin(hours + np.roll(hours, 1) + np.roll(hours, -1)))

@@ -12,11 +12,11 @@ Source: instrumental variables; attenuation of regression (Fuller 1987, section 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
+from airswing.gap.effects.base import Effect
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import whiten
 
@@ -45,7 +45,7 @@ def path_derivative(values: Floats, scale: Floats, flight: NDArray[np.integer]) 
     return out
 
 
-def lag_reliability(frame: Any, columns_frame: Any, noise: NoiseFit, effect: Any) -> float:
+def lag_reliability(frame: Frame, columns_frame: Frame, noise: NoiseFit, effect: Effect) -> float:
     """Factor of a lag along the path.
 
     Parameters

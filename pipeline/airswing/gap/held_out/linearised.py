@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import is_sensor, take_off, term_error, term_fields
 from airswing.gap.sums.accumulate import day_of_report
@@ -67,7 +67,7 @@ class FoundFirst:
 
     terms: Sequence[Term]
     values: Sequence[Floats]
-    effects: Mapping[str, Any]
+    effects: Mapping[str, Effect]
     plan: DictionaryPlan
     days: Integers
     day_shift: float

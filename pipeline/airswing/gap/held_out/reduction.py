@@ -15,13 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan, dictionary_columns, unit_vectors
 from airswing.gap.design.layout import effect_columns
+from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term, fit_terms, term_weights
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, Conditional, Fit, eliminate_days
@@ -196,7 +197,7 @@ def fold_coefficients(base: Base, terms: Sequence[Term], fold: Integers) -> list
 
 
 def term_fields(
-    frame: Any, term: Term, *, effects: Mapping[str, Any], plan: DictionaryPlan
+    frame: Frame, term: Term, *, effects: Mapping[str, Effect], plan: DictionaryPlan
 ) -> Floats:
     """Columns of a term on reports, (n, 2, k), without regard to aircraft and period."""
     if term.candidate.known:
@@ -269,7 +270,7 @@ def retimed(residual: Floats, linear: Floats, fold: Integers) -> Floats:
     return np.asarray(residual * (1.0 - np.sqrt(1.0 - share))[fold, None])
 
 
-def take_off(frame: Any, sensor: Floats, other: Floats) -> Floats:
+def take_off(frame: Frame, sensor: Floats, other: Floats) -> Floats:
     """Residual with errors taken off, heading and airspeed exactly.
 
     Parameters
@@ -296,7 +297,7 @@ def take_off(frame: Any, sensor: Floats, other: Floats) -> Floats:
     return np.asarray(frame.residual + wind - other)
 
 
-def is_sensor(term: Term, effects: Mapping[str, Any]) -> bool:
+def is_sensor(term: Term, effects: Mapping[str, Effect]) -> bool:
     """Whether a term is an error of heading or airspeed."""
     if term.candidate.known:
         return str(getattr(effects[term.candidate.name], "stage", "sensor")) == "sensor"
@@ -377,7 +378,7 @@ def close(
     )
 
 
-def _without(frame: Any, errors: Sequence[Floats], sensor: Sequence[bool]) -> Floats:
+def _without(frame: Frame, errors: Sequence[Floats], sensor: Sequence[bool]) -> Floats:
     zero = np.zeros((frame.size, 2))
     own = sum((e for e, s in zip(errors, sensor, strict=True) if s), zero)
     other = sum((e for e, s in zip(errors, sensor, strict=True) if not s), zero)

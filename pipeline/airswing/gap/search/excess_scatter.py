@@ -17,11 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.noise.model import NoiseFit, NoiseModel, previous_and_next
 from airswing.gap.noise.whitening import flight_steps
 
@@ -59,7 +59,7 @@ class Scattering:
 
 
 def scattering(
-    frame: Any, residual: Floats, noise: NoiseFit, *, explained: Collection[str] = ()
+    frame: Frame, residual: Floats, noise: NoiseFit, *, explained: Collection[str] = ()
 ) -> Scattering | None:
     """Find aircraft whose single reports scatter more than the fleet's.
 
@@ -102,7 +102,7 @@ def scattering(
 
 
 def single_departures(
-    frame: Any, residual: Floats, noise: NoiseFit
+    frame: Frame, residual: Floats, noise: NoiseFit
 ) -> tuple[Integers, Floats, Floats]:
     """Departures of reports from the mean of their two neighbours, and what noise makes of them.
 

@@ -21,6 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
+from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.changepoint import own_day_grams, residual_scores
 from airswing.gap.evidence.gaussian import gaussian_evidence
 from airswing.gap.evidence.terms import Term
@@ -91,7 +93,7 @@ def beside(terms: Sequence[Term]) -> tuple[list[Term], float]:
 def find_swap(
     base: Base,
     given: Conditional,
-    effects: Mapping[str, Any],
+    effects: Mapping[str, Effect],
     *,
     threshold: float = NEEDED,
     shortest: int = 3,
@@ -173,7 +175,7 @@ def _own_evidence(
     return float(np.logaddexp(np.log1p(-CHANGE) + steady, np.log(CHANGE) + once))
 
 
-def exchange(frame: Any, swap: Swap, first_time: float) -> Any:
+def exchange(frame: Frame, swap: Swap, first_time: float) -> Any:
     """Frame with the pair's reports given back to their airframes from a time on.
 
     Parameters

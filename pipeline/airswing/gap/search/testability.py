@@ -14,11 +14,11 @@ nuisance columns. docs/gap.md sections 5 and 6.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from airswing.gap.design.candidates import Candidate
+from airswing.gap.effects.base import Effect
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, Conditional
 
@@ -91,7 +91,7 @@ def too_short(base: Base, names: Iterable[str]) -> dict[str, str]:
 
 
 def absorbed(
-    base: Base, bare: Conditional, pool: Sequence[Candidate], effects: Mapping[str, Any]
+    base: Base, bare: Conditional, pool: Sequence[Candidate], effects: Mapping[str, Effect]
 ) -> dict[str, str]:
     """Fleet-wide effects of which too little remains, with the reason in words.
 
@@ -125,7 +125,7 @@ def absorbed(
     return out
 
 
-def _of_units(effect: Any) -> bool:
+def _of_units(effect: Effect) -> bool:
     """Whether an effect is one of each unit's sensors: an aircraft alone may show it as well."""
     sensor = getattr(effect, "stage", "sensor") == "sensor"
     return bool(sensor and getattr(effect, "scope", "") in ("aircraft", "pair"))

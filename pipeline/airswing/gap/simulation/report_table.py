@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
@@ -164,7 +164,9 @@ def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
     return path
 
 
-def _with(values: Any, index: NDArray[np.int64], new: NDArray[np.float64]) -> NDArray[np.float64]:
+def _with(
+    values: ArrayLike, index: NDArray[np.int64], new: NDArray[np.float64]
+) -> NDArray[np.float64]:
     out = np.asarray(values, dtype=np.float64).copy()
     out[index] = new
     return out

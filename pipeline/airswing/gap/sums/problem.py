@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.effects.base import Effect
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.sums.accumulate import day_of_report
 from airswing.gap.sums.elimination import Base
@@ -47,7 +47,7 @@ class Problem:
 
     archive: Frame
     context: Frame
-    effects: Mapping[str, Any]
+    effects: Mapping[str, Effect]
     plan: DictionaryPlan
     noise: NoiseFit
     base: Base

@@ -22,13 +22,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import GROUP_SCALE
 from airswing.gap.design.layout import Layout
+from airswing.gap.effects.base import Effect
 from airswing.gap.sums.accumulate import Statistics
 
 Floats = NDArray[np.float64]
@@ -81,7 +81,7 @@ def lasting_prior(layout: Layout, variance: Floats) -> Prior:
     return columns, 1 / np.r_[variance, np.square(SLOPE_SD)]
 
 
-def shared_prior(layout: Layout, effects: Mapping[str, Any]) -> Prior:
+def shared_prior(layout: Layout, effects: Mapping[str, Effect]) -> Prior:
     """Columns of what could be taken for weather, with their precisions.
 
     Parameters

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import OF_THE_REPORT, Variable, record, values_of
 from airswing.gap.archive.value_tables import Grid, change_of
 from airswing.gap.design.basis import DictionaryPlan
@@ -56,7 +57,7 @@ class Setting:
         Errors of the reference drawn for simulated archives, m/s.
     """
 
-    frame: Any
+    frame: Frame
     quiet: Any
     noise: NoiseFit
     plan: DictionaryPlan

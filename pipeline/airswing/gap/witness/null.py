@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.design.weather import climatology_columns, day_field_columns
 from airswing.gap.noise.model import NoiseFit
@@ -26,7 +27,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-def small_scale_slope(frame: Any, quiet: Any, residual: Floats, use: Any) -> tuple[Floats, float]:
+def small_scale_slope(frame: Frame, quiet: Any, residual: Floats, use: Any) -> tuple[Floats, float]:
     """What the residual follows of the reference's wind beside the large-scale one.
 
     Parameters
@@ -54,7 +55,7 @@ def small_scale_slope(frame: Any, quiet: Any, residual: Floats, use: Any) -> tup
 
 
 def drawn_errors(
-    frame: Any,
+    frame: Frame,
     number: int,
     *,
     noise: NoiseFit,

@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import UNITS
 from airswing.gap.archive.value_tables import UNIT_OF
 from airswing.gap.design.layout import effect_columns
+from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import day_interval, take_off
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry
@@ -78,7 +80,7 @@ class Taken:
     share: float
 
 
-def without(frame: Any, wind: Floats) -> Any:
+def without(frame: Frame, wind: Floats) -> Any:
     """Frame whose reported winds are others, with the heading and airspeed they imply."""
     u, v = frame.u_ref + wind[:, 0], frame.v_ref + wind[:, 1]
     air_u, air_v = frame.ground_u - u, frame.ground_v - v
@@ -96,7 +98,7 @@ def without(frame: Any, wind: Floats) -> Any:
 
 def next_unknown(
     setting: Setting,
-    effects: Mapping[str, Any],
+    effects: Mapping[str, Effect],
     named_rest: Floats,
     fold: Integers,
     witness: LearnedWitness,
@@ -155,7 +157,7 @@ def _taken(
     bench: Bench,
     unknown: Unknown,
     ranked: Sequence[Candidate],
-    effects: Mapping[str, Any],
+    effects: Mapping[str, Effect],
     fold: Integers,
 ) -> tuple[Taken, Any] | None:
     """Take an unknown off, where it stands."""
@@ -182,7 +184,7 @@ def _leads(bench: Bench, unknown: Unknown, errors: Floats, fold: Integers) -> bo
     return own > LEADS * explained(bench, errors, plain=plain)
 
 
-def _remainder(frame: Any, unknown: Unknown, errors: Floats) -> bool:
+def _remainder(frame: Frame, unknown: Unknown, errors: Floats) -> bool:
     """Whether an unknown is small beside what names explain on the same aircraft."""
     own = np.isin(frame.aircraft, unknown.tails)
     size = float(np.sqrt((errors[own] ** 2).sum(axis=1).mean()))
@@ -228,7 +230,7 @@ def remainder_names(terms: Sequence[Term], taken: Sequence[Taken]) -> set[str]:
 
 
 def nearest(
-    context: Any, effects: Mapping[str, Any], error: Floats, tails: Sequence[int]
+    context: Frame, effects: Mapping[str, Effect], error: Floats, tails: Sequence[int]
 ) -> tuple[str | None, float]:
     """Effect of the catalogue most like an unknown, and the share of it that the effect explains.
 

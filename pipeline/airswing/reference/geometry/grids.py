@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.units import MODEL_EARTH_RADIUS
 
@@ -140,7 +140,7 @@ class Grid:
             return float(abs(2.0 * np.pi * self.radius * scale / self.di))
         return 0.0
 
-    def fractional_index(self, latitude: Any, longitude: Any) -> tuple[Floats, Floats]:
+    def fractional_index(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
         """Place points on the grid.
 
         Parameters
@@ -163,7 +163,7 @@ class Grid:
         fj = np.clip(fj, 0.0, self.nj - 1.0)
         return np.where(inside, fi, np.nan), np.where(inside, fj, np.nan)
 
-    def convergence(self, latitude: Any, longitude: Any) -> Floats:
+    def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
         """Angle that turns grid components to true east and north.
 
         ``u_e = cos(a) u_g + sin(a) v_g``, ``v_e = -sin(a) u_g + cos(a) v_g``.
@@ -221,7 +221,7 @@ class Grid:
         return j * self.ni + i
 
 
-def _floats(values: Any) -> Floats:
+def _floats(values: ArrayLike) -> Floats:
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 
 

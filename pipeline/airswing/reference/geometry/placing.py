@@ -6,10 +6,10 @@ xarray Dataset has grids of its own (:mod:`airswing.reference.gridded.axes_grid`
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -49,10 +49,10 @@ class Placing(Protocol):
     def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
         """Fractional indices of places (degrees), inside the grid or not."""
 
-    def fractional_index(self, latitude: Any, longitude: Any) -> tuple[Floats, Floats]:
+    def fractional_index(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
         """Fractional indices of places (degrees), NaN outside the grid."""
 
-    def convergence(self, latitude: Any, longitude: Any) -> Floats:
+    def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
         """Angle (rad) that turns grid components to true east and north."""
 
     def outline(self) -> tuple[float, float, float, float]:

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from airswing.gap.result.schema import EvidenceEntry, GapReport
 from airswing.report.gap import where_figures as places
@@ -37,7 +38,7 @@ def _has(maps: xr.Dataset | None, *names: str) -> bool:
     return maps is not None and all(name in maps.variables for name in names)
 
 
-def _words(values: Any) -> list[str]:
+def _words(values: ArrayLike) -> list[str]:
     return [str(value) for value in np.asarray(values)]
 
 

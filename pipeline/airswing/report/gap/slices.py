@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from airswing.gap.result.schema import SliceEntry
 from airswing.report.gap.words import slice_words, small_text
@@ -32,7 +33,7 @@ from airswing.report.html.style import (
 
 @styled
 def timeline_figure(
-    time: Any,
+    time: ArrayLike,
     series: Mapping[str, tuple[Any, Any]],
     *,
     changes: Mapping[str, Any] | None = None,

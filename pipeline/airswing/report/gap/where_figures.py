@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.report.html.outline import draw_map, view_of
 from airswing.report.html.style import (
@@ -32,7 +32,7 @@ FEW = 10
 """Reports below which a cell is left white."""
 
 
-def shown_cells(value: Any, number: Any | None, *, few: int = FEW) -> Floats:
+def shown_cells(value: ArrayLike, number: ArrayLike | None, *, few: int = FEW) -> Floats:
     """Return the values with cells of fewer than `few` reports, where counted, set to NaN."""
     values = np.asarray(value, float)
     if number is None:
@@ -40,7 +40,7 @@ def shown_cells(value: Any, number: Any | None, *, few: int = FEW) -> Floats:
     return np.where(np.asarray(number, float) >= few, values, np.nan)
 
 
-def _counted(number: Any | None, total: int) -> str:
+def _counted(number: ArrayLike | None, total: int) -> str:
     """Return the caption's brackets: reports, and what a white cell means."""
     if number is None:
         shown = f"n = {plural(total, 'report')}; " if total else ""
@@ -66,11 +66,11 @@ def _edges(centres: Floats) -> Floats:
 @styled
 def aircraft_heading_figure(
     tails: Sequence[str],
-    heading: Any,
-    value: Any,
-    number: Any | None = None,
+    heading: ArrayLike,
+    value: ArrayLike,
+    number: ArrayLike | None = None,
     *,
-    standard_error: Any | None = None,
+    standard_error: ArrayLike | None = None,
     quantity: str = "mean residual across the heading (m/s)",
     outstanding: Sequence[str] = (),
     total: int = 0,
@@ -120,9 +120,9 @@ def aircraft_heading_figure(
 @styled
 def aircraft_time_figure(
     tails: Sequence[str],
-    week: Any,
-    value: Any,
-    number: Any | None = None,
+    week: ArrayLike,
+    value: ArrayLike,
+    number: ArrayLike | None = None,
     *,
     quantity: str = "mean heading error (degree)",
     outstanding: Sequence[str] = (),
@@ -225,7 +225,7 @@ def phase_level_figure(
     phases: Sequence[str],
     layers: Sequence[str],
     components: Mapping[str, Any],
-    number: Any | None = None,
+    number: ArrayLike | None = None,
     *,
     total: int = 0,
 ) -> Figure:
@@ -287,11 +287,11 @@ def _cell_texts(axes: Axes, value: Floats, limit: float) -> None:
 
 @styled
 def gap_map_figure(
-    longitude: Any,
-    latitude: Any,
+    longitude: ArrayLike,
+    latitude: ArrayLike,
     eastward: Any,
     northward: Any,
-    number: Any | None = None,
+    number: ArrayLike | None = None,
     *,
     total: int = 0,
 ) -> Figure:

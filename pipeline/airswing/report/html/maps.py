@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.flags import PHASE
 from airswing.products.ragged import blocks
@@ -86,8 +86,8 @@ def _height(view: View, columns: int, rows: int, *, colourbar: bool = False) -> 
 def draw_places(
     axes: Axes,
     view: View,
-    longitude: Any,
-    latitude: Any,
+    longitude: ArrayLike,
+    latitude: ArrayLike,
     *,
     size: float = 4.0,
     cells: int = 60,

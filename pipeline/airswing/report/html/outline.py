@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.ticker import FuncFormatter, MaxNLocator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.report.html.style import SOFT
 
@@ -63,7 +63,7 @@ class View:
         """Shape of the window as drawn."""
         return self.aspect * (self.north - self.south) / (self.east - self.west)
 
-    def unwrapped(self, longitude: Any) -> Floats:
+    def unwrapped(self, longitude: ArrayLike) -> Floats:
         """Bring longitudes within 180 degrees of the middle of the window."""
         return unwrap_around(np.asarray(longitude, float), self.middle)
 
@@ -73,7 +73,7 @@ def unwrap_around(longitude: Floats, middle: float) -> Floats:
     return (longitude - middle + 180.0) % 360.0 - 180.0 + middle
 
 
-def middle_longitude(longitude: Any) -> float:
+def middle_longitude(longitude: ArrayLike) -> float:
     """Middle of the shortest arc that holds all longitudes, across the antimeridian or not.
 
     Parameters
@@ -97,7 +97,9 @@ def middle_longitude(longitude: Any) -> float:
     return float((first + length / 2 + 180.0) % 360.0 - 180.0)
 
 
-def view_of(longitude: Any, latitude: Any, *, margin: float = 0.06, least: float = 2.0) -> View:
+def view_of(
+    longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06, least: float = 2.0
+) -> View:
     """Return the window that holds all points with a margin.
 
     Parameters

@@ -7,11 +7,10 @@ them. A code that is not in a table counts as missing; the reader tallies every 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.reports.canonical.audit import Audit
@@ -85,7 +84,7 @@ TABLES = {
 
 
 def decode_flags(
-    values: Any, codes: Mapping[str, int], missing: int, *, name: str, audit: Audit
+    values: ArrayLike, codes: Mapping[str, int], missing: int, *, name: str, audit: Audit
 ) -> NDArray[np.int8]:
     """Turn code strings into flag values, counting each code met.
 

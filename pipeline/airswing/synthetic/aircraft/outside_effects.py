@@ -330,15 +330,21 @@ def _limited(u: Array, v: Array, limits: Callable[[Array], Array]) -> tuple[Arra
     return u * factor, v * factor
 
 
-def _floor(u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: Any) -> Any:
+def _floor(
+    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
+) -> Any:
     return _limited(u, v, lambda speed: np.maximum(speed, value["limit_kt"] * KNOT))
 
 
-def _ceiling(u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: Any) -> Any:
+def _ceiling(
+    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
+) -> Any:
     return _limited(u, v, lambda speed: np.minimum(speed, value["limit_kt"] * KNOT))
 
 
-def _hole(u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: Any) -> Any:
+def _hole(
+    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
+) -> Any:
     """Send the nearer edge of an interval of speeds that is never sent."""
     low, high = (float(edge) * KNOT for edge in value["between_kt"])
 
@@ -349,7 +355,9 @@ def _hole(u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: Any) ->
     return _limited(u, v, edges)
 
 
-def _lattice(u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: Any) -> Any:
+def _lattice(
+    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
+) -> Any:
     """Send weak winds in a few directions only."""
     speed, direction = np.hypot(u, v), np.arctan2(u, v)
     step = np.radians(float(value["direction_step_deg"]))
@@ -359,12 +367,16 @@ def _lattice(u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: Any)
     return speed * np.sin(rounded), speed * np.cos(rounded)
 
 
-def _jitter(u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: Any) -> Any:
+def _jitter(
+    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
+) -> Any:
     noise = rng.normal(0.0, float(value["size_m_s"]) / np.sqrt(2.0), (2, u.size))
     return u + noise[0], v + noise[1]
 
 
-def _gross(u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: Any) -> Any:
+def _gross(
+    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
+) -> Any:
     """Send a wind of any direction in place of one report in so many."""
     hit = rng.uniform(size=u.size) < float(value["fraction"])
     turn = rng.uniform(0.0, 2 * np.pi, u.size)

@@ -14,10 +14,9 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.reference.gridded.cf.projection import Frame
 
@@ -127,7 +126,7 @@ class AxesGrid:
                 )
         return index_along(columns, x), index_along(self.y, y)
 
-    def fractional_index(self, latitude: Any, longitude: Any) -> tuple[Floats, Floats]:
+    def fractional_index(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
         """Place points on the grid.
 
         Parameters
@@ -143,7 +142,7 @@ class AxesGrid:
         fi, fj = self.plane(_floats(latitude), _floats(longitude))
         return bounded(fi, fj, self.ni, self.nj, periodic=self.periodic)
 
-    def convergence(self, latitude: Any, longitude: Any) -> Floats:
+    def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
         """Angle that turns grid components to true east and north, radians."""
         return self.frame.convergence(_floats(latitude), _floats(longitude))
 
@@ -160,7 +159,7 @@ class AxesGrid:
         return j * self.ni + i
 
 
-def _floats(values: Any) -> Floats:
+def _floats(values: ArrayLike) -> Floats:
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 
 

@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.reference.gridded.cf.axes_grid import bounded, box_of
 
@@ -177,12 +177,12 @@ class CurvilinearGrid:
         far = (target * (p00 + p11)).sum(1) <= 0.0  # the other side of the earth
         return np.where(far, np.inf, s), np.where(far, np.inf, t)
 
-    def fractional_index(self, latitude: Any, longitude: Any) -> tuple[Floats, Floats]:
+    def fractional_index(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
         """Place points on the grid; NaN outside it."""
         fi, fj = self.plane(_floats(latitude), _floats(longitude))
         return bounded(fi, fj, self.ni, self.nj, periodic=False)
 
-    def convergence(self, latitude: Any, longitude: Any) -> Floats:
+    def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
         """Angle that turns grid components to true east and north, radians."""
         lat, lon = _floats(latitude), _floats(longitude)
         fi, fj = self.plane(lat, lon)
@@ -204,7 +204,7 @@ class CurvilinearGrid:
         return j * self.ni + i
 
 
-def _floats(values: Any) -> Floats:
+def _floats(values: ArrayLike) -> Floats:
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 
 

@@ -17,7 +17,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS, Proj
 from pyproj.exceptions import CRSError
 
@@ -228,7 +228,7 @@ def unknown_projection(file: str, found: str) -> InputError:
     )
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: ArrayLike) -> Any:
     """Attribute values as PROJ takes them: no numpy scalars, a list of one as a number."""
     if isinstance(value, np.ndarray):
         return value.tolist() if value.size > 1 else value.ravel()[0].item()
