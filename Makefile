@@ -10,7 +10,7 @@ run: $(VENV)/run.done
 	$(BIN)/airswing run configs/quickstart.yaml
 
 test: $(VENV)/test.done lint
-	$(BIN)/python -m pytest -n 2 --dist loadgroup tests
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder tests
 	$(BIN)/python -m pytest --nbmake --nbmake-timeout=300 notebooks
 
 # Under a minute: lint, the layout, and the tests that mirror what changed since main (or the kernels').

@@ -19,6 +19,30 @@ settings.register_profile("ci", max_examples=60, deadline=None, derandomize=True
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
+LONGEST = (
+    "blind_check/test_short_check.py",
+    "gap/test_diagnose.py",
+    "test_fuzz.py",
+    "blind_check/test_check_run.py",
+    "test_cli.py",
+    "test_workflow.py",
+    "gap/witness/test_unknowns.py",
+    "test_batch.py",
+    "blind_check/test_adding_an_effect.py",
+    "workflow/test_gap_start.py",
+    "test_resume.py",
+    "test_blocks.py",
+)
+"""Files whose tests take longest, first: at the end one worker would wait for them."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest files first; workers take whole files, for what their fixtures make."""
+    folder = Path(__file__).parent
+    places = {folder / name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.path, len(LONGEST)))
+
+
 @pytest.fixture(scope="session")
 def real() -> Callable[[str], Path]:
     """Path of a real file by its name below ``../shared/real``; skips by name where absent."""

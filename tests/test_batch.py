@@ -44,7 +44,6 @@ def slurm(tmp_path):
         subprocess.run(["kill", "--", f"-{number}"], check=False, stderr=subprocess.DEVNULL)
 
 
-@pytest.mark.xdist_group("batch")
 def test_the_recipe_runs_the_main_job_on_workers_of_the_batch_system(slurm, tmp_path, root):
     config = tmp_path / "config.yaml"
     config.write_text(
