@@ -55,6 +55,21 @@ def test_one_day_bounds_no_closure():
     assert closure.before == closure.after
 
 
+def test_what_one_day_shows_is_told_as_unconfirmed():
+    frame = make_frame(
+        seed=5,
+        aircraft=6,
+        days=1,
+        noise=0.3,
+        heading_error=lambda c: np.where(c["aircraft"] == 2, np.radians(4.0), 0.0),
+    )
+    report = diagnose(frame, catalogue=SMALL, dictionary=False, maps=False).report
+    assert report.effects == []
+    (doubtful,) = report.unconfirmed
+    assert (doubtful.name, doubtful.tails) == ("compass_offset", [frame.tails[2]])
+    assert "too few days" in doubtful.reason
+
+
 def test_silence_excludes_a_small_loss_as_little_as_a_gain(quiet, monkeypatch):
     both = np.tile([-0.05, 0.08], 150)  # m/s
     monkeypatch.setattr("airswing.gap.closure.interval.left_over", lambda *_, **__: both)

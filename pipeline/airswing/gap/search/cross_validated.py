@@ -4,7 +4,8 @@ Assumptions: what is at work is at work in every part of the archive it is in fo
 certain lasting term whose held-out energy stays within two standard errors of nothing is no
 candidate, and the search goes again without it: what it stood for may have another name, or none.
 In the end every name has a probability (:mod:`airswing.gap.search.belief`); those that fall short,
-or could not be tested, are told apart from the findings, with the reason.
+or could not be tested (in an archive of a day or two: any), are told apart from the findings, with
+the reason.
 
 Validity: as :mod:`airswing.gap.search.confirmation`. Curves by date are not asked: weeks left out
 do not tell of their own change.
@@ -103,7 +104,7 @@ def settle(
         found = widened(base, search(base, pool, rules=rules, start=start), pool)
         energy, error = held_out_energy(base, found.terms)
         weak = [k for k in np.flatnonzero(energy <= LEAST * error) if not _dated(found.terms[k])]
-        if not weak:
+        if not weak or base.stats.days.size < LEAST_PARTS:  # of which none can be left out
             return _believed(base, whole, found, rules)
         key = found.terms[min(weak, key=lambda k: energy[k])].key
         pool = [c for c in pool if (c.name, c.scope) != key]
