@@ -274,9 +274,13 @@ def test_a_corrected_archive_has_nothing_left_to_correct(finished):
 
 def test_nothing_left_after_screening_names_the_rules(tmp_path, root):
     screening = {"min_ground_speed": "900 kt"}
+    job = job_of(root, tmp_path / "out", screening=screening)
+    headings = workflow.make_headings(job)  # the model winds are in it
+    assert np.isfinite(headings["reference_eastward_wind"]).any()
     with pytest.raises(InputError, match=r"screening left no report.*ground_speed"):
-        workflow.make_headings(job_of(root, tmp_path / "out", screening=screening))
-    assert (tmp_path / "out" / workflow.HEADINGS).exists()  # the model winds are in it
+        workflow.make_fits(job, headings)
+    with pytest.raises(InputError, match=r"screening left no report.*ground_speed"):
+        workflow.run(job)
 
 
 def test_an_output_folder_that_cannot_be_made_is_named(tmp_path, root):

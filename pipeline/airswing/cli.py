@@ -129,11 +129,20 @@ def run(
 
 @app.command()
 def collocate(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
-    """Bring model winds to the reports and derive heading errors: headings.nc."""
+    """Bring model winds to the reports and derive heading errors: headings.nc.
+
+    Where nothing can be screened or fitted the winds are there all the same.
+    """
     from airswing import workflow
+    from airswing.errors import InputError
+    from airswing.workflow.job import require_kept
 
     job = _job(config, output=output, quiet=quiet)
-    _alone(job, workflow.make_headings)
+    headings = _alone(job, workflow.make_headings)
+    try:
+        require_kept(headings)
+    except InputError as nothing:
+        job.progress.say(f"  only model winds at the reports: {nothing}")
     print(job.output / workflow.HEADINGS)
 
 

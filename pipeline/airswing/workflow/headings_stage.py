@@ -35,7 +35,6 @@ from airswing.workflow.job import (
     Job,
     earlier,
     ragged_product,
-    require_kept,
 )
 
 if TYPE_CHECKING:
@@ -102,13 +101,8 @@ def make_headings(job: Job) -> xr.Dataset:
     Returns
     -------
     Dataset
-        Read lazily.
-
-    Raises
-    ------
-    InputError
-        If no report is left after screening. It is written all the same: the model's winds at the
-        reports are in it.
+        Read lazily. Where screening left no report it is written all the same: the model's winds at
+        the reports are in it.
     """
     names = list(job.config.references)
     unscreened, *screened = depends_on(job.config)
@@ -132,7 +126,6 @@ def make_headings(job: Job) -> xr.Dataset:
         whole=beside,
     )
     job.end_store()
-    require_kept(headings)
     return headings
 
 

@@ -106,3 +106,27 @@ def _main(arguments: list[str]) -> None:
 
     with mock.patch.object(sys, "argv", ["airswing", *arguments]):
         cli.main()
+
+
+def test_winds_alone_where_nothing_can_be_screened_or_fitted(archive: Path) -> None:
+    """Three points without a wind of their own: `collocate` is a tool for that alone, too."""
+    pd.DataFrame(
+        {
+            "tail": ["A", "B", "C"],
+            "time": pd.Timestamp(START) + pd.to_timedelta([10, 20, 30], unit="min"),
+            "latitude": [40.0, 41.0, 42.0],
+            "longitude": -100.0,
+            "pressure_hPa": 400.0,
+        }
+    ).to_csv(archive / "reports.csv", index=False)
+    refused = CliRunner().invoke(cli.app, ["collocate", str(archive / "mine.yaml")])
+    assert "for model winds alone" in str(refused.exception)
+    text = (archive / "mine.yaml").read_text()
+    none = "{wind_direction_deg: {value: .nan}, wind_speed_kt: {value: .nan}}"
+    (archive / "mine.yaml").write_text(text.replace("reports:\n", f"reports:\n  columns: {none}\n"))
+    shown = CliRunner().invoke(cli.app, ["collocate", str(archive / "mine.yaml")])
+    assert shown.exit_code == 0, shown.output
+    assert "only model winds at the reports" in shown.output
+    found = read_product(archive / "results" / "headings.nc")
+    assert np.isfinite(found["reference_eastward_wind"].to_numpy()).all()
+    assert np.isnan(found["heading"].to_numpy()).all()

@@ -44,6 +44,7 @@ def cleaned(rows: int = 1, **values: Any) -> tuple[pd.DataFrame, Audit]:
         ({"time": np.datetime64("NaT", "ns")}, "missing_time"),
         ({"time": np.datetime64("NaT", "ns"), "time_blank": False}, "unparsable_time"),
         ({"time": np.datetime64("1969-12-31", "ns")}, "time_out_of_range"),
+        ({"time": np.datetime64("1970-01-01", "ns")}, "time_out_of_range"),  # zero: no time
         ({"time": np.datetime64("2150-01-01", "ns")}, "time_out_of_range"),
         ({"latitude": np.nan}, "missing_position"),
         ({"longitude": np.inf}, "missing_position"),

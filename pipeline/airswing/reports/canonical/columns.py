@@ -132,6 +132,10 @@ _ALIASES = {
     "arcmin": "arcminute",
 }
 
+NO_WIND = (
+    "a required column is missing (for model winds alone give wind_direction_deg and wind_speed_kt "
+    "the constant .nan)"
+)
 REQUIRED = ("tail", "time", "latitude", "longitude")
 HEADINGS = ("reported_heading", "magnetic_heading")
 AIRSPEEDS = ("reported_airspeed", "mach", "indicated_airspeed")
@@ -466,7 +470,7 @@ def _check_required(found: Mapping[str, Source], names: list[str], file: object)
         return
     for variable in ("wind_direction", "wind_speed"):
         if variable not in found:
-            raise refuse(QUANTITIES[variable].canonical)
+            raise refuse(QUANTITIES[variable].canonical, NO_WIND)
 
 
 def tells_wind(columns: Iterable[str]) -> bool:

@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-EARLIEST = np.datetime64("1970-01-01", "ns")
+EARLIEST = np.datetime64("1970-01-02", "ns")
+"""Seconds since 1970 of no value come as zero, or nearly: the first day is none."""
 LATEST = np.datetime64("2100-01-01", "ns")
 _LARGEST_EPOCH = 4.2e9  # seconds: the year 2103
 _SMALLEST_MILLISECONDS = 2.11e11  # larger than any yyyymmddHHMM before the year 2110
