@@ -10,8 +10,7 @@
   makes no clustered errors, takes the residual's size as known and chooses no number of cycles. It
   is slow, so it runs over a few aircraft and its time is scaled to all.
 
-Bars: the plain sinusoid (no weights) at least 20 times faster than the plain loop, with the same
-answers; the full fit (robust, joint, clustered, one or two cycles) at least 5 times faster than a
+Bars: the full fit (robust, joint, clustered, one or two cycles) at least 5 times faster than a
 loop, as it is by default, beside the reference's shared error, and without that. Which loop that
 means is open to reading, so both ratios are printed and each is held against the bar; the exit
 status is 1 where a bar is missed under either. Both sides take turns, and the medians of the turns
@@ -36,10 +35,10 @@ import numpy as np
 from scipy.optimize import curve_fit
 from tests.compass.flown import Setting, fleet_deviations, fly
 
-from airswing.compass.fit.deviation import fit_deviation, fit_sinusoid
+from airswing.compass.fit.deviation import fit_deviation
 
 PLAIN, SAME = "plain loop", "loop of the same model"
-BARS = {"plain sinusoid": 20, "full fit, default": 5, "full fit, no shared error": 5}
+BARS = {"full fit, default": 5, "full fit, no shared error": 5}
 LOSS_SCALE = 2.0
 """m/s: where Huber's loss turns from square to straight, about the residual's rms."""
 
@@ -128,7 +127,6 @@ def main() -> int:
         {
             PLAIN: lambda: loop(headings),
             SAME: lambda: same_model_loop(headings, few),
-            "plain sinusoid": lambda: fit_sinusoid(headings),
             "full fit, default": lambda: fit_deviation(headings),
             "full fit, no shared error": lambda: fit_deviation(headings, shared_error=False),
         },
@@ -136,19 +134,15 @@ def main() -> int:
     )
     for part in (used, elapsed):
         part[SAME] *= given.aircraft / few
-    expected, same, found, *fits = results.values()
-    vector = expected[:, 1] * np.exp(1j * np.radians(expected[:, 2]))
-    amplitude, phase = (found[name].to_numpy()[0] for name in ("amplitude", "phase"))
-    apart = np.abs(amplitude * np.exp(1j * np.radians(phase)) - vector).max()
-    apart = max(apart, np.abs(found["offset"].to_numpy()[0] - expected[:, 0]).max())
-    notes = ["", f"{few} of {given.aircraft} aircraft, scaled", f"largest difference {apart:.1e}"]
+    _, same, *fits = results.values()
+    notes = ["", f"{few} of {given.aircraft} aircraft, scaled"]
     for one in fits:
         curve = one["deviation"].to_numpy()[0]
         notes.append(
             f"largest error of a coefficient {np.abs(curve - deviation).max():.3f}, difference"
             f" from the same model's loop {np.abs(curve[:few] - same).max():.3f}"
         )
-    good = apart < 1e-3
+    good = True
     for name, note in zip(used, notes, strict=True):
         print(f"{name:26s} {elapsed[name]:7.3f} s   {note}{' degree' if name in BARS else ''}")
         for loop_name in (PLAIN, SAME) if name.startswith("full") else (PLAIN,):

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from airswing.evaluation.disagreement import disagreement, reference_mean, vector_difference
-from airswing.evaluation.error_profiles import clustered_rms, error_profiles
+from airswing.evaluation.error_profiles import _cell_sums, _rms, error_profiles
 from airswing.flags import PHASE, SCREENING
 from airswing.vocabulary import describe
 
@@ -105,7 +105,7 @@ def test_the_standard_error_holds_its_size_when_flights_share_errors():
     for _ in range(200):
         flight = np.repeat(np.arange(80), 10)
         error = rng.normal(0, 1.5, 80)[flight] + rng.normal(0, 1.0, 800)
-        rms, wide, *_ = clustered_rms(error**2, np.zeros(800, int), flight, 1)
+        rms, wide, *_ = _rms(_cell_sums(error**2, np.zeros(800, int), flight, 1))
         scores.append((rms[0] - np.sqrt(1.5**2 + 1)) / wide[0])
     assert 0.85 < np.std(scores) < 1.25
 

@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 from pyproj import Geod
 from tests.gap import frames
+from tests.gap.frames import linear_residual
 
 from airswing.compass.headings import derive_headings
 from airswing.gap.archive.frame import Frame
@@ -90,7 +91,7 @@ def test_effects_are_found_in_the_archive_that_was_written(sent):
     one = sent.of_aircraft("N401")
     iron, scale = (CATALOGUE[a.name] for a in EFFECTS)
     design = np.concatenate([iron.columns(one), scale.columns(one)]).reshape(3, -1).T
-    fit = np.linalg.lstsq(design, one.linear_residual.ravel(), rcond=None)[0]
+    fit = np.linalg.lstsq(design, linear_residual(one).ravel(), rcond=None)[0]
     found, _ = iron.to_parameters(fit[:2], np.zeros((2, 2)), one)
     assert found["amplitude_deg"] == pytest.approx(3.0, abs=0.03)
     assert found["phase_deg"] == pytest.approx(50.0, abs=0.6)

@@ -39,31 +39,6 @@ MIN_DIRECTION_WIND = 5.0
 """Reference wind, m/s, below which a direction says little."""
 
 
-def clustered_rms(
-    squares: NDArray[np.float64], cell: NDArray[np.int64], flight: NDArray[np.int64], cells: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Root mean square by cell, with a standard error clustered by flight.
-
-    Parameters
-    ----------
-    squares : array of float, shape (report,)
-        Squared errors.
-    cell : array of int, shape (report,)
-        Cell of each report, below ``cells``.
-    flight : array of int, shape (report,)
-    cells : int
-
-    Returns
-    -------
-    rms, standard_error : arrays of float, shape (cells,)
-        The standard error is NaN with fewer than two flights. Delta method on the ratio of sums
-        over flights (Cameron & Miller 2015, J. Hum. Resour. 50, 317-372).
-    reports, flights : arrays of int, shape (cells,)
-    """
-    rms, error, number, flights = _rms(_cell_sums(squares, cell, flight, cells))
-    return rms, error, number, flights
-
-
 def _cell_sums(
     squares: NDArray[np.float64], cell: NDArray[np.int64], flight: NDArray[np.int64], cells: int
 ) -> NDArray[np.float64]:

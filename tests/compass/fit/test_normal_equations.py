@@ -2,14 +2,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import curve_fit, least_squares
+from scipy.optimize import least_squares
 
 import airswing  # noqa: F401
 from airswing.compass.fit.normal_equations import (
     LOCAL,
     Scatter,
     accumulate,
-    plain_sinusoid,
     robust_scatter,
 )
 from airswing.compass.fit.observations import Reports
@@ -166,18 +165,6 @@ def test_scatter_tells_known_from_unknown_variance():
     assert scatter.along == pytest.approx(4.0 - 1.0, rel=0.15)  # the known part is in both
 
 
-def test_plain_sinusoid_is_curve_fit():
-    rng = np.random.default_rng(5)
-    m = rng.uniform(0, 360, 3000)
-    error = 1.2 + 4 * np.sin(np.radians(m + 35)) + rng.normal(0, 2, m.size)
-    expected, _ = curve_fit(
-        lambda x, o, a, p: o + a * np.sin(np.radians(x + p)), m, error, p0=[0, 1, 0]
-    )
-    curve, linear = plain_sinusoid(error, m)
-    assert np.allclose(curve, expected, atol=1e-4)
-    assert np.hypot(*linear[1:]) == pytest.approx(curve[1])
-
-
 @given(st.permutations(range(60)))
 def test_order_of_rows_does_not_matter(order):
     reports = vector_reports(THETA, np.random.default_rng(6), n=60, noise=1.0, flights=9)
@@ -187,17 +174,6 @@ def test_order_of_rows_does_not_matter(order):
     two = accumulate(mixed.sorted(), radians(THETA), scatter, 9, joint=True)
     assert np.allclose(one.normal, two.normal, rtol=1e-4, atol=0.1)
     assert np.allclose(one.flight_score, two.flight_score, rtol=1e-3, atol=0.05)
-
-
-@given(st.floats(-180, 180))
-def test_turning_the_abscissa_turns_the_harmonics(turn):
-    # sin(m + t) = sin m cos t + cos m sin t: amplitude stays, phase moves by -turn
-    m = np.arange(0.0, 360.0, 7.0)
-    error = 1 + 3 * np.sin(np.radians(m + 20))
-    first, _ = plain_sinusoid(error, m)
-    second, _ = plain_sinusoid(error, m + turn)
-    assert second[:2] == pytest.approx(first[:2], abs=1e-4)
-    assert (second[2] - first[2] + turn + 180) % 360 - 180 == pytest.approx(0, abs=1e-3)
 
 
 def test_unit_weights_give_least_squares():

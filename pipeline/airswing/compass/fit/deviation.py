@@ -46,14 +46,13 @@ from airswing.compass.fit.acceptance import (
 )
 from airswing.compass.fit.aircraft import AircraftFit, fit_aircraft
 from airswing.compass.fit.flight_segments import Places
-from airswing.compass.fit.normal_equations import plain_sinusoid
 from airswing.compass.fit.observations import Reports
 from airswing.compass.fit.offset_alone import MIN_FLIGHTS, STRETCH
 from airswing.compass.fit.report_columns import Columns
 from airswing.compass.fit.row_blocks import BLOCK
 from airswing.errors import InputError
 from airswing.flags import STATUS
-from airswing.products.ragged import blocks, row_bounds
+from airswing.products.ragged import blocks
 from airswing.vocabulary import describe
 
 COEFFICIENTS = ("A", "B", "C", "D", "E")
@@ -239,46 +238,6 @@ def fit_sums(parts: Sequence[FleetSums]) -> xr.Dataset:
     )
     fits.attrs.update(first.attributes)
     return describe(fits)
-
-
-def fit_sinusoid(
-    headings: xr.Dataset, *, abscissa: Literal["magnetic", "true"] = "magnetic"
-) -> xr.Dataset:
-    """Fit the seed's plain sinusoid: ordinary least squares of the heading error, nothing more.
-
-    Parameters
-    ----------
-    headings : Dataset
-        As for :func:`fit_deviation`; only screened reports with finite values count.
-    abscissa : {"magnetic", "true"}
-
-    Returns
-    -------
-    Dataset
-        ``offset``, ``amplitude``, ``phase`` (reference, aircraft), degrees; NaN with fewer than
-        three reports.
-    """
-    start, stop = row_bounds(headings["row_size"].to_numpy())
-    m = headings["magnetic_heading" if abscissa == "magnetic" else "heading"].to_numpy()
-    kept = headings["screening"].to_numpy() == 0
-    error = headings["heading_error"].transpose("reference", "report")
-    curves = np.full((error.shape[0], start.size, 3), np.nan)
-    for k in range(error.shape[0]):
-        values = error[k].to_numpy()
-        for row, (begin, end) in enumerate(zip(start, stop, strict=True)):
-            one, other = values[begin:end], m[begin:end]
-            good = kept[begin:end] & np.isfinite(one) & np.isfinite(other)
-            if not good.all():
-                one, other = one[good], other[good]
-            if one.size >= 3:
-                curves[k, row] = plain_sinusoid(one, other)[0]
-    names = ("offset", "amplitude", "phase")
-    return describe(
-        xr.Dataset(
-            {name: (("reference", "aircraft"), curves[..., j]) for j, name in enumerate(names)},
-            coords={name: headings[name] for name in ("reference", "aircraft")},
-        )
-    )
 
 
 def _groups(

@@ -42,8 +42,6 @@ from airswing.compass.fit.observations import (
     Observations,
     Reports,
     Single,
-    Values,
-    radians32,
 )
 from airswing.compass.fit.row_blocks import BLOCK, Rows, fill, rows_for
 
@@ -305,35 +303,3 @@ def robust_scatter(
 def _median(values: Single) -> float:
     middle = values.size // 2
     return float(np.partition(values, middle)[middle])
-
-
-def plain_sinusoid(heading_error: Values, abscissa: Values) -> tuple[Array, Array]:
-    """Fit the seed's sinusoid by ordinary least squares in one pass, each report alike.
-
-    Parameters
-    ----------
-    heading_error, abscissa : array, shape (n,)
-        Degrees, finite.
-
-    Returns
-    -------
-    curve : array, shape (3,)
-        offset, amplitude and phase of offset + amplitude sin(m + phase), degrees; the amplitude
-        is not negative and the phase in (-180, 180].
-    linear : array, shape (3,)
-        A, B, C of A + B sin m + C cos m, degrees.
-    """
-    normal = np.zeros((4, 4))
-    for begin in range(0, heading_error.size, BLOCK):
-        m = radians32(abscissa[begin : begin + BLOCK])
-        rows = np.empty((4, m.size), dtype=np.float32)
-        rows[0] = 1
-        np.sin(m, out=rows[1])
-        np.cos(m, out=rows[2])
-        rows[3] = heading_error[begin : begin + BLOCK]
-        normal += rows @ rows.T
-    linear = np.linalg.solve(normal[:3, :3], normal[:3, 3])
-    curve = np.array(
-        [linear[0], np.hypot(linear[1], linear[2]), np.degrees(np.arctan2(linear[2], linear[1]))]
-    )
-    return curve, np.asarray(linear, dtype=np.float64)

@@ -155,23 +155,6 @@ class Frame:
         """Reported minus reference wind, (n, 2), m s-1."""
         return np.stack([self.u_rep - self.u_ref, self.v_rep - self.v_ref], axis=-1)
 
-    @property
-    def linear_residual(self) -> FloatArray:
-        """Residual in which errors of heading and airspeed are exactly linear, (n, 2), m s-1.
-
-        ``-V n e - h d`` with e the angle from the air vector the reference implies to the one the
-        unit used, d the difference of their lengths. The plain residual holds the second order of
-        a heading error, ``-h V e^2 / 2``, which looks like an airspeed too high (0.15 m/s for one
-        cycle of 4 degrees). Noise of s m/s moves it by about ``h s^2 / (2 V)``.
-        """
-        implied_u, implied_v = self.ground_u - self.u_ref, self.ground_v - self.v_ref
-        turned = self.heading - np.arctan2(implied_u, implied_v)
-        error = np.arctan2(np.sin(turned), np.cos(turned))
-        longer = self.airspeed - np.hypot(implied_u, implied_v)
-        sine, cosine = np.sin(self.heading), np.cos(self.heading)
-        across = self.airspeed * error
-        return np.stack([-across * cosine - longer * sine, across * sine - longer * cosine], -1)
-
     def take(self, index: Any) -> Frame:
         """Take rows of the frame by integer index, slice or boolean mask, in the order given.
 

@@ -241,25 +241,6 @@ def draw_noise(frame: Frame, noise: NoiseLike, *, rng: np.random.Generator) -> F
     return out + day_sd * rng.standard_normal((int(day.max(initial=0)) + 1, 2))[day]
 
 
-def check_effects(effects: Sequence[ActiveEffect], frame: Frame) -> None:
-    """Refuse effects that are unknown, incomplete, or on aircraft that are not there.
-
-    Parameters
-    ----------
-    effects : sequence of ActiveEffect
-        What is to be simulated.
-    frame : Frame
-        Reports.
-
-    Raises
-    ------
-    InputError
-        With the nearest known name.
-    """
-    for active in effects:
-        prepared(active, frame, np.random.SeedSequence(0))
-
-
 def prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -> Work:
     """Return an effect made ready to act on a frame.
 
