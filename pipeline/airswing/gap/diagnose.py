@@ -401,7 +401,7 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
 
 def _sent_otherwise(problem: Problem, rest: Floats, explained: Collection[str]) -> SentWinds | None:
     """Find winds sent otherwise than simulated, but for aircraft whose scatter has a name."""
-    setting = Setting.of(problem)
+    setting = Setting.of(problem).alike
     fold = folds_of_days(problem.base.stats)
     known = [a for a, tail in enumerate(problem.archive.tails) if tail in explained]
     return sent_winds(Bench.of(setting, rest), fold, without=known)

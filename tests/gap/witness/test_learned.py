@@ -1,5 +1,7 @@
 """The learned witness on small archives: it hears a product of two variables, and no silence."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from tests.gap.toy import make_frame, noise_of
@@ -29,7 +31,9 @@ def setting_of(frame):
         day=day,
         rng=np.random.default_rng(0),
     )
-    return Setting(frame, frame, noise, plan, variances, day, errors)
+    return Setting(
+        frame, frame, noise, plan, variances, day, errors, np.zeros((frame.size, 2)), 0.0
+    )
 
 
 def product(context):
@@ -91,6 +95,14 @@ def test_the_slope_of_the_small_scales_is_found():
     followed, share = small_scale_slope(frame, quiet, -0.4 * wind, np.ones(frame.size, bool))
     np.testing.assert_allclose(followed, -0.4 * wind)
     assert share == pytest.approx(0.9)  # bounded: all of it
+
+
+def test_simulated_reports_follow_what_the_real_ones_do():
+    setting = setting_of(make_frame(seed=2, aircraft=2, days=2))
+    followed = np.full((setting.frame.size, 2), 0.3)
+    alike = dataclasses.replace(setting, followed=followed, share=0.36).alike
+    np.testing.assert_allclose(alike.errors, 0.3 + 0.8 * setting.errors)
+    np.testing.assert_allclose(alike.alike.errors, alike.errors)
 
 
 def test_a_claim_needs_the_least_size_and_four_standard_errors():

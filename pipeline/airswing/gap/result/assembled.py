@@ -347,7 +347,7 @@ def sent_place(
         curve=curve,
         closure=_closes(scatter[component])
         if component in scatter
-        else ClosesEntry(0.0, [0.0, 0.0]),
+        else None,  # of directions it is not known
         settled_by="the unit's winds before they are coded, beside those it sends",
     )
 

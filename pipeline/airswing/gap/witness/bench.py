@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import OF_THE_REPORT, Variable, record, values_of
-from airswing.gap.archive.value_tables import Grid, change_of
+from airswing.gap.archive.value_tables import Grid, axis_of, change_of
 from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.simulation.forward import Coding
@@ -55,6 +55,10 @@ class Setting:
         Index of each report's day.
     errors : (B, n, 2) float
         Errors of the reference drawn for simulated archives, m/s.
+    followed : (n, 2) float
+        What reports follow of the reference's small scales, m/s.
+    share : float
+        Part of the residual's mean square it makes.
     """
 
     frame: Frame
@@ -64,6 +68,8 @@ class Setting:
     variances: Variances
     day: Integers
     errors: Floats
+    followed: Floats
+    share: float
 
     @classmethod
     def of(cls, problem: Problem, *, draws: int = 4) -> Setting:
@@ -80,8 +86,17 @@ class Setting:
         )
         frame, quiet = problem.archive, problem.context
         followed, share = small_scale_slope(frame, quiet, frame.residual, ~noise.gross)
-        errors = followed + np.sqrt(1 - share) * errors
-        return cls(frame, quiet, noise, plan, variances, problem.day, errors)
+        return cls(frame, quiet, noise, plan, variances, problem.day, errors, followed, share)
+
+    @property
+    def alike(self) -> Setting:
+        """The same with simulated reports that vary and regress as the real ones do.
+
+        What they follow holds a part of an effect that all days share, so that tables, which take
+        their mean off, would lose it: those meet errors that know nothing of the archive's winds.
+        """
+        errors = self.followed + np.sqrt(1 - self.share) * self.errors
+        return replace(self, errors=errors, followed=np.zeros_like(self.followed), share=0.0)
 
 
 @dataclass(frozen=True)
@@ -101,6 +116,9 @@ class Bench:
         Name -> values of the variables of the reported wind, of each simulated archive.
     ground : Ground
         Of the real residual.
+    regression : float
+        Share of the simulated archives' dependence on their own reported winds that the real one
+        shows: 1 where all error is the report's beside the reference, 0 the other way round.
     """
 
     setting: Setting
@@ -109,6 +127,7 @@ class Bench:
     variables: dict[str, Variable]
     simulated: tuple[dict[str, Floats], ...]
     ground: Ground
+    regression: float
     made: dict[Any, Floats] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -145,9 +164,15 @@ class Bench:
             variances=setting.variances,
             day=setting.day,
         )
-        return cls(
-            setting, np.stack(told), tuple(winds), record(frame, quiet), tuple(values), ground
+        bench = cls(
+            setting, np.stack(told), tuple(winds), record(frame, quiet), tuple(values), ground, 1.0
         )
+        return replace(bench, regression=regression_share(bench))
+
+    @property
+    def alike(self) -> Bench:
+        """The same residual beside archives whose reports vary and regress as the real ones do."""
+        return Bench.of(self.setting.alike, self.residuals[0])
 
     def direction(self, component: str, of_wind: int | None = None) -> Floats:
         """Change of the wind by one unit of a component, (n, 2), m/s.
@@ -221,7 +246,7 @@ class Bench:
         scores = np.stack([sums.score[0] for sums in alike])
         mean = scores.mean(axis=0)
         others = (count * mean - scores) / max(count - 1, 1)
-        score = np.concatenate([found.score - mean, scores - others])
+        score = np.concatenate([found.score - self.regression * mean, scores - others])
         # what all aircraft share is the weather's: one aircraft's is what parts from it
         weight = np.maximum(found.gram.sum(axis=0).diagonal(), 1e-12)
         common = score.sum(axis=(1, 2)) / weight
@@ -274,3 +299,41 @@ class Bench:
 def stands_on_report(grid: Grid) -> bool:
     """Whether a table stands on the reported wind itself."""
     return bool(set(grid.variables) & set(OF_THE_REPORT))
+
+
+def regression_share(bench: Bench) -> float:
+    """Share of the simulated dependence on the reported wind that the real archive shows.
+
+    Parameters
+    ----------
+    bench : Bench
+
+    Returns
+    -------
+    float
+        Between 0 and 1, by least absolute deviations over the cells of direction (across the wind)
+        and speed (along it): an effect in some cells does not move it.
+    """
+    real, simulated, weight = [], [], []
+    for name, component in (("wind_direction", "across_wind"), ("wind_speed", "along_wind")):
+        if name not in bench.variables:
+            continue
+        grid = Grid((axis_of(bench.variables[name], 24),))
+        told = [bench.cells(grid)]
+        told += [grid.cells(bench.told(grid, k)) for k in range(len(bench.simulated))]
+        sums = []
+        for k, cells in enumerate(told):
+            values = np.einsum("nc,nc->n", bench.residuals[k], bench.direction(component, k))
+            values[bench.setting.noise.gross] = 0.0
+            sums.append(np.bincount(cells, values, minlength=grid.size))
+        real.append(sums[0])
+        simulated.append(np.mean(sums[1:], axis=0))
+        weight.append(np.sqrt(np.maximum(np.bincount(told[0], minlength=grid.size), 1.0)))
+    if not real:
+        return 1.0
+    x, y = (np.concatenate(v) / np.concatenate(weight) for v in (simulated, real))
+    use = np.abs(x) > 1e-9
+    slopes, weights = y[use] / x[use], np.abs(x[use])
+    order = np.argsort(slopes)
+    middle = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
+    return float(np.clip(slopes[order][middle], 0.0, 1.0))

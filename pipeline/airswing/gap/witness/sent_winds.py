@@ -40,8 +40,11 @@ TREES = {"max_iter": 40, "max_leaf_nodes": 31, "learning_rate": 0.15, "min_sampl
 LEAST_AREA, SIGNIFICANT = 0.025, 4.0
 #: Least standard error of an area.
 LEAST_ERROR = 0.004
-#: Share of the clearest variable's (aircraft's) loss (area) from which another counts.
+#: Share of the clearest variable's loss from which another counts.
 TELLING = 0.5
+#: Of the clearest aircraft's area beyond a half the share from which another has it, and the least:
+#: three standard errors of one aircraft's.
+STRUCK = (0.35, 0.03)
 #: Variables the trees see; those by which an effect on the wind sent is told come first.
 SEEN = ("wind_speed", "wind_direction", "altitude", "hour")
 #: Quantiles of the map of speeds, and the least change that is one, m/s and standard errors.
@@ -132,7 +135,8 @@ def sent_winds(bench: Bench, fold: Integers, *, without: Sequence[int] = ()) -> 
         return None  # what the weather of these days had, not what is sent of it
     telling = tuple(n for n, x in sorted(winds.items(), key=lambda i: -i[1]) if x >= TELLING * most)
     clearest = float(np.nanmax(real.by_aircraft))
-    own = real.by_aircraft - 0.5 >= TELLING * (clearest - 0.5)
+    own = real.by_aircraft - 0.5 >= max(STRUCK[0] * (clearest - 0.5), STRUCK[1])
+    own |= real.by_aircraft == clearest
     aircraft = tuple(int(a) for a in np.flatnonzero(own))
     speeds, sent = _map_of(bench, aircraft, np.ones(frame.size, bool))
     turned = _directions(bench, aircraft)

@@ -146,7 +146,7 @@ def next_unknown(
 
 def _ranked(bench: Bench, witness: LearnedWitness) -> list[Candidate]:
     """Tables of one variable and of the pairs the learned witness names, most evidence first."""
-    single, pairs = curves(bench), pairs_of(bench, witness.hear(bench))
+    single, pairs = curves(bench), pairs_of(bench, witness.hear(bench.alike))
     # of a pair and a curve that tell the same the curve is simpler: `refined` tries its pairs
     least = single[0].nats + max(SECOND[0], SECOND[1] * single[0].nats)
     return [c for c in pairs if c.nats > least] + single
