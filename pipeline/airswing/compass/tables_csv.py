@@ -266,7 +266,7 @@ class _Drawing:
         )
         status = _STATUS_TEXT[int(one["status"])]
         if status == "offset_only":
-            foot += "; an offset alone, for the headings flown"
+            foot += "; offset alone"
         elif status != "ok":
             return refused_page(title, foot, f"fit refused: {status.replace('_', ' ')}")
         rows = card_rows(one["table_error"].to_numpy())

@@ -89,6 +89,8 @@ def _sane_limits(axes: Axes, fits: xr.Dataset, quantity: str) -> None:
     value = fits[quantity].to_numpy().astype(float)[good]
     value = value[np.isfinite(value)]
     if value.size == 0:
+        axes.text(0.5, 0.5, "none was fitted", transform=axes.transAxes, ha="center", color=SOFT)
+        axes.set_xticks([])
         return
     low, high = float(value.min()), float(value.max())
     room = max(0.12 * (high - low), 0.5)
