@@ -23,6 +23,7 @@ from airswing.report.html.document import (
     table,
 )
 from airswing.report.html.embed import embedded
+from airswing.report.html.style import placed_like
 from airswing.report.run.evaluation_figures import (
     field_test_figure,
     profiles_figure,
@@ -244,9 +245,10 @@ def profiles_section(profiles: xr.Dataset | None, reference: str) -> Section:
         return Section("profiles", "Error by level and phase")
     known = [str(name) for name in profiles["reference"].to_numpy()]
     first = reference if reference in known else known[0]
-    parts = [embedded(profiles_figure(profiles, first))]
+    figure = profiles_figure(profiles, first)
+    parts = [embedded(figure)]
     parts += [
-        folded(f"Against {name}", [embedded(profiles_figure(profiles, name))])
+        folded(f"Against {name}", [embedded(placed_like(profiles_figure(profiles, name), figure))])
         for name in known
         if name != first
     ]

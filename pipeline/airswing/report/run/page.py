@@ -33,7 +33,7 @@ from airswing.report.html.document import (
     table,
 )
 from airswing.report.html.embed import embedded, write_whole
-from airswing.report.html.style import plural
+from airswing.report.html.style import placed_like, plural
 from airswing.report.run import compass_figures as compass
 from airswing.report.run import overview
 from airswing.report.run.evaluation_sections import (
@@ -259,9 +259,13 @@ def _curves_section(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> S
                 f"{len(order) - len(large)} are in the figures above and in the table."
             )
         )
-    raster = len(large) > SVG_UP_TO
+    raster, first = len(large) > SVG_UP_TO, None
     for index, name in enumerate(large):
         figure = compass.heading_error_figure(headings, fits, name, reference)
+        if first is None:
+            first = figure  # of the largest amplitude: the widest labels
+        else:
+            placed_like(figure, first)
         words = compass.fit_words(one_fit(fits, name, reference))
         shown = embedded(figure, raster=raster, dpi=110 if raster else 150)
         parts.append(folded(f"{name}: {words}", [shown], unfolded=index == 0))
