@@ -7,8 +7,9 @@ Without the reference's shared error the biases are pooled over the fleet
 (:mod:`airswing.compass.fit.pooled_bias`) and errors are clustered by flight, wider where days
 scatter more; with it the whole fleet is solved at once (:mod:`airswing.compass.fit.fleet`) and
 errors are clustered by day. Where headings or flights do not allow a curve the constant alone is
-published (:mod:`airswing.compass.fit.offset_alone`): A with its variance, the other coefficients
-zero, no amplitude. NaN coefficients wherever the status is neither.
+published (:mod:`airswing.compass.fit.offset_alone`): A, the other coefficients zero with the
+variance of cycles as large as the fleet's, no amplitude. NaN coefficients wherever the status is
+neither.
 """
 
 from __future__ import annotations
@@ -233,9 +234,9 @@ def _publish_offsets(
             table["status"][k] = STATUS["unstable_fit"]
             continue
         table["status"][k] = STATUS["offset_only"]
-        table["deviation"][k], table["deviation_covariance"][k] = 0.0, 0.0
+        table["deviation"][k] = 0.0
         table["deviation"][k, 0] = table["offset"][k] = np.degrees(offset.value)
-        table["deviation_covariance"][k, 0, 0] = error**2
+        table["deviation_covariance"][k] = offset.covariance * np.degrees(1.0) ** 2
         table["offset_standard_error"][k] = error
         table["residual_rms_before"][k] = np.degrees(fit.rms_before)
         table["residual_rms_after"][k] = np.degrees(fit.rms_after)

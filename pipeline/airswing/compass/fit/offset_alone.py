@@ -9,6 +9,11 @@ two or more, else from the along-track errors of the aircraft without (a compass
 touch them), and its scatter between aircraft widens the interval. Taken from along-track errors
 that scatter holds the airspeed sensors' own, so the interval is rather too wide than too narrow.
 
+What the constant leaves out is not nothing: the covariance of A to E that goes with it is that of a
+curve whose cycles are as large as the fleet's (`USUAL_CYCLE` where fewer than `FEWEST_CURVES`
+aircraft tell it) and whose mean over the headings flown is the constant. On the headings of one
+route it adds nothing; flown out and back, or on other headings, it is the amplitude itself.
+
 Errors are clustered by flight. Fewer than `MIN_FLIGHTS` flights cannot tell what a flight's
 reference error is: their clusters are stretches of `STRETCH` and the flights' error is that of the
 along-track errors of all aircraft like it, `FEWEST_AIRCRAFT` of them or more.
@@ -35,6 +40,10 @@ from airswing.compass.fit.sandwich import Array
 MIN_FLIGHTS = 5
 STRETCH = np.timedelta64(120, "s")
 """Length of a cluster within a flight where there are too few flights."""
+FEWEST_CURVES = 3
+"""Aircraft with curves that tell how large a cycle is."""
+USUAL_CYCLE = (np.radians(3.0), np.radians(1.0))
+"""Radians: rms amplitude of one and of two cycles, the sample fleets' and the published tables'."""
 FEWEST_AIRCRAFT = 6
 """Aircraft whose along-track errors tell the scatter of the reference's."""
 USUAL_BIAS = 0.5
@@ -46,11 +55,15 @@ chi-square of 25 on three degrees of freedom is as rare as this on one."""
 
 @dataclass(frozen=True)
 class Offset:
-    """A constant and its variance, radians; ``stable`` where both halves of the period agree."""
+    """A constant and its variance, radians; ``stable`` where both halves of the period agree.
+
+    ``covariance`` is that of A to E, (5, 5), with what the constant leaves out.
+    """
 
     value: float
     variance: float
     stable: bool
+    covariance: Array
 
 
 @dataclass(frozen=True)
@@ -86,6 +99,7 @@ def offsets(
     if not fits:
         return []
     found: list[Offset | None] = [None] * len(fits)
+    cycles = usual_cycles(curves)
     for kind in (False, True):
         own = [k for k, one in enumerate(few) if one == kind]
         group = [fits[k] for k in own]
@@ -98,20 +112,66 @@ def offsets(
             [max(fit.day_number.size - 1, 1) for fit in group],
         )[0]
         for k, fit in zip(own, group, strict=True):
-            found[k] = _offset(fit, bias, float(ratio))
+            found[k] = _offset(fit, bias, float(ratio), cycles)
     return found
 
 
-def _offset(fit: AircraftFit, bias: _Bias, ratio: float) -> Offset:
+def usual_cycles(curves: list[AircraftFit]) -> Array:
+    """Variance of B, C, D and E over a fleet.
+
+    Parameters
+    ----------
+    curves : list of AircraftFit
+        Of the aircraft with curves.
+
+    Returns
+    -------
+    array, shape (4,)
+        Radians squared.
+    """
+    mean = np.square(USUAL_CYCLE)
+    if len(curves) >= FEWEST_CURVES:
+        square = np.array([fit.theta[1:COMPASS] ** 2 for fit in curves])
+        once = square[:, :2].sum(axis=1).mean()
+        fitted = [row[2:].sum() for row, fit in zip(square, curves, strict=True) if 4 in fit.free]
+        mean = np.array([once, np.mean(fitted) if fitted else mean[1]])
+    return np.asarray(np.repeat(mean / 2.0, 2))
+
+
+def curve_covariance(variance: float, flown: Array, cycles: Array) -> Array:
+    """Covariance of A to E where their mean over the headings flown is known and no more.
+
+    Parameters
+    ----------
+    variance : float
+        Of that mean.
+    flown : array, shape (4,)
+        Mean over the headings flown of what B to E are multiplied by.
+    cycles : array, shape (4,)
+        Variance of B to E.
+
+    Returns
+    -------
+    array, shape (5, 5)
+    """
+    found = np.diag(np.concatenate([[variance + flown**2 @ cycles], cycles]))
+    found[0, 1:] = found[1:, 0] = -flown * cycles
+    return found
+
+
+def _offset(fit: AircraftFit, bias: _Bias, ratio: float, cycles: Array) -> Offset:
     slope = fit.normal[0, FIRST_BIAS:] / fit.normal[0, 0]
     sampling = float(fit.covariance[0, 0] * t_inflation(fit.freedom[:1])[0] ** 2) * ratio
     changed = _changed(fit, float(fit.covariance[0, 0]) * ratio)
     # references of a pool err together: their scatters add up, not their squares
     shared = ((np.abs(slope.reshape(-1, 2)) * bias.scatter[:, np.newaxis]).sum(axis=0) ** 2).sum()
+    variance = sampling + float(slope @ bias.covariance @ slope) + float(shared)
+    flown = fit.normal[0, 1:COMPASS] / fit.normal[0, 0]
     return Offset(
         float(fit.theta[0] - slope @ bias.mean),
-        sampling + float(slope @ bias.covariance @ slope) + float(shared),
+        variance,
         fit.converged and not changed,
+        curve_covariance(variance, flown, cycles),
     )
 
 
