@@ -362,8 +362,7 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
         for m in second_moments(frame, calm)
         if m.name in names and m.probability >= search.rules.probability
     ]
-    gross = calm.gross
-    scatter = {m.name: reduction_of(frame, whole.residual, m, gross) for m in moments}
+    scatter = {m.name: reduction_of(frame, whole.residual, m, calm.gross) for m in moments}
     closure, whole = with_scatter(closure, scatter), with_scatter(whole, scatter)
     explained = {tail for moment in moments for tail in moment.tails}
     jittery = sent = None
