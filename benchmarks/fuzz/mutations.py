@@ -101,6 +101,8 @@ def mutated(kind: str, data: bytes, other: bytes, pick: random.Random) -> bytes:
     changes: list[Change] = [*OCTETS, lambda d, p: _spliced(d, other, p)]
     if kind.startswith("grib"):
         changes = [*changes, *GRIB, *GRIB, *GRIB]
+    elif kind == "bufr":
+        changes = [*changes, *[_bufr_header] * 10]
     elif kind in ("yaml", "effects"):
         changes = [*YAML, *YAML, *YAML, *changes]
     elif kind == "csv":
@@ -317,6 +319,18 @@ GRIB: list[Change] = [
     _mended(_inserted),
     _mended(_deleted),
 ]
+
+
+def _bufr_header(data: bytes, pick: random.Random) -> bytes:
+    """An octet or two of the first sections of one BUFR message: lengths, tables, descriptors."""
+    starts = [match.start() for match in re.finditer(b"BUFR", data)]
+    if not starts:
+        return data
+    changed, start = bytearray(data), pick.choice(starts)
+    for _ in range(pick.choice((1, 2, 2, 3))):
+        at = min(start + pick.randrange(8, 48), len(data) - 1)
+        changed[at] = pick.choice((0, 0xFF, 0x80, 0x7F, pick.randrange(256)))
+    return bytes(changed)
 
 
 def _yaml_scalar(data: bytes, pick: random.Random) -> bytes:
