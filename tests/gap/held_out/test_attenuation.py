@@ -127,8 +127,12 @@ def test_persistent_error_is_allowed_for_where_the_climatology_reaches(made):
     assert turned < 0.5 * wind < 0.09
 
 
-def test_an_effect_of_the_wind_met_is_also_tried_for_all_aircraft(made):
-    pool = candidates(made.base.stats.layout, EFFECTS)
-    scopes = {c.name: {d.scope for d in pool if d.name == c.name} for c in pool}
-    assert scopes["altitude_offset"] == {"aircraft", "fleet"}
-    assert scopes["compass_offset"] == {"aircraft"}
+def test_what_lasts_is_also_tried_for_all_aircraft_and_what_has_a_date_is_not(made):
+    effects = EFFECTS | {"compass_step": CATALOGUE["compass_step"]}
+    layout = make_layout(effects, made.plan, made.context)
+    scopes = {}
+    for one in candidates(layout, effects):
+        scopes.setdefault(one.name, set()).add(one.scope)
+    assert scopes["altitude_offset"] == scopes["compass_offset"] == {"aircraft", "fleet"}
+    assert scopes["compass_step"] == {"aircraft"}
+    assert scopes["reference_speed_bias"] == {"fleet"}
