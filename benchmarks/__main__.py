@@ -27,7 +27,6 @@ SHORT = {
     "coverage": ["--fleets", "40"],
     "recovery": ["--archives", "2"],
     "evaluation_coverage": ["--seeds", "20"],
-    "gap_identification": ["--cases", "8"],
     "gap_statistics": ["--reports", "1000000", "--aircraft", "6"],
 }
 LONG = {
