@@ -77,7 +77,7 @@ def test_the_curve_is_judged_by_the_field_of_each_report():
     field = np.random.default_rng(0).uniform(14e3, 26e3, headings.sizes["report"])
     headings["horizontal_field"] = ("report", field.astype(np.float32))
     pools = {"ruc": ["ruc"]}
-    fits = fitted(headings, pools, "ruc", {"joint": False})
+    fits = fitted(headings, pools, "ruc", joint=False)
     told = [Apart.of(block, fits, ["ruc"], "ruc", "curve") for block, _ in judged_blocks(headings)]
     whole = Apart.of(headings, fits, ["ruc"], "ruc", "curve")
     assert np.concatenate([one.after for one in told]) == pytest.approx(whole.after, nan_ok=True)
