@@ -282,7 +282,7 @@ def test_a_message_that_ends_the_process_costs_one_report(tmp_path: Path):
     deadly = bytearray(messages[0])
     deadly[10], deadly[39] = 68, 127
     with pytest.raises(UnreadableMessageError, match="ends the decoder"):
-        unpack_beside(bytes(deadly), (33, 0))
+        unpack_beside(bytes(deadly), (33, 0, 6))
     path.write_bytes(b"".join([messages[1], bytes(deadly), b"noise", *messages[2:]]))
     found = read_reports(path)
     assert audit_of(found)["dropped"] == {"undecodable_message": 1}

@@ -258,14 +258,15 @@ def array_beside(message: bytes, name: str, size: int) -> Floats:
     return np.frombuffer(_POOL.ask(ARRAY, message, size, name.encode()), dtype=np.float64)
 
 
-def unpack_beside(message: bytes, tables: tuple[int, int]) -> None:
+def unpack_beside(message: bytes, tables: tuple[int, int, int]) -> None:
     """Try in another process whether a BUFR message can be unpacked.
 
     Parameters
     ----------
     message : bytes
-    tables : (int, int)
-        Versions of master and local tables to try where its own are not known.
+    tables : (int, int, int)
+        Versions of master and local tables to try where its own are not known, and the oldest
+        master table that is.
 
     Raises
     ------

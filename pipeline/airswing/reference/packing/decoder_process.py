@@ -168,7 +168,8 @@ def unpacked(message: bytes, asked: bytes, size: int) -> bytes:
     Parameters
     ----------
     message, asked : bytes
-        The message; numbers of current master and local tables, JSON.
+        The message; numbers of current master and local tables, and of the oldest master table
+        that is at hand, JSON.
     size : int
         Of no meaning.
 
@@ -179,7 +180,8 @@ def unpacked(message: bytes, asked: bytes, size: int) -> bytes:
     """
     import eccodes
 
-    for tables in (None, json.loads(asked)):
+    *current, oldest = json.loads(asked)
+    for tables in (None, current):
         handle = eccodes.codes_new_from_message(message)
         try:
             if tables is not None:
@@ -190,6 +192,8 @@ def unpacked(message: bytes, asked: bytes, size: int) -> bytes:
             while eccodes.codes_bufr_keys_iterator_next(keys):
                 pass
             eccodes.codes_bufr_keys_iterator_delete(keys)
+            if eccodes.codes_get(handle, "masterTablesVersionNumber") >= oldest:
+                break  # as in the process that asks: current tables are for what fails, or is older
         except eccodes.CodesInternalError:
             if tables is not None:
                 raise

@@ -142,7 +142,7 @@ def _decodable(path: Path, audit: Audit) -> Iterator[Any]:
     """Messages that another process could unpack: ecCodes may die of one that is damaged."""
     for octets in framed(path, audit):
         try:
-            unpack_beside(octets, (_CURRENT_TABLES, 0))
+            unpack_beside(octets, (_CURRENT_TABLES, 0, _OLDEST_TABLES))
             message = _opened(octets)
         except UnreadableMessageError:
             _drop(audit)
