@@ -41,7 +41,8 @@ def virtual_field_test(
     Parameters
     ----------
     headings : Dataset
-        Screened headings.
+        Screened headings; of a part of them, as
+        :func:`airswing.evaluation.backtest.folds.only` marks it.
     learned_until : date
         Reports before it are learned from, reports from it on are judged.
     pools : mapping of str to list of str
