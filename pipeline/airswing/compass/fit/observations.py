@@ -20,22 +20,6 @@ ROOM = 8
 """Numbers of a report made ready, but for its flight's."""
 
 
-def radians32(degrees: Values) -> Single:
-    """Radians in single precision.
-
-    Parameters
-    ----------
-    degrees : array
-
-    Returns
-    -------
-    array of float32, same shape
-    """
-    found: Single = degrees.astype(np.float32)
-    found *= np.float32(np.pi / 180.0)
-    return found
-
-
 def _changes(values: Index) -> Index:
     """Where a new value begins."""
     change = np.ones(values.size, dtype=np.bool_)
