@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 
 import dask.array as da
 import numpy as np
+import pandas as pd
 import xarray as xr
 from dask.highlevelgraph import HighLevelGraph
 from numpy.typing import NDArray
@@ -273,11 +274,13 @@ def collocate(
         array = _lazy(base, graph, f"{name}-{token}", keys, chunks, np.dtype("f8"))
         data[name] = (("reference", "report"), array)
     for row, name in enumerate(ACCOUNT if account else ACCOUNT[:1]):
-        counts = {(f"{name}-{token}", n): (_count, join, row) for n, join in enumerate(joins)}
-        shape = ((1,) * len(joins),)
-        lazy = _lazy(base, graph, f"{name}-{token}", counts, shape, np.dtype("f8"))
-        data[name] = ("reference", lazy if name == "decoding_seconds" else lazy.astype("i8"))
-    coords = {"reference": ("reference", np.array(list(catalogues), dtype=object))}
+        dtype = np.dtype("f8" if name == "decoding_seconds" else "i8")
+        counts = {
+            (f"{name}-{token}", n): (_count, join, row, dtype) for n, join in enumerate(joins)
+        }
+        lazy = _lazy(base, graph, f"{name}-{token}", counts, ((1,) * len(joins),), dtype)
+        data[name] = ("reference", lazy)
+    coords = {"reference": ("reference", pd.Index(list(catalogues), dtype=object))}
     found = describe(xr.Dataset(data, coords=coords))
     notes = {name: one.notes for name, one in models.items() if one.given}
     if notes:
@@ -312,8 +315,8 @@ def _row(joined: _Joined, number: int) -> Floats:
     return joined.columns[number : number + 1]
 
 
-def _count(joined: _Joined, number: int) -> Floats:
-    return joined.account[number : number + 1]
+def _count(joined: _Joined, number: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    return joined.account[number : number + 1].astype(dtype)
 
 
 def _problems(joined: _Joined) -> NDArray[np.object_]:

@@ -112,13 +112,14 @@ def winds_at(
     if place.size == 0:
         return table
     cell = corners(model.grid, fi[place], fj[place])
-    at, nodes = np.tile(pressure[place], 4), cell.points.ravel()
-    if model.native:
-        levels, top_down = _from_the_top(np.stack((yield [(row, nodes) for row in model.pressure])))
-        brackets = level_brackets(levels, at, both=derivatives)
+    at, nodes = pressure[place], cell.points
+    if model.native:  # levels lie otherwise in each column
+        at, nodes = np.tile(at, 4), nodes.reshape(1, -1)
+        asked = [(row, nodes[0]) for row in model.pressure]
+        levels, top_down = _from_the_top(np.stack((yield asked)))
     else:
         levels, top_down = np.asarray(model.u["level"], dtype=np.float64), True
-        brackets = level_brackets(levels, at, both=derivatives)
+    brackets = level_brackets(levels, at, both=derivatives)
     u, v = (model.u, model.v) if top_down else (model.u[::-1], model.v[::-1])
     values = yield from _between_levels(u, v, nodes, brackets, both=derivatives)
     lat, lon = latitude[place], longitude[place]
@@ -142,8 +143,9 @@ def _from_the_top(levels: Floats) -> tuple[Floats, bool]:
 def _between_levels(
     u: NDArray[Any], v: NDArray[Any], points: Ints, brackets: Brackets, *, both: bool
 ) -> Generator[Asked, list[Floats], Floats]:
-    """(2, 2, 4 n): u and v on the level above and below, at every corner of every cell."""
-    values = np.zeros((2, 2, points.size))
+    """(2, 2, c, n): u and v on the level above and below, at the c columns of each bracket."""
+    columns = points.shape[0]
+    values = np.zeros((2, 2, *points.shape))
     values[..., ~brackets.inside] = np.nan
     inside = np.flatnonzero(brackets.inside)
     weight = brackets.weight[inside]
@@ -154,18 +156,19 @@ def _between_levels(
     level = np.concatenate([brackets.k[upper], brackets.k[lower] + 1])
     side = np.repeat([0, 1], [upper.size, lower.size])
     node = np.concatenate([upper, lower])
-    order = np.argsort(level, kind="stable")
+    # Numbers of levels are small, and 16 bits are sorted by their digits.
+    order = np.argsort(level.astype("i2" if u.size < 2**15 else "i8"), kind="stable")
     level, side, node = level[order], side[order], node[order]
     edges = np.flatnonzero(np.diff(level, prepend=-1, append=-1))  # none where none is inside
     groups = [slice(start, stop) for start, stop in itertools.pairwise(edges)]
     asked: Asked = []
     for group in groups:
-        number, wanted = int(level[group.start]), points[node[group]]
+        number, wanted = int(level[group.start]), points[:, node[group]].ravel()
         asked += [(u[number], wanted), (v[number], wanted)]
     found = (yield asked) if asked else []
     for group, one, two in zip(groups, found[::2], found[1::2], strict=True):
-        values[0, side[group], node[group]] = one
-        values[1, side[group], node[group]] = two
+        for component, got in enumerate((one, two)):
+            values[component, side[group], :, node[group]] = got.reshape(columns, -1).T
     return values
 
 

@@ -160,6 +160,8 @@ def _without_contradictions(table: Table, sources: Sequence[SourceFile], skipped
     """
     table = ordered(table)
     same = ~changes(table, (*FIELD, "file"))
+    if not same.any():
+        return table
     doubtful = np.zeros(table.size, dtype=bool)
     counts: Counter[str] = Counter()
     group = np.cumsum(~same)

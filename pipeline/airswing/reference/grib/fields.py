@@ -131,7 +131,7 @@ class FileContents:
 
     def table(self) -> NDArray[Any]:
         """Fields as an array of `FIELD_DTYPE`."""
-        return np.array([tuple(row) for row in self.fields], dtype=FIELD_DTYPE)
+        return np.array(self.fields, dtype=FIELD_DTYPE)
 
 
 class SkippedError(Exception):
@@ -147,19 +147,26 @@ class GarbageError(Exception):
 
 
 class Window:
-    """A file seen through small positioned reads."""
+    """A file seen through small positioned reads.
+
+    The last two are kept: a message's end and the next one's head lie in one of them.
+    """
 
     def __init__(self, descriptor: int) -> None:
         self.descriptor = descriptor
         self.size = os.fstat(descriptor).st_size
         self.start, self.data = 0, b""
+        self._before = 0, b""
 
     def get(self, start: int, length: int) -> bytes:
         """`length` octets from `start`; fewer at the end of the file."""
         at = start - self.start
         if at < 0 or at + length > len(self.data):
-            self.start, self.data = start, os.pread(self.descriptor, max(length, HEAD), start)
-            at = 0
+            self._before, (self.start, self.data) = (self.start, self.data), self._before
+            at = start - self.start
+            if at < 0 or at + length > len(self.data):
+                read = os.pread(self.descriptor, max(length, HEAD), start)
+                self.start, self.data, at = start, read, 0
         return self.data[at : at + length]
 
 

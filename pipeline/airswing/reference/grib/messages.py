@@ -147,7 +147,7 @@ def _length(window: Window, at: int, head: bytes) -> tuple[int, int]:
         raise GarbageError(f"garbage: GRIB edition {edition}")
     if at + length > window.size:
         raise GarbageError("truncated message")
-    if length < 16 or os.pread(window.descriptor, 4, at + length - 4) != b"7777":
+    if length < 16 or window.get(at + length - 4, 4) != b"7777":
         raise GarbageError("garbage: no 7777 at the message's end")
     return edition, length
 

@@ -180,6 +180,7 @@ _GRID_1 = bytes(
 _SCANNING = {0: 71, 1: 71, 10: 59, 20: 64, 30: 64}
 """Place of the scanning mode in section 3 of GRIB2, by template."""
 _NO_BITMAP = bytes([0, 0, 0, 6, 6, 255])
+_BEGINNING = b"GRIB"
 _CHANGED = "not the message the catalogue saw"
 _IEEE, _PNG = 4, (41, 40010)
 
@@ -211,14 +212,16 @@ def field_values(
     UnreadableMessageError
         Where the octets are not the message the catalogue saw, or cannot be decoded.
     """
-    if os.pread(descriptor, 4, int(row["offset"])) != b"GRIB":
-        raise UnreadableMessageError(_CHANGED)
     packed = simple_packing(row, size)
     if sparse and row["sparse"]:
+        if os.pread(descriptor, 4, int(row["offset"])) != _BEGINNING:
+            raise UnreadableMessageError(_CHANGED)
         return sparse_values(descriptor, packed, points)
     message = message_bytes(descriptor, row)
     if _certain(row, message, packed, descriptor):
-        values = decode(message)
+        # Setting the value of missing points takes 9 us, and most messages have none.
+        complete = int(row["packing"]) == 0 and packed.bitmap < 0
+        values = decode(message, complete=complete)
         if values.size != size:
             raise UnreadableMessageError(f"{values.size} values on a grid of {size} points")
         taken: Floats = values[points]
@@ -278,6 +281,8 @@ def message_bytes(descriptor: int, row: Any) -> bytes:
     """
     if row["edition"] == 1:
         return _message_1(descriptor, row)
+    if os.pread(descriptor, 4, int(row["offset"])) != _BEGINNING:
+        raise UnreadableMessageError(_CHANGED)
     own = _section(descriptor, row, "grid", 3)
     grid = bytearray(_GRID)
     grid[6:10], grid[30:38] = own[6:10], own[30:38]
@@ -296,19 +301,22 @@ def message_bytes(descriptor: int, row: Any) -> bytes:
 
 
 def _message_1(descriptor: int, row: Any) -> bytes:
-    start, bitmap, data = (int(row[f"section_{name}"]) for name in ("grid", "bitmap", "data"))
-    own = read_bytes(descriptor, start, 28)
+    offset, bitmap = int(row["offset"]), int(row["section_bitmap"])
+    length = int(row["data_end"]) - offset
+    message = memoryview(read_bytes(descriptor, offset, length))
+    if message[:4] != _BEGINNING:
+        raise UnreadableMessageError(_CHANGED)
+    own, said = int(row["section_grid"]) - offset, int(row["section_product"]) - offset
     product, grid = bytearray(_PRODUCT_1), bytearray(_GRID_1)
     product[7] |= 0x40 if bitmap >= 0 else 0
-    product[26:28] = read_bytes(descriptor, int(row["section_product"]) + 26, 2)
-    grid[6:10], grid[27] = own[6:10], own[27]
-    first = bitmap if bitmap >= 0 else data
-    body = read_bytes(descriptor, first, int(row["data_end"]) - first)
+    product[26:28] = message[said + 26 : said + 28]
+    grid[6:10], grid[27] = message[own + 6 : own + 10], message[own + 27]
+    body = message[(bitmap if bitmap >= 0 else int(row["section_data"])) - offset :]
     total = 8 + len(product) + len(grid) + len(body) + 4
     if total >= LARGE:
         # Above 8 MB the length is written in another unit: the message as it stands.
-        return read_bytes(descriptor, int(row["offset"]), int(row["length"]))
-    return b"".join([b"GRIB", total.to_bytes(3, "big"), b"\x01", product, grid, body, b"7777"])
+        return read_bytes(descriptor, offset, int(row["length"]))
+    return b"".join([_BEGINNING, total.to_bytes(3, "big"), b"\x01", product, grid, body, b"7777"])
 
 
 def _section(descriptor: int, row: Any, name: str, number: int) -> bytes:
@@ -321,12 +329,14 @@ def _section(descriptor: int, row: Any, name: str, number: int) -> bytes:
     return read_bytes(descriptor, start, length)
 
 
-def decode(message: bytes) -> Floats:
+def decode(message: bytes, *, complete: bool = False) -> Floats:
     """Decode a single-field message by eccodes, in this process.
 
     Parameters
     ----------
     message : bytes
+    complete : bool
+        It has no missing points.
 
     Returns
     -------
@@ -344,7 +354,8 @@ def decode(message: bytes) -> Floats:
     except eccodes.CodesInternalError as error:
         raise UnreadableMessageError(f"not decodable: {error}") from error
     try:
-        eccodes.codes_set(handle, "missingValue", ABSENT)
+        if not complete:
+            eccodes.codes_set(handle, "missingValue", ABSENT)
         values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
     except (eccodes.CodesInternalError, MemoryError, ValueError) as error:
         raise UnreadableMessageError(f"not decodable: {error}") from error
