@@ -73,7 +73,8 @@ def test_what_one_day_shows_is_told_as_unconfirmed():
 def test_silence_excludes_a_small_loss_as_little_as_a_gain(quiet, monkeypatch):
     both = np.tile([-0.05, 0.08], 150)  # m/s
     monkeypatch.setattr("airswing.gap.closure.interval.left_over", lambda *_, **__: both)
-    bounds = diagnose(quiet, catalogue=SMALL, maps=False).report.closure.reduction_ci
+    made = diagnose(quiet, catalogue=SMALL, dictionary=False, maps=False)
+    bounds = made.report.closure.reduction_ci
     np.testing.assert_allclose(bounds, np.array([-0.05, 0.08]) * 3600 / 1852)
 
 
@@ -136,7 +137,7 @@ def test_step_is_dated():
         return np.where((context["aircraft"] == 2) & late, np.radians(1.2), 0.0)
 
     frame = make_frame(seed=6, aircraft=6, days=16, noise=0.3, heading_error=error)
-    report = diagnose(frame, catalogue=SMALL, maps=False).report
+    report = diagnose(frame, catalogue=SMALL, dictionary=False, maps=False).report
     effect = report.effects[0]
     assert effect.name == "compass_step"
     assert effect.tails == [frame.tails[2]]
@@ -186,9 +187,8 @@ def test_exchanged_identifiers_are_found_and_given_back():
     names[(frame.aircraft == 0) & late], names[(frame.aircraft == 2) & late] = 2, 0
     order = np.lexsort((frame.time, names))
     swapped = replace(frame, aircraft=names).take(order)
-    report = diagnose(
-        swapped, catalogue=SMALL | {"tail_swap": CATALOGUE["tail_swap"]}, maps=False
-    ).report
+    catalogue = SMALL | {"tail_swap": CATALOGUE["tail_swap"]}
+    report = diagnose(swapped, catalogue=catalogue, dictionary=False, maps=False).report
     found = {e.name: e for e in report.effects}
     assert found["tail_swap"].tails == [frame.tails[0], frame.tails[2]]
     assert found["tail_swap"].period[0] == "1970-01-11"
@@ -198,9 +198,8 @@ def test_exchanged_identifiers_are_found_and_given_back():
 
 def test_missing_context_is_untestable_not_guessed(quiet):
     blind = replace(quiet, icing=np.full(quiet.size, -1), temperature=np.full(quiet.size, np.nan))
-    made = diagnose(
-        blind, catalogue=SMALL | {"heater_current": CATALOGUE["heater_current"]}, maps=False
-    )
+    catalogue = SMALL | {"heater_current": CATALOGUE["heater_current"]}
+    made = diagnose(blind, catalogue=catalogue, dictionary=False, maps=False)
     assert "icing" in made.report.untestable["heater_current"]
 
 

@@ -38,7 +38,8 @@ def searched():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stages, "assemble", spy)
-        stages.diagnose(frame, catalogue={n: CATALOGUE[n] for n in NAMES}, maps=False)
+        catalogue = {n: CATALOGUE[n] for n in NAMES}
+        stages.diagnose(frame, catalogue=catalogue, dictionary=False, maps=False)
     return held
 
 
