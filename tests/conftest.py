@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -59,6 +60,18 @@ def real() -> Callable[[str], Path]:
 @pytest.fixture(scope="session")
 def gap_product(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Output folder of ``airswing gap`` on a small archive: iron on N401, airspeed of N403."""
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent  # the run's own: made by the first worker that asks
+    with (shared / "gap_product.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        folder = shared / "gap_product"
+        if not (folder / "out" / "gap.json").is_file():
+            _make_gap_product(folder)
+    return folder / "out"
+
+
+def _make_gap_product(folder: Path) -> None:
     from airswing.config import load_config
     from airswing.synthetic.sealed.cases import Case, World
     from airswing.synthetic.sealed.draws import Drawn
@@ -80,12 +93,10 @@ def gap_product(tmp_path_factory: pytest.TempPathFactory) -> Path:
         Drawn(name, ({"name": name, "tails": [tail], "period": None, "parameters": values},))
         for name, tail, values in struck
     )
-    folder = tmp_path_factory.mktemp("gap_product")
     world = World(11, "default", 14, 6, coarse=True)
     AsDrawn(folder).write(Case("case", 3, "pair", world, drawn, (1.0, 1.0)))
     config = load_config(folder / "cases" / "case" / "config.yaml", output=folder / "out")
     gap_stage.diagnosis(Job(config, Progress(quiet=True)))
-    return folder / "out"
 
 
 @pytest.fixture(scope="session")
