@@ -139,6 +139,6 @@ def test_no_two_files_of_one_name():
 
 def test_a_check_that_sees_an_arrow_back():
     """The test's own eyes: the reports' room is imported by the compass, never the other way."""
-    compass = PACKAGE / "compass" / "headings.py"
+    compass = PACKAGE / "compass" / "reported_motion.py"
     assert PACKAGE / "reports" / "resolution.py" in imported(compass)
     assert ORDER.index("reports") < ORDER.index("compass")

@@ -31,21 +31,25 @@ anyway); what depends on the model winds stays lazy when they are dask arrays.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.ground_vector import Evidence, choose_ground_vector
+from airswing.compass.reported_motion import (
+    Motion,
+    accounts_of,
+    column_of,
+    motion_of,
+    seconds_of,
+    sum_of_accounts,
+)
 from airswing.errors import InputError
 from airswing.physics import triangle
 from airswing.physics.geomagnetism import FieldLattice
-from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, Resolution, ground_track
-from airswing.physics.turns import beside_turns
-from airswing.products.ragged import aircraft_of_report
-from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
+from airswing.physics.track import ACCELERATION_DENSITY
 from airswing.vocabulary import VARIABLES, describe
 
 __all__ = ["derive_columns", "derive_headings", "heading_error_sensitivity", "with_columns"]
@@ -87,15 +91,6 @@ DERIVED = (
 LARGEST_ERROR = float(np.pi / np.sqrt(3.0))
 """Standard error of a heading of which nothing is known, rad."""
 _WIND_NAMES = ("reference_eastward_wind", "reference_northward_wind")
-
-
-class _Motion(NamedTuple):
-    """What the reports alone say; arrays of shape (report,), m s-1 and radians."""
-
-    ground: Evidence
-    path: GroundTrack
-    air_east: Array
-    air_north: Array
 
 
 def derive_headings(
@@ -175,12 +170,12 @@ def derive_columns(
         As for :func:`derive_headings`.
     """
     _check(reports, winds)
-    motion = _motion(reports, acceleration_density=acceleration_density, widen=widen)
+    motion = motion_of(reports, acceleration_density=acceleration_density, widen=widen)
     own = _report_columns(motion) | _field_columns(reports, motion)
     columns = {name: xr.DataArray(values, dims="report") for name, values in own.items()}
     columns |= _reference_columns(winds, motion)
     typed = {name: values.astype(VARIABLES[name].dtype) for name, values in columns.items()}
-    return typed, _accounts(reports, motion)
+    return typed, accounts_of(reports, motion)
 
 
 def with_columns(reports: xr.Dataset, winds: xr.Dataset, columns: Mapping[str, Any]) -> xr.Dataset:
@@ -200,26 +195,6 @@ def with_columns(reports: xr.Dataset, winds: xr.Dataset, columns: Mapping[str, A
     found = found.assign(columns)
     found.attrs = {**winds.attrs, **reports.attrs}
     return describe(found)
-
-
-def sum_of_accounts(accounts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Account of a fleet from those of its parts.
-
-    Parameters
-    ----------
-    accounts : sequence of mapping
-        Of ``ground_vector_evidence``, parts of the fleet in order.
-
-    Returns
-    -------
-    dict
-    """
-    total: dict[str, Any] = {}
-    for account in accounts:
-        for name, value in account.items():
-            known = total.get(name, {} if isinstance(value, dict) else 0)
-            total[name] = known | value if isinstance(value, dict) else known + value
-    return total
 
 
 def heading_error_sensitivity(
@@ -269,101 +244,7 @@ def _check(reports: xr.Dataset, winds: xr.Dataset) -> None:
         )
 
 
-def _column(ds: xr.Dataset, name: str) -> Array:
-    if name not in ds:
-        return np.full(ds.sizes["report"], np.nan)
-    return np.asarray(ds[name].to_numpy(), dtype=np.float64)
-
-
-def _seconds(reports: xr.Dataset) -> Array:
-    time = reports["time"].to_numpy().astype("datetime64[ns]")
-    seconds = time.astype(np.int64) / 1e9
-    return np.asarray(np.where(np.isnat(time), np.nan, seconds))
-
-
-def _per_report(reports: xr.Dataset, name: str, aircraft: NDArray[np.int64]) -> Array:
-    """Resolution of each report's aircraft; 0 where it is not known."""
-    if name not in reports:
-        return np.zeros(aircraft.size)
-    return np.nan_to_num(np.asarray(reports[name].to_numpy(), dtype=np.float64))[aircraft]
-
-
-def _motion(reports: xr.Dataset, *, acceleration_density: float, widen: bool) -> _Motion:
-    aircraft = aircraft_of_report(reports)
-    path = ground_track(
-        _column(reports, "latitude"),
-        _column(reports, "longitude"),
-        _seconds(reports),
-        _column(reports, "pressure_altitude"),
-        reports["flight"].to_numpy(),
-        Resolution(
-            _per_report(reports, "position_resolution", aircraft),
-            _per_report(reports, "time_resolution", aircraft),
-        ),
-        acceleration_density=acceleration_density,
-        widen=widen,
-    )
-    wind = _column(reports, "eastward_wind"), _column(reports, "northward_wind")
-    ground = _believed(reports, _beside_turns(reports, path, wind), wind, aircraft)
-    air_east, air_north = triangle.air_vector(ground.eastward, ground.northward, *wind)
-    return _Motion(ground, path, air_east, air_north)
-
-
-def _beside_turns(
-    reports: xr.Dataset, path: GroundTrack, wind: tuple[Array, Array]
-) -> tuple[Array, Array, Array, Array]:
-    """Ground velocity and its errors along and across, of the legs around where the path turns."""
-    chord = path.eastward, path.northward, path.along_error, path.cross_error
-    found = beside_turns(
-        (path.leg_eastward, path.leg_northward, path.leg_error),
-        wind,
-        chord,
-        _seconds(reports),
-        reports["flight"].to_numpy(),
-        roll_flag=reports["roll_flag"].to_numpy() if "roll_flag" in reports else None,
-    )
-    air = triangle.vector_from_bearing(found.airspeed, found.heading)
-    new = (
-        air[0] + wind[0][found.report],
-        air[1] + wind[1][found.report],
-        found.airspeed_error,
-        found.airspeed * found.heading_error,
-    )
-    out = tuple(values.copy() for values in chord)
-    for values, better in zip(out, new, strict=True):
-        values[found.report] = better
-    return out[0], out[1], out[2], out[3]
-
-
-def _believed(
-    reports: xr.Dataset,
-    chord: tuple[Array, Array, Array, Array],
-    wind: tuple[Array, Array],
-    aircraft: NDArray[np.int64],
-) -> Evidence:
-    number = reports.sizes["aircraft"]
-    airspeed, heading = _column(reports, "reported_airspeed"), _column(reports, "reported_heading")
-    airspeed = np.where(airspeed > 0.0, airspeed, np.nan)
-    speed_step, heading_step = (
-        np.nan_to_num(lattice_step(values, aircraft, number, steps))[aircraft]
-        for values, steps in ((airspeed, SPEED_STEPS), (heading, DIRECTION_STEPS))
-    )
-    return choose_ground_vector(
-        chord,
-        wind,
-        (airspeed, np.radians(heading)),
-        (
-            speed_step,
-            np.radians(heading_step),
-            _per_report(reports, "wind_speed_resolution", aircraft),
-        ),
-        aircraft,
-        number,
-        derived=_column(reports, "wind_source") > 0,
-    )
-
-
-def _report_columns(motion: _Motion) -> dict[str, Array]:
+def _report_columns(motion: Motion) -> dict[str, Array]:
     ground, path = motion.ground, motion.path
     return {
         "ground_eastward_velocity": ground.eastward,
@@ -381,7 +262,7 @@ def _report_columns(motion: _Motion) -> dict[str, Array]:
     }
 
 
-def _heading_error(motion: _Motion) -> Array:
+def _heading_error(motion: Motion) -> Array:
     """Standard error of the indicated heading, degrees: that of the ground vector across it."""
     ground = motion.ground
     track = triangle.bearing(ground.eastward, ground.northward)
@@ -393,12 +274,12 @@ def _heading_error(motion: _Motion) -> Array:
         return np.asarray(np.degrees(np.minimum(across / speed, LARGEST_ERROR)))
 
 
-def _field_columns(reports: xr.Dataset, motion: _Motion) -> dict[str, Array]:
+def _field_columns(reports: xr.Dataset, motion: Motion) -> dict[str, Array]:
     place = (
-        _column(reports, "latitude"),
-        _column(reports, "longitude"),
-        np.nan_to_num(_column(reports, "pressure_altitude")),
-        _seconds(reports),
+        column_of(reports, "latitude"),
+        column_of(reports, "longitude"),
+        np.nan_to_num(column_of(reports, "pressure_altitude")),
+        seconds_of(reports),
     )
     field = FieldLattice.covering(*place).at(*place)
     heading = triangle.bearing(motion.air_east, motion.air_north)
@@ -410,7 +291,7 @@ def _field_columns(reports: xr.Dataset, motion: _Motion) -> dict[str, Array]:
     }
 
 
-def _reference_columns(winds: xr.Dataset, motion: _Motion) -> dict[str, xr.DataArray]:
+def _reference_columns(winds: xr.Dataset, motion: Motion) -> dict[str, xr.DataArray]:
     per_report = (
         motion.ground.eastward,
         motion.ground.northward,
@@ -453,32 +334,3 @@ def _compare(
     standard_error = np.hypot(along * along_error, cross * cross_error)
     speed_error = triangle.airspeed_error(air_east, air_north, *implied)
     return np.degrees(error), np.degrees(standard_error), speed_error
-
-
-def _accounts(reports: xr.Dataset, motion: _Motion) -> list[dict[str, Any]]:
-    """Which ground vector was believed, and how the chords reached, aircraft by aircraft."""
-    ground, path = motion.ground, motion.path
-    known = np.isfinite(ground.eastward)
-    chord = known & ~ground.own
-    marked = {
-        "reported_heading_and_airspeed": ground.own,
-        "chords": chord,
-        "none": ~known,
-        "one_sided": chord & ((path.before == 0) | (path.after == 0)),
-        "widened": chord & (np.maximum(path.before, path.after) > 1),
-    }
-    aircraft, number = aircraft_of_report(reports), reports.sizes["aircraft"]
-    counts = {
-        name: np.bincount(aircraft[values], minlength=number) for name, values in marked.items()
-    }
-    tails = [str(name) for name in reports["aircraft"].to_numpy()]
-    return [
-        {name: int(values[row]) for name, values in counts.items()}
-        | {
-            "aircraft_with_own_vector": int(why == "own"),
-            "aircraft_whose_own_vector_was_not_believed": (
-                {} if why in ("own", "absent") else {tail: str(why)}
-            ),
-        }
-        for row, (tail, why) in enumerate(zip(tails, ground.reason, strict=True))
-    ]

@@ -28,7 +28,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.headings import DERIVED, derive_columns, sum_of_accounts, with_columns
+from airswing.compass.headings import DERIVED, derive_columns, with_columns
+from airswing.compass.reported_motion import sum_of_accounts
 from airswing.products.atomic import replacing
 from airswing.products.checked import note, noted
 from airswing.products.fingerprint import code_digest, fingerprint
