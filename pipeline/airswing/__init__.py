@@ -37,6 +37,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.gap.simulation.report_table import simulate_reports as simulate_reports
     from airswing.handover.export import export as export
     from airswing.handover.forecasts.correcting import correct_forecasts as correct_forecasts
+    from airswing.products.monthly import by_report as by_report
     from airswing.products.netcdf import read_product as read_product
     from airswing.products.netcdf import write_product as write_product
     from airswing.reference.catalogues import build_catalogue as build_catalogue
@@ -64,6 +65,7 @@ _STAGES = {
     "export": "airswing.handover.export",
     "observation_errors": "airswing.evaluation.report_errors.observation_errors",
     "correct_forecasts": "airswing.handover.forecasts.correcting",
+    "by_report": "airswing.products.monthly",
     "read_product": "airswing.products.netcdf",
     "write_product": "airswing.products.netcdf",
     "load_config": "airswing.config",

@@ -128,6 +128,23 @@ def run(
 
 
 @app.command()
+def update(
+    config: ConfigPath,
+    output: Output = None,
+    scheduler: Scheduler = None,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Take up reports and model files that are new; products by month, all as of now."""
+    from airswing.workflow import closing_summary as summary
+    from airswing.workflow.update import update as take_up
+
+    job = _job(config, output=output, quiet=quiet, scheduler=scheduler)
+    result = _inside(job, take_up)
+    _print(result, as_json=json, text=summary.as_text(result, job.output))
+
+
+@app.command()
 def collocate(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
     """Bring model winds to the reports and derive heading errors: headings.nc.
 

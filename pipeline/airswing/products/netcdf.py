@@ -25,6 +25,7 @@ import airswing
 from airswing.errors import InputError
 from airswing.products.atomic import replacing
 from airswing.products.classic_netcdf import require_whole
+from airswing.products.monthly import joined_months
 from airswing.products.openable import require_openable, written_here
 from airswing.vocabulary import describe, lookup
 
@@ -323,7 +324,7 @@ def provenance(
 
 
 def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
-    """Read a product that :func:`write_product` wrote.
+    """Read a product that :func:`write_product` wrote, or a folder of its months as one.
 
     Parameters
     ----------
@@ -342,6 +343,8 @@ def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
         If the product is absent or not a NetCDF file.
     """
     path = Path(path)
+    if path.is_dir():
+        return _read_months(path, lazy=lazy)
     if not path.exists():
         raise InputError(
             "no such product", file=path, remedy="Run the stage that makes it, or `airswing run`"
@@ -371,6 +374,22 @@ def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
         ds.close()
         raise InputError("a damaged product", file=path, field=wrong, remedy="Make it again")
     return ds
+
+
+def _read_months(folder: Path, *, lazy: bool) -> xr.Dataset:
+    """A folder of months as one Dataset by aircraft, see :mod:`airswing.products.monthly`."""
+    months = [read_product(path, lazy=True) for path in sorted(folder.glob("*.nc"))]
+    if not months or any("report" not in month.dims for month in months):
+        raise InputError(
+            "not a folder of products by month", file=folder, remedy="Run `airswing update`"
+        )
+    try:
+        joined = joined_months(months)
+    except ValueError as err:
+        raise InputError(
+            str(err), file=folder, remedy="Run `airswing update`, which makes them alike"
+        ) from err
+    return joined if lazy else joined.load()
 
 
 def _damage(ds: xr.Dataset) -> str:

@@ -79,7 +79,12 @@ class Block(NamedTuple):
 
 
 def assembled(
-    columns: Columns, tails: NDArray[Any], audit: Audit, *, interval: float = 0.0
+    columns: Columns,
+    tails: NDArray[Any],
+    audit: Audit,
+    *,
+    interval: float = 0.0,
+    begins: tuple[np.datetime64, np.datetime64] | None = None,
 ) -> Block:
     """Order, thin and lay out the reports of some aircraft.
 
@@ -94,6 +99,8 @@ def assembled(
     interval : float, default 0
         Reports are brought to one in so many seconds (:mod:`airswing.reports.averaging`); 0 leaves
         them as they are.
+    begins : (datetime64, datetime64), optional
+        Only flights whose first report lies from the first to before the second stay.
 
     Returns
     -------
@@ -105,7 +112,7 @@ def assembled(
     _drop_conflicts(columns, audit)
     _take(columns, _along_climb(columns))
     averaged(columns, interval, audit)
-    return _layout(columns, tails, audit)
+    return _layout(columns, tails, audit, begins)
 
 
 def completed(blocks: Sequence[Block]) -> Iterator[xr.Dataset]:
@@ -309,12 +316,33 @@ def _derived(
     return flight, phase
 
 
-def _layout(columns: Columns, tails: NDArray[Any], audit: Audit) -> Block:
+def _begun(
+    time: NDArray[Any], flight: NDArray[np.int32], begins: tuple[np.datetime64, np.datetime64]
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Reports of the flights that begin in some time, and these flights numbered from 0."""
+    _, first, number = np.unique(flight, return_index=True, return_inverse=True)
+    begun = (time[first] >= begins[0]) & (time[first] < begins[1])
+    kept = np.flatnonzero(begun[number])
+    return kept, (np.cumsum(begun) - 1)[number[kept]].astype(np.int32)
+
+
+def _layout(
+    columns: Columns,
+    tails: NDArray[Any],
+    audit: Audit,
+    begins: tuple[np.datetime64, np.datetime64] | None = None,
+) -> Block:
     row_size = np.bincount(columns["tail"], minlength=tails.size)
+    flight, derived = _derived(columns, row_size)
+    if begins is not None:
+        kept, flight = _begun(columns["time"], flight, begins)
+        audit.read -= derived.size - kept.size
+        derived = derived[kept]
+        _take(columns, kept)
+        row_size = np.bincount(columns["tail"], minlength=tails.size)
     present = row_size > 0
     columns["tail"] = (np.cumsum(present) - 1)[columns["tail"]].astype(np.int32)
     counts = count_on_steps(columns, row_size[present])
-    flight, derived = _derived(columns, row_size)
     unknown = columns["phase"] == 0
     columns["phase"] = np.where(unknown, derived, columns["phase"]).astype(np.int8)
     audit.repair("phase_derived", int(np.count_nonzero(unknown & (derived != 0))))

@@ -8,6 +8,7 @@ are divided into blocks.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from airswing.products.checked import digest
 from airswing.products.ragged import BLOCK_REPORTS
 from airswing.reports.assemble import Shared, assembled
 from airswing.reports.canonical.audit import Audit, similar
@@ -33,23 +35,31 @@ class Archive:
         For the blocks, which are this archive's own and not kept between runs.
     limit : int, optional
         Reports of a block; `BLOCK_REPORTS` by default.
-    interval : float, default 0
+    interval, begins
         As for `airswing.reports.assemble.assembled`.
 
     Attributes
     ----------
     audit : Audit
         Of the reading, duplicates and derived values included.
-    reports, aircraft : int
+    reports, aircraft, flights : int
         Of the whole archive.
     largest : int
         Reports of the largest block.
     hours : dict of int to int
         Reports in each hour since 1970, duplicates included.
+    content : str
+        Checksum of all reports as they are ordered, where ``begins`` is given.
     """
 
     def __init__(
-        self, spool: Spool, folder: Path, *, limit: int | None = None, interval: float = 0.0
+        self,
+        spool: Spool,
+        folder: Path,
+        *,
+        limit: int | None = None,
+        interval: float = 0.0,
+        begins: tuple[np.datetime64, np.datetime64] | None = None,
     ) -> None:
         self.folder, self.hours = folder, spool.hours()
         self.audit = Audit()
@@ -57,17 +67,29 @@ class Archive:
         self.audit.similar_tails = similar(spool.counts())
         self.reports = self.aircraft = self.largest = 0
         folder.mkdir(parents=True, exist_ok=True)
-        counts, flights = [], []
-        for number, (first, last) in enumerate(spool.groups(limit or BLOCK_REPORTS)):
-            block = assembled(*spool.columns(first, last), self.audit, interval=interval)
+        counts, flights, marks = [], [], []
+        hours: Counter[int] = Counter()
+        for first, last in spool.groups(limit or BLOCK_REPORTS):
+            columns, tails = spool.columns(first, last)
+            block = assembled(columns, tails, self.audit, interval=interval, begins=begins)
+            if not block.reports.sizes["report"]:
+                continue
             self.reports += block.reports.sizes["report"]
             self.aircraft += block.reports.sizes["aircraft"]
             self.largest = max(self.largest, block.reports.sizes["report"])
             counts.append(block.counts)
             flights.append(block.flights)
-            with self._path(number).open("wb") as file:
-                np.savez(file, allow_pickle=False, **_columns(block.reports))
-        self._shared, self._blocks = Shared(counts, flights), len(counts)
+            plain = _columns(block.reports)
+            if begins is not None:
+                hours.update(block.reports["time"].to_numpy().astype("M8[h]").astype(int).tolist())
+                marks.append(digest(*(plain[name].tobytes() for name in sorted(plain))))
+            with self._path(len(counts) - 1).open("wb") as file:
+                np.savez(file, allow_pickle=False, **plain)
+        if begins is not None:
+            self.hours = dict(sorted(hours.items()))
+        self._shared = Shared(counts, flights) if counts else None
+        self.flights = sum(flights)
+        self._blocks, self.content = len(counts), digest(*marks).hex()
 
     def __len__(self) -> int:
         return self._blocks
@@ -98,6 +120,8 @@ class Archive:
             },
             coords={"aircraft": ("aircraft", columns["aircraft"].astype(object))},
         )
+        if self._shared is None:
+            raise IndexError(number)
         return self._shared.complete(number, describe(ds))
 
     def _path(self, number: int) -> Path:

@@ -199,6 +199,48 @@ class Spool:
             total.update(dict(one.hours))
         return dict(sorted(total.items()))
 
+    def marks(self, start: np.datetime64, stop: np.datetime64) -> list[str]:
+        """Checksums of the segments with reports from one time to another (hours whole).
+
+        Parameters
+        ----------
+        start, stop : datetime64
+
+        Returns
+        -------
+        list of str
+            In order; the reports between are the same where these are.
+        """
+        return sorted(one.checksum for one in self.segments if _meets(one, start, stop))
+
+    def between(self, start: np.datetime64, stop: np.datetime64) -> Spool:
+        """The reports from one time to another, taken into memory.
+
+        Parameters
+        ----------
+        start, stop : datetime64
+            The second is not in it.
+
+        Returns
+        -------
+        Spool
+            Its audit counts reports read alone: all else is told of whole files.
+        """
+        found = Spool()
+        for one in self.segments:
+            if not _meets(one, start, stop):
+                continue
+            rows = np.fromfile(one.rows, ROW) if isinstance(one.rows, Path) else one.rows
+            rows = rows[(rows["time"] >= start) & (rows["time"] < stop)]
+            if not rows.size:
+                continue
+            used, rows["tail"] = np.unique(rows["tail"], return_inverse=True)
+            ends = np.cumsum(np.bincount(rows["tail"])).tolist()
+            tails = [one.tails[number] for number in used]
+            found.segments.append(Segment(rows, tails, one.flights, ends, _hours(rows)))
+            found.audit.read += rows.size
+        return found
+
     def groups(self, limit: int) -> list[tuple[str, str]]:
         """Consecutive tails with at most so many reports together, one tail at least.
 
@@ -377,14 +419,14 @@ class _Batch:
         )
         rows = rows[np.argsort(rows["tail"], kind="stable")]
         stop = np.cumsum(np.bincount(rows["tail"], minlength=tails.size))
-        known, number = np.unique(rows["time"].astype("M8[h]").astype(np.int64), return_counts=True)
-        hours = list(zip(known.tolist(), number.tolist(), strict=True))
         kept: NDArray[Any] | Path = rows
         if self.spool.folder is not None:
             kept = self.spool.folder / f"{uuid.uuid4().hex}.rows"
             _write(kept, rows.tobytes())
         checksum = "" if kept is rows else digest(rows.tobytes()).hex()
-        return Segment(kept, tails.tolist(), flights.tolist(), stop.tolist(), hours, checksum)
+        return Segment(
+            kept, tails.tolist(), flights.tolist(), stop.tolist(), _hours(rows), checksum
+        )
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -399,6 +441,17 @@ def _write(path: Path, content: bytes) -> None:
             found=error.strerror or error,
             remedy="Free space or choose another folder with --output, then --resume",
         ) from error
+
+
+def _hours(rows: NDArray[Any]) -> list[tuple[int, int]]:
+    """Hours since 1970 and how many reports fall in each."""
+    known, number = np.unique(rows["time"].astype("M8[h]").astype(np.int64), return_counts=True)
+    return list(zip(known.tolist(), number.tolist(), strict=True))
+
+
+def _meets(one: Segment, start: np.datetime64, stop: np.datetime64) -> bool:
+    first, last = (int(when.astype("M8[h]").astype(np.int64)) for when in (start, stop))
+    return any(first <= hour <= last for hour, _ in one.hours)
 
 
 def _complete(one: Segment) -> bool:

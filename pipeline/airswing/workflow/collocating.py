@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.products.fingerprint import code_digest, fingerprint
+from airswing.products.monthly import FLIGHTS
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, unread
 from airswing.workflow.job import Blocks, Job
 
@@ -28,7 +30,24 @@ if TYPE_CHECKING:
     from airswing.reference.planning import Need, Plan
     from airswing.reference.store import SampleStore
     from airswing.reports.report_blocks import Archive
+    from airswing.reports.staging_store import Spool
     from airswing.workflow.progress import StageRecord
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Reports and models a job is to take instead of all that its configuration names.
+
+    Parameters
+    ----------
+    mark : str
+        Hash of what they hold.
+    opened : callable
+        Gives the reports and the model of every reference; asked only where they are needed.
+    """
+
+    mark: str
+    opened: Callable[[], tuple[Archive, dict[str, Catalogue]]]
 
 
 def read(job: Job, folder: Path) -> Archive:
@@ -45,20 +64,11 @@ def read(job: Job, folder: Path) -> Archive:
     Archive
     """
     from airswing.reports.report_blocks import Archive
-    from airswing.reports.staging_store import Spool
 
-    asked = job.config.reports
-    options = asked.model_dump(include={"format", "columns", "only", "on_bad_file"})
     with job.progress.stage("reports") as stage:
-        spool = Spool(
-            folder / "reports",
-            key=fingerprint(options, code_digest("airswing.reports.staging_store")),
-        )
-        spool.fill(
-            asked.files, format=asked.format, columns=asked.mapping, on_bad_file=asked.on_bad_file
-        )
+        spool = filled(job, folder)
         with written_to(folder):
-            archive = Archive(spool, folder / "blocks", interval=asked.interval)
+            archive = Archive(spool, folder / "blocks", interval=job.config.reports.interval)
         stage.note = f"{archive.reports:,} reports of {archive.aircraft} aircraft"
         stage.reports = archive.reports
         stage.octets = spool.octets_read
@@ -67,8 +77,40 @@ def read(job: Job, folder: Path) -> Archive:
     return archive
 
 
+def filled(job: Job, folder: Path) -> Spool:
+    """Set the reports the configuration names down by aircraft, not yet in order of time.
+
+    Parameters
+    ----------
+    job : Job
+    folder : Path
+        As for :func:`read`.
+
+    Returns
+    -------
+    Spool
+    """
+    from airswing.reports.staging_store import Spool
+
+    asked = job.config.reports
+    options = asked.model_dump(include={"format", "columns", "only", "on_bad_file"})
+    spool = Spool(
+        folder / "reports",
+        key=fingerprint(options, code_digest("airswing.reports.staging_store")),
+    )
+    spool.fill(
+        asked.files, format=asked.format, columns=asked.mapping, on_bad_file=asked.on_bad_file
+    )
+    return spool
+
+
 def catalogues(
-    job: Job, names: list[str], archive: Archive | None = None, folder: Path | None = None
+    job: Job,
+    names: list[str],
+    archive: Archive | None = None,
+    folder: Path | None = None,
+    *,
+    only: Mapping[str, list[str]] | None = None,
 ) -> dict[str, Catalogue]:
     """Catalogue the files of some references.
 
@@ -80,6 +122,8 @@ def catalogues(
         What a wind of the fleet itself is made of.
     folder : Path, optional
         Where that is kept.
+    only : mapping of str to list of str, optional
+        Paths of each reference; by default all that its configuration names.
 
     Returns
     -------
@@ -92,7 +136,7 @@ def catalogues(
     with job.progress.stage("catalogue") as stage:
         for name in names:
             asked = job.config.references[name]
-            files, engine = asked.files, str(asked.engine)
+            files, engine = asked.files if only is None else only[name], str(asked.engine)
             if engine == "fleet" and archive is not None and folder is not None:
                 with written_to(folder):
                     files = [str(write_fleet_wind(archive, folder / f"{name}_wind.nc"))]
@@ -295,6 +339,7 @@ def collocated_blocks(
     *,
     names: list[str],
     kept: KeptHeadings | None = None,
+    given: Sources | None = None,
 ) -> Blocks:
     """Reports with model winds and headings, some aircraft at a time; not screened or written.
 
@@ -305,6 +350,8 @@ def collocated_blocks(
         References to sample.
     kept : KeptHeadings, optional
         What an earlier run derived.
+    given : Sources, optional
+        Reports and models; by default those the configuration names.
 
     Returns
     -------
@@ -317,11 +364,15 @@ def collocated_blocks(
     from airswing.reference.geometry.model_time import of_a_lost_file
     from airswing.reference.overlap import require_overlap
 
-    archive = read(job, job.store)
-    models = catalogues(job, names, archive, job.store)
+    if given is None:
+        archive = read(job, job.store)
+        models = catalogues(job, names, archive, job.store)
+    else:
+        archive, models = given.opened()
     places = set_places_down(archive, job.store / "blocks")
     plans = plans_of(job, places, models, aircraft=archive.aircraft)
-    require_overlap(plans)
+    if given is None:
+        require_overlap(plans)
     met = collocate_places(job, places, models, plans, job.store)
     lost = {file for one in met.values() for _, file, reason in one if of_a_lost_file(reason)}
     if lost:
@@ -339,7 +390,7 @@ def collocated_blocks(
         "reading_audit": archive.audit.as_json(),
         "featureType": "trajectory",
         "reference_audit": audit,
-    }
+    } | ({} if given is None else {FLIGHTS: archive.flights})
 
     found = kept or KeptHeadings()
 

@@ -45,7 +45,7 @@ def set_apart(job: Job, made: Blocks, mark: str) -> Blocks:
     """
 
     def each(stage: StageRecord) -> Iterator[xr.Dataset]:
-        path = job.output / GAP_INPUTS
+        path = job.place(GAP_INPUTS)
         with ragged_writer(path, reports=made.reports, aircraft=made.aircraft) as writer:
             for block in made.each(stage):
                 writer.append(as_stored(block[[*DERIVATIVES, "row_size"]]))
@@ -73,7 +73,7 @@ def inputs_hold(job: Job, mark: str) -> bool:
     bool
         False without ``resume``.
     """
-    found = earlier(job, job.output / GAP_INPUTS)
+    found = earlier(job, job.place(GAP_INPUTS))
     if found is None:
         return False
     with found:

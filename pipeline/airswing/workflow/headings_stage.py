@@ -20,6 +20,7 @@ from airswing.products.fingerprint import code_digest, file_identities, fingerpr
 from airswing.products.netcdf import as_stored
 from airswing.products.ragged import blocks
 from airswing.workflow.collocating import (
+    Sources,
     catalogues,
     collocated_blocks,
     needs_of,
@@ -91,12 +92,14 @@ def plan_run(job: Job) -> dict[str, Any]:
     }
 
 
-def make_headings(job: Job) -> xr.Dataset:
+def make_headings(job: Job, given: Sources | None = None) -> xr.Dataset:
     """Reports, model winds, headings and screening: ``headings.nc``, and ``gap_inputs.nc``.
 
     Parameters
     ----------
     job : Job
+    given : Sources, optional
+        Reports and models; by default what the configuration names, read and catalogued.
 
     Returns
     -------
@@ -105,14 +108,14 @@ def make_headings(job: Job) -> xr.Dataset:
         the reports are in it.
     """
     names = list(job.config.references)
-    unscreened, *screened = depends_on(job.config)
+    unscreened, *screened = depends_on(job.config, given)
     beside = inputs_hold(job, unscreened)
 
     def make() -> Blocks:
         made = _unscreened(job, unscreened) if beside else None
         if made is None:
             job.begin_store()
-            made = _collocated(job, names)
+            made = _collocated(job, names, given)
             made = set_apart(job, made, unscreened if made.whole else "")
         made.attrs[MARK] = unscreened if made.whole else ""
         return _screened(job, made)
@@ -129,12 +132,14 @@ def make_headings(job: Job) -> xr.Dataset:
     return headings
 
 
-def depends_on(config: Config) -> tuple[Any, ...]:
+def depends_on(config: Config, given: Sources | None = None) -> tuple[Any, ...]:
     """All that ``headings.nc`` depends on.
 
     Parameters
     ----------
     config : Config
+    given : Sources, optional
+        As for :func:`make_headings`.
 
     Returns
     -------
@@ -142,10 +147,13 @@ def depends_on(config: Config) -> tuple[Any, ...]:
         First the hash of the reports, the references and how they are collocated, which
         ``gap_inputs.nc`` depends on alone.
     """
-    unscreened = fingerprint(
-        config.model_dump(include={"reports", "references", "collocation"}),
+    files = (
         file_identities(config.reports.files),
         [file_identities(model.files) for model in config.references.values()],
+    )
+    unscreened = fingerprint(
+        config.model_dump(include={"reports", "references", "collocation"}),
+        *(files if given is None else (given.mark,)),
         code_digest(*COLLOCATING),
     )
     return (
@@ -155,13 +163,13 @@ def depends_on(config: Config) -> tuple[Any, ...]:
     )
 
 
-def _collocated(job: Job, names: list[str]) -> Blocks:
+def _collocated(job: Job, names: list[str], given: Sources | None) -> Blocks:
     """Headings against some references; those of an earlier run that still hold are taken up."""
     from airswing.compass.kept_headings import KeptHeadings, Record
 
-    found = earlier(job, job.output / HEADINGS)
+    found = earlier(job, job.place(HEADINGS))
     kept = KeptHeadings(found, Record.read(job.record))
-    made = collocated_blocks(job, names=names, kept=kept)
+    made = collocated_blocks(job, names=names, kept=kept, given=given)
 
     def each(stage: StageRecord) -> Iterator[xr.Dataset]:
         with contextlib.closing(found) if found is not None else contextlib.nullcontext():
@@ -212,7 +220,7 @@ def _unscreened(job: Job, mark: str) -> Blocks | None:
     """Reports with model winds of an earlier run that still hold, to be screened anew."""
     from airswing.compass.kept_headings import Record
 
-    found = earlier(job, job.output / HEADINGS)
+    found = earlier(job, job.place(HEADINGS))
     if found is None:
         return None
     if found.attrs.get(MARK) != mark:

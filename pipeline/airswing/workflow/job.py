@@ -52,11 +52,15 @@ class Job:
     progress : Progress
     resume : bool, default False
         Use finished products and model times that still hold.
+    month : str, optional
+        As ``2025-07``: the job is of the flights that begin in it, and what it writes of every
+        report stands in a folder by months.
     """
 
     config: Config
     progress: Progress
     resume: bool = False
+    month: str = ""
 
     @property
     def output(self) -> Path:
@@ -66,7 +70,22 @@ class Job:
     @property
     def store(self) -> Path:
         """Folder of cleaned reports and finished model times, by which a later run goes on."""
-        return self.output / ".collocated"
+        return self.output / ".collocated" / self.month
+
+    def place(self, name: str) -> Path:
+        """Where a product of every report stands.
+
+        Parameters
+        ----------
+        name : str
+            Its file name, as ``headings.nc``; by months ``headings/2025-07.nc``.
+
+        Returns
+        -------
+        Path
+        """
+        whole = self.output / name
+        return whole.with_suffix("") / f"{self.month}.nc" if self.month else whole
 
     @property
     def record(self) -> Path:
@@ -141,13 +160,16 @@ def ready(job: Job, given: xr.Dataset | None, name: str) -> xr.Dataset:
     job : Job
     given : Dataset or None
     name : str
-        File name of the product.
+        File name of the product, or of a folder of its months.
 
     Returns
     -------
     Dataset
     """
-    return read_product(job.output / name, lazy=True) if given is None else given
+    if given is not None:
+        return given
+    path, months = job.output / name, (job.output / name).with_suffix("")
+    return read_product(path if path.exists() or not months.is_dir() else months, lazy=True)
 
 
 def require_kept(headings: xr.Dataset) -> None:
@@ -242,7 +264,7 @@ def ragged_product(
     Dataset
         Read lazily from the file.
     """
-    path, mark = job.output / name, fingerprint(name, *depends)
+    path, mark = job.place(name), fingerprint(name, *depends)
     found = _kept(job, path, mark) if whole else None
     if found is not None:
         return found

@@ -1,0 +1,171 @@
+"""The nightly job as a person would tell it: what is new is taken up, the rest stands.
+
+reports and model files that are new -> months they touch -> fit -> table -> correct -> page.
+
+Assumes one configuration whose patterns also match the files that are yet to come. Products of
+every report stand by month; all else is as ``airswing run`` writes it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.products.netcdf import read_product
+from airswing.products.workspace import workspace
+from airswing.report.run.reading_warnings import reading_warnings, tally
+from airswing.workflow.collocating import filled
+from airswing.workflow.evaluation_stage import make_evaluation
+from airswing.workflow.fits import make_fits
+from airswing.workflow.job import CORRECTED, HEADINGS, Job
+from airswing.workflow.main import make_page
+from airswing.workflow.update.corrected_months import correct_month
+from airswing.workflow.update.model_spans import model_spans
+from airswing.workflow.update.months import Month, keep_note, kept_note, months_of
+
+if TYPE_CHECKING:
+    from airswing.reports.staging_store import Spool
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Products as of now.
+
+    Parameters
+    ----------
+    headings, fits, corrected : Dataset
+        The first and the last of all months, read lazily.
+    months : dict of str to list of str
+        ``all`` of them, those ``made`` this time and those ``corrected``.
+    """
+
+    headings: xr.Dataset
+    fits: xr.Dataset
+    corrected: xr.Dataset
+    months: dict[str, list[str]]
+
+
+def update(job: Job) -> dict[str, Any]:
+    """Take up what is new since the last time; end with every product as of now.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    dict
+        As of :func:`airswing.workflow.main.run`, and ``months`` of :class:`Taken`.
+    """
+    from airswing.workflow.closing_summary import summarise
+
+    job = replace(job, resume=True)
+    with workspace(job.output):
+        taken = take_up(job)
+        products = taken.headings, taken.fits, taken.corrected
+        summary = summarise(job.config, *products)
+        evaluation = make_evaluation(job, *products)
+        make_page(job, *products, summary, evaluation)
+    job.progress.say(job.progress.accounts_text())
+    return summary | {"accounts": job.progress.accounts(), "months": taken.months}
+
+
+def take_up(job: Job) -> Taken:
+    """Bring headings, fits, tables and corrected winds to where the files are now.
+
+    Parameters
+    ----------
+    job : Job
+        With ``resume``; its folder is held by the caller.
+
+    Returns
+    -------
+    Taken
+    """
+    _require_no_single_files(job)
+    spool, months, made = _headings(job)
+    headings = _whole(job, HEADINGS)
+    headings.attrs["reading_audit"] = _audit(headings, spool)
+    fits = make_fits(job, headings)
+    anew = [month for month in months if correct_month(replace(job, month=month), fits)]
+    job.progress.say(f"corrected anew: {', '.join(anew) or 'no month'}")
+    told = {"all": months, "made": made, "corrected": anew}
+    return Taken(headings, fits, _whole(job, CORRECTED), told)
+
+
+def _require_no_single_files(job: Job) -> None:
+    for name in (HEADINGS, CORRECTED):
+        if (job.output / name).exists():
+            raise InputError(
+                "the folder holds products of `airswing run`, which an update would leave behind",
+                file=job.output / name,
+                remedy="Choose another folder with --output, or move headings.nc and corrected.nc",
+            )
+
+
+def _headings(job: Job) -> tuple[Spool, list[str], list[str]]:
+    """Headings of every month: all reports, the months there are, and those made this time."""
+    note = job.output / ".update" / "models.json"
+    with job.progress.stage("reports") as stage:
+        spool = filled(job, job.store)
+        stage.octets = spool.octets_read
+        stage.note = f"{sum(spool.counts().values()):,} reports, {spool.octets_read:,} bytes new"
+    spans, told = model_spans(job, kept_note(note))
+    keep_note(note, told)
+    months, made = [], []
+    all_of_them = [
+        Month(replace(job, month=name), spool, spans) for name in months_of(spool.hours())
+    ]
+    _say_what_changed(job, all_of_them)
+    for month in all_of_them:
+        before = month.job.place(HEADINGS)
+        stamp = before.stat().st_mtime_ns if before.exists() else 0
+        if not month.make():
+            month.remove()
+            continue
+        months.append(month.job.month)
+        if before.stat().st_mtime_ns != stamp:
+            made.append(month.job.month)
+    for path in (job.output / "headings").glob("*.nc"):
+        if path.stem not in months:
+            Month(replace(job, month=path.stem), spool, spans).remove()
+    if not months:
+        raise InputError(
+            "no month has both reports and model winds",
+            field="references",
+            found=f"reports in {', '.join(months_of(spool.hours()))}",
+            remedy="Check the patterns of the model files",
+        )
+    job.progress.say(f"months: {len(months)}, made anew: {', '.join(made) or 'none'}")
+    for warning in reading_warnings(spool.audit.as_dict()):
+        job.progress.say(f"  {warning}")
+    return spool, months, made
+
+
+def _say_what_changed(job: Job, months: list[Month]) -> None:
+    """Say which settings, or whether the code, are other than the last time."""
+    changed = sorted({name for month in months for name in month.changed})
+    if changed:
+        many = sum(bool(month.changed) for month in months)
+        job.progress.say(
+            f"changed since the last time: {', '.join(changed)}; {many} months are made anew"
+        )
+
+
+def _audit(headings: xr.Dataset, spool: Spool) -> str:
+    """Tally of the reading: of whole files, and of what ordering the months left out."""
+    from airswing.reports.canonical.audit import Audit
+
+    whole, ordered = Audit(), Audit.from_dict(tally(headings, "reading_audit"))
+    whole.add(spool.audit)
+    ordered.read = 0
+    whole.add(ordered)
+    return whole.as_json()
+
+
+def _whole(job: Job, name: str) -> xr.Dataset:
+    """All months of a product as one."""
+    return read_product((job.output / name).with_suffix(""), lazy=True)

@@ -1,0 +1,217 @@
+"""What is new is taken up by month: what stands then is what a run of all of it gives."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from benchmarks import year
+
+import airswing
+from airswing import workflow
+from airswing.config import load_config
+from airswing.errors import InputError
+from airswing.products.workspace import workspace
+from airswing.workflow import fits
+from airswing.workflow.progress import Progress
+from airswing.workflow.update import taking_up
+
+HOURS, REPORTS, AIRCRAFT = 24 * 66, 6_000, 4
+NEW = "N103"
+"""Reports in the last month alone."""
+JANUARY, FEBRUARY, MARCH = "2009-01", "2009-02", "2009-03"
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory) -> Path:
+    """January to early March, a file of reports a day and of the model an hour; a run of all."""
+    folder = tmp_path_factory.mktemp("archive")
+    year.write_fields(folder / "model", HOURS)
+    for number, path in enumerate(sorted((folder / "model").iterdir())):
+        if number % 3:
+            path.unlink()  # every three hours is enough
+    year.write_reports(folder / "twelfths", REPORTS, HOURS, AIRCRAFT)
+    table = pd.concat([pd.read_parquet(path) for path in (folder / "twelfths").iterdir()])
+    table = table[(table["tail"] != NEW) | (table["time"] >= "2009-03-01")]
+    across = (table["tail"] == "N100") & (table["time"] >= "2009-01-31T20:00")
+    first = table[across]["time"].min()
+    # One flight begins in January and ends in February.
+    table.loc[across & (table["time"] < first + pd.Timedelta("1 h")), "time"] += (
+        pd.Timestamp("2009-01-31T23:45") - first
+    )
+    (folder / "days").mkdir()
+    for day, part in table.groupby(table["time"].dt.date):
+        part.to_parquet(folder / f"days/{day}.parquet", index=False)
+    shutil.copytree(folder / "days", folder / "reports")
+    job = job_in(folder, "scratch")
+    headings = workflow.make_headings(job)
+    workflow.make_corrected(job, headings, workflow.make_fits(job, headings)).close()
+    headings.close()
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def emptied(archive, monkeypatch) -> Iterator[None]:
+    """Every test begins without reports and results; no cards are drawn."""
+    monkeypatch.setattr(fits, "draw_cards", lambda job, found: None)
+    for name in ("reports", "results", "aside"):
+        shutil.rmtree(archive / name, ignore_errors=True)
+        (archive / name).mkdir()
+    yield
+    for path in (archive / "aside").iterdir():
+        path.rename(archive / "model" / path.name)
+
+
+def job_in(folder: Path, output: str = "results", **changes) -> workflow.Job:
+    content = {
+        "reports": {"files": str(folder / "reports/*.parquet")},
+        "references": {"small": {"files": str(folder / "model/*.grb")}},
+        "output": str(folder / output),
+        "fit": {"harmonics": 1, "min_reports": 50},
+    }
+    path = folder / "config.json"
+    path.write_text(json.dumps(content | changes))
+    return workflow.Job(load_config(path), Progress(quiet=True))
+
+
+def update(folder: Path, **changes) -> dict[str, list[str]]:
+    """Take up what is new; which months were made and corrected."""
+    job = replace(job_in(folder, **changes), resume=True)
+    with workspace(job.output):
+        return taking_up.take_up(job).months
+
+
+def add(folder: Path, *patterns: str) -> None:
+    for pattern in patterns:
+        for path in (folder / "days").glob(pattern):
+            shutil.copy2(path, folder / "reports")
+
+
+def stamps(folder: Path, month: str) -> list[tuple[int, int]]:
+    """What would change if a month's products were written again."""
+    files = [folder / f"results/{name}/{month}.nc" for name in ("headings", "gap_inputs")]
+    return [(path.stat().st_ino, path.stat().st_mtime_ns) for path in files]
+
+
+def alike(folder: Path) -> None:
+    """The headings are those of the run, bit for bit; the fits within a tenth of their errors."""
+    months = airswing.read_product(folder / "results/headings")
+    whole = airswing.read_product(folder / "scratch/headings.nc")
+    assert set(months.variables) == set(whole.variables)
+    for name in whole.variables:
+        if name != "flight":
+            np.testing.assert_array_equal(months[name], whole[name], err_msg=str(name))
+    begins = [np.diff(one["flight"], prepend=-1) != 0 for one in (months, whole)]
+    np.testing.assert_array_equal(*begins)
+    found, wanted = (
+        airswing.read_product(folder / name / "fits.nc") for name in ("results", "scratch")
+    )
+    np.testing.assert_array_equal(found["status"], wanted["status"])
+    error = np.sqrt(np.einsum("rkii->rki", wanted["deviation_covariance"].to_numpy()))
+    apart = np.abs(found["deviation"] - wanted["deviation"]).to_numpy()
+    known = np.isfinite(error)
+    np.testing.assert_array_equal(np.isfinite(apart), known)
+    assert known.any() and np.all(apart[known] <= 0.1 * error[known])
+
+
+def test_months_taken_up_one_by_one_are_what_a_run_of_all_gives(archive):
+    add(archive, "2009-01*", "2009-02-0*")
+    assert update(archive)["made"] == [JANUARY, FEBRUARY]
+    january, february = stamps(archive, JANUARY), stamps(archive, FEBRUARY)
+    add(archive, "2009-02-1*", "2009-02-2*")
+    assert update(archive)["made"] == [FEBRUARY]
+    add(archive, "2009-03*")
+    assert update(archive)["made"] == [MARCH]
+    assert stamps(archive, JANUARY) == january and stamps(archive, FEBRUARY) != february
+    alike(archive)
+    assert update(archive) == {"all": [JANUARY, FEBRUARY, MARCH], "made": [], "corrected": []}
+
+
+def test_a_day_twice_changes_nothing_and_a_day_corrected_its_month(archive):
+    add(archive, "*")
+    update(archive)
+    before = {month: stamps(archive, month) for month in (JANUARY, FEBRUARY, MARCH)}
+    again = archive / "reports/again.parquet"
+    of_a_day = sorted((archive / "days").glob("2009-02-1*"))[-1]
+    shutil.copy2(of_a_day, again)
+    assert update(archive)["made"] == []
+    assert before == {month: stamps(archive, month) for month in before}
+    again.unlink()
+    day = archive / "reports" / of_a_day.name
+    table = pd.read_parquet(day)
+    table.assign(wind_speed_kt=table["wind_speed_kt"] + 3).to_parquet(day, index=False)
+    assert update(archive)["made"] == [FEBRUARY]
+    shutil.copy2(of_a_day, day)
+    os.utime(day)
+    assert update(archive)["made"] == [FEBRUARY]
+    assert {month: stamps(archive, month) for month in (JANUARY, MARCH)} == {
+        month: before[month] for month in (JANUARY, MARCH)
+    }
+    alike(archive)
+
+
+def test_late_reports_and_late_model_files_touch_their_month(archive):
+    add(archive, "*")
+    of_a_day = sorted((archive / "reports").glob("2009-01-2*"))[0]
+    of_a_day.unlink()
+    late = sorted((archive / "model").glob("2009021[01]*"))
+    for path in late:
+        path.rename(archive / "aside" / path.name)
+    update(archive)
+    add(archive, of_a_day.name)
+    assert update(archive)["made"] == [JANUARY]
+    for path in late:
+        (archive / "aside" / path.name).rename(path)
+    assert update(archive)["made"] == [FEBRUARY]
+    for path in (archive / "model").glob("200901*"):
+        path.rename(archive / "aside" / path.name)
+    assert update(archive)["made"] == []  # what went away takes no wind away
+    alike(archive)
+
+
+def test_what_a_changed_setting_asks_for_is_said_and_made(archive):
+    add(archive, "2009-01*")
+    update(archive)
+    job = replace(job_in(archive, screening={"max_turn": "3 deg"}), resume=True)
+    said: list[str] = []
+    object.__setattr__(job.progress, "say", said.append)
+    with workspace(job.output):
+        assert taking_up.take_up(job).months["made"] == [JANUARY]
+    assert any("changed since the last time: screening; 1 months" in line for line in said)
+    (archive / "results/headings.nc").touch()
+    with pytest.raises(InputError, match="airswing run"):
+        update(archive)
+
+
+def test_months_open_as_one_dataset(archive):
+    add(archive, "*")
+    update(archive)
+    lazy = airswing.read_product(archive / "results/headings", lazy=True)
+    whole = airswing.read_product(archive / "scratch/headings.nc")
+    size = whole.sizes["report"]
+    for part in (slice(0, 5), slice(size // 3, size // 2), slice(size - 3, size), slice(9, 900, 7)):
+        for name in ("time", "heading_error"):
+            one, other = (ds[name].isel(report=part) for ds in (lazy, whole))
+            np.testing.assert_array_equal(one, other)
+    some = np.array([size - 1, 3, 3, size // 2])
+    np.testing.assert_array_equal(lazy["time"].isel(report=some), whole["time"].isel(report=some))
+    flat = xr.open_mfdataset(
+        str(archive / "results/headings/*.nc"),
+        preprocess=airswing.by_report,
+        combine="nested",
+        concat_dim="report",
+        decode_timedelta=False,
+    )
+    with flat:
+        order = np.lexsort((flat["time"], flat["aircraft"]))
+        names = np.repeat(whole["aircraft"].to_numpy().astype(str), whole["row_size"])
+        np.testing.assert_array_equal(flat["aircraft"].to_numpy()[order], names)
+        np.testing.assert_array_equal(flat["time"].to_numpy()[order], whole["time"])
