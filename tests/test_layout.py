@@ -60,6 +60,7 @@ ORDER = (
     "report/gap",
     "workflow",
     "workflow/forecasts",
+    "workflow/update",
     "blind_check",
 )
 #: Folders whose ``__init__`` only hands on what stands in their rooms.
