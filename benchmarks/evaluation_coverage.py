@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.compass.flown import Setting
 from tests.evaluation.archives import (
+    LASTING_ERRORS,
     ORIGIN,
     day_number,
     fleet,
@@ -102,22 +103,15 @@ def permutation(seeds: int) -> bool:
 
 def poolable(seeds: int) -> bool:
     print("references called poolable (8 aircraft, 90 days, errors that last for days)")
-    setting = Setting(
-        aircraft=8,
-        days=90,
-        references=2,
-        bias_spread=0.0,
-        day_error=0.3,
-        flights_a_day=3,
-        reports_a_flight=5,
-    )
     two, good = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}, True
     for name, bias, low, high in (
         ("equal truth", 0.0, 0.95, 1.0),
         ("regional bias of 1 m/s", 1.0, 0.0, 0.05),
     ):
         found = [
-            compare(references(seed, setting, regional={"rtfdaa": bias}), pools=two, joint=False)
+            compare(
+                references(seed, LASTING_ERRORS, regional={"rtfdaa": bias}), pools=two, joint=False
+            )
             for seed in range(seeds)
         ]
         hits = sum(bool(one["pairs"][0]["poolable"]) for one in found)

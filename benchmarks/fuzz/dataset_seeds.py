@@ -137,7 +137,7 @@ def _wrfout() -> xr.Dataset:
     )
 
 
-_LATLON = {
+LATLON = {
     "gridType": "regular_ll",
     "Ni": NI,
     "Nj": NJ,
@@ -147,6 +147,9 @@ _LATLON = {
     "longitudeOfLastGridPointInDegrees": 277.5,
     "iDirectionIncrementInDegrees": 0.5,
     "jDirectionIncrementInDegrees": 0.5,
+    "iScansNegatively": 0,
+    "jScansPositively": 0,
+    "uvRelativeToGrid": 0,
 }
 
 
@@ -174,12 +177,12 @@ def _model_levels(path: Path) -> None:
     level = {"typeOfFirstFixedSurface": 105, "discipline": 0}
     wind = {"parameterCategory": 2}
     made = [
-        _message(_LATLON | level | wind | {"parameterNumber": 2 + n, "level": k + 1}, one[k], pv)
+        _message(LATLON | level | wind | {"parameterNumber": 2 + n, "level": k + 1}, one[k], pv)
         for k in range(6)
         for n, one in enumerate((u, v))
     ]
     surface = level | {"parameterCategory": 3, "parameterNumber": 25, "level": 1}
-    made.append(_message(_LATLON | surface, np.full((NJ, NI), np.log(98_000.0)), pv))
+    made.append(_message(LATLON | surface, np.full((NJ, NI), np.log(98_000.0)), pv))
     path.write_bytes(b"".join(made))
 
 
@@ -212,7 +215,7 @@ def _surface(path: Path) -> None:
     fields = (((0, 0), 2, 285 + 3 * np.sin(x / 4)), ((2, 2), 10, 5 + y / 9), ((2, 3), 10, x / 9))
     made = [
         _message(
-            _LATLON
+            LATLON
             | {"discipline": 0, "parameterCategory": category, "parameterNumber": number}
             | {"typeOfLevel": "heightAboveGround", "level": height, "forecastTime": lead},
             values,

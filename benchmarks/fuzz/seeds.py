@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 import yaml
-from benchmarks.fuzz.dataset_seeds import make_dataset_seeds
+from benchmarks.fuzz.dataset_seeds import LATLON, make_dataset_seeds
 
 import airswing  # noqa: F401  (imports pyproj before eccodes can be)
 
@@ -34,20 +34,6 @@ LAMBERT = {
     "iScansNegatively": 0,
     "jScansPositively": 1,
     "uvRelativeToGrid": 1,
-}
-LATLON = {
-    "gridType": "regular_ll",
-    "Ni": NI,
-    "Nj": NJ,
-    "latitudeOfFirstGridPointInDegrees": 46.5,
-    "longitudeOfFirstGridPointInDegrees": 268.0,
-    "latitudeOfLastGridPointInDegrees": 38.0,
-    "longitudeOfLastGridPointInDegrees": 277.5,
-    "iDirectionIncrementInDegrees": 0.5,
-    "jDirectionIncrementInDegrees": 0.5,
-    "iScansNegatively": 0,
-    "jScansPositively": 0,
-    "uvRelativeToGrid": 0,
 }
 GRIBS: dict[str, tuple[int, dict[str, Any], str, bool]] = {
     "grib1 simple": (1, LAMBERT, "grid_simple", False),

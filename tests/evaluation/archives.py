@@ -13,6 +13,16 @@ from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
 PLACE = ("latitude", "longitude", "pressure", "phase", "lead_time")
 ORIGIN = np.datetime64("2008-07-01")
+LASTING_ERRORS = Setting(
+    aircraft=8,
+    days=90,
+    references=2,
+    bias_spread=0.0,
+    day_error=0.3,
+    flights_a_day=3,
+    reports_a_flight=5,
+)
+"""Two references whose errors last for days, over eight aircraft of no bias of their own."""
 
 
 def day_number(ds: xr.Dataset) -> np.ndarray:

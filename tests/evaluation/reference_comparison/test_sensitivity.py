@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.compass.flown import Setting
+from tests.evaluation.archives import LASTING_ERRORS as SETTING
 from tests.evaluation.archives import day_number, references
 
 from airswing.errors import InputError
@@ -21,15 +22,6 @@ from airswing.evaluation.reference_comparison.sensitivity import _verdict, compa
 from airswing.evaluation.reference_comparison.threeway import three_cornered_hat
 from airswing.products.ragged import aircraft_of_report
 
-SETTING = Setting(
-    aircraft=8,
-    days=90,
-    references=2,
-    bias_spread=0.0,
-    day_error=0.3,
-    flights_a_day=3,
-    reports_a_flight=5,
-)
 TWO = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}
 
 
