@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Fetch = Callable[[tuple[int, ...]], "bytes | None"]
+Fetch = Callable[[tuple[int, ...]], "bytes | memoryview | None"]
 """Expanded octets of the chunk that begins at a place; None where none was written."""
 
 
@@ -163,10 +163,13 @@ def _of_hdf5(path: Path, name: str) -> _Stored | None:
     size = int(np.prod(data.chunks)) * data.dtype.itemsize
 
     def fetch(place: tuple[int, ...]) -> bytes | None:
-        info = data.id.get_chunk_info_by_coord(place)
-        if info.byte_offset is None:
-            return None
-        left_out, octets = data.id.read_direct_chunk(place)
+        try:
+            left_out, octets = data.id.read_direct_chunk(place)
+        except RuntimeError:
+            # Asking first would look through the list of all chunks for each of them.
+            if data.id.get_chunk_info_by_coord(place).byte_offset is None:
+                return None
+            raise
         if left_out:
             raise ValueError("a chunk stored without its filters")
         return isal_zlib.decompress(octets, bufsize=size) if codes else bytes(octets)
@@ -230,12 +233,12 @@ def _files(
     between: str,
     expand: Callable[[bytes], Any],
 ) -> Fetch:
-    def fetch(place: tuple[int, ...]) -> bytes | None:
+    def fetch(place: tuple[int, ...]) -> memoryview | None:
         numbers = (str(at // length) for at, length in zip(place, lengths, strict=True))
         try:
             octets = (folder / (start + between.join(numbers))).read_bytes()
         except FileNotFoundError:
             return None
-        return bytes(memoryview(expand(octets)).cast("B"))
+        return memoryview(expand(octets)).cast("B")
 
     return fetch
