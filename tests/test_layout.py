@@ -35,6 +35,7 @@ ORDER = (
     "evaluation/backtest",
     "evaluation/reference_comparison",
     "evaluation/compass_changes",
+    "evaluation/monitoring",
     "gap/result/schema",
     "gap/noise",
     "gap/archive",

@@ -47,6 +47,7 @@ class DaySums:
     day : array of int, shape (d,)
         Days with reports, increasing.
     normal : array, shape (d, 6, 6)
+        Of A to E and the airspeed scale.
     right : array, shape (d, 6)
     count : array, shape (d,)
         Reports.
@@ -71,6 +72,8 @@ def day_sums(
     cross: Floats,
     along: Floats,
     day: NDArray[np.int64],
+    *,
+    keep_bias: bool = False,
 ) -> DaySums:
     """Sum one aircraft's reports by day.
 
@@ -82,6 +85,8 @@ def day_sums(
     cross, along : array, shape (n,), m/s
         Airspeed times heading error, and airspeed error.
     day : array of int, shape (n,)
+    keep_bias : bool, default False
+        Keep the days' biases b_u, b_v (m/s) among the unknowns, eight of them then.
 
     Returns
     -------
@@ -101,7 +106,8 @@ def day_sums(
         normal[k] = one.T @ one + two.T @ two
         right[k] = one.T @ cross[a:b] + two.T @ along[a:b]
     count = (stop - start).astype(np.float64)
-    return DaySums(days.astype(np.int64), *_without_bias(normal, right), count)
+    sums = (normal, right) if keep_bias else _without_bias(normal, right)
+    return DaySums(days.astype(np.int64), *sums, count)
 
 
 def _not_gross(

@@ -44,6 +44,15 @@ OBVIOUS = 28.0
 """Statistic beyond which a change is taken out of the days that are permuted ; chance seldom
 reaches it."""
 MOST_CHANGES = 4
+SUMMED_FROM = (
+    "heading_error",
+    "airspeed_error",
+    "airspeed",
+    "heading",
+    "time",
+    "screening",
+)
+"""What the daily sums are made from, beside the deviation's argument."""
 NO_CHANGE = np.datetime64("NaT", "ns")
 
 
@@ -81,7 +90,10 @@ def find_changes(
         new compass), ``date_ci``, ``change_deg`` and ``standard_error_deg`` of A, B, C,
         ``curve_rms_deg``, ``p_value``.
     """
-    sums = _fleet_sums(headings, members, abscissa)
+    argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
+    sums: list[DaySums | None] = []
+    for loaded in blocks(headings, [*SUMMED_FROM, argument]):
+        sums += block_day_sums(loaded, members, argument, fewest=2 * FEWEST_DAYS)
     names = headings["aircraft"].to_numpy().astype(str)
     segments = [(k, one) for k, one in enumerate(sums) if one is not None]
     entries: list[dict[str, Any]] = [
@@ -114,26 +126,35 @@ def find_changes(
     return entries
 
 
-def _fleet_sums(headings: xr.Dataset, members: list[str], abscissa: str) -> list[DaySums | None]:
-    """Daily sums of every aircraft; None where there are too few reports."""
-    argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
-    names = [
-        "heading_error",
-        "airspeed_error",
-        "airspeed",
-        "heading",
-        argument,
-        "time",
-        "screening",
-    ]
-    found: list[DaySums | None] = []
-    for block in blocks(headings, names):
-        found += _block_sums(block, block.sel(reference=members), argument)
-    return found
+def block_day_sums(
+    headings: xr.Dataset,
+    members: list[str],
+    argument: str,
+    *,
+    fewest: int,
+    keep_bias: bool = False,
+) -> list[DaySums | None]:
+    """Daily sums of every aircraft of one block.
 
+    Parameters
+    ----------
+    headings : Dataset
+        Whole aircraft in memory, with :data:`SUMMED_FROM` and the argument.
+    members : list of str
+        References whose mean error is used.
+    argument : str
+        Variable that is the deviation's argument.
+    fewest : int
+        Days with reports below which an aircraft is left out.
+    keep_bias : bool, default False
+        As for :func:`airswing.evaluation.compass_changes.change_kernels.day_sums`.
 
-def _block_sums(headings: xr.Dataset, part: xr.Dataset, argument: str) -> list[DaySums | None]:
-    """Daily sums of every aircraft of one block."""
+    Returns
+    -------
+    list of DaySums or None
+        None where there are too few days.
+    """
+    part = headings.sel(reference=members)
     error = part["heading_error"].mean("reference", skipna=True).to_numpy().astype(np.float64)
     speed_error = part["airspeed_error"].mean("reference", skipna=True).to_numpy()
     speed_error = speed_error.astype(np.float64)
@@ -147,13 +168,19 @@ def _block_sums(headings: xr.Dataset, part: xr.Dataset, argument: str) -> list[D
     found: list[DaySums | None] = []
     for start, stop in zip(*row_bounds(headings["row_size"].to_numpy()), strict=True):
         rows = np.flatnonzero(good[start:stop]) + start
-        if np.unique(day[rows]).size < 2 * FEWEST_DAYS:
+        if np.unique(day[rows]).size < fewest:
             found.append(None)
             continue
         cross = airspeed[rows] * np.radians(error[rows])
         found.append(
             day_sums(
-                magnetic[rows], heading[rows], airspeed[rows], cross, speed_error[rows], day[rows]
+                magnetic[rows],
+                heading[rows],
+                airspeed[rows],
+                cross,
+                speed_error[rows],
+                day[rows],
+                keep_bias=keep_bias,
             )
         )
     return found

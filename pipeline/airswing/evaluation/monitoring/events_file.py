@@ -1,0 +1,217 @@
+"""States of the aircraft and what happened to them, and their file ``events.json``.
+
+One schema: what :func:`write_events` writes, :func:`read_events` reads. Days are UTC dates, angles
+degrees, winds knots.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from airswing.errors import InputError
+from airswing.products.netcdf import write_json
+
+VERSION = 1
+Kind = Literal[
+    "compass_changed",
+    "disagreement_rose",
+    "aircraft_new",
+    "aircraft_silent",
+    "reference_changed",
+]
+WORDS: dict[str, str] = {
+    "compass_changed": "compass changed",
+    "disagreement_rose": "disagreement rose",
+    "aircraft_new": "new aircraft",
+    "aircraft_silent": "silent",
+    "reference_changed": "reference changed for all at once",
+}
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened.
+
+    Attributes
+    ----------
+    kind : str
+        Of :data:`WORDS`.
+    date : str
+        Day since which it is so.
+    noticed : str
+        Night (the day whose reports were in) that told it.
+    aircraft : str or None
+        None: all of them at once, and no aircraft's fault.
+    evidence : dict
+        Numbers behind it.
+    """
+
+    kind: Kind
+    date: str
+    noticed: str
+    aircraft: str | None
+    evidence: dict[str, Any]
+
+    @property
+    def line(self) -> str:
+        """The event in one line."""
+        who = self.aircraft or "fleet"
+        return f"{self.date}  {who}: {WORDS[self.kind]}{_evidence_words(self)}"
+
+
+@dataclass(frozen=True)
+class UnitTable:
+    """A table of corrections: at the eight nodes, with its standard errors.
+
+    Attributes
+    ----------
+    correction_deg, standard_error_deg : list of float
+        To add to the indicated heading.
+    since : str
+        Day it was first seen.
+    """
+
+    correction_deg: list[float]
+    standard_error_deg: list[float]
+    since: str
+
+
+@dataclass(frozen=True)
+class State:
+    """How an aircraft stands.
+
+    Attributes
+    ----------
+    aircraft : str
+    first_day, last_day : str
+        With reports.
+    silent : bool
+    table_in_use, table_now : UnitTable or None
+        What is on board (or applied), and what would be sent now.
+    tables_differ : bool or None
+        Beyond the error of both; None where there are not two to compare.
+    table_difference_deg : float or None
+        Rms over the nodes.
+    disagreement_kt : float or None
+        Mean wind vector disagreement of the last days with reports.
+    past_disagreement_kt : float or None
+        And of the days before.
+    """
+
+    aircraft: str
+    first_day: str
+    last_day: str
+    silent: bool = False
+    table_in_use: UnitTable | None = None
+    table_now: UnitTable | None = None
+    tables_differ: bool | None = None
+    table_difference_deg: float | None = None
+    disagreement_kt: float | None = None
+    past_disagreement_kt: float | None = None
+
+
+@dataclass(frozen=True)
+class Monitoring:
+    """What a night's look at the fleet tells.
+
+    Attributes
+    ----------
+    until : str
+        Last day looked at.
+    reference : str
+    states : list of State
+    events : list of Event
+        All that were ever told, in the order they were noticed.
+    told_before : int
+        How many of them an earlier look told: the rest are new.
+    """
+
+    until: str
+    reference: str
+    states: list[State]
+    events: list[Event]
+    told_before: int = 0
+
+    @property
+    def new_events(self) -> list[Event]:
+        """Events that no earlier look told."""
+        return self.events[self.told_before :]
+
+    @property
+    def differing(self) -> list[str]:
+        """Aircraft to which another table should go."""
+        return [state.aircraft for state in self.states if state.tables_differ]
+
+
+def write_events(found: Monitoring, path: Path) -> Path:
+    """Write ``events.json`` under a temporary name, and rename it.
+
+    Parameters
+    ----------
+    found : Monitoring
+    path : Path
+
+    Returns
+    -------
+    Path
+    """
+    return write_json(path, {"version": VERSION, **asdict(found)})
+
+
+def read_events(path: Path) -> Monitoring:
+    """Read ``events.json``.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Monitoring
+
+    Raises
+    ------
+    InputError
+        If it is not such a file.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        if content.pop("version") != VERSION:
+            raise ValueError("version")
+        content["states"] = [_state(entry) for entry in content["states"]]
+        content["events"] = [Event(**entry) for entry in content["events"]]
+        return Monitoring(**content)
+    except (ValueError, TypeError, KeyError, AttributeError) as err:
+        raise InputError(
+            "not the events of an earlier look that this version can read",
+            file=path,
+            found=err,
+            remedy="Remove it: the watch begins anew, and may tell events again",
+        ) from err
+
+
+def _state(entry: dict[str, Any]) -> State:
+    tables = {
+        name: UnitTable(**entry[name]) if entry[name] else None
+        for name in ("table_in_use", "table_now")
+    }
+    return State(**(entry | tables))
+
+
+def _evidence_words(event: Event) -> str:
+    """The numbers of an event that a person wants first."""
+    told = event.evidence
+    if event.kind == "aircraft_new":
+        return ""
+    if event.kind == "aircraft_silent":
+        return f" (no report for {told['days']} days, {told['usual_days']} is usual)"
+    if "factor" in told:
+        size = f"wind disagreement {told['factor']:.2f} times the past's"
+    else:
+        size = f"by {told['curve_rms_deg']:.1f} degrees rms, offset {told['change_deg']['A']:+.1f}"
+    low, high = told["date_ci"]
+    between = f", between {low} and {high}" if low != high else ""
+    return f" ({size}{between}; noticed {event.noticed})"

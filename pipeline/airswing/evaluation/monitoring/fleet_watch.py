@@ -1,0 +1,148 @@
+"""A fleet watched night by night: what all have alike is told from what one aircraft has.
+
+Assumes the rows of :mod:`airswing.evaluation.monitoring.daily_evidence` and the test of
+:mod:`airswing.evaluation.monitoring.sequential_test`. The common part is watched like an aircraft
+of its own: a step of it is the reference's. In a small fleet a night on which one aircraft steps
+and half of them or more seem to is taken for the reference's too.
+
+Radians; logarithms of the wind vector difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from airswing.evaluation.monitoring.common_part import FEWEST, common_part, estimated_noise
+from airswing.evaluation.monitoring.sequential_test import Floats, Index, Law, Noise, Step, Watch
+
+LIKELY = 3.0
+"""Logarithm of the likelihood ratio beyond which an aircraft seems to have stepped too."""
+DEGREE = np.pi / 180.0
+UNKNOWNS = 8
+"""A to E (radians), the airspeed scale, and the reference's bias b_u, b_v (m/s)."""
+_ANGLES = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+_SCALE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+_WINDS = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0])
+COMPASS = Law(
+    shapes=2.0
+    * DEGREE
+    * np.array(
+        [
+            [1.0, 0, 0, 0, 0, 0, 0, 0],
+            [1.0, 1.0, 1.0, 0, 0, 0, 0, 0],
+            [1.0, 1.0, 1.0, 0.5, 0.5, 0, 0, 0],
+        ]
+    ),
+    level=DEGREE * np.array([10.0, 10, 10, 5, 5, 0, 0, 0]) + 0.05 * _SCALE + 0.7 * _WINDS,
+    drift=0.15 * DEGREE * _ANGLES + 0.005 * _SCALE + 0.15 * _WINDS,
+    farthest=23.0,
+    threshold=10.0,
+)
+"""Only the compass steps: a bias of the reference or of the airspeed is no change of it."""
+COMPASS_NOISE = Noise(8.0, (0.2 * DEGREE) ** 2 * _ANGLES + 0.5**2 * _WINDS)
+COMPASS_COMMON = 0.3 * DEGREE * _ANGLES + 0.005 * _SCALE + 0.8 * _WINDS
+"""Standard deviation of a day's common part."""
+WIND = Law(
+    shapes=np.array([[0.4]]),
+    level=np.array([1.0]),
+    drift=np.array([0.07]),
+    farthest=12.0,
+    threshold=11.0,
+)
+"""Logarithm of the wind vector difference: a step of 0.4 is a factor of 1.5."""
+WIND_NOISE = Noise(1.5, np.array([0.15**2]))
+WIND_COMMON = np.array([0.15])
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """A step that a night told.
+
+    Attributes
+    ----------
+    step : Step
+        Its number is an aircraft's, or -1: of all at once.
+    night : int
+    aircraft : int
+        That flew that night.
+    """
+
+    step: Step
+    night: int
+    aircraft: int
+
+
+def watch_fleet(
+    rows: tuple[Index, Index, Floats, Floats],
+    law: Law,
+    *,
+    usual: Noise,
+    common: Floats,
+    number: int,
+) -> list[Alarm]:
+    """Watch one quantity of a fleet, night by night.
+
+    Parameters
+    ----------
+    rows : tuple of array
+        Aircraft, day, normal matrix (rows, p, p) and right side (rows, p).
+    law : Law
+    usual : Noise
+        Of the days, where there are too few to tell.
+    common : array, shape (p,)
+        Standard deviation of a day's common part.
+    number : int
+        Of aircraft.
+
+    Returns
+    -------
+    list of Alarm
+        In order of the night.
+    """
+    aircraft, day, normal, right = rows
+    noise = estimated_noise(normal, right, aircraft, day, usual=usual)
+    own = Watch(law, noise, number)
+    shared = Watch(replace(law, level=3.0 * common), Noise(1.0, common**2, noise.persistence), 1)
+    order = np.argsort(day, kind="stable")
+    nights, start = np.unique(day[order], return_index=True)
+    alarms: list[Alarm] = []
+    for night, of in zip(nights, np.split(order, start[1:]), strict=True):
+        found = _night(own, shared, common, int(night), aircraft[of], normal[of], right[of])
+        alarms += [Alarm(step, int(night), of.size) for step in found]
+    return alarms
+
+
+def _night(
+    own: Watch,
+    shared: Watch,
+    common: Floats,
+    night: int,
+    of: Index,
+    normal: Floats,
+    right: Floats,
+) -> list[Step]:
+    """Take a night in: the steps it tells; -1 is the number of all at once."""
+    weight, right = own.noise.weights(normal, right)
+    level = shared.level(np.array([0]))[0][0]
+    alike = common_part(*own.surprise(of, weight, right), level, common)
+    own.add(night, of, weight, right - np.einsum("nij,nj->ni", weight, alike.without))
+    all_of_them = np.arange(int(alike.weight.any()))
+    shared.add(night, all_of_them, *shared.noise.weights(alike.weight[None], alike.right[None]))
+    law = own.law
+    reference = shared.steps(all_of_them, law.threshold)
+    for step in reference:
+        shared.restart(step)
+    steps = own.steps(of, law.threshold)
+    if steps and of.size < 2 * FEWEST:
+        likely = own.steps(of, LIKELY)
+        if len(likely) >= max(2.0, of.size / 2.0):
+            strongest = max(likely, key=lambda step: step.statistic)
+            reference, steps = [*reference, strongest], likely
+            for step in steps:
+                own.restart(step)
+            return [replace(one, number=-1) for one in reference]
+    for step in steps:
+        own.restart(step)
+    return [*(replace(step, number=-1) for step in reference), *steps]

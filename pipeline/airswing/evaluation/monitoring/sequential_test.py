@@ -1,0 +1,328 @@
+"""Did a quantity step? One test a night of many aircraft at once, from sums of days.
+
+Assumes that a day tells the quantity x (a compass's A to E and airspeed scale; the logarithm of a
+disagreement) by a normal matrix N and a right side r, with errors of covariance phi N^-1 + tau^2:
+phi of the day's reports, tau^2 of what the day's reports share. A day then weighs
+W = (phi N^-1 + tau^2)^-1, which is fit for singular N too (few headings). Every aircraft has its
+own size of noise, from its own past, by empirical Bayes; days in a row may be alike (first-order
+autoregression).
+
+Night by night a step at any of the last 30 days is weighed against none: the levels before are
+known from the days before (they count with their error and a slow drift), the step is a draw from
+a prior over shapes (the offset alone, or all coefficients), and what is told is the largest
+likelihood ratio over the dates (Page 1954, Biometrika 41, 100-115; window-limited, Lai 1995,
+J. R. Stat. Soc. B 57, 613-658; mixtures over the step, Pollak & Siegmund 1975, Ann. Stat. 3,
+1267-1282). A day is held to a largest distance first, so that no single day raises an alarm.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+LONGEST = 30
+"""Days a step may lie back."""
+LAGS = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30)
+"""Lengths of the stretch after the step that are tried every night."""
+OWN_NOISE_FROM = 60.0
+"""Degrees of freedom of the fleet's noise in an aircraft's own."""
+FEWEST_DAYS = 5
+"""Days with reports before a step."""
+LIKELIHOOD_RATIO_95 = 7.35
+"""-2 ln(1 - sqrt(0.95)): 95 % point of the likelihood ratio of a date (Eo & Morley 2015)."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """What is known of a quantity beforehand.
+
+    Attributes
+    ----------
+    shapes : array, shape (shape, p)
+        Standard deviation of a step in each component, by shape; all shapes are as likely.
+    level : array, shape (p,)
+        Standard deviation of the level before any report.
+    drift : array, shape (p,)
+        Standard deviation of what the level wanders by itself: no step.
+    farthest : float
+        Squared distance a single day may count for.
+    threshold : float
+        Logarithm of the likelihood ratio that is an alarm.
+    """
+
+    shapes: Floats
+    level: Floats
+    drift: Floats
+    farthest: float
+    threshold: float
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return int(self.level.size)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Errors of a day.
+
+    Attributes
+    ----------
+    within : float
+        phi: of the reports.
+    between : array, shape (p,)
+        tau^2: of what the day's reports share.
+    persistence : float
+        Correlation of a day with the next.
+    """
+
+    within: float
+    between: Floats
+    persistence: float = 0.0
+
+    def weights(self, normal: Floats, right: Floats) -> tuple[Floats, Floats]:
+        """Weight W of days and W x, from their sums (..., p, p) and (..., p)."""
+        inside = self.within * np.eye(self.between.size) + normal * self.between
+        both = np.concatenate([normal, right[..., np.newaxis]], axis=-1)
+        found = np.linalg.solve(inside, both)
+        weight = found[..., :-1]
+        return 0.5 * (weight + np.swapaxes(weight, -1, -2)), found[..., -1]
+
+    def inflation(self, days: float) -> float:
+        """How much less a stretch of days knows than independent ones would."""
+        r = self.persistence
+        # 1 + 2 sum over j < days of (1 - j / days) r^j
+        return float((1.0 + r) / (1.0 - r) - 2.0 * r * (1.0 - r**days) / (days * (1.0 - r) ** 2))
+
+
+@dataclass
+class Step:
+    """A step that was found.
+
+    Attributes
+    ----------
+    number : int
+        Of the aircraft.
+    day, earliest, latest : int
+        First day after the step, and its 95 % interval.
+    statistic : float
+        Logarithm of the likelihood ratio.
+    size, error : array, shape (p,)
+        Least squares' step, and its standard error.
+    """
+
+    number: int
+    day: int
+    earliest: int
+    latest: int
+    statistic: float
+    size: Floats
+    error: Floats
+
+
+@dataclass
+class Watch:
+    """The levels of many aircraft, and whether they stepped.
+
+    Parameters
+    ----------
+    law : Law
+    noise : Noise
+    number : int
+        Of aircraft.
+    """
+
+    law: Law
+    noise: Noise
+    number: int
+    weight: Floats = field(init=False)
+    right: Floats = field(init=False)
+    straight: Floats = field(init=False)
+    days: Floats = field(init=False)
+    excess: Floats = field(init=False)
+    freedom: Floats = field(init=False)
+    _ring: deque[tuple[int, Floats, Floats, Floats, Floats]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        n, p = self.number, self.law.size
+        self.weight = np.zeros((n, p, p))
+        self.right, self.straight = np.zeros((2, n, p))
+        self.days, self.excess, self.freedom = np.zeros((3, n))
+        self._ring = deque(maxlen=LONGEST)
+
+    def scale(self, of: Index) -> Floats:
+        """Variance of each aircraft's errors over the fleet's."""
+        own = OWN_NOISE_FROM + self.excess[of]
+        return np.asarray(own / (OWN_NOISE_FROM + self.freedom[of]))
+
+    def level(self, of: Index) -> tuple[Floats, Floats]:
+        """Level of aircraft and its covariance, the drift in it."""
+        return self._level(self.weight[of], self.right[of], self.scale(of))
+
+    def _level(self, weight: Floats, right: Floats, scale: Floats) -> tuple[Floats, Floats]:
+        long = self.noise.inflation(365.0) * scale[:, np.newaxis, np.newaxis]
+        precision = weight / long + np.diag(self.law.level**-2.0)
+        covariance = np.linalg.inv(precision)
+        level = np.einsum("nij,nj->ni", covariance, right / long[..., 0])
+        return level, np.asarray(covariance + np.diag(self.law.drift**2), np.float64)
+
+    def surprise(self, of: Index, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
+        """What a day of aircraft tells beyond their level: weight and score, the level's error in.
+
+        Parameters
+        ----------
+        of : array of int, shape (n,)
+        weight, right : array, shape (n, p, p) and (n, p)
+
+        Returns
+        -------
+        weight, score : array, shape (n, p, p) and (n, p)
+        """
+        scale = self.scale(of)
+        level, covariance = self.level(of)
+        weight = weight / scale[:, np.newaxis, np.newaxis]
+        score = right / scale[:, np.newaxis] - np.einsum("nij,nj->ni", weight, level)
+        return _marginal(weight, score, covariance)
+
+    def add(self, day: int, of: Index, weight: Floats, right: Floats) -> None:
+        """Take a day in; distances beyond the law's farthest are drawn in.
+
+        Parameters
+        ----------
+        day : int
+            Later than any before.
+        of : array of int, shape (n,)
+            Aircraft that flew.
+        weight, right : array, shape (n, p, p) and (n, p)
+        """
+        state = (self.weight, self.right, self.straight, self.days)
+        first, *rest = (part.copy() for part in state)
+        self._ring.append((day, first, rest[0], rest[1], rest[2]))
+        if not of.size:
+            return
+        inside, score = self.surprise(of, weight, right)
+        distance, freedom = _distance(inside, score, self.law.shapes.max(axis=0))
+        new = self.days[of] < FEWEST_DAYS
+        held = np.where(new, 1.0, np.sqrt(self.law.farthest / np.maximum(distance, 1e-30)))
+        held = np.minimum(held, 1.0)[:, np.newaxis]
+        expected = np.einsum("nij,nj->ni", weight, self.level(of)[0])
+        self.weight[of] += weight
+        self.right[of] += expected + held * (right - expected)
+        self.straight[of] += right
+        self.days[of] += 1.0
+        usual = freedom + 3.0 * np.sqrt(2.0 * freedom)
+        # the distance was measured with the scale as it was
+        self.excess[of] += np.where(new, freedom, np.minimum(distance, usual)) * self.scale(of)
+        self.freedom[of] += freedom
+
+    def steps(self, of: Index, threshold: float) -> list[Step]:
+        """Aircraft whose level stepped, as of the last day taken in.
+
+        Parameters
+        ----------
+        of : array of int
+            Aircraft to look at.
+        threshold : float
+            Logarithm of the likelihood ratio.
+
+        Returns
+        -------
+        list of Step
+        """
+        best = np.full(of.size, -np.inf)
+        for lag in LAGS:
+            if lag <= len(self._ring):
+                np.maximum(best, self._ratio(of, lag)[0], out=best)
+        return [self._dated(int(k)) for k in of[best > threshold]]
+
+    def restart(self, step: Step) -> None:
+        """Forget what an aircraft was before its step."""
+        k = step.number
+        _, weight, _, straight, days = next(row for row in self._ring if row[0] == step.day)
+        before = weight[k].copy(), straight[k].copy(), float(days[k])
+        for _, weight, right, straight, days in self._ring:
+            # days before the step know nothing of the new level
+            weight[k] = np.where(days[k] > before[2], weight[k] - before[0], 0.0)
+            straight[k] = np.where(days[k] > before[2], straight[k] - before[1], 0.0)
+            right[k] = straight[k]
+            days[k] = max(days[k] - before[2], 0.0)
+        self.weight[k] -= before[0]
+        self.straight[k] -= before[1]
+        self.right[k] = self.straight[k]
+        self.days[k] -= before[2]
+
+    def _ratio(self, of: Index, lag: int) -> tuple[Floats, Floats, Floats]:
+        """Ratio of a step ``lag`` days ago over none, with weight and score of the days since."""
+        _, weight, right, _, days = self._ring[-lag]
+        scale = self.scale(of)
+        inflated = (scale * self.noise.inflation(lag))[:, np.newaxis]
+        level, covariance = self._level(weight[of], right[of], scale)
+        since = self.weight[of] - weight[of]
+        score = self.right[of] - right[of] - np.einsum("nij,nj->ni", since, level)
+        inside, outside = _marginal(since / inflated[..., np.newaxis], score / inflated, covariance)
+        ratios = [_mixture(inside, outside, shape) for shape in self.law.shapes]
+        ratio = np.logaddexp.reduce(ratios, axis=0) - np.log(len(ratios))
+        ratio = np.where(days[of] >= FEWEST_DAYS, ratio, -np.inf)
+        return ratio, inside, outside
+
+    def _dated(self, number: int) -> Step:
+        """When an aircraft stepped, and by how much."""
+        of, lags = np.array([number]), range(1, len(self._ring) + 1)
+        found = [self._ratio(of, lag) for lag in lags]
+        ratio = np.array([one[0][0] for one in found])
+        best = int(np.argmax(ratio))
+        likely = np.flatnonzero(2.0 * (ratio[best] - ratio) <= LIKELIHOOD_RATIO_95)
+        day = [self._ring[-lag][0] for lag in lags]
+        size, error = self._size(number, best + 1)
+        return Step(
+            number, day[best], day[likely[-1]], day[likely[0]], float(ratio[best]), size, error
+        )
+
+    def _size(self, number: int, lag: int) -> tuple[Floats, Floats]:
+        """Step by the days as they were, not drawn in, shrunk by the widest shape."""
+        of = np.array([number])
+        _, weight, right, straight, _ = self._ring[-lag]
+        scale = self.scale(of)
+        level, covariance = self._level(weight[of], right[of], scale)
+        since = self.weight[number] - weight[number]
+        score = self.straight[number] - straight[number] - since @ level[0]
+        inflated = float(scale[0]) * self.noise.inflation(lag)
+        inside, outside = _marginal(
+            since[np.newaxis] / inflated, score[np.newaxis] / inflated, covariance
+        )
+        wide = self.law.shapes.max(axis=0)
+        root = np.diag(3.0 * wide)
+        posterior = root @ np.linalg.inv(np.eye(wide.size) + root @ inside[0] @ root) @ root
+        return posterior @ outside[0], np.sqrt(np.diag(posterior))
+
+
+def _marginal(weight: Floats, score: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+    """Weight and score once the level's own error is in them."""
+    inside = np.eye(weight.shape[-1]) + weight @ covariance
+    both = np.concatenate([weight, score[..., np.newaxis]], axis=-1)
+    found = np.linalg.solve(inside, both)
+    return found[..., :-1], found[..., -1]
+
+
+def _mixture(weight: Floats, score: Floats, shape: Floats) -> Floats:
+    """Logarithm of the likelihood ratio of a normal step of given standard deviations."""
+    inside = np.eye(shape.size) + shape[:, np.newaxis] * weight * shape
+    drawn = score * shape
+    gain = np.einsum("ni,ni->n", drawn, np.linalg.solve(inside, drawn[..., np.newaxis])[..., 0])
+    return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(inside)[1])
+
+
+def _distance(weight: Floats, score: Floats, wide: Floats) -> tuple[Floats, Floats]:
+    """Squared distance of days from what was expected, and the degrees of freedom behind it."""
+    root = 10.0 * wide
+    inside = np.eye(wide.size) + root[:, np.newaxis] * weight * root
+    drawn = score * root
+    solved = np.linalg.solve(inside, drawn[..., np.newaxis])[..., 0]
+    freedom = wide.size - np.trace(np.linalg.inv(inside), axis1=-2, axis2=-1)
+    return np.einsum("ni,ni->n", drawn, solved), np.asarray(freedom)

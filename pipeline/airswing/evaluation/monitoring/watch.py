@@ -1,0 +1,286 @@
+"""States and events of a fleet from the products of a run.
+
+Assumes screened headings, the fits with their tables and, where given, the corrected winds of the
+same reports. What is told is what the reports up to the last day asked for show, taken in night by
+night as if each had been the last one: the date an event is noticed is the first night that shows
+it. An event that an earlier look told is not told again.
+
+A change of a compass raises the disagreement of its wind too: that is one event, the change's. An
+aircraft is silent when it has not reported for much longer than its own habit explains, counted on
+days on which the fleet reports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from airswing.evaluation.monitoring.daily_evidence import Rows, daily_rows
+from airswing.evaluation.monitoring.events_file import Event, Monitoring, State, UnitTable
+from airswing.evaluation.monitoring.fleet_watch import (
+    COMPASS,
+    COMPASS_COMMON,
+    COMPASS_NOISE,
+    WIND,
+    WIND_COMMON,
+    WIND_NOISE,
+    Alarm,
+    watch_fleet,
+)
+from airswing.evaluation.monitoring.presence import first_and_silent_days
+from airswing.evaluation.monitoring.sequential_test import LONGEST
+from airswing.evaluation.monitoring.table_difference import differ, tables_of
+from airswing.products.ragged import time_span
+from airswing.units import KNOT
+
+LAST_DAYS = 7
+"""Days with reports whose disagreement is held against the days before."""
+LEARNING = 14
+"""Days of an archive in which an aircraft's first report is no news."""
+SAME = 3
+"""Days by which the date of one and the same event may differ between two looks."""
+
+
+def find_events(
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    *,
+    corrected: xr.Dataset | None = None,
+    previous: Monitoring | None = None,
+    until: np.datetime64 | str | None = None,
+    reference: str | None = None,
+    members: list[str] | None = None,
+    tables_in_use: Mapping[str, UnitTable] | None = None,
+) -> Monitoring:
+    """Say how every aircraft stands, and what happened to the fleet.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened, ragged, in memory or opened lazily: some whole aircraft are read at a time.
+    fits : Dataset
+        With tables.
+    corrected : Dataset, optional
+        The same reports corrected: the disagreement is that of the corrected winds.
+    previous : Monitoring, optional
+        Of the last look: what it told is not told again, and the tables it had in use still are.
+    until : datetime64 or str, optional
+        Last day that is looked at; the last one with a report by default.
+    reference : str, optional
+        Whose fits and tables; the first pool, else the first reference, by default.
+    members : list of str, optional
+        References whose mean the reports are compared with; by default ``reference`` itself where
+        the headings have it, else all.
+    tables_in_use : mapping of str to UnitTable, optional
+        Tables that are on board, by aircraft. By default those of ``previous``, else those of the
+        fits: what was in use is then what was first seen.
+
+    Returns
+    -------
+    Monitoring
+    """
+    name = reference or _leading(fits)
+    known = headings["reference"].to_numpy().astype(str).tolist()
+    members = members or ([name] if name in known else known)
+    last = _day(time_span(headings)[1] if until is None else until)
+    rows = daily_rows(
+        headings,
+        members,
+        abscissa=str(fits.attrs.get("abscissa", "magnetic")),
+        corrected=corrected,
+        until=last,
+    )
+    names = headings["aircraft"].to_numpy().astype(str)
+    silent, presence = _presence(rows, names, last, new=previous is None)
+    found = [*_alarms(rows, names), *presence]
+    if previous is not None:
+        seen = {state.aircraft for state in previous.states}
+        found += _new_aircraft(rows, names, seen)
+        found = [event for event in found if not _told(event, previous.events)]
+    told = [] if previous is None else previous.events
+    order = sorted(found, key=lambda event: (event.noticed, event.date, event.aircraft or ""))
+    now = tables_of(fits.sel(reference=name), since=_date(last))
+    before = {} if previous is None else {state.aircraft: state for state in previous.states}
+    in_use = {who: state.table_in_use for who, state in before.items() if state.table_in_use}
+    in_use = now | in_use | dict(tables_in_use or {})
+    states = _states(rows, names, silent, now, in_use)
+    gone = [state for who, state in before.items() if who not in {one.aircraft for one in states}]
+    return Monitoring(_date(last), name, [*states, *gone], [*told, *order], len(told))
+
+
+def _alarms(rows: Rows, names: Any) -> list[Event]:
+    """Steps of compasses and of disagreements, those of the reference among them."""
+    used = rows.of(rows.count > 0)
+    turned = watch_fleet(
+        (used.aircraft, used.day, used.normal.astype(float), used.right.astype(float)),
+        COMPASS,
+        usual=COMPASS_NOISE,
+        common=COMPASS_COMMON,
+        number=names.size,
+    )
+    wind = watch_fleet(
+        (
+            used.aircraft,
+            used.day,
+            used.count[:, np.newaxis, np.newaxis],
+            used.log_difference[:, np.newaxis],
+        ),
+        WIND,
+        usual=WIND_NOISE,
+        common=WIND_COMMON,
+        number=names.size,
+    )
+    rose = [alarm for alarm in wind if alarm.step.size[0] > 0 and not _explained(alarm, turned)]
+    return [
+        *(_compass_event(alarm, names) for alarm in turned),
+        *(_wind_event(alarm, names) for alarm in rose),
+    ]
+
+
+def _explained(rise: Alarm, turned: list[Alarm]) -> bool:
+    """Whether a compass, or the reference, stepped when the disagreement rose."""
+    return any(
+        other.step.number in (rise.step.number, -1)
+        and abs(other.step.day - rise.step.day) <= LONGEST // 2
+        for other in turned
+    )
+
+
+def _compass_event(alarm: Alarm, names: Any) -> Event:
+    degrees, error = np.degrees(alarm.step.size[:5]), np.degrees(alarm.step.error[:5])
+    return _step_event(
+        alarm,
+        names,
+        "compass_changed",
+        {
+            "change_deg": dict(zip("ABCDE", map(float, degrees), strict=True)),
+            "standard_error_deg": dict(zip("ABCDE", map(float, error), strict=True)),
+            # rms over the compass
+            "curve_rms_deg": float(np.sqrt(degrees[0] ** 2 + (degrees[1:] ** 2).sum() / 2.0)),
+            "threshold": COMPASS.threshold,
+        },
+    )
+
+
+def _wind_event(alarm: Alarm, names: Any) -> Event:
+    size, error = float(alarm.step.size[0]), float(alarm.step.error[0])
+    evidence = {"factor": float(np.exp(size)), "standard_error": float(np.exp(size) * error)}
+    return _step_event(alarm, names, "disagreement_rose", evidence | {"threshold": WIND.threshold})
+
+
+def _step_event(alarm: Alarm, names: Any, kind: Any, evidence: dict[str, Any]) -> Event:
+    step, all_at_once = alarm.step, alarm.step.number < 0
+    return Event(
+        "reference_changed" if all_at_once else kind,
+        _date(step.day),
+        _date(alarm.night),
+        None if all_at_once else str(names[step.number]),
+        {
+            "date_ci": [_date(step.earliest), _date(step.latest)],
+            "statistic": step.statistic,
+            **evidence,
+            "aircraft_that_night": alarm.aircraft,
+        },
+    )
+
+
+def _presence(rows: Rows, names: Any, last: int, *, new: bool) -> tuple[Any, list[Event]]:
+    """Which aircraft are silent now, and events of aircraft that fell silent or are new."""
+    found: list[Event] = []
+    silent = np.zeros(names.size, dtype=np.bool_)
+    if not rows.day.size:
+        return silent, found
+    begin, spells = first_and_silent_days(rows.aircraft, rows.day, names.size, last)
+    for spell in spells:
+        silent[spell.number] |= spell.lasts
+        evidence = {"days": spell.days, "usual_days": spell.usual_days}
+        found.append(
+            Event(
+                "aircraft_silent",
+                _date(spell.first),
+                _date(spell.noticed),
+                str(names[spell.number]),
+                evidence,
+            )
+        )
+    late = new & (begin >= rows.day.min() + LEARNING) & (begin <= last)
+    found += [_first_seen(str(names[k]), int(begin[k])) for k in np.flatnonzero(late)]
+    return silent, found
+
+
+def _new_aircraft(rows: Rows, names: Any, seen: set[str]) -> list[Event]:
+    """Aircraft that the last look did not know."""
+    begin = [rows.day[rows.aircraft == k] for k in range(names.size) if names[k] not in seen]
+    who = [str(name) for name in names if name not in seen]
+    return [
+        _first_seen(name, int(days.min()))
+        for name, days in zip(who, begin, strict=True)
+        if days.size
+    ]
+
+
+def _first_seen(name: str, day: int) -> Event:
+    return Event("aircraft_new", _date(day), _date(day), name, {})
+
+
+def _told(event: Event, before: list[Event]) -> bool:
+    """Whether an earlier look told the same: dates move a little when reports come late."""
+    span = SAME if event.kind == "aircraft_silent" else LONGEST
+    return any(
+        (one.kind, one.aircraft) == (event.kind, event.aircraft)
+        and (event.kind == "aircraft_new" or abs(_day(one.date) - _day(event.date)) <= span)
+        for one in before
+    )
+
+
+def _states(
+    rows: Rows, names: Any, silent: Any, now: dict[str, UnitTable], in_use: dict[str, UnitTable]
+) -> list[State]:
+    """How every aircraft that ever reported stands."""
+    edges = np.searchsorted(rows.aircraft, np.arange(names.size + 1))
+    found = []
+    for k, (begin, stop) in enumerate(pairwise(edges)):
+        if begin == stop:
+            continue
+        own, name = rows.of(slice(begin, stop)), str(names[k])
+        winds = own.of(own.count > 0)
+        state = State(
+            name,
+            _date(int(own.day[0])),
+            _date(int(own.day[-1])),
+            bool(silent[k]),
+            in_use.get(name),
+            now.get(name),
+            disagreement_kt=_mean_knots(winds.of(slice(-LAST_DAYS, None))),
+            past_disagreement_kt=_mean_knots(winds.of(slice(0, -LAST_DAYS))),
+        )
+        if state.table_in_use and state.table_now:
+            unlike, rms = differ(state.table_in_use, state.table_now)
+            state = replace(state, tables_differ=unlike, table_difference_deg=rms)
+        found.append(state)
+    return found
+
+
+def _mean_knots(rows: Rows) -> float | None:
+    number = float(rows.count.sum())
+    return float(rows.difference.sum()) / number / KNOT if number else None
+
+
+def _leading(fits: xr.Dataset) -> str:
+    """First pool, else first reference."""
+    names = fits["reference"].to_numpy().astype(str)
+    single = int(fits.attrs.get("reference_count", names.size))
+    return str(names[single if single < names.size else 0])
+
+
+def _day(day: np.datetime64 | str) -> int:
+    return int(np.datetime64(day).astype("datetime64[D]").astype(np.int64))
+
+
+def _date(day: int) -> str:
+    return str(np.datetime64(int(day), "D"))

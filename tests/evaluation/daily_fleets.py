@@ -1,0 +1,107 @@
+"""Made fleets as sums of days: what thousands of aircraft-years tell, without their reports.
+
+Legs of flights with the errors of a reference that last (for the fleet, for a region, for a
+flight), of heavy tails where asked, each aircraft with a noise of its own, routes that turn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from airswing.evaluation.reference_comparison.pairs import paired_design
+
+
+@dataclass(frozen=True)
+class World:
+    """Errors in m/s a component; ``tails``: degrees of freedom of Student's t, 0 for normal."""
+
+    reports: int = 40
+    flights: int = 4
+    legs: int = 3
+    fleet_error: float = 0.6
+    region_error: float = 0.5
+    persistence: float = 0.4
+    flight_error: float = 1.2
+    report_error: float = 1.5
+    spread_of_noise: float = 0.25
+    tails: int = 5
+    wrong_curve: float = 0.3
+    """Degrees of higher harmonics that no coefficient describes."""
+    days_off: float = 0.12
+    airspeed: float = 120.0
+    regions: int = 4
+    season: float = 0.15
+    """How much larger all errors are in winter."""
+
+
+def daily_sums(world: World, *, aircraft: int, days: int, seed: int, change=None):
+    """Rows of a fleet: aircraft, day, normal, right; reports and summed ln |dV| last.
+
+    ``change``: degrees that compasses read more, (aircraft, day, 5) or what broadcasts to it.
+    """
+    rng = np.random.default_rng(seed)
+    w = world
+    size = np.exp(w.spread_of_noise * rng.normal(size=aircraft))
+    region = rng.integers(w.regions, size=aircraft)
+    fleet = _lasting(rng, w, (days, 2)) * w.fleet_error
+    regional = _lasting(rng, w, (days, w.regions, 2)) * w.region_error
+    lobes = rng.uniform(0, 360, (aircraft, days // 60 + 1))
+    odd = w.wrong_curve * rng.normal(size=(aircraft, 2))
+    curve = np.concatenate([rng.normal(0, 2, (aircraft, 3)), rng.normal(0, 0.5, (aircraft, 2))], 1)
+    change = np.broadcast_to(0.0 if change is None else change, (aircraft, days, 5))
+    found = []
+    for day in range(days):
+        of = np.flatnonzero(rng.random(aircraft) >= w.days_off)
+        season = 1.0 + w.season * np.cos(2 * np.pi * day / 365.0)
+        scale = (size[of] * season)[:, np.newaxis]
+        shape = (of.size, w.flights)
+        first = lobes[of, day // 60][:, np.newaxis] + 180.0 * rng.integers(2, size=shape)
+        first = np.where(rng.random(shape) < 0.5, first, rng.uniform(0, 360, shape))
+        true = first[..., np.newaxis] + rng.normal(0, 25, (*shape, w.legs))
+        magnetic = np.radians(true.reshape(of.size, -1))
+        heading = magnetic + np.radians(-3.0)
+        count = w.reports / (w.flights * w.legs)
+        error = scale[..., np.newaxis] * w.flight_error * _tailed(rng, w, (*shape, 2))
+        error = np.repeat(error, w.legs, axis=1).reshape(of.size, -1, 2)
+        error += (season * (fleet[day] + regional[day, region[of]]))[:, np.newaxis]
+        error += (
+            scale[..., np.newaxis] * w.report_error / np.sqrt(count) * _tailed(rng, w, error.shape)
+        )
+        basis = np.stack([np.sin(3 * magnetic), np.cos(3 * magnetic)], axis=-1)
+        off = np.einsum("nlk,nk->nl", basis, odd[of])
+        off += _curve(curve[of] + change[of, day], magnetic)
+        speed = w.airspeed * np.ones(magnetic.size)
+        cross, along = paired_design(magnetic.ravel(), heading.ravel(), speed)
+        sine, cosine = np.sin(heading), np.cos(heading)
+        y_cross = w.airspeed * np.radians(off) + error[..., 0] * cosine - error[..., 1] * sine
+        y_along = error[..., 0] * sine + error[..., 1] * cosine
+        rows = np.stack([cross, along]).reshape(2, of.size, -1, 8)
+        y = np.stack([y_cross, y_along])
+        normal = count * np.einsum("knli,knlj->nij", rows, rows, optimize=True)
+        right = count * np.einsum("knli,knl->ni", rows, y, optimize=True)
+        logarithm = count * np.log(np.hypot(*y)).sum(-1)
+        total = np.full(of.size, float(w.reports))
+        found.append((of, np.full(of.size, day), normal, right, total, logarithm))
+    return tuple(np.concatenate(column) for column in zip(*found, strict=True))
+
+
+def _curve(coefficients, m):
+    a, b, c, d, e = np.moveaxis(coefficients, -1, 0)[..., np.newaxis]
+    return a + b * np.sin(m) + c * np.cos(m) + d * np.sin(2 * m) + e * np.cos(2 * m)
+
+
+def _lasting(rng, world, shape):
+    r = world.persistence
+    shock = np.sqrt(1 - r**2) * rng.normal(size=(shape[0] + 50, *shape[1:]))
+    return lfilter([1.0], [1.0, -r], shock, axis=0)[50:]
+
+
+def _tailed(rng, world, shape):
+    """Of unit variance."""
+    if not world.tails:
+        return rng.normal(size=shape)
+    n = world.tails
+    return rng.standard_t(n, size=shape) * np.sqrt((n - 2) / n)
