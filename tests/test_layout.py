@@ -28,6 +28,7 @@ ORDER = (
     "reference/gridded/formats",
     "reference/gridded",
     "reference",
+    "compass/fleet",
     "compass/fit",
     "compass",
     "evaluation",

@@ -32,7 +32,7 @@ SECONDS_PER_KEPT_REPORT = {"reports": 0.6e-6, "headings": 1.6e-6}
 SECONDS_ANYWAY = {"reports": 0.8, "collocate": 0.4, "headings": 0.2, "page": 3.0}
 """Libraries to start, and figures of the fleet."""
 SECONDS_PER_AIRCRAFT = {
-    "fit": 0.015,
+    "fit": 0.025,
     "swing cards": 0.05,
     "ranking": 0.02,
     "virtual field test": 0.15,
@@ -41,9 +41,8 @@ SECONDS_PER_AIRCRAFT = {
 """However few reports it has."""
 SECONDS_PER_LARGE_FIGURE, LARGE_FIGURES = 0.4, 40
 """Of the page, for as many aircraft at most."""
-SECONDS_OF_FLEET, BYTES_OF_FLEET = 7e-8, 2500
-"""For the cube, and for the square, of the aircraft: the fleet's equations, which are solved whole
-(600 aircraft: 15 s and 0.9 GB)."""
+BYTES_PER_AIRCRAFT = 200_000
+"""The fleet's equations, which the fit keeps in parts (2,400 aircraft: 20 s and 0.4 GB)."""
 BYTES_IN_BLOCK = 1500
 """Peak memory for each report of the largest block of aircraft, with up to two references."""
 BYTES_PER_REPORT = 37
@@ -86,7 +85,6 @@ def stage_seconds(
     for stage, seconds in SECONDS_PER_AIRCRAFT.items():
         found[stage] += seconds * aircraft
     found["page"] += SECONDS_PER_LARGE_FIGURE * min(aircraft, LARGE_FIGURES)
-    found["fit"] += SECONDS_OF_FLEET * aircraft**3
     for one in plans.values():
         decoded = 1.0 - one.sparse_messages / max(one.messages, 1)
         reading = one.sparse_messages * SECONDS_PER_SPARSE_MESSAGE
@@ -128,7 +126,7 @@ def estimate(
     kept = 1.0 - rest / whole if whole else 0.0
     seconds = sum(stage_seconds(reports, aircraft, left, kept=kept).values())
     memory = BASE_BYTES + block * BYTES_IN_BLOCK * max(1.0, len(plans) / 2.0)
-    memory += reports * BYTES_PER_REPORT + aircraft**2 * BYTES_OF_FLEET
+    memory += reports * BYTES_PER_REPORT + aircraft * BYTES_PER_AIRCRAFT
     count = len(plans)
     stays = BYTES_OF_PRODUCTS + count * BYTES_OF_PRODUCTS_PER_REFERENCE
     stays += keep * (BYTES_KEPT + count * BYTES_KEPT_PER_REFERENCE)

@@ -5,7 +5,7 @@ aircraft (a few hundred kilobytes), not on reports, so a fleet may be summed in 
 
 Without the reference's shared error the biases are pooled over the fleet
 (:mod:`airswing.compass.fit.pooled_bias`) and errors are clustered by flight, wider where days
-scatter more; with it the whole fleet is solved at once (:mod:`airswing.compass.fit.fleet`) and
+scatter more; with it the whole fleet is solved at once (:mod:`airswing.compass.fleet.solution`) and
 errors are clustered by day. Where headings or flights do not allow a curve the constant alone is
 published (:mod:`airswing.compass.fit.offset_alone`): A, the other coefficients zero with the
 variance of cycles as large as the fleet's, no amplitude. NaN coefficients wherever the status is
@@ -31,11 +31,11 @@ from airswing.compass.fit.cycles import (
     sinusoid,
     t_inflation,
 )
-from airswing.compass.fit.fleet import solve_fleet
 from airswing.compass.fit.normal_equations import COMPASS
 from airswing.compass.fit.offset_alone import MIN_FLIGHTS, offsets
 from airswing.compass.fit.pooled_bias import day_ratio, pool, widened
 from airswing.compass.fit.sandwich import Array
+from airswing.compass.fleet.solution import solve_fleet
 from airswing.flags import STATUS
 
 MAX_CONDITION = 12.0
@@ -61,7 +61,7 @@ class Options:
         error alone.
     shared_error : bool
         With ``joint``, also fit the reference's error that the fleet shares, as a field (see
-        :mod:`airswing.compass.fit.reference_error`).
+        :mod:`airswing.compass.fleet.reference_error`).
     min_reports, min_compass_points : int
         Fewer give status ``too_few_reports``, ``poor_heading_coverage``; fewer than five flights
         ``too_few_flights``. ``offset_only`` stands for the last two where a constant is found.

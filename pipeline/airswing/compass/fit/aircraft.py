@@ -19,14 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.compass.fit.flight_segments import (
-    SLOPES,
-    Blocks,
-    Edges,
-    Places,
-    find_edges,
-    make_blocks,
-)
 from airswing.compass.fit.normal_equations import (
     COMPASS,
     PassSums,
@@ -42,6 +34,14 @@ from airswing.compass.fit.sandwich import (
     group_sums,
     influences,
     inverse_root,
+)
+from airswing.compass.fleet.flight_segments import (
+    SLOPES,
+    Blocks,
+    Edges,
+    Places,
+    find_edges,
+    make_blocks,
 )
 
 THIN, MIDDLE = 1000, 4000

@@ -45,11 +45,11 @@ from airswing.compass.fit.acceptance import (
     publish,
 )
 from airswing.compass.fit.aircraft import AircraftFit, fit_aircraft
-from airswing.compass.fit.flight_segments import Places
 from airswing.compass.fit.observations import Reports
 from airswing.compass.fit.offset_alone import MIN_FLIGHTS, STRETCH
 from airswing.compass.fit.report_columns import Columns
 from airswing.compass.fit.row_blocks import BLOCK
+from airswing.compass.fleet.flight_segments import Places
 from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.products.ragged import blocks

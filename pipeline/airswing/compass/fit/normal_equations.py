@@ -35,7 +35,6 @@ from itertools import pairwise, starmap
 
 import numpy as np
 
-from airswing.compass.fit.flight_segments import ROWS, SLOPES
 from airswing.compass.fit.observations import (
     Array,
     Index,
@@ -44,6 +43,7 @@ from airswing.compass.fit.observations import (
     Single,
 )
 from airswing.compass.fit.row_blocks import BLOCK, Rows, fill, rows_for
+from airswing.compass.fleet.flight_segments import ROWS, SLOPES
 
 COMPASS = 5
 """A, B, C, D, E come first in every parameter vector, then s, then b_u, b_v a reference."""
@@ -127,7 +127,7 @@ def accumulate(
         Keep the normal matrix of every flight too (needed where flights are few).
     starts : array of int, optional
         First report of every block whose sums are kept too
-        (:mod:`airswing.compass.fit.flight_segments`).
+        (:mod:`airswing.compass.fleet.flight_segments`).
 
     Returns
     -------

@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.fit.flight_segments import Places
 from airswing.compass.fit.observations import Reports
+from airswing.compass.fleet.flight_segments import Places
 from airswing.products.ragged import row_bounds
 
 

@@ -12,8 +12,8 @@ import threading
 
 import numpy as np
 
-from airswing.compass.fit.flight_segments import ROWS
 from airswing.compass.fit.observations import ROOM, Array, Observations, Single
+from airswing.compass.fleet.flight_segments import ROWS
 
 BLOCK = 12800
 """Reports whose rows stay in the cache."""

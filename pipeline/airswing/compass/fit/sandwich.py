@@ -17,8 +17,6 @@ MacKinnon, Nielsen & Webb 2023 (J. Econometrics 232).
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,23 +52,6 @@ def group_sums(values: Array, group: Index, groups: int) -> Array:
     total = np.zeros((groups, *values.shape[1:]))
     total[group[first]] = found
     return total
-
-
-def bounds_of(group: Index, groups: int) -> list[tuple[int, int]]:
-    """Where each group of a never falling array begins and ends.
-
-    Parameters
-    ----------
-    group : array of int, shape (n,)
-        0 .. groups - 1.
-    groups : int
-
-    Returns
-    -------
-    list of pair of int
-    """
-    edges = np.searchsorted(group, np.arange(groups + 1))
-    return [(int(i), int(j)) for i, j in pairwise(edges)]
 
 
 def inverse_root(normal: Array) -> Array:

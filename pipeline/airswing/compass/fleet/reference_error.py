@@ -10,7 +10,7 @@ turns with its heading and is its own; the field does neither, and that is how t
 apart.
 
 Valid for any number of aircraft; the more of them share the air, the more it helps. Works on
-blocks (:mod:`airswing.compass.fit.flight_segments`), not reports. SI units and radians inside;
+blocks (:mod:`airswing.compass.fleet.flight_segments`), not reports. SI units and radians inside;
 latitude and longitude in degrees.
 
 References
@@ -23,12 +23,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from airswing.compass.fit.flight_segments import Blocks
+from airswing.compass.fleet.flight_segments import Blocks
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,10 +40,14 @@ Flags = NDArray[np.bool_]
 SPACING_KM = 400.0
 """Distance of the passing part's nodes: the reach of a model's synoptic error."""
 STATIC_NODES = (4, 5, 3)
-"""Nodes of the lasting part in latitude, longitude and ln p, at quantiles of the blocks."""
+"""Nodes of the lasting part in latitude, longitude and ln p, at quantiles of the blocks: so many
+at least,"""
+STATIC_KM = 2000.0
+"""and one for so many kilometres of latitude and longitude."""
 LARGEST_VARIANCE = 9.0
 """(m/s)2: more than this is not the reference's error."""
 ROUNDS = 6
+KM_A_DEGREE = 111.2
 
 
 @dataclass(frozen=True)
@@ -76,15 +81,18 @@ class FieldBasis:
         -------
         FieldBasis
         """
-        angle = np.radians(longitude)
-        middle = float(np.degrees(np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())))
-        origin = (middle, float(np.cos(np.radians(np.median(latitude)))))
+        origin = (_middle(longitude), float(np.cos(np.radians(np.median(latitude)))))
         east = _eastward(longitude, origin)
+        places = (latitude, east, log_pressure)
+        apart = (STATIC_KM / KM_A_DEGREE, STATIC_KM / KM_A_DEGREE, np.inf)
         lasting = tuple(
-            np.unique(np.quantile(values, np.linspace(0, 1, nodes)))
-            for values, nodes in zip((latitude, east, log_pressure), STATIC_NODES, strict=True)
+            np.unique(np.quantile(values, np.linspace(0, 1, max(nodes, 1 + int(span // step)))))
+            for values, nodes, step in zip(places, STATIC_NODES, apart, strict=True)
+            for span in (np.ptp(values),)
         )
-        return cls(lasting, tuple(_even(v, SPACING_KM / 111.2) for v in (latitude, east)), origin)
+        return cls(
+            lasting, tuple(_even(v, SPACING_KM / KM_A_DEGREE) for v in (latitude, east)), origin
+        )
 
     @property
     def lasting_size(self) -> int:
@@ -118,6 +126,18 @@ class FieldBasis:
             The values of a place sum to one.
         """
         return _product((latitude, _eastward(longitude, self.origin)), self.passing)
+
+
+def _middle(longitude: Floats) -> float:
+    """Longitude opposite the widest gap; where all are flown, opposite the fewest blocks."""
+    degree = np.floor(longitude % 360.0).astype(np.int64) % 360
+    count = np.bincount(degree, minlength=360)
+    least = np.tile(count == count.min(), 2)
+    run = np.zeros(720, dtype=np.int64)
+    for k in range(1, 720):
+        run[k] = (run[k - 1] + 1) * least[k]
+    last = int(np.argmax(np.minimum(run, 360)))
+    return (last + 1 - float(run[last]) / 2.0 + 180.0) % 360.0
 
 
 def _eastward(longitude: Floats, origin: tuple[float, float]) -> Floats:
@@ -203,7 +223,9 @@ class Stretch:
     segments : array of int
         Their numbers.
     nodes : int
-        Nodes of a segment.
+        Nodes of a segment that blocks meet, of the segment that has most of them; others have less.
+    every : int
+        Nodes of a segment, met or not.
     """
 
     weight: Floats
@@ -219,6 +241,7 @@ class Stretch:
     segment: Ints
     segments: Ints
     nodes: int
+    every: int
 
     @classmethod
     def of(cls, parts: list[Blocks], basis: FieldBasis) -> Stretch:
@@ -252,7 +275,7 @@ class Stretch:
         every = np.ones((piece.size, 1))
         lasting = np.hstack([lasting, every.astype(np.int32) * np.int32(basis.lasting_size)])
         lasting_share = np.hstack([lasting_share, every])
-        node += (segment * basis.passing_size).astype(np.int32)[:, np.newaxis]
+        node, nodes = _met(node, segment, segments.size, basis.passing_size)
         return cls(
             weight,
             means[1:3].astype(np.float64),
@@ -266,6 +289,7 @@ class Stretch:
             lasting_share,
             segment,
             segments,
+            nodes,
             basis.passing_size,
         )
 
@@ -275,9 +299,27 @@ class Stretch:
         return as_sparse(self.lasting, self.lasting_share, int(self.lasting[0, -1]) + 1)
 
     @cached_property
+    def piece_sums(self) -> sparse.csr_matrix:
+        """Sums over the blocks of each piece, shape (pieces, n)."""
+        ends = np.append(self.opens, self.weight.size)
+        each = np.ones(self.weight.size), np.arange(self.weight.size), ends
+        return sparse.csr_matrix(each, shape=(self.opens.size, self.weight.size))
+
+    @cached_property
     def passing_design(self) -> sparse.csr_matrix:
         """Passing part's functions at every block, shape (n, segment * nodes)."""
         return as_sparse(self.node, self.share, self.segments.size * self.nodes)
+
+
+def _met(node: Short, segment: Ints, segments: int, every: int) -> tuple[Short, int]:
+    """Number the nodes that blocks meet, segment by segment; and how many a segment has at most."""
+    there = np.zeros((segments, every), dtype=np.bool_)
+    there[segment[:, np.newaxis], node] = True
+    number = np.cumsum(there, axis=1, dtype=np.int32) - np.int32(1)
+    nodes = int(number[:, -1].max()) + 1
+    found = number[segment[:, np.newaxis], node]
+    found += (segment * nodes).astype(np.int32)[:, np.newaxis]
+    return found, nodes
 
 
 def counted(numbers: Ints) -> tuple[Ints, Ints, Ints]:
@@ -292,6 +334,23 @@ def counted(numbers: Ints) -> tuple[Ints, Ints, Ints]:
     place = np.zeros(count.size, dtype=np.int64)
     place[found] = np.arange(found.size)
     return found + first, count[found], place[shifted]
+
+
+def bounds_of(group: Ints, groups: int) -> list[tuple[int, int]]:
+    """Where each group of a never falling array begins and ends.
+
+    Parameters
+    ----------
+    group : array of int, shape (n,)
+        0 .. groups - 1.
+    groups : int
+
+    Returns
+    -------
+    list of pair of int
+    """
+    edges = np.searchsorted(group, np.arange(groups + 1))
+    return [(int(i), int(j)) for i, j in pairwise(edges)]
 
 
 def as_sparse(index: NDArray[np.integer], value: Floats, columns: int) -> sparse.csr_matrix:
@@ -366,43 +425,19 @@ class Precision:
         field = (self.stretch.passing_design @ self.passing(self.within_pieces(values))).T
         return self.within_pieces(values - field)
 
-    def piece_nodes(self) -> tuple[Floats, Ints]:
-        """Weighted sums of every piece's node values, pieces by segment; shape (pieces, nodes)."""
-        one = self.stretch
-        segment = one.segment[one.opens]
-        order = np.argsort(segment, kind="stable")
-        rank = np.empty_like(order)
-        rank[order] = np.arange(order.size)
-        place = one.node + ((rank[one.piece] - one.segment) * one.nodes)[:, np.newaxis]
-        value = one.share * self.weight[:, np.newaxis]
-        found = np.bincount(place.ravel(), weights=value.ravel(), minlength=order.size * one.nodes)
-        return np.asarray(found.reshape(order.size, one.nodes), dtype=np.float64), order
-
     def _node_inverse(self, variance: float) -> Floats:
         """Posterior covariance of every segment's nodes, shape (segment, nodes, nodes)."""
         one, nodes = self.stretch, self.stretch.nodes
-        square = np.zeros((one.segments.size, nodes, nodes))
-        # the others of a block's nodes are as far from its first in every block
-        first, apart = one.node[:, 0].astype(np.int64), one.node[0] - one.node[0, 0]
-        cells = np.arange(nodes - apart[-1])
-        share = np.ascontiguousarray(one.share.T)
-        for k, value in enumerate(share * self.weight):
-            for other in range(k, apart.size):
-                sums = np.bincount(
-                    first, weights=value * share[other], minlength=one.segments.size * nodes
-                ).reshape(-1, nodes)
-                square[:, cells + apart[k], cells + apart[other]] += sums[:, : cells.size]
-        # each pair of nodes was counted once: above the diagonal
-        square = square + np.triu(square, 1).transpose(0, 2, 1)
-        own, order = self.piece_nodes()
-        stop = np.cumsum(np.bincount(one.segment[one.opens], minlength=one.segments.size))
-        start = 0
-        for k, end in enumerate(stop):
-            rows = own[start:end]
-            square[k] -= (rows * self.tied[order[start:end], np.newaxis]).T @ rows
-            start = end
-        square[:, np.arange(nodes), np.arange(nodes)] += 1.0 / variance
-        return np.asarray(np.linalg.inv(square))
+        design = sparse.diags(self.weight) @ one.passing_design
+        of_piece = one.piece_sums @ design
+        seen = one.passing_design.T @ design - of_piece.T @ (sparse.diags(self.tied) @ of_piece)
+        seen = seen.tocoo()
+        found = np.zeros((one.segments.size, nodes, nodes))
+        found[seen.row // nodes, seen.row % nodes, seen.col % nodes] = seen.data
+        found[:, np.arange(nodes), np.arange(nodes)] += 1.0 / variance
+        for one_segment in found:  # in place: over a hemisphere these are most of the memory
+            one_segment[:] = np.linalg.inv(one_segment)
+        return found
 
 
 def estimate_variances(stretch: Stretch, white: Floats) -> Variances:
@@ -433,7 +468,14 @@ def estimate_variances(stretch: Stretch, white: Floats) -> Variances:
         unknown = _piece_uncertainty(precision, count)
         piece = float((mean**2).mean() - own.mean() + unknown)
         energy = coefficients.reshape(stretch.segments.size, stretch.nodes, 2) ** 2
-        passing = float(energy.mean() + np.einsum("sii->si", precision.inverse).mean())
+        apart = stretch.every - stretch.nodes  # nobody's: as uncertain as before
+        passing = (
+            float(
+                (energy.mean() + np.einsum("sii->si", precision.inverse).mean()) * stretch.nodes
+                + apart * found.passing
+            )
+            / stretch.every
+        )
         found = Variances(
             white,
             block,

@@ -7,9 +7,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from airswing.compass.fit.fleet import solve_fleet
-from airswing.compass.fit.flight_segments import ROWS, Blocks
-from airswing.compass.fit.reference_equations import Reference
+from airswing.compass.fleet.flight_segments import ROWS, Blocks
+from airswing.compass.fleet.reference_equations import Reference
+from airswing.compass.fleet.solution import solve_fleet
 
 FREE = np.ones((4, 6), dtype=bool)
 FREE[2, 3:5] = False
@@ -47,7 +47,7 @@ def reference(days: int) -> Reference:
 
 @pytest.mark.parametrize("most", [60, 200, 10_000])
 def test_the_scores_do_not_depend_on_where_the_days_are_cut(monkeypatch, most):
-    monkeypatch.setattr("airswing.compass.fit.reference_equations.MOST_BLOCKS", 600)
+    monkeypatch.setattr("airswing.compass.fleet.reference_equations.MOST_BLOCKS", 600)
     whole = reference(20)
     assert whole.thinned
     cut = reference(20)
@@ -63,7 +63,7 @@ def test_the_scores_do_not_depend_on_where_the_days_are_cut(monkeypatch, most):
 
 
 def test_runs_are_whole_days_of_at_most_so_many_blocks(monkeypatch):
-    monkeypatch.setattr("airswing.compass.fit.reference_equations.MOST_BLOCKS", 300)
+    monkeypatch.setattr("airswing.compass.fleet.reference_equations.MOST_BLOCKS", 300)
     runs = reference(20).runs
     assert [run[0] % 4 for run in runs] == [0] * len(runs)
     np.testing.assert_array_equal(np.concatenate(runs), 40_000 + np.arange(80))
@@ -72,7 +72,7 @@ def test_runs_are_whole_days_of_at_most_so_many_blocks(monkeypatch):
 
 
 def test_memory_beside_the_sums_hardly_grows_with_the_archive(monkeypatch):
-    monkeypatch.setattr("airswing.compass.fit.reference_equations.MOST_BLOCKS", 4000)
+    monkeypatch.setattr("airswing.compass.fleet.reference_equations.MOST_BLOCKS", 4000)
 
     def peak(days: int) -> int:
         blocks = [[one] for one in fleet(days, a_segment=40)]

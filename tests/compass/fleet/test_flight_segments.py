@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from airswing.compass.fit.aircraft import fit_aircraft
-from airswing.compass.fit.flight_segments import SLOPES, Places, find_edges
 from airswing.compass.fit.observations import Reports
+from airswing.compass.fleet.flight_segments import SLOPES, Places, find_edges
 
 
 def made(n: int = 6000, flights: int = 150, seed: int = 0):

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.compass.fit.sandwich import Array, Index
-
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 LENGTH = 240e3
 """Metres a block may be long at the aircraft's airspeed."""
 DURATIONS = (1800, 1200, 900, 600)

@@ -1,6 +1,6 @@
 """One reference's part of the fleet's equations, worked through some days at a time.
 
-Assumes what :mod:`airswing.compass.fit.reference_error` assumes of the reference's error. Of the
+Assumes what :mod:`airswing.compass.fleet.reference_error` assumes of the reference's error. Of the
 blocks' sums only some days are laid out at once (:data:`MOST_BLOCKS` blocks, whole days: the
 passing part and a piece never reach over the end of a segment), so that beside the sums themselves
 nothing grows with the archive but a score of every unknown a day. Where the days are cut depends on
@@ -15,10 +15,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy import sparse
 
-from airswing.compass.fit.flight_segments import SLOPES, Blocks
-from airswing.compass.fit.reference_error import (
+from airswing.compass.fleet.field_coupling import OWN, Coupling, direct_information, own_design
+from airswing.compass.fleet.flight_segments import SLOPES, Blocks
+from airswing.compass.fleet.reference_error import (
     FieldBasis,
     Flags,
     Floats,
@@ -26,15 +26,19 @@ from airswing.compass.fit.reference_error import (
     Precision,
     Stretch,
     as_sparse,
+    bounds_of,
     counted,
     estimate_variances,
 )
-from airswing.compass.fit.sandwich import bounds_of
 
 MOST_BLOCKS = 50_000
 """Blocks laid out at once, about; and those the variances and the Newton matrix are made from."""
+AIRCRAFT = 125
+"""With more aircraft than that so many blocks more: an aircraft must be seen on a few days."""
 LEAST_FREEDOM = 30
 """Degrees of freedom within blocks that tell an aircraft's white noise."""
+MOST_NODES = 100_000_000
+"""Numbers of the passing part's covariances laid out at once."""
 MOST_KEPT = 4_000_000
 """Numbers of the passing part's covariances that are kept between two rounds over the blocks."""
 
@@ -64,15 +68,19 @@ class Reference:
         )
         self.aircraft, self.lasting = free.shape[0], self.basis.lasting_size + 1
         segments, count, _ = counted(np.concatenate([part.segment for part in blocks]))
-        every = -(-int(count.sum()) // MOST_BLOCKS)
+        most = int(MOST_BLOCKS * max(1.0, self.aircraft / AIRCRAFT))
+        # a segment of many nodes takes the room of so many blocks
+        nodes = min(self.basis.passing_size, 4 * int(count.max()))
+        count = np.maximum(count, nodes**2 * most // MOST_NODES)
+        every = -(-int(count.sum()) // most)
         self.thinned = every > 1
         some = self._stretch(segments[every // 2 :: every])
         white = _white(np.array([(part.within, part.freedom) for part in blocks]))
         self.variances = estimate_variances(some, white)
         self.some = Precision(some, self.variances)
-        self.runs = _runs(segments, count, self._day_of(segments))
+        self.runs = _runs(segments, count, self._day_of(segments), most)
         self.inverses: dict[tuple[int, int], Floats] = {}
-        self.keeps = self.thinned and segments.size * self.basis.passing_size**2 <= MOST_KEPT
+        self.keeps = self.thinned and segments.size * nodes**2 <= MOST_KEPT
         self.worth, self.lasting_worth = np.zeros(self.aircraft), np.zeros(self.lasting)
         self.precise, self.direct = 0.0, np.zeros((self.aircraft, 8, 8))
         self.start = self._survey()
@@ -109,7 +117,7 @@ class Reference:
             self.lasting_worth += one.lasting_design.T @ one.weight
             if self.thinned:
                 self.precise += float(part.weight.sum())
-                self.direct += _direct(part, self.aircraft)
+                self.direct += direct_information(part, self.aircraft)
             self._add_scores(part, one.residual, found)
         return found
 
@@ -118,43 +126,13 @@ class Reference:
         """Number of unknowns of its own."""
         return int(2 * (self.aircraft + self.lasting))
 
-    def columns(self, component: int) -> Ints:
-        """Places of the unknowns of one component: (aircraft, 7) ones, then the lasting part's."""
-        a, n = self.aircraft, self.lasting
-        own = np.empty((a, SLOPES + 1), dtype=np.int64)
-        own[:, :SLOPES] = np.arange(a * SLOPES).reshape(a, SLOPES)
-        own[:, SLOPES] = a * SLOPES + 2 * np.arange(a) + component
-        start = a * (SLOPES + 2) + component * n
-        return np.concatenate([own.ravel(), start + np.arange(n)])
-
-    def newton(self) -> Floats:
+    def coupling(self) -> Coupling:
         """Information about every unknown, from the blocks."""
-        total = self.aircraft * SLOPES + self.size
-        found = np.zeros((total, total))
-        lasting = self.some.within_pieces(self.some.stretch.lasting_design.toarray().T)
-        for component in range(2):
-            place = self.columns(component)
-            found[np.ix_(place, place)] += _information(
-                self.some, component, self.aircraft, lasting
-            )
+        factor, gain = np.broadcast_to(np.eye(OWN), self.direct.shape), 1.0
         if self.thinned:
-            direct = np.stack([_direct(self.some, self.aircraft), self.direct])
-            self._scale(found, direct, self.precise / float(self.some.weight.sum()))
-        return found
-
-    def _scale(self, information: Floats, direct: Floats, gain: float) -> None:
-        """Make of some segments' information that of all: each aircraft's as its own sums say."""
-        ridge = 1e-9 * np.trace(direct[1], axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(8)
-        some, every = (np.linalg.cholesky(one + ridge) for one in direct)
-        factor = every @ np.linalg.inv(some)
-        a = self.aircraft
-        own = np.empty((a, 8), dtype=np.int64)
-        own[:, :SLOPES] = np.arange(a * SLOPES).reshape(a, SLOPES)
-        own[:, SLOPES:] = a * SLOPES + np.arange(2 * a).reshape(a, 2)
-        rest = slice(8 * a, None)
-        for one in (information, information.T):
-            one[own] = factor @ one[own]
-            one[rest] *= np.sqrt(gain)
+            gain = self.precise / float(self.some.weight.sum())
+            factor = _factor(direct_information(self.some, self.aircraft), self.direct)
+        return Coupling.of(self.some, factor, gain)
 
     def leverage(self) -> Floats:
         """Share of each coefficient's scatter between days that fitting took away.
@@ -184,7 +162,7 @@ class Reference:
         group = (one.aircraft * days + day[one.segment])[one.opens]
         found = np.zeros((a * days, 8, 8))
         for component in range(2):
-            design = _own(one, component)
+            design = own_design(one, component)
             weighted = self.some.within_pieces(design)
             kept = [*range(SLOPES), SLOPES + component]
             for i, left in enumerate(design):
@@ -255,12 +233,12 @@ class Reference:
         return np.asarray(found.transpose(0, 2, 1).reshape(days, -1))
 
 
-def _runs(segments: Ints, count: Ints, day: Ints) -> list[Ints]:
+def _runs(segments: Ints, count: Ints, day: Ints, most: int) -> list[Ints]:
     """Segments of whole days with at most so many blocks together, one day at least."""
     opens = np.flatnonzero(np.diff(day, prepend=-1))
     found, total = [0], 0
     for begin, blocks in zip(opens.tolist(), np.add.reduceat(count, opens).tolist(), strict=True):
-        if total and total + blocks > MOST_BLOCKS:
+        if total and total + blocks > most:
             found.append(begin)
             total = 0
         total += blocks
@@ -277,47 +255,8 @@ def _white(within: Floats) -> Floats:
     return np.asarray(np.maximum(np.where(known, found, np.median(found[known])), 1e-3))
 
 
-def _own(one: Stretch, component: int) -> Floats:
-    """Design of an aircraft's coefficients and bias, shape (7, n)."""
-    return np.vstack([one.slopes[component], np.ones(one.weight.size)])
-
-
-def _direct(precision: Precision, aircraft: int) -> Floats:
-    """Information of each aircraft were the field known, shape (aircraft, 8, 8)."""
-    one = precision.stretch
-    found = np.zeros((aircraft, 8, 8))
-    places = [np.ix_(kept, kept) for kept in ([*range(SLOPES), SLOPES + c] for c in range(2))]
-    for k, (i, j) in enumerate(bounds_of(one.aircraft, aircraft)):
-        first, last = np.searchsorted(one.opens, (i, j))
-        for component in range(2):
-            design = np.vstack([one.slopes[component, :, i:j], np.ones(j - i)])
-            weighted = design * precision.weight[i:j]
-            sums = np.add.reduceat(weighted, one.opens[first:last] - i, axis=1)
-            square = weighted @ design.T - (sums * precision.tied[first:last]) @ sums.T
-            found[k][places[component]] += square
-    return found
-
-
-def _information(precision: Precision, component: int, aircraft: int, dense: Floats) -> Floats:
-    """Information of one component's unknowns, the passing part unknown.
-
-    ``dense`` is the lasting part's design times the inverse covariance, (functions, n).
-    """
-    one, lasting = precision.stretch, dense.shape[0]
-    own = _own(one, component)
-    columns = one.aircraft[:, np.newaxis] * (SLOPES + 1) + np.arange(SLOPES + 1)
-    width = aircraft * (SLOPES + 1)
-    left = sparse.hstack([as_sparse(columns, own.T, width), one.lasting_design]).tocsr()
-    weighted = precision.within_pieces(own)
-    fixed = as_sparse(columns, weighted.T, width)
-    direct = np.empty((width + lasting, width + lasting))
-    direct[:, :width] = (left.T @ fixed).toarray()
-    direct[:, width:] = left.T @ dense.T
-    direct[width:, :width] = direct[:width, width:].T
-    nodes = one.passing_design.T
-    shape = (one.segments.size, one.nodes, width + lasting)
-    seen = np.empty((nodes.shape[0], width + lasting), dtype=np.float32)
-    seen[:, :width] = (nodes @ fixed).toarray()
-    seen[:, width:] = nodes @ dense.T
-    solved = precision.inverse.astype(np.float32) @ seen.reshape(shape)
-    return np.asarray(direct - seen.T @ solved.reshape(seen.shape))
+def _factor(some: Floats, every: Floats) -> Floats:
+    """What makes of the information from some blocks that from all, (aircraft, 8, 8)."""
+    ridge = 1e-9 * np.trace(every, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(OWN)
+    thin, whole = (np.linalg.cholesky(one + ridge) for one in (some, every))
+    return np.asarray(whole @ np.linalg.inv(thin))

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from airswing.compass.fit.flight_segments import ROWS, Blocks
-from airswing.compass.fit.reference_error import (
+from airswing.compass.fleet.flight_segments import ROWS, Blocks
+from airswing.compass.fleet.reference_error import (
     FieldBasis,
     Precision,
     Stretch,
@@ -122,3 +122,13 @@ def test_numbers_are_counted_as_numpy_does_it():
     expected = np.unique(numbers, return_inverse=True, return_counts=True)
     for one, other in zip((found, place, count), expected, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("seam", [0.0, 20.0, 137.5, 180.0, 359.0])
+def test_the_world_is_cut_where_fewest_fly(seam):
+    rng = np.random.default_rng(5)
+    longitude = (seam + rng.uniform(2, 358, 5000)) % 360 - 180 * (seam > 100)
+    longitude = (longitude + 180) % 360 - 180 if seam <= 100 else longitude
+    n = longitude.size
+    basis = FieldBasis.of(rng.uniform(20, 60, n), longitude, np.log(rng.uniform(3e4, 9e4, n)))
+    assert abs((basis.origin[0] - seam + 360) % 360 - 180) < 2 or seam > 100

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from tests.compass.flown import Setting, fleet_deviations, fly
 
 from airswing.compass.fit.deviation import fit_deviation, fit_sums, sum_aircraft
-from airswing.compass.fit.fleet import UNKNOWN_VARIANCE, group_variances
+from airswing.compass.fleet.inverse import UNKNOWN_VARIANCE, group_variances
 
 
 def errors(seed: int, **options) -> tuple[np.ndarray, np.ndarray]:
@@ -113,7 +113,7 @@ def test_some_segments_stand_for_all(monkeypatch):
     deviation = fleet_deviations(5, np.random.default_rng(7))
     ds, _ = fly(deviation, setting, 7)
     exact = fit_deviation(ds)
-    monkeypatch.setattr("airswing.compass.fit.reference_equations.MOST_BLOCKS", 700)
+    monkeypatch.setattr("airswing.compass.fleet.reference_equations.MOST_BLOCKS", 700)
     thinned = fit_deviation(ds)
     spread = np.sqrt(np.diagonal(exact["deviation_covariance"].to_numpy(), axis1=-2, axis2=-1))
     apart = np.abs(thinned["deviation"].to_numpy() - exact["deviation"].to_numpy())

@@ -1,0 +1,171 @@
+"""Cost of the fit by number of aircraft: processor time, memory and the exponent of its growth.
+
+    python -m benchmarks.fleet --aircraft 600 1200 2400
+    python -m benchmarks.fleet --aircraft 6000 --days 10 --reports 20000000
+
+Fleets over a continent against one reference whose error is a bias, a lasting and a passing field,
+every size in a process of its own (memory is the peak of it). Aircraft are summed
+`TOGETHER` at a time (`sum_aircraft`), as a lazily opened archive is, and the fleet is solved on the
+sums (`fit_sums`); together that is `fit_deviation`. The making of the reports is not counted.
+Exit status 1 where the exponent of the processor time is above `EXPONENT`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+import xarray as xr
+from tests.compass.flown import Setting, fleet_deviations, fly, wrap
+
+from airswing.compass.fit.deviation import FleetSums, fit_sums, sum_aircraft
+
+EXPONENT = 1.1
+TOGETHER = 100
+CONTINENT = (27.0, 48.0, -122.0, -70.0)
+"""Degrees: south, north, west, east."""
+FLIGHTS_A_DAY = 4
+FIRST_SEGMENT = np.datetime64("2008-07-01", "h").astype(np.int64) // 6
+
+
+def field(latitude, longitude, time, seed: int) -> np.ndarray:
+    """Error of the reference, m/s, (2, n): waves of some 1,500 km that last and that pass."""
+    found = np.zeros((2, latitude.size))
+    segment = time.astype("datetime64[h]").astype(np.int64) // 6 - FIRST_SEGMENT
+    east = longitude * np.cos(np.radians(40.0))
+    for wave in range(4):
+        rng = np.random.default_rng([seed, wave])
+        for size, phase in (
+            (0.4, rng.uniform(0, 2 * np.pi, (2, 1))),
+            (0.8, rng.uniform(0, 2 * np.pi, (2, 4 * 366))[:, segment]),
+        ):
+            per_degree = rng.normal(0, 2 * np.pi / 14.0, 2)
+            angle = per_degree[0] * latitude + per_degree[1] * east
+            found += size / np.sqrt(2.0) * np.sin(angle + phase)
+    return found
+
+
+def fleet(aircraft: int, number: int, days: int, each: int) -> tuple[xr.Dataset, np.ndarray]:
+    """Some aircraft of a fleet that shares its reference's error, and their deviations."""
+    rng = np.random.default_rng([number, 5])
+    deviation = fleet_deviations(aircraft, rng)
+    setting = Setting(
+        aircraft=aircraft,
+        days=days,
+        flights_a_day=FLIGHTS_A_DAY,
+        reports_a_flight=each,
+        day_error=0.0,
+        airspeed=200.0,
+    )
+    headings, _ = fly(deviation, setting, number + 1000)
+    south, north, west, east = CONTINENT
+    flights = aircraft * days * FLIGHTS_A_DAY
+    for name, low, high, middle in (
+        ("latitude", south, north, 43.0),
+        ("longitude", west, east, -87.0),
+    ):
+        values = headings[name].to_numpy() - middle
+        start = np.repeat(rng.uniform(low, high, flights), each)
+        headings[name] = ("report", np.clip(start + values, low, high))
+    level = np.repeat(rng.uniform(25e3, 85e3, flights), each).astype(np.float32)
+    headings["pressure"] = ("report", level)
+    names = [f"N{number + k:05d}" for k in range(aircraft)]
+    return with_field(headings).assign_coords(aircraft=np.array(names, object)), deviation
+
+
+def with_field(headings: xr.Dataset) -> xr.Dataset:
+    """Headings and airspeeds as they would have come out with the field in the reference."""
+    heading, airspeed = headings["heading"].to_numpy(), headings["airspeed"].to_numpy()
+    toward = np.radians(heading - headings["heading_error"].to_numpy()[0])
+    speed = airspeed - headings["airspeed_error"].to_numpy()[0]
+    places = [headings[name].to_numpy() for name in ("latitude", "longitude", "time")]
+    error = field(*places, seed=0)
+    eastward = speed * np.sin(toward) - error[0]
+    northward = speed * np.cos(toward) - error[1]
+    apart = wrap(heading - np.degrees(np.arctan2(eastward, northward)))
+    return headings.assign(
+        heading_error=(("reference", "report"), apart[np.newaxis]),
+        airspeed_error=(
+            ("reference", "report"),
+            (airspeed - np.hypot(eastward, northward))[np.newaxis],
+        ),
+    )
+
+
+def one_size(aircraft: int, days: int, reports: int) -> dict[str, float]:
+    """Time, memory and quality of one fleet's fit."""
+    each = max(reports // (aircraft * days * FLIGHTS_A_DAY), 1)
+    parts: list[FleetSums] = []
+    truth, summed = [], 0.0
+    for number in range(0, aircraft, TOGETHER):
+        made = fleet(min(TOGETHER, aircraft - number), number, days, each)
+        truth.append(made[1])
+        began = time.process_time()
+        parts.append(sum_aircraft(made[0]))
+        summed += time.process_time() - began
+        del made
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began = time.process_time()
+    fits = fit_sums(parts).isel(reference=0)
+    solved = time.process_time() - began
+    error = fits["deviation"].to_numpy() - np.concatenate(truth)
+    spread = np.sqrt(np.diagonal(fits["deviation_covariance"].to_numpy(), axis1=1, axis2=2))
+    inside = np.abs(error) <= 1.96 * spread
+    good = np.isfinite(error[:, 0])
+    return {
+        "reports": each * aircraft * days * FLIGHTS_A_DAY,
+        "fitted": int(good.sum()),
+        "summed": summed,
+        "solved": solved,
+        "before": before / 1e6,
+        "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
+        "covered": [float(one) for one in 100 * inside[good].mean(axis=0)],
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--aircraft", type=int, nargs="+", default=[150, 300, 600, 1200])
+    parser.add_argument("--days", type=int, default=10)
+    parser.add_argument("--reports", type=int, help="of all aircraft; 480 an aircraft if not given")
+    parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.one:
+        aircraft = given.aircraft[0]
+        print(json.dumps(one_size(aircraft, given.days, given.reports or 480 * aircraft)))
+        return 0
+    print("aircraft   reports  fitted   sums s  fleet s  peak GB   A to E covered, %", flush=True)
+    used = []
+    for aircraft in given.aircraft:
+        command = [sys.executable, "-m", "benchmarks.fleet", "--one", "--days", str(given.days)]
+        command += ["--aircraft", str(aircraft)]
+        command += ["--reports", str(given.reports)] if given.reports else []
+        told = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
+        used.append(told["summed"] + told["solved"])
+        covered = " ".join(f"{one:5.1f}" for one in told["covered"])
+        print(
+            f"{aircraft:8d} {told['reports']:9d} {told['fitted']:7d} {told['summed']:8.1f}"
+            f" {told['solved']:8.1f} {told['peak']:8.2f}   {covered}",
+            flush=True,
+        )
+    if len(used) < 2:
+        return 0
+    found = float(np.polyfit(np.log(given.aircraft), np.log(used), 1)[0])
+    missed = "" if found <= EXPONENT else ", MISSED"
+    print(f"processor time grows with the power {found:.2f} (bar {EXPONENT}{missed})")
+    return int(bool(missed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The fleet solved together, beside the error its references share, on sums over blocks."""
