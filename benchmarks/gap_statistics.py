@@ -5,14 +5,17 @@
 The products of the main job are written first, to a folder that is removed at the end: headings
 of toy flights under new days as collocation leaves them, one aircraft after the other, and the
 derivatives of the model wind beside them. Then the command itself is run, with two threads, and its
-own table of stages printed. The bars are those of ten million reports of sixty aircraft (240 s of
-processor time, 4 GiB), in proportion of the time for fewer. Exit status 1 where a bar is missed.
+own table of stages printed. The bars are those of ten million reports of sixty aircraft: 240 s of
+processor time in proportion to the reports, 600 s more for the witness of what has no name and its
+simulated archives (on the reports held in memory, so the same for any archive), 4 GiB. Exit status
+1 where a bar is missed.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -39,6 +42,9 @@ from airswing.workflow.job import GAP_INPUTS, HEADINGS
 SECONDS, MEMORY, REPORTS = 240.0, 4.0, 10_000_000
 FIXED = 20.0
 """Seconds that an archive of any size may take: imports, fits, figures."""
+WITNESS = 600.0
+"""Seconds the phases of the witness may take beside, whatever the archive's size."""
+OF_THE_WITNESS = ("witness", "sent winds")
 
 
 def toy_aircraft(number: int, reports: int, days: int) -> xr.Dataset:
@@ -151,14 +157,23 @@ def main() -> int:
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     memory = after.ru_maxrss / 1024**2
     bar = min(SECONDS, FIXED + (SECONDS - FIXED) * reports / REPORTS)
+    phases = dict(re.findall(r"([a-z][a-z ]*) ([0-9.]+) s", _phases(done.stderr)))
+    witness = sum(float(phases.get(name, 0.0)) for name in OF_THE_WITNESS)
+    names = seconds - witness
     print(
         f"{reports:,} reports of {options.aircraft} aircraft, {options.days} days, two threads\n"
         f"{'wall clock':28} {wall:8.1f} s\n"
-        f"{'processor':28} {seconds:8.1f} s    bar {bar:.0f} "
-        f"({1e6 * seconds / reports:.1f} us a report)\n"
+        f"{'processor, without witness':28} {names:8.1f} s    bar {bar:.0f} "
+        f"({1e6 * names / reports:.1f} us a report)\n"
+        f"{'processor, witness':28} {witness:8.1f} s    bar {WITNESS:.0f}\n"
         f"{'peak memory':28} {memory:8.2f} GiB  bar {MEMORY:.0f}"
     )
-    return int(seconds > bar or memory > MEMORY)
+    return int(names > bar or witness > WITNESS or memory > MEMORY)
+
+
+def _phases(said: str) -> str:
+    """What the command said of its phases' processor time."""
+    return " ".join(line for line in said.splitlines() if "processor time:" in line)
 
 
 if __name__ == "__main__":

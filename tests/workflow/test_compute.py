@@ -281,3 +281,17 @@ def test_the_accounts_tell_the_share_of_decoding():
     assert found["decoding_share"] == pytest.approx(0.5)
     text = progress.accounts_text()
     assert "42" in text and "1,234" in text and "50.0%" in text
+
+
+def test_a_stage_tells_its_phases_and_what_each_took():
+    progress = Progress(quiet=True)
+    with progress.stage("diagnose") as stage:
+        stage.tell("statistics", 0.0)
+        sum(range(3_000_000))
+        stage.tell("statistics", 0.5)
+        assert stage.phase == "statistics 50%"
+        stage.tell("search", 0.0)
+    (told,) = progress.accounts()["stages"]
+    assert list(told["phases"]) == ["statistics", "search"]
+    assert told["phases"]["statistics"] > told["phases"]["search"] >= 0.0
+    assert "phase" not in told

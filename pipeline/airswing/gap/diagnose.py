@@ -369,7 +369,9 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
     if search.dictionary:
         jittery = scattering(frame, whole.residual, problem.noise, explained=explained)
         explained |= set(() if jittery is None else jittery.tails)
+        search.tell("sent winds", 0.0)
         sent = _sent_otherwise(problem, whole.residual, explained)
+        search.tell("where", 0.0)
     unnamed = {}
     if jittery is not None:
         unnamed["scatter"] = reduction_of_jitter(frame, whole.residual, jittery)

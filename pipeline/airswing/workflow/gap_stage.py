@@ -132,7 +132,7 @@ def diagnosis(
     if start.frame is not archive.view:
         archive = held_archive(start.frame, workers=archive.workers)
     with job.progress.stage("diagnose") as stage:
-        found = diagnose(archive, catalogue=_catalogue(without))
+        found = diagnose(archive, catalogue=_catalogue(without), progress=stage.tell)
         effects = not_known(found.report.effects, start.known)
         names = [effect.name for effect in effects]
         stage.note = ", ".join(names) or "no effect missing"
@@ -167,7 +167,7 @@ def _effects_of_archive(job: Job) -> list[ActiveEffect]:
 
     archive = _archive(job, gap_headings(job), held=False)
     with job.progress.stage("diagnose the simulation") as stage:
-        found = active_effects(diagnose(archive).report)
+        found = active_effects(diagnose(archive, progress=stage.tell).report)
         stage.note = f"{len(found)} effects"
     return found
 

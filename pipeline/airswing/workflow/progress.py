@@ -40,6 +40,10 @@ class StageRecord:
         Time spent reading and decoding messages, summed over threads, s.
     tasks : int
         Tasks foreseen, where they are handed over in portions.
+    phase : str
+        What is under way inside the stage, and the fraction of it that is done.
+    phases : dict of str to float
+        Processor time of each phase that is over, s.
     """
 
     name: str
@@ -50,6 +54,32 @@ class StageRecord:
     reports: int = 0
     decoding: float = 0.0
     tasks: int = 0
+    phase: str = ""
+    phases: dict[str, float] = field(default_factory=dict)
+    _began: tuple[str, float] = ("", 0.0)
+
+    def tell(self, phase: str, done: float) -> None:
+        """Take down what is under way; the time since the last call is the phase's before.
+
+        Parameters
+        ----------
+        phase : str
+            Empty at the end.
+        done : float
+            Fraction of it.
+        """
+        before, since = self._began
+        now = time.process_time()
+        if before:
+            self.phases[before] = self.phases.get(before, 0.0) + now - since
+        self._began = phase, now
+        self.phase = f"{phase} {done:.0%}" if done else phase
+
+    def account(self) -> dict[str, Any]:
+        """What is kept of a stage that is over."""
+        found = asdict(self)
+        del found["phase"], found["_began"]
+        return found
 
 
 @dataclass
@@ -114,9 +144,13 @@ class Progress:
         with self._bar(record):
             yield record
         record.seconds = time.perf_counter() - began
+        record.tell("", 0.0)
         release_memory()
         self.records.append(record)
         self.say(f"{name:<18} {record.seconds:7.1f} s  {record.note}")
+        if record.phases:
+            parts = (f"{phase} {seconds:.1f} s" for phase, seconds in record.phases.items())
+            self.say(f"  processor time: {', '.join(parts)}")
 
     def remaining(self, name: str, elapsed: float, tasks: Tasks) -> float | None:
         """Estimate what is left of the whole run.
@@ -164,7 +198,7 @@ class Progress:
             "threads": self.threads,
             "decoding_seconds": decoding,
             "decoding_share": decoding / (seconds * self.threads) if seconds else 0.0,
-            "stages": [asdict(record) for record in self.records],
+            "stages": [record.account() for record in self.records],
         }
 
     def accounts_text(self) -> str:
@@ -219,6 +253,7 @@ class Progress:
         left = self.remaining(record.name, bar.tasks[0].elapsed or 0.0, tasks)
         bar.update(
             task,
+            description=f"{record.name}: {record.phase}" if record.phase else record.name,
             completed=tasks.done,
             total=tasks.total or None,
             tasks=f"{tasks.done:,}/{tasks.total:,}" if tasks.total else "",
