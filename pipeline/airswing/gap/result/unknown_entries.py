@@ -55,14 +55,13 @@ def with_unknowns(
     -------
     GapReport
     """
-    day, seed = problem.day, problem.seed
-    tables = [entry(one, problem.archive.tails, day, seed) for one in taken]
+    tables = [entry(one, problem.archive.tails) for one in taken]
     others = _with_closures(report.unknown.where, found, whole)
     after_names = report.closure.after
     curves = max(after_names - whole.after, 0.0) if others else 0.0
     saved = sum((one.saved for one in taken), np.zeros(problem.archive.size))
     moved = float(saved.mean()) / KNOT
-    low, high = interval(saved, day, seed) if taken else (0.0, 0.0)
+    low, high = interval(taken) if taken else (0.0, 0.0)
     if others:
         spread = 0.5 * curves + 0.01
         low, high = low - spread, high + spread

@@ -11,7 +11,9 @@ Validity: simulated archives hold the noise, the day fields and the climatology 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,7 @@ from airswing.gap.noise.model import NoiseFit
 from airswing.gap.simulation.forward import Coding
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import Variances
+from airswing.gap.witness.cell_means import CellModel, CellSums
 from airswing.gap.witness.ground import Ground, Sums, plain_sums, prepare
 from airswing.gap.witness.null import drawn_errors, small_scale_slope
 from airswing.gap.witness.scan import Weighed, weigh
@@ -87,6 +90,13 @@ class Setting:
         frame, quiet = problem.archive, problem.context
         followed, share = small_scale_slope(frame, quiet, frame.residual, ~noise.gross)
         return cls(frame, quiet, noise, plan, variances, problem.day, errors, followed, share)
+
+    @cached_property
+    def cell_model(self) -> CellModel:
+        """Days and climatology beside which the values of tables are fitted."""
+        return CellModel.of(
+            self.quiet, self.plan, noise=self.noise, variances=self.variances, day=self.day
+        )
 
     @property
     def alike(self) -> Setting:
@@ -253,6 +263,40 @@ class Bench:
         apart = score - np.einsum("adkk,rk->radk", found.day_gram, common)
         return replace(found, score=score, apart=apart), 1 + 1 / count
 
+    def cell_sums(self, grid: Grid, component: str, own: Sequence[int], fold: Integers) -> CellSums:
+        """Sums of the values of a table of some aircraft, every report counting alike.
+
+        Parameters
+        ----------
+        grid : Grid
+        component : str
+        own : sequence of int
+            Aircraft.
+        fold : (D,) int
+
+        Returns
+        -------
+        CellSums
+        """
+        here = np.isin(self.setting.frame.aircraft, own)
+        model = self.setting.cell_model
+
+        def of(k: int) -> CellSums:
+            cells = self.cells(grid) if k == 0 else grid.cells(self.told(grid, k - 1))
+            direction = self.direction(component, k if stands_on_report(grid) else None)
+            return model.sums(
+                np.where(here, cells, -1),
+                grid.size,
+                direction,
+                residual=self.residuals[k],
+                fold=fold,
+            )
+
+        if not stands_on_report(grid):
+            return of(0)
+        simulated = tuple(of(k) for k in range(1, len(self.winds)))
+        return replace(of(0), simulated=simulated, share=self.regression)
+
     def told(self, grid: Grid, k: int) -> tuple[Floats, ...]:
         """Values of a table's variables in the ``k``-th simulated archive."""
         own = self.simulated[k]
@@ -277,6 +321,13 @@ class Bench:
         fleet = np.hypot(own, FLEET_PERSISTENT * np.sqrt(sums.lasting_share))
         prior = self.prior(grid, component, sums)
         return weigh(sums, prior, fleet_error=float(fleet), error=own, spread=spread), sums
+
+    def persistent(self, grid: Grid, tails: Sequence[int]) -> float:
+        """Error of the reference that lasts in a table of some aircraft or of all, m/s."""
+        if stands_on_report(grid):
+            return REPORTED_PERSISTENT
+        whole = len(tails) == len(self.setting.frame.tails)
+        return float(np.hypot(PERSISTENT, FLEET_PERSISTENT)) if whole else PERSISTENT
 
     def prior(self, grid: Grid, component: str, sums: Sums) -> Floats:
         """Prior correlation of a table's values, in squares of the component's unit.

@@ -122,7 +122,7 @@ class Ground:
         """
         count, own = self.sizes[2:]
         fields, mine = day_field_columns(quiet, plan), steady_columns(quiet)
-        steady = _lasting_columns(quiet, plan)
+        steady = lasting_columns(quiet, plan)
         out = np.array(residuals)
         for r, left in enumerate(out):
             each = self.lasting[count:, r].reshape(-1, own)[quiet.aircraft]
@@ -238,7 +238,8 @@ def steady_columns(quiet: Any) -> Floats:
     return np.stack([*columns, along, speed * along], -1)
 
 
-def _lasting_columns(quiet: Any, plan: DictionaryPlan) -> Floats:
+def lasting_columns(quiet: Any, plan: DictionaryPlan) -> Floats:
+    """Columns of the climatology and of the slope on the wind, (n, 2, s)."""
     return np.concatenate([climatology_columns(quiet, plan), slope_columns(quiet)], -1)
 
 
@@ -283,7 +284,7 @@ def prepare(
         return out
 
     fields = white(day_field_columns(quiet, plan))
-    steady = white(_lasting_columns(quiet, plan))
+    steady = white(lasting_columns(quiet, plan))
     own = white(steady_columns(quiet))
     rests = np.clip(white(np.moveaxis(residuals, 0, -1)), -CLIP, CLIP)
     key = quiet.aircraft[order.index] * (int(day.max()) + 1) + day[order.index]

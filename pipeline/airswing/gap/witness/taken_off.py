@@ -26,9 +26,9 @@ from airswing.gap.archive.value_tables import UNIT_OF
 from airswing.gap.design.layout import effect_columns
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term
-from airswing.gap.held_out.reduction import day_interval, take_off
+from airswing.gap.held_out.reduction import take_off
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry
-from airswing.gap.witness.bench import Bench, Setting, stands_on_report
+from airswing.gap.witness.bench import Bench, Setting
 from airswing.gap.witness.learned import LearnedWitness
 from airswing.gap.witness.unknowns import (
     LEAST_EVIDENCE,
@@ -55,8 +55,10 @@ REMAINDER = 0.2
 OWN_REMAINDER = 0.35
 #: Reports on which an unknown is compared with effects, at most.
 MOST_COMPARED = 5000
-#: What the bootstrap's interval is widened by: tables are fitted to few weeks.
-WIDENED = 1.3
+#: Part of an effect that its table holds: cells are coarse, and variables known roughly.
+CARRIED = 0.8
+#: Draws of what an unknown closes, and the quantiles of the interval.
+DRAWS, LIMITS = 200, (0.025, 0.975)
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,8 @@ class Taken:
     unknown : Unknown
     saved : (n,) float
         Disagreement before less after, m/s.
+    drawn : (draws,) float
+        Its mean, drawn from what the data leave open about the table, m/s.
     nearest : str or None
         Effect of the catalogue that explains most of it.
     share : float
@@ -76,6 +80,7 @@ class Taken:
 
     unknown: Unknown
     saved: Floats
+    drawn: Floats
     nearest: str | None
     share: float
 
@@ -174,14 +179,43 @@ def _taken(
     if saved.mean() <= 0.0:  # the table would have the simulation part further from the reports
         return None
     near, share = nearest(setting.quiet, effects, error, unknown.tails)
-    return Taken(unknown, saved, near, share), without(frame, left)
+    drawn = _drawn(bench, unknown, sensor)
+    return Taken(unknown, saved, drawn, near, share), without(frame, left)
+
+
+def _drawn(bench: Bench, unknown: Unknown, sensor: bool) -> Floats:
+    """What an unknown closes, drawn from what is open about its table, (draws,), m/s.
+
+    As for what has a name (:mod:`airswing.gap.closure.interval`): the fit's own error, error of the
+    reference that lasts, and the part of the effect that cells do not hold.
+    """
+    frame, rng = bench.setting.frame, np.random.default_rng(0)
+    error = field_of(bench, unknown)
+    zero = np.zeros_like(error)
+    left = take_off(frame, error if sensor else zero, zero if sensor else error)
+    cells = bench.cells(unknown.grid)
+    rows = np.flatnonzero(np.isin(frame.aircraft, unknown.tails) & (cells >= 0))
+    owner, cell, near = frame.aircraft[rows], cells[rows], left[rows]
+    direction = bench.direction_for(unknown.grid, unknown.component)[rows]
+    gained = float(np.hypot(*frame.residual[rows].T).sum() - np.hypot(*near.T).sum())
+    lasting = np.linalg.cholesky(unknown.grid.prior() + 1e-9 * np.eye(unknown.grid.size))
+    lasting *= bench.persistent(unknown.grid, unknown.tails) / bench.scale(unknown.component)
+    start, out = np.hypot(*near.T).sum(), np.empty(DRAWS)
+    steps = np.zeros_like(unknown.values)
+    for d in range(DRAWS):
+        shared = lasting @ rng.standard_normal(unknown.grid.size)
+        for root, group in zip(unknown.roots, unknown.groups, strict=True):
+            steps[group] = root @ rng.standard_normal(unknown.grid.size) + shared
+        now = near - steps[owner, cell][:, None] * direction
+        out[d] = gained + start - np.hypot(*now.T).sum()
+    out += gained * (1 / CARRIED - 1) * rng.uniform(0.0, 2.0, DRAWS)
+    return out / frame.size
 
 
 def _leads(bench: Bench, unknown: Unknown, errors: Floats, fold: Integers) -> bool:
     """Whether a table alone explains more than all names together."""
-    plain = stands_on_report(unknown.grid)
-    own = explained(bench, field_of(bench, unknown, fold[bench.setting.day]), plain=plain)
-    return own > LEADS * explained(bench, errors, plain=plain)
+    own = explained(bench, field_of(bench, unknown, fold[bench.setting.day]))
+    return own > LEADS * explained(bench, errors)
 
 
 def _remainder(frame: Frame, unknown: Unknown, errors: Floats) -> bool:
@@ -266,14 +300,15 @@ def nearest(
     return best
 
 
-def interval(saved: Floats, day: Integers, seed: int, draws: int = 400) -> tuple[float, float]:
-    """95 % interval of a mean reduction, kt: bootstrap over days, widened."""
-    low, high = day_interval(saved / KNOT, day, seed, draws)
-    middle = float(saved.mean()) / KNOT
-    return middle - WIDENED * (middle - low) - 0.01, middle + WIDENED * (high - middle) + 0.01
+def interval(taken: Sequence[Taken]) -> tuple[float, float]:
+    """95 % interval of what unknowns close together, kt; what is stated lies in it."""
+    drawn = np.sum([one.drawn for one in taken], axis=0) / KNOT
+    stated = sum(float(one.saved.mean()) for one in taken) / KNOT
+    low, high = np.quantile(drawn, LIMITS)
+    return min(float(low), stated) - 0.01, max(float(high), stated) + 0.01
 
 
-def entry(taken: Taken, tails: Sequence[str], day: Integers, seed: int) -> PlaceEntry:
+def entry(taken: Taken, tails: Sequence[str]) -> PlaceEntry:
     """One of ``unknown.where`` of gap.json.
 
     Parameters
@@ -281,8 +316,6 @@ def entry(taken: Taken, tails: Sequence[str], day: Integers, seed: int) -> Place
     taken : Taken
     tails : sequence of str
         All aircraft.
-    day : (n,) int
-    seed : int
 
     Returns
     -------
@@ -309,7 +342,7 @@ def entry(taken: Taken, tails: Sequence[str], day: Integers, seed: int) -> Place
             for n, c, v in unknown.rivals[1:]
             if n > 0.8 * unknown.evidence
         ],
-        closure=ClosesEntry(reduction, list(interval(taken.saved, day, seed))),
+        closure=ClosesEntry(reduction, list(interval([taken]))),
         held_out_energy=2 * unknown.held_out,
         held_out_energy_standard_error=2 * unknown.held_out_error,
         probability=float(1 / (1 + np.exp(-odds))),

@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.reported_variables import KINDS
 from airswing.gap.archive.value_tables import COMPONENTS, SCALED, Axis, Grid, axis_of
-from airswing.gap.noise.whitening import whiten
-from airswing.gap.witness.bench import Bench, stands_on_report
-from airswing.gap.witness.ground import CLIP, Sums
+from airswing.gap.sums.elimination import inverse_root
+from airswing.gap.witness.bench import Bench
+from airswing.gap.witness.cell_means import CellSums
+from airswing.gap.witness.ground import Sums
 from airswing.gap.witness.learned import Heard
-from airswing.gap.witness.scan import Weighed, evidence
+from airswing.gap.witness.scan import SIZES, Weighed, evidence
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -71,6 +72,8 @@ class Unknown:
         Table of each aircraft, in the unit of the component; 0 where it has none.
     by_fold : (F, A, k) float
         The same, fitted without each fold.
+    roots : tuple of (k, k) float
+        Root of the covariance of the values: of all its aircraft's where shared, else of each's.
     size : float
         m/s rms over the reports of its aircraft.
     peak : float
@@ -89,11 +92,17 @@ class Unknown:
     evidence: float
     values: Floats
     by_fold: Floats
+    roots: tuple[Floats, ...]
     size: float
     peak: float
     held_out: float
     held_out_error: float
     rivals: tuple[tuple[float, str, tuple[str, ...]], ...] = ()
+
+    @property
+    def groups(self) -> list[list[int]]:
+        """Aircraft that have a table together."""
+        return [list(self.tails)] if self.shared else [[a] for a in self.tails]
 
 
 @dataclass(frozen=True)
@@ -192,44 +201,25 @@ def refined(bench: Bench, best: Candidate, fold: Integers) -> Unknown | None:
 def _most_explaining(bench: Bench, options: Sequence[Candidate], fold: Integers) -> Unknown | None:
     """Fit tables and take the one that explains most on weeks left out; of equals the first."""
     best, most = None, 0.0
-    plain = any(stands_on_report(option.grid) for option in options)
     for option in options:
         found = fitted(bench, option, fold)
         if found is None:
             continue
         error = field_of(bench, found, fold[bench.setting.day])
-        share = explained(bench, error, plain=plain)
+        share = explained(bench, error)
         if best is None or share > most + max(GAIN * abs(most), 1e-4):
             best, most = found, share
     return best
 
 
-def explained(bench: Bench, error: Floats, *, plain: bool) -> float:
-    """Energy that an error takes off the real residual, whitened or, in m2 s-2, as it is.
+def explained(bench: Bench, error: Floats) -> float:
+    """Energy that an error takes off the real residual, mean over the reports, m2 s-2.
 
-    Parameters
-    ----------
-    bench : Bench
-    error : (n, 2) float
-        m/s.
-    plain : bool
-        As it is: of what stands on the reported wind, whose cells change with its noise. Single
-        reports count to a bound.
-
-    Returns
-    -------
-    float
-        Mean over the reports.
+    Single reports count to a bound.
     """
     residual = bench.residuals[0]
-    if plain:
-        near = np.abs(residual).max(axis=1) < BOUND
-        own, taken = residual[near], error[near]
-    else:
-        noise = bench.setting.noise
-        if "white" not in bench.made:
-            bench.made["white"] = np.clip(whiten(residual, noise.order, noise.gains), -CLIP, CLIP)
-        own, taken = bench.made["white"], whiten(error, noise.order, noise.gains)
+    near = np.abs(residual).max(axis=1) < BOUND
+    own, taken = residual[near], error[near]
     return float((2 * own * taken - taken**2).sum()) / int(residual.shape[0])
 
 
@@ -280,32 +270,20 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
     aircraft, k = sums.gram.shape[0], candidate.grid.size
     own = list(tails)
     whole = len(own) == aircraft
-    scores = sums.score if whole or sums.apart is None else sums.apart
-    gram = sums.fleet_gram if whole else sums.gram[own].sum(axis=0)
+    gram, score = _shared_sums(candidate, own)
     factor = np.array([found.fleet_factor if whole else found.factor])
-    together, mean = evidence(
-        gram, scores[:1, own].sum(axis=(1, 2)), prior, error=0.0, factor=factor
-    )
+    together, _ = evidence(gram, score.sum(axis=0)[None], prior, error=0.0, factor=factor)
     shared = bool(together[0] >= found.by_aircraft[0][own].sum() or whole)
-    folds = int(fold.max()) + 1
-    by_fold = np.zeros((folds, aircraft, k))
-    energy = np.zeros(folds)
-    for f in range(folds):
-        keep = fold != f
-        for group in [own] if shared else [[a] for a in own]:
-            score = scores[0, group].sum(axis=0)
-            daily = sums.day_gram[group].sum(axis=(0, 1))
-            base = gram if shared else sums.gram[group[0]]
-            part = sums.day_gram[group][:, keep].sum(axis=(0, 1))
-            ratio = float(np.trace(part) / max(np.trace(daily), 1e-12))
-            _, value = evidence(
-                base * ratio, score[keep].sum(axis=0)[None], prior, error=0.0, factor=factor
-            )
-            by_fold[f, group] = value[0]
-            left = base * (1 - ratio)
-            energy[f] += 2 * value[0] @ score[~keep].sum(axis=0) - value[0] @ left @ value[0]
-    values = np.zeros((aircraft, k))
-    values[own] = mean[0] if shared else found.value[own]
+    groups = [own] if shared else [[a] for a in own]
+    energy = _confirmed(candidate, prior, groups, fold)
+    values, by_fold = np.zeros((aircraft, k)), np.zeros((energy.size, aircraft, k))
+    roots = []
+    for group in groups:
+        means = bench.cell_sums(candidate.grid, candidate.component, group, fold)
+        values[group], root = cell_values(means, prior)
+        roots.append(root)
+        for f in range(energy.size):
+            by_fold[f, group], _ = cell_values(means, prior, without=f)
     size, peak = sizes(bench, candidate, values, own)
     return Unknown(
         candidate.component,
@@ -315,11 +293,69 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
         candidate.nats,
         values,
         by_fold,
+        tuple(roots),
         size,
         peak,
         0.5 * float(energy.sum()),
-        0.5 * float(energy.std(ddof=1) * np.sqrt(folds)),
+        0.5 * float(energy.std(ddof=1) * np.sqrt(energy.size)),
     )
+
+
+def _shared_sums(candidate: Candidate, own: Sequence[int]) -> tuple[Floats, Floats]:
+    """X'V^-1 X of one table for some aircraft, and X'V^-1 r by day."""
+    sums = candidate.sums
+    whole = len(own) == sums.gram.shape[0]
+    scores = sums.score if whole or sums.apart is None else sums.apart
+    gram = sums.fleet_gram if whole else sums.gram[own].sum(axis=0)
+    return gram, scores[0, own].sum(axis=0)
+
+
+def _confirmed(
+    candidate: Candidate, prior: Floats, groups: Sequence[list[int]], fold: Integers
+) -> Floats:
+    """Energy that a table explains of each fold, fitted without it, (F,)."""
+    sums, found = candidate.sums, candidate.weighed
+    energy = np.zeros(int(fold.max()) + 1)
+    for group in groups:
+        whole = len(group) == sums.gram.shape[0]
+        factor = np.array([found.fleet_factor if whole else found.factor])
+        gram, score = _shared_sums(candidate, group)
+        daily = np.trace(sums.day_gram[group].sum(axis=0), axis1=1, axis2=2)
+        for f in range(energy.size):
+            keep = fold != f
+            ratio = float(daily[keep].sum() / max(daily.sum(), 1e-12))
+            _, value = evidence(
+                gram * ratio, score[keep].sum(axis=0)[None], prior, error=0.0, factor=factor
+            )
+            left = value[0] @ gram @ value[0] * (1 - ratio)
+            energy[f] += 2 * value[0] @ score[~keep].sum(axis=0) - left
+    return energy
+
+
+def cell_values(
+    means: CellSums, prior: Floats, *, without: int | None = None
+) -> tuple[Floats, Floats]:
+    """Values of a table and a root of their covariance, (k,) and (k, k).
+
+    Parameters
+    ----------
+    means : CellSums
+    prior : (k, k) float
+        Correlation of the values before they are seen, in squares of the component's unit.
+    without : int, optional
+        A fold left out.
+
+    Returns
+    -------
+    values : (k,) float
+    root : (k, k) float
+    """
+    keep = np.arange(means.score.shape[0]) != (-1 if without is None else without)
+    gram, score = means.of_table(keep)
+    _, mean = evidence(gram, score[None], prior, error=0.0, factor=np.array([means.factor]))
+    inverse = np.linalg.inv(prior + 1e-9 * np.eye(prior.shape[0]))
+    square = np.clip(mean[0] @ inverse @ mean[0] / mean[0].size, SIZES[0] ** 2, SIZES[-1] ** 2)
+    return mean[0], inverse_root(gram / means.factor + inverse / square).T
 
 
 def sizes(

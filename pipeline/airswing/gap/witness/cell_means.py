@@ -1,0 +1,226 @@
+"""Values of a table as its cells hold them on average, beside the days and the climatology.
+
+Assumptions: cells are coarse, and their variables known roughly. Whitened along flights a table is
+fitted to what changes between neighbouring reports, and of a table that changes at the edges of
+cells alone: an effect that is smooth, or whose variable is a little off, comes out at 0.35 to 0.7
+of what it is (its evidence holds all the same). Its mean over a cell is whole. So every report
+counts alike here, and table, day fields and climatology are one mixed model,
+
+    r = X theta + C c + Z_d z_d + e,   e ~ N(0, f g(p)^2 (sigma_c^2 + sigma_w^2)),
+
+f being the number of reports that tell as much as one alone would: along a flight they err alike.
+Day fields are eliminated day by day, so that weeks are left out exactly.
+
+Validity: that of the noise model; columns that steady errors of an aircraft's heading and airspeed
+have are not in it: named effects were taken off before.
+
+Source: Henderson (1975); Kish (1965), Survey Sampling, section 5.4 (f, the design effect).
+
+Units: m/s; values in the component's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.design.weather import day_field_columns
+from airswing.gap.noise.model import NoiseFit
+from airswing.gap.sums.variance_components import SLOPE_SD, Variances
+from airswing.gap.witness.ground import lasting_columns
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Bound on residuals, in standard deviations.
+CLIP = 5.0
+#: Bounds of the factor by which a table's scores scatter more than the reports to one suggest.
+FACTORS = (0.1, 3.0)
+
+
+@dataclass(frozen=True)
+class CellSums:
+    """Sums of a table's cells beside what lasts, day fields eliminated, by fold of days.
+
+    Attributes
+    ----------
+    gram : (F, s + k, s + k) float
+        What lasts first (s columns), then the cells.
+    score : (F, s + k) float
+    prior : (s,) float
+        1 over the prior variances of what lasts.
+    simulated : tuple of CellSums
+        Of simulated archives, in cells of their own.
+    share : float
+        Part of what these show by themselves that is taken off.
+    """
+
+    gram: Floats
+    score: Floats
+    prior: Floats
+    simulated: tuple[CellSums, ...] = ()
+    share: float = 0.0
+
+    @property
+    def factor(self) -> float:
+        """Scatter of the scores between folds over what ``f`` reports to one would give."""
+        s, number = self.prior.size, self.score.shape[0]
+        gram = self.gram.sum(axis=0)
+        ridge = np.diag(np.r_[self.prior, np.full(gram.shape[0] - s, 1e-6 * np.trace(gram))])
+        best = np.linalg.solve(gram + ridge, self.score.sum(axis=0))
+        apart = self.score - self.gram @ best
+        expected = np.diagonal(self.gram, axis1=1, axis2=2)[:, s:].sum() * (1 - 1 / number)
+        return float(np.clip((apart[:, s:] ** 2).sum() / max(expected, 1e-9), *FACTORS))
+
+    def of_table(self, keep: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+        """Sums of the cells alone over some folds, (k, k) and (k,), what lasts eliminated."""
+        s = self.prior.size
+        gram, score = self.gram[keep].sum(axis=0), self.score[keep].sum(axis=0)
+        gram[:s, :s] += np.diag(self.prior)
+        part = np.linalg.solve(gram[:s, :s], gram[:s, s:]).T
+        own = score[s:] - part @ score[:s]
+        if self.simulated:
+            own -= self.share * np.mean([one.of_table(keep)[1] for one in self.simulated], axis=0)
+        return gram[s:, s:] - part @ gram[:s, s:], own
+
+
+@dataclass(frozen=True)
+class CellModel:
+    """Columns of the days and of what lasts, and their sums.
+
+    Attributes
+    ----------
+    weight : (n,) float
+        1 over the variance a report counts with; 0 where it is gross.
+    columns : (n, 2, q + s) float
+        Of the day fields, then of what lasts.
+    day : (n,) int
+    root : (D, q, q) float
+        Inverse Cholesky factor of the day fields' normal matrix.
+    gram : (D, q + s, q + s) float
+    prior : (s,) float
+    """
+
+    weight: Floats
+    columns: Floats
+    day: Integers
+    root: Floats
+    gram: Floats
+    prior: Floats
+
+    @classmethod
+    def of(
+        cls,
+        quiet: Any,
+        plan: DictionaryPlan,
+        *,
+        noise: NoiseFit,
+        variances: Variances,
+        day: Integers,
+    ) -> CellModel:
+        """Sum the columns of an archive, whose frame is free of the residual's noise."""
+        fields = day_field_columns(quiet, plan)
+        columns = np.concatenate([fields, lasting_columns(quiet, plan)], -1)
+        model = noise.model
+        variance = reports_to_one(noise) * (model.correlated_sd**2 + model.white_sd**2)
+        weight = np.where(noise.gains.weight > 0, noise.gains.scale**2 / variance, 0.0)
+        q, width = fields.shape[-1], columns.shape[-1]
+        gram = np.zeros((int(day.max()) + 1, width, width))
+        order = np.argsort(day, kind="stable")
+        for own in np.split(order, np.flatnonzero(np.diff(day[order])) + 1):
+            part = columns[own] * np.sqrt(weight[own])[:, None, None]
+            flat = part.reshape(-1, width)
+            gram[day[own[0]]] = flat.T @ flat
+        normal = gram[:, :q, :q] + np.diag(1 / variances.day)
+        root = np.linalg.inv(np.linalg.cholesky(normal))
+        prior = np.r_[1 / variances.climatology, 1 / np.square(SLOPE_SD)]
+        return cls(weight, columns, day, root, gram, prior)
+
+    def sums(
+        self, cells: Integers, size: int, direction: Floats, *, residual: Floats, fold: Integers
+    ) -> CellSums:
+        """Sums of a table.
+
+        Parameters
+        ----------
+        cells : (n,) int
+            Cell of every report, -1 for none.
+        size : int
+            Number of cells k.
+        direction : (n, 2) float
+            Change of the wind by one unit of a value, m/s.
+        residual : (n, 2) float
+            m/s.
+        fold : (D,) int
+            Fold of every day.
+
+        Returns
+        -------
+        CellSums
+        """
+        days, q, _ = self.root.shape
+        s, k = self.prior.size, size
+        spread = np.where(self.weight > 0, CLIP / np.sqrt(np.maximum(self.weight, 1e-12)), 0.0)
+        bound = np.median(spread[spread > 0], keepdims=True)[:, None]
+        weighed = self.weight[:, None] * np.clip(residual, -bound, bound)
+        beside = self._by_day(np.einsum("nc,ncj->nj", weighed, self.columns), self.day, days)
+        known = np.flatnonzero((cells >= 0) & (self.weight > 0))
+        unit = direction[known] * self.weight[known, None]
+        told = np.column_stack(
+            [
+                np.einsum("nc,ncj->nj", unit, self.columns[known]),
+                (direction[known] * weighed[known]).sum(axis=1),
+                (direction[known] * unit).sum(axis=1),
+            ]
+        )
+        by_cell = self._by_day(told, self.day[known] * k + cells[known], days * k)
+        by_cell = by_cell.reshape(days, k, -1)
+        gram = np.zeros((int(fold.max()) + 1, s + k, s + k))
+        score = np.zeros((gram.shape[0], s + k))
+        for d in range(days):
+            own = by_cell[d]
+            shared = self.root[d] @ np.concatenate([self.gram[d, :q, q:], own[:, :q].T], axis=1)
+            whole = gram[fold[d]]
+            whole[:s, :s] += self.gram[d, q:, q:]
+            whole[s:, :s] += own[:, q : q + s]
+            whole[:s, s:] += own[:, q : q + s].T
+            whole[s:, s:] += np.diag(own[:, -1])
+            whole -= shared.T @ shared
+            score[fold[d]] += np.r_[beside[d, q:], own[:, -2]]
+            score[fold[d]] -= shared.T @ (self.root[d] @ beside[d, :q])
+        return CellSums(gram, score, self.prior)
+
+    @staticmethod
+    def _by_day(values: Floats, key: Integers, length: int) -> Floats:
+        """Sums of rows by key, (length, m)."""
+        n = key.size
+        group = csr_array((np.ones(n), (key, np.arange(n))), shape=(length, n))
+        return np.asarray(group @ values)
+
+
+def reports_to_one(noise: NoiseFit) -> float:
+    """Reports of an archive's flights that tell a mean as well as one independent one.
+
+    Parameters
+    ----------
+    noise : NoiseFit
+
+    Returns
+    -------
+    float
+        Sum of the correlations with all reports of the same flight, averaged over reports.
+    """
+    order, decay = noise.order, noise.gains.decay
+    run = np.ones(decay.size)
+    starts = order.starts
+    for j in range(1, starts.size - 1):
+        now = order.index[starts[j] : starts[j + 1]]
+        before = order.index[starts[j - 1] : starts[j - 1] + now.size]
+        run[now] += decay[now] * run[before]
+    common, white = noise.model.correlated_sd**2, noise.model.white_sd**2
+    return float((common * (2 * run - 1).mean() + white) / (common + white))
