@@ -260,7 +260,7 @@ class Bench:
         # what all aircraft share is the weather's: one aircraft's is what parts from it
         weight = np.maximum(found.gram.sum(axis=0).diagonal(), 1e-12)
         common = score.sum(axis=(1, 2)) / weight
-        apart = score - np.einsum("adkk,rk->radk", found.day_gram, common)
+        apart = score - found.day_diagonal * common[:, None, None]
         return replace(found, score=score, apart=apart), 1 + 1 / count
 
     def cell_sums(self, grid: Grid, component: str, own: Sequence[int], fold: Integers) -> CellSums:

@@ -15,6 +15,7 @@ Source: Frisch-Waugh-Lovell; mixed-model equations of Henderson (1975).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from airswing.gap.design.basis import DictionaryPlan, unit_vectors
 from airswing.gap.design.weather import climatology_columns, day_field_columns, slope_columns
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import FlightOrder, Gains, take_gains, whiten_blocks
+from airswing.gap.sums.cluster_inflation import BLOCKS, cluster_factor
 from airswing.gap.sums.elimination import inverse_root
 from airswing.gap.sums.variance_components import SLOPE_SD, Variances
 
@@ -45,8 +47,10 @@ class Sums:
     ----------
     gram : (A, k, k) float
         X'V^-1 X of each aircraft.
-    day_gram : (A, D, k, k) float
-        The same by day, before what lasts is taken out.
+    fleet_days : (D, k, k) float
+        The same by day, of all aircraft, before what lasts is taken out.
+    day_weight : (A, D) float
+        Its trace by aircraft and day.
     score : (R, A, D, k) float
         X'V^-1 r by aircraft and day, of each residual.
     fleet_gram : (k, k) float
@@ -55,17 +59,35 @@ class Sums:
         Reports in each cell.
     lasting_share : float
         Part of the fleet's X'X that what lasts takes up.
+    scatter : (A, B) float or None
+        Scatter of each aircraft's scores between blocks of days (:func:`cluster_factor`). A matrix
+        an aircraft and day would be gigabytes in a year of sixty aircraft, so it is made here.
+    day_diagonal : (A, D, k) float or None
+        Instead of it, where cells share no report: X'V^-1 X by aircraft and day has nothing beside
+        its diagonal.
     apart : (R, A, D, k) float or None
         Scores of each aircraft about the fleet's own table, where weather is common to all.
     """
 
     gram: Floats
-    day_gram: Floats
     score: Floats
     fleet_gram: Floats
+    fleet_days: Floats
+    day_weight: Floats
     count: Floats
     lasting_share: float
+    scatter: Floats | None = None
+    day_diagonal: Floats | None = None
     apart: Floats | None = None
+
+    def scatter_of(self, score: Floats) -> Floats:
+        """Scatter of each aircraft's scores between blocks of days, of one residual's, (A, B)."""
+        if self.day_diagonal is None:
+            assert self.scatter is not None
+            return self.scatter
+        eye = np.eye(score.shape[-1])
+        each = zip(self.day_diagonal, score, self.gram, strict=True)
+        return np.stack([cluster_factor(own[..., None] * eye, of, g) for own, of, g in each])
 
 
 @dataclass(frozen=True)
@@ -159,32 +181,41 @@ class Ground:
         aircraft, days, steady, own = self.sizes
         k, q = columns.shape[0], self.root.shape[1]
         width = self.parts[0][3].shape[1] - q - steady - own
-        day_gram = np.zeros((aircraft, days, k, k))
-        cross = np.zeros((aircraft, days, k, q))
-        lasting = np.zeros((aircraft, k, steady + own * aircraft))
+        fleet_days, whole = np.zeros((days, k, k)), np.zeros((days, k, q))
+        gram, fleet = np.zeros((aircraft, k, k)), np.zeros((k, k))
+        together = np.zeros((k, self.half.shape[0]))
         score = np.zeros((width, aircraft, days, k))
-        count = np.zeros((aircraft, k))
+        weight, count = np.zeros((aircraft, days)), np.zeros((aircraft, k))
+        scatter = np.full((aircraft, len(BLOCKS)), np.nan)
         used = np.zeros(cell.size, bool)
         used[known] = True
-        for a, d, rows, beside in self.parts:
-            x = columns[:, :, rows].reshape(k, -1)
-            day_gram[a, d] = x @ x.T
-            both = x @ beside
-            cross[a, d] = both[:, :q] @ self.root[d].T
-            lasting[a, :, :steady] += both[:, q : q + steady]
+        for a, parts in groupby(self.parts, key=lambda part: part[0]):
+            day_gram, cross = np.zeros((days, k, k)), np.zeros((days, k, q))
+            lasting = np.zeros((k, steady + own * aircraft))
             block = slice(steady + a * own, steady + (a + 1) * own)
-            lasting[a, :, block] += both[:, q + steady : q + steady + own]
-            lasting[a] -= cross[a, d] @ self.fields[d]
-            score[:, a, d] = both[:, q + steady + own :].T
-            count[a] += np.bincount(cell[rows][used[rows]], minlength=k)[:k]
-        day_gram_own = day_gram - np.einsum("adkq,adlq->adkl", cross, cross, optimize=True)
-        taken = lasting @ self.half.T
-        gram = day_gram_own.sum(axis=1) - taken @ taken.swapaxes(1, 2)
-        whole = cross.sum(axis=0)
-        fleet = day_gram.sum(axis=(0, 1)) - np.einsum("dkq,dlq->kl", whole, whole, optimize=True)
-        together = taken.sum(axis=0)
+            for _, d, rows, beside in parts:
+                x = columns[:, :, rows].reshape(k, -1)
+                day_gram[d] = x @ x.T
+                both = x @ beside
+                cross[d] = both[:, :q] @ self.root[d].T
+                lasting[:, :steady] += both[:, q : q + steady]
+                lasting[:, block] += both[:, q + steady : q + steady + own]
+                lasting -= cross[d] @ self.fields[d]
+                score[:, a, d] = both[:, q + steady + own :].T
+                count[a] += np.bincount(cell[rows][used[rows]], minlength=k)[:k]
+            fleet += day_gram.sum(axis=0)
+            whole += cross
+            day_gram -= cross @ cross.swapaxes(1, 2)
+            fleet_days += day_gram
+            taken = lasting @ self.half.T
+            together += taken
+            gram[a] = day_gram.sum(axis=0) - taken @ taken.T
+            weight[a] = np.trace(day_gram, axis1=1, axis2=2)
+            scatter[a] = cluster_factor(day_gram, score[0, a], gram[a])
+        fleet -= np.einsum("dkq,dlq->kl", whole, whole, optimize=True)
         share = float(np.trace(together @ together.T) / max(np.trace(fleet), 1e-9))
-        return Sums(gram, day_gram_own, score, fleet - together @ together.T, count, share)
+        fleet -= together @ together.T
+        return Sums(gram, score, fleet, fleet_days, weight, count, share, scatter)
 
 
 def plain_sums(
@@ -223,10 +254,17 @@ def plain_sums(
     score = np.stack(
         [unit * np.bincount(key, own[used], minlength=total).reshape(shape) for own in values]
     )
-    day_gram = weight[..., None] * np.eye(size)
-    by_aircraft = count.sum(axis=1).astype(float)
     gram = weight.sum(axis=1)[..., None] * np.eye(size)
-    return Sums(gram, day_gram, score, gram.sum(axis=0), by_aircraft, 0.0)
+    return Sums(
+        gram,
+        score,
+        gram.sum(axis=0),
+        fleet_days=weight.sum(axis=0)[..., None] * np.eye(size),
+        day_weight=weight.sum(axis=2),
+        count=count.sum(axis=1).astype(float),
+        lasting_share=0.0,
+        day_diagonal=np.asarray(weight, dtype=np.float64),
+    )
 
 
 def steady_columns(quiet: Any) -> Floats:

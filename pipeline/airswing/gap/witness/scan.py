@@ -140,7 +140,7 @@ def weigh(
 
 
 def _fleet_factor(sums: Sums, score: Floats) -> float:
-    values = cluster_factor(sums.day_gram.sum(axis=0), score, sums.fleet_gram)
+    values = cluster_factor(sums.fleet_days, score, sums.fleet_gram)
     finite = values[np.isfinite(values)]
     return max(1.2, float(finite.max())) if finite.size else 2.0
 
@@ -149,6 +149,6 @@ def _own_factor(sums: Sums, score: Floats) -> float:
     flown = np.trace(sums.gram, axis1=1, axis2=2) > 1e-6
     if not flown.any():
         return 1.5
-    values = cluster_factor(sums.day_gram[flown], score[flown], sums.gram[flown])
+    values = sums.scatter_of(score)[flown]
     middle = [np.median(c[np.isfinite(c)]) for c in values.T if np.isfinite(c).any()]
     return max(1.0, float(np.max(middle))) if middle else 1.5

@@ -320,7 +320,7 @@ def _confirmed(
         whole = len(group) == sums.gram.shape[0]
         factor = np.array([found.fleet_factor if whole else found.factor])
         gram, score = _shared_sums(candidate, group)
-        daily = np.trace(sums.day_gram[group].sum(axis=0), axis1=1, axis2=2)
+        daily = sums.day_weight[group].sum(axis=0)
         for f in range(energy.size):
             keep = fold != f
             ratio = float(daily[keep].sum() / max(daily.sum(), 1e-12))
