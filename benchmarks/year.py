@@ -158,11 +158,12 @@ def main_stages(job: Any) -> dict[str, Any]:
     return summarise(job.config, headings, fits, corrected) | {"accounts": job.progress.accounts()}
 
 
-def measured(config: str, *, main: bool, resume: bool) -> None:
+def measured(config: str, *, what: str, resume: bool) -> None:
     """Run the job in this process; its accounts, with memory by stage, as JSON."""
     import contextlib
 
     from airswing import workflow
+    from airswing.workflow.update import update
     from airswing.config import load_config
     from airswing.workflow.compute import scheduler
     from airswing.workflow.progress import Progress
@@ -181,12 +182,13 @@ def measured(config: str, *, main: bool, resume: bool) -> None:
 
     job = workflow.Job(load_config(config), Watched(), resume)
     with scheduler(job.config.compute, job.progress):
-        result = main_stages(job) if main else workflow.run(job)
+        result = {"main": main_stages, "run": workflow.run, "update": update}[what](job)
         accounts = result["accounts"]
         for stage, peak in zip(accounts["stages"], peaks, strict=True):
             stage |= peak
         accounts["workers"] = worker_peaks() if job.config.compute.workers != 1 else []
-    print(json.dumps({key: result[key] for key in ("reports", "status", "accounts")}))
+    kept = ("reports", "status", "accounts", "months")
+    print(json.dumps({key: result[key] for key in kept if key in result}))
 
 
 def worker_peaks() -> list[int]:
@@ -232,6 +234,7 @@ def run_on(
     workers: int = 1,
     main: bool = False,
     resume: bool = False,
+    update: bool = False,
 ) -> dict[str, Any]:
     """Run the job on an archive in a process of its own, and return its accounts."""
     config = folder / f"{output}.json"
@@ -243,7 +246,7 @@ def run_on(
     }
     config.write_text(json.dumps(content))
     command = [sys.executable, "-m", "benchmarks.year", "--measured", str(config)]
-    command += ["--main"] if main else []
+    command += ["--main"] if main else ["--update"] if update else []
     command += ["--resume"] if resume else []
     environment = os.environ | {"AIRSWING_CACHE": str(folder / "cache")}
     began = time.perf_counter()
@@ -354,9 +357,11 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, help="draw time and memory by stage here (PNG)")
     parser.add_argument("--measured", help=argparse.SUPPRESS)
     parser.add_argument("--resume", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--update", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.measured:
-        measured(given.measured, main=given.main, resume=given.resume)
+        what = "main" if given.main else "update" if given.update else "run"
+        measured(given.measured, what=what, resume=given.resume)
         return
     hours, reports = round(HOURS * given.share), round(REPORTS * given.share)
     sizes = {"aircraft": AIRCRAFT, "workers": given.workers, "main": given.main}

@@ -48,13 +48,17 @@ def by_report(month: xr.Dataset) -> xr.Dataset:
     return month.drop_dims("aircraft").assign_coords(aircraft=("report", names))
 
 
-def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
+def joined_months(
+    months: Sequence[xr.Dataset], *, aircraft: NDArray[Any] | None = None
+) -> xr.Dataset:
     """Months as one Dataset by aircraft, read lazily.
 
     Parameters
     ----------
     months : sequence of Dataset
         In order of time, opened lazily; they stay open.
+    aircraft : array of str, optional
+        Further ones, without a report in these months.
 
     Returns
     -------
@@ -75,7 +79,7 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
         )
         if not alike:
             raise ValueError("the months hold different variables or references")
-    runs = _Runs(months)
+    runs = _Runs(months, aircraft)
     found = first.drop_vars(
         [name for name, v in first.variables.items() if {"report", "aircraft"} & set(v.dims)]
     )
@@ -126,7 +130,8 @@ def _latest(months: Sequence[xr.Dataset], name: str, runs: _Runs) -> NDArray[Any
     axis = months[0][name].dims.index("aircraft")
     shape = [*parts[0].shape]
     shape[axis] = runs.aircraft.size
-    found = np.empty(shape, dtype=np.result_type(*parts))
+    kind = np.result_type(*parts)
+    found = np.full(shape, np.nan if kind.kind == "f" else 0, dtype=kind)
     by_aircraft = np.moveaxis(found, axis, 0)
     for part, place in zip(parts, runs.places, strict=True):
         by_aircraft[place] = np.moveaxis(part, axis, 0)
@@ -139,12 +144,15 @@ class _Runs:
     Parameters
     ----------
     months : sequence of Dataset
+    aircraft : array of str, optional
+        Further ones.
     """
 
-    def __init__(self, months: Sequence[xr.Dataset]) -> None:
+    def __init__(self, months: Sequence[xr.Dataset], aircraft: NDArray[Any] | None) -> None:
         names = [month["aircraft"].to_numpy().astype(str) for month in months]
         sizes = [month["row_size"].to_numpy() for month in months]
-        self.aircraft = np.unique(np.concatenate(names))
+        others = [] if aircraft is None else [aircraft.astype(str)]
+        self.aircraft = np.unique(np.concatenate([*names, *others]))
         self.places = [np.searchsorted(self.aircraft, one) for one in names]
         owner = np.concatenate(self.places)
         month = np.repeat(np.arange(len(months)), [one.size for one in names])

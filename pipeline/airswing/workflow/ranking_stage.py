@@ -40,7 +40,7 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str
         :func:`airswing.evaluation.compass_changes.stability.find_changes` and ``windows`` of
         :func:`~airswing.evaluation.compass_changes.stability.fit_by_window`.
     """
-    from airswing.evaluation.compass_changes.stability import fit_by_window, noted_changes
+    from airswing.evaluation.compass_changes.stability import fit_by_window
 
     config, reference = job.config, main_reference(job.config)
     pools = config.pools()
@@ -48,20 +48,42 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str
         first, last = (day.astype("datetime64[D]") for day in time_span(headings))
         days = (last - first).astype(int)
         window: Any = "month" if days <= 400 else "quarter"
-        changes = noted_changes(fits)
         windows = fit_by_window(
             headings, pools=pools, reference=reference, window=window, **config.fit.model_dump()
         )
-        result = {
-            "reference": reference,
-            "window": window,
-            "changes": changes,
-            "windows": windows,
-        }
-        write_json(job.output / STABILITY, result)
-        changed = [entry["aircraft"] for entry in changes if entry["changes"]]
-        stage.note = f"compass changed: {', '.join(changed) or 'none'}"
+        result, stage.note = written_stability(job, fits, window, windows)
     return result
+
+
+def written_stability(
+    job: Job, fits: xr.Dataset, window: str, windows: list[dict[str, Any]]
+) -> tuple[dict[str, Any], str]:
+    """Write ``stability.json``; what is in it, and in a few words.
+
+    Parameters
+    ----------
+    job : Job
+    fits : Dataset
+    window : str
+    windows : list of dict
+        Of :func:`airswing.evaluation.compass_changes.stability.fit_by_window`.
+
+    Returns
+    -------
+    dict
+    str
+    """
+    from airswing.evaluation.compass_changes.stability import noted_changes
+
+    result = {
+        "reference": main_reference(job.config),
+        "window": window,
+        "changes": (changes := noted_changes(fits)),
+        "windows": windows,
+    }
+    write_json(job.output / STABILITY, result)
+    changed = [entry["aircraft"] for entry in changes if entry["changes"]]
+    return result, f"compass changed: {', '.join(changed) or 'none'}"
 
 
 def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[dict[str, Any]]:

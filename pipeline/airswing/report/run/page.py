@@ -135,6 +135,8 @@ PRODUCTS = {
     "fits.nc": "fits with covariances (NetCDF)",
     "corrected.nc": "corrected reports (NetCDF)",
     "headings.nc": "headings and heading errors of every report (NetCDF)",
+    "corrected": "corrected reports, a file a month (NetCDF)",
+    "headings": "headings and heading errors of every report, a file a month (NetCDF)",
     "ranking.csv": "whom to correct first (CSV)",
     "stability.json": "fits by calendar window and changes of the compass (JSON)",
     "virtual_field_test.json": "virtual field test (JSON)",

@@ -18,16 +18,30 @@ from airswing.products.netcdf import read_product
 from airswing.products.workspace import workspace
 from airswing.report.run.reading_warnings import reading_warnings, tally
 from airswing.workflow.collocating import filled
-from airswing.workflow.evaluation_stage import make_evaluation
 from airswing.workflow.fits import make_fits
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
 from airswing.workflow.main import make_page
 from airswing.workflow.update.corrected_months import correct_month
+from airswing.workflow.update.judged import judged, recent_months
 from airswing.workflow.update.model_spans import model_spans
 from airswing.workflow.update.months import Month, keep_note, kept_note, months_of
 
 if TYPE_CHECKING:
     from airswing.reports.staging_store import Spool
+
+
+def _of_all(headings: xr.Dataset, summary: dict[str, Any], since: str) -> dict[str, Any]:
+    """Counts of all months, and a word on what is of the last ones alone."""
+    counts = {
+        "read": tally(headings, "reading_audit")["reports_read"],
+        "usable": headings.sizes["report"],
+        "kept": int(headings.attrs["kept_reports"]),
+    }
+    words = (
+        f"Fits and tables are of all {counts['kept']:,} reports kept; wind disagreement, ranking, "
+        f"profiles and the figures of reports are of the flights since {since}."
+    )
+    return {"reports": counts, "warnings": [words, *summary["warnings"]]}
 
 
 @dataclass(frozen=True)
@@ -65,10 +79,13 @@ def update(job: Job) -> dict[str, Any]:
     job = replace(job, resume=True)
     with workspace(job.output):
         taken = take_up(job)
-        products = taken.headings, taken.fits, taken.corrected
-        summary = summarise(job.config, *products)
-        evaluation = make_evaluation(job, *products)
-        make_page(job, *products, summary, evaluation)
+        months, headings, fits = taken.months["all"], taken.headings, taken.fits
+        recent = recent_months(job, months, fits)
+        summary = summarise(job.config, recent.headings, fits, recent.corrected)
+        if recent.since:
+            summary |= _of_all(headings, summary, recent.since)
+        evaluation = judged(job, months, headings, fits, recent)
+        make_page(job, recent.headings, fits, recent.corrected, summary, evaluation)
     job.progress.say(job.progress.accounts_text())
     return summary | {"accounts": job.progress.accounts(), "months": taken.months}
 

@@ -1,0 +1,206 @@
+"""What judges the corrections after an update, at the cost of the last months.
+
+What tells of the winds as they are now (disagreement, ranking, profiles, the page's figures of
+reports) looks at the reports of the last `RECENT` days and the rest of their months; fits and tables
+are of all. Fits by calendar month are kept with their month. What tries the method out on reports
+held back (the virtual field test, the comparison of references) is made when a month is complete,
+of all months that are, and stands until the next one is.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from airswing.evaluation.results import Evaluation
+from airswing.products.fingerprint import code_digest, fingerprint
+from airswing.products.monthly import joined_months
+from airswing.products.netcdf import read_product
+from airswing.products.ragged import time_span
+from airswing.workflow.evaluation_stage import (
+    make_field_test,
+    make_observation_errors,
+    make_profiles,
+    make_sensitivity,
+)
+from airswing.workflow.job import (
+    CORRECTED,
+    FIELD_TEST,
+    FITTING,
+    HEADINGS,
+    SENSITIVITY,
+    Job,
+    main_reference,
+)
+from airswing.workflow.ranking_stage import VIRTUAL, make_ranking, make_virtual, written_stability
+from airswing.workflow.update.months import keep_note, kept_note, span_of
+
+RECENT = np.timedelta64(31, "D")
+
+
+@dataclass(frozen=True)
+class Recent:
+    """The last months of an archive.
+
+    Parameters
+    ----------
+    headings, corrected : Dataset
+        With every aircraft of the fits, also those without a report in them.
+    since : str
+        First month, empty where these are all.
+    """
+
+    headings: xr.Dataset
+    corrected: xr.Dataset
+    since: str
+
+
+def recent_months(job: Job, months: list[str], fits: xr.Dataset) -> Recent:
+    """The months of the last days.
+
+    Parameters
+    ----------
+    job : Job
+    months : list of str
+        All of them.
+    fits : Dataset
+
+    Returns
+    -------
+    Recent
+    """
+    with read_product(replace(job, month=months[-1]).place(HEADINGS), lazy=True) as latest:
+        last = time_span(latest)[1]
+    chosen = [month for month in months if span_of(month)[1] > last - RECENT]
+    names = fits["aircraft"].to_numpy().astype(str)
+    joined = [
+        joined_months(
+            [read_product(replace(job, month=month).place(name), lazy=True) for month in chosen],
+            aircraft=names,
+        )
+        for name in (HEADINGS, CORRECTED)
+    ]
+    return Recent(joined[0], joined[1], "" if chosen == months else chosen[0])
+
+
+def judged(
+    job: Job, months: list[str], headings: xr.Dataset, fits: xr.Dataset, recent: Recent
+) -> Evaluation:
+    """Everything that judges the corrections, as of now.
+
+    Parameters
+    ----------
+    job : Job
+    months : list of str
+        All of them.
+    headings, fits : Dataset
+        Of all months.
+    recent : Recent
+
+    Returns
+    -------
+    Evaluation
+    """
+    config, later = job.config, _Monthly(job, months)
+    return Evaluation(
+        virtual=later.kept(
+            VIRTUAL,
+            lambda: make_virtual(job, headings, fits, make_ranking(job, headings, fits)),
+        ),
+        field_test=later.kept(FIELD_TEST, lambda: make_field_test(job, headings))
+        if config.field_test is not None
+        else None,
+        sensitivity=later.kept(SENSITIVITY, lambda: make_sensitivity(job, headings))
+        if len(config.references) > 1
+        else None,
+        profiles=make_profiles(job, recent.headings, recent.corrected),
+        observation_errors=make_observation_errors(job, recent.headings, recent.corrected),
+        stability=_stability(job, months, fits),
+        ranking=make_ranking(job, recent.headings, fits),  # after the one over all months
+    )
+
+
+class _Monthly:
+    """What is judged anew when a month is complete.
+
+    Parameters
+    ----------
+    job : Job
+    months : list of str
+        The last of them is under way.
+    """
+
+    def __init__(self, job: Job, months: list[str]) -> None:
+        self.job, self.complete = job, months[:-1]
+
+    def kept(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """What stands since the last month was complete; made where nothing does.
+
+        Parameters
+        ----------
+        name : str
+            File name of the product.
+        make : callable
+
+        Returns
+        -------
+        dict
+        """
+        config = self.job.config.model_dump(exclude={"compute", "output"})
+        made = fingerprint(name, self.complete, config, code_digest(__name__, *FITTING))
+        path = (self.job.output / ".update" / name).with_suffix(".json")
+        before = kept_note(path)
+        if self.complete and before.get("made") == made and (self.job.output / name).exists():
+            self.job.progress.say(f"{name}: of the months to {self.complete[-1]}, kept")
+            return dict(before["found"])
+        found = make()
+        keep_note(path, {"made": made, "found": _plain(found)})
+        return found
+
+
+def _plain(found: dict[str, Any]) -> Any:
+    """What JSON can hold, not-a-number included."""
+    return json.loads(json.dumps(found, default=lambda value: value.tolist()))
+
+
+def _stability(job: Job, months: list[str], fits: xr.Dataset) -> dict[str, Any]:
+    """Fits by calendar month, each made with its month alone, and the changes found."""
+    windows: list[dict[str, Any]] = []
+    with job.progress.stage("stability") as stage:
+        for month in months:
+            windows += _window(replace(job, month=month))
+        windows.sort(key=lambda entry: (entry["aircraft"], entry["window"]))
+        result, stage.note = written_stability(job, fits, "month", windows)
+    return result
+
+
+def _window(job: Job) -> list[dict[str, Any]]:
+    """Fits of one month, kept while its headings and the fit stay as they are."""
+    from airswing.evaluation.compass_changes.stability import fit_by_window
+
+    config, path = job.config, job.output / ".update" / f"{job.month}.window.json"
+    with read_product(job.place(HEADINGS), lazy=True) as headings:
+        made = fingerprint(
+            headings.attrs["uuid"],
+            config.model_dump(include={"fit", "pool"}),
+            code_digest(*FITTING),
+        )
+        before = kept_note(path)
+        if before.get("made") == made:
+            return list(before["found"])
+        found = fit_by_window(
+            headings,
+            pools=config.pools(),
+            reference=main_reference(config),
+            **config.fit.model_dump(),
+        )
+    # a flight over the end of the month is of the month it began in
+    first = f"{job.month}-01"
+    found = [entry for entry in found if entry["window"] == first]
+    keep_note(path, {"made": made, "found": _plain({"all": found})["all"]})
+    return found
