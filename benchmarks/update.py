@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-
 from benchmarks import year
 
 FACTOR, ADDED = 1.5, 10.0

@@ -30,6 +30,7 @@ ORDER = (
     "reference",
     "compass/fleet",
     "compass/fit",
+    "compass/kept_sums",
     "compass",
     "evaluation",
     "evaluation/report_errors",

@@ -22,7 +22,7 @@ from airswing.errors import InputError
 from airswing.products.workspace import workspace
 from airswing.workflow import fits
 from airswing.workflow.progress import Progress
-from airswing.workflow.update import taking_up
+from airswing.workflow.update import month_fits, taking_up
 
 HOURS, REPORTS, AIRCRAFT = 24 * 66, 6_000, 4
 NEW = "N103"
@@ -122,15 +122,33 @@ def alike(folder: Path) -> None:
     assert known.any() and np.all(apart[known] <= 0.1 * error[known])
 
 
-def test_months_taken_up_one_by_one_are_what_a_run_of_all_gives(archive):
+@pytest.fixture
+def looked_at(monkeypatch) -> list[int]:
+    """Reports that aircraft are fitted to anew."""
+    found: list[int] = []
+    whole = month_fits.sum_aircraft
+
+    def noted(headings, **options):
+        found.append(headings.sizes["report"])
+        return whole(headings, **options)
+
+    monkeypatch.setattr(month_fits, "sum_aircraft", noted)
+    return found
+
+
+def test_months_taken_up_one_by_one_are_what_a_run_of_all_gives(archive, looked_at):
     add(archive, "2009-01*", "2009-02-0*")
     assert update(archive)["made"] == [JANUARY, FEBRUARY]
     january, february = stamps(archive, JANUARY), stamps(archive, FEBRUARY)
     add(archive, "2009-02-1*", "2009-02-2*")
     assert update(archive)["made"] == [FEBRUARY]
-    add(archive, "2009-03*")
+    add(archive, "2009-03-0[1-4]*")
     assert update(archive)["made"] == [MARCH]
     assert stamps(archive, JANUARY) == january and stamps(archive, FEBRUARY) != february
+    add(archive, "2009-03*")
+    looked_at.clear()
+    assert update(archive)["made"] == [MARCH]
+    assert sum(looked_at) < REPORTS / 10  # the fit looks at what the sums do not tell alone
     alike(archive)
     assert update(archive) == {"all": [JANUARY, FEBRUARY, MARCH], "made": [], "corrected": []}
 

@@ -57,6 +57,22 @@ def mean_declination(headings: xr.Dataset) -> Array:
     array, shape (aircraft,)
         Degrees; NaN without a report.
     """
+    total, count = declination_sums(headings)
+    return np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0)
+
+
+def declination_sums(headings: xr.Dataset) -> tuple[Array, Array]:
+    """Sum of the declination over the reports of every aircraft that count, and how many.
+
+    Parameters
+    ----------
+    headings : Dataset
+        With ``declination`` and ``screening``.
+
+    Returns
+    -------
+    total, count : array, shape (aircraft,)
+    """
     found = []
     for block in blocks(headings, ["declination", "screening"]):
         value = block["declination"].to_numpy().astype(np.float64)
@@ -64,8 +80,9 @@ def mean_declination(headings: xr.Dataset) -> Array:
         own, size = aircraft_of_report(block)[kept], block.sizes["aircraft"]
         count = np.bincount(own, minlength=size)
         total = np.bincount(own, weights=value[kept], minlength=size)
-        found.append(np.divide(total, count, out=np.full(size, np.nan), where=count > 0))
-    return np.concatenate(found)
+        found.append((total, count.astype(np.float64)))
+    totals, counts = zip(*found, strict=True)
+    return np.concatenate(totals), np.concatenate(counts)
 
 
 def taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLike) -> str:

@@ -171,7 +171,7 @@ def heading_histogram(headings: xr.Dataset, *, abscissa: str = "magnetic") -> ND
 
 def add_tables(
     fits: xr.Dataset,
-    headings: xr.Dataset,
+    headings: xr.Dataset | NDArray[np.int64],
     *,
     resolution: float = 0.1,
     sign: Sign = "subtract_error",
@@ -182,8 +182,9 @@ def add_tables(
     ----------
     fits : Dataset
         With ``deviation``.
-    headings : Dataset
-        The reports of the fit: their headings weigh the projection.
+    headings : Dataset, or array of int, shape (aircraft, 360)
+        The reports of the fit: their headings weigh the projection; or their counts, of
+        :func:`heading_histogram`.
     resolution : float
         Degrees; what the unit can hold. 0 for no rounding.
     sign : {"subtract_error", "add_error"}
@@ -207,7 +208,9 @@ def add_tables(
             found=sign,
             remedy=f"One of: {', '.join(SIGNS)}",
         )
-    histogram = heading_histogram(headings, abscissa=fits.attrs.get("abscissa", "magnetic"))
+    histogram = headings
+    if isinstance(headings, xr.Dataset):
+        histogram = heading_histogram(headings, abscissa=fits.attrs.get("abscissa", "magnetic"))
     deviation = fits["deviation"].transpose("reference", "aircraft", "coefficient").to_numpy()
     tables = np.full((*deviation.shape[:2], NODES.size), np.nan)
     residual = np.full(deviation.shape[:2], np.nan)

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from airswing.flags import published
 from airswing.products.atomic import replacing
@@ -39,7 +42,60 @@ if TYPE_CHECKING:
     from airswing.workflow.progress import StageRecord
 
 
-def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
+@dataclass(frozen=True)
+class Seen:
+    """What fits and tables are made of, however the reports were looked at.
+
+    Parameters
+    ----------
+    fits : Dataset
+        Of :func:`airswing.compass.fit.deviation.fit_deviation`.
+    histogram : array of int, shape (aircraft, 360)
+        Of :func:`airswing.compass.table.heading_histogram`.
+    declination : array, shape (aircraft,)
+        Of :func:`airswing.compass.heading_kind.mean_declination`.
+    changes : list of dict
+        Of :func:`airswing.evaluation.compass_changes.stability.find_changes`.
+    """
+
+    fits: xr.Dataset
+    histogram: NDArray[np.int64]
+    declination: NDArray[np.float64]
+    changes: list[dict[str, Any]]
+
+
+def look_at_all(job: Job, headings: xr.Dataset) -> Seen:
+    """Fit the reports, and count what else their tables need.
+
+    Parameters
+    ----------
+    job : Job
+    headings : Dataset
+
+    Returns
+    -------
+    Seen
+    """
+    from airswing.compass.fit.deviation import fit_deviation
+    from airswing.compass.heading_kind import mean_declination
+    from airswing.compass.table import heading_histogram
+    from airswing.evaluation.compass_changes.stability import find_changes
+
+    config = job.config
+    abscissa = config.fit.abscissa
+    return Seen(
+        fit_deviation(headings, pools=config.pools(), **config.fit.model_dump()),
+        heading_histogram(headings, abscissa=abscissa),
+        mean_declination(headings),
+        find_changes(headings, members=config.pools()[main_reference(config)], abscissa=abscissa),
+    )
+
+
+def make_fits(
+    job: Job,
+    headings: xr.Dataset | None = None,
+    look: Callable[[Job, xr.Dataset], Seen] = look_at_all,
+) -> xr.Dataset:
     """Deviation fits and 8-point tables: ``fits.nc``, ``tables.csv`` and the swing cards.
 
     Parameters
@@ -47,29 +103,28 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     job : Job
     headings : Dataset, optional
         Read from the output folder when not given.
+    look : callable, optional
+        How the reports are looked at.
 
     Returns
     -------
     Dataset
     """
-    from airswing.compass.fit.deviation import fit_deviation
-    from airswing.compass.heading_kind import mean_declination
     from airswing.compass.table import add_tables
-    from airswing.evaluation.compass_changes.stability import add_changes, find_changes
+    from airswing.evaluation.compass_changes.stability import add_changes
 
     config, screened = job.config, ready(job, headings, HEADINGS)
     require_kept(screened)
 
     def make() -> xr.Dataset:
         with job.progress.stage("fit") as stage:
-            fits = fit_deviation(screened, pools=config.pools(), **config.fit.model_dump())
+            seen = look(job, screened)
             resolution = math.degrees(config.table.resolution)
-            fits = add_tables(fits, screened, resolution=resolution, sign=config.table.sign)
-            fits = describe(fits.assign(mean_declination=("aircraft", mean_declination(screened))))
-            members = config.pools()[main_reference(config)]
-            fits = add_changes(
-                fits, find_changes(screened, members=members, abscissa=config.fit.abscissa)
+            fits = add_tables(
+                seen.fits, seen.histogram, resolution=resolution, sign=config.table.sign
             )
+            fits = describe(fits.assign(mean_declination=("aircraft", seen.declination)))
+            fits = add_changes(fits, seen.changes)
             good = int(published(fits["status"]).sum())
             stage.note = f"{good} of {fits['status'].size} fits to be trusted"
         return fits

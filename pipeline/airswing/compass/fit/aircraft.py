@@ -84,6 +84,8 @@ class AircraftFit:
         Order of the flights in ``flight``.
     blocks : list of Blocks
         One for each reference, where their places were given.
+    scatters : list of Scatter
+        One for each reference, as the last pass took it.
     """
 
     theta: Array
@@ -99,6 +101,7 @@ class AircraftFit:
     rms_after: float
     flight_order: Index = field(repr=False)
     blocks: list[Blocks] = field(repr=False, default_factory=list)
+    scatters: list[Scatter] = field(repr=False, default_factory=list)
 
     @cached_property
     def covariance(self) -> Array:
@@ -141,15 +144,15 @@ def fit_aircraft(
     """
     if not members or not all(obs.size for obs in members):
         return None
-    members, places = _in_order(members, places)
-    edges = _edges(members, places)
+    members, places = in_order(members, places)
+    edges = edges_of(members, places)
     size = COMPASS + 1 + 2 * len(members)
     compass = np.arange(1 + 2 * harmonics)
     # on one heading a bias cannot be told from the constant: the fleet's is taken off afterwards
     last = size if harmonics else COMPASS + 1
     free = np.concatenate([compass, np.arange(COMPASS, last)]) if joint else compass
     flights = flight_day.size
-    days = _days(flight_day)
+    days = days_of(flight_day)
     theta = np.zeros(size)
     middle = [obs.take(slice(None, None, max(obs.size // MIDDLE, 1))) for obs in members]
     thin = [obs.take(slice(None, None, max(obs.size // THIN, 1))) for obs in middle]
@@ -160,7 +163,7 @@ def fit_aircraft(
         parts = [
             accumulate(
                 obs,
-                _local(theta, k),
+                local(theta, k),
                 scatters[k],
                 flights,
                 joint=joint,
@@ -169,11 +172,11 @@ def fit_aircraft(
             )
             for k, obs in enumerate(members)
         ]
-        normal, score, kappa = _joined(parts, size)
-        step = _solve(normal[np.ix_(free, free)], score[free]) / kappa
+        normal, score, kappa = joined(parts, size)
+        step = solve(normal[np.ix_(free, free)], score[free]) / kappa
         theta[free] += step
         converged = bool(
-            np.all(np.abs(step) <= FINAL_STEP * _spread(normal, parts, free, kappa) + ENOUGH)
+            np.all(np.abs(step) <= FINAL_STEP * spread_of(normal, parts, free, kappa) + ENOUGH)
         )
         if converged:
             break
@@ -181,16 +184,16 @@ def fit_aircraft(
     move[free] = step
     blocks = [
         make_blocks(
-            part.block, part.square, edge, place, (theta - move)[_bias(k)], move[:SLOPES], kappa
+            part.block, part.square, edge, place, (theta - move)[bias_of(k)], move[:SLOPES], kappa
         )
         for k, (part, edge, place) in enumerate(zip(parts, edges, places or [], strict=False))
         if part.block is not None
     ]
-    found = _finish(theta, free, normal, kappa, parts, days, converged, by_flight)
-    return replace(found, blocks=blocks)
+    found = finish(theta, free, normal, kappa, parts, days, converged, by_flight)
+    return replace(found, blocks=blocks, scatters=scatters)
 
 
-def _in_order(
+def in_order(
     members: list[Reports], places: list[Places] | None
 ) -> tuple[list[Reports], list[Places] | None]:
     """Reports flight by flight and, where their times are known, in the order of time."""
@@ -203,7 +206,7 @@ def _in_order(
     return [one for one, _ in ordered], [one for _, one in ordered]
 
 
-def _edges(members: list[Reports], places: list[Places] | None) -> list[Edges]:
+def edges_of(members: list[Reports], places: list[Places] | None) -> list[Edges]:
     """Where the blocks of every member begin; none where no places are known."""
     return [
         find_edges(
@@ -213,7 +216,7 @@ def _edges(members: list[Reports], places: list[Places] | None) -> list[Edges]:
     ]
 
 
-def _days(flight_day: NDArray[np.integer]) -> tuple[Index, Index]:
+def days_of(flight_day: NDArray[np.integer]) -> tuple[Index, Index]:
     """Days flown, and the place of each flight's day among them."""
     day = np.asarray(flight_day, dtype=np.int64)
     if np.any(day[1:] < day[:-1]):
@@ -224,12 +227,12 @@ def _days(flight_day: NDArray[np.integer]) -> tuple[Index, Index]:
     return day[new], np.cumsum(new) - 1
 
 
-def _spread(normal: Array, parts: list[PassSums], free: Index, kappa: float) -> Array:
+def spread_of(normal: Array, parts: list[PassSums], free: Index, kappa: float) -> Array:
     """Standard errors clustered by flight, as good as a stopping rule needs."""
     score = _flight_score(parts, normal.shape[0])[:, _kept(free, normal.shape[0])]
     square = normal[np.ix_(free, free)]
-    half = _solve(square, score.T @ score)
-    return np.asarray(np.sqrt(np.maximum(np.diagonal(_solve(square, half.T)), 0.0)) / kappa)
+    half = solve(square, score.T @ score)
+    return np.asarray(np.sqrt(np.maximum(np.diagonal(solve(square, half.T)), 0.0)) / kappa)
 
 
 def _kept(free: Index, size: int) -> Any:
@@ -243,20 +246,23 @@ def _flight_score(parts: list[PassSums], size: int) -> Array:
         return parts[0].flight_score
     score = np.zeros((parts[0].flight_score.shape[0], size))
     for k, part in enumerate(parts):
-        score[:, _place(k)] += part.flight_score
+        score[:, place_of(k)] += part.flight_score
     return score
 
 
-def _local(theta: Array, member: int) -> Array:
-    return np.concatenate([theta[: COMPASS + 1], theta[_bias(member)]])
+def local(theta: Array, member: int) -> Array:
+    """Parameters of one member's passes: A to E, the airspeed scale, its own bias."""
+    return np.concatenate([theta[: COMPASS + 1], theta[bias_of(member)]])
 
 
-def _bias(member: int) -> Index:
+def bias_of(member: int) -> Index:
+    """Places of a member's bias among all parameters."""
     return COMPASS + 1 + 2 * member + np.arange(2)
 
 
-def _place(member: int) -> Index:
-    return np.concatenate([np.arange(COMPASS + 1), _bias(member)])
+def place_of(member: int) -> Index:
+    """Places of a member's parameters among all."""
+    return np.concatenate([np.arange(COMPASS + 1), bias_of(member)])
 
 
 def _start(
@@ -268,12 +274,12 @@ def _start(
     for number in range(START_STEPS):
         known = scatters if hold and scatters else [None] * len(few)
         parts = [
-            accumulate(obs, _local(theta, k), one, 0, joint=joint, parted=hold)
+            accumulate(obs, local(theta, k), one, 0, joint=joint, parted=hold)
             for k, (obs, one) in enumerate(zip(few, known, strict=True))
         ]
         scatters = [part.scatter for part in parts if part.scatter]
-        normal, score, kappa = _joined(parts, theta.size)
-        step = _solve(normal[square], score[free]) / max(kappa, 0.6)
+        normal, score, kappa = joined(parts, theta.size)
+        step = solve(normal[square], score[free]) / max(kappa, 0.6)
         theta[free] += step
         small = np.all(np.abs(step) * np.sqrt(np.diagonal(normal)[free]) < START_STEP)
         if small and (hold or number):
@@ -281,12 +287,13 @@ def _start(
     return theta, scatters
 
 
-def _joined(parts: list[PassSums], size: int) -> tuple[Array, Array, float]:
+def joined(parts: list[PassSums], size: int) -> tuple[Array, Array, float]:
+    """Normal matrix and score of all parameters, and the mean slope over the mean weight."""
     normal, score = parts[0].normal, parts[0].score
     if len(parts) > 1:
         normal, score = np.zeros((size, size)), np.zeros(size)
         for k, part in enumerate(parts):
-            place = _place(k)
+            place = place_of(k)
             normal[np.ix_(place, place)] += part.normal
             score[place] += part.score
     weight = sum(part.weight for part in parts)
@@ -294,14 +301,15 @@ def _joined(parts: list[PassSums], size: int) -> tuple[Array, Array, float]:
     return normal, score, max(slope / weight, 0.2) if weight > 0 else 1.0
 
 
-def _solve(normal: Array, score: Array) -> Array:
+def solve(normal: Array, score: Array) -> Array:
+    """Solve symmetric equations, their columns brought to one size."""
     scale = np.sqrt(np.maximum(normal.diagonal(), 1e-30))
     square = normal / (scale * scale[:, np.newaxis])
     square.flat[:: scale.size + 1] += 1e-9
     return np.asarray((np.linalg.solve(square, (score.T / scale).T).T / scale).T)
 
 
-def _finish(
+def finish(
     theta: Array,
     free: Index,
     normal: Array,
@@ -311,12 +319,13 @@ def _finish(
     converged: bool,
     by_flight: bool,
 ) -> AircraftFit:
+    """Make the fit of what its last pass left."""
     day_number, day = days
     size, flights = theta.size, day.size
     score = _flight_score(parts, size)
     normals = np.zeros((flights, size, size)) if by_flight else None
     for k, part in enumerate(parts):
-        place = _place(k)
+        place = place_of(k)
         if normals is not None and part.flight_normal is not None:
             normals[:, place[:, np.newaxis], place] += part.flight_normal
     square = normal[np.ix_(free, free)]
@@ -379,7 +388,7 @@ def merged(parts: list[AircraftFit]) -> AircraftFit:
     square = np.ix_(free, free)
     slopes = [part.kappa * part.normal[square] for part in parts]
     total = np.sum(slopes, axis=0)
-    shares = [_solve(total, slope) for slope in slopes]
+    shares = [solve(total, slope) for slope in slopes]
     theta = np.zeros_like(parts[0].theta)
     rows: list[Array] = []
     for part, share in zip(parts, shares, strict=True):

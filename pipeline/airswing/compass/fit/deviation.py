@@ -140,7 +140,7 @@ def fit_deviation(
     InputError
         If a variable is missing or a pool names an unknown reference.
     """
-    _groups(headings, pools or {}, alone=True)
+    groups_of(headings, pools or {}, alone=True)
     parts = [headings] if _in_memory(headings) else blocks(headings, FITTED_FROM)
     return fit_sums(
         [
@@ -185,7 +185,7 @@ def sum_aircraft(
     InputError
         If a variable is missing or a pool names an unknown reference.
     """
-    groups = _groups(headings, pools or {}, alone=alone or not pools)
+    groups = groups_of(headings, pools or {}, alone=alone or not pools)
     asked = Options(**options)
     columns = Columns(headings, abscissa)
     found = {}
@@ -240,9 +240,10 @@ def fit_sums(parts: Sequence[FleetSums]) -> xr.Dataset:
     return describe(fits)
 
 
-def _groups(
+def groups_of(
     headings: xr.Dataset, pools: Mapping[str, Sequence[str]], *, alone: bool
 ) -> dict[str, list[int]]:
+    """Places of the references that are fitted together, by the name of each such group."""
     for name in _NEEDED:
         if name not in headings:
             raise InputError("the headings lack a variable the fit needs", field=name)
@@ -288,7 +289,7 @@ def _sum_reference(columns: Columns, members: list[int], options: Options) -> li
     return list(found.to_numpy())
 
 
-def _compass_points(angle: NDArray[np.floating[Any]]) -> int:
+def compass_points(angle: NDArray[np.floating[Any]]) -> int:
     """Compass points that angles (degrees) are nearest to: three of them, or one in 500."""
     least = max(3, 0.002 * angle.size)
     counts = np.zeros(8, dtype=np.int64)
@@ -310,7 +311,7 @@ def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Optio
         joint=options.joint,
         places=places if options.joint and options.shared_error else None,
     )
-    points = _compass_points(abscissa)
+    points = compass_points(abscissa)
     found = AircraftSums(
         int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"], field
     )

@@ -84,6 +84,26 @@ class Edges:
 
 
 @dataclass(frozen=True)
+class Cut:
+    """What blocks need of their reports beside their sums.
+
+    Attributes
+    ----------
+    count : array of int, shape (blocks,)
+        Reports of each.
+    middle : Places
+        Of the middle one of each.
+    segment, opens : array, shape (blocks,)
+        As of :class:`Edges`.
+    """
+
+    count: Index
+    middle: Places
+    segment: Index
+    opens: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
 class Blocks:
     """Sums of one aircraft's reports against one reference, at its own fit without bias.
 
@@ -213,16 +233,48 @@ def make_blocks(
     -------
     Blocks
     """
-    unit = places.time.size / max(float(sums[0].sum()), 1e-30)
+    return blocks_of(sums, square, cut_of(edges, places), bias, step, kappa)
+
+
+def cut_of(edges: Edges, places: Places) -> Cut:
+    """What is kept of the reports a block is made of.
+
+    Parameters
+    ----------
+    edges : Edges
+    places : Places
+
+    Returns
+    -------
+    Cut
+    """
+    stop = np.append(edges.start[1:], places.time.size)
+    middle = (edges.start + stop) // 2
+    return Cut(stop - edges.start, places.at(middle), edges.segment, edges.opens)
+
+
+def blocks_of(
+    sums: Array, square: float, cut: Cut, bias: Array, step: Array, kappa: float
+) -> Blocks:
+    """As :func:`make_blocks`, from what was kept of the reports.
+
+    Parameters
+    ----------
+    sums, square, bias, step, kappa
+        As for :func:`make_blocks`.
+    cut : Cut
+
+    Returns
+    -------
+    Blocks
+    """
+    count, at = cut.count, cut.middle
+    unit = int(count.sum()) / max(float(sums[0].sum()), 1e-30)
     sums = sums * unit
     sums[1:3] /= kappa
-    stop = np.append(edges.start[1:], places.time.size)
-    count = stop - edges.start
     within = square * (unit / kappa) ** 2 - float(((sums[1] ** 2 + sums[2] ** 2) / count).sum())
     for row, slopes in ((1, sums[3 : 3 + SLOPES]), (2, sums[3 + SLOPES :])):
         sums[row] += bias[row - 1] * sums[0] - step @ slopes
-    middle = (edges.start + stop) // 2
-    at = places.at(middle)
     heavy = (sums[0] > LEAST_WEIGHT) & np.isfinite(at.latitude + at.longitude + at.pressure)
     keep: Any = slice(None) if heavy.all() else heavy  # mostly all: nothing to copy
     at = at.at(keep)
@@ -233,6 +285,6 @@ def make_blocks(
         at.latitude.astype(np.float64),
         at.longitude.astype(np.float64),
         np.log(at.pressure.astype(np.float64)),
-        edges.segment[keep].astype(np.int32),
-        np.cumsum(edges.opens, dtype=np.int32)[keep],
+        cut.segment[keep].astype(np.int32),
+        np.cumsum(cut.opens, dtype=np.int32)[keep],
     )

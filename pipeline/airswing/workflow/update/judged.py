@@ -1,9 +1,10 @@
 """What judges the corrections after an update, at the cost of the last months.
 
 What tells of the winds as they are now (disagreement, ranking, profiles, the page's figures of
-reports) looks at the reports of the last `RECENT` days and the rest of their months; fits and tables
-are of all. Fits by calendar month are kept with their month. What tries the method out on reports
-held back (the virtual field test, the comparison of references) is made when a month is complete,
+reports) looks at the reports of the last `RECENT` days and the rest of their months; fits and
+tables are of all. Fits by calendar month are kept with their month. What tries the method out on
+reports held back (the virtual field test, the comparison of references) is made when a month is
+complete,
 of all months that are, and stands until the next one is.
 """
 

@@ -24,6 +24,7 @@ from airswing.workflow.main import make_page
 from airswing.workflow.update.corrected_months import correct_month
 from airswing.workflow.update.judged import judged, recent_months
 from airswing.workflow.update.model_spans import model_spans
+from airswing.workflow.update.month_fits import MonthlyFits
 from airswing.workflow.update.months import Month, keep_note, kept_note, months_of
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def take_up(job: Job) -> Taken:
     spool, months, made = _headings(job)
     headings = _whole(job, HEADINGS)
     headings.attrs["reading_audit"] = _audit(headings, spool)
-    fits = make_fits(job, headings)
+    fits = make_fits(job, headings, MonthlyFits(months))
     anew = [month for month in months if correct_month(replace(job, month=month), fits)]
     job.progress.say(f"corrected anew: {', '.join(anew) or 'no month'}")
     told = {"all": months, "made": made, "corrected": anew}
