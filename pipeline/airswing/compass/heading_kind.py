@@ -58,7 +58,8 @@ def mean_declination(headings: xr.Dataset) -> Array:
         Degrees; NaN without a report.
     """
     total, count = declination_sums(headings)
-    return np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0)
+    found: Array = np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0)
+    return found
 
 
 def declination_sums(headings: xr.Dataset) -> tuple[Array, Array]:

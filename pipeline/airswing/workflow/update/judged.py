@@ -4,8 +4,7 @@ What tells of the winds as they are now (disagreement, ranking, profiles, the pa
 reports) looks at the reports of the last `RECENT` days and the rest of their months; fits and
 tables are of all. Fits by calendar month are kept with their month. What tries the method out on
 reports held back (the virtual field test, the comparison of references) is made when a month is
-complete,
-of all months that are, and stands until the next one is.
+complete, of all months that are, and stands until the next one is.
 """
 
 from __future__ import annotations

@@ -114,7 +114,8 @@ class _Fleet:
     def __init__(self, job: Job, months: list[str], headings: xr.Dataset) -> None:
         self.job, self.months, self.headings = job, months, headings
         self.options: dict[str, Any] = job.config.fit.model_dump()
-        self.abscissa = str(self.options.pop("abscissa"))
+        self.options.pop("abscissa")
+        self.abscissa = job.config.fit.abscissa
         self.names = headings["aircraft"].to_numpy().astype(str)
         self.groups = groups_of(headings, job.config.pools(), alone=True)
         self.folder = job.output / ".update"
