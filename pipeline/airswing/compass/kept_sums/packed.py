@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.compass.fit.flight_segments import Cut, Places
 from airswing.compass.fit.normal_equations import PassSums, Scatter
+from airswing.compass.fleet.flight_segments import Cut, Places
 from airswing.compass.kept_sums.period_sums import Base, PeriodSums
 
 Arrays = dict[str, NDArray[Any]]

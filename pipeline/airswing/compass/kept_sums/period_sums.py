@@ -37,13 +37,6 @@ from airswing.compass.fit.aircraft import (
     solve,
     spread_of,
 )
-from airswing.compass.fit.flight_segments import (
-    SLOPES,
-    Cut,
-    Places,
-    blocks_of,
-    cut_of,
-)
 from airswing.compass.fit.normal_equations import (
     LOCAL,
     PassSums,
@@ -52,6 +45,13 @@ from airswing.compass.fit.normal_equations import (
 )
 from airswing.compass.fit.report_columns import Columns
 from airswing.compass.fit.sandwich import MANY, Array, Index
+from airswing.compass.fleet.flight_segments import (
+    SLOPES,
+    Cut,
+    Places,
+    blocks_of,
+    cut_of,
+)
 
 FARTHEST = 1.0
 """Standard errors (clustered) the fit may lie from where the periods were summed."""

@@ -90,11 +90,45 @@ def find_changes(
         new compass), ``date_ci``, ``change_deg`` and ``standard_error_deg`` of A, B, C,
         ``curve_rms_deg``, ``p_value``.
     """
+    sums = fleet_day_sums(headings, members, abscissa, fewest=2 * FEWEST_DAYS)
+    names = headings["aircraft"].to_numpy().astype(str).tolist()
+    return changes_of(names, sums, false_alarms=false_alarms, block=block, draws=draws, seed=seed)
+
+
+def fleet_day_sums(
+    headings: xr.Dataset, members: list[str], abscissa: str, *, fewest: int
+) -> list[DaySums | None]:
+    """Daily sums of every aircraft, see :func:`block_day_sums`."""
     argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
     sums: list[DaySums | None] = []
     for loaded in blocks(headings, [*SUMMED_FROM, argument]):
-        sums += block_day_sums(loaded, members, argument, fewest=2 * FEWEST_DAYS)
-    names = headings["aircraft"].to_numpy().astype(str)
+        sums += block_day_sums(loaded, members, argument, fewest=fewest)
+    return sums
+
+
+def changes_of(
+    names: list[str],
+    sums: list[DaySums | None],
+    *,
+    false_alarms: float = FALSE_ALARMS,
+    block: int = 4,
+    draws: int = 999,
+    seed: int = 0,
+) -> list[dict[str, Any]]:
+    """As :func:`find_changes`, from daily sums.
+
+    Parameters
+    ----------
+    names : list of str
+    sums : list of DaySums or None
+        One an aircraft; None where there are too few days.
+    false_alarms, block, draws, seed
+        As for :func:`find_changes`.
+
+    Returns
+    -------
+    list of dict
+    """
     segments = [(k, one) for k, one in enumerate(sums) if one is not None]
     entries: list[dict[str, Any]] = [
         {

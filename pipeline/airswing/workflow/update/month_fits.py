@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,12 @@ from airswing.compass.kept_sums.period_sums import (
     sum_period,
 )
 from airswing.compass.table import heading_histogram
+from airswing.evaluation.compass_changes.change_kernels import DaySums
+from airswing.evaluation.compass_changes.stability import (
+    FEWEST_DAYS,
+    changes_of,
+    fleet_day_sums,
+)
 from airswing.flags import STATUS
 from airswing.products.atomic import replacing
 from airswing.products.checked import digest
@@ -86,18 +92,14 @@ class MonthlyFits:
         -------
         Seen
         """
-        from airswing.evaluation.compass_changes.stability import find_changes
-
         fleet = _Fleet(job, self.months, headings)
         sums = fleet.sums()
         histogram, total, count = fleet.counted()
-        config = job.config
-        members = config.pools()[main_reference(config)]
         return Seen(
             fit_sums([sums]),
             histogram,
             np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0),
-            find_changes(headings, members=members, abscissa=config.fit.abscissa),
+            changes_of(fleet.names.tolist(), fleet.days()),
         )
 
 
@@ -150,6 +152,18 @@ class _Fleet:
             total[place] += kept["total"]
             count[place] += kept["count"]
         return histogram, total, count
+
+    def days(self) -> list[DaySums | None]:
+        """Daily sums of every aircraft, by which its compass is seen to change."""
+        own: dict[str, list[DaySums]] = {}
+        for month in self.months:
+            kept = self._counts(month)
+            ends = np.cumsum(kept["days"])
+            for name, size, end in zip(kept["aircraft"], kept["days"], ends, strict=True):
+                rows = slice(int(end - size), int(end))
+                one = DaySums(*(kept[f"days/{part.name}"][rows] for part in fields(DaySums)))
+                own.setdefault(str(name), []).append(one)
+        return [_one_after_another(own.get(name, [])) for name in self.names.tolist()]
 
     @cached_property
     def bases(self) -> dict[str, dict[str, Base]]:
@@ -254,9 +268,13 @@ class _Fleet:
 
     def _counts(self, month: str) -> Arrays:
         """What a month counts for the tables."""
+        if month in self._counted:
+            return self._counted[month]
         path = self.folder / f"{month}.counts.npz"
+        config = self.job.config
+        members = config.pools()[main_reference(config)]
         with read_product(replace(self.job, month=month).place(HEADINGS), lazy=True) as headings:
-            mark = fingerprint(headings.attrs["uuid"], self.abscissa, code_digest(*_CODE))
+            mark = fingerprint(headings.attrs["uuid"], self.abscissa, members, code_digest(*_CODE))
             kept = _read(path, mark)
             if kept is None:
                 total, count = declination_sums(headings)
@@ -265,9 +283,15 @@ class _Fleet:
                     "histogram": heading_histogram(headings, abscissa=self.abscissa),
                     "total": total,
                     "count": count,
+                    **_packed_days(fleet_day_sums(headings, members, self.abscissa, fewest=1)),
                 }
                 self._write(path, mark, kept)
+        self._counted[month] = kept
         return kept
+
+    @cached_property
+    def _counted(self) -> dict[str, Arrays]:
+        return {}
 
     def _from_reports(self, some: range) -> FleetSums:
         """Sums of some aircraft fitted to all of their reports."""
@@ -292,6 +316,24 @@ class _Fleet:
             temporary.open("wb") as file,
         ):
             np.savez(file, allow_pickle=False, mark=np.array(mark), **arrays)
+
+
+def _packed_days(sums: list[DaySums | None]) -> dict[str, NDArray[Any]]:
+    known = [one for one in sums if one is not None]
+    empty = DaySums(np.empty(0, np.int64), np.empty((0, 6, 6)), np.empty((0, 6)), np.empty(0))
+    found = {"days": np.array([0 if one is None else one.day.size for one in sums], dtype=np.int64)}
+    for part in fields(DaySums):
+        every = [getattr(one, part.name) for one in [empty, *known]]
+        found[f"days/{part.name}"] = np.concatenate(every)
+    return found
+
+
+def _one_after_another(parts: list[DaySums]) -> DaySums | None:
+    """Days of one aircraft; a day in which a month ends may stand twice, each part a day's."""
+    if sum(one.day.size for one in parts) < 2 * FEWEST_DAYS:
+        return None
+    names = [part.name for part in fields(DaySums)]
+    return DaySums(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
 
 
 def _together(parts: list[FleetSums]) -> dict[str, list[AircraftSums]]:
