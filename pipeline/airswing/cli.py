@@ -201,6 +201,23 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
     _print(workflow.make_sensitivity(job, intervals=True), as_json=True, text="")
 
 
+@app.command()
+def monitor(
+    config: ConfigPath, output: Output = None, quiet: Quiet = False, json: Json = False
+) -> None:
+    """Watch the fleet, from headings.nc and fits.nc: what is new since the last time: events.json.
+
+    After `airswing run` or `airswing update`; each event is told once.
+    """
+    from dataclasses import asdict
+
+    from airswing.workflow.update.monitoring_stage import make_monitoring
+
+    job = _job(config, output=output, quiet=quiet)
+    found = _alone(job, make_monitoring)
+    _print(asdict(found), as_json=json, text=found.text)
+
+
 class _WithFormats(TyperCommand):
     """Lists the export formats at the end of its help; they are looked up only then."""
 

@@ -266,6 +266,13 @@ class ObservationErrors(_Section):
     """Of the errors of two references, a component of the wind, m2/s2."""
 
 
+class Monitoring(_Section):
+    """What the watch over the fleet compares with (`airswing monitor`)."""
+
+    tables_in_use: Path | None = None
+    """Tables on board, as ``tables.csv`` has them; else those that were first seen."""
+
+
 class Handover(_Section):
     """How corrected winds are handed over (`airswing export`)."""
 
@@ -360,6 +367,7 @@ class Config(_Section):
     field_test: FieldTest | None = None
     gap: Gap = Gap()
     observation_errors: ObservationErrors = ObservationErrors()
+    monitoring: Monitoring = Monitoring()
     handover: Handover = Handover()
     postprocess: Postprocess | None = None
     output: Path
@@ -547,6 +555,7 @@ def _keys_at(location: tuple[int | str, ...]) -> list[str]:
         "table": Table,
         "field_test": FieldTest,
         "gap": Gap,
+        "monitoring": Monitoring,
         "handover": Handover,
         "postprocess": Postprocess,
         "postprocess.pairs": ForecastTable,

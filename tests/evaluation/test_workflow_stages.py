@@ -95,3 +95,48 @@ def test_the_virtual_field_test_is_a_product_and_says_why_where_it_cannot_be(job
 
 def test_two_thirds_of_the_days_are_learned_from(headings):
     assert stages.later_date(headings) == date(2008, 7, 27)
+
+
+def test_the_watch_reads_what_stands_and_tells_once(tmp_path, headings, fits):
+    from airswing.config import load_config
+    from airswing.errors import InputError
+    from airswing.evaluation.monitoring import read_events
+    from airswing.products.netcdf import write_product
+    from airswing.workflow.job import Job
+    from airswing.workflow.update.monitoring_stage import make_monitoring
+
+    table = "aircraft,reference,heading_deg,table_correction_deg,standard_error_deg,sign\n"
+    table += "".join(f"N001,ruc,{45 * k},12.5,0.2,subtract_error\n" for k in range(8))
+    config = tmp_path / "config.yaml"
+    config.write_text(
+        f"""reports: {{files: none}}
+references: {{ruc: {{files: none}}}}
+monitoring: {{tables_in_use: {tmp_path}/board.csv}}
+output: {tmp_path}/out
+"""
+    )
+    job = Job(load_config(config), Progress(quiet=True))
+    told = {"config_json": "{}", "source_uuids": []}
+    write_product(fits, job.output / "fits.nc", title="fits", **told)
+    for missing in ("board.csv", "headings.nc: no such product"):
+        with pytest.raises(InputError, match=missing):
+            make_monitoring(job)
+        (tmp_path / "board.csv").write_text(table)
+    write_product(headings, job.output / "headings.nc", title="headings", **told)
+    assert not (job.output / "events.json").exists()
+    found = make_monitoring(job)
+    assert found == read_events(job.output / "events.json")
+    assert found.differing == ["N001"] and "another table for: N001" in found.text
+    assert (job.output / "report" / "monitoring.html").exists()
+    assert make_monitoring(job).new_events == []
+    # by months: the same, from what was kept of a month that stands
+    month = job.output / "headings" / "2008-07.nc"
+    month.parent.mkdir()
+    (job.output / "headings.nc").rename(month)
+    by_month = make_monitoring(job)
+    assert by_month.states == found.states
+    kept = job.output / ".update" / "2008-07.watch.npz"
+    stamp = kept.stat().st_mtime_ns
+    assert make_monitoring(job).states == found.states and kept.stat().st_mtime_ns == stamp
+    kept.write_bytes(kept.read_bytes()[:200])
+    assert make_monitoring(job).states == found.states and kept.stat().st_size > 200

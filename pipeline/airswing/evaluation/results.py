@@ -22,6 +22,8 @@ class Evaluation:
         ``error_profiles.nc``, ``observation_errors.nc``.
     stability, virtual, field_test, sensitivity : mapping
         Contents of ``stability.json``, ``virtual_field_test.json`` and so on.
+    monitoring : mapping
+        Content of ``events.json``.
     ranking : sequence of mapping
         Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
     """
@@ -33,3 +35,4 @@ class Evaluation:
     virtual: Mapping[str, Any] | None = None
     field_test: Mapping[str, Any] | None = None
     sensitivity: Mapping[str, Any] | None = None
+    monitoring: Mapping[str, Any] | None = None

@@ -15,14 +15,17 @@ from airswing.compass.table import add_tables
 from airswing.compass.tables_csv import write_tables_csv
 from airswing.errors import InputError
 from airswing.evaluation.monitoring import (
+    Event,
     UnitTable,
     find_events,
     read_events,
     read_tables,
     write_events,
 )
+from airswing.evaluation.monitoring.daily_evidence import daily_rows, joined_rows
 from airswing.evaluation.monitoring.presence import first_and_silent_days
 from airswing.evaluation.monitoring.table_difference import differ
+from airswing.evaluation.monitoring.watch import _not_told
 from airswing.products.ragged import aircraft_of_report, some_reports
 from airswing.units import KNOT
 
@@ -91,7 +94,7 @@ def test_states_hold_the_disagreement_of_the_winds_and_the_tables(changed, told)
 def test_a_table_on_board_that_is_off_is_told(changed, told, tmp_path):
     ds, fits = changed
     path = write_tables_csv(fits, tmp_path / "tables.csv")
-    read = read_tables(path, reference="ruc", since="2008-08-14")
+    read = read_tables(path, reference="ruc")
     now = told.states[4].table_now
     np.testing.assert_allclose(read["N004"].correction_deg, now.correction_deg, atol=5e-4)
     off = replace(read["N004"], correction_deg=[c + 1.5 for c in read["N004"].correction_deg])
@@ -102,20 +105,20 @@ def test_a_table_on_board_that_is_off_is_told(changed, told, tmp_path):
     later = find_events(ds, fits, previous=found)
     assert later.differing == ["N004"]
     path.write_text(path.read_text().replace("subtract_error", "add_error"))
-    turned = read_tables(path, reference="ruc", since="2008-08-14")
+    turned = read_tables(path, reference="ruc")
     np.testing.assert_allclose(
         turned["N004"].correction_deg, -np.array(now.correction_deg), atol=5e-4
     )
     path.write_text("aircraft,heading\nN1,0\n")
     with pytest.raises(InputError, match="not a file of tables"):
-        read_tables(path, reference="ruc", since="2008-08-14")
+        read_tables(path, reference="ruc")
 
 
 def test_tables_differ_beyond_both_errors_and_the_units_resolution():
-    one = UnitTable([0.0] * 8, [0.3] * 8, "2008-07-01")
+    one = UnitTable([0.0] * 8, [0.3] * 8)
     # 2.727 x hypot(0.3, 0.4) = 1.36
     for gap, unlike in ((1.3, False), (1.4, True)):
-        other = UnitTable([0.0] * 7 + [gap], [0.4] * 8, "2008-07-02")
+        other = UnitTable([0.0] * 7 + [gap], [0.4] * 8)
         assert differ(one, other) == (unlike, pytest.approx(gap / np.sqrt(8)))
     exact = replace(one, standard_error_deg=[0.0] * 8)
     assert not differ(exact, replace(exact, correction_deg=[0.05] * 8))[0]
@@ -155,6 +158,35 @@ def test_aircraft_that_come_and_go():
     alone = some_reports(ds, (who != 2)[kept])
     known = find_events(alone, fits)
     assert [e.aircraft for e in find_events(ds, fits, previous=known).new_events] == ["N002"]
+
+
+def test_days_of_two_months_are_those_of_the_whole(changed):
+    """Flights of one day may stand in two months: their sums are one row."""
+    ds, _ = changed
+    day = (ds["time"].to_numpy() - np.datetime64("2008-07-01")) / np.timedelta64(1, "D")
+    late = (day >= 30.5) & (aircraft_of_report(ds) != 3)
+    names = ds["aircraft"].to_numpy().astype(str)
+    whole = daily_rows(ds, ["ruc"], abscissa="magnetic")
+    parts = [
+        (names, daily_rows(some_reports(ds, chosen), ["ruc"], abscissa="magnetic"))
+        for chosen in (~late, late)
+    ]
+    joined, rows = joined_rows(parts)
+    assert (joined == names).all()
+    for name in ("aircraft", "day", "count"):
+        np.testing.assert_array_equal(getattr(rows, name), getattr(whole, name))
+    for name in ("normal", "right", "difference"):
+        np.testing.assert_allclose(getattr(rows, name), getattr(whole, name), rtol=1e-4, atol=0.5)
+
+
+def test_a_second_change_soon_after_the_first_is_told():
+    change = [
+        Event("compass_changed", date, noticed, "N1", {})
+        for date, noticed in (("2008-08-01", "2008-08-03"), ("2008-08-15", "2008-08-17"))
+    ]
+    moved = replace(change[0], date="2008-08-02")
+    assert _not_told([moved, change[1]], change[:1]) == change[1:]
+    assert _not_told([moved], change[:1]) == []
 
 
 def test_a_silence_is_measured_by_the_aircrafts_own_habit_and_days_of_the_fleet():

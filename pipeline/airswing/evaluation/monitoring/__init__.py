@@ -9,13 +9,14 @@ from airswing.evaluation.monitoring.events_file import (
     write_events,
 )
 from airswing.evaluation.monitoring.table_difference import read_tables
-from airswing.evaluation.monitoring.watch import find_events
+from airswing.evaluation.monitoring.watch import events_of, find_events
 
 __all__ = [
     "Event",
     "Monitoring",
     "State",
     "UnitTable",
+    "events_of",
     "find_events",
     "read_events",
     "read_tables",

@@ -12,6 +12,7 @@ number of reports for a normal matrix.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -33,6 +34,7 @@ WINDS = (
     "reference_northward_wind",
 )
 CORRECTED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
+Names = NDArray[np.str_]
 LEAST = 0.3
 """m/s below which a wind vector difference is that: its logarithm would tell of rounding."""
 
@@ -65,13 +67,43 @@ class Rows:
         return Rows(*(getattr(self, one.name)[chosen] for one in fields(self)))
 
 
+def joined_rows(parts: Sequence[tuple[Names, Rows]]) -> tuple[Names, Rows]:
+    """Rows of several parts of an archive, such as months, as one.
+
+    Parameters
+    ----------
+    parts : sequence of (array of str, Rows)
+        Names of the aircraft that the rows of each part number.
+
+    Returns
+    -------
+    names : array of str
+        In alphabetical order.
+    rows : Rows
+        A day of an aircraft that several parts have is one row.
+    """
+    names = np.unique(np.concatenate([own for own, _ in parts]))
+    columns = {
+        one.name: np.concatenate([getattr(rows, one.name) for _, rows in parts])
+        for one in fields(Rows)
+    }
+    owner = [np.searchsorted(names, own)[rows.aircraft] for own, rows in parts]
+    key = np.stack([np.concatenate(owner), columns["day"]], axis=1)
+    first, place = np.unique(key, axis=0, return_inverse=True)
+    found: dict[str, Any] = {"aircraft": first[:, 0], "day": first[:, 1]}
+    for name, values in columns.items():
+        if name not in found:
+            found[name] = np.zeros((first.shape[0], *values.shape[1:]), values.dtype)
+            np.add.at(found[name], place.ravel(), values)
+    return names, Rows(**found)
+
+
 def daily_rows(
     headings: xr.Dataset,
     members: list[str],
     *,
     abscissa: str,
     corrected: xr.Dataset | None = None,
-    until: int | None = None,
 ) -> Rows:
     """Rows of a fleet.
 
@@ -83,8 +115,6 @@ def daily_rows(
     abscissa : {"magnetic", "true"}
     corrected : Dataset, optional
         The same reports: winds that were corrected are taken as corrected.
-    until : int, optional
-        Last day.
 
     Returns
     -------
@@ -99,8 +129,7 @@ def daily_rows(
         parts += _block_rows(block, winds, members, argument, first)
         first += block.sizes["aircraft"]
     columns = [np.concatenate([getattr(p, one.name) for p in parts]) for one in fields(Rows)]
-    found = Rows(*columns)
-    return found if until is None else found.of(found.day <= until)
+    return Rows(*columns)
 
 
 def _block_rows(

@@ -15,6 +15,8 @@ from airswing.errors import InputError
 from airswing.products.netcdf import write_json
 
 VERSION = 1
+NAMED = 20
+"""Aircraft of a list that are named; the file names all."""
 Kind = Literal[
     "compass_changed",
     "disagreement_rose",
@@ -70,13 +72,10 @@ class UnitTable:
     ----------
     correction_deg, standard_error_deg : list of float
         To add to the indicated heading.
-    since : str
-        Day it was first seen.
     """
 
     correction_deg: list[float]
     standard_error_deg: list[float]
-    since: str
 
 
 @dataclass(frozen=True)
@@ -139,6 +138,21 @@ class Monitoring:
     def new_events(self) -> list[Event]:
         """Events that no earlier look told."""
         return self.events[self.told_before :]
+
+    @property
+    def text(self) -> str:
+        """What a person reads in the morning: a line for every new event, and whom to send what."""
+        news, silent = self.new_events, [one.aircraft for one in self.states if one.silent]
+        lines = [
+            f"{len(self.states):,} aircraft watched to {self.until} against {self.reference}: "
+            + (f"{len(news):,} new events" if news else "nothing new"),
+            *(event.line for event in news),
+        ]
+        for words, names in (("another table for", self.differing), ("silent", silent)):
+            if names:
+                more = f" and {len(names) - NAMED:,} more" if len(names) > NAMED else ""
+                lines.append(f"{words}: {', '.join(names[:NAMED])}{more}")
+        return "\n".join(lines)
 
     @property
     def differing(self) -> list[str]:

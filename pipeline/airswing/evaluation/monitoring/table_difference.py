@@ -44,14 +44,13 @@ def differ(one: UnitTable, other: UnitTable) -> tuple[bool, float]:
     return bool(beyond.any()), float(np.sqrt((gap**2).mean()))
 
 
-def tables_of(fits: xr.Dataset, *, since: str) -> dict[str, UnitTable]:
+def tables_of(fits: xr.Dataset) -> dict[str, UnitTable]:
     """Tables that would be sent, by aircraft; none of fits that are not to be trusted.
 
     Parameters
     ----------
     fits : Dataset
         Of one reference, with tables.
-    since : str
 
     Returns
     -------
@@ -68,13 +67,12 @@ def tables_of(fits: xr.Dataset, *, since: str) -> dict[str, UnitTable]:
         str(fits["aircraft"].to_numpy()[k]): UnitTable(
             [float(value) for value in correction[k] + 0.0],
             [float(value) for value in curve_standard_error(covariance[k], NODES)],
-            since,
         )
         for k in np.flatnonzero(good)
     }
 
 
-def read_tables(path: Path | str, *, reference: str, since: str) -> dict[str, UnitTable]:
+def read_tables(path: Path | str, *, reference: str) -> dict[str, UnitTable]:
     """Tables in use, from a file as a run writes it (``tables.csv``).
 
     Parameters
@@ -82,8 +80,6 @@ def read_tables(path: Path | str, *, reference: str, since: str) -> dict[str, Un
     path : path-like
     reference : str
         Whose rows, where the file holds those of several references.
-    since : str
-        Day from which they count as in use.
 
     Returns
     -------
@@ -122,6 +118,6 @@ def read_tables(path: Path | str, *, reference: str, since: str) -> dict[str, Un
         if set(NODES) == set(found)
     }
     return {
-        name: UnitTable([value for value, _ in found], [error for _, error in found], since)
+        name: UnitTable([value for value, _ in found], [error for _, error in found])
         for name, found in whole.items()
     }

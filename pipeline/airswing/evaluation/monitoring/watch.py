@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from airswing.evaluation.monitoring.daily_evidence import Rows, daily_rows
+from airswing.errors import InputError
+from airswing.evaluation.monitoring.daily_evidence import Names, Rows, daily_rows
 from airswing.evaluation.monitoring.events_file import Event, Monitoring, State, UnitTable
 from airswing.evaluation.monitoring.fleet_watch import (
     COMPASS,
@@ -35,7 +36,6 @@ from airswing.evaluation.monitoring.fleet_watch import (
 from airswing.evaluation.monitoring.presence import first_and_silent_days
 from airswing.evaluation.monitoring.sequential_test import LONGEST
 from airswing.evaluation.monitoring.table_difference import differ, tables_of
-from airswing.products.ragged import time_span
 from airswing.units import KNOT
 
 LAST_DAYS = 7
@@ -84,27 +84,69 @@ def find_events(
     -------
     Monitoring
     """
-    name = reference or _leading(fits)
+    name = reference or leading_reference(fits)
     known = headings["reference"].to_numpy().astype(str).tolist()
     members = members or ([name] if name in known else known)
-    last = _day(time_span(headings)[1] if until is None else until)
-    rows = daily_rows(
-        headings,
-        members,
-        abscissa=str(fits.attrs.get("abscissa", "magnetic")),
-        corrected=corrected,
-        until=last,
+    abscissa = str(fits.attrs.get("abscissa", "magnetic"))
+    rows = daily_rows(headings, members, abscissa=abscissa, corrected=corrected)
+    return events_of(
+        headings["aircraft"].to_numpy().astype(str),
+        rows,
+        fits.sel(reference=name),
+        previous=previous,
+        until=until,
+        tables_in_use=tables_in_use,
     )
-    names = headings["aircraft"].to_numpy().astype(str)
+
+
+def events_of(
+    names: Names,
+    rows: Rows,
+    fit: xr.Dataset,
+    *,
+    previous: Monitoring | None = None,
+    until: np.datetime64 | str | None = None,
+    tables_in_use: Mapping[str, UnitTable] | None = None,
+) -> Monitoring:
+    """As :func:`find_events`, from the rows of an archive that was read before.
+
+    Parameters
+    ----------
+    names : array of str
+        Aircraft that the rows number.
+    rows : Rows
+        Of :func:`airswing.evaluation.monitoring.daily_evidence.daily_rows`.
+    fit : Dataset
+        Fits with tables of one reference.
+    previous, until, tables_in_use
+        As for :func:`find_events`.
+
+    Returns
+    -------
+    Monitoring
+
+    Raises
+    ------
+    InputError
+        If there is no report up to the day.
+    """
+    name = str(fit["reference"].item())
+    last = int(rows.day.max(initial=0)) if until is None else _day(until)
+    rows = rows.of(rows.day <= last)
+    if not rows.day.size:
+        raise InputError("no report to watch", field="until", found=_date(last))
+    if previous is not None and previous.reference != name:  # tables of another reference
+        states = [replace(state, table_in_use=None) for state in previous.states]
+        previous = replace(previous, states=states)
     silent, presence = _presence(rows, names, last, new=previous is None)
     found = [*_alarms(rows, names), *presence]
     if previous is not None:
         seen = {state.aircraft for state in previous.states}
         found += _new_aircraft(rows, names, seen)
-        found = [event for event in found if not _told(event, previous.events)]
+        found = _not_told(found, previous.events)
     told = [] if previous is None else previous.events
     order = sorted(found, key=lambda event: (event.noticed, event.date, event.aircraft or ""))
-    now = tables_of(fits.sel(reference=name), since=_date(last))
+    now = tables_of(fit)
     before = {} if previous is None else {state.aircraft: state for state in previous.states}
     in_use = {who: state.table_in_use for who, state in before.items() if state.table_in_use}
     in_use = now | in_use | dict(tables_in_use or {})
@@ -143,9 +185,9 @@ def _alarms(rows: Rows, names: Any) -> list[Event]:
 
 
 def _explained(rise: Alarm, turned: list[Alarm]) -> bool:
-    """Whether a compass, or the reference, stepped when the disagreement rose."""
+    """Whether the same compass, or the reference, stepped when the disagreement rose."""
     return any(
-        other.step.number in (rise.step.number, -1)
+        other.step.number == rise.step.number
         and abs(other.step.day - rise.step.day) <= LONGEST // 2
         for other in turned
     )
@@ -193,8 +235,6 @@ def _presence(rows: Rows, names: Any, last: int, *, new: bool) -> tuple[Any, lis
     """Which aircraft are silent now, and events of aircraft that fell silent or are new."""
     found: list[Event] = []
     silent = np.zeros(names.size, dtype=np.bool_)
-    if not rows.day.size:
-        return silent, found
     begin, spells = first_and_silent_days(rows.aircraft, rows.day, names.size, last)
     for spell in spells:
         silent[spell.number] |= spell.lasts
@@ -228,14 +268,22 @@ def _first_seen(name: str, day: int) -> Event:
     return Event("aircraft_new", _date(day), _date(day), name, {})
 
 
-def _told(event: Event, before: list[Event]) -> bool:
-    """Whether an earlier look told the same: dates move a little when reports come late."""
-    span = SAME if event.kind == "aircraft_silent" else LONGEST
-    return any(
-        (one.kind, one.aircraft) == (event.kind, event.aircraft)
-        and (event.kind == "aircraft_new" or abs(_day(one.date) - _day(event.date)) <= span)
-        for one in before
-    )
+def _not_told(found: list[Event], before: list[Event]) -> list[Event]:
+    """Events that none of the earlier ones is: dates move a little when reports come late."""
+    left, news = list(before), []
+    for event in sorted(found, key=lambda event: event.date):
+        span = SAME if event.kind == "aircraft_silent" else LONGEST
+        gaps = [
+            (abs(_day(one.date) - _day(event.date)), k)
+            for k, one in enumerate(left)
+            if (one.kind, one.aircraft) == (event.kind, event.aircraft)
+        ]
+        gap, k = min(gaps, default=(span + 1, -1))
+        if gap <= span or (gaps and event.kind == "aircraft_new"):
+            del left[k]
+        else:
+            news.append(event)
+    return news
 
 
 def _states(
@@ -271,8 +319,8 @@ def _mean_knots(rows: Rows) -> float | None:
     return float(rows.difference.sum()) / number / KNOT if number else None
 
 
-def _leading(fits: xr.Dataset) -> str:
-    """First pool, else first reference."""
+def leading_reference(fits: xr.Dataset) -> str:
+    """First pool, else first reference, of fits as a run makes them."""
     names = fits["reference"].to_numpy().astype(str)
     single = int(fits.attrs.get("reference_count", names.size))
     return str(names[single if single < names.size else 0])

@@ -41,6 +41,7 @@ from airswing.report.run.evaluation_sections import (
     profiles_section,
     sensitivity_section,
 )
+from airswing.report.run.monitoring_section import monitoring_section
 from airswing.report.run.page_numbers import (
     correction_rows,
     fleet_disagreement,
@@ -100,6 +101,7 @@ def write_page(
     reference = _lead_reference(fits, headings, summary)
     summary["links"] = [*product_links(Path(directory)), *summary.get("links", [])]
     sections = [
+        monitoring_section(found.monitoring),
         _corrections_section(fits, reference, summary),
         _curves_section(headings, fits, reference),
         _fleet_section(headings, fits, corrected, reference),
@@ -144,6 +146,8 @@ PRODUCTS = {
     "sensitivity.json": "sensitivity to the reference (JSON)",
     "error_profiles.nc": "error profiles (NetCDF)",
     "observation_errors.nc": "the reports' own error by phase of flight and layer (NetCDF)",
+    "events.json": "states of the aircraft and events (JSON)",
+    "report/monitoring.html": "the watch over the fleet (page)",
     "gap/index.html": "the sim-to-real gap (page)",
     "postprocess/index.html": "forecasts corrected after the fact (page)",
 }

@@ -1,0 +1,153 @@
+"""The page's section on what happened to the fleet, and the same as a page of its own.
+
+Assumes the content of ``events.json``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import airswing
+from airswing.report.html.document import Column, Row, Section, document, folded, table
+from airswing.report.html.embed import embedded, write_whole
+from airswing.report.html.style import plural
+from airswing.report.run.monitoring_figures import KINDS, timeline_figure
+from airswing.report.run.page_numbers import number_text
+
+MOST_EVENTS, MOST_STATES = 60, 200
+"""Rows of the tables; the file has all."""
+
+
+def monitoring_section(watched: Mapping[str, Any] | None) -> Section:
+    """Return what is new, the line of time, the events and how the aircraft stand."""
+    title = "Watch"
+    if not watched:
+        return Section("watch", title)
+    parts = [embedded(timeline_figure(watched))]
+    events = list(reversed(watched["events"]))
+    if events:
+        parts.append(_events_table(watched, events))
+    parts.append(folded("How the aircraft stand", [_states_table(watched)], unfolded=not events))
+    return Section("watch", title, _lead(watched), parts)
+
+
+def write_monitoring_page(path: Path, watched: Mapping[str, Any]) -> Path:
+    """Write the section as a page of its own.
+
+    Parameters
+    ----------
+    path : Path
+    watched : mapping
+        Content of ``events.json``.
+
+    Returns
+    -------
+    Path
+    """
+    text = document(
+        title="airswing: watch over the fleet",
+        kicker=f"Watch over {plural(len(watched['states']), 'aircraft', 'aircraft')}  ·  to "
+        f"{watched['until']}, against {watched['reference']}",
+        headline=_lead(watched),
+        sections=[monitoring_section(watched)],
+        footer=[f"airswing {airswing.__version__}. Intervals are 95 %."],
+    )
+    return write_whole(path, text)
+
+
+def _lead(watched: Mapping[str, Any]) -> str:
+    news = watched["events"][watched["told_before"] :]
+    differing = [one["aircraft"] for one in watched["states"] if one["tables_differ"]]
+    counts = [
+        f"{sum(one['kind'] == kind for one in news)} {words}"
+        for kind, (words, *_) in KINDS.items()
+        if any(one["kind"] == kind for one in news)
+    ]
+    told = f"New up to {watched['until']}: {', '.join(counts)}." if news else "Nothing new."
+    if differing:
+        more = f" and {len(differing) - 8} more" if len(differing) > 8 else ""
+        told += f" Another table should go to {', '.join(differing[:8])}{more}."
+    return told
+
+
+def _events_table(watched: Mapping[str, Any], events: list[Mapping[str, Any]]) -> Any:
+    number = len(events) - watched["told_before"]
+    rows = [
+        Row(
+            [
+                one["date"],
+                " to ".join(dict.fromkeys(one["evidence"].get("date_ci", []))) or "-",
+                one["aircraft"] or "all at once",
+                KINDS[one["kind"]][0],
+                _size(one),
+                one["noticed"],
+                "new" if k < number else "",
+            ]
+        )
+        for k, one in enumerate(events[:MOST_EVENTS])
+    ]
+    titles = ("since", "95 % interval", "aircraft", "event", "size", "noticed", "")
+    more = f", the latest {MOST_EVENTS}" if len(events) > MOST_EVENTS else ""
+    return table(
+        [Column(one, "words") for one in titles],
+        rows,
+        caption=f"Events (n = {len(events)}{more}); a change of the compass in degrees rms over "
+        "all headings, with its offset; a rise of the wind disagreement as a factor.",
+    )
+
+
+def _size(event: Mapping[str, Any]) -> str:
+    told = event["evidence"]
+    if "factor" in told:
+        return f"× {told['factor']:.2f} ± {1.96 * told['standard_error']:.2f}"
+    if "curve_rms_deg" in told:
+        return (
+            f"{told['curve_rms_deg']:.1f}° rms, offset {told['change_deg']['A']:+.1f} ± "
+            f"{1.96 * told['standard_error_deg']['A']:.1f}°"
+        )
+    return f"{told['days']} days" if "days" in told else "-"
+
+
+def _states_table(watched: Mapping[str, Any]) -> Any:
+    states = sorted(watched["states"], key=_worst_first)
+    rows = [
+        Row(
+            [
+                one["aircraft"],
+                one["last_day"] + (" (silent)" if one["silent"] else ""),
+                _number(one["disagreement_kt"]),
+                _number(one["past_disagreement_kt"]),
+                {None: "-", False: "no", True: "yes"}[one["tables_differ"]],
+                _number(one["table_difference_deg"]),
+            ]
+        )
+        for one in states[:MOST_STATES]
+    ]
+    columns = [
+        Column("aircraft", "words"),
+        Column("last report", "words"),
+        Column("disagreement, last days (kt)"),
+        Column("before (kt)"),
+        Column("another table?", "words"),
+        Column("tables apart (° rms)"),
+    ]
+    more = f", {MOST_STATES} shown" if len(states) > MOST_STATES else ""
+    return table(
+        columns,
+        rows,
+        caption="Mean wind vector disagreement of the last seven days with reports and of the days "
+        "before; whether the table that would be sent now differs from the one in use beyond the "
+        f"error of both (n = {plural(len(states), 'aircraft', 'aircraft')}{more}).",
+    )
+
+
+def _worst_first(state: Mapping[str, Any]) -> tuple[bool, float, str]:
+    past = state["past_disagreement_kt"]
+    risen = (state["disagreement_kt"] or 0.0) / past if past else 0.0
+    return (not state["tables_differ"], -risen, state["aircraft"])
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else number_text(value)

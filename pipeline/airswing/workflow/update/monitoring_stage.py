@@ -1,0 +1,118 @@
+"""The watch over the fleet: what happened since the last time, told once: ``events.json``.
+
+Takes the products of ``airswing run`` or, by months, of ``airswing update``; nothing is decoded.
+What the days of a month tell is kept beside it, so that a month that stands is not read again.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from airswing.products.atomic import replacing
+from airswing.products.fingerprint import code_digest, fingerprint
+from airswing.products.netcdf import read_product
+from airswing.workflow.job import CORRECTED, FITS, HEADINGS, Job, main_reference
+
+if TYPE_CHECKING:
+    from airswing.evaluation.monitoring.daily_evidence import Names, Rows
+    from airswing.evaluation.monitoring.events_file import Monitoring
+
+EVENTS, PAGE = "events.json", "monitoring.html"
+
+
+def make_monitoring(job: Job, fits: xr.Dataset | None = None) -> Monitoring:
+    """States of the aircraft and events: ``events.json``, and the page that shows them.
+
+    Parameters
+    ----------
+    job : Job
+        Headings, and corrected winds where there are any, stand in its folder.
+    fits : Dataset, optional
+        Read from the output folder when not given.
+
+    Returns
+    -------
+    Monitoring
+    """
+    from airswing.evaluation.monitoring import events_of, read_events, read_tables, write_events
+    from airswing.report.run.monitoring_section import write_monitoring_page
+
+    path, reference = job.output / EVENTS, main_reference(job.config)
+    with job.progress.stage("monitoring") as stage:
+        fits = read_product(job.output / FITS) if fits is None else fits
+        board = job.config.monitoring.tables_in_use
+        previous = read_events(path) if path.exists() else None
+        tables = None if board is None else read_tables(board, reference=reference)
+        found = events_of(
+            *_rows(job, job.config.pools()[reference], str(fits.attrs["abscissa"])),
+            fits.sel(reference=reference),
+            previous=previous,
+            tables_in_use=tables,
+        )
+        write_events(found, path)
+        write_monitoring_page(job.output / "report" / PAGE, asdict(found))
+        stage.note = f"{len(found.new_events):,} new events"
+    return found
+
+
+def _rows(job: Job, members: list[str], abscissa: str) -> tuple[Names, Rows]:
+    """What every day tells, of the single file or of all months."""
+    from airswing.evaluation.monitoring.daily_evidence import joined_rows
+
+    whole, winds = (job.output / name for name in (HEADINGS, CORRECTED))
+    folder = whole.with_suffix("")
+    if not folder.is_dir():
+        return _of_file(whole, winds, members, abscissa, kept=None)
+    parts = []
+    for month in sorted(folder.glob("*.nc")):
+        kept = job.output / ".update" / f"{month.stem}.watch.npz"
+        corrected = winds.with_suffix("") / month.name
+        parts.append(_of_file(month, corrected, members, abscissa, kept=kept))
+    return joined_rows(parts)
+
+
+def _of_file(
+    path: Path, winds: Path, members: list[str], abscissa: str, *, kept: Path | None
+) -> tuple[Names, Rows]:
+    """Rows of a file of headings and its corrected winds, as kept where nothing changed."""
+    from airswing.evaluation.monitoring.daily_evidence import daily_rows
+
+    with read_product(path, lazy=True) as headings:
+        corrected = read_product(winds, lazy=True) if winds.exists() else None
+        uuids = [one.attrs["uuid"] for one in (headings, corrected) if one is not None]
+        code = code_digest("airswing.evaluation.monitoring.daily_evidence")
+        mark = fingerprint(*uuids, members, abscissa, code)
+        names = headings["aircraft"].to_numpy().astype(str)
+        rows = None if kept is None else _kept(kept, mark)
+        if rows is None:
+            rows = daily_rows(headings, members, abscissa=abscissa, corrected=corrected)
+            if kept is not None:
+                _keep(kept, mark, rows)
+        if corrected is not None:
+            corrected.close()
+    return names, rows
+
+
+def _keep(path: Path, mark: str, rows: Rows) -> None:
+    with replacing(path, lasting=False) as temporary, temporary.open("wb") as stream:
+        columns = {one.name: getattr(rows, one.name) for one in fields(rows)}
+        np.savez_compressed(stream, mark=np.array(mark), **columns)
+
+
+def _kept(path: Path, mark: str) -> Rows | None:
+    """Rows as kept; None where they are of something else, or damaged."""
+    from airswing.evaluation.monitoring.daily_evidence import Rows
+
+    try:
+        with np.load(path) as found:
+            if str(found["mark"]) != mark:
+                return None
+            return Rows(**{one.name: found[one.name] for one in fields(Rows)})
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
