@@ -25,11 +25,13 @@ SHORT = {
     "year": ["--share", "0.05"],
     "adding": ["--share", "0.02", "--main"],
     "coverage": ["--fleets", "40"],
+    "fleet": ["--aircraft", "150", "300", "600"],
     "recovery": ["--archives", "2"],
     "evaluation_coverage": ["--seeds", "20"],
     "gap_statistics": ["--reports", "1000000", "--aircraft", "6"],
 }
 LONG = {
+    "fleet": ["--aircraft", "600", "1200", "2400", "6000"],
     "year": ["--month", "--growth"],
     "gap_statistics": ["--reports", "10000000", "--aircraft", "60"],
 }

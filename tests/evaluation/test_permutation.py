@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airswing.evaluation.permutation import permutation_test
+from airswing.evaluation.permutation import matched_controls, permutation_test
 
 
 @pytest.mark.parametrize("chosen", ["at random", "as the worst"])
@@ -19,3 +19,19 @@ def test_the_permutation_test_keeps_its_size_however_the_aircraft_were_chosen(ch
         corrected[order[:19]] = True
         rejected += permutation_test(before, during, corrected, draws=199, seed=seed)[1] <= 0.05
     assert 0.025 <= rejected / repeats <= 0.08
+
+
+@pytest.mark.parametrize("step", [None, 0.5])
+def test_each_corrected_aircraft_is_held_against_the_control_nearest_before(step):
+    """As a table of all pairs has it; also where several are equally near."""
+    rng = np.random.default_rng(6)
+    before, during = rng.normal(7, 1, 40), rng.normal(6, 1, 40)
+    if step:
+        before = np.round(before / step) * step
+    corrected = rng.random(40) < 0.4
+    apart = np.abs(before[corrected][:, np.newaxis] - before[~corrected])
+    change = before - during
+    found = matched_controls(before, during, corrected)
+    expected = change[corrected] - change[~corrected][apart.argmin(axis=1)]
+    assert found["adjusted_reduction_kt"] == pytest.approx(expected.mean())
+    assert found["mean_distance_kt"] == pytest.approx(apart.min(axis=1).mean())

@@ -110,10 +110,20 @@ def matched_controls(
     """
     if corrected.all() or not corrected.any():
         return {"adjusted_reduction_kt": None}
-    distance = np.abs(before[corrected][:, np.newaxis] - before[~corrected][np.newaxis, :])
-    nearest = distance.argmin(1)
+    nearest = _nearest(before[corrected], before[~corrected])
+    distance = np.abs(before[corrected] - before[~corrected][nearest])
     change = before - during
     return {
         "adjusted_reduction_kt": float((change[corrected] - change[~corrected][nearest]).mean()),
-        "mean_distance_kt": float(distance.min(1).mean()),
+        "mean_distance_kt": float(distance.mean()),
     }
+
+
+def _nearest(values: NDArray[np.float64], among: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Place of the nearest to each value, of equally near ones the first; no table of all pairs."""
+    known, first = np.unique(among, return_index=True)
+    above = np.searchsorted(known, values)
+    sides = np.clip(np.stack([above - 1, above]), 0, known.size - 1)
+    apart = np.abs(known[sides] - values)
+    lower = (apart[0] < apart[1]) | ((apart[0] == apart[1]) & (first[sides[0]] < first[sides[1]]))
+    return np.asarray(first[np.where(lower, sides[0], sides[1])])
