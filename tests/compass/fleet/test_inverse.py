@@ -87,6 +87,24 @@ def test_some_segments_information_is_made_that_of_all(monkeypatch):
         np.testing.assert_allclose(block / size, dense[np.ix_(place, place)] / size, atol=1e-7)
 
 
+def test_an_aircraft_none_of_whose_days_was_chosen_is_fitted_too(monkeypatch):
+    blocks = fleet_blocks(AIRCRAFT, 30, 0)
+    monkeypatch.setattr("airswing.compass.fleet.reference_equations.MOST_BLOCKS", 420)
+    segments = 40_000 + np.arange(120)
+    seldom = segments[(segments % 4 != 0) & (segments % 4 != 2)][10:14]
+    blocks[0] = blocks[0].of(seldom)
+    one = Reference(blocks, FREE, 40_000 + 4 * np.arange(30))
+    assert one.thinned and not np.isin(one.some.stretch.segments, seldom).any()
+    found = solve_fleet([[part] for part in blocks], FREE)
+    monkeypatch.setattr("airswing.compass.fleet.reference_equations.MOST_BLOCKS", 50_000)
+    exact = solve_fleet([[part] for part in blocks], FREE)
+    spread, other = (
+        np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2)) for fit in (exact, found)
+    )
+    assert np.abs((found.step - exact.step)[FREE] / spread[FREE]).max() < 0.5
+    np.testing.assert_allclose(other, spread, rtol=0.2)
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_both_inverses_are_that_of_the_matrix_written_out(count):
     every = references(count)

@@ -57,9 +57,10 @@ class Coupling:
     inverse : array of float, shape (segment, nodes, nodes)
         G.
     factor : array of float, shape (aircraft, 8, 8)
-        What makes of some blocks' information that of all: F N F' for the aircraft's unknowns,
+        What makes of some blocks' information that of all where the field has a part in it: F N F'
+        for the aircraft's unknowns,
     gain : float
-        and the square of it for the lasting part's.
+        N for the lasting part's times this.
     """
 
     direct: Floats
@@ -72,14 +73,15 @@ class Coupling:
     gain: float
 
     @classmethod
-    def of(cls, precision: Precision, factor: Floats, gain: float) -> Coupling:
+    def of(cls, precision: Precision, direct: Floats, factor: Floats, gain: float) -> Coupling:
         """Sum some blocks up.
 
         Parameters
         ----------
         precision : Precision
-        factor, gain
-            As the attributes.
+            Of some blocks.
+        direct, factor, gain
+            As the attributes, of all.
 
         Returns
         -------
@@ -97,7 +99,7 @@ class Coupling:
             nodes.append(met.sums(own))
             border[:, kept, component] = _at_functions(one, own, aircraft)
         return cls(
-            direct_information(precision, aircraft),
+            direct,
             border,
             (one.lasting_design.T @ lasting).toarray(),
             (nodes[0], nodes[1]),
@@ -125,9 +127,10 @@ class Coupling:
         own, lasting : arrays of the same shapes
         """
         size, many, root = self.lasting.shape[0], own.shape[-1], np.sqrt(self.gain)
+        known = self.direct @ own
         own, lasting = self.factor.transpose(0, 2, 1) @ own, root * lasting
         border = self.border.reshape(-1, 2 * size)
-        found = self.direct @ own + (border @ lasting.reshape(-1, many)).reshape(own.shape)
+        found = (border @ lasting.reshape(-1, many)).reshape(own.shape)
         below = (border.T @ own.reshape(-1, many)).reshape(lasting.shape) + self.lasting @ lasting
         for component, (kept, nodes) in enumerate(zip(KEPT, self.nodes, strict=True)):
             met = own.transpose(1, 0, 2)[kept].reshape(-1, many)
@@ -136,15 +139,15 @@ class Coupling:
             taken = (self.inverse @ seen.reshape(shape)).reshape(seen.shape)
             found[:, kept] -= (nodes @ taken).reshape(len(kept), -1, many).transpose(1, 0, 2)
             below[component] -= self.lasting_nodes.T @ taken
-        return self.factor @ found, root * below
+        return known + self.factor @ found, root * below
 
     def own_blocks(self) -> Floats:
         """Information about each aircraft's own unknowns, shape (aircraft, 8, 8)."""
-        found = self.direct.copy()
+        found = np.zeros_like(self.direct)
         every = np.arange(self.aircraft)
         for kept, nodes in zip(KEPT, self.nodes, strict=True):
             found[np.ix_(every, kept, kept)] -= _taken_of_own(nodes, self.inverse)
-        return np.asarray(self.factor @ found @ self.factor.transpose(0, 2, 1))
+        return np.asarray(self.direct + self.factor @ found @ self.factor.transpose(0, 2, 1))
 
     def lasting_block(self) -> Floats:
         """Information about one component's lasting part, shape (functions, functions)."""
@@ -157,7 +160,6 @@ class Coupling:
         a, n = self.aircraft, self.lasting.shape[0]
         own, lasting = unknowns(a, n)
         found = np.zeros((OWN * a + 2 * n, OWN * a + 2 * n))
-        found[own[:, :, np.newaxis], own[:, np.newaxis]] = self.direct
         for component, (kept, nodes) in enumerate(zip(KEPT, self.nodes, strict=True)):
             low = lasting[component]
             found[np.ix_(low, low)] = self.lasting
@@ -168,6 +170,7 @@ class Coupling:
         for one in (found, found.T):
             one[own] = self.factor @ one[own]
             one[lasting] *= np.sqrt(self.gain)
+        found[own[:, :, np.newaxis], own[:, np.newaxis]] += self.direct
         return found
 
     def _taken(self, nodes: sparse.csr_matrix) -> Floats:

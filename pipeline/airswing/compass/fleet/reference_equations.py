@@ -128,11 +128,12 @@ class Reference:
 
     def coupling(self) -> Coupling:
         """Information about every unknown, from the blocks."""
-        factor, gain = np.broadcast_to(np.eye(OWN), self.direct.shape), 1.0
-        if self.thinned:
-            gain = self.precise / float(self.some.weight.sum())
-            factor = _factor(direct_information(self.some, self.aircraft), self.direct)
-        return Coupling.of(self.some, factor, gain)
+        some = direct_information(self.some, self.aircraft)
+        if not self.thinned:
+            every = np.broadcast_to(np.eye(OWN), some.shape)
+            return Coupling.of(self.some, some, every, 1.0)
+        gain = self.precise / float(self.some.weight.sum())
+        return Coupling.of(self.some, self.direct, _factor(some, self.direct), gain)
 
     def leverage(self) -> Floats:
         """Share of each coefficient's scatter between days that fitting took away.
@@ -141,7 +142,9 @@ class Reference:
         """
         days = self._day_information()
         total = days.sum(axis=1)
-        ridge = 1e-9 * np.trace(total, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(8)
+        trace = np.trace(total, axis1=1, axis2=2)[:, np.newaxis, np.newaxis]
+        # one: none of this aircraft's days is among them, and nothing is said of it
+        ridge = np.where(trace > 0, 1e-9 * trace, 1.0) * np.eye(OWN)
         inverse = np.linalg.inv(total + ridge)
         twice = (days @ inverse[:, np.newaxis] @ days).sum(axis=1)
         taken = inverse @ twice @ inverse
