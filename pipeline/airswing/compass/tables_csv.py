@@ -1,4 +1,4 @@
-"""What goes on board and into the workshop: tables as CSV, and a swing card an aircraft.
+"""What goes on board and into the workshop: tables as CSV, and a swing card for each.
 
 Assumes fits with tables (:func:`airswing.compass.table.add_tables`). A swing card is the
 deviation card of the compass bench: for each heading to be flown, the heading to steer by the
@@ -28,7 +28,7 @@ from airswing.compass.table import (
     unit_interpolation,
 )
 from airswing.errors import InputError
-from airswing.flags import STATUS
+from airswing.flags import STATUS, published
 from airswing.products.netcdf import atomic
 
 CARDINALS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
@@ -150,7 +150,7 @@ def swing_card(fits: xr.Dataset, *, aircraft: str, reference: str | None = None)
 def write_swing_cards(
     fits: xr.Dataset, folder: str | Path, *, reference: str | None = None, suffix: str = "pdf"
 ) -> list[Path]:
-    """Write a swing card for every aircraft, and ``index.csv`` that lists them.
+    """Write a swing card for every aircraft that has a table, and ``index.csv`` that lists all.
 
     Parameters
     ----------
@@ -166,26 +166,31 @@ def write_swing_cards(
     Returns
     -------
     list of Path
-        The cards, in the order of the aircraft; the index stands beside them.
+        The cards, in the order of the aircraft; the index stands beside them and says of aircraft
+        without one why.
     """
     _need_tables(fits)
     place, drawing = Path(folder), _Drawing()
+    chosen = fits.isel(reference=_reference_number(fits, reference))
+    status = chosen["status"].to_numpy()
+    shape = [chosen[key].to_numpy() for key in ("offset", "amplitude", "phase")]
     cards, rows = [], []
     taken: set[str] = set()
-    for name in (str(value) for value in fits["aircraft"].to_numpy()):
+    for number, name in enumerate(str(value) for value in fits["aircraft"].to_numpy()):
         card = place / f"{_safe(name, taken)}.{suffix}"
-        one = _select(fits, name, reference)
-        with atomic(card) as temporary:
-            drawing.of(one).savefig(temporary, dpi=120, format=suffix)
+        if drawn := bool(published(status[number])):
+            with atomic(card) as temporary:
+                one = _with_error(chosen.isel(aircraft=number))
+                drawing.of(one).savefig(temporary, dpi=120, format=suffix)
+            cards.append(card)
         rows.append(
             (
                 name,
-                card.name,
-                _STATUS_TEXT[int(one["status"])],
-                *(_number(float(one[key]), 2) for key in ("offset", "amplitude", "phase")),
+                card.name if drawn else "",
+                _STATUS_TEXT[int(status[number])],
+                *(_number(float(values[number]), 2) for values in shape),
             )
         )
-        cards.append(card)
     with (
         atomic(place / "index.csv") as temporary,
         temporary.open("w", newline="", encoding="utf-8") as stream,
@@ -217,15 +222,27 @@ def _need_tables(fits: xr.Dataset) -> None:
 
 def _select(fits: xr.Dataset, aircraft: str, reference: str | None) -> xr.Dataset:
     _need_tables(fits)
-    tails = [str(value) for value in fits["aircraft"].to_numpy()]
+    number = _reference_number(fits, reference)
+    place = _place("aircraft", aircraft, [str(value) for value in fits["aircraft"].to_numpy()])
+    return _with_error(fits.isel(aircraft=place, reference=number))
+
+
+def _reference_number(fits: xr.Dataset, reference: str | None) -> int:
+    """Place of a reference; of the first pool, else the first reference, where none is named."""
     names = [str(value) for value in fits["reference"].to_numpy()]
     single = int(fits.attrs.get("reference_count", len(names)))
     wanted = names[single if single < len(names) else 0] if reference is None else reference
-    for value, known, kind in ((aircraft, tails, "aircraft"), (wanted, names, "reference")):
-        if value not in known:
-            raise InputError(f"no fit for this {kind}", field=kind, found=value)
-    found = fits.isel(aircraft=tails.index(aircraft), reference=names.index(wanted))
-    return found.assign(table_error=error_from_table(found))
+    return _place("reference", wanted, names)
+
+
+def _place(kind: str, value: str, known: list[str]) -> int:
+    if value not in known:
+        raise InputError(f"no fit for this {kind}", field=kind, found=value)
+    return known.index(value)
+
+
+def _with_error(one: xr.Dataset) -> xr.Dataset:
+    return one.assign(table_error=error_from_table(one))
 
 
 def card_rows(table_error: ArrayLike) -> list[tuple[str, str]]:
@@ -253,9 +270,8 @@ class _Drawing:
     """Cards of one aircraft after the other, those with a table on one page drawn over again."""
 
     def __init__(self) -> None:
-        self._page = CardPage(
-            ("FOR", "STEER", "FOR", "STEER"), 6, ("node", "", "correction", "±"), NODES.size
-        )
+        heads = ("FOR", "STEER", "FOR", "STEER"), ("node", "", "correction", "±")
+        self._page = CardPage(heads, (6, NODES.size))
 
     def of(self, one: xr.Dataset) -> Any:
         """Figure of a card, until the next is drawn."""
@@ -271,7 +287,7 @@ class _Drawing:
             return refused_page(title, foot, f"fit refused: {status.replace('_', ' ')}")
         rows = card_rows(one["table_error"].to_numpy())
         cells = [[*rows[k], *rows[k + 6]] for k in range(6)]
-        return self._page.show(title, foot, cells, _node_cells(one), _curves(one))
+        return self._page.show(title, foot, (cells, _node_cells(one)), _curves(one))
 
 
 def _node_cells(one: xr.Dataset) -> list[list[str]]:
@@ -293,5 +309,4 @@ def _curves(one: xr.Dataset) -> Curves:
         [np.interp(np.mod(place, 360.0), FINE, values, period=360) for place in at]
         for values in (curve - wide, curve + wide, curve)
     )
-    table = [unit_interpolation(nodes, place) for place in at]
-    return Curves(low, high, fit, table, [values[::45] for values in table])
+    return Curves(low, high, fit, [unit_interpolation(nodes, place) for place in at])

@@ -146,7 +146,7 @@ def make_fits(
 
 
 def draw_cards(job: Job, fits: xr.Dataset) -> None:
-    """Tables as CSV and a swing card an aircraft, unless those of these fits are there.
+    """Tables as CSV, and swing cards of aircraft with a table unless those of these fits are there.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def draw_cards(job: Job, fits: xr.Dataset) -> None:
             (folder / name).unlink(missing_ok=True)  # of aircraft that are gone
         with replacing(kept_note) as temporary:
             temporary.write_text(note({"mark": mark, "cards": cards}))
-        stage.note = f"{len(cards)} aircraft"
+        stage.note = f"{len(cards)} of {fits.sizes['aircraft']} aircraft"
 
 
 def _content(fits: xr.Dataset) -> str:

@@ -133,7 +133,7 @@ def write_page(
 
 PRODUCTS = {
     "tables.csv": "8-point tables of the fleet (CSV)",
-    "swing_cards": "swing cards, one page an aircraft",
+    "swing_cards": "swing cards, a page for each aircraft with a table",
     "fits.nc": "fits with covariances (NetCDF)",
     "corrected.nc": "corrected reports (NetCDF)",
     "headings.nc": "headings and heading errors of every report (NetCDF)",
