@@ -34,7 +34,6 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "phases": lambda: report.phase_maps_figure(HEADINGS),
     "levels": lambda: report.level_maps_figure(factories.headings(shift=-92)),
     "heading error": lambda: report.heading_error_figure(HEADINGS, FITS, "N402"),
-    "small multiples": lambda: report.small_multiples_figure(HEADINGS, FITS, ["N401", "N406"]),
     "coverage": lambda: report.coverage_figure(HEADINGS),
     "fleet": lambda: report.fleet_figure(FITS),
     "disagreement": lambda: report.disagreement_figure(HEADINGS, CORRECTED, FITS),

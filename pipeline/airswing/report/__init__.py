@@ -15,7 +15,6 @@ _WHERE = {
     "phase_maps_figure": "html.maps",
     "level_maps_figure": "html.maps",
     "heading_error_figure": "run.compass_figures",
-    "small_multiples_figure": "run.compass_figures",
     "coverage_figure": "run.compass_figures",
     "fleet_figure": "run.overview",
     "disagreement_figure": "run.overview",

@@ -15,7 +15,7 @@ from tests.report import factories
 from airswing.errors import InputError
 from airswing.evaluation.results import Evaluation
 from airswing.report import write_page
-from airswing.report.run import page
+from airswing.report.run import overview, page
 from airswing.report.run.evaluation_sections import sensitivity_section
 
 
@@ -62,7 +62,7 @@ def test_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
     assert found.open == []
     outside = [a for a in found.addresses if not a.startswith(("data:image/", "#"))]
     assert outside == ["../tables.csv", "notes.txt"]
-    assert found.images >= 10
+    assert found.images >= 6 and text.count('role="img"') == 6 + 6
     assert not re.search(r"https?://(?!www\.w3\.org)", re.sub(r'src="data:[^"]*"', "", text))
     headline = re.search(r"<h1>(.*?)</h1>", text).group(1)
     assert headline.startswith("5 of 6 aircraft fitted against ruc+rtfdaa")
@@ -122,17 +122,31 @@ def test_unwritable_folder_leaves_the_old_page(tmp_path: Path) -> None:
 
 
 def test_large_fleet_stays_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(page, "LARGE_FIGURES", 2)
-    monkeypatch.setattr(page, "SMALL_PER_FIGURE", 3)
-    monkeypatch.setattr(page, "SVG_UP_TO", 1)
+    monkeypatch.setattr(page, "LARGE_PANELS", 2)
+    monkeypatch.setattr(page, "SMALL_PANELS", 5)
+    monkeypatch.setattr(page, "SMALL_TOGETHER", 3)
+    monkeypatch.setattr(overview, "PAGE_OF_AIRCRAFT", 3)
     headings, fits = factories.headings(aircraft=8, reports=60), factories.fits(aircraft=8)
     text, found = parsed(write_page(tmp_path, headings=headings, fits=fits))
     assert "The 2 aircraft with the largest amplitude; the other 6" in text
-    small = -(-8 // 3)
+    assert "<p>The 3 aircraft with the largest amplitude.</p>" in text
     fleet, roses, places, audit = 1, 1, 3, 1
-    assert found.images == small + 2 + fleet + roses + places + audit
-    table = re.search(r"<tbody>(.*?)</tbody>", text, re.DOTALL).group(1)
-    assert table.count("<tr") == 8
+    assert found.images == fleet + roses + places + audit
+    assert text.count('role="img"') == 5 + 2 and text.count("<details") >= 1 + 2
+    rows = re.search(r"<tbody>(.*?)</tbody>", text, re.DOTALL).group(1).split("<tr")[1:]
+    shown = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in rows]
+    assert [cells[0] for cells in shown] == overview.by_amplitude(fits, "ruc+rtfdaa")
+    assert shown[-1][0] == "N408" and shown[-1][-1] == "poor heading coverage"
+    sizes = [float(cells[11].split()[0]) for cells in shown[:-1]]
+    assert sizes == sorted(sizes, reverse=True) and len(sizes) == 7
+
+
+def test_page_of_a_thousand_aircraft_is_small(tmp_path: Path) -> None:
+    headings = factories.headings(aircraft=1000, reports=4)
+    written = write_page(tmp_path, headings=headings, fits=factories.fits(aircraft=1000))
+    text, found = parsed(written)
+    assert found.open == [] and "N1400" in text
+    assert written.stat().st_size < 2.5e6
 
 
 def test_evaluations_become_sections(tmp_path: Path) -> None:

@@ -1,8 +1,8 @@
 """The parts a page is made of: sections, tables, folded details, and the whole document.
 
 Assumes figures and tables made elsewhere.  The result is one HTML text with its styles and
-images inside: nothing is fetched, and all of it reads without scripts (one line of script only
-unfolds the details for printing).  Every text is escaped by the templates.
+images inside: nothing is fetched, and all of it reads without scripts (the script unfolds details
+for printing, and sorts and searches tables).  Every text is escaped by the templates.
 """
 
 from __future__ import annotations
@@ -55,7 +55,9 @@ def _environment() -> Environment:
     return found
 
 
-def table(columns: Sequence[Column], rows: Iterable[Row], *, caption: str = "") -> Markup:
+def table(
+    columns: Sequence[Column], rows: Iterable[Row], *, caption: str = "", sortable: bool = False
+) -> Markup:
     """Return a table as HTML.
 
     Parameters
@@ -64,6 +66,8 @@ def table(columns: Sequence[Column], rows: Iterable[Row], *, caption: str = "") 
     rows : iterable of Row
     caption : str, optional
         What the table holds, in words.
+    sortable : bool, optional
+        With scripts, a click on a head sorts the rows, and a long table can be searched.
 
     Returns
     -------
@@ -72,7 +76,7 @@ def table(columns: Sequence[Column], rows: Iterable[Row], *, caption: str = "") 
     text = (
         _environment()
         .get_template("table.html")
-        .render(columns=columns, rows=list(rows), caption=caption)
+        .render(columns=columns, rows=list(rows), caption=caption, sortable=sortable)
     )
     return Markup(text)
 
@@ -85,6 +89,14 @@ def paragraph(text: str, *, note: bool = False) -> Markup:
 def heading(text: str) -> Markup:
     """Return a heading inside a section."""
     return Markup("<h3>{}</h3>").format(text)
+
+
+def drawing(panels: Iterable[Markup], caption: str, *, wide: bool = False) -> Markup:
+    """Return panels side by side, or as wide as the page one below the other, with words below."""
+    inside = Markup("").join(panels)
+    words = Markup("<figcaption>{}</figcaption>").format(caption) if caption else ""
+    kind = "wide" if wide else "panels"
+    return Markup('<figure class="{}">{}{}</figure>').format(kind, inside, words)
 
 
 def listing(items: Iterable[Any]) -> Markup:

@@ -145,6 +145,7 @@ def lines() -> dict[str, list[Floats]]:
         }
 
 
+@lru_cache(maxsize=32)
 def lines_in(view: View, layer: str) -> list[Floats]:
     """Return the lines of a layer that touch a window, unwrapped and split at its seam."""
     kept = []

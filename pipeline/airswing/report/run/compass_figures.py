@@ -273,77 +273,18 @@ def heading_error_figure(
         f"{name}: heading error (indicated minus the heading {reference} implies) against "
         f"indicated magnetic heading, n = {plural(number, 'report')} of "
         f"{plural(flights, 'flight')}; medians in bins of {BIN_WIDTH:.0f} degrees, fitted curve, "
-        f"and what the 8-point table stands for.{_bias_words(fits, reference)}{trust}"
+        f"and what the 8-point table stands for.{bias_words(fits, reference)}{trust}"
     )
 
 
-def _bias_words(fits: xr.Dataset, reference: str) -> str:
+def bias_words(fits: xr.Dataset, reference: str) -> str:
+    """What was taken out of the points, as a sentence after a blank; empty where nothing was."""
     eastward, northward = fitted_bias(fits, reference)
     if not (eastward or northward):
         return ""
     return (
         f" The reference's fitted bias ({eastward:+.2f} m/s eastward, {northward:+.2f} m/s "
         "northward) is taken out of the points."
-    )
-
-
-@styled
-def small_multiples_figure(
-    headings: xr.Dataset, fits: xr.Dataset, aircraft: list[str], reference: str | None = None
-) -> Figure:
-    """Heading error of several aircraft side by side on one scale.
-
-    Parameters
-    ----------
-    headings, fits : Dataset
-        As for :func:`heading_error_figure`.
-    aircraft : list of str
-        Identifiers, best at most 12.
-    reference : str, optional
-        As for :func:`heading_error_figure`.
-
-    Returns
-    -------
-    CaptionedFigure
-    """
-    reference = reference or headline_reference(fits, headings)
-    columns = min(4, max(len(aircraft), 1))
-    rows = -(-len(aircraft) // columns)
-    figure = new_figure(1.95 * rows + 0.5)
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    limits, total = [], 0
-    for name in aircraft:
-        fit = one_fit(fits, name, reference)
-        fitted, _ = curve_with_error(fit, np.linspace(0, 360, 73))
-        limits.append(error_limit(compass_points(headings, fits, name, reference)[1], fitted))
-    shared = min(max(limits, default=5.0), 25.0)
-    for axes, name in zip(grid.ravel(), aircraft, strict=False):
-        number = draw_heading_error(axes, headings, fits, name, reference, small=True, limit=shared)
-        total += number
-        axes.set_title(f"{name}", fontsize=9.5)
-        axes.text(
-            1.0,
-            1.02,
-            f"n = {thousands(number)}",
-            transform=axes.transAxes,
-            ha="right",
-            va="bottom",
-            fontsize=8,
-            color=SOFT,
-        )
-    for index, axes in enumerate(grid.ravel()):
-        if index >= len(aircraft):
-            axes.axis("off")
-        elif index + columns >= len(aircraft):
-            axes.tick_params(labelbottom=True)
-    figure.supxlabel("indicated magnetic heading (degree)", fontsize=9.5)
-    figure.supylabel("heading error (degree)", fontsize=9.5)
-    return figure.say(
-        f"Heading error against indicated magnetic heading for "
-        f"{plural(len(aircraft), 'aircraft', 'aircraft')} against {reference} on one scale "
-        f"(n = {plural(total, 'report')}). Grey: reports; black: medians in bins of 30 degrees; "
-        "blue: fitted curve and its 95 % interval (dashed: not to be trusted); orange diamonds: "
-        f"8-point table.{_bias_words(fits, reference)}"
     )
 
 

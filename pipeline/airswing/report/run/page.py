@@ -2,8 +2,8 @@
 
 Assumes the products of docs/formats.md with reports in the same order in HEADINGS and
 CORRECTED.  Writes one self-contained HTML file; large fleets keep it usable: small multiples
-stand twelve to a figure, larger figures are made for the aircraft with the largest deviation,
-everyone is in the table.
+and larger figures are made for the aircraft with the largest deviation, everyone is in the table,
+which can be searched and sorted.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from airswing.report.html.document import (
     Row,
     Section,
     document,
+    drawing,
     folded,
     heading,
     link,
@@ -33,9 +34,10 @@ from airswing.report.html.document import (
     table,
 )
 from airswing.report.html.embed import embedded, write_whole
-from airswing.report.html.style import placed_like, plural
+from airswing.report.html.style import plural
 from airswing.report.run import compass_figures as compass
 from airswing.report.run import overview
+from airswing.report.run.compass_panels import large_panel, small_caption, small_panels
 from airswing.report.run.evaluation_sections import (
     field_test_section,
     profiles_section,
@@ -56,10 +58,8 @@ from airswing.report.run.report_errors import report_errors_section
 from airswing.report.run.selection import adds_error, headline_reference, one_fit
 from airswing.report.run.stability_sections import ranking_section, stability_section
 
-SMALL_PER_FIGURE = 12
-LARGE_FIGURES = 40
-SVG_UP_TO = 16
-"""Aircraft up to which the large figures are drawings; beyond, images."""
+SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS = 96, 12, 40
+"""Aircraft that have a small panel, panels side by side, and aircraft that have a large one."""
 FILES_NAMED = 20
 """Report files left out that are named one by one; the product names all."""
 
@@ -212,22 +212,8 @@ def _corrections_section(fits: xr.Dataset, reference: str, summary: Mapping[str,
         Column("reports"),
         Column("status", "words"),
     ]
-    rows = [
-        Row(
-            [
-                row["aircraft"],
-                *row["table"],
-                row["residual"],
-                row["offset"],
-                row["amplitude"],
-                row["phase"],
-                f"{row['reports']:,}",
-                row["status"],
-            ],
-            doubt=not row["good"],
-        )
-        for row in correction_rows(fits, reference)
-    ]
+    order = overview.by_amplitude(fits, reference)
+    rows = [Row(cells, doubt=not good) for cells, good in correction_rows(fits, reference, order)]
     meaning = (
         "the heading error itself, degrees to subtract from the indicated heading"
         if adds_error(fits)
@@ -236,10 +222,11 @@ def _corrections_section(fits: xr.Dataset, reference: str, summary: Mapping[str,
     caption = (
         f"Eight-point corrections by indicated magnetic heading ({meaning}), fitted against "
         f"{reference}; residual: rms degrees that eight points and rounding cost; offset, "
-        "amplitude and phase in degrees with 95 % intervals. Grey italics: not to be trusted "
+        "amplitude and phase in degrees with 95 % intervals. Largest amplitude first; a click on "
+        "a head sorts by its column. Grey italics: not to be trusted "
         f"(n = {plural(len(rows), 'aircraft', 'aircraft')})."
     )
-    parts = [table(columns, rows, caption=caption)]
+    parts = [table(columns, rows, caption=caption, sortable=True)]
     links = [link(str(address), str(label)) for label, address in summary.get("links", [])]
     if links:
         parts.append(listing(links))
@@ -248,32 +235,27 @@ def _corrections_section(fits: xr.Dataset, reference: str, summary: Mapping[str,
 
 def _curves_section(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> Section:
     order = overview.by_amplitude(fits, reference)
-    pages = [order[i : i + SMALL_PER_FIGURE] for i in range(0, len(order), SMALL_PER_FIGURE)]
+    small, large = order[:SMALL_PANELS], order[:LARGE_PANELS]
+    panels = small_panels(headings, fits, small, reference)
     parts: list[Markup] = []
-    for index, names in enumerate(pages):
-        shown = embedded(
-            compass.small_multiples_figure(headings, fits, names, reference), raster=True, dpi=140
-        )
+    for start in range(0, len(small), SMALL_TOGETHER):
+        names = small[start : start + SMALL_TOGETHER]
+        own = panels[start : start + SMALL_TOGETHER]
+        caption = "" if start else small_caption(fits, len(small), reference)
+        shown = drawing(own, caption)
         title = f"{names[0]} to {names[-1]}, by amplitude ({len(names)} aircraft)"
-        parts.append(shown if index == 0 else folded(title, [shown], unfolded=index == 1))
-    large = order[:LARGE_FIGURES]
+        parts.append(shown if start == 0 else folded(title, [shown]))
     parts.append(heading("Each aircraft, larger"))
     if len(large) < len(order):
         parts.append(
             paragraph(
                 f"The {len(large)} aircraft with the largest amplitude; the other "
-                f"{len(order) - len(large)} are in the figures above and in the table."
+                f"{len(order) - len(large)} are in the table."
             )
         )
-    raster, first = len(large) > SVG_UP_TO, None
     for index, name in enumerate(large):
-        figure = compass.heading_error_figure(headings, fits, name, reference)
-        if first is None:
-            first = figure  # of the largest amplitude: the widest labels
-        else:
-            placed_like(figure, first)
         words = compass.fit_words(one_fit(fits, name, reference))
-        shown = embedded(figure, raster=raster, dpi=110 if raster else 150)
+        shown = large_panel(headings, fits, name, reference)
         parts.append(folded(f"{name}: {words}", [shown], unfolded=index == 0))
     lead = (
         "Heading error is the indicated heading minus the heading that the reference wind "
@@ -286,24 +268,15 @@ def _fleet_section(
     headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
 ) -> Section:
     order = overview.by_amplitude(fits, reference)
-    size = overview.PAGE_OF_AIRCRAFT
-    pages = [order[i : i + size] for i in range(0, len(order), size)]
-    parts: list[Markup] = []
-    for index, names in enumerate(pages):
-        shown = [embedded(overview.fleet_figure(fits, names))]
-        if corrected is not None:
-            shown.append(
-                embedded(overview.disagreement_figure(headings, corrected, fits, reference, names))
-            )
-        title = f"{names[0]} to {names[-1]}, by amplitude ({len(names)} aircraft)"
-        parts += shown if index == 0 else [folded(title, shown)]
+    names = order[: overview.PAGE_OF_AIRCRAFT]
+    parts = [embedded(overview.fleet_figure(fits, names))]
+    if corrected is not None:
+        figure = overview.disagreement_figure(headings, corrected, fits, reference, names)
+        parts.append(embedded(figure))
+    if len(names) < len(order):
+        parts.insert(0, paragraph(f"The {len(names)} aircraft with the largest amplitude."))
     parts.append(heading("Headings flown"))
-    roses = [order[i : i + size] for i in range(0, len(order), size)]
-    parts += [
-        shown if index == 0 else folded(f"{names[0]} to {names[-1]}", [shown])
-        for index, names in enumerate(roses)
-        for shown in [embedded(compass.coverage_figure(headings, names), raster=True, dpi=140)]
-    ]
+    parts.append(embedded(compass.coverage_figure(headings, names), raster=True, dpi=140))
     return Section("fleet", "The fleet", "", parts)
 
 

@@ -8,6 +8,7 @@ the screening and were corrected are compared, the same ones before and after.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -229,39 +230,60 @@ def _typical(amplitude: Floats) -> str:
     return f"the typical compass deviation is {size} ({low:.1f}° to {high:.1f}° {words})"
 
 
-def correction_rows(fits: xr.Dataset, reference: str) -> list[dict[str, Any]]:
-    """Return a table row for each aircraft: status, fit in words, 8 corrections, residual."""
+def correction_rows(
+    fits: xr.Dataset, reference: str, aircraft: Sequence[str]
+) -> list[tuple[list[str], bool]]:
+    """Cells of the table of corrections.
+
+    Parameters
+    ----------
+    fits : Dataset
+    reference : str
+    aircraft : sequence of str
+        In the order of the rows.
+
+    Returns
+    -------
+    list of (list of str, bool)
+        Aircraft, the corrections, their residual, offset, amplitude and phase with intervals,
+        reports and status; and whether the fit is to be trusted.
+    """
     fit = fits.sel(reference=reference)
-    rows = []
-    for index, name in enumerate(tails(fits)):
-        one = fit.isel(aircraft=index)
-        good = bool(published(one["status"]))
-        table = one["table_correction"].to_numpy().astype(float)
-        rows.append(
-            {
-                "aircraft": name,
-                "status": status_words(one["status"]),
-                "good": good,
-                "reports": int(one["report_count"]),
-                "flights": int(one["flight_count"]),
-                "offset": interval_text(one, "offset"),
-                "amplitude": interval_text(one, "amplitude"),
-                "phase": interval_text(one, "phase", digits=0),
-                "table": [signed_text(value) for value in table],
-                "residual": number_text(one["table_residual_rms"]),
-                "before": number_text(one["residual_rms_before"]),
-                "after": number_text(one["residual_rms_after"]),
-            }
+    known = {name: place for place, name in enumerate(tails(fits))}
+    order = [known[name] for name in aircraft]
+    status, reports, table, residual = (
+        fit[name].to_numpy()[order]
+        for name in ("status", "report_count", "table_correction", "table_residual_rms")
+    )
+    shape = [
+        _intervals(fit, name, order, digits=digits)
+        for name, digits in (("offset", 2), ("amplitude", 2), ("phase", 0))
+    ]
+    return [
+        (
+            [
+                name,
+                *(signed_text(float(value)) for value in table[row]),
+                number_text(residual[row]),
+                *(words[row] for words in shape),
+                f"{int(reports[row]):,}",
+                status_words(status[row]),
+            ],
+            bool(published(status[row])),
         )
-    return rows
+        for row, name in enumerate(aircraft)
+    ]
 
 
-def interval_text(fit: xr.Dataset, name: str, *, digits: int = 2) -> str:
-    """Return ``value ± half width`` of a fit's quantity, or a dash."""
-    value, half = float(fit[name]), NORMAL_95 * float(fit[f"{name}_standard_error"])
-    if not np.isfinite(value):
-        return "-"
-    return f"{value:.{digits}f}" + (f" ± {half:.{digits}f}" if np.isfinite(half) else "")
+def _intervals(fit: xr.Dataset, name: str, order: list[int], *, digits: int) -> list[str]:
+    """``value ± half width`` of a fit's quantity by aircraft, or a dash."""
+    values = fit[name].to_numpy()[order].tolist()
+    halves = (NORMAL_95 * fit[f"{name}_standard_error"].to_numpy()[order]).tolist()
+    return [
+        number_text(value, digits=digits)
+        + (f" ± {half:.{digits}f}" if np.isfinite(value) and np.isfinite(half) else "")
+        for value, half in zip(values, halves, strict=True)
+    ]
 
 
 def signed_text(value: float) -> str:
