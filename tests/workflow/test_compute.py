@@ -247,9 +247,9 @@ def test_the_page_is_foretold_by_the_figures_it_draws():
     from airswing.report.run import page
     from airswing.workflow import cost
 
-    assert cost.LARGE_FIGURES == page.LARGE_FIGURES
-    few, more, most = (cost.stage_seconds(0, count, {})["page"] for count in (6, 40, 80))
-    assert few < 0.3 * more and most - more < more
+    assert cost.PANELS == page.SMALL_PANELS
+    few, more, most = (cost.stage_seconds(0, count, {})["page"] for count in (6, 96, 6000))
+    assert few < 0.7 * more and most - more < more
 
 
 def test_a_fleet_of_many_aircraft_is_foretold_to_cost_more():

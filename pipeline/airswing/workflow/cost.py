@@ -29,17 +29,17 @@ SECONDS_PER_REPORT = {
 }
 SECONDS_PER_KEPT_REPORT = {"reports": 0.6e-6, "headings": 1.6e-6}
 """In place of these, where an earlier run read the report and derived its heading."""
-SECONDS_ANYWAY = {"reports": 0.8, "collocate": 0.4, "headings": 0.2, "page": 3.0}
+SECONDS_ANYWAY = {"reports": 0.8, "collocate": 0.4, "headings": 0.2, "page": 4.0}
 """Libraries to start, and figures of the fleet."""
 SECONDS_PER_AIRCRAFT = {
     "fit": 0.025,
     "swing cards": 0.05,
     "ranking": 0.02,
     "virtual field test": 0.15,
-    "page": 0.1,
+    "page": 0.5e-3,
 }
 """However few reports it has."""
-SECONDS_PER_LARGE_FIGURE, LARGE_FIGURES = 0.4, 40
+SECONDS_PER_PANEL, PANELS = 0.04, 96
 """Of the page, for as many aircraft at most."""
 BYTES_PER_AIRCRAFT = 200_000
 """The fleet's equations, which the fit keeps in parts (2,400 aircraft: 20 s and 0.4 GB)."""
@@ -84,7 +84,7 @@ def stage_seconds(
         found[stage] += seconds
     for stage, seconds in SECONDS_PER_AIRCRAFT.items():
         found[stage] += seconds * aircraft
-    found["page"] += SECONDS_PER_LARGE_FIGURE * min(aircraft, LARGE_FIGURES)
+    found["page"] += SECONDS_PER_PANEL * min(aircraft, PANELS)
     for one in plans.values():
         decoded = 1.0 - one.sparse_messages / max(one.messages, 1)
         reading = one.sparse_messages * SECONDS_PER_SPARSE_MESSAGE
