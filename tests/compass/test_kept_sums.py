@@ -1,0 +1,110 @@
+"""Sums that periods keep: put together they are the fit of all reports."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from airswing.compass.fit.deviation import sum_aircraft
+from airswing.compass.fit.report_columns import Columns
+from airswing.compass.kept_sums.packed import packed, packed_bases, unpacked, unpacked_bases
+from airswing.compass.kept_sums.period_sums import Base, mean_field, merged_fit, sum_period
+from airswing.products.ragged import some_reports
+from tests.compass.flown import Setting, fleet_deviations, fly
+
+SETTING = Setting(aircraft=3, days=40)
+NIGHTS = 36
+"""Days before those that are new."""
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    """Headings, a field that grows by a tenth, and which reports are of the last days."""
+    deviation = fleet_deviations(3, np.random.default_rng(5))
+    headings, _ = fly(deviation, SETTING, 12)
+    time = headings["time"].to_numpy()
+    share = (time - time.min()) / (time.max() - time.min())
+    headings = headings.assign(horizontal_field=("report", 20_000.0 * (1.0 + 0.1 * share)))
+    begin = time.min() + NIGHTS * np.timedelta64(1, "D")
+    flight = headings["flight"].to_numpy()
+    late = np.zeros(flight.max() + 1, dtype=bool)
+    first = np.unique(flight, return_index=True)
+    late[first[0]] = time[first[1]] >= begin
+    return headings, late[flight]
+
+
+def sums_of(headings):
+    return sum_aircraft(headings, shared_error=True).groups[str(headings["reference"][0].item())]
+
+
+def periods_of(parts, bases):
+    found = []
+    for part in parts:
+        columns = Columns(part, "magnetic")
+        columns.use([0])
+        found.append(
+            {
+                str(k): sum_period(columns, k, [0], base, joint=True, blocks=True)
+                for k, base in enumerate(bases)
+            }
+        )
+    return found
+
+
+def test_a_fit_of_the_days_before_and_the_sums_of_the_new_ones_are_the_fit_of_all(fleet):
+    headings, late = fleet
+    parts = [some_reports(headings, chosen) for chosen in (~late, late)]
+    bases = [Base.of(one.fit, one.field) for one in sums_of(parts[0])]
+    first, second = periods_of(parts, bases)
+    for k, whole in enumerate(sums_of(headings)):
+        own = [first[str(k)], second[str(k)]]
+        assert mean_field(own) == pytest.approx(whole.field, rel=1e-6)
+        assert sum(one.reports for one in own) == whole.reports
+        found = merged_fit(own, bases[k])
+        error = np.sqrt(np.diagonal(whole.fit.covariance))
+        apart = np.abs(found.theta - whole.fit.theta)
+        assert np.all(apart <= 0.1 * error) and apart.any()
+        spread = np.sqrt(np.diagonal(found.covariance) / np.diagonal(whole.fit.covariance))
+        assert spread == pytest.approx(1.0, abs=0.03)
+
+
+def test_blocks_of_periods_are_those_of_all_reports(fleet):
+    """Summed where the fit of all reports is, but for the last step its blocks were made before."""
+    headings, late = fleet
+    every = sums_of(headings)
+    bases = [Base.of(one.fit, one.field) for one in every]
+    parts = periods_of([some_reports(headings, chosen) for chosen in (~late, late)], bases)
+    for k, whole in enumerate(every):
+        found = merged_fit([part[str(k)] for part in parts], bases[k])
+        one, other = found.blocks[0], whole.fit.blocks[0]
+        for name in ("segment", "piece", "latitude", "longitude", "log_pressure"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        size = np.abs(other.sums).max(axis=1, keepdims=True)
+        assert np.all(np.abs(one.sums - other.sums) <= 0.01 * size)
+        assert one.within == pytest.approx(other.within, rel=0.01)
+        assert one.freedom == other.freedom
+
+
+def test_far_from_where_they_were_summed_the_sums_tell_nothing(fleet):
+    headings, _ = fleet
+    known = [Base.of(one.fit, one.field) for one in sums_of(headings)]
+    far = [Base(b.theta + np.radians(3.0), b.free, b.scatters, b.field, b.few) for b in known]
+    (period,) = periods_of([headings], far)
+    assert merged_fit([period["0"]], far[0]) is None
+
+
+def test_what_is_packed_comes_back(fleet):
+    headings, _ = fleet
+    bases = [Base.of(one.fit, one.field) for one in sums_of(headings)]
+    again = unpacked_bases(packed_bases({str(k): base for k, base in enumerate(bases)}))
+    for k, base in enumerate(bases):
+        np.testing.assert_array_equal(again[str(k)].theta, base.theta)
+        np.testing.assert_array_equal(again[str(k)].free, base.free)
+        assert again[str(k)].scatters == base.scatters and again[str(k)].few == base.few
+    (period,) = periods_of([headings], bases)
+    back = unpacked(packed(period))
+    for name, base in again.items():
+        one, other = merged_fit([period[name]], base), merged_fit([back[name]], base)
+        np.testing.assert_array_equal(one.theta, other.theta)
+        np.testing.assert_array_equal(one.flight, other.flight)
+        np.testing.assert_array_equal(one.blocks[0].sums, other.blocks[0].sums)
