@@ -6,8 +6,10 @@ run's time, and continued with ``--resume``, until the asked number of kills is 
 run that comes to its end is compared: each variable of each product bit for bit, their
 attributes apart from identifiers and history, and every other file octet for octet. With
 ``--workers`` the work runs in processes, and the victim is drawn among them and the main process.
+With ``--update`` the job is ``airswing update`` in place of ``airswing run`` and ``--resume``.
 With ``--adding`` every run begins from a finished one of the first two thirds of the reports, to
-which the last third is added, and is compared with the run of all of them from scratch.
+which the last third is added, and is compared with the run of all of them from scratch (an update:
+with an undisturbed update from there).
 
     python -m benchmarks.fault_drill --kills 20
 """
@@ -17,6 +19,7 @@ from __future__ import annotations
 import argparse
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -30,21 +33,22 @@ import pandas as pd
 import xarray as xr
 import yaml
 
-COMMAND = [sys.executable, "-m", "airswing", "run"]
+COMMAND, UPDATE = ([sys.executable, "-m", "airswing", job] for job in ("run", "update"))
 PER_RUN = 4
 """Kills after which a run is let come to its end."""
 IDENTIFIERS = {"uuid", "source_uuids", "history", "fingerprint", "unscreened_fingerprint"}
 SKIPPED = {".html", ".svg", ".png", ".pdf"}
 """The page is drawn from the products compared here, and carries their identifiers."""
 
-DRAWN = (".collocated/reports/", ".collocated/headings.json")
-"""Where kept reports lie, under names of no meaning, and a note that names the headings by their
-identifier; what is made of them is compared."""
+DRAWN = re.compile(r"\.collocated/(reports/|(\d{4}-\d\d/)?headings\.json)|\.update/|events\.json")
+"""Where kept reports lie, under names of no meaning, and notes that name products by their
+identifier; what is made of them is compared. Which events are new depends on who asked before."""
 
 
 def start(config: Path, *words: str) -> subprocess.Popen[bytes]:
-    """Start the main job in a process of its own."""
-    command = [*COMMAND, str(config), "--quiet", *words]
+    """Start the main job in a process of its own; an update where that is the word."""
+    updates = words == ("update",)
+    command = [*(UPDATE if updates else COMMAND), str(config), "--quiet", *words[updates:]]
     return subprocess.Popen(
         command,
         cwd=config.parent,
@@ -94,7 +98,7 @@ def kill_at(config: Path, moment: float, pick: random.Random, *words: str) -> st
 def files_of(folder: Path) -> set[str]:
     """Names of everything a run left, hidden files included, but for those drawn by lot."""
     found = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
-    return {name for name in found if not name.startswith(DRAWN) or name.endswith(".part")}
+    return {name for name in found if not DRAWN.match(name) or name.endswith(".part")}
 
 
 def differences(one: Path, other: Path) -> list[str]:
@@ -128,7 +132,7 @@ def product_differences(one: Path, other: Path) -> list[str]:
         return found + [f"attribute {key}" for key in keys if a.attrs.get(key) != b.attrs.get(key)]
 
 
-def run_of_the_first(config: Path, output: Path) -> Path:
+def run_of_the_first(config: Path, output: Path, *words: str) -> Path:
     """Run the first two thirds of the reports; where its results are, the others put beside."""
     later = {}
     for table in sorted((config.parent / "reports").glob("*.csv")):
@@ -136,22 +140,32 @@ def run_of_the_first(config: Path, output: Path) -> Path:
         last = frame["time"].sort_values().iloc[2 * len(frame) // 3]
         later[table.with_stem(f"{table.stem}_later")] = frame[frame["time"] >= last]
         frame[frame["time"] < last].to_csv(table, index=False)
-    finish(config)
+    finish(config, *words)
     for path, rows in later.items():
         rows.to_csv(path, index=False)
     return output.rename(output.with_name("first"))
 
 
 def drill(
-    config: Path, *, kills: int, seed: int, longest: float | None = None, adding: bool = False
+    config: Path,
+    *,
+    kills: int,
+    seed: int,
+    longest: float | None = None,
+    adding: bool = False,
+    update: bool = False,
 ) -> dict[str, float]:
     """Kill, continue and compare until enough kills are done.
 
     Returns the undisturbed run's time, the number of kills, of compared runs and of differences.
     """
     output, pick = Path(yaml.safe_load(config.read_text())["output"]), random.Random(seed)
-    first = run_of_the_first(config, output) if adding else None
-    undisturbed = finish(config)
+    anew: tuple[str, ...] = ("update",) if update else ()
+    resumed = anew or ("--resume",)
+    first = run_of_the_first(config, output, *anew) if adding else None
+    if first is not None and update:  # what an update gives hangs on where the last one stood
+        shutil.copytree(first, output)
+    undisturbed = finish(config, *anew)
     truth = output.with_name("undisturbed")
     output.rename(truth)
     done = compared = 0
@@ -160,17 +174,17 @@ def drill(
     while done < kills:
         shutil.rmtree(output, ignore_errors=True)
         shutil.rmtree(config.parent / "cache", ignore_errors=True)
-        words: tuple[str, ...] = ()
+        words = anew
         if first is not None:
             shutil.copytree(first, output)
-            words = ("--resume",)
+            words = resumed
         for _ in range(min(PER_RUN, kills - done)):
             moment = pick.uniform(0.0, longest)
             what = kill_at(config, moment, pick, *words)
             done += what != "ended before"
             print(f"kill {done:3d}: {what} at {moment:6.1f} s of {longest:.1f}", flush=True)
-            words = ("--resume",)
-        seconds = finish(config, "--resume")
+            words = resumed
+        seconds = finish(config, *resumed)
         found = differences(truth, output)
         wrong += found
         compared += 1
@@ -187,6 +201,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--adding", action="store_true", help="kill additions to a finished run")
+    parser.add_argument("--update", action="store_true", help="kill updates, not runs")
     options = parser.parse_args()
     from airswing.synthetic.sample.sample_archive import write_archive
 
@@ -196,7 +211,8 @@ def main() -> None:
         config = folder / "config.yaml"
         content = yaml.safe_load(config.read_text()) | {"compute": {"workers": options.workers}}
         config.write_text(yaml.safe_dump(content))
-        found = drill(config, kills=options.kills, seed=options.seed, adding=options.adding)
+        asked = {"adding": options.adding, "update": options.update}
+        found = drill(config, kills=options.kills, seed=options.seed, **asked)
     print(
         f"fault drill: {found['kills']} kills over {found['runs']} runs of {options.days} days "
         f"({found['seconds']:.0f} s undisturbed): {found['differences']} differences"

@@ -141,7 +141,8 @@ def update(
 
     job = _job(config, output=output, quiet=quiet, scheduler=scheduler)
     result = _inside(job, take_up)
-    _print(result, as_json=json, text=summary.as_text(result, job.output))
+    text = f"{summary.as_text(result, job.output)}\n\n{result['watched']}"
+    _print(result, as_json=json, text=text)
 
 
 @app.command()

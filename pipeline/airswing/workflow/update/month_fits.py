@@ -123,14 +123,19 @@ class _Fleet:
         self.folder = job.output / ".update"
 
     def sums(self) -> FleetSums:
-        """Sums of every aircraft, ready to be fitted."""
-        if not self.bases:
-            return self._new_base()
-        groups = {name: self._merged(name) for name in self.groups}
-        anew = [k for k in range(self.names.size) if any(own[k] is None for own in groups.values())]
+        """Sums of every aircraft, ready to be fitted.
+
+        Always those of the months: whatever is killed between, the same months give the same fits.
+        """
+        fresh = not self.bases
+        if fresh:
+            self._new_base()
+        groups, anew = self._all_merged()
         known = {name for own in self.bases.values() for name in own}
-        if sum(self.names[k] in known for k in anew) > TOO_MANY * max(len(known), 1):
-            return self._new_base()
+        far = sum(self.names[k] in known for k in anew)
+        if not fresh and far > TOO_MANY * len(known):
+            self._new_base()
+            groups, anew = self._all_merged()
         for some in _runs(anew):
             own = self._from_reports(some)
             for name in groups:
@@ -176,8 +181,8 @@ class _Fleet:
         config = self.job.config.model_dump(include={"fit", "pool", "references"})
         return fingerprint(self.months[:-1], config["fit"], config["pool"], code_digest(*_CODE))
 
-    def _new_base(self) -> FleetSums:
-        """Fit all reports; what is kept is summed from there."""
+    def _new_base(self) -> None:
+        """Fit all reports: what is kept is summed from there."""
         parts = [self._summed(part) for part in blocks(self.headings, FITTED_FROM)]
         groups = _together(parts)
         self.bases = {
@@ -194,9 +199,13 @@ class _Fleet:
             for key, values in packed_bases(self.bases[name]).items()
         }
         self._write(self.folder / "base.npz", self._of_base, arrays)
-        for month in self.months:
-            self._periods(month)
-        return replace(parts[0], aircraft=self.names.astype(object), groups=groups)
+        self._held.clear()
+
+    def _all_merged(self) -> tuple[dict[str, list[AircraftSums | None]], list[int]]:
+        """Sums of every group, and the aircraft for which they do not tell all fits."""
+        groups = {name: self._merged(name) for name in self.groups}
+        size = self.names.size
+        return groups, [k for k in range(size) if any(own[k] is None for own in groups.values())]
 
     def _merged(self, group: str) -> list[AircraftSums | None]:
         """Sums of the aircraft of a group of references; None where they do not tell the fit."""

@@ -8,7 +8,7 @@ every report stand by month; all else is as ``airswing run`` writes it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
@@ -24,6 +24,7 @@ from airswing.workflow.main import make_page
 from airswing.workflow.update.corrected_months import correct_month
 from airswing.workflow.update.judged import judged, recent_months
 from airswing.workflow.update.model_spans import model_spans
+from airswing.workflow.update.monitoring_stage import make_monitoring
 from airswing.workflow.update.month_fits import MonthlyFits
 from airswing.workflow.update.months import Month, keep_note, kept_note, months_of
 
@@ -73,7 +74,8 @@ def update(job: Job) -> dict[str, Any]:
     Returns
     -------
     dict
-        As of :func:`airswing.workflow.main.run`, and ``months`` of :class:`Taken`.
+        As of :func:`airswing.workflow.main.run`; ``months`` of :class:`Taken`; ``watched``, a line
+        for what happened to the fleet and one for each new event.
     """
     from airswing.workflow.closing_summary import summarise
 
@@ -85,10 +87,17 @@ def update(job: Job) -> dict[str, Any]:
         summary = summarise(job.config, recent.headings, fits, recent.corrected)
         if recent.since:
             summary |= _of_all(headings, summary, recent.since)
-        evaluation = judged(job, months, headings, fits, recent)
+        watched = make_monitoring(job, fits)
+        evaluation = replace(
+            judged(job, months, headings, fits, recent), monitoring=asdict(watched)
+        )
         make_page(job, recent.headings, fits, recent.corrected, summary, evaluation)
     job.progress.say(job.progress.accounts_text())
-    return summary | {"accounts": job.progress.accounts(), "months": taken.months}
+    return summary | {
+        "accounts": job.progress.accounts(),
+        "months": taken.months,
+        "watched": watched.text,
+    }
 
 
 def take_up(job: Job) -> Taken:
