@@ -54,9 +54,11 @@ def test_values_are_those_of_one_mixed_model(some):
         x = flat(np.stack([cross * (cells == k)[:, None] for k in range(2)], -1))
         gram, score = sums.of_table(keep)
         np.testing.assert_allclose(gram, x.T @ inverse @ x, rtol=1e-6)
-        np.testing.assert_allclose(
-            score, (x.T @ inverse @ flat(some.residual[..., None]))[:, 0], rtol=1e-5, atol=1e-8
-        )
+        r = flat(some.residual[..., None])[:, 0]
+        np.testing.assert_allclose(score, x.T @ inverse @ r, rtol=1e-5, atol=1e-8)
+    values, left = np.array([0.7, -0.4]), r - x @ [0.7, -0.4]
+    gained = r @ inverse @ r - left @ inverse @ left  # of the second fold, the last above
+    assert sums.explained(values, 1) == pytest.approx(gained / sums.factor, rel=1e-5)
 
 
 def test_reports_to_one_is_the_mean_sum_of_correlations(some):

@@ -77,6 +77,11 @@ class CellSums:
         expected = np.diagonal(self.gram, axis1=1, axis2=2)[:, s:].sum() * (1 - 1 / number)
         return float(np.clip((apart[:, s:] ** 2).sum() / max(expected, 1e-9), *FACTORS))
 
+    def explained(self, values: Floats, fold: int) -> float:
+        """Energy that values fitted without a fold explain of it, in units of the noise."""
+        gram, score = self.of_table(np.arange(self.score.shape[0]) == fold)
+        return float(2 * values @ score - values @ gram @ values) / self.factor
+
     def of_table(self, keep: NDArray[np.bool_]) -> tuple[Floats, Floats]:
         """Sums of the cells alone over some folds, (k, k) and (k,), what lasts eliminated."""
         s = self.prior.size

@@ -28,7 +28,7 @@ from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import take_off
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry
-from airswing.gap.witness.bench import Bench, Setting
+from airswing.gap.witness.bench import Bench, Setting, stands_on_report
 from airswing.gap.witness.learned import LearnedWitness
 from airswing.gap.witness.unknowns import (
     LEAST_EVIDENCE,
@@ -57,6 +57,9 @@ OWN_REMAINDER = 0.35
 MOST_COMPARED = 5000
 #: Part of an effect that its table holds: cells are coarse, and variables known roughly.
 CARRIED = 0.8
+#: The same of a table by the reported wind: reports that an effect moved into a cell stand there
+#: among others that it left alone.
+CARRIED_AS_SENT = 0.5
 #: Draws of what an unknown closes, and the quantiles of the interval.
 DRAWS, LIMITS = 200, (0.025, 0.975)
 
@@ -208,7 +211,8 @@ def _drawn(bench: Bench, unknown: Unknown, sensor: bool) -> Floats:
             steps[group] = root @ rng.standard_normal(unknown.grid.size) + shared
         now = near - steps[owner, cell][:, None] * direction
         out[d] = gained + start - np.hypot(*now.T).sum()
-    out += gained * (1 / CARRIED - 1) * rng.uniform(0.0, 2.0, DRAWS)
+    carried = CARRIED_AS_SENT if stands_on_report(unknown.grid) else CARRIED
+    out += gained * (1 / carried - 1) * rng.uniform(0.0, 2.0, DRAWS)
     return out / frame.size
 
 

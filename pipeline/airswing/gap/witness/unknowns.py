@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from airswing.gap.archive.reported_variables import KINDS
 from airswing.gap.archive.value_tables import COMPONENTS, SCALED, Axis, Grid, axis_of
 from airswing.gap.sums.elimination import inverse_root
-from airswing.gap.witness.bench import Bench
+from airswing.gap.witness.bench import Bench, stands_on_report
 from airswing.gap.witness.cell_means import CellSums
 from airswing.gap.witness.ground import Sums
 from airswing.gap.witness.learned import Heard
@@ -277,13 +277,16 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
     groups = [own] if shared else [[a] for a in own]
     energy = _confirmed(candidate, prior, groups, fold)
     values, by_fold = np.zeros((aircraft, k)), np.zeros((energy.size, aircraft, k))
-    roots = []
+    roots, plain = [], np.zeros(energy.size)
     for group in groups:
         means = bench.cell_sums(candidate.grid, candidate.component, group, fold)
         values[group], root = cell_values(means, prior)
         roots.append(root)
         for f in range(energy.size):
             by_fold[f, group], _ = cell_values(means, prior, without=f)
+            plain[f] += means.explained(by_fold[f, group[0]], f)
+    if stands_on_report(candidate.grid):
+        energy = plain
     size, peak = sizes(bench, candidate, values, own)
     return Unknown(
         candidate.component,
