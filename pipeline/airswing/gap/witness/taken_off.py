@@ -49,6 +49,8 @@ Integers = NDArray[np.int64]
 
 #: What a table must explain more than all names, as a factor, to lead.
 LEADS = 1.05
+#: Evidence beside the strongest's from which a table of another component is tried as well.
+RIVAL = 0.3
 #: Size beside that of the names' on the same aircraft under which an unknown is their remainder.
 REMAINDER = 0.2
 #: The same beside an earlier unknown's: cells are coarse.
@@ -56,7 +58,7 @@ OWN_REMAINDER = 0.35
 #: Reports on which an unknown is compared with effects, at most.
 MOST_COMPARED = 5000
 #: Part of an effect that its table holds: cells are coarse, and variables known roughly.
-CARRIED = 0.8
+CARRIED = 0.7
 #: The same of a table by the reported wind: reports that an effect moved into a cell stand there
 #: among others that it left alone.
 CARRIED_AS_SENT = 0.5
@@ -143,10 +145,10 @@ def next_unknown(
     if named:
         plain = Bench.of(setting, frame.residual)
         alone = _ranked(plain, witness)
-        first = refined(plain, alone[0], fold)
+        first = _best(plain, alone, fold)
         if first is not None and _leads(plain, first, errors, fold):
             return _taken(setting, plain, first, alone, effects, fold)
-    unknown = refined(bench, ranked[0], fold)
+    unknown = _best(bench, ranked, fold)
     if unknown is None or (named and _remainder(frame, unknown, errors)):
         return None
     return _taken(setting, bench, unknown, ranked, effects, fold)
@@ -158,6 +160,24 @@ def _ranked(bench: Bench, witness: LearnedWitness) -> list[Candidate]:
     # of a pair and a curve that tell the same the curve is simpler: `refined` tries its pairs
     least = single[0].nats + max(SECOND[0], SECOND[1] * single[0].nats)
     return [c for c in pairs if c.nats > least] + single
+
+
+def _best(bench: Bench, ranked: Sequence[Candidate], fold: Integers) -> Unknown | None:
+    """The table that explains most of weeks left out, of the two strongest components.
+
+    An effect of one component shows in the changes along flights of another as well.
+    """
+    least = max(LEAST_EVIDENCE, RIVAL * ranked[0].nats)
+    strongest: dict[str, Candidate] = {}
+    for candidate in ranked:
+        if candidate.nats >= least:
+            strongest.setdefault(candidate.component, candidate)
+    made = [refined(bench, candidate, fold) for candidate in [*strongest.values()][:2]]
+    tables = [table for table in made if table is not None]
+    if len(tables) < 2:
+        return tables[0] if tables else None
+    day = fold[bench.setting.day]
+    return max(tables, key=lambda table: explained(bench, field_of(bench, table, day)))
 
 
 def _taken(
