@@ -2,9 +2,11 @@
 
     python -m benchmarks.fleet --aircraft 600 1200 2400
     python -m benchmarks.fleet --aircraft 6000 --days 10 --reports 20000000
+    python -m benchmarks.fleet --aircraft 600 --reports 2000000 --tracks FILE.csv
 
 Fleets over a continent against one reference whose error is a bias, a lasting and a passing field,
-every size in a process of its own (memory is the peak of it). Aircraft are summed
+every size in a process of its own (memory is the peak of it). With ``--tracks`` flights are where
+aircraft of a table (columns icao, lat, lon, alt in feet) were. Aircraft are summed
 `TOGETHER` at a time (`sum_aircraft`), as a lazily opened archive is, and the fleet is solved on the
 sums (`fit_sums`); together that is `fit_deviation`. The making of the reports is not counted.
 Exit status 1 where the exponent of the processor time is above `EXPONENT`.
@@ -26,6 +28,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
@@ -56,7 +59,36 @@ def field(latitude, longitude, time, seed: int) -> np.ndarray:
     return found
 
 
-def fleet(aircraft: int, number: int, days: int, each: int) -> tuple[xr.Dataset, np.ndarray]:
+def straight(flights: int, headings: xr.Dataset, each: int, rng) -> np.ndarray:
+    """Latitude, longitude and pressure of flights from anywhere in the continent, (3, n)."""
+    south, north, west, east = CONTINENT
+    found = []
+    for name, low, high, middle in (
+        ("latitude", south, north, 43.0),
+        ("longitude", west, east, -87.0),
+    ):
+        start = np.repeat(rng.uniform(low, high, flights), each)
+        found.append(np.clip(start + headings[name].to_numpy() - middle, low, high))
+    return np.stack([*found, np.repeat(rng.uniform(25e3, 85e3, flights), each)])
+
+
+def flown(flights: int, each: int, rng, tracks: Path) -> np.ndarray:
+    """As of :func:`straight`, each along what one aircraft of a table flew."""
+    table = pd.read_csv(tracks).dropna(subset=["lat", "lon", "alt"])
+    table = table[table["alt"].between(1000, 45000)]
+    known = [one for _, one in table.groupby("icao") if len(one) > 20]
+    found = np.empty((3, flights, each))
+    for k, which in enumerate(rng.integers(0, len(known), flights)):
+        one = known[which]
+        at = np.linspace(0, len(one) - 1, each).astype(int)
+        found[:2, k] = one["lat"].to_numpy()[at], one["lon"].to_numpy()[at]
+        found[2, k] = 101325.0 * (1.0 - 0.3048 * one["alt"].to_numpy()[at] / 44330.8) ** 5.2559
+    return found.reshape(3, -1)
+
+
+def fleet(
+    aircraft: int, number: int, days: int, each: int, tracks: Path | None = None
+) -> tuple[xr.Dataset, np.ndarray]:
     """Some aircraft of a fleet that shares its reference's error, and their deviations."""
     rng = np.random.default_rng([number, 5])
     deviation = fleet_deviations(aircraft, rng)
@@ -69,17 +101,10 @@ def fleet(aircraft: int, number: int, days: int, each: int) -> tuple[xr.Dataset,
         airspeed=200.0,
     )
     headings, _ = fly(deviation, setting, number + 1000)
-    south, north, west, east = CONTINENT
     flights = aircraft * days * FLIGHTS_A_DAY
-    for name, low, high, middle in (
-        ("latitude", south, north, 43.0),
-        ("longitude", west, east, -87.0),
-    ):
-        values = headings[name].to_numpy() - middle
-        start = np.repeat(rng.uniform(low, high, flights), each)
-        headings[name] = ("report", np.clip(start + values, low, high))
-    level = np.repeat(rng.uniform(25e3, 85e3, flights), each).astype(np.float32)
-    headings["pressure"] = ("report", level)
+    place = flown(flights, each, rng, tracks) if tracks else straight(flights, headings, each, rng)
+    for name, values in zip(("latitude", "longitude", "pressure"), place, strict=True):
+        headings[name] = ("report", values.astype(headings[name].dtype))
     names = [f"N{number + k:05d}" for k in range(aircraft)]
     return with_field(headings).assign_coords(aircraft=np.array(names, object)), deviation
 
@@ -103,13 +128,15 @@ def with_field(headings: xr.Dataset) -> xr.Dataset:
     )
 
 
-def one_size(aircraft: int, days: int, reports: int) -> dict[str, float]:
+def one_size(
+    aircraft: int, days: int, reports: int, tracks: Path | None = None
+) -> dict[str, float]:
     """Time, memory and quality of one fleet's fit."""
     each = max(reports // (aircraft * days * FLIGHTS_A_DAY), 1)
     parts: list[FleetSums] = []
     truth, summed = [], 0.0
     for number in range(0, aircraft, TOGETHER):
-        made = fleet(min(TOGETHER, aircraft - number), number, days, each)
+        made = fleet(min(TOGETHER, aircraft - number), number, days, each, tracks)
         truth.append(made[1])
         began = time.process_time()
         parts.append(sum_aircraft(made[0]))
@@ -139,11 +166,13 @@ def main() -> int:
     parser.add_argument("--aircraft", type=int, nargs="+", default=[150, 300, 600, 1200])
     parser.add_argument("--days", type=int, default=10)
     parser.add_argument("--reports", type=int, help="of all aircraft; 480 an aircraft if not given")
+    parser.add_argument("--tracks", type=Path, help="fly where the aircraft of this table were")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
         aircraft = given.aircraft[0]
-        print(json.dumps(one_size(aircraft, given.days, given.reports or 480 * aircraft)))
+        reports = given.reports or 480 * aircraft
+        print(json.dumps(one_size(aircraft, given.days, reports, given.tracks)))
         return 0
     print("aircraft   reports  fitted   sums s  fleet s  peak GB   A to E covered, %", flush=True)
     used = []
@@ -151,6 +180,7 @@ def main() -> int:
         command = [sys.executable, "-m", "benchmarks.fleet", "--one", "--days", str(given.days)]
         command += ["--aircraft", str(aircraft)]
         command += ["--reports", str(given.reports)] if given.reports else []
+        command += ["--tracks", str(given.tracks)] if given.tracks else []
         told = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
         used.append(told["summed"] + told["solved"])
         covered = " ".join(f"{one:5.1f}" for one in told["covered"])
