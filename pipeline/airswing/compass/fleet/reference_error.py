@@ -428,9 +428,12 @@ class Precision:
     def _node_inverse(self, variance: float) -> Floats:
         """Posterior covariance of every segment's nodes, shape (segment, nodes, nodes)."""
         one, nodes = self.stretch, self.stretch.nodes
-        design = sparse.diags(self.weight) @ one.passing_design
+        weighted = one.share * self.weight[:, np.newaxis]
+        design = as_sparse(one.node, weighted, one.segments.size * nodes)
         of_piece = one.piece_sums @ design
-        seen = one.passing_design.T @ design - of_piece.T @ (sparse.diags(self.tied) @ of_piece)
+        tied = of_piece.copy()
+        tied.data *= np.repeat(self.tied, np.diff(tied.indptr))
+        seen = one.passing_design.T @ design - of_piece.T @ tied
         seen = seen.tocoo()
         found = np.zeros((one.segments.size, nodes, nodes))
         found[seen.row // nodes, seen.row % nodes, seen.col % nodes] = seen.data
