@@ -15,7 +15,7 @@ from benchmarks.fuzz.seeds import bufr_file
 
 from airswing.errors import InputError
 from airswing.products.ragged import aircraft_of_report
-from airswing.reference.packing.decoder import unpack_beside
+from airswing.reference.packing import decoder
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 from airswing.reports import read_reports
 from airswing.reports.canonical.audit import Audit
@@ -281,8 +281,13 @@ def test_a_message_that_ends_the_process_costs_one_report(tmp_path: Path):
     messages = [b"BUFR" + part for part in path.read_bytes().split(b"BUFR")[1:]]
     deadly = bytearray(messages[0])
     deadly[10], deadly[39] = 68, 127
+    tables = (33, 0, 6)
     with pytest.raises(UnreadableMessageError, match="ends the decoder"):
-        unpack_beside(bytes(deadly), (33, 0, 6))
+        decoder._POOL.ask(
+            decoder.REPORTS, bytes(deadly), 0, json.dumps([["year"], *tables]).encode()
+        )
+    rows, failed = decoder.reports_beside([messages[1], bytes(deadly)], ["year"], tables)
+    assert rows == [{"year": 2009}] and failed == 1
     path.write_bytes(b"".join([messages[1], bytes(deadly), b"noise", *messages[2:]]))
     found = read_reports(path)
     assert audit_of(found)["dropped"] == {"undecodable_message": 1}

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.reference.packing import decoder_process
-from airswing.reference.packing.decoder_process import ANSWER, ARRAY, KEYS, REQUEST, UNPACK, VALUES
+from airswing.reference.packing.decoder_process import ANSWER, ARRAY, KEYS, REPORTS, REQUEST, VALUES
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
 Floats = NDArray[np.float64]
@@ -258,22 +258,38 @@ def array_beside(message: bytes, name: str, size: int) -> Floats:
     return np.frombuffer(_POOL.ask(ARRAY, message, size, name.encode()), dtype=np.float64)
 
 
-def unpack_beside(message: bytes, tables: tuple[int, int, int]) -> None:
-    """Try in another process whether a BUFR message can be unpacked.
+def reports_beside(
+    messages: Sequence[bytes], columns: Sequence[str], tables: tuple[int, int, int]
+) -> tuple[list[dict[str, Any]], int]:
+    """Reports of BUFR messages, read by pdbufr in another process.
 
     Parameters
     ----------
-    message : bytes
+    messages : sequence of bytes
+        Framed; where the process does not survive one it is found by asking for each alone.
+    columns : sequence of str
+        Keys wanted.
     tables : (int, int, int)
-        Versions of master and local tables to try where its own are not known, and the oldest
-        master table that is.
+        Versions of master and local tables to try where a message's own are not known, and the
+        oldest master table that is.
 
-    Raises
-    ------
-    UnreadableMessageError
-        Where it cannot, or the decoder dies of it.
+    Returns
+    -------
+    list of dict
+        A report each, with the columns it has, in order.
+    int
+        Messages that cannot be decoded.
     """
-    _POOL.ask(UNPACK, message, 0, json.dumps(tables).encode())
+    asked = json.dumps([list(columns), *tables]).encode()
+    try:
+        together = b"".join(messages)
+        rows, failed = json.loads(_POOL.ask(REPORTS, together, len(together), asked))
+    except UnreadableMessageError:
+        if len(messages) == 1:
+            return [], 1
+        parts = [reports_beside([message], columns, tables) for message in messages]
+        return [row for rows, _ in parts for row in rows], sum(failed for _, failed in parts)
+    return rows, failed
 
 
 def processor_seconds() -> float:

@@ -8,8 +8,8 @@ A request is :data:`REQUEST` (number of the job, octets of the message, octets o
 it, points of the grid, seconds allowed), the message and what is asked. An answer is
 :data:`ANSWER` (0 or 1, octets that follow, processor seconds used so far) and the job's octets, or
 a text that says why there are none. Jobs: values at points (int64 places; float64 values), the
-values of keys (JSON both ways), one key as an array (its name; float64), and whether a BUFR message
-can be unpacked (nothing asked, nothing answered; its expansion is only tried here).
+values of keys (JSON both ways), one key as an array (its name; float64), and the reports of BUFR
+messages (JSON both ways).
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ import signal
 import struct
 import sys
 import time
+from collections.abc import Iterator
 from typing import Any
 
 REQUEST = struct.Struct("<qqqqq")
 ANSWER = struct.Struct("<qqd")
 ABSENT = 1e300
 """What ecCodes is asked to put where a point is missing; no field holds it."""
-VALUES, KEYS, ARRAY, UNPACK = range(4)
+VALUES, KEYS, ARRAY, REPORTS = range(4)
 _TYPES = {"": None, "int": int, "float": float, "str": str}
 _MEMORY = 2 << 30
 _PER_POINT = 96
@@ -162,47 +163,63 @@ def array_of(message: bytes, asked: bytes, size: int) -> bytes:
         eccodes.codes_release(handle)
 
 
-def unpacked(message: bytes, asked: bytes, size: int) -> bytes:
-    """Unpack a BUFR message, by its own tables or by current ones, and ask for all it holds.
+def reports_of(messages: bytes, asked: bytes, size: int) -> bytes:
+    """Reports of BUFR messages by pdbufr, each unpacked by its own tables or by current ones.
 
     Parameters
     ----------
-    message, asked : bytes
-        The message; numbers of current master and local tables, and of the oldest master table
-        that is at hand, JSON.
+    messages, asked : bytes
+        Messages one after the other; JSON: the columns wanted, numbers of current master and local
+        tables, and of the oldest master table that is at hand.
     size : int
         Of no meaning.
 
     Returns
     -------
     bytes
-        None.
+        JSON: a list of reports (those columns they have), and how many messages gave none.
     """
+    import pdbufr
+
+    columns, *tables, oldest = json.loads(asked)
+    failed: list[int] = []
+    found = pdbufr.read_bufr(
+        _unpackable(messages, tables, oldest, failed), columns=columns, required_columns=False
+    )
+    return json.dumps([found.to_dict("records"), len(failed)]).encode()
+
+
+def _unpackable(
+    messages: bytes, tables: list[int], oldest: int, failed: list[int]
+) -> Iterator[Any]:
+    """Messages as pdbufr takes them; places of those that no tables unpack go into `failed`."""
     import eccodes
+    from pdbufr.high_level_bufr.bufr import BufrMessage
 
-    *current, oldest = json.loads(asked)
-    for tables in (None, current):
-        handle = eccodes.codes_new_from_message(message)
-        try:
-            if tables is not None:
-                eccodes.codes_set(handle, "masterTablesVersionNumber", tables[0])
-                eccodes.codes_set(handle, "localTablesVersionNumber", tables[1])
-            eccodes.codes_set(handle, "unpack", 1)
-            keys = eccodes.codes_bufr_keys_iterator_new(handle)
-            while eccodes.codes_bufr_keys_iterator_next(keys):
-                pass
-            eccodes.codes_bufr_keys_iterator_delete(keys)
-            if eccodes.codes_get(handle, "masterTablesVersionNumber") >= oldest:
-                break  # as in the process that asks: current tables are for what fails, or is older
-        except eccodes.CodesInternalError:
-            if tables is not None:
-                raise
-        finally:
-            eccodes.codes_release(handle)
-    return b""
+    at = 0
+    while at < len(messages):
+        length = int.from_bytes(messages[at + 4 : at + 7], "big")
+        for current in (False, True):
+            message = object.__new__(BufrMessage)
+            message.codes_file = None
+            message.codes_id = eccodes.codes_new_from_message(messages[at : at + length])
+            try:
+                if current or message["masterTablesVersionNumber"] < oldest:
+                    message["masterTablesVersionNumber"] = tables[0]
+                    message["localTablesVersionNumber"] = tables[1]
+                message["skipExtraKeyAttributes"] = 1
+                message["unpack"] = 1
+            except Exception:  # eccodes raises many kinds, and a failed decoding stays one
+                eccodes.codes_release(message.codes_id)
+                continue
+            yield message
+            break
+        else:
+            failed.append(at)
+        at += length
 
 
-JOBS = {VALUES: decoded, KEYS: keys_of, ARRAY: array_of, UNPACK: unpacked}
+JOBS = {VALUES: decoded, KEYS: keys_of, ARRAY: array_of, REPORTS: reports_of}
 
 if __name__ == "__main__":
     serve()

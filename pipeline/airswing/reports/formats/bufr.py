@@ -9,7 +9,7 @@ number (001006), which is where European AMDAR puts its aircraft identifier. Tim
 coded: older templates have whole minutes.
 
 A message of edition 2 or later whose table version is not at hand is decoded with a current one;
-one that still cannot be decoded, or that ends the process it is first tried in, is counted as
+one that still cannot be decoded, or that ends the process it is read in, is counted as
 dropped (``undecodable_message``), and the rest of the file is read.
 
 References
@@ -19,8 +19,10 @@ WMO Manual on Codes, Volume I.2: code tables 0 08 004, 0 08 009, 0 02 064.
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +32,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, PLATFORM, ROLL
-from airswing.reference.packing.decoder import unpack_beside
-from airswing.reference.packing.simple_packing import UnreadableMessageError
+from airswing.reference.packing.decoder import reports_beside
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
 
@@ -72,7 +73,7 @@ UNSTEADY = {"phaseOfAircraftFlight": (2,), "detailedPhaseOfFlight": (0, 1, 2)}
 _LARGEST_ROLL = 5.0  # degrees: AMDAR's limit of a good roll angle
 _OLDEST_TABLES = 6  # master table versions below are not shipped with eccodes
 _CURRENT_TABLES = 33  # master table version, of 2019, that holds every older descriptor
-_MESSAGES_PER_PIECE = 20_000
+_MESSAGES_TOGETHER, _ROWS_PER_PIECE = 100, 20_000
 _START, _END = b"BUFR", b"7777"
 
 
@@ -97,81 +98,40 @@ def bufr_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     InputError
         pdbufr is not installed, or no message can be decoded.
     """
-    try:
-        import pdbufr
-    except ImportError as error:
+    if find_spec("pdbufr") is None:
         raise InputError(
             "reading BUFR needs pdbufr",
             file=path,
             remedy="Install it with: pip install 'airswing[bufr]'",
-        ) from error
+        )
     rows = 0
-    for table in _tables(pdbufr, _decodable(path, audit)):
+    for table in _tables(path, audit):
         rows += len(table)
         yield _piece(_merged(table), audit)
     if not rows:
         raise InputError("holds no aircraft report that can be decoded", file=path)
 
 
-def _tables(pdbufr: Any, messages: Iterator[Any]) -> Iterator[pd.DataFrame]:
-    while True:
-        taken = _Taken(messages, _MESSAGES_PER_PIECE)
-        table = pdbufr.read_bufr(taken, columns=COLUMNS, required_columns=False)
-        if len(table):
-            yield table
-        if taken.ended:
-            return
-
-
-class _Taken:
-    """The next few messages of an iterator, remembering whether it ended."""
-
-    def __init__(self, messages: Iterator[Any], number: int) -> None:
-        self._messages, self._number, self.ended = messages, number, False
-
-    def __iter__(self) -> Iterator[Any]:
-        for _ in range(self._number):
-            try:
-                yield next(self._messages)
-            except StopIteration:
-                self.ended = True
-                return
-
-
-def _decodable(path: Path, audit: Audit) -> Iterator[Any]:
-    """Messages that another process could unpack: ecCodes may die of one that is damaged."""
-    for octets in framed(path, audit):
-        try:
-            unpack_beside(octets, (_CURRENT_TABLES, 0, _OLDEST_TABLES))
-            message = _opened(octets)
-        except UnreadableMessageError:
+def _tables(path: Path, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Reports of some thousand messages at a time."""
+    rows: list[dict[str, Any]] = []
+    messages = framed(path, audit)
+    while taken := list(itertools.islice(messages, _MESSAGES_TOGETHER)):
+        # ecCodes may die of a damaged message, so that they are read in another process.
+        found, failed = reports_beside(taken, COLUMNS, (_CURRENT_TABLES, 0, _OLDEST_TABLES))
+        rows += found
+        for _ in range(failed):
             _drop(audit)
-            continue
-        if message["masterTablesVersionNumber"] < _OLDEST_TABLES:
-            _retable(message)
-        if _unpacked(message):
-            yield message
-            continue
-        with type(message)(clone=message) as again:  # a failed decoding cannot be taken back
-            if _retable(again) and _unpacked(again):
-                yield again
-                continue
-        _drop(audit)
+        if len(rows) >= _ROWS_PER_PIECE:
+            yield pd.DataFrame.from_records(rows)
+            rows = []
+    if rows:
+        yield pd.DataFrame.from_records(rows)
 
 
 def _drop(audit: Audit) -> None:
     audit.read += 1
     audit.drop("undecodable_message", 1)
-
-
-def _opened(octets: bytes) -> Any:
-    """A message as pdbufr takes it."""
-    import eccodes
-    from pdbufr.high_level_bufr.bufr import BufrMessage
-
-    message = object.__new__(BufrMessage)
-    message.codes_id, message.codes_file = eccodes.codes_new_from_message(octets), None
-    return message
 
 
 def framed(path: Path, audit: Audit) -> Iterator[bytes]:
@@ -209,23 +169,6 @@ def _mark(descriptor: int, at: int, size: int) -> int:
             return at + found
         at += max(len(block) - len(_START) + 1, 1) if len(block) == 1 << 16 else size - at
     return size
-
-
-def _unpacked(message: Any) -> bool:
-    try:
-        message["unpack"] = 1
-    except Exception:  # eccodes raises many kinds
-        return False
-    return True
-
-
-def _retable(message: Any) -> bool:
-    try:
-        message["masterTablesVersionNumber"] = _CURRENT_TABLES
-        message["localTablesVersionNumber"] = 0
-    except Exception:  # eccodes raises many kinds
-        return False
-    return True
 
 
 def _merged(table: pd.DataFrame) -> pd.DataFrame:
