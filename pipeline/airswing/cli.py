@@ -146,6 +146,17 @@ def update(
 
 
 @app.command()
+def join(
+    months: Annotated[Path, typer.Argument(metavar="FOLDER", help="Such as results/headings.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="NetCDF file.")],
+) -> None:
+    """Write the months of an update as one file, by aircraft, as `airswing run` does."""
+    from airswing.products.ragged_product import write_joined
+
+    print(write_joined(months, output))
+
+
+@app.command()
 def collocate(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
     """Bring model winds to the reports and derive heading errors: headings.nc.
 
@@ -246,7 +257,7 @@ def export(options: ExportOptions) -> None:
     given = {name: getattr(options, name) for name in asked}
     with job.progress.stage("export") as stage:
         result = hand_over(
-            job.output / workflow.CORRECTED,
+            workflow.where_it_stands(job, workflow.CORRECTED),
             to=options.to,
             path=options.output,
             winds=options.winds,  # type: ignore[arg-type]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -88,7 +90,7 @@ def test_blocks_of_periods_are_those_of_all_reports(fleet):
 def test_far_from_where_they_were_summed_the_sums_tell_nothing(fleet):
     headings, _ = fleet
     known = [Base.of(one.fit, one.field) for one in sums_of(headings)]
-    far = [Base(b.theta + np.radians(3.0), b.free, b.scatters, b.field, b.few) for b in known]
+    far = [replace(b, theta=b.theta + np.radians(3.0)) for b in known]
     (period,) = periods_of([headings], far)
     assert merged_fit([period["0"]], far[0]) is None
 
@@ -100,7 +102,8 @@ def test_what_is_packed_comes_back(fleet):
     for k, base in enumerate(bases):
         np.testing.assert_array_equal(again[str(k)].theta, base.theta)
         np.testing.assert_array_equal(again[str(k)].free, base.free)
-        assert again[str(k)].scatters == base.scatters and again[str(k)].few == base.few
+        for part in ("scatters", "airspeeds", "few"):
+            assert getattr(again[str(k)], part) == getattr(base, part)
     (period,) = periods_of([headings], bases)
     back = unpacked(packed(period))
     for name, base in again.items():

@@ -19,6 +19,7 @@ import airswing
 from airswing import workflow
 from airswing.config import load_config
 from airswing.errors import InputError
+from airswing.products.ragged_product import write_joined
 from airswing.products.workspace import workspace
 from airswing.workflow import fits
 from airswing.workflow.progress import Progress
@@ -204,6 +205,8 @@ def test_what_a_changed_setting_asks_for_is_said_and_made(archive):
     with workspace(job.output):
         assert taking_up.take_up(job).months["made"] == [JANUARY]
     assert any("changed since the last time: screening; 1 months" in line for line in said)
+    with workspace(job.output), pytest.raises(InputError, match="another run"):
+        taking_up.update(job)  # two at once
     (archive / "results/headings.nc").touch()
     with pytest.raises(InputError, match="airswing run"):
         update(archive)
@@ -228,6 +231,9 @@ def test_months_open_as_one_dataset(archive):
         concat_dim="report",
         decode_timedelta=False,
     )
+    written = write_joined(archive / "results/headings", archive / "aside/whole.nc")
+    xr.testing.assert_equal(airswing.read_product(written), lazy.load())
+    written.unlink()
     with flat:
         order = np.lexsort((flat["time"], flat["aircraft"]))
         names = np.repeat(whole["aircraft"].to_numpy().astype(str), whole["row_size"])

@@ -25,9 +25,11 @@ from airswing.products.netcdf import (
     encoding_of,
     is_text,
     limit_chunk_cache,
+    read_product,
     with_plain_times,
 )
 from airswing.products.openable import written_here
+from airswing.products.ragged import blocks
 from airswing.vocabulary import describe
 
 
@@ -66,6 +68,27 @@ def ragged_writer(
             if not writer.finished:
                 raise ValueError(f"{path}: the product was not finished")
     written_here(path)
+
+
+def write_joined(months: Path, path: Path) -> Path:
+    """Write a folder of months as one product.
+
+    Parameters
+    ----------
+    months, path : Path
+
+    Returns
+    -------
+    Path
+        The file written.
+    """
+    with read_product(months, lazy=True) as ds:
+        sizes = {"reports": ds.sizes["report"], "aircraft": ds.sizes["aircraft"]}
+        with ragged_writer(path, **sizes) as writer:
+            for block in blocks(ds):
+                writer.append(block)
+            writer.finish(ds.attrs)
+    return path
 
 
 def still_in_file(columns: xr.Dataset) -> bool:

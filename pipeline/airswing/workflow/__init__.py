@@ -23,6 +23,7 @@ from airswing.workflow.job import (
     SENSITIVITY,
     Job,
     main_reference,
+    where_it_stands,
 )
 from airswing.workflow.main import make_page, run
 from airswing.workflow.ranking_stage import make_ranking, make_stability, make_virtual
@@ -51,4 +52,5 @@ __all__ = [
     "make_virtual",
     "plan_run",
     "run",
+    "where_it_stands",
 ]

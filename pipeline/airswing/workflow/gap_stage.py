@@ -17,11 +17,11 @@ import xarray as xr
 
 from airswing.config import as_json
 from airswing.errors import InputError
-from airswing.products.netcdf import read_product, write_json, write_product
+from airswing.products.netcdf import write_json, write_product
 from airswing.products.ragged import blocks, joined, some_reports
 from airswing.workflow.gap_inputs import MARK
 from airswing.workflow.headings_stage import make_headings
-from airswing.workflow.job import GAP_INPUTS, Job
+from airswing.workflow.job import GAP_INPUTS, HEADINGS, Job, ready, where_it_stands
 
 if TYPE_CHECKING:
     from airswing.gap.checks.refit_claims import Adjustment
@@ -42,10 +42,12 @@ def gap_headings(job: Job) -> xr.Dataset:
     Returns
     -------
     Dataset
-        ``headings.nc`` with ``gap_inputs.nc``, read lazily; made where they do not hold.
+        ``headings.nc`` with ``gap_inputs.nc``, read lazily; made where they do not hold. Those of
+        all months where an update made them.
     """
-    headings = make_headings(replace(job, resume=True))
-    inputs = read_product(job.output / GAP_INPUTS, lazy=True)
+    by_month = where_it_stands(job, HEADINGS).is_dir()
+    headings = ready(job, None, HEADINGS) if by_month else make_headings(replace(job, resume=True))
+    inputs = ready(job, None, GAP_INPUTS)
     if inputs.attrs.get(MARK) != headings.attrs.get(MARK):
         raise InputError(
             "the derivatives of the model winds are not of these headings",

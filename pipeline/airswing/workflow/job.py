@@ -166,10 +166,25 @@ def ready(job: Job, given: xr.Dataset | None, name: str) -> xr.Dataset:
     -------
     Dataset
     """
-    if given is not None:
-        return given
-    path, months = job.output / name, (job.output / name).with_suffix("")
-    return read_product(path if path.exists() or not months.is_dir() else months, lazy=True)
+    return read_product(where_it_stands(job, name), lazy=True) if given is None else given
+
+
+def where_it_stands(job: Job, name: str) -> Path:
+    """The single file of a product, or the folder of its months where only that is there.
+
+    Parameters
+    ----------
+    job : Job
+    name : str
+        File name of the product.
+
+    Returns
+    -------
+    Path
+    """
+    whole = job.output / name
+    months = whole.with_suffix("")
+    return months if months.is_dir() and not whole.exists() else whole
 
 
 def require_kept(headings: xr.Dataset) -> None:

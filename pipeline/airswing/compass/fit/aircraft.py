@@ -86,6 +86,8 @@ class AircraftFit:
         One for each reference, where their places were given.
     scatters : list of Scatter
         One for each reference, as the last pass took it.
+    airspeeds : list of float
+        Usual one of the reports against each reference, m/s.
     """
 
     theta: Array
@@ -102,6 +104,7 @@ class AircraftFit:
     flight_order: Index = field(repr=False)
     blocks: list[Blocks] = field(repr=False, default_factory=list)
     scatters: list[Scatter] = field(repr=False, default_factory=list)
+    airspeeds: list[float] = field(repr=False, default_factory=list)
 
     @cached_property
     def covariance(self) -> Array:
@@ -145,7 +148,8 @@ def fit_aircraft(
     if not members or not all(obs.size for obs in members):
         return None
     members, places = in_order(members, places)
-    edges = edges_of(members, places)
+    airspeeds = usual_airspeeds(members)
+    edges = edges_of(members, places, airspeeds)
     size = COMPASS + 1 + 2 * len(members)
     compass = np.arange(1 + 2 * harmonics)
     # on one heading a bias cannot be told from the constant: the fleet's is taken off afterwards
@@ -190,7 +194,7 @@ def fit_aircraft(
         if part.block is not None
     ]
     found = finish(theta, free, normal, kappa, parts, days, converged, by_flight)
-    return replace(found, blocks=blocks, scatters=scatters)
+    return replace(found, blocks=blocks, scatters=scatters, airspeeds=airspeeds)
 
 
 def in_order(
@@ -206,13 +210,18 @@ def in_order(
     return [one for one, _ in ordered], [one for _, one in ordered]
 
 
-def edges_of(members: list[Reports], places: list[Places] | None) -> list[Edges]:
+def usual_airspeeds(members: list[Reports]) -> list[float]:
+    """Median airspeed of every member, by which its blocks are as long as they are, m/s."""
+    return [float(np.median(obs.airspeed[:: max(1, obs.size // THIN)])) for obs in members]
+
+
+def edges_of(
+    members: list[Reports], places: list[Places] | None, airspeeds: list[float]
+) -> list[Edges]:
     """Where the blocks of every member begin; none where no places are known."""
     return [
-        find_edges(
-            obs.flight, place.time, float(np.median(obs.airspeed[:: max(1, obs.size // THIN)]))
-        )
-        for obs, place in zip(members, places or [], strict=False)
+        find_edges(obs.flight, place.time, airspeed)
+        for obs, place, airspeed in zip(members, places or [], airspeeds, strict=False)
     ]
 
 

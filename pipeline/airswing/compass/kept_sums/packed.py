@@ -45,6 +45,7 @@ def packed_bases(bases: Mapping[str, Base]) -> Arrays:
         "free": free,
         "scatter": np.array([[(s.along, s.cross, s.part) for s in one.scatters] for one in every]),
         "field": np.array([one.field for one in every]),
+        "airspeed": np.array([one.airspeeds for one in every]),
         "few": np.array([one.few for one in every]),
     }
 
@@ -66,6 +67,7 @@ def unpacked_bases(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Base]:
             np.flatnonzero(arrays["free"][k]),
             [Scatter(*map(float, one)) for one in arrays["scatter"][k]],
             float(arrays["field"][k]),
+            arrays["airspeed"][k].tolist(),
             bool(arrays["few"][k]),
         )
         for k, name in enumerate(arrays["aircraft"])

@@ -71,6 +71,8 @@ class Base:
         One a member.
     field : float
         Mean horizontal field, nT; NaN where none is known.
+    airspeeds : list of float
+        Usual one of each member, m/s: blocks are cut alike in all periods.
     few : bool
         Whether flights or days are so few that each needs a normal matrix of its own.
     """
@@ -79,13 +81,14 @@ class Base:
     free: Index
     scatters: list[Scatter]
     field: float
+    airspeeds: list[float]
     few: bool
 
     @classmethod
     def of(cls, fit: AircraftFit, field: float) -> Base:
         """That of a fit of all reports."""
         few = min(fit.flight.shape[0], fit.day_number.size) < MANY
-        return cls(fit.theta, fit.free, fit.scatters, field, few)
+        return cls(fit.theta, fit.free, fit.scatters, field, fit.airspeeds, few)
 
     def at(self, field: float) -> Array:
         """Its parameters for another mean field."""
@@ -149,7 +152,7 @@ def sum_period(
     if not all(reports.size for reports in sets):
         return None
     sets, ordered = in_order(sets, places if blocks else None)
-    edges = edges_of(sets, ordered)
+    edges = edges_of(sets, ordered, base.airspeeds)
     theta = base.at(field)
     parts = [
         accumulate(
@@ -225,7 +228,7 @@ def merged_fit(periods: list[PeriodSums], base: Base) -> AircraftFit | None:
             before = (theta - move)[bias_of(k)]
             blocks.append(blocks_of(part.block, part.square, cut, before, move[:SLOPES], kappa))
     found = finish(theta, free, normal, kappa, parts, days, True, by_flight)
-    return replace(found, blocks=blocks, scatters=base.scatters)
+    return replace(found, blocks=blocks, scatters=base.scatters, airspeeds=base.airspeeds)
 
 
 def _ratio(one: float, other: float) -> float:
