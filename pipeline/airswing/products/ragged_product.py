@@ -83,8 +83,8 @@ def write_joined(months: Path, path: Path) -> Path:
         The file written.
     """
     with read_product(months, lazy=True) as ds:
-        sizes = {"reports": ds.sizes["report"], "aircraft": ds.sizes["aircraft"]}
-        with ragged_writer(path, **sizes) as writer:
+        reports, aircraft = ds.sizes["report"], ds.sizes["aircraft"]
+        with ragged_writer(path, reports=reports, aircraft=aircraft) as writer:
             for block in blocks(ds):
                 writer.append(block)
             writer.finish(ds.attrs)
