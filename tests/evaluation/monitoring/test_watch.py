@@ -16,6 +16,8 @@ from airswing.compass.tables_csv import write_tables_csv
 from airswing.errors import InputError
 from airswing.evaluation.monitoring import (
     Event,
+    Monitoring,
+    State,
     UnitTable,
     find_events,
     read_events,
@@ -185,8 +187,14 @@ def test_a_second_change_soon_after_the_first_is_told():
         for date, noticed in (("2008-08-01", "2008-08-03"), ("2008-08-15", "2008-08-17"))
     ]
     moved = replace(change[0], date="2008-08-02")
-    assert _not_told([moved, change[1]], change[:1]) == change[1:]
-    assert _not_told([moved], change[:1]) == []
+    before = Monitoring("2008-08-20", "ruc", [State("N1", "2008-06-01", "2008-08-20")], change[:1])
+    assert _not_told([moved, change[1]], before) == change[1:]
+    assert _not_told([moved], before) == []
+    # what nobody noticed a month ago is no news; of an aircraft nobody knew it is
+    late = replace(before, until="2008-09-20")
+    assert _not_told([moved, change[1]], late) == []
+    other = replace(change[1], aircraft="N2")
+    assert _not_told([other], late) == [other]
 
 
 def test_a_silence_is_measured_by_the_aircrafts_own_habit_and_days_of_the_fleet():

@@ -11,12 +11,16 @@ Radians; logarithms of the wind vector difference.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airswing.evaluation.monitoring.common_part import FEWEST, common_part, estimated_noise
 from airswing.evaluation.monitoring.sequential_test import Floats, Index, Law, Noise, Step, Watch
 
+ENOUGH, FEWEST_TOLD = 20_000, 20
+"""Rows that tell the errors of a day, and the fewest aircraft of them."""
 LIKELY = 3.0
 """Logarithm of the likelihood ratio beyond which an aircraft seems to have stepped too."""
 DEGREE = np.pi / 180.0
@@ -75,7 +79,7 @@ class Alarm:
 
 
 def watch_fleet(
-    rows: tuple[Index, Index, Floats, Floats],
+    rows: tuple[Index, Index, NDArray[Any], NDArray[Any]],
     law: Law,
     *,
     usual: Noise,
@@ -102,16 +106,27 @@ def watch_fleet(
         In order of the night.
     """
     aircraft, day, normal, right = rows
-    noise = estimated_noise(normal, right, aircraft, day, usual=usual)
+    noise = _noise(rows, usual, number)
     own = Watch(law, noise, number)
     shared = Watch(replace(law, level=3.0 * common), Noise(1.0, common**2, noise.persistence), 1)
     order = np.argsort(day, kind="stable")
     nights, start = np.unique(day[order], return_index=True)
     alarms: list[Alarm] = []
     for night, of in zip(nights, np.split(order, start[1:]), strict=True):
-        found = _night(own, shared, common, int(night), aircraft[of], normal[of], right[of])
+        squares, sums = (part[of].astype(np.float64) for part in (normal, right))
+        found = _night(own, shared, common, int(night), aircraft[of], squares, sums)
         alarms += [Alarm(step, int(night), of.size) for step in found]
     return alarms
+
+
+def _noise(
+    rows: tuple[Index, Index, NDArray[Any], NDArray[Any]], usual: Noise, number: int
+) -> Noise:
+    """Errors of the days of a fleet, of large fleets from every so many aircraft."""
+    aircraft, day, normal, right = rows
+    chosen = aircraft % max(min(aircraft.size // ENOUGH, number // FEWEST_TOLD), 1) == 0
+    squares, sums = (part[chosen].astype(np.float64) for part in (normal, right))
+    return estimated_noise(squares, sums, aircraft[chosen], day[chosen], usual=usual)
 
 
 def _night(

@@ -143,7 +143,7 @@ def events_of(
     if previous is not None:
         seen = {state.aircraft for state in previous.states}
         found += _new_aircraft(rows, names, seen)
-        found = _not_told(found, previous.events)
+        found = _not_told(found, previous)
     told = [] if previous is None else previous.events
     order = sorted(found, key=lambda event: (event.noticed, event.date, event.aircraft or ""))
     now = tables_of(fit)
@@ -159,7 +159,7 @@ def _alarms(rows: Rows, names: Any) -> list[Event]:
     """Steps of compasses and of disagreements, those of the reference among them."""
     used = rows.of(rows.count > 0)
     turned = watch_fleet(
-        (used.aircraft, used.day, used.normal.astype(float), used.right.astype(float)),
+        (used.aircraft, used.day, used.normal, used.right),
         COMPASS,
         usual=COMPASS_NOISE,
         common=COMPASS_COMMON,
@@ -268,9 +268,14 @@ def _first_seen(name: str, day: int) -> Event:
     return Event("aircraft_new", _date(day), _date(day), name, {})
 
 
-def _not_told(found: list[Event], before: list[Event]) -> list[Event]:
-    """Events that none of the earlier ones is: dates move a little when reports come late."""
-    left, news = list(before), []
+def _not_told(found: list[Event], before: Monitoring) -> list[Event]:
+    """Events that none of the earlier ones is: dates move a little when reports come late.
+
+    What earlier looks at the same aircraft could have noticed a month ago and more, and did not,
+    is no news either: the errors of the days were estimated otherwise then.
+    """
+    left, news = list(before.events), []
+    seen = {None, *(state.aircraft for state in before.states)}
     for event in sorted(found, key=lambda event: event.date):
         span = SAME if event.kind == "aircraft_silent" else LONGEST
         gaps = [
@@ -281,7 +286,7 @@ def _not_told(found: list[Event], before: list[Event]) -> list[Event]:
         gap, k = min(gaps, default=(span + 1, -1))
         if gap <= span or (gaps and event.kind == "aircraft_new"):
             del left[k]
-        else:
+        elif event.aircraft not in seen or _day(event.noticed) > _day(before.until) - LONGEST:
             news.append(event)
     return news
 
