@@ -24,6 +24,7 @@ SHORT = {
     "fault_drill": ["--kills", "6", "--days", "8", "--aircraft", "3"],
     "year": ["--share", "0.05"],
     "adding": ["--share", "0.02", "--main"],
+    "update": ["--share", "0.02", "--hours", "2200", "--nights", "1"],
     "coverage": ["--fleets", "40"],
     "fleet": ["--aircraft", "150", "300", "600"],
     "recovery": ["--archives", "2"],
@@ -33,6 +34,7 @@ SHORT = {
 LONG = {
     "fleet": ["--aircraft", "600", "1200", "2400", "6000"],
     "year": ["--month", "--growth"],
+    "update": ["--share", "1.0"],
     "gap_statistics": ["--reports", "10000000", "--aircraft", "60"],
 }
 """Arguments by benchmark; none are given where it has no entry."""

@@ -7,8 +7,8 @@ then each night's reports and model files are put beside them and taken up. The 
 run too, and the whole from scratch without evaluation and page. Printed: what each stage took, the
 processor time of a night against the bar (1.5 times the day alone and 10 s; wall times tell little
 on a shared machine), how far fits, tables and corrected winds are from those from scratch, in
-standard errors, and what was written. Fits further than a tenth of their standard errors, or an older month written without need,
-end with status 1.
+standard errors, and what was written. Fits further than a tenth of their standard errors, or an
+older month written without need, end with status 1.
 """
 
 from __future__ import annotations
