@@ -44,6 +44,8 @@ SECOND = (6.0, 0.03)
 FINER = 3.0
 #: What another table must explain more than the one before it, as a share.
 GAIN = 0.03
+#: Second variables that are fitted at most.
+MOST_PAIRS = 3
 #: Prior variance of a table's mean when it is fitted, in those of its values.
 MEAN = 4.0
 #: Bound on single residuals where explained energies are compared, m/s.
@@ -170,46 +172,61 @@ def refined(bench: Bench, best: Candidate, fold: Integers) -> Unknown | None:
     Unknown or None
     """
     best = _better(best, [weighed(bench, best.grid, SCALED[best.component][0])], FINER)
+    options = _of_one(bench, best) + _of_two(bench, best)
+    found = _most_explaining(bench, options, fold)
+    if found is None or len(found.grid.axes) == 1:
+        return found
+    finest = tuple(
+        axis_of(bench.variables[axis.variable], FINE_CELLS[axis.kind]) for axis in found.grid.axes
+    )
+    finer = fitted(bench, weighed(bench, Grid(finest), found.component), fold)
+    return _more_explaining(bench, found, finer, fold)
+
+
+def _of_one(bench: Bench, best: Candidate) -> list[Candidate]:
+    """Tables of one variable, coarse and fine; of a pair those of each of its variables."""
+    alone = len(best.grid.axes) == 1
+    made = [best] if alone else []
+    for name in best.grid.variables:
+        kind = bench.variables[name].kind
+        for count in {"circular": (24, 36), "linear": (12, 20), "category": ()}[kind]:
+            grid = Grid((axis_of(bench.variables[name], count),))
+            finer = weighed(bench, grid, best.component)
+            made += [finer] if not alone or finer.nats > 0.5 * best.nats else []
+    return made
+
+
+def _of_two(bench: Bench, best: Candidate) -> list[Candidate]:
+    """Tables with a second variable that the evidence is for, most first."""
     if len(best.grid.axes) == 2:
-        finest = tuple(
-            axis_of(bench.variables[axis.variable], FINE_CELLS[axis.kind])
-            for axis in best.grid.axes
-        )
-        return _most_explaining(bench, [best, weighed(bench, Grid(finest), best.component)], fold)
+        return [best]
     name = best.grid.variables[0]
-    first = bench.variables[name]
-    options = [best]
-    if first.kind != "category":
-        counts = (24, 36) if first.kind == "circular" else (12, 20)
-        finer = [weighed(bench, Grid((axis_of(first, n),)), best.component) for n in counts]
-        options += [c for c in finer if c.nats > 0.5 * best.nats]
     pairs = []
     for other, variable in bench.variables.items():
         if other != name:
             axes = (_pair_axis(bench, name), axis_of(variable, PAIR_CELLS[variable.kind]))
             pairs.append(weighed(bench, Grid(axes), best.component))
-    pair = _better(best, pairs, max(SECOND[0], SECOND[1] * best.nats))
-    if pair is not best:
-        finest = tuple(
-            axis_of(bench.variables[axis.variable], FINE_CELLS[axis.kind])
-            for axis in pair.grid.axes
-        )
-        options += [pair, weighed(bench, Grid(finest), pair.component)]
-    return _most_explaining(bench, options, fold)
+    least = best.nats + max(SECOND[0], SECOND[1] * best.nats)
+    return sorted((c for c in pairs if c.nats > least), key=lambda c: -c.nats)[:MOST_PAIRS]
 
 
 def _most_explaining(bench: Bench, options: Sequence[Candidate], fold: Integers) -> Unknown | None:
     """Fit tables and take the one that explains most on weeks left out; of equals the first."""
-    best, most = None, 0.0
+    best: Unknown | None = None
     for option in options:
-        found = fitted(bench, option, fold)
-        if found is None:
-            continue
-        error = field_of(bench, found, fold[bench.setting.day])
-        share = explained(bench, error)
-        if best is None or share > most + max(GAIN * abs(most), 1e-4):
-            best, most = found, share
+        best = _more_explaining(bench, best, fitted(bench, option, fold), fold)
     return best
+
+
+def _more_explaining(
+    bench: Bench, first: Unknown | None, other: Unknown | None, fold: Integers
+) -> Unknown | None:
+    """The second of two tables where it explains clearly more on weeks left out, else the first."""
+    if first is None or other is None:
+        return first or other
+    day = fold[bench.setting.day]
+    one, two = (explained(bench, field_of(bench, table, day)) for table in (first, other))
+    return other if two > one + max(GAIN * abs(one), 1e-4) else first
 
 
 def explained(bench: Bench, error: Floats) -> float:
