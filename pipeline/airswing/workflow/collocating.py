@@ -136,7 +136,7 @@ def catalogues(
     with job.progress.stage("catalogue") as stage:
         for name in names:
             asked = job.config.references[name]
-            files, engine = asked.files if only is None else only[name], str(asked.engine)
+            files, engine = (only or {}).get(name, asked.files), str(asked.engine)
             if engine == "fleet" and archive is not None and folder is not None:
                 with written_to(folder):
                     files = [str(write_fleet_wind(archive, folder / f"{name}_wind.nc"))]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from airswing.errors import InputError
+from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.netcdf import read_product
 from airswing.products.workspace import workspace
 from airswing.report.run.reading_warnings import reading_warnings, tally
@@ -88,16 +89,27 @@ def update(job: Job) -> dict[str, Any]:
         if recent.since:
             summary |= _of_all(headings, summary, recent.since)
         watched = make_monitoring(job, fits)
-        evaluation = replace(
-            judged(job, months, headings, fits, recent), monitoring=asdict(watched)
-        )
-        make_page(job, recent.headings, fits, recent.corrected, summary, evaluation)
+        drawn, mark = job.output / ".update/page.json", _of_page(job, taken)
+        if kept_note(drawn).get("mark") == mark and (job.output / "report/index.html").exists():
+            job.progress.say("nothing new: evaluation and page stand")
+        else:
+            evaluation = judged(job, months, headings, fits, recent)
+            evaluation = replace(evaluation, monitoring=asdict(watched))
+            make_page(job, recent.headings, fits, recent.corrected, summary, evaluation)
+            keep_note(drawn, {"mark": mark})
     job.progress.say(job.progress.accounts_text())
     return summary | {
         "accounts": job.progress.accounts(),
         "months": taken.months,
         "watched": watched.text,
     }
+
+
+def _of_page(job: Job, taken: Taken) -> str:
+    """Hash of what evaluation and page are made of."""
+    uuids = [one.attrs["uuid"] for one in (taken.headings, taken.fits, taken.corrected)]
+    config = job.config.model_dump(exclude={"compute", "output"})
+    return fingerprint(uuids, config, code_digest(__name__))
 
 
 def take_up(job: Job) -> Taken:
