@@ -11,10 +11,11 @@ from tests.gap.toy import make_frame
 
 from airswing.errors import InputError
 from airswing.gap.design.candidates import candidates
-from airswing.gap.diagnose import Search, _run, diagnose
+from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.held_out.gradient_reliability import path_derivative
 from airswing.gap.held_out.reduction import take_off
+from airswing.gap.passes import Search, run_pass
 from airswing.gap.search.coding_and_outliers import coarsest, lattice_share
 from airswing.gap.search.cross_validated import settle
 from airswing.gap.search.stepwise import Rules
@@ -119,7 +120,7 @@ def test_products_are_complete_and_serialise(struck):
 def test_a_search_ends_alike_from_nothing_from_its_result_and_from_a_wrong_start(struck):
     frame, _ = struck
     search = Search(SMALL, Rules(), False, 0, lambda *_: None)
-    first = _run(held_archive(frame), search)
+    first = run_pass(held_archive(frame), search)
     base = first.problem.base
     pool = candidates(base.stats.layout, SMALL, dictionary=False)
     (right,) = first.standing.found.terms

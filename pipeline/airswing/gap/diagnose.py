@@ -9,7 +9,7 @@ Validity: at least two aircraft-weeks and some thousand reports for anything but
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,48 +29,33 @@ from airswing.gap.closure.of_scatter import (
     reduction_of_jitter,
     with_scatter,
 )
-from airswing.gap.design.basis import DictionaryPlan, plan_dictionary
 from airswing.gap.design.candidates import candidates
-from airswing.gap.design.heading_uncertainty import heading_doubt
-from airswing.gap.design.layout import make_layout
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.localisation import residual_maps, slices
-from airswing.gap.evidence.terms import Term, given_terms
+from airswing.gap.evidence.terms import given_terms
 from airswing.gap.held_out.attenuation import readout_factors
+from airswing.gap.held_out.days_left_out import folds_of_days, term_coefficients
 from airswing.gap.held_out.linearised import FoundFirst
-from airswing.gap.held_out.reduction import (
-    close,
-    folds_of_days,
-    term_coefficients,
-    whole_coefficients,
-)
-from airswing.gap.noise.model import fit_noise, flown, gross_errors
+from airswing.gap.held_out.reduction import close, whole_coefficients
+from airswing.gap.noise.residual_statistics import gross_errors
+from airswing.gap.passes import Pass, Progress, Search, of_view, search_twice
 from airswing.gap.result.assembled import Findings, aircraft_probability, assemble, best_scores
 from airswing.gap.result.schema import EffectEntry, GapReport
 from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.search.absorbed_by_unknown import folded
 from airswing.gap.search.coding_and_outliers import second_moments
-from airswing.gap.search.cross_validated import Standing, settle
 from airswing.gap.search.excess_scatter import scattering
-from airswing.gap.search.stepwise import Found, Rules, with_background
-from airswing.gap.search.tail_swaps import Swap, beside, exchange, find_swap
+from airswing.gap.search.stepwise import Found, Rules
 from airswing.gap.search.testability import absorbed, too_short
-from airswing.gap.sums.accumulate import SumColumns
-from airswing.gap.sums.elimination import eliminate_days
 from airswing.gap.sums.problem import Problem
-from airswing.gap.sums.variance_components import shared_prior, shared_variances
-from airswing.gap.sums.whole_archive import Archive, held_archive, sum_reports
+from airswing.gap.sums.whole_archive import Archive, held_archive
 from airswing.gap.witness.bench import Bench, Setting
 from airswing.gap.witness.learned import LearnedWitness
 from airswing.gap.witness.sent_winds import SentWinds, sent_winds
 from airswing.gap.witness.taken_off import Taken, is_remainder, next_unknown, remainder_names
-from airswing.units import DAY
 
 Floats = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
-#: Size at single reports, m/s, from which an effect is in danger of being clipped as gross errors.
-PEAK = 2.5
 #: Unknowns that are taken off at most.
 MOST_UNKNOWNS = 4
 
@@ -119,25 +104,6 @@ def _asked(headings: xr.Dataset, reference: str | Sequence[str] | None) -> str |
     if "reference" not in headings.coords or not headings.sizes["reference"]:
         raise InputError("the headings hold no reference", field="reference")
     return str(headings["reference"].to_numpy()[0])
-
-
-@dataclass(frozen=True)
-class Pass:
-    """One pass over the reports and the search on its sums."""
-
-    problem: Problem
-    standing: Standing
-
-
-@dataclass(frozen=True)
-class Search:
-    """What is looked for, and how."""
-
-    effects: Mapping[str, Any]
-    rules: Rules
-    dictionary: bool
-    seed: int
-    tell: Progress
 
 
 def usable_effects(
@@ -221,7 +187,7 @@ def diagnose(
     search = Search(effects, rules or Rules(), dictionary, seed, tell)
     known_names = set(CATALOGUE if catalogue is None else catalogue)
     swaps = "tail_swap" in known_names
-    final, again, swap = _passes(archive, search, swaps=swaps)
+    final, again, swap = search_twice(archive, search, swaps=swaps)
     taken: list[Taken] = []
     witness = LearnedWitness()
     while dictionary and len(taken) < MOST_UNKNOWNS:
@@ -230,13 +196,13 @@ def diagnose(
         if unknown is None or is_remainder(unknown[0], taken):
             break
         taken.append(unknown[0])
-        archive = _of_view(archive, unknown[1])
-        final, again, more = _passes(archive, search, swaps=swaps and swap is None)
+        archive = of_view(archive, unknown[1])
+        final, again, more = search_twice(archive, search, swaps=swaps and swap is None)
         swap = swap or more
     small = remainder_names(final.standing.found.terms, taken)
     if small:
         left = {name: effect for name, effect in effects.items() if name not in small}
-        final, again, _ = _passes(archive, replace(search, effects=left), swaps=False)
+        final, again, _ = search_twice(archive, replace(search, effects=left), swaps=False)
     problem, found = final.problem, final.standing.found
     findings = _findings(final, search, again=again, names=known_names)
     told = {name for one in taken for name in one.unknown.grid.variables}
@@ -262,45 +228,6 @@ def diagnose(
     return Diagnosis(report, dataset, adjustment)
 
 
-def _passes(archive: Archive, search: Search, *, swaps: bool) -> tuple[Pass, bool, Swap | None]:
-    """Pass over the reports in memory, then over all; again where two aircraft were exchanged.
-
-    Returns
-    -------
-    final : Pass
-    again : bool
-        Whether it is linearised about what an earlier one found.
-    swap : Swap or None
-    """
-    first = _run(archive.held(), search)
-    swap = _swap(first, search) if swaps and archive.whole else None
-    if swap is not None:
-        archive = _exchanged(archive, swap, first)
-        first = _run(archive, search)
-    about = _found_first(archive, first)
-    terms = first.standing.found.terms
-    if archive.whole and about is None:
-        return first, False, swap
-    del first  # its sums
-    final = _run(archive, search, about=about, start=terms)
-    if swaps and not archive.whole:
-        swap = _swap(final, search)
-        if swap is not None:
-            archive = _exchanged(archive, swap, final)
-            del final
-            first = _run(archive.held(), search)
-            about, terms = _found_first(archive, first), first.standing.found.terms
-            del first
-            final = _run(archive, search, about=about, start=terms)
-    return final, about is not None, swap
-
-
-def _of_view(archive: Archive, frame: Frame) -> Archive:
-    """Archive of other winds on the reports held in memory; all that is looked at from then on."""
-    held = held_archive(frame, workers=archive.workers)
-    return replace(held, reports=archive.reports, flights=archive.flights)
-
-
 def _next_unknown(final: Pass, witness: LearnedWitness) -> tuple[Taken, Frame] | None:
     """Find what the names of a pass do not explain, and the archive without it."""
     problem, found = final.problem, final.standing.found
@@ -312,26 +239,6 @@ def _next_unknown(final: Pass, witness: LearnedWitness) -> tuple[Taken, Frame] |
         rest = about(problem.archive, problem.context)[0]
     fold = folds_of_days(problem.base.stats)
     return next_unknown(Setting.of(problem), problem.effects, rest, fold, witness)
-
-
-def _swap(made: Pass, search: Search) -> Swap | None:
-    base = made.problem.base
-    others, needed = beside(made.standing.found.terms)
-    return find_swap(base, given_terms(base, others), search.effects, threshold=needed)
-
-
-def _exchanged(archive: Archive, swap: Swap, made: Pass) -> Archive:
-    stats = made.problem.base.stats
-    start = float(stats.days[swap.day]) * DAY + stats.day_shift * 3600
-    return archive.exchanged(swap.pair, lambda frame: exchange(frame, swap, start))
-
-
-def _found_first(archive: Archive, first: Pass) -> FoundFirst | None:
-    """What a first pass found, where it is large enough to be linearised about."""
-    found = first.standing.found
-    about = FoundFirst.of(first.problem, found.terms, term_coefficients(found.given, found.terms))
-    peak = about.errors(archive.view, archive.context).peak
-    return about if peak > PEAK or any(_large(t) for t in found.terms) else None
 
 
 def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str]) -> Findings:
@@ -415,45 +322,6 @@ def _check(archive: Archive) -> None:
             found=f"{archive.reports} reports of {archive.flights} flights",
             remedy="at least 200 reports of four flights with model winds are needed",
         )
-
-
-def _large(term: Term) -> bool:
-    """Whether a term is large enough to be linearised again and to disturb the noise fit."""
-    return bool(np.max(term.score.size[list(term.tails)]) > 1.5)
-
-
-def _run(
-    archive: Archive,
-    search: Search,
-    *,
-    about: FoundFirst | None = None,
-    start: Sequence[Term] = (),
-) -> Pass:
-    """Fit the noise, accumulate and search; the noise with what was found first taken off.
-
-    Beside that noise all that is at work stands out, most of all what is not conditioned on yet: a
-    second search begins with the terms of the first.
-    """
-    effects, tell = search.effects, search.tell
-    frame, context = archive.view, archive.context
-    tell("noise", 0.0)
-    calm = frame.residual if about is None else about(frame, context)[0]
-    noise = fit_noise(calm, flown(context, heading_doubt(frame, context)), seed=search.seed)
-    plan = plan_dictionary(context, effects)
-    if not search.dictionary:
-        plan = DictionaryPlan(plan.knots, (), plan.centre, plan.means, plan.flags)
-    columns = SumColumns(noise, make_layout(effects, plan, context), effects, plan)
-    stats = sum_reports(
-        archive, columns, about=about, progress=lambda done: tell("statistics", done)
-    )
-    tell("search", 0.0)
-    variances = shared_variances(stats, shared_prior(columns.layout, effects))
-    pool = candidates(columns.layout, effects, dictionary=search.dictionary)
-    base = with_background(eliminate_days(stats, variances), pool)
-    problem = Problem(
-        frame, context, effects, plan, noise, base, archive.reports, archive.flights, search.seed
-    )
-    return Pass(problem, settle(base, pool, search.rules, start))
 
 
 def _dataset(problem: Problem, found: Found, maps: bool) -> xr.Dataset:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airswing.gap.noise.model import (
-    Flown,
-    fit_noise,
+from airswing.gap.noise.model import Flown, fit_noise
+from airswing.gap.noise.residual_statistics import (
     gross_errors,
     level_factors,
     remove_smooth_effects,

@@ -10,8 +10,9 @@ from scipy.stats import norm, t
 from tests.gap.toy import make_frame
 
 from airswing.gap.design.candidates import candidates
-from airswing.gap.diagnose import Search, _run, diagnose
+from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.passes import Search, run_pass
 from airswing.gap.search.belief import features, probabilities
 from airswing.gap.search.confirmation import Confirmation, confirm
 from airswing.gap.search.cross_validated import _believed
@@ -33,7 +34,7 @@ def late():
 
     frame = make_frame(seed=4, aircraft=6, days=20, noise=0.3, heading_error=swung)
     search = Search(SMALL, Rules(), False, 0, lambda *_: None)
-    made = _run(held_archive(frame), search)
+    made = run_pass(held_archive(frame), search)
     base = made.problem.base
     pool = candidates(base.stats.layout, SMALL, dictionary=False)
     (term,) = made.standing.found.terms
@@ -96,7 +97,7 @@ def test_changes_of_two_aircraft_join_on_one_date():
 
     frame = make_frame(seed=8, aircraft=6, days=20, noise=0.3, heading_error=swung)
     search = Search(SMALL, Rules(), False, 0, lambda *_: None)
-    made = _run(held_archive(frame), search)
+    made = run_pass(held_archive(frame), search)
     base, (term,) = made.problem.base, made.standing.found.terms
     pool = candidates(base.stats.layout, SMALL, dictionary=False)
     end = base.stats.days.size

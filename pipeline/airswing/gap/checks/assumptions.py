@@ -21,7 +21,8 @@ from airswing.gap.checks.calibration import BINS, Calibration, calibrate
 from airswing.gap.checks.negative_control import Decoy, force_decoy
 from airswing.gap.design.weather import climatology_columns, slope_columns
 from airswing.gap.evidence.terms import Term, fit_terms
-from airswing.gap.held_out.reduction import Closure, folds_of_days, restrict_term, select_days
+from airswing.gap.held_out.days_left_out import folds_of_days, restrict_term, select_days
+from airswing.gap.held_out.reduction import Closure
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.result.schema import (
     AliasEntry,

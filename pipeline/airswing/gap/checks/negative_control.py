@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import unit_vectors
-from airswing.gap.held_out.reduction import day_interval
+from airswing.gap.held_out.days_left_out import day_interval
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import whiten
 from airswing.gap.result.schema import DecoyEntry

@@ -40,11 +40,11 @@ from airswing.gap.closure.effects_not_named import left_over
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.term_covariance import term_covariances, term_offsets
 from airswing.gap.evidence.terms import Term
+from airswing.gap.held_out.days_left_out import term_coefficients
 from airswing.gap.held_out.reduction import (
     Closure,
     is_sensor,
     take_off,
-    term_coefficients,
     term_error,
     term_fields,
     whole_coefficients,

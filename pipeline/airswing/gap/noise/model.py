@@ -23,6 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from airswing.gap.noise.residual_statistics import (
+    autocovariance,
+    gross_errors,
+    level_factors,
+    remove_smooth_effects,
+    robust_sd,
+)
 from airswing.gap.noise.whitening import (
     FlightOrder,
     Gains,
@@ -33,9 +40,6 @@ from airswing.gap.noise.whitening import (
 )
 
 Floats = NDArray[np.float64]
-
-#: Distances (m) at which the autocovariance along the flight is tabulated.
-DISTANCE_EDGES = np.array([0, 10, 25, 50, 75, 100, 150, 200, 300, 400, 600, 900]) * 1e3
 
 
 @dataclass(frozen=True)
@@ -93,189 +97,6 @@ class NoiseFit:
     autocovariance_model: Floats
     pair_count: Floats
     gross: NDArray[np.bool_]
-
-
-def gross_errors(
-    residual: Floats, order: FlightOrder, *, threshold: float = 5.0
-) -> NDArray[np.bool_]:
-    """Mark single reports that stand out from both neighbours of their flight.
-
-    A report is gross when it differs by more than ``threshold`` robust standard deviations from the
-    median of itself and its two neighbours (at the ends: the two nearest).
-
-    Parameters
-    ----------
-    residual : (n, 2) float
-        Residual (u, v), m s-1.
-    order : FlightOrder
-        Arrangement by flight.
-    threshold : float
-        In robust standard deviations of that difference.
-
-    Returns
-    -------
-    (n,) bool
-    """
-    n = residual.shape[0]
-    before, after = previous_and_next(order, n)
-    first = np.where(before >= 0, before, after[np.maximum(after, 0)])
-    second = np.where(after >= 0, after, before[np.maximum(before, 0)])
-    known = (first >= 0) & (second >= 0) & (first != second)
-    departure = np.zeros((n, 2))
-    stack = np.stack([residual, residual[first], residual[second]])
-    departure[known] = (residual - np.median(stack, axis=0))[known]
-    used = np.abs(departure[known])
-    if used.size == 0:
-        return np.zeros(n, bool)
-    middle = used[used > 0]
-    spread = np.median(middle) / 0.6745 if middle.size else 1.0
-    return np.asarray((np.abs(departure) > threshold * spread).any(axis=1) & known)
-
-
-def previous_and_next(order: FlightOrder, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Index of the previous and next report of the same flight, -1 where there is none.
-
-    Parameters
-    ----------
-    order : FlightOrder
-    n : int
-        Number of reports.
-
-    Returns
-    -------
-    before, after : (n,) int
-    """
-    before, after = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
-    for j in range(1, order.starts.size - 1):
-        now = order.index[order.starts[j] : order.starts[j + 1]]
-        last = order.index[order.starts[j - 1] : order.starts[j - 1] + now.size]
-        before[now], after[last] = last, now
-    return before, after
-
-
-def remove_smooth_effects(
-    residual: Floats, aircraft: NDArray[np.integer], heading: Floats, airspeed: Floats
-) -> Floats:
-    """Residual less a per-aircraft regression on heading harmonics and airspeed terms.
-
-    Parameters
-    ----------
-    residual : (n, 2) float
-        m s-1.
-    aircraft : (n,) int
-    heading : (n,) float
-        rad.
-    airspeed : (n,) float
-        m s-1.
-
-    Returns
-    -------
-    (n, 2) float
-        m s-1. Used to estimate the noise only.
-    """
-    out = residual.copy()
-    for a in np.unique(aircraft):
-        own = np.flatnonzero(aircraft == a)
-        design = _smooth_columns(heading[own], airspeed[own])
-        values = residual[own].ravel()
-        bound = 8 * _robust_sd(values) + 1e-12
-        good = np.abs(values - np.median(values)) < bound
-        used = design * good
-        coefficients = np.linalg.lstsq(used @ design.T, used @ values, rcond=1e-13)[0]
-        out[own] -= (coefficients @ design).reshape(-1, 2)
-    return out
-
-
-def _smooth_columns(heading: Floats, airspeed: Floats) -> Floats:
-    """Columns, (8, 2 n), of a heading error of two cycles, an airspeed factor and a wind."""
-    sine, cosine = np.sin(heading), np.cos(heading)
-    across, along = np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)
-    out = np.empty((8, heading.size, 2))
-    out[0] = across
-    out[1], out[2] = sine[:, None] * across, cosine[:, None] * across
-    out[3] = (2.0 * sine * cosine)[:, None] * across
-    out[4] = (cosine**2 - sine**2)[:, None] * across
-    out[5] = along
-    out[:6] *= airspeed[:, None] / 100.0  # of a size with the two below: the square is well posed
-    out[6], out[7] = (1.0, 0.0), (0.0, 1.0)
-    return out.reshape(8, -1)
-
-
-def _robust_sd(values: Floats) -> float:
-    """Standard deviation from the median absolute deviation."""
-    return float(1.4826 * np.median(np.abs(values - np.median(values)))) if values.size else 0.0
-
-
-def level_factors(
-    residual: Floats, log_pressure: Floats, *, nodes: int = 5
-) -> tuple[Floats, Floats]:
-    """Robust standard deviation by level, relative to that of all.
-
-    Parameters
-    ----------
-    residual : (n, 2) float
-        m s-1.
-    log_pressure : (n,) float
-    nodes : int
-        Number of levels, at equal counts of reports.
-
-    Returns
-    -------
-    level_nodes, level_factors : (m,) float
-    """
-    edges = np.unique(np.quantile(log_pressure, np.linspace(0, 1, nodes + 1)))
-    if edges.size < 3:
-        return np.array([float(np.median(log_pressure))]), np.ones(1)
-    which = np.clip(np.searchsorted(edges, log_pressure, "right") - 1, 0, edges.size - 2)
-    centre = np.array([np.median(log_pressure[which == k]) for k in range(edges.size - 1)])
-    sd = np.array([_robust_sd(residual[which == k].ravel()) for k in range(edges.size - 1)])
-    sd = np.maximum(sd, 0.2 * sd.max() + 1e-9)
-    counts = np.bincount(which, minlength=edges.size - 1)
-    return centre, sd / np.sqrt(np.average(sd**2, weights=counts))
-
-
-def autocovariance(
-    residual: Floats, distance: Floats, order: FlightOrder, *, most_lags: int = 30
-) -> tuple[Floats, Floats, Floats]:
-    """Autocovariance along flights against the distance flown.
-
-    Parameters
-    ----------
-    residual : (n, 2) float
-        m s-1.
-    distance : (n,) float
-        Distance since the previous report, m; infinite at the first of a flight.
-    order : FlightOrder
-    most_lags : int
-        Largest difference of position considered.
-
-    Returns
-    -------
-    centre, covariance, count : (m,) float
-        Mean distance of the pairs (m), mean product of the two components (m2 s-2), pairs. The
-        first entry is distance zero.
-    """
-    along = np.zeros(residual.shape[0])
-    blocks = [
-        order.index[order.starts[j] : order.starts[j + 1]] for j in range(order.starts.size - 1)
-    ]
-    for j in range(1, len(blocks)):
-        along[blocks[j]] = along[blocks[j - 1][: blocks[j].size]] + distance[blocks[j]]
-    bins = DISTANCE_EDGES.size - 1
-    total, reach, count = np.zeros(bins + 1), np.zeros(bins + 1), np.zeros(bins + 1)
-    total[0], count[0] = 0.5 * float((residual**2).sum()), float(residual.shape[0])
-    for j in range(1, len(blocks)):
-        for lag in range(1, min(j, most_lags) + 1):
-            now, last = blocks[j], blocks[j - lag][: blocks[j].size]
-            gap = along[now] - along[last]
-            where = np.searchsorted(DISTANCE_EDGES, gap, "right") - 1
-            ok = (where >= 0) & (where < bins)
-            product = 0.5 * (residual[now] * residual[last]).sum(axis=1)
-            total[1:] += np.bincount(where[ok], product[ok], minlength=bins)
-            reach[1:] += np.bincount(where[ok], gap[ok], minlength=bins)
-            count[1:] += np.bincount(where[ok], minlength=bins)
-    with np.errstate(invalid="ignore"):
-        return reach / count, total / count, count
 
 
 def _likelihood(
@@ -455,7 +276,7 @@ def _maximise(
 ) -> NoiseModel:
     """Maximum likelihood of the four parameters on the chosen flights."""
     order = flight_order(flight[chosen], time[chosen])
-    spread = max(_robust_sd(values[chosen].ravel()), 1e-3)
+    spread = max(robust_sd(values[chosen].ravel()), 1e-3)
     start = np.log([0.9 * spread, 0.4 * spread, 150e3, 0.7])
     bounds = np.log(
         [[0.1 * spread, 5 * spread], [0.05 * spread, 2 * spread], [10e3, 2000e3], [0.05, 20.0]]

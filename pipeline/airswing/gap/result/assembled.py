@@ -24,36 +24,39 @@ from airswing.gap.held_out.reduction import Closure
 from airswing.gap.result.describe import (
     Readout,
     ambiguity,
-    day_text,
     describe_term,
     period_of,
     probability,
     unknown_place,
 )
 from airswing.gap.result.schema import (
-    ClosesEntry,
     ClosureEntry,
     CountsEntry,
-    CurveEntry,
     DisagreementEntry,
     EffectEntry,
     EvidenceEntry,
     GapReport,
     MeanEntry,
-    NoiseEntry,
     PlaceEntry,
-    SliceEntry,
     StepEntry,
-    TailEntry,
     UnconfirmedEntry,
     UnknownEntry,
+)
+from airswing.gap.result.single_entries import (
+    bounds,
+    evidence_entry,
+    moment_entry,
+    noise_entry,
+    scatter_place,
+    sent_place,
+    slice_entry,
+    swap_entry,
 )
 from airswing.gap.search.coding_and_outliers import MomentVerdict
 from airswing.gap.search.cross_validated import Doubtful
 from airswing.gap.search.excess_scatter import Scattering
 from airswing.gap.search.stepwise import Found
 from airswing.gap.search.tail_swaps import Swap
-from airswing.gap.sums.elimination import Base
 from airswing.gap.sums.problem import Problem
 from airswing.gap.witness.sent_winds import SentWinds
 
@@ -133,7 +136,7 @@ def assemble(problem: Problem, findings: Findings) -> GapReport:
     best = max((t.score.tempered for t in findings.found.terms), default=0.0)
     nats = [*(e.evidence_nats for e in effects), *(place.evidence_nats for place in unknown)]
     best = max([best, *nats])
-    slices = [_slice_entry(s) for s in findings.where]
+    slices = [slice_entry(s) for s in findings.where]
     stats = problem.base.stats
     return GapReport(
         gap=DisagreementEntry(
@@ -147,11 +150,11 @@ def assemble(problem: Problem, findings: Findings) -> GapReport:
         closure=ClosureEntry(
             before=closure.before,
             after=closure.after,
-            ci=_bounds(closure.after_ci),
+            ci=bounds(closure.after_ci),
             fraction_of_excess=fraction,
             held_out=True,
             reduction=explained,
-            reduction_ci=_bounds(closure.reduction_ci),
+            reduction_ci=bounds(closure.reduction_ci),
         ),
         counts=CountsEntry(
             reports=problem.reports,
@@ -161,7 +164,7 @@ def assemble(problem: Problem, findings: Findings) -> GapReport:
             clipped=float(stats.clipped.sum()),
             gross=float(stats.gross.sum()),
         ),
-        noise=_noise_entry(problem),
+        noise=noise_entry(problem),
         unconfirmed=[doubtful_entry(d, problem) for d in findings.doubtful],
         waterfall=_waterfall(closure, whole),
         alone_kt=list(closure.alone),
@@ -274,106 +277,6 @@ def doubtful_entry(doubtful: Doubtful, problem: Problem) -> UnconfirmedEntry:
     )
 
 
-def _closes(reduction: Reduction) -> ClosesEntry:
-    """What an effect of scatter closes, kt."""
-    return ClosesEntry(reduction.kt, list(reduction.interval))
-
-
-def moment_entry(verdict: MomentVerdict, reduction: Reduction) -> EffectEntry:
-    """Entry of ``effects`` for a second-moment effect: it moves no mean."""
-    return EffectEntry(
-        name=verdict.name,
-        probability=_plain_probability(verdict.evidence),
-        tails=list(verdict.tails),
-        parameters=dict(verdict.parameters),
-        standard_errors=dict(verdict.standard_errors),
-        period=verdict.period,
-        scope="aircraft",
-        evidence_nats=verdict.evidence,
-        per_tail={tail: TailEntry(values) for tail, values in verdict.per_tail.items()},
-        closure=_closes(reduction),
-    )
-
-
-def scatter_place(found: Scattering, reduction: Reduction) -> PlaceEntry:
-    """Place of an unknown effect that shows in the scatter of single reports: it moves no mean."""
-    return PlaceEntry(
-        component="scatter",
-        variable="scatter",
-        variables=["scatter"],
-        group="scatter",
-        tails=list(found.tails),
-        scope="aircraft",
-        evidence_nats=round(found.evidence, 2),
-        size_m_s=float(np.median(found.excess)),
-        curve=CurveEntry(list(found.tails), list(found.excess)),
-        closure=_closes(reduction),
-    )
-
-
-def sent_place(
-    found: SentWinds, tails: Sequence[str], scatter: Mapping[str, Reduction]
-) -> PlaceEntry:
-    """Place of winds that are sent otherwise than simulated: a map of speeds, or directions."""
-    whole = len(found.aircraft) >= 0.75 * len(tails)
-    component = "reported_direction"
-    curve = CurveEntry(
-        [f"{10 * k}" for k in range(36)], [100.0 * x for x in found.directions], unit="percent"
-    )
-    size = 0.0
-    if found.speeds is not None and found.sent is not None:
-        component = "reported_speed"
-        size = float(np.sqrt(np.mean((found.sent - found.speeds) ** 2)))
-        speeds, sent = _floats(found.speeds), _floats(found.sent)
-        curve = CurveEntry(
-            [f"{speed:.3g}" for speed in speeds],
-            sent,
-            unit="m/s",
-            variables=["wind_speed"],
-            variable_units=["m/s"],
-            edges=[speeds],
-            values=sent,
-        )
-    return PlaceEntry(
-        component=component,
-        variable=found.telling[0],
-        variables=list(found.telling),
-        group=f"{component}:{found.telling[0]}",
-        tails=[] if whole else [tails[a] for a in found.aircraft],
-        scope="fleet" if whole else "aircraft",
-        evidence_nats=round(found.evidence, 2),
-        probability=_plain_probability(found.evidence),
-        size_m_s=size,
-        curve=curve,
-        closure=_closes(scatter[component])
-        if component in scatter
-        else None,  # of directions it is not known
-        settled_by="the unit's winds before they are coded, beside those it sends",
-    )
-
-
-def swap_entry(swap: Swap, base: Base) -> EffectEntry:
-    """Entry of ``effects`` for exchanged identifiers."""
-    stats = base.stats
-    pair = [stats.tails[a] for a in swap.pair]
-    return EffectEntry(
-        name="tail_swap",
-        probability=_plain_probability(swap.evidence),
-        tails=pair,
-        parameters={"pair": pair},
-        standard_errors={},
-        period=[day_text(stats, swap.day), None],
-        scope="pair",
-        evidence_nats=swap.evidence,
-        held_out_energy=2.0 * swap.gain,
-    )
-
-
-def _plain_probability(evidence: float) -> float:
-    """Probability of an effect with its evidence, nats, against prior odds of one in fifty."""
-    return float(1 / (1 + 50 * np.exp(-min(evidence, 50.0))))
-
-
 def _shares(terms: Sequence[Term], closure: Closure) -> list[float]:
     """Each known term's share of the disagreement's reduction, from its step in the sequence."""
     before = closure.before
@@ -385,24 +288,6 @@ def _shares(terms: Sequence[Term], closure: Closure) -> list[float]:
     return out or [0.0] * len(terms)
 
 
-def _bounds(interval: tuple[float, float] | None) -> list[float] | None:
-    return None if interval is None else list(interval)
-
-
-def _slice_entry(piece: Slice) -> SliceEntry:
-    return SliceEntry(
-        variable=piece.variable,
-        component=piece.component,
-        values=list(piece.values),
-        share_of_gap=float(np.clip(piece.share, 0, 1)),
-        q_value=piece.q_value,
-        p_value=piece.p_value,
-        energy=piece.energy,
-        group=piece.group,
-        curve=CurveEntry(list(piece.labels), list(piece.effect)),
-    )
-
-
 def _waterfall(closure: Closure, whole: Closure) -> list[StepEntry]:
     """Disagreement of the real gap, after each effect, and the noise floor, kt."""
     steps = [StepEntry(name, after, [low, high]) for name, after, low, high in closure.sequence]
@@ -410,50 +295,14 @@ def _waterfall(closure: Closure, whole: Closure) -> list[StepEntry]:
     return [first, *steps, StepEntry("noise floor", whole.after, None)]
 
 
-def _noise_entry(problem: Problem) -> NoiseEntry:
-    noise, variances = problem.noise, problem.base.variances
-    model = noise.model
-    return NoiseEntry(
-        correlated_sd_m_s=float(model.correlated_sd),
-        white_sd_m_s=float(model.white_sd),
-        length_km=float(model.length) / 1e3,
-        height_ln_p=float(model.height),
-        level_hPa=_floats(np.exp(model.level_nodes) / 100),
-        level_factor=_floats(model.level_factors),
-        day_field_sd_m_s=_floats(np.sqrt(variances.day)),
-        climatology_sd_m_s=_floats(np.sqrt(variances.climatology)),
-        distance_km=_floats(noise.distance_km),
-        autocovariance=_floats(noise.autocovariance),
-        autocovariance_model=_floats(noise.autocovariance_model),
-    )
-
-
-def _floats(values: Floats) -> list[float]:
-    return [float(value) for value in values]
-
-
 def evidence_table(found: Found) -> list[EvidenceEntry]:
     """All candidates with each term taken out, ranked; and those left over in the end."""
     out = [
-        _evidence_entry(score, term.candidate.name)
+        evidence_entry(score, term.candidate.name)
         for term, ranked in zip(found.terms, found.rivals, strict=True)
         for score in ranked[:40]
     ]
-    return out + [_evidence_entry(score, None) for score in found.left]
-
-
-def _evidence_entry(score: Score, instead_of: str | None) -> EvidenceEntry:
-    return EvidenceEntry(
-        instead_of=instead_of,
-        name=score.candidate.name,
-        scope=score.candidate.scope,
-        known=score.candidate.known,
-        subset=list(score.candidate.subset),
-        tempered_nats=score.tempered,
-        raw_nats=score.raw,
-        cluster_factor=score.factor,
-        posterior=_floats(score.posterior),
-    )
+    return out + [evidence_entry(score, None) for score in found.left]
 
 
 def best_scores(found: Found) -> list[Score]:

@@ -31,7 +31,7 @@ from scipy.special import ndtri, stdtr
 
 from airswing.gap.evidence.changepoint import evaluate_step
 from airswing.gap.evidence.terms import Term, fit_terms, given_terms, term_weights
-from airswing.gap.held_out.reduction import (
+from airswing.gap.held_out.days_left_out import (
     folds_of_days,
     held_out_products,
     restrict_term,

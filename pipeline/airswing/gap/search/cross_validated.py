@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.terms import Term
-from airswing.gap.held_out.reduction import held_out_energy
+from airswing.gap.held_out.days_left_out import held_out_energy
 from airswing.gap.search.absorbed_by_unknown import folded
 from airswing.gap.search.belief import features, probabilities
 from airswing.gap.search.confirmation import LEAST_PARTS, confirm

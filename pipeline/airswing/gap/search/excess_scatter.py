@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.noise.model import NoiseFit, NoiseModel, previous_and_next
+from airswing.gap.noise.model import NoiseFit, NoiseModel
+from airswing.gap.noise.residual_statistics import previous_and_next
 from airswing.gap.noise.whitening import flight_steps
 
 Floats = NDArray[np.float64]

@@ -21,7 +21,7 @@ import numpy as np
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.term_covariance import term_covariance, term_offsets
 from airswing.gap.evidence.terms import Term, given_terms
-from airswing.gap.held_out.reduction import term_coefficients
+from airswing.gap.held_out.days_left_out import term_coefficients
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.elimination import Base
 

@@ -28,7 +28,8 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.design.layout import Layout, build_columns
 from airswing.gap.effects.base import Effect
-from airswing.gap.noise.model import NoiseFit, remove_smooth_effects
+from airswing.gap.noise.model import NoiseFit
+from airswing.gap.noise.residual_statistics import remove_smooth_effects
 from airswing.gap.noise.whitening import flight_order, take_gains, whiten, whiten_blocks
 from airswing.units import DAY
 

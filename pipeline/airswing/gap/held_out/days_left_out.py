@@ -1,0 +1,216 @@
+"""Days left out: folds of whole weeks, sums without them, what terms of the rest explain there.
+
+Assumptions: errors of different weeks are independent, so a fold is whole weeks and whole flights.
+Validity: three weeks and more; with fewer, folds are blocks of days. Intervals are bootstraps over
+days.
+
+Source: docs/gap.md section 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.evidence.terms import Term, fit_terms
+from airswing.gap.sums.accumulate import Statistics
+from airswing.gap.sums.elimination import Base, Conditional, Fit, eliminate_days
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+def folds_of_days(stats: Statistics, *, most: int = 8) -> Integers:
+    """Fold of every day: whole weeks, or blocks of days in short archives.
+
+    Parameters
+    ----------
+    stats : Statistics
+    most : int
+        Number of folds at most.
+
+    Returns
+    -------
+    (D,) int
+    """
+    if stats.weeks.size >= 3:
+        return np.asarray(stats.week_of_day * min(most, stats.weeks.size) // stats.weeks.size)
+    count = max(2, min(4, stats.days.size))
+    return np.asarray(np.arange(stats.days.size) * count // stats.days.size)
+
+
+def select_days(stats: Statistics, keep: NDArray[np.bool_]) -> Statistics:
+    """Sums of some days.
+
+    Parameters
+    ----------
+    stats : Statistics
+    keep : (D,) bool
+        Where weeks are cut, their X'X is shared out by reports.
+
+    Returns
+    -------
+    Statistics
+    """
+    week = stats.week_of_day
+    share = np.zeros((len(stats.tails), stats.weeks.size))
+    for w in range(stats.weeks.size):
+        own = week == w
+        total = stats.day_count[:, own].sum(axis=1)
+        share[:, w] = stats.day_count[:, own & keep].sum(axis=1) / np.maximum(total, 1e-9)
+    used = np.isin(np.arange(stats.weeks.size), week[keep])
+    gram = stats.week_gram[:, used] * share[:, used, None, None].astype(np.float32)
+    return replace(
+        stats,
+        days=stats.days[keep],
+        weeks=stats.weeks[used],
+        week_gram=gram,
+        day_gram=stats.day_gram[:, keep],
+        day_cross=stats.day_cross[:, keep],
+        day_score=stats.day_score[:, keep],
+        day_energy=stats.day_energy[:, keep],
+        day_count=stats.day_count[:, keep],
+    )
+
+
+def restrict_term(term: Term, keep: NDArray[np.bool_]) -> Term:
+    """A term with its period counted in the kept days."""
+    if term.period is None:
+        return term
+    running = np.r_[0, np.cumsum(keep)]
+    return replace(term, period=(int(running[term.period[0]]), int(running[term.period[1]])))
+
+
+def term_coefficients(given: Conditional | Fit, terms: Sequence[Term]) -> list[Floats]:
+    """Coefficients of each term, (aircraft of the term, k); one row in fleet scope.
+
+    Parameters
+    ----------
+    given : Conditional or Fit
+        Of the same terms.
+    terms : sequence of Term
+
+    Returns
+    -------
+    list of (t, k) float
+    """
+    out = []
+    counts = [len(t.tails) if t.candidate.scope == "aircraft" else 1 for t in terms]
+    start = len(given.coefficients) - sum(
+        n * t.candidate.columns.size for n, t in zip(counts, terms, strict=True)
+    )
+    for n, term in zip(counts, terms, strict=True):
+        k = term.candidate.columns.size
+        out.append(given.coefficients[start : start + n * k].reshape(n, k))
+        start += n * k
+    return out
+
+
+def fold_coefficients(base: Base, terms: Sequence[Term], fold: Integers) -> list[list[Floats]]:
+    """Coefficients of the terms fitted without each fold.
+
+    Parameters
+    ----------
+    base : Base
+    terms : sequence of Term
+    fold : (D,) int
+
+    Returns
+    -------
+    list over folds of list over terms of (t, k) float
+    """
+    out = []
+    for f in range(int(fold.max()) + 1):
+        keep = fold != f
+        part = eliminate_days(select_days(base.stats, keep), base.variances)
+        own = [restrict_term(t, keep) for t in terms]
+        out.append(term_coefficients(fit_terms(part, own), own))
+    return out
+
+
+def day_interval(values: Floats, day: Integers, seed: int, draws: int = 400) -> tuple[float, float]:
+    """Bootstrap 95 % interval over days of a mean over reports.
+
+    Drawn from n days, means scatter by the root of (n - 1) / n too little: they are drawn apart.
+    """
+    count, total = np.bincount(day), np.bincount(day, values)
+    used = np.flatnonzero(count)
+    rng = np.random.default_rng(seed)
+    pick = rng.integers(0, used.size, (draws, used.size))
+    means = total[used][pick].sum(axis=1) / count[used][pick].sum(axis=1)
+    middle = total.sum() / count.sum()
+    apart = np.sqrt(used.size / max(used.size - 1, 1))
+    low, high = np.quantile(middle + apart * (means - middle), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def held_out_energy(base: Base, terms: Sequence[Term]) -> tuple[Floats, Floats]:
+    """Energy each term explains on held-out folds, given the others, with its standard error.
+
+    Parameters
+    ----------
+    base : Base
+    terms : sequence of Term
+
+    Returns
+    -------
+    energy, standard_error : (t,) float
+        2 theta' b - theta' G theta of whitened sums, theta fitted on the other folds; standard
+        error over folds.
+    """
+    product, square = held_out_products(base, terms, folds_of_days(base.stats))
+    energy = 2 * product - square
+    number = energy.shape[0]
+    spread = energy.std(axis=0, ddof=1) * np.sqrt(number) if number > 1 else energy.sum(axis=0)
+    return energy.sum(axis=0), spread
+
+
+def held_out_products(
+    base: Base, terms: Sequence[Term], fold: Integers, *, only: int | None = None
+) -> tuple[Floats, Floats]:
+    """Predictions of each term for each fold, fitted on the others, against what is there.
+
+    Parameters
+    ----------
+    base : Base
+    terms : sequence of Term
+    fold : (D,) int
+        Fold of every day.
+    only : int, optional
+        The one fold asked for.
+
+    Returns
+    -------
+    product, square : (folds, t) float
+        Of the whitened prediction with what the other terms leave of the residual, and with itself.
+        The energy explained is twice the first less the second.
+    """
+    stats = base.stats
+    asked = range(int(fold.max()) + 1) if only is None else [only]
+    out = np.zeros((2, len(asked), len(terms)))
+    for row, f in enumerate(asked):
+        keep = fold != f
+        own = [restrict_term(t, keep) for t in terms]
+        train = fit_terms(eliminate_days(select_days(stats, keep), base.variances), own)
+        there = [restrict_term(t, ~keep) for t in terms]
+        test = fit_terms(eliminate_days(select_days(stats, ~keep), base.variances), there)
+        out[:, row] = _products(train, test, terms)
+    return out[0], out[1]
+
+
+def _products(train: Fit, test: Fit, terms: Sequence[Term]) -> Floats:
+    """Products (2, t) of each term on the test sums, the others off at the trained coefficients."""
+    theta = train.coefficients
+    score = test.score.sum(axis=0) - test.gram @ theta
+    sizes = [c.size for c in term_coefficients(train, terms)]
+    start = theta.size - sum(sizes)
+    out = []
+    for size in sizes:
+        own = slice(start, start + size)
+        square = theta[own] @ test.gram[own, own] @ theta[own]
+        out.append((theta[own] @ score[own] + square, square))
+        start += size
+    return np.array(out).reshape(-1, 2).T

@@ -1,0 +1,194 @@
+"""One entry of gap.json from one piece of a diagnosis.
+
+Assumptions and validity: as the modules that made the pieces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.closure.of_scatter import Reduction
+from airswing.gap.evidence.gaussian import Score
+from airswing.gap.evidence.localisation import Slice
+from airswing.gap.result.describe import (
+    day_text,
+)
+from airswing.gap.result.schema import (
+    ClosesEntry,
+    CurveEntry,
+    EffectEntry,
+    EvidenceEntry,
+    NoiseEntry,
+    PlaceEntry,
+    SliceEntry,
+    TailEntry,
+)
+from airswing.gap.search.coding_and_outliers import MomentVerdict
+from airswing.gap.search.excess_scatter import Scattering
+from airswing.gap.search.tail_swaps import Swap
+from airswing.gap.sums.elimination import Base
+from airswing.gap.sums.problem import Problem
+from airswing.gap.witness.sent_winds import SentWinds
+
+Floats = NDArray[np.float64]
+
+
+def closes(reduction: Reduction) -> ClosesEntry:
+    """What an effect of scatter closes, kt."""
+    return ClosesEntry(reduction.kt, list(reduction.interval))
+
+
+def moment_entry(verdict: MomentVerdict, reduction: Reduction) -> EffectEntry:
+    """Entry of ``effects`` for a second-moment effect: it moves no mean."""
+    return EffectEntry(
+        name=verdict.name,
+        probability=_plain_probability(verdict.evidence),
+        tails=list(verdict.tails),
+        parameters=dict(verdict.parameters),
+        standard_errors=dict(verdict.standard_errors),
+        period=verdict.period,
+        scope="aircraft",
+        evidence_nats=verdict.evidence,
+        per_tail={tail: TailEntry(values) for tail, values in verdict.per_tail.items()},
+        closure=closes(reduction),
+    )
+
+
+def scatter_place(found: Scattering, reduction: Reduction) -> PlaceEntry:
+    """Place of an unknown effect that shows in the scatter of single reports: it moves no mean."""
+    return PlaceEntry(
+        component="scatter",
+        variable="scatter",
+        variables=["scatter"],
+        group="scatter",
+        tails=list(found.tails),
+        scope="aircraft",
+        evidence_nats=round(found.evidence, 2),
+        size_m_s=float(np.median(found.excess)),
+        curve=CurveEntry(list(found.tails), list(found.excess)),
+        closure=closes(reduction),
+    )
+
+
+def sent_place(
+    found: SentWinds, tails: Sequence[str], scatter: Mapping[str, Reduction]
+) -> PlaceEntry:
+    """Place of winds that are sent otherwise than simulated: a map of speeds, or directions."""
+    whole = len(found.aircraft) >= 0.75 * len(tails)
+    component = "reported_direction"
+    curve = CurveEntry(
+        [f"{10 * k}" for k in range(36)], [100.0 * x for x in found.directions], unit="percent"
+    )
+    size = 0.0
+    if found.speeds is not None and found.sent is not None:
+        component = "reported_speed"
+        size = float(np.sqrt(np.mean((found.sent - found.speeds) ** 2)))
+        speeds, sent = _floats(found.speeds), _floats(found.sent)
+        curve = CurveEntry(
+            [f"{speed:.3g}" for speed in speeds],
+            sent,
+            unit="m/s",
+            variables=["wind_speed"],
+            variable_units=["m/s"],
+            edges=[speeds],
+            values=sent,
+        )
+    return PlaceEntry(
+        component=component,
+        variable=found.telling[0],
+        variables=list(found.telling),
+        group=f"{component}:{found.telling[0]}",
+        tails=[] if whole else [tails[a] for a in found.aircraft],
+        scope="fleet" if whole else "aircraft",
+        evidence_nats=round(found.evidence, 2),
+        probability=_plain_probability(found.evidence),
+        size_m_s=size,
+        curve=curve,
+        closure=closes(scatter[component])
+        if component in scatter
+        else None,  # of directions it is not known
+        settled_by="the unit's winds before they are coded, beside those it sends",
+    )
+
+
+def swap_entry(swap: Swap, base: Base) -> EffectEntry:
+    """Entry of ``effects`` for exchanged identifiers."""
+    stats = base.stats
+    pair = [stats.tails[a] for a in swap.pair]
+    return EffectEntry(
+        name="tail_swap",
+        probability=_plain_probability(swap.evidence),
+        tails=pair,
+        parameters={"pair": pair},
+        standard_errors={},
+        period=[day_text(stats, swap.day), None],
+        scope="pair",
+        evidence_nats=swap.evidence,
+        held_out_energy=2.0 * swap.gain,
+    )
+
+
+def _plain_probability(evidence: float) -> float:
+    """Probability of an effect with its evidence, nats, against prior odds of one in fifty."""
+    return float(1 / (1 + 50 * np.exp(-min(evidence, 50.0))))
+
+
+def bounds(interval: tuple[float, float] | None) -> list[float] | None:
+    """Bounds of an interval as a list; None where there is none."""
+    return None if interval is None else list(interval)
+
+
+def slice_entry(piece: Slice) -> SliceEntry:
+    """Entry of one slice of where the gap lies."""
+    return SliceEntry(
+        variable=piece.variable,
+        component=piece.component,
+        values=list(piece.values),
+        share_of_gap=float(np.clip(piece.share, 0, 1)),
+        q_value=piece.q_value,
+        p_value=piece.p_value,
+        energy=piece.energy,
+        group=piece.group,
+        curve=CurveEntry(list(piece.labels), list(piece.effect)),
+    )
+
+
+def noise_entry(problem: Problem) -> NoiseEntry:
+    """Entry of the noise and of what weather and climatology vary by."""
+    noise, variances = problem.noise, problem.base.variances
+    model = noise.model
+    return NoiseEntry(
+        correlated_sd_m_s=float(model.correlated_sd),
+        white_sd_m_s=float(model.white_sd),
+        length_km=float(model.length) / 1e3,
+        height_ln_p=float(model.height),
+        level_hPa=_floats(np.exp(model.level_nodes) / 100),
+        level_factor=_floats(model.level_factors),
+        day_field_sd_m_s=_floats(np.sqrt(variances.day)),
+        climatology_sd_m_s=_floats(np.sqrt(variances.climatology)),
+        distance_km=_floats(noise.distance_km),
+        autocovariance=_floats(noise.autocovariance),
+        autocovariance_model=_floats(noise.autocovariance_model),
+    )
+
+
+def _floats(values: Floats) -> list[float]:
+    return [float(value) for value in values]
+
+
+def evidence_entry(score: Score, instead_of: str | None) -> EvidenceEntry:
+    """Entry of one candidate's evidence."""
+    return EvidenceEntry(
+        instead_of=instead_of,
+        name=score.candidate.name,
+        scope=score.candidate.scope,
+        known=score.candidate.known,
+        subset=list(score.candidate.subset),
+        tempered_nats=score.tempered,
+        raw_nats=score.raw,
+        cluster_factor=score.factor,
+        posterior=_floats(score.posterior),
+    )
