@@ -27,6 +27,7 @@ SHORT = {
     "update": ["--share", "0.02", "--hours", "2200", "--nights", "1"],
     "coverage": ["--fleets", "40"],
     "fleet": ["--aircraft", "150", "300", "600"],
+    "monitoring": ["--years", "100", "--fleets", "2"],
     "recovery": ["--archives", "2"],
     "evaluation_coverage": ["--seeds", "20"],
     "gap_statistics": ["--reports", "1000000", "--aircraft", "6"],
