@@ -41,7 +41,6 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "field test": lambda: report.field_test_figure(factories.field_test()),
     "full field test": lambda: report.field_test_figure(factories.full_field_test()),
     "scrutiny": lambda: report.scrutiny_figure(factories.full_field_test()),
-    "profiles": lambda: report.profiles_figure(factories.profiles()),
     "pairs": lambda: report.pair_differences_figure(factories.sensitivity()["pairs"]),
     "pair": lambda: report.aircraft_differences_figure(factories.sensitivity()["pairs"][0]),
     "slices": lambda: report.slices_figure(SLICES),
@@ -181,19 +180,6 @@ def test_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'pie_chart'"):
         _ = report.pie_chart
     assert "heading_error_figure" in dir(report)
-
-
-def test_profiles_of_one_row_share_an_axis_that_holds_every_phase() -> None:
-    profiles = factories.profiles()
-    cruise = {"flight_phase": 2, "state": 0}
-    profiles["northward_rms"][{"reference": 0} | cruise] += 9.0  # cruise is not drawn first
-    figure = report.profiles_figure(profiles)
-    for axes in figure.axes:
-        low, high = axes.get_xlim()
-        assert low == 0.0
-        for bars in axes.containers:
-            drawn = np.asarray(bars.lines[0].get_xdata(), dtype=float)
-            assert drawn.size and drawn.max() < high
 
 
 def test_differences_are_drawn_from_a_file_read_back_too() -> None:

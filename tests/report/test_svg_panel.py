@@ -10,6 +10,7 @@ import pytest
 
 from airswing.report.html.svg_panel import Panel
 from airswing.report.run.compass_panels import DRAWN, large_panel, small_panels
+from airswing.report.run.profile_panels import profile_panels
 from tests.report import factories
 
 NONE = float("nan")
@@ -30,10 +31,12 @@ def test_values_stand_where_the_scales_say() -> None:
     assert one.down([-1.0, 0.5, 1.0]) == pytest.approx([100.0, 25.0, 0.0])
     one.line([0, 5, 10], [0, 0.5, -1], "red", width=1)
     one.bars([5], [-0.5], [0.5], "red")
+    one.bars_across([0.5], [2], [3], "red")
     one.marks([5], [0], "red", size=3, diamond=True)
     assert paths(one) == [
         "M0.0 50.0L100.0 25.0L200.0 100.0",
         "M100.0 75.0V25.0",
+        "M40.0 25.0H60.0",
         "M100.0 47.0L103.0 50.0L100.0 53.0L97.0 50.0z",
     ]
 
@@ -94,3 +97,22 @@ def test_an_aircraft_is_drawn_as_it_was_fitted() -> None:
     scale = np.polyfit(errors, places[:, 1], 1)
     assert scale[1] == pytest.approx(zero, abs=0.1)
     assert np.abs(np.polyval(scale, errors) - places[:, 1]).max() < 0.1
+
+
+def test_profiles_of_one_row_share_a_scale_that_holds_every_phase() -> None:
+    profiles = factories.profiles()
+    cruise = {"reference": 0, "flight_phase": 2, "state": 0}
+    profiles["northward_rms"][cruise] += 9.0
+    shown = str(profile_panels(profiles, "ruc"))
+    panels = [ET.fromstring(part) for part in re.findall(r"<svg viewBox.*?</svg>.*?</svg>", shown)]
+    assert len(panels) == 3 * 3  # nothing was reported in the first of four phases
+    for panel in panels[3:6]:
+        frame = panel.find("svg")
+        lines = [p.get("d") for p in frame.iter("path") if p.get("stroke-width") == "1.5"]
+        for line, state in zip(lines, ("reported", "corrected"), strict=True):
+            x, y = np.array(re.findall(r"([\d.]+) ([\d.]+)", line), float).T
+            phase = panel.get("aria-label").split(" in ")[1].split(",")[0]
+            one = profiles["northward_rms"].sel(reference="ruc", flight_phase=phase, state=state)
+            assert x.size == 8 and (np.diff(y) < 0).all() and x.max() < float(frame.get("width"))
+            assert x / x[0] == pytest.approx(one.to_numpy() / float(one[0]), abs=0.01)
+    assert "orange discs" in shown

@@ -21,7 +21,6 @@ _WHERE = {
     "audit_figure": "run.overview",
     "field_test_figure": "run.evaluation_figures",
     "scrutiny_figure": "run.evaluation_figures",
-    "profiles_figure": "run.evaluation_figures",
     "stability_figure": "run.stability_figures",
     "ranking_figure": "run.stability_figures",
     "prediction_figure": "run.stability_figures",

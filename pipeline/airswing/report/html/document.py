@@ -91,12 +91,12 @@ def heading(text: str) -> Markup:
     return Markup("<h3>{}</h3>").format(text)
 
 
-def drawing(panels: Iterable[Markup], caption: str, *, wide: bool = False) -> Markup:
-    """Return panels side by side, or as wide as the page one below the other, with words below."""
+def drawing(panels: Iterable[Markup], caption: str, *, columns: int = 0) -> Markup:
+    """Return panels side by side, as many as there is room for where not said, with words below."""
     inside = Markup("").join(panels)
     words = Markup("<figcaption>{}</figcaption>").format(caption) if caption else ""
-    kind = "wide" if wide else "panels"
-    return Markup('<figure class="{}">{}{}</figure>').format(kind, inside, words)
+    shape = f' style="grid-template-columns:repeat({columns}, 1fr)"' if columns else ""
+    return Markup('<figure class="panels"{}>{}{}</figure>').format(Markup(shape), inside, words)
 
 
 def listing(items: Iterable[Any]) -> Markup:

@@ -152,6 +152,14 @@ class Panel:
         path = "".join(f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in places if np.isfinite(a + b + c))
         self._inside.append(f'<path d="{path}" stroke="{color}" stroke-width="{width:g}"/>')
 
+    def bars_across(
+        self, y: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, width: float = 1.3
+    ) -> None:
+        """Level intervals."""
+        places = zip(self.down(y), self.across(low), self.across(high), strict=True)
+        path = "".join(f"M{b:.1f} {a:.1f}H{c:.1f}" for a, b, c in places if np.isfinite(a + b + c))
+        self._inside.append(f'<path d="{path}" stroke="{color}" stroke-width="{width:g}"/>')
+
     def marks(self, x: ArrayLike, y: ArrayLike, color: str, *, size: float, diamond: bool) -> None:
         """Discs, or diamonds with a white edge, at points."""
         path = []

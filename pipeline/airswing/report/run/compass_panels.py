@@ -139,7 +139,7 @@ def large_panel(headings: xr.Dataset, fits: xr.Dataset, name: str, reference: st
     caption = (
         f"{_said(one, reference)}. {_LOOK.format(width=BIN_WIDTH)}{bias_words(fits, reference)}"
     )
-    return drawing([panel.svg(_said(one, reference))], caption + state, wide=True)
+    return drawing([panel.svg(_said(one, reference))], caption + state, columns=1)
 
 
 def _said(one: _Shown, reference: str) -> str:

@@ -1,8 +1,7 @@
-"""The field test and the error profiles as pictures.
+"""The field test as pictures.
 
-Assumes ``field_test.json`` and ``error_profiles.nc`` as :mod:`airswing.evaluation` writes them;
-what they leave out (intervals, permutation draws, single aircraft) is not drawn.  Disagreement
-is mean vector disagreement in knots, profiles are rms in m/s and degrees by layer of pressure.
+Assumes ``field_test.json`` as :mod:`airswing.evaluation` writes it; what it leaves out (intervals,
+permutation draws, single aircraft) is not drawn.  Disagreement is the mean vector one, in knots.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -27,13 +25,6 @@ from airswing.report.html.style import (
     plural,
     styled,
     thousands,
-)
-from airswing.units import NORMAL_95
-
-PROFILES = (
-    ("eastward_rms", "eastward wind, rms (m/s)"),
-    ("northward_rms", "northward wind, rms (m/s)"),
-    ("direction_rms", "wind direction, rms (degree)"),
 )
 
 
@@ -238,94 +229,3 @@ def _permutation(axes: Axes, permutation: Mapping[str, Any]) -> str:
         f"Right: the effect that drawing the groups by lot gives ({thousands(draws.size)} draws "
         f"shown); the effect found is as large or larger by luck with probability {p_value:.3g}."
     )
-
-
-@styled
-def profiles_figure(profiles: xr.Dataset, reference: str | None = None) -> Figure:
-    """Draw the wind and direction error by layer and phase of flight, before and after.
-
-    Parameters
-    ----------
-    profiles : Dataset
-        ``error_profiles.nc``: ``eastward_rms``, ``northward_rms``, ``direction_rms`` with
-        ``*_standard_error`` (reference, state, flight_phase, layer) and ``profile_count``.
-    reference : str, optional
-        Reference or pool; by default the first.
-
-    Returns
-    -------
-    CaptionedFigure
-    """
-    reference = reference or str(profiles["reference"].to_numpy()[0])
-    chosen = profiles.sel(reference=reference)
-    phases = [
-        str(name)
-        for name in chosen["flight_phase"].to_numpy()
-        if int(chosen["profile_count"].sel(flight_phase=name, state="reported").sum())
-    ]
-    if not phases:
-        figure = new_figure(1.2)
-        blank(figure.add_subplot(), "No report has a layer and a phase.")
-        return figure.say("No report has a layer and a phase (n = 0).")
-    figure = new_figure(2.55 * len(PROFILES) + 0.5)
-    grid = figure.subplots(len(PROFILES), len(phases), squeeze=False, sharey=True, sharex="row")
-    for row, (name, label) in enumerate(PROFILES):
-        for column, phase in enumerate(phases):
-            axes = grid[row, column]
-            _profile(axes, chosen.sel(flight_phase=phase), name)
-            axes.set_xlabel(label)
-            if row == 0:
-                axes.set_title(phase)
-        grid[row, 0].set_ylabel("layer (hPa)")
-        grid[row, 0].set_xlim(left=0)  # once all are drawn: it ends the scaling to what comes
-    for column, phase in enumerate(phases):
-        _layer_counts(grid[0, column], chosen.sel(flight_phase=phase, state="reported"))
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=2)
-    total = int(chosen["profile_count"].sel(state="reported").sum())
-    return figure.say(
-        f"Difference from {reference} by layer and phase of flight, as reported and corrected, "
-        f"with 95 % intervals clustered by flight (n = {plural(total, 'report')}; "
-        "numbers at the left: reports of the layer)."
-    )
-
-
-def _profile(axes: Axes, chosen: xr.Dataset, name: str) -> None:
-    layers = np.arange(chosen.sizes["layer"])
-    for state, colour, marker, shift in (
-        ("reported", ORANGE, "o", -0.1),
-        ("corrected", BLUE, "D", 0.1),
-    ):
-        one = chosen.sel(state=state)
-        value = one[name].to_numpy().astype(float)
-        half = NORMAL_95 * np.nan_to_num(one[f"{name}_standard_error"].to_numpy().astype(float))
-        good = np.isfinite(value)
-        axes.errorbar(
-            value[good],
-            layers[good] + shift,
-            xerr=half[good],
-            fmt=marker,
-            ls="-",
-            color=colour,
-            markersize=4.5,
-            linewidth=1.2,
-            label=state,
-        )
-    bottom = chosen["layer_bottom_pressure"].to_numpy() / 100.0
-    top = chosen["layer_top_pressure"].to_numpy() / 100.0
-    names = [f"{low:.0f}-{high:.0f}" for low, high in zip(bottom, top, strict=True)]
-    axes.set_yticks(layers, names, fontsize=8)
-    axes.set_ylim(-0.6, layers.size - 0.4)
-
-
-def _layer_counts(axes: Axes, chosen: xr.Dataset) -> None:
-    for layer, number in enumerate(chosen["profile_count"].to_numpy()):
-        axes.annotate(
-            thousands(number),
-            (0.02, layer),
-            xycoords=("axes fraction", "data"),
-            ha="left",
-            va="center",
-            fontsize=7.5,
-            color=SOFT,
-        )

@@ -23,13 +23,12 @@ from airswing.report.html.document import (
     table,
 )
 from airswing.report.html.embed import embedded
-from airswing.report.html.style import placed_like
 from airswing.report.run.evaluation_figures import (
     field_test_figure,
-    profiles_figure,
     scrutiny_figure,
 )
 from airswing.report.run.page_numbers import number_text
+from airswing.report.run.profile_panels import profile_panels
 from airswing.report.run.sensitivity_figures import (
     aircraft_differences_figure,
     pair_differences_figure,
@@ -245,10 +244,9 @@ def profiles_section(profiles: xr.Dataset | None, reference: str) -> Section:
         return Section("profiles", "Error by level and phase")
     known = [str(name) for name in profiles["reference"].to_numpy()]
     first = reference if reference in known else known[0]
-    figure = profiles_figure(profiles, first)
-    parts = [embedded(figure)]
+    parts = [profile_panels(profiles, first)]
     parts += [
-        folded(f"Against {name}", [embedded(placed_like(profiles_figure(profiles, name), figure))])
+        folded(f"Against {name}", [profile_panels(profiles, name)])
         for name in known
         if name != first
     ]
