@@ -10,7 +10,7 @@ import pytest
 
 from airswing.report.html.svg_panel import Panel
 from airswing.report.run.compass_panels import DRAWN, large_panel, small_panels
-from airswing.report.run.profile_panels import profile_panels
+from airswing.report.run.evaluation_figures import profile_panels
 from tests.report import factories
 
 NONE = float("nan")

@@ -25,10 +25,10 @@ from airswing.report.html.document import (
 from airswing.report.html.embed import embedded
 from airswing.report.run.evaluation_figures import (
     field_test_figure,
+    profile_panels,
     scrutiny_figure,
 )
 from airswing.report.run.page_numbers import number_text
-from airswing.report.run.profile_panels import profile_panels
 from airswing.report.run.sensitivity_figures import (
     aircraft_differences_figure,
     pair_differences_figure,

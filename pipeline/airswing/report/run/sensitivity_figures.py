@@ -139,17 +139,19 @@ def _number(value: float | None) -> float:
 
 
 def _differences(axes: Axes, rows: Sequence[Mapping[str, Any]], quantity: str) -> None:
-    for row, entry in enumerate(rows):
-        value = _number(entry[quantity]["difference"])
-        low, high = (_number(bound) for bound in entry[quantity]["ci"])
-        colour = SOFT if low <= 0 <= high else VERMILION
-        axes.plot([low, high], [row, row], color=colour, linewidth=1.3)
-        axes.plot(value, row, "o", color=colour, markersize=4)
+    value = np.array([_number(entry[quantity]["difference"]) for entry in rows])
+    low, high = np.array([[_number(end) for end in entry[quantity]["ci"]] for entry in rows]).T
+    colours = [
+        SOFT if one <= 0 <= other else VERMILION for one, other in zip(low, high, strict=True)
+    ]
+    places = np.arange(len(rows))
+    axes.hlines(places, low, high, colors=colours, linewidth=1.3)
+    axes.scatter(value, places, s=16, c=colours, zorder=2)
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_title(quantity.capitalize())
     axes.set_xlabel("difference (degree)")
     axes.tick_params(axis="y", length=0)
-    finite = [b for e in rows for b in map(_number, e[quantity]["ci"]) if np.isfinite(b)]
-    if finite:
-        reach = 1.1 * float(np.percentile(np.abs(finite), 97)) or 1.0
+    ends = np.concatenate([low, high])
+    if np.isfinite(ends).any():
+        reach = 1.1 * float(np.nanpercentile(np.abs(ends), 97)) or 1.0
         axes.set_xlim(-reach, reach)

@@ -70,11 +70,7 @@ def stability_figure(stability: Mapping[str, Any], aircraft: Sequence[str] | Non
             if row == 0:
                 axes.set_title(label)
         grid[row, 0].set_ylabel(name)
-    for axes in grid[-1]:
-        locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
-        axes.xaxis.set_major_locator(locator)
-        form = ConciseDateFormatter(locator)  # type: ignore[no-untyped-call]
-        axes.xaxis.set_major_formatter(form)
+    _date_ticks(grid[-1, 0])
     number = sum(len(changes.get(name, [])) for name in aircraft)
     return figure.say(
         f"Fits by {stability['window']} with 95 % intervals, each from its own reports only, of "
@@ -83,20 +79,30 @@ def stability_figure(stability: Mapping[str, Any], aircraft: Sequence[str] | Non
     )
 
 
+def _date_ticks(axes: Axes) -> None:
+    """Dates of an axis that others share, found once: they are asked for again by every panel."""
+    axes.xaxis_date()
+    locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
+    locator.set_axis(axes.xaxis)
+    low, high = axes.get_xlim()
+    places = [place for place in locator() if low <= place <= high]
+    form = ConciseDateFormatter(locator)  # type: ignore[no-untyped-call]
+    axes.set_xticks(places, form.format_ticks(places))  # type: ignore[no-untyped-call]
+    axes.set_xlim(low, high)
+
+
 def _windows(
     axes: Axes, own: Sequence[Mapping[str, Any]], key: str, colour: str, step: np.timedelta64
 ) -> None:
-    for entry in own:
-        first = np.datetime64(entry["window"], "M")
-        begin, end = first.astype("datetime64[D]"), (first + step).astype("datetime64[D]")
-        middle = begin + (end - begin) // 2
-        axes.plot([begin, end], [entry[key]] * 2, color=colour, linewidth=1.4)
-        half = NORMAL_95 * entry[f"{key}_standard_error"]
-        axes.errorbar([middle], [entry[key]], yerr=[half], fmt="o", color=colour, markersize=4)
+    first = np.array([entry["window"] for entry in own], dtype="datetime64[M]")
+    begin, end = _place(first), _place(first + step)
+    value = [entry[key] for entry in own]
+    half = [NORMAL_95 * entry[f"{key}_standard_error"] for entry in own]
+    axes.hlines(value, begin, end, color=colour, linewidth=1.4)
+    axes.errorbar((begin + end) // 2, value, yerr=half, fmt="o", color=colour, markersize=4)
 
 
 def _dates(axes: Axes, changes: Sequence[Mapping[str, Any]]) -> None:
-    axes.xaxis_date()
     for change in changes:
         low, high = (np.datetime64(day, "D") for day in change["date_ci"])
         end = high + np.timedelta64(1, "D")
@@ -104,9 +110,9 @@ def _dates(axes: Axes, changes: Sequence[Mapping[str, Any]]) -> None:
         axes.axvline(_place(np.datetime64(change["date"], "D")), color=VERMILION, linewidth=1.4)
 
 
-def _place(day: np.datetime64) -> float:
-    """Place of a day on an axis of dates: days since 1970."""
-    return float(day.astype("datetime64[D]").astype(np.int64))
+def _place(days: Any) -> Any:
+    """Places of days on an axis of dates: days since 1970."""
+    return np.asarray(days).astype("datetime64[D]").astype(np.float64)
 
 
 @styled
