@@ -205,6 +205,10 @@ def test_what_a_changed_setting_asks_for_is_said_and_made(archive):
     with workspace(job.output):
         assert taking_up.take_up(job).months["made"] == [JANUARY]
     assert any("changed since the last time: screening; 1 months" in line for line in said)
+    for name in ("headings", "corrected"):  # what a loss of power may leave is made again
+        (archive / f"results/{name}/{JANUARY}.nc").write_bytes(b"\x89HDF half")
+    with workspace(job.output):
+        assert taking_up.take_up(job).months["corrected"] == [JANUARY]
     with workspace(job.output), pytest.raises(InputError, match="another run"):
         taking_up.update(job)  # two at once
     (archive / "results/headings.nc").touch()

@@ -71,6 +71,10 @@ class Archive:
         hours: Counter[int] = Counter()
         for first, last in spool.groups(limit or BLOCK_REPORTS):
             columns, tails = spool.columns(first, last)
+            if begins is not None:
+                self.audit.read += columns["time"].size
+            if not columns["time"].size:
+                continue
             block = assembled(columns, tails, self.audit, interval=interval, begins=begins)
             if not block.reports.sizes["report"]:
                 continue

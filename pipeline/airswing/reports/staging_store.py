@@ -214,7 +214,7 @@ class Spool:
         return sorted(one.checksum for one in self.segments if _meets(one, start, stop))
 
     def between(self, start: np.datetime64, stop: np.datetime64) -> Spool:
-        """The reports from one time to another, taken into memory.
+        """The reports from one time to another.
 
         Parameters
         ----------
@@ -224,22 +224,9 @@ class Spool:
         Returns
         -------
         Spool
-            Its audit counts reports read alone: all else is told of whole files.
+            Its counts are of all reports set down with these; it has no audit of its own.
         """
-        found = Spool()
-        for one in self.segments:
-            if not _meets(one, start, stop):
-                continue
-            rows = np.fromfile(one.rows, ROW) if isinstance(one.rows, Path) else one.rows
-            rows = rows[(rows["time"] >= start) & (rows["time"] < stop)]
-            if not rows.size:
-                continue
-            used, rows["tail"] = np.unique(rows["tail"], return_inverse=True)
-            ends = np.cumsum(np.bincount(rows["tail"])).tolist()
-            tails = [one.tails[number] for number in used]
-            found.segments.append(Segment(rows, tails, one.flights, ends, _hours(rows)))
-            found.audit.read += rows.size
-        return found
+        return _Between(self, start, stop)
 
     def groups(self, limit: int) -> list[tuple[str, str]]:
         """Consecutive tails with at most so many reports together, one tail at least.
@@ -314,6 +301,21 @@ class Spool:
         for path in self.folder.iterdir():
             if path not in held:
                 path.unlink()
+
+
+class _Between(Spool):
+    """The reports of a spool from one time to another, picked out as they are asked for."""
+
+    def __init__(self, whole: Spool, start: np.datetime64, stop: np.datetime64) -> None:
+        super().__init__(key=whole.key)
+        self.segments = [one for one in whole.segments if _meets(one, start, stop)]
+        self._window = start, stop
+
+    def columns(self, first: str, last: str) -> tuple[Columns, NDArray[Any]]:
+        columns, tails = super().columns(first, last)
+        start, stop = self._window
+        kept = np.flatnonzero((columns["time"] >= start) & (columns["time"] < stop))
+        return {name: values[kept] for name, values in columns.items()}, tails
 
 
 class _Labels:

@@ -16,7 +16,7 @@ from airswing.compass.table import NODES, deviation_curve
 from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.netcdf import read_product
 from airswing.workflow.fits import make_corrected
-from airswing.workflow.job import CORRECTED, HEADINGS, Job, main_reference
+from airswing.workflow.job import CORRECTED, HEADINGS, Job, earlier, main_reference
 from airswing.workflow.update.months import keep_note, kept_note
 
 MOVED = 0.5
@@ -40,7 +40,9 @@ def correct_month(job: Job, fits: xr.Dataset) -> bool:
     path = job.output / ".update" / f"{job.month}.corrected.json"
     with read_product(job.place(HEADINGS), lazy=True) as headings:
         before, now = kept_note(path), _applied(job, headings, fits)
-        if job.place(CORRECTED).exists() and not _moved(before, now):
+        stands = None if _moved(before, now) else earlier(job, job.place(CORRECTED))
+        if stands is not None:
+            stands.close()
             return False
         make_corrected(job, headings, fits).close()
     keep_note(path, now)

@@ -29,7 +29,7 @@ from airswing.products.checked import note, noted
 from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.workflow.collocating import Sources, catalogues, written_to
 from airswing.workflow.headings_stage import make_headings
-from airswing.workflow.job import COLLOCATING, HEADINGS, Job
+from airswing.workflow.job import COLLOCATING, HEADINGS, Job, earlier
 from airswing.workflow.update.model_spans import Spans
 
 if TYPE_CHECKING:
@@ -217,6 +217,14 @@ class Month:
         """Whether nothing it was made from is other than the last time."""
         return self.same_reports and self.before == self._now()
 
+    @property
+    def _whole(self) -> bool:
+        """Whether the headings that stand can be read; said where they cannot."""
+        found = earlier(self.job, self.job.place(HEADINGS))
+        if found is not None:
+            found.close()
+        return found is not None
+
     def make(self) -> bool:
         """Make the month's headings where something it is made from is new.
 
@@ -225,7 +233,7 @@ class Month:
         bool
             Whether it has any; False without flights, or while a reference has no file for it.
         """
-        if self.untouched:
+        if self.untouched and self._whole:
             return True
         if not self.content:
             return False
