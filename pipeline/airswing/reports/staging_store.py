@@ -199,35 +199,6 @@ class Spool:
             total.update(dict(one.hours))
         return dict(sorted(total.items()))
 
-    def marks(self, start: np.datetime64, stop: np.datetime64) -> list[str]:
-        """Checksums of the segments with reports from one time to another (hours whole).
-
-        Parameters
-        ----------
-        start, stop : datetime64
-
-        Returns
-        -------
-        list of str
-            In order; the reports between are the same where these are.
-        """
-        return sorted(one.checksum for one in self.segments if _meets(one, start, stop))
-
-    def between(self, start: np.datetime64, stop: np.datetime64) -> Spool:
-        """The reports from one time to another.
-
-        Parameters
-        ----------
-        start, stop : datetime64
-            The second is not in it.
-
-        Returns
-        -------
-        Spool
-            Its counts are of all reports set down with these; it has no audit of its own.
-        """
-        return _Between(self, start, stop)
-
     def groups(self, limit: int) -> list[tuple[str, str]]:
         """Consecutive tails with at most so many reports together, one tail at least.
 
@@ -301,21 +272,6 @@ class Spool:
         for path in self.folder.iterdir():
             if path not in held:
                 path.unlink()
-
-
-class _Between(Spool):
-    """The reports of a spool from one time to another, picked out as they are asked for."""
-
-    def __init__(self, whole: Spool, start: np.datetime64, stop: np.datetime64) -> None:
-        super().__init__(key=whole.key)
-        self.segments = [one for one in whole.segments if _meets(one, start, stop)]
-        self._window = start, stop
-
-    def columns(self, first: str, last: str) -> tuple[Columns, NDArray[Any]]:
-        columns, tails = super().columns(first, last)
-        start, stop = self._window
-        kept = np.flatnonzero((columns["time"] >= start) & (columns["time"] < stop))
-        return {name: values[kept] for name, values in columns.items()}, tails
 
 
 class _Labels:
@@ -449,11 +405,6 @@ def _hours(rows: NDArray[Any]) -> list[tuple[int, int]]:
     """Hours since 1970 and how many reports fall in each."""
     known, number = np.unique(rows["time"].astype("M8[h]").astype(np.int64), return_counts=True)
     return list(zip(known.tolist(), number.tolist(), strict=True))
-
-
-def _meets(one: Segment, start: np.datetime64, stop: np.datetime64) -> bool:
-    first, last = (int(when.astype("M8[h]").astype(np.int64)) for when in (start, stop))
-    return any(first <= hour <= last for hour, _ in one.hours)
 
 
 def _complete(one: Segment) -> bool:

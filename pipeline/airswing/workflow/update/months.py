@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from airswing.reference.geometry.wind_profiles import Catalogue
     from airswing.reports.report_blocks import Archive
     from airswing.reports.staging_store import Spool
+    from airswing.reports.time_window import Between
 
 MARGIN = np.timedelta64(48, "h")
 """Reports around a month that its flights may have."""
@@ -138,9 +139,16 @@ class Month:
         return start - MARGIN, stop + MARGIN
 
     @cached_property
+    def reports(self) -> Between:
+        """Reports in the window, as they were set down."""
+        from airswing.reports.time_window import Between
+
+        return Between(self.spool, *self.window)
+
+    @property
     def parts(self) -> list[str]:
         """Checksums of the parts of the archive with reports in the window."""
-        return self.spool.marks(*self.window)
+        return self.reports.marks
 
     @cached_property
     def files(self) -> dict[str, list[str]]:
@@ -164,7 +172,7 @@ class Month:
         with self.job.progress.stage(f"reports {self.job.month}") as stage:
             with written_to(self.job.store):
                 found = Archive(
-                    self.spool.between(*self.window),
+                    self.reports,
                     self.job.store / "blocks",
                     interval=self.job.config.reports.interval,
                     begins=span_of(self.job.month),

@@ -1,0 +1,53 @@
+"""The reports of some stretch of time out of those that were set down by aircraft.
+
+Assumes a filled :class:`airswing.reports.staging_store.Spool`. Which of its segments meet the time is
+told by the hours each notes; their reports are picked out some aircraft at a time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.reports.assemble import Columns
+from airswing.reports.staging_store import Segment, Spool
+
+
+class Between(Spool):
+    """The reports of a spool from one time to another.
+
+    Parameters
+    ----------
+    whole : Spool
+    start, stop : datetime64
+        The second is not in it.
+
+    Attributes
+    ----------
+    marks : list of str
+        Checksums of the segments that meet the time: the reports are the same where these are.
+
+    Notes
+    -----
+    Its counts are of all reports in these segments, and it has no audit of its own.
+    """
+
+    def __init__(self, whole: Spool, start: np.datetime64, stop: np.datetime64) -> None:
+        super().__init__(key=whole.key)
+        self.segments = [one for one in whole.segments if _meets(one, start, stop)]
+        self.marks = sorted(one.checksum for one in self.segments)
+        self._window = start, stop
+
+    def columns(self, first: str, last: str) -> tuple[Columns, NDArray[Any]]:
+        """Canonical columns as of a whole spool; some tails may have none."""
+        columns, tails = super().columns(first, last)
+        start, stop = self._window
+        kept = np.flatnonzero((columns["time"] >= start) & (columns["time"] < stop))
+        return {name: values[kept] for name, values in columns.items()}, tails
+
+
+def _meets(one: Segment, start: np.datetime64, stop: np.datetime64) -> bool:
+    first, last = (int(when.astype("M8[h]").astype(np.int64)) for when in (start, stop))
+    return any(first <= hour <= last for hour, _ in one.hours)
