@@ -1,7 +1,7 @@
 """The reports of some stretch of time out of those that were set down by aircraft.
 
-Assumes a filled :class:`airswing.reports.staging_store.Spool`. Which of its segments meet the time is
-told by the hours each notes; their reports are picked out some aircraft at a time.
+Assumes a filled :class:`airswing.reports.staging_store.Spool`. Which of its segments meet the time
+is told by the hours each notes; their reports are picked out some aircraft at a time.
 """
 
 from __future__ import annotations
