@@ -18,6 +18,7 @@ J. R. Stat. Soc. B 57, 613-658; mixtures over the step, Pollak & Siegmund 1975, 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -166,10 +167,10 @@ class Watch:
         return self._level(self.weight[of], self.right[of], self.scale(of))
 
     def _level(self, weight: Floats, right: Floats, scale: Floats) -> tuple[Floats, Floats]:
-        long = self.noise.inflation(365.0) * scale[:, np.newaxis, np.newaxis]
+        long = self.noise.inflation(365.0) * scale[..., np.newaxis, np.newaxis]
         precision = weight / long + np.diag(self.law.level**-2.0)
         covariance = np.linalg.inv(precision)
-        level = np.einsum("nij,nj->ni", covariance, right / long[..., 0])
+        level = np.einsum("...ij,...j->...i", covariance, right / long[..., 0])
         return level, np.asarray(covariance + np.diag(self.law.drift**2), np.float64)
 
     def surprise(self, of: Index, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
@@ -235,10 +236,8 @@ class Watch:
         -------
         list of Step
         """
-        best = np.full(of.size, -np.inf)
-        for lag in LAGS:
-            if lag <= len(self._ring):
-                np.maximum(best, self._ratio(of, lag)[0], out=best)
+        lags = [lag for lag in LAGS if lag <= len(self._ring)]
+        best = self._ratios(of, lags).max(axis=0) if lags and of.size else np.zeros(of.size)
         return [self._dated(int(k)) for k in of[best > threshold]]
 
     def restart(self, step: Step) -> None:
@@ -257,25 +256,33 @@ class Watch:
         self.right[k] = self.straight[k]
         self.days[k] -= before[2]
 
-    def _ratio(self, of: Index, lag: int) -> tuple[Floats, Floats, Floats]:
-        """Ratio of a step ``lag`` days ago over none, with weight and score of the days since."""
-        _, weight, right, _, days = self._ring[-lag]
-        scale = self.scale(of)
-        inflated = (scale * self.noise.inflation(lag))[:, np.newaxis]
-        level, covariance = self._level(weight[of], right[of], scale)
-        since = self.weight[of] - weight[of]
-        score = self.right[of] - right[of] - np.einsum("nij,nj->ni", since, level)
-        inside, outside = _marginal(since / inflated[..., np.newaxis], score / inflated, covariance)
+    def _ratios(self, of: Index, lags: Sequence[int]) -> Floats:
+        """Likelihood ratios of a step so many days ago over none, (lag, n), logarithms."""
+        rows = [self._ring[-lag] for lag in lags]
+        weight = np.stack([row[1][of] for row in rows])
+        right = np.stack([row[2][of] for row in rows])
+        days = np.stack([row[4][of] for row in rows])
+        inside, outside = self._since(of, lags, weight, right, self.right[of] - right)
         ratios = [_mixture(inside, outside, shape) for shape in self.law.shapes]
         ratio = np.logaddexp.reduce(ratios, axis=0) - np.log(len(ratios))
-        ratio = np.where(days[of] >= FEWEST_DAYS, ratio, -np.inf)
-        return ratio, inside, outside
+        return np.where(days >= FEWEST_DAYS, ratio, -np.inf)
+
+    def _since(
+        self, of: Index, lags: Sequence[int], weight: Floats, right: Floats, told: Floats
+    ) -> tuple[Floats, Floats]:
+        """Weight and score of the days since, beyond the level that the days before show."""
+        scale = np.broadcast_to(self.scale(of), weight.shape[:2])
+        long = np.array([self.noise.inflation(lag) for lag in lags])
+        inflated = (scale * long[:, np.newaxis])[..., np.newaxis]
+        level, covariance = self._level(weight, right, scale)
+        since = self.weight[of] - weight
+        score = told - np.einsum("...ij,...j->...i", since, level)
+        return _marginal(since / inflated[..., np.newaxis], score / inflated, covariance)
 
     def _dated(self, number: int) -> Step:
         """When an aircraft stepped, and by how much."""
-        of, lags = np.array([number]), range(1, len(self._ring) + 1)
-        found = [self._ratio(of, lag) for lag in lags]
-        ratio = np.array([one[0][0] for one in found])
+        lags = range(1, len(self._ring) + 1)
+        ratio = self._ratios(np.array([number]), lags)[:, 0]
         best = int(np.argmax(ratio))
         likely = np.flatnonzero(2.0 * (ratio[best] - ratio) <= LIKELIHOOD_RATIO_95)
         day = [self._ring[-lag][0] for lag in lags]
@@ -285,21 +292,15 @@ class Watch:
         )
 
     def _size(self, number: int, lag: int) -> tuple[Floats, Floats]:
-        """Step by the days as they were, not drawn in, shrunk by the widest shape."""
+        """Step by the days as they were, not drawn in, and its error; a wide prior holds it."""
         of = np.array([number])
         _, weight, right, straight, _ = self._ring[-lag]
-        scale = self.scale(of)
-        level, covariance = self._level(weight[of], right[of], scale)
-        since = self.weight[number] - weight[number]
-        score = self.straight[number] - straight[number] - since @ level[0]
-        inflated = float(scale[0]) * self.noise.inflation(lag)
-        inside, outside = _marginal(
-            since[np.newaxis] / inflated, score[np.newaxis] / inflated, covariance
-        )
+        told = self.straight[of] - straight[of]
+        inside, outside = self._since(of, [lag], weight[of][None], right[of][None], told[None])
         wide = self.law.shapes.max(axis=0)
         root = np.diag(3.0 * wide)
-        posterior = root @ np.linalg.inv(np.eye(wide.size) + root @ inside[0] @ root) @ root
-        return posterior @ outside[0], np.sqrt(np.diag(posterior))
+        posterior = root @ np.linalg.inv(np.eye(wide.size) + root @ inside[0, 0] @ root) @ root
+        return posterior @ outside[0, 0], np.sqrt(np.diag(posterior))
 
 
 def _marginal(weight: Floats, score: Floats, covariance: Floats) -> tuple[Floats, Floats]:
@@ -314,7 +315,8 @@ def _mixture(weight: Floats, score: Floats, shape: Floats) -> Floats:
     """Logarithm of the likelihood ratio of a normal step of given standard deviations."""
     inside = np.eye(shape.size) + shape[:, np.newaxis] * weight * shape
     drawn = score * shape
-    gain = np.einsum("ni,ni->n", drawn, np.linalg.solve(inside, drawn[..., np.newaxis])[..., 0])
+    solved = np.linalg.solve(inside, drawn[..., np.newaxis])[..., 0]
+    gain = np.einsum("...i,...i->...", drawn, solved)
     return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(inside)[1])
 
 

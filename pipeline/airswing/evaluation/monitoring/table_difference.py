@@ -65,8 +65,8 @@ def tables_of(fits: xr.Dataset) -> dict[str, UnitTable]:
     good = published(fits["status"].to_numpy()) & np.isfinite(correction).all(axis=1)
     return {
         str(fits["aircraft"].to_numpy()[k]): UnitTable(
-            [float(value) for value in correction[k] + 0.0],
-            [float(value) for value in curve_standard_error(covariance[k], NODES)],
+            [round(float(value), 4) + 0.0 for value in correction[k]],
+            [round(float(value), 4) for value in curve_standard_error(covariance[k], NODES)],
         )
         for k in np.flatnonzero(good)
     }
