@@ -197,6 +197,17 @@ def test_a_second_change_soon_after_the_first_is_told():
     assert _not_told([other], late) == [other]
 
 
+def test_reports_that_were_all_left_out_are_days_without_a_wind():
+    ds, _ = fleet(7, replace(SETTING, aircraft=2, days=12), amplitude=2.0)
+    fits = fitted(ds)
+    none = ds.assign(screening=("report", np.full(ds.sizes["report"], 2, np.int32)))
+    found = find_events(none, fits)
+    assert found.events == [] and found.states[0].disagreement_kt is None
+    assert found.states[0].last_day == "2008-07-12"
+    with pytest.raises(InputError, match="no report to watch"):
+        find_events(none, fits, until="2008-06-01")
+
+
 def test_a_silence_is_measured_by_the_aircrafts_own_habit_and_days_of_the_fleet():
     daily = np.delete(np.arange(60), range(40, 48))  # nobody reports for eight days
     weekly = np.arange(0, 39, 7)  # last seen on day 35

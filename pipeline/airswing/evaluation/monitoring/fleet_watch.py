@@ -106,6 +106,8 @@ def watch_fleet(
         In order of the night.
     """
     aircraft, day, normal, right = rows
+    if not day.size:
+        return []
     noise = _noise(rows, usual, number)
     own = Watch(law, noise, number)
     shared = Watch(replace(law, level=3.0 * common), Noise(1.0, common**2, noise.persistence), 1)
