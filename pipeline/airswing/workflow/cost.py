@@ -32,7 +32,7 @@ SECONDS_PER_KEPT_REPORT = {"reports": 0.6e-6, "headings": 1.6e-6}
 SECONDS_ANYWAY = {"reports": 0.8, "collocate": 0.4, "headings": 0.2, "page": 4.0}
 """Libraries to start, and figures of the fleet."""
 SECONDS_PER_AIRCRAFT = {
-    "fit": 0.025,
+    "fit": 0.03,
     "swing cards": 0.05,
     "ranking": 0.02,
     "virtual field test": 0.15,
