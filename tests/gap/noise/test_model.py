@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 
 from airswing.gap.noise.model import Flown, fit_noise
-from airswing.gap.noise.residual_statistics import (
-    gross_errors,
-    level_factors,
-    remove_smooth_effects,
-)
-from airswing.gap.noise.whitening import flight_order, whiten
+from airswing.gap.noise.whitening import whiten
 
 
-def _archive(seed: int = 0, flights: int = 900) -> dict[str, np.ndarray]:
+def flown_archive(seed: int = 0, flights: int = 900) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
     length = rng.integers(8, 25, flights)
     flight = np.repeat(np.arange(flights), length)
@@ -45,7 +40,7 @@ def fitted(data):
 
 
 def test_parameters_recovered_and_innovations_white():
-    data = _archive()
+    data = flown_archive()
     fit = fitted(data)
     assert fit.model.correlated_sd == pytest.approx(2.3, rel=0.06)
     assert fit.model.white_sd == pytest.approx(0.9, rel=0.08)
@@ -59,41 +54,10 @@ def test_parameters_recovered_and_innovations_white():
 
 
 def test_large_deviation_of_one_aircraft_does_not_pass_for_noise():
-    data = _archive(1)
+    data = flown_archive(1)
     error = np.radians(8) * np.sin(data["heading"]) * (data["aircraft"] == 2) * 110
     cross = np.stack([np.cos(data["heading"]), -np.sin(data["heading"])], -1)
     data["residual"] = data["residual"] + error[:, None] * cross
     fit = fitted(data)
     assert fit.model.correlated_sd == pytest.approx(2.3, rel=0.07)
     assert fit.gross.mean() < 1e-3
-
-
-def test_gross_errors_are_single_reports_not_long_departures():
-    data = _archive(2, flights=300)
-    order = flight_order(data["flight"], data["time"])
-    first = np.flatnonzero(data["flight"] == 50)
-    residual = data["residual"].copy()
-    residual[first] += 15.0
-    residual[first[3]] += 25.0
-    found = np.flatnonzero(gross_errors(residual, order))
-    assert first[3] in found
-    assert set(first) & set(found) == {first[3]}
-
-
-def test_level_factors_follow_the_spread():
-    rng = np.random.default_rng(3)
-    log_pressure = np.log(np.repeat([9e4, 4e4], 4000))
-    residual = rng.normal(size=(8000, 2)) * np.where(log_pressure > 11, 1.0, 2.0)[:, None]
-    nodes, factors = level_factors(residual, log_pressure, nodes=2)
-    if nodes.size == 2:
-        assert factors[0] / factors[1] == pytest.approx(2.0, rel=0.1)
-    else:
-        assert factors == pytest.approx(1.0)
-
-
-def test_smooth_effects_leave_pure_noise_alone():
-    data = _archive(4, flights=200)
-    out = remove_smooth_effects(
-        data["residual"], data["aircraft"], data["heading"], data["airspeed"]
-    )
-    assert out.std() == pytest.approx(data["residual"].std(), rel=0.05)
