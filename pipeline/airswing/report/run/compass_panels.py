@@ -108,7 +108,8 @@ def small_caption(fits: xr.Dataset, number: int, reference: str) -> str:
     return (
         f"Heading error (degree) against indicated magnetic heading (degree) of "
         f"{plural(number, 'aircraft', 'aircraft')} against {reference} on one scale. "
-        f"{_LOOK.format(width=30)}{bias_words(fits, reference)}"
+        f"{_LOOK.format(width=30)}{bias_words(fits, reference)} "
+        f"At most {DRAWN_SMALL} reports of each are drawn; medians and curves are of all."
     )
 
 
@@ -136,6 +137,8 @@ def large_panel(headings: xr.Dataset, fits: xr.Dataset, name: str, reference: st
     panel.words(16, 180, "heading error (degree)", points=13, more=turned)
     _draw(panel, one, binned_medians(one.heading, one.error), small=False)
     state = "" if published(one.fit["status"]) else " The fit is not to be trusted."
+    if one.heading.size > DRAWN:
+        state += f" Of {one.heading.size:,} reports at most {DRAWN:,} are drawn."
     caption = (
         f"{_said(one, reference)}. {_LOOK.format(width=BIN_WIDTH)}{bias_words(fits, reference)}"
     )
