@@ -58,7 +58,8 @@ def _rows_axis(axes: Axes, names: Sequence[str]) -> None:
 
 def _draw_quantity(axes: Axes, fits: xr.Dataset, names: Sequence[str], quantity: str) -> None:
     known = tails(fits)
-    rows = [known.index(name) for name in names]
+    place = {name: row for row, name in enumerate(known)}
+    rows = [place[name] for name in names]
     references = [str(name) for name in fits["reference"].to_numpy()]
     shift = np.linspace(-0.27, 0.27, len(references)) if len(references) > 1 else [0.0]
     for index, reference in enumerate(references):
@@ -161,7 +162,8 @@ def disagreement_figure(
     reference = reference or headline_reference(fits, headings)
     found = disagreement(headings, corrected, fits, reference)
     known = tails(headings)
-    rows = [known.index(name) for name in (aircraft or known)]
+    place = {name: row for row, name in enumerate(known)}
+    rows = [place[name] for name in (aircraft or known)]
     rows = [row for row in rows if found.number[row] > 0]
     if not rows:
         figure = new_figure(1.2)
