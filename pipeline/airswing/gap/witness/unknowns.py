@@ -165,7 +165,7 @@ def pairs_of(bench: Bench, heard: Heard, fold: Integers) -> list[Candidate]:
             weighed(bench, Grid((first, _pair_axis(bench, name))), component)
             for component in COMPONENTS[2:]
             for name in bench.variables
-            if name != TURNING
+            if name not in (TURNING, "date")  # with the date: weather of few days
         ]
         clear = [c for c in turning if c.nats > LEAST_EVIDENCE + MANY]
         day = fold[bench.setting.day]
