@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -8,7 +6,6 @@ from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
 import airswing  # noqa: F401
 from airswing.compass.fit.acceptance import condition_number
-from airswing.compass.fit.aircraft import fit_aircraft, merged
 from airswing.compass.fit.cycles import (
     choice_covariance,
     halves_apart,
@@ -18,7 +15,6 @@ from airswing.compass.fit.cycles import (
 )
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.fit.pooled_bias import between_scatter, day_ratio
-from airswing.compass.fit.report_columns import Columns
 from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.products.ragged import aircraft_of_report
@@ -287,32 +283,6 @@ def test_rows_in_any_order_give_the_same_fit():
     # another thin sample starts the passes: a few hundredths of a standard error
     assert np.abs(one["deviation"] - two["deviation"]).max() < 0.15 * errors_of(one).min()
     assert np.allclose(errors_of(one), errors_of(two), rtol=0.1)
-
-
-def test_months_add_up():
-    headings, _ = fly(
-        fleet_deviations(1, np.random.default_rng(4)), Setting(aircraft=1, days=40), 14
-    )
-    columns = Columns(headings, "magnetic")
-    columns.use([0])
-    sets, day, *_ = columns.observations(0, [0])
-    whole = fit_aircraft(sets, day)
-    parts = []
-    for chosen in (day < np.median(day), day >= np.median(day)):
-        keep = chosen[sets[0].flight]
-        part = sets[0].at(keep)
-        number = np.unique(part.flight, return_inverse=True)[1]
-        parts.append(
-            fit_aircraft(
-                [replace(part, flight=number)],
-                day[chosen],
-            )
-        )
-    both = merged(parts)
-    spread = np.sqrt(np.diag(whole.covariance))
-    assert np.all(np.abs(both.theta - whole.theta) < 0.15 * spread)
-    assert np.sqrt(np.diag(both.covariance)) == pytest.approx(spread, rel=0.15)
-    assert both.day_number.tolist() == whole.day_number.tolist()
 
 
 def test_coarse_positions_and_times_do_not_bend_the_curve():
