@@ -56,30 +56,9 @@ def test_a_product_without_marginals_is_heard_and_its_pair_named(heard):
     assert told.components[0] == "across_heading"
     first = {name for name, _ in told.telling[:3]}
     assert "longitude" in first and first & {"altitude", "temperature"}
-    fold = np.arange(int(bench.setting.day.max()) + 1) % 4
-    best = pairs_of(bench, told, fold)[0]
+    best = pairs_of(bench, told)[0]
     assert "longitude" in best.grid.variables
     assert best.nats > 50
-
-
-def test_pairs_with_the_winds_direction_are_weighed_unasked():
-    """A turn of the wind whose sign changes with its direction and the latitude: no marginals."""
-    frame = make_frame(seed=6, aircraft=6, days=20, noise=0.3)
-    speed = np.hypot(frame.u_rep, frame.v_rep)
-    toward = np.arctan2(frame.u_rep, frame.v_rep)
-    amount = 2.5 * np.sin(2 * toward) * np.clip((frame.latitude - frame.latitude.mean()), -1, 1)
-    u = frame.u_rep + amount * frame.v_rep / speed
-    v = frame.v_rep - amount * frame.u_rep / speed
-    silent = Heard((), ())
-    none = make_frame(seed=6, aircraft=4, days=6, noise=0.3)
-    for told, found in ((dataclasses.replace(frame, u_rep=u, v_rep=v), True), (none, False)):
-        setting = setting_of(told)
-        fold = np.arange(int(setting.day.max()) + 1) % 4
-        pairs = pairs_of(Bench.of(setting, told.residual), silent, fold)
-        assert bool(pairs) == found
-        for best in pairs:
-            assert best.grid.variables == ("wind_direction", "latitude")
-            assert best.component == "across_wind"
 
 
 def test_an_empty_archive_is_not_heard():

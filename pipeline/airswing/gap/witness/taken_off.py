@@ -137,14 +137,14 @@ def next_unknown(
     """
     frame = setting.frame
     bench = Bench.of(setting, named_rest)
-    ranked = _ranked(bench, witness, fold)
+    ranked = _ranked(bench, witness)
     if not ranked or ranked[0].nats < LEAST_EVIDENCE:
         return None
     errors = frame.residual - named_rest
     named = bool(errors.any())
     if named:
         plain = Bench.of(setting, frame.residual)
-        alone = _ranked(plain, witness, fold)
+        alone = _ranked(plain, witness)
         first = _best(plain, alone, fold)
         if first is not None and _leads(plain, first, errors, fold):
             return _taken(setting, plain, first, alone, effects, fold)
@@ -154,9 +154,9 @@ def next_unknown(
     return _taken(setting, bench, unknown, ranked, effects, fold)
 
 
-def _ranked(bench: Bench, witness: LearnedWitness, fold: Integers) -> list[Candidate]:
+def _ranked(bench: Bench, witness: LearnedWitness) -> list[Candidate]:
     """Tables of one variable and of the pairs the learned witness names, most evidence first."""
-    single, pairs = curves(bench), pairs_of(bench, witness.hear(bench.alike), fold)
+    single, pairs = curves(bench), pairs_of(bench, witness.hear(bench.alike))
     # of a pair and a curve that tell the same the curve is simpler: `refined` tries its pairs
     least = single[0].nats + max(SECOND[0], SECOND[1] * single[0].nats)
     return [c for c in pairs if c.nats > least] + single

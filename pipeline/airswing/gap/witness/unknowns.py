@@ -36,10 +36,6 @@ Integers = NDArray[np.int64]
 CONFIRMED = 2.0
 #: Evidence that an unknown needs, nats.
 LEAST_EVIDENCE = 6.0
-#: What a pair needs beyond it that nothing pointed to, nats: there are some thirty.
-MANY = 3.0
-#: The variable whose pairs are all weighed.
-TURNING = "wind_direction"
 #: Size that an unknown needs, m/s rms over the reports of its aircraft, and where it acts most.
 LEAST_SIZE = (0.08, 0.25)
 #: What a second variable must add, nats and as a share of the evidence.
@@ -147,35 +143,13 @@ def curves(bench: Bench) -> list[Candidate]:
     return sorted(out, key=lambda c: -c.nats)
 
 
-def pairs_of(bench: Bench, heard: Heard, fold: Integers) -> list[Candidate]:
-    """Tables of the pairs of variables that the learned witness names, most evidence first.
-
-    An error of the wind that changes with its direction is, on the winds of one day, much what the
-    weather could be, and is taken off before the witness hears: pairs with the wind's direction
-    are all weighed, and the one that explains most of weeks left out is offered as well.
-    """
+def pairs_of(bench: Bench, heard: Heard) -> list[Candidate]:
+    """Tables of the pairs of variables that the learned witness names, most evidence first."""
     out = [
         weighed(bench, Grid(tuple(_pair_axis(bench, name) for name in pair)), component)
         for component in heard.components[:1]
         for pair in heard.pairs
     ]
-    if TURNING in bench.variables:
-        first = _pair_axis(bench, TURNING)
-        turning = [
-            weighed(bench, Grid((first, _pair_axis(bench, name))), component)
-            for component in COMPONENTS[2:]
-            for name in bench.variables
-            if name not in (TURNING, "date")  # with the date: weather of few days
-        ]
-        clear = [c for c in turning if c.nats > LEAST_EVIDENCE + MANY]
-        day = fold[bench.setting.day]
-        energy = []
-        for candidate in clear:
-            table = fitted(bench, candidate, fold)
-            energy.append(
-                -np.inf if table is None else explained(bench, field_of(bench, table, day))
-            )
-        out += [clear[int(np.argmax(energy))]] if energy else []
     return sorted(out, key=lambda c: -c.nats)
 
 
@@ -239,7 +213,7 @@ def _of_two(bench: Bench, best: Candidate) -> list[Candidate]:
 def _most_explaining(bench: Bench, options: Sequence[Candidate], fold: Integers) -> Unknown | None:
     """Fit tables and take the one that explains most on weeks left out; of equals the first."""
     best: Unknown | None = None
-    for option in options:
+    for option in (one for one in options if one.nats >= LEAST_EVIDENCE):
         best = _more_explaining(bench, best, fitted(bench, option, fold), fold)
     return best
 
