@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from airswing.compass.fleet.field_basis import FieldBasis
 from airswing.compass.fleet.flight_segments import ROWS, Blocks
 from airswing.compass.fleet.reference_error import (
-    FieldBasis,
     Precision,
     Stretch,
     Variances,

@@ -16,10 +16,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from airswing.compass.fleet.field_basis import FieldBasis
 from airswing.compass.fleet.field_coupling import OWN, Coupling, direct_information, own_design
 from airswing.compass.fleet.flight_segments import SLOPES, Blocks
 from airswing.compass.fleet.reference_error import (
-    FieldBasis,
     Flags,
     Floats,
     Ints,

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from airswing.compass.fleet.field_basis import FieldBasis
 from airswing.compass.fleet.flight_segments import Blocks
 
 Floats = NDArray[np.float64]
@@ -37,147 +38,9 @@ Short = NDArray[np.int32]
 Single = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
-SPACING_KM = 400.0
-"""Distance of the passing part's nodes: the reach of a model's synoptic error."""
-STATIC_NODES = (4, 5, 3)
-"""Nodes of the lasting part in latitude, longitude and ln p, at quantiles of the blocks: so many
-at least,"""
-STATIC_KM = 2000.0
-"""and one for so many kilometres of latitude and longitude."""
 LARGEST_VARIANCE = 9.0
 """(m/s)2: more than this is not the reference's error."""
 ROUNDS = 6
-KM_A_DEGREE = 111.2
-
-
-@dataclass(frozen=True)
-class FieldBasis:
-    """Which functions make up the field.
-
-    Attributes
-    ----------
-    lasting : tuple of arrays of float
-        Nodes in latitude, eastward degrees and ln p.
-    passing : tuple of arrays of float
-        Nodes in latitude and eastward degrees.
-    origin : tuple of float
-        Longitude of the middle, cosine of the middle latitude.
-    """
-
-    lasting: tuple[Floats, ...]
-    passing: tuple[Floats, ...]
-    origin: tuple[float, float]
-
-    @classmethod
-    def of(cls, latitude: Floats, longitude: Floats, log_pressure: Floats) -> FieldBasis:
-        """Choose the functions for some places.
-
-        Parameters
-        ----------
-        latitude, longitude : arrays of float, shape (n,), degrees
-        log_pressure : array of float, shape (n,)
-
-        Returns
-        -------
-        FieldBasis
-        """
-        origin = (_middle(longitude), float(np.cos(np.radians(np.median(latitude)))))
-        east = _eastward(longitude, origin)
-        places = (latitude, east, log_pressure)
-        apart = (STATIC_KM / KM_A_DEGREE, STATIC_KM / KM_A_DEGREE, np.inf)
-        lasting = tuple(
-            np.unique(np.quantile(values, np.linspace(0, 1, max(nodes, 1 + int(span // step)))))
-            for values, nodes, step in zip(places, STATIC_NODES, apart, strict=True)
-            for span in (np.ptp(values),)
-        )
-        return cls(
-            lasting, tuple(_even(v, SPACING_KM / KM_A_DEGREE) for v in (latitude, east)), origin
-        )
-
-    @property
-    def lasting_size(self) -> int:
-        """Number of functions of the lasting part."""
-        return int(np.prod([nodes.size for nodes in self.lasting]))
-
-    @property
-    def passing_size(self) -> int:
-        """Number of functions of the passing part in one segment."""
-        return int(np.prod([nodes.size for nodes in self.passing]))
-
-    def lasting_at(
-        self, latitude: Floats, longitude: Floats, log_pressure: Floats
-    ) -> tuple[Short, Floats]:
-        """Functions of the lasting part that are not zero at some places.
-
-        Returns
-        -------
-        index, value : arrays, shape (n, up to 8)
-            The values of a place sum to one.
-        """
-        values = (latitude, _eastward(longitude, self.origin), log_pressure)
-        return _product(values, self.lasting)
-
-    def passing_at(self, latitude: Floats, longitude: Floats) -> tuple[Short, Floats]:
-        """Functions of the passing part that are not zero at some places.
-
-        Returns
-        -------
-        index, value : arrays, shape (n, up to 4)
-            The values of a place sum to one.
-        """
-        return _product((latitude, _eastward(longitude, self.origin)), self.passing)
-
-
-def _middle(longitude: Floats) -> float:
-    """Longitude opposite the widest gap; where all are flown, opposite the fewest blocks."""
-    degree = np.floor(longitude % 360.0).astype(np.int64) % 360
-    count = np.bincount(degree, minlength=360)
-    least = np.tile(count == count.min(), 2)
-    run = np.zeros(720, dtype=np.int64)
-    for k in range(1, 720):
-        run[k] = (run[k - 1] + 1) * least[k]
-    last = int(np.argmax(np.minimum(run, 360)))
-    return (last + 1 - float(run[last]) / 2.0 + 180.0) % 360.0
-
-
-def _eastward(longitude: Floats, origin: tuple[float, float]) -> Floats:
-    """Degrees of great circle east of the middle, without a jump at the antimeridian."""
-    return np.asarray(((longitude - origin[0] + 180.0) % 360.0 - 180.0) * origin[1])
-
-
-def _even(values: Floats, step: float) -> Floats:
-    low, high = float(values.min()), float(values.max())
-    count = max(2, round((high - low) / step) + 1)
-    return np.linspace(low, high, count) if high > low else np.array([low])
-
-
-def _hats(values: Floats, nodes: Floats) -> tuple[Short, Floats]:
-    """The one or two piecewise linear functions that are not zero at each value, (n, 1 or 2)."""
-    if nodes.size == 1:
-        return np.zeros((values.size, 1), dtype=np.int32), np.ones((values.size, 1))
-    left = np.zeros(values.size, dtype=np.int32)
-    for node in nodes[1:-1]:
-        left += values >= node
-    found = np.empty((values.size, 2))
-    np.clip((values - nodes[left]) / np.diff(nodes)[left], 0.0, 1.0, out=found[:, 1])
-    np.subtract(1.0, found[:, 1], out=found[:, 0])
-    return np.stack([left, left + np.int32(1)], axis=1), found
-
-
-def _product(values: tuple[Floats, ...], nodes: tuple[Floats, ...]) -> tuple[Short, Floats]:
-    """Products of the hats of every coordinate."""
-    size = values[0].size
-    index, value = np.zeros((size, 1), dtype=np.int32), np.ones((size, 1))
-    for one, knots in zip(values, nodes, strict=True):
-        left, share = _hats(one, knots)
-        old, each = index.shape[1], left.shape[1]
-        first, factor = index * np.int32(knots.size), value
-        index, value = np.empty((size, old * each), np.int32), np.empty((size, old * each))
-        # column by column: loops over the few functions of one place are slow
-        for k, j in np.ndindex(old, each):
-            np.add(first[:, k], left[:, j], out=index[:, k * each + j])
-            np.multiply(factor[:, k], share[:, j], out=value[:, k * each + j])
-    return index, value
 
 
 @dataclass(frozen=True)
