@@ -137,7 +137,8 @@ def sensitivity_section(sensitivity: Mapping[str, Any] | None) -> Section:
         return Section("sensitivity", title)
     parts = [embedded(pair_differences_figure(pairs)), _verdict_table(pairs, "Every pair.")]
     for pair in pairs:
-        if pair.get("aircraft"):
+        # A pool against its member is the members' own difference again, drawn smaller.
+        if pair.get("aircraft") and _own_test(pair):
             shown = embedded(aircraft_differences_figure(pair))
             parts.append(folded(f"Each aircraft, {pair_name(pair)}", [shown]))
     for key, words in SLICES.items():
