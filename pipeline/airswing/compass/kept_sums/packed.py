@@ -7,11 +7,14 @@ have.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.compass.fit.acceptance import AircraftSums
+from airswing.compass.fit.aircraft import AircraftFit
 from airswing.compass.fit.normal_equations import PassSums, Scatter
 from airswing.compass.fleet.flight_segments import Cut, Places
 from airswing.compass.kept_sums.period_sums import Base, PeriodSums
@@ -19,6 +22,8 @@ from airswing.compass.kept_sums.period_sums import Base, PeriodSums
 Arrays = dict[str, NDArray[Any]]
 _TOTALS = ("weight", "slope", "before2", "after2", "square")
 _WHERE = ("latitude", "longitude", "pressure", "time")
+_OF_FIT = ("theta", "free", "normal", "flight", "day", "day_number", "freedom", "flight_order")
+_NUMBERS = ("kappa", "converged", "rms_before", "rms_after")
 
 
 def packed_bases(bases: Mapping[str, Base]) -> Arrays:
@@ -47,6 +52,7 @@ def packed_bases(bases: Mapping[str, Base]) -> Arrays:
         "field": np.array([one.field for one in every]),
         "airspeed": np.array([one.airspeeds for one in every]),
         "few": np.array([one.few for one in every]),
+        "rms": np.array([one.rms for one in every]),
     }
 
 
@@ -69,9 +75,82 @@ def unpacked_bases(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Base]:
             float(arrays["field"][k]),
             arrays["airspeed"][k].tolist(),
             bool(arrays["few"][k]),
+            float(arrays["rms"][k]),
         )
         for k, name in enumerate(arrays["aircraft"])
     }
+
+
+def packed_sums(sums: Mapping[str, AircraftSums]) -> Arrays:
+    """Sums of aircraft without a curve as arrays; blocks, which are for curves alone, are left out.
+
+    Parameters
+    ----------
+    sums : mapping of str to AircraftSums
+        By aircraft.
+
+    Returns
+    -------
+    dict of array
+    """
+    every = list(sums.values())
+    counts = [(one.reports, one.flights, one.compass_points, one.status) for one in every]
+    found: Arrays = {
+        "aircraft": np.array(list(sums), dtype=np.str_),
+        "counts": np.array(counts, dtype=np.int64).reshape(-1, 4),
+        "field": np.array([one.field for one in every], dtype=np.float64),
+    }
+    for part in ("fit", "constant"):
+        fits = [getattr(one, part) for one in every]
+        known = [fit for fit in fits if fit is not None]
+        found[f"{part}/known"] = np.array([fit is not None for fit in fits], dtype=np.bool_)
+        numbers = [[float(getattr(fit, name)) for name in _NUMBERS] for fit in known]
+        found[f"{part}/numbers"] = np.array(numbers).reshape(-1, len(_NUMBERS))
+        for name in _OF_FIT if known else ():
+            values = [getattr(fit, name) for fit in known]
+            found[f"{part}/{name}"] = np.concatenate([one.ravel() for one in values])
+            found[f"{part}/{name}/shape"] = np.array([one.shape for one in values])
+    return found
+
+
+def unpacked_sums(arrays: Mapping[str, NDArray[Any]]) -> dict[str, AircraftSums]:
+    """Undo :func:`packed_sums`.
+
+    Parameters
+    ----------
+    arrays : mapping of array
+
+    Returns
+    -------
+    dict of str to AircraftSums
+    """
+    fit, constant = (_unpacked_fits(arrays, part) for part in ("fit", "constant"))
+    found = {}
+    for k, name in enumerate(arrays["aircraft"]):
+        reports, flights, points, status = map(int, arrays["counts"][k])
+        field = float(arrays["field"][k])
+        found[str(name)] = AircraftSums(
+            reports, flights, points, fit[k], status, field, constant[k]
+        )
+    return found
+
+
+def _unpacked_fits(arrays: Mapping[str, NDArray[Any]], part: str) -> list[AircraftFit | None]:
+    known, numbers = arrays[f"{part}/known"], arrays[f"{part}/numbers"]
+    columns = []
+    for name in _OF_FIT if known.any() else ():
+        shapes, values = arrays[f"{part}/{name}/shape"], arrays[f"{part}/{name}"]
+        parts = _slices(shapes.prod(axis=1))
+        columns.append(
+            [values[own].reshape(shape) for own, shape in zip(parts, shapes, strict=True)]
+        )
+    found: list[AircraftFit | None] = [None] * known.size
+    for row, k in enumerate(np.flatnonzero(known)):
+        own = dict(zip(_OF_FIT, (column[row] for column in columns), strict=True))
+        told = dict(zip(_NUMBERS, map(float, numbers[row]), strict=True))
+        fit = AircraftFit(**own, **told)  # type: ignore[arg-type]
+        found[k] = replace(fit, converged=bool(fit.converged))
+    return found
 
 
 def packed(periods: Mapping[str, PeriodSums]) -> Arrays:

@@ -9,6 +9,8 @@ Assumptions and validity
 * The step is small: Newton's step with robust weights leaves two or three hundredths of itself
   (:mod:`airswing.compass.fit.aircraft`). Beyond `FARTHEST` standard errors the weights would move,
   and the aircraft is to be fitted anew.
+* Weights are those of the base's scatter. Where the errors that are left have grown or shrunk by
+  more than `SCATTER` since, the aircraft is to be fitted anew too.
 * Flights are of one period each.
 
 Iron's one cycle is told at the mean horizontal field; each period's sums are made at its own and
@@ -56,6 +58,10 @@ from airswing.compass.fleet.flight_segments import (
 FARTHEST = 1.0
 """Standard errors (clustered) the fit may lie from where the periods were summed."""
 
+SCATTER = 0.1
+"""Share by which the rms heading error after the curve may differ from the base's: Tukey's constant
+moves by as much, and between 4.5 and 5.5 the estimate moves by hundredths of its error."""
+
 
 @dataclass(frozen=True)
 class Base:
@@ -75,6 +81,8 @@ class Base:
         Usual one of each member, m/s: blocks are cut alike in all periods.
     few : bool
         Whether flights or days are so few that each needs a normal matrix of its own.
+    rms : float
+        Robust rms of the heading error after the curve, radians.
     """
 
     theta: Array
@@ -83,12 +91,13 @@ class Base:
     field: float
     airspeeds: list[float]
     few: bool
+    rms: float
 
     @classmethod
     def of(cls, fit: AircraftFit, field: float) -> Base:
         """That of a fit of all reports."""
         few = min(fit.flight.shape[0], fit.day_number.size) < MANY
-        return cls(fit.theta, fit.free, fit.scatters, field, fit.airspeeds, few)
+        return cls(fit.theta, fit.free, fit.scatters, field, fit.airspeeds, few, fit.rms_after)
 
     def at(self, field: float) -> Array:
         """Its parameters for another mean field."""
@@ -201,8 +210,8 @@ def merged_fit(periods: list[PeriodSums], base: Base) -> AircraftFit | None:
     Returns
     -------
     AircraftFit or None
-        None where the sums do not tell it: it lies too far from the base, or a period was summed
-        without the normal matrices of its flights.
+        None where the sums do not tell it: it lies too far from the base, the scatter is another,
+        or a period was summed without the normal matrices of its flights.
     """
     field, size = mean_field(periods), base.theta.size
     theta = base.at(field)
@@ -228,6 +237,8 @@ def merged_fit(periods: list[PeriodSums], base: Base) -> AircraftFit | None:
             before = (theta - move)[bias_of(k)]
             blocks.append(blocks_of(part.block, part.square, cut, before, move[:SLOPES], kappa))
     found = finish(theta, free, normal, kappa, parts, days, True, by_flight)
+    if not abs(np.log(found.rms_after / base.rms)) <= SCATTER:
+        return None
     return replace(found, blocks=blocks, scatters=base.scatters, airspeeds=base.airspeeds)
 
 

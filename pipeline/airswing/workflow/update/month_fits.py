@@ -1,23 +1,21 @@
 """Fits of all months from the sums each of them keeps.
 
-All reports are fitted anew when a month is complete, and when settings or code change: that is the
-base, from which every month is summed once (:mod:`airswing.compass.kept_sums.period_sums`). On the
-nights between, a month that is touched is summed again and the fleet is fitted on the sums of all
-months. An aircraft is fitted to all of its reports where sums do not tell it: it is new since the
-base, has no curve to be trusted, or lies too far from the base for its weights to stand; where that
-is one in five, there is a new base.
+An aircraft is fitted to all of its reports once: that is its base, from which every month is summed
+(:mod:`airswing.compass.kept_sums.period_sums`). From then on a month that is touched is summed
+again, and the fleet is fitted on the sums of all months. Where the sums do not tell an aircraft's
+fit, because it lies too far from its base for the weights to stand or other errors are left, it is
+fitted to all of its reports again, which is its next base. An aircraft without a curve has no base:
+its fit is kept as long as its reports stay as they are.
 
-Sums stand in one file a month whose every array carries a checksum (that of the zip format); what
-is not whole is summed again.
+Whatever is killed between, the same update gives the same fits: what makes a new base of an
+aircraft would make the same one of it again, and an aircraft with a new base is near it.
 """
 
 from __future__ import annotations
 
-import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +33,12 @@ from airswing.compass.fit.deviation import (
 from airswing.compass.fit.offset_alone import MIN_FLIGHTS
 from airswing.compass.fit.report_columns import Columns
 from airswing.compass.heading_kind import declination_sums
-from airswing.compass.kept_sums.packed import packed, packed_bases, unpacked, unpacked_bases
+from airswing.compass.kept_sums.packed import (
+    packed_bases,
+    packed_sums,
+    unpacked_bases,
+    unpacked_sums,
+)
 from airswing.compass.kept_sums.period_sums import (
     Base,
     PeriodSums,
@@ -51,17 +54,20 @@ from airswing.evaluation.compass_changes.stability import (
     fleet_day_sums,
 )
 from airswing.flags import STATUS
-from airswing.products.atomic import replacing
-from airswing.products.checked import digest
 from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.netcdf import read_product
-from airswing.products.ragged import blocks, row_bounds
-from airswing.workflow.collocating import written_to
 from airswing.workflow.fits import Seen
 from airswing.workflow.job import FITTING, HEADINGS, Job, main_reference
+from airswing.workflow.update.month_sums import (
+    MonthSums,
+    by_group,
+    chosen_blocks,
+    contents,
+    keep_arrays,
+    kept_arrays,
+    mark_of,
+)
 
-TOO_MANY = 0.2
-"""Share of the aircraft that, fitted anew, ask for a new base."""
 _CODE = (*FITTING, "airswing.compass.kept_sums.packed")
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -121,30 +127,26 @@ class _Fleet:
         self.names = headings["aircraft"].to_numpy().astype(str)
         self.groups = groups_of(headings, job.config.pools(), alone=True)
         self.folder = job.output / ".update"
+        config = job.config.model_dump(include={"fit", "pool", "references"})
+        self.mark = fingerprint(config["fit"], config["pool"], code_digest(*_CODE))
+        self._held: dict[str, MonthSums] = {}
+        self._counted: dict[str, Arrays] = {}
 
     def sums(self) -> FleetSums:
-        """Sums of every aircraft, ready to be fitted.
-
-        Always those of the months: whatever is killed between, the same months give the same fits.
-        """
-        fresh = not self.bases
-        if fresh:
-            self._new_base()
-        groups, anew = self._all_merged()
-        known = {name for own in self.bases.values() for name in own}
-        far = sum(self.names[k] in known for k in anew)
-        if not fresh and far > TOO_MANY * len(known):
-            self._new_base()
-            groups, anew = self._all_merged()
-        for some in _runs(anew):
-            own = self._from_reports(some)
-            for name in groups:
-                groups[name][some.start : some.stop] = own.groups[name]
-        empty = self._from_reports(range(0))
-        whole = {name: [one for one in own if one is not None] for name, own in groups.items()}
-        if anew:
-            self.job.progress.say(f"  {len(anew)} aircraft fitted to all of their reports")
-        return replace(empty, aircraft=self.names.astype(object), groups=whole)
+        """Sums of every aircraft, ready to be fitted."""
+        some = self.headings[[name for name in FITTED_FROM if name in self.headings]]
+        empty = some.isel(aircraft=slice(0), report=slice(0)).load()
+        found, untold = self._told()
+        if untold:
+            whole = self._from_reports(untold)
+            self._take_in(whole)
+            found, left = self._told()
+            for name in left:
+                for group, own in found.items():
+                    own[name] = whole[group][name]
+            self.job.progress.say(f"  {len(untold)} aircraft fitted to all of their reports")
+        groups = {group: [own[name] for name in self.names] for group, own in found.items()}
+        return replace(self._summed(empty), aircraft=self.names.astype(object), groups=groups)
 
     def counted(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """Histogram of headings; sum of the declination and how many reports it is of."""
@@ -172,53 +174,51 @@ class _Fleet:
 
     @cached_property
     def bases(self) -> dict[str, dict[str, Base]]:
-        """Where aircraft are summed, by group; empty where there is no base that holds."""
-        found = _read(self.folder / "base.npz", self._of_base)
-        return {} if found is None else _by_group(found, self.groups, unpacked_bases)
+        """Where aircraft are summed, by group."""
+        kept = kept_arrays(self.folder / "base.npz", self.mark)
+        if kept is None:
+            return {group: {} for group in self.groups}
+        return by_group(kept, self.groups, unpacked_bases)
 
     @cached_property
-    def _of_base(self) -> str:
-        config = self.job.config.model_dump(include={"fit", "pool", "references"})
-        return fingerprint(self.months[:-1], config["fit"], config["pool"], code_digest(*_CODE))
+    def _without(self) -> tuple[dict[str, str], dict[str, dict[str, AircraftSums]]]:
+        """Of aircraft without a curve what their reports hold, and by group their fits."""
+        kept = kept_arrays(self.folder / "without_curve.npz", self.mark)
+        if kept is None:
+            return {}, {group: {} for group in self.groups}
+        content = dict(zip(kept["aircraft"].tolist(), kept["content"].tolist(), strict=True))
+        return content, by_group(kept, self.groups, unpacked_sums)
 
-    def _new_base(self) -> None:
-        """Fit all reports: what is kept is summed from there."""
-        parts = [self._summed(part) for part in blocks(self.headings, FITTED_FROM)]
-        groups = _together(parts)
-        self.bases = {
-            name: {
-                str(tail): Base.of(one.fit, one.field)
-                for tail, one in zip(self.names, own, strict=True)
-                if one.fit is not None and one.status == STATUS["ok"] and one.fit.converged
-            }
-            for name, own in groups.items()
-        }
-        arrays = {
-            f"{k}:{key}": values
-            for k, name in enumerate(self.groups)
-            for key, values in packed_bases(self.bases[name]).items()
-        }
-        self._write(self.folder / "base.npz", self._of_base, arrays)
-        self._held.clear()
+    @property
+    def _content(self) -> dict[str, str]:
+        """What the reports of every aircraft hold."""
+        months = [self._month(month).content for month in self.months]
+        return {name: fingerprint([own.get(name) for own in months]) for name in self.names}
 
-    def _all_merged(self) -> tuple[dict[str, list[AircraftSums | None]], list[int]]:
-        """Sums of every group, and the aircraft for which they do not tell all fits."""
-        groups = {name: self._merged(name) for name in self.groups}
-        size = self.names.size
-        return groups, [k for k in range(size) if any(own[k] is None for own in groups.values())]
-
-    def _merged(self, group: str) -> list[AircraftSums | None]:
-        """Sums of the aircraft of a group of references; None where they do not tell the fit."""
-        months = [self._periods(month)[group] for month in self.months]
-        found: list[AircraftSums | None] = []
-        for name in self.names:
-            base = self.bases[group].get(str(name))
-            own = [month[str(name)] for month in months if str(name) in month]
-            found.append(None if base is None or not own else self._one(own, base))
-        return found
+    def _told(self) -> tuple[dict[str, dict[str, AircraftSums]], set[str]]:
+        """Sums by group and aircraft, and the aircraft that must be fitted to their reports."""
+        content, (of, kept) = self._content, self._without
+        months = [self._month(month) for month in self.months]
+        found: dict[str, dict[str, AircraftSums]] = {group: {} for group in self.groups}
+        untold = set()
+        for group, own in found.items():
+            for name in self.names:
+                base = self.bases[group].get(name)
+                if base is not None:
+                    parts = [one.periods[group].get(name) for one in months]
+                    one = self._one([part for part in parts if part is not None], base)
+                else:
+                    one = kept[group].get(name) if of.get(name) == content[name] else None
+                if one is None:
+                    untold.add(name)
+                else:
+                    own[name] = one
+        return found, untold
 
     def _one(self, periods: list[PeriodSums], base: Base) -> AircraftSums | None:
-        """Sums of one aircraft; None where the whole fit may judge otherwise."""
+        """Sums of one aircraft; None where a fit to its reports may judge otherwise."""
+        if not periods:
+            return None
         reports = sum(one.reports for one in periods)
         flights = sum(one.day.size for one in periods)
         counts = np.sum([one.points for one in periods], axis=0)
@@ -231,49 +231,81 @@ class _Fleet:
             return None
         return AircraftSums(reports, flights, points, fit, STATUS["ok"], mean_field(periods))
 
-    def _periods(self, month: str) -> dict[str, dict[str, PeriodSums]]:
-        """Sums of one month by group and aircraft; made where those kept do not hold."""
-        if month in self._held:
-            return self._held[month]
+    def _from_reports(self, names: set[str]) -> dict[str, dict[str, AircraftSums]]:
+        """Sums of some aircraft fitted to all of their reports, by group."""
+        found: dict[str, dict[str, AircraftSums]] = {group: {} for group in self.groups}
+        for block in chosen_blocks(self.headings, names):
+            for group, own in self._summed(block).groups.items():
+                every = zip(block["aircraft"].to_numpy().astype(str), own, strict=True)
+                found[group] |= {name: one for name, one in every if name in names}
+        return found
+
+    def _summed(self, part: xr.Dataset) -> FleetSums:
+        pools = self.job.config.pools()
+        return sum_aircraft(part, pools=pools, abscissa=self.abscissa, **self.options)
+
+    def _take_in(self, whole: dict[str, dict[str, AircraftSums]]) -> None:
+        """Make the bases of aircraft that were fitted; keep the fits of those without a curve."""
+        content, (of, kept) = self._content, self._without
+        for group, own in whole.items():
+            for name, one in own.items():
+                self.bases[group].pop(name, None)
+                kept[group].pop(name, None)
+                of[name] = content[name]
+                if one.fit is not None and one.status == STATUS["ok"] and one.fit.converged:
+                    self.bases[group][name] = Base.of(one.fit, one.field)
+                else:
+                    kept[group][name] = one
+        bases, fits = {}, {}
+        for k, group in enumerate(self.groups):
+            bases |= {f"{k}:{key}": one for key, one in packed_bases(self.bases[group]).items()}
+            fits |= {f"{k}:{key}": one for key, one in packed_sums(kept[group]).items()}
+        words = {"aircraft": np.array(list(of)), "content": np.array(list(of.values()))}
+        keep_arrays(self.folder / "without_curve.npz", self.mark, fits | words)
+        keep_arrays(self.folder / "base.npz", self.mark, bases)
+        del self._marks
+
+    def _month(self, month: str) -> MonthSums:
+        """Sums of one month at the bases of now; those made that do not hold."""
+        found = self._held.get(month)
+        if found is not None and not found.missing(self._marks):
+            return found
         path = self.folder / f"{month}.sums.npz"
-        at = replace(self.job, month=month).place(HEADINGS)
-        with read_product(at, lazy=True) as headings:
-            mark = fingerprint(headings.attrs["uuid"], self._of_base, self._where)
-            kept = _read(path, mark)
-            if kept is None:
-                kept = self._sum_month(headings)
-                self._write(path, mark, kept)
-        self._held[month] = _by_group(kept, self.groups, unpacked)
-        return self._held[month]
+        with read_product(replace(self.job, month=month).place(HEADINGS), lazy=True) as headings:
+            mark = fingerprint(headings.attrs["uuid"], self.mark)
+            if found is None:
+                found = MonthSums.of(kept_arrays(path, mark), self.groups)
+            fresh = not found.content
+            if fresh:
+                found.content = contents(headings)
+            if missing := found.missing(self._marks):
+                self._add(found, headings, missing)
+            if missing or fresh:
+                keep_arrays(path, mark, found.as_arrays())
+        self._held[month] = found
+        return found
 
     @cached_property
-    def _held(self) -> dict[str, dict[str, dict[str, PeriodSums]]]:
-        return {}
+    def _marks(self) -> dict[str, dict[str, str]]:
+        """Marks of the bases, by group."""
+        return {
+            group: {name: mark_of(base) for name, base in own.items()}
+            for group, own in self.bases.items()
+        }
 
-    @property
-    def _where(self) -> str:
-        """Hash of the base itself."""
-        every = [one for own in self.bases.values() for one in own.values()]
-        return digest(*(one.theta.tobytes() for one in every)).hex()
-
-    def _sum_month(self, headings: xr.Dataset) -> dict[str, NDArray[Any]]:
+    def _add(self, month: MonthSums, headings: xr.Dataset, names: set[str]) -> None:
+        """Sum some aircraft of a month at their bases."""
         joint = bool(self.options["joint"])
-        found: dict[str, dict[str, PeriodSums]] = {name: {} for name in self.groups}
-        for block in blocks(headings, FITTED_FROM):
-            columns = Columns(block, self.abscissa)
+        asked = {"joint": joint, "blocks": joint and bool(self.options["shared_error"])}
+        for block in chosen_blocks(headings, names):
+            columns, own = Columns(block, self.abscissa), block["aircraft"].to_numpy().astype(str)
             for group, members in self.groups.items():
                 columns.use(members)
-                for k, name in enumerate(block["aircraft"].to_numpy().astype(str)):
-                    base = self.bases[group].get(str(name))
-                    if base is not None:
-                        shared = joint and bool(self.options["shared_error"])
-                        one = sum_period(columns, k, members, base, joint=joint, blocks=shared)
-                        found[group] |= {} if one is None else {str(name): one}
-        return {
-            f"{k}:{key}": values
-            for k, group in enumerate(self.groups)
-            for key, values in packed(found[group]).items()
-        }
+                for k, name in enumerate(own):
+                    base = self.bases[group].get(name)
+                    if base is not None and name in names:
+                        one = sum_period(columns, k, members, base, **asked)
+                        month.set(group, name, self._marks[group][name], one)
 
     def _counts(self, month: str) -> Arrays:
         """What a month counts for the tables."""
@@ -284,7 +316,7 @@ class _Fleet:
         members = config.pools()[main_reference(config)]
         with read_product(replace(self.job, month=month).place(HEADINGS), lazy=True) as headings:
             mark = fingerprint(headings.attrs["uuid"], self.abscissa, members, code_digest(*_CODE))
-            kept = _read(path, mark)
+            kept = kept_arrays(path, mark)
             if kept is None:
                 total, count = declination_sums(headings)
                 kept = {
@@ -294,37 +326,9 @@ class _Fleet:
                     "count": count,
                     **_packed_days(fleet_day_sums(headings, members, self.abscissa, fewest=1)),
                 }
-                self._write(path, mark, kept)
+                keep_arrays(path, mark, kept)
         self._counted[month] = kept
         return kept
-
-    @cached_property
-    def _counted(self) -> dict[str, Arrays]:
-        return {}
-
-    def _from_reports(self, some: range) -> FleetSums:
-        """Sums of some aircraft fitted to all of their reports."""
-        start, stop = row_bounds(self.headings["row_size"].to_numpy())
-        own = slice(some.start, some.stop)
-        reports = slice(int(start[own].min(initial=0)), int(stop[own].max(initial=0)))
-        part = self.headings.isel(aircraft=own, report=reports)
-        parts = [self._summed(block) for block in blocks(part, FITTED_FROM)] if some else []
-        if not parts:
-            return self._summed(part[[name for name in FITTED_FROM if name in part]].load())
-        groups = _together(parts)
-        return replace(parts[0], groups=groups)
-
-    def _summed(self, part: xr.Dataset) -> FleetSums:
-        pools = self.job.config.pools()
-        return sum_aircraft(part, pools=pools, abscissa=self.abscissa, **self.options)
-
-    def _write(self, path: Path, mark: str, arrays: Arrays) -> None:
-        with (
-            written_to(path.parent),
-            replacing(path, lasting=False) as temporary,
-            temporary.open("wb") as file,
-        ):
-            np.savez(file, allow_pickle=False, mark=np.array(mark), **arrays)
 
 
 def _packed_days(sums: list[DaySums | None]) -> dict[str, NDArray[Any]]:
@@ -343,39 +347,3 @@ def _one_after_another(parts: list[DaySums]) -> DaySums | None:
         return None
     names = [part.name for part in fields(DaySums)]
     return DaySums(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
-
-
-def _together(parts: list[FleetSums]) -> dict[str, list[AircraftSums]]:
-    return {name: [one for part in parts for one in part.groups[name]] for name in parts[0].groups}
-
-
-def _read(path: Path, mark: str) -> dict[str, NDArray[Any]] | None:
-    """Arrays that were kept; None where there are none that are whole and of this mark."""
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            if str(stored["mark"]) != mark:
-                return None
-            return {name: stored[name] for name in stored.files if name != "mark"}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
-
-
-def _by_group(arrays: Arrays, groups: Mapping[str, Any], undo: Any) -> dict[str, Any]:
-    return {
-        name: undo(
-            {
-                key.split(":", 1)[1]: values
-                for key, values in arrays.items()
-                if key.startswith(f"{k}:")
-            }
-        )
-        for k, name in enumerate(groups)
-    }
-
-
-def _runs(places: list[int]) -> Iterator[range]:
-    """Consecutive places, each run together."""
-    ends = np.flatnonzero(np.diff(places) != 1) + 1
-    for run in np.split(np.array(places, dtype=np.int64), ends):
-        if run.size:
-            yield range(int(run[0]), int(run[-1]) + 1)
