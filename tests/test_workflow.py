@@ -205,33 +205,44 @@ def test_the_page_and_the_tables_are_there(finished):
     assert kept == {"reports", "headings.json"}
 
 
-def test_cards_of_the_same_fits_are_not_drawn_again(finished, tmp_path, monkeypatch):
-    from airswing.compass import tables_csv as swingcard
+def test_cards_that_stand_are_not_drawn_again(finished, tmp_path, monkeypatch):
+    from airswing.compass.tables_csv import _Drawing
     from airswing.workflow.fits import draw_cards
 
     job = replace(finished[0], config=finished[0].config.model_copy(update={"output": tmp_path}))
     assert job.output == tmp_path
     fits = read_product(finished[0].output / workflow.FITS).isel(aircraft=slice(0, 2)).load()
-    drawn = []
+    one, other = fits["aircraft"].to_numpy().astype(str)
+    first, second = (tmp_path / f"swing_cards/{name}.pdf" for name in (one, other))
+    drawn: list[str] = []
+    draw = _Drawing.of
+    monkeypatch.setattr(
+        _Drawing,
+        "of",
+        lambda self, of: (drawn.append(str(of["aircraft"].item())), draw(self, of))[1],
+    )
 
-    def counted(*args, **options):
-        drawn.append(swing_cards(*args, **options))
-        return drawn[-1]
+    def anew(found, **options) -> list[str]:
+        drawn.clear()
+        draw_cards(job, found, **options)
+        return drawn
 
-    swing_cards = swingcard.write_swing_cards
-    monkeypatch.setattr(swingcard, "write_swing_cards", counted)
-    folder = tmp_path / "swing_cards"
-    for times in (1, 1):
-        draw_cards(job, fits)
-        assert len(drawn) == times
-    first, second = drawn[0]
+    assert anew(fits) == [one, other] and anew(fits) == []
     first.unlink()
-    draw_cards(job, fits)
-    assert len(drawn) == 2 and first.is_file()
-    (folder / ".drawn_of.json").write_text('{"mark": ')  # cut off by a loss of power
-    draw_cards(job, fits)
-    assert len(drawn) == 3
-    draw_cards(job, fits.isel(aircraft=[1]).assign_attrs(uuid="of another fit"))
+    assert anew(fits) == [one] and first.is_file()
+    nudge = 0.4 * np.sqrt(np.einsum("raii->rai", fits["deviation_covariance"].to_numpy()))
+    nudge[:, 1] = 0.0
+    moved = fits.assign(deviation=fits["deviation"] + nudge)
+    assert anew(moved, near=0.5) == [] and anew(moved) == [one]
+    assert anew(fits.assign(deviation=fits["deviation"] - nudge), near=0.5) == [
+        one
+    ]  # 0.8 from there
+    table = fits["table_correction"].copy(deep=True)
+    table[:, 1, 3] += 0.1
+    assert anew(moved.assign(table_correction=table), near=0.5)[-1:] == [other]
+    (tmp_path / "swing_cards/.drawn_of.json").write_text('{"mark": ')  # cut off by a loss of power
+    assert anew(fits) == [one, other]
+    assert anew(fits.isel(aircraft=[1]).assign_attrs(uuid="of another fit")) == []
     assert second.is_file() and not first.exists()
 
 

@@ -7,6 +7,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,12 @@ import airswing
 from airswing import workflow
 from airswing.config import load_config
 from airswing.errors import InputError
+from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
 from airswing.products.ragged_product import write_joined
 from airswing.products.workspace import workspace
 from airswing.workflow import fits
 from airswing.workflow.progress import Progress
-from airswing.workflow.update import month_fits, taking_up
+from airswing.workflow.update import judged, month_fits, taking_up
 
 HOURS, REPORTS, AIRCRAFT = 24 * 66, 6_000, 4
 NEW = "N103"
@@ -62,7 +64,7 @@ def archive(tmp_path_factory) -> Path:
 @pytest.fixture(autouse=True)
 def emptied(archive, monkeypatch) -> Iterator[None]:
     """Every test begins without reports and results; no cards are drawn."""
-    monkeypatch.setattr(fits, "draw_cards", lambda job, found: None)
+    monkeypatch.setattr(fits, "draw_cards", lambda job, found, near: None)
     for name in ("reports", "results", "aside"):
         shutil.rmtree(archive / name, ignore_errors=True)
         (archive / name).mkdir()
@@ -137,6 +139,28 @@ def looked_at(monkeypatch) -> list[int]:
     return found
 
 
+def judged_as_by_reports(folder: Path) -> None:
+    """February judged by the sums of January is February judged by a fit to January's reports."""
+    job = replace(job_in(folder), resume=True)
+    headings = airswing.read_product(folder / "results/headings", lazy=True)
+    fitted = airswing.read_product(folder / "results/fits.nc")
+    found = judged._virtual(job, [JANUARY, FEBRUARY], headings, fitted)["later"]
+    both = judged._of(job, [JANUARY, FEBRUARY], fitted)
+    wanted = virtual_field_test(
+        both,
+        learned_until=date(2009, 2, 1),
+        pools=job.config.pools(),
+        reference="small",
+        **job.config.fit.model_dump(),
+    )
+    assert [one["aircraft"] for one in found["by_aircraft"]] == ["N100", "N101", "N102"]
+    assert found["reports"] == wanted["reports"]
+    error = wanted["predicted_standard_error_kt"]
+    for key in ("predicted_gain_kt", "realised_gain_kt"):
+        assert found[key] == pytest.approx(wanted[key], abs=0.25 * error)
+    assert found["learned_until"] == "2009-02-01"
+
+
 def test_months_taken_up_one_by_one_are_what_a_run_of_all_gives(archive, looked_at):
     add(archive, "2009-01*", "2009-02-0*")
     assert update(archive)["made"] == [JANUARY, FEBRUARY]
@@ -147,10 +171,13 @@ def test_months_taken_up_one_by_one_are_what_a_run_of_all_gives(archive, looked_
     assert update(archive)["made"] == [MARCH]
     assert stamps(archive, JANUARY) == january and stamps(archive, FEBRUARY) != february
     add(archive, "2009-03*")
+    print("LOOK", looked_at)
     looked_at.clear()
     assert update(archive)["made"] == [MARCH]
+    print("LOOK", looked_at)
     assert sum(looked_at) < REPORTS / 10  # the fit looks at what the sums do not tell alone
     alike(archive)
+    judged_as_by_reports(archive)
     assert update(archive) == {"all": [JANUARY, FEBRUARY, MARCH], "made": [], "corrected": []}
 
 

@@ -11,6 +11,7 @@ m - psi_err(m) = wanted, with the table's own interpolation.
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -148,7 +149,12 @@ def swing_card(fits: xr.Dataset, *, aircraft: str, reference: str | None = None)
 
 
 def write_swing_cards(
-    fits: xr.Dataset, folder: str | Path, *, reference: str | None = None, suffix: str = "pdf"
+    fits: xr.Dataset,
+    folder: str | Path,
+    *,
+    reference: str | None = None,
+    suffix: str = "pdf",
+    stand: Mapping[str, str] | None = None,
 ) -> list[Path]:
     """Write a swing card for every aircraft that has a table, and ``index.csv`` that lists all.
 
@@ -162,6 +168,8 @@ def write_swing_cards(
         As for :func:`swing_card`.
     suffix : str
         pdf, png or svg.
+    stand : mapping of str to str, optional
+        Aircraft whose card stands under that name and is not drawn again.
 
     Returns
     -------
@@ -174,15 +182,16 @@ def write_swing_cards(
     chosen = fits.isel(reference=_reference_number(fits, reference))
     status = chosen["status"].to_numpy()
     shape = [chosen[key].to_numpy() for key in ("offset", "amplitude", "phase")]
-    cards, rows = [], []
+    cards, rows, known = [], [], stand or {}
     taken: set[str] = set()
     for number, name in enumerate(str(value) for value in fits["aircraft"].to_numpy()):
         card = place / f"{_safe(name, taken)}.{suffix}"
         if drawn := bool(published(status[number])):
+            cards.append(card)
+        if drawn and known.get(name) != card.name:
             with atomic(card) as temporary:
                 one = _with_error(chosen.isel(aircraft=number))
                 drawing.of(one).savefig(temporary, dpi=120, format=suffix)
-            cards.append(card)
         rows.append(
             (
                 name,

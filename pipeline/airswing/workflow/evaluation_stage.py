@@ -112,7 +112,9 @@ def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Datase
     return found
 
 
-def make_field_test(job: Job, headings: xr.Dataset | None = None) -> dict[str, Any]:
+def make_field_test(
+    job: Job, headings: xr.Dataset | None = None, *, expected: dict[str, Any] | None = None
+) -> dict[str, Any]:
     """The field test of the configuration: ``field_test.json``.
 
     Parameters
@@ -120,6 +122,8 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> dict[str, A
     job : Job
     headings : Dataset, optional
         Read from the output folder when not given.
+    expected : dict, optional
+        Of :func:`expected_reduction`, where ``headings`` is of the test's own dates alone.
 
     Returns
     -------
@@ -130,7 +134,6 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> dict[str, A
     ConfigError
         If the configuration has no ``field_test``.
     """
-    from airswing.evaluation.backtest.virtual_field_test import predicted_reduction
     from airswing.evaluation.field_test import field_test
 
     config = job.config
@@ -144,19 +147,44 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> dict[str, A
         screened = ready(job, headings, HEADINGS)
         against: dict[str, Any] = {"pools": config.pools(), "reference": main_reference(config)}
         result = field_test(screened, **against, **config.field_test.model_dump())
-        result |= predicted_reduction(
-            screened,
-            start=config.field_test.start,
-            corrected=config.field_test.corrected,
-            **against,
-            **config.fit.model_dump(),
-        )
+        result |= expected_reduction(job, screened) if expected is None else expected
         write_json(job.output / FIELD_TEST, result)
         low, high = result["adjusted_reduction_ci_kt"]
         stage.note = (
             f"adjusted reduction {result['adjusted_reduction_kt']:.2f} kt ({low:.2f} to {high:.2f})"
         )
     return result
+
+
+def expected_reduction(job: Job, headings: xr.Dataset) -> dict[str, Any]:
+    """What the fits before the field test expected of it.
+
+    Parameters
+    ----------
+    job : Job
+        With a field test.
+    headings : Dataset
+        With all reports before its start.
+
+    Returns
+    -------
+    dict
+        Of :func:`airswing.evaluation.backtest.virtual_field_test.predicted_reduction`.
+    """
+    from airswing.evaluation.backtest.virtual_field_test import predicted_reduction
+
+    config = job.config
+    test = config.field_test
+    if test is None:
+        return {}
+    return predicted_reduction(
+        headings,
+        start=test.start,
+        corrected=test.corrected,
+        pools=config.pools(),
+        reference=main_reference(config),
+        **config.fit.model_dump(),
+    )
 
 
 def make_sensitivity(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from airswing.flags import published
 from airswing.products.atomic import replacing
 from airswing.products.checked import note, noted
-from airswing.products.fingerprint import code_digest, fingerprint
+from airswing.products.fingerprint import code_digest
 from airswing.products.monthly import FLIGHTS
 from airswing.products.ragged import blocks
 from airswing.products.ragged_product import still_in_file
@@ -95,6 +95,8 @@ def make_fits(
     job: Job,
     headings: xr.Dataset | None = None,
     look: Callable[[Job, xr.Dataset], Seen] = look_at_all,
+    *,
+    near: float = 0.0,
 ) -> xr.Dataset:
     """Deviation fits and 8-point tables: ``fits.nc``, ``tables.csv`` and the swing cards.
 
@@ -105,6 +107,8 @@ def make_fits(
         Read from the output folder when not given.
     look : callable, optional
         How the reports are looked at.
+    near : float, default 0.0
+        As for :func:`draw_cards`.
 
     Returns
     -------
@@ -141,57 +145,99 @@ def make_fits(
         ),
         sources=(screened,),
     )
-    draw_cards(job, fits)
+    draw_cards(job, fits, near=near)
     return fits
 
 
-def draw_cards(job: Job, fits: xr.Dataset) -> None:
-    """Tables as CSV, and swing cards of aircraft with a table unless those of these fits are there.
+def draw_cards(job: Job, fits: xr.Dataset, *, near: float = 0.0) -> None:
+    """Tables as CSV, and the swing cards that are not there yet.
 
     Parameters
     ----------
     job : Job
     fits : Dataset
         With tables.
+    near : float, default 0.0
+        Standard errors that the coefficients of a card's curve may have moved since it was drawn,
+        its table and status being the same; with 0 a card says all that its fit does.
     """
     from airswing.compass.tables_csv import write_swing_cards, write_tables_csv
 
     folder, reference = job.output / "swing_cards", main_reference(job.config)
     kept_note = folder / ".drawn_of.json"
-    mark = fingerprint(_content(fits), reference, code_digest("airswing.compass.tables_csv"))
+    code = code_digest("airswing.compass.tables_csv")
     with job.progress.stage("swing cards") as stage:
         write_tables_csv(fits, job.output / "tables.csv")
-        before, drawn = _noted(kept_note)
-        if before == mark and all((folder / name).is_file() for name in drawn):
-            stage.note = f"{len(drawn)} aircraft, as drawn before"
-            return
-        cards = [c.name for c in write_swing_cards(fits, folder, reference=reference)]
-        for name in set(drawn) - set(cards):
-            (folder / name).unlink(missing_ok=True)  # of aircraft that are gone
-        with replacing(kept_note) as temporary:
-            temporary.write_text(note({"mark": mark, "cards": cards}))
+        before, now = _noted(kept_note, code), _drawn_from(fits.sel(reference=reference))
+        stand = {
+            name: old["card"]
+            for name, old in before.items()
+            if name in now and _stands(old, now[name], near) and (folder / old["card"]).is_file()
+        }
+        written = write_swing_cards(fits, folder, reference=reference, stand=stand)
+        names = [name for name, one in now.items() if published(np.array(one["status"]))]
+        cards = dict(zip(names, written, strict=True))
+        for old in {old["card"] for old in before.values()} - {
+            card.name for card in cards.values()
+        }:
+            (folder / old).unlink(missing_ok=True)  # of aircraft that are gone
+        drawn = {
+            name: before[name] if stand.get(name) == card.name else now[name] | {"card": card.name}
+            for name, card in cards.items()
+        }
+        if drawn != before:
+            with replacing(kept_note) as temporary:
+                temporary.write_text(note({"code": code, "cards": drawn}))
         stage.note = f"{len(cards)} of {fits.sizes['aircraft']} aircraft"
+        if same := sum(drawn[name] is before.get(name) for name in drawn):
+            stage.note += f", {same} as drawn before"
 
 
-def _content(fits: xr.Dataset) -> str:
-    """Hash of what the fits say, whichever run they are of."""
-    digest = hashlib.blake2b(repr(fits.attrs.get("table_sign")).encode(), digest_size=16)
-    for name in sorted(str(name) for name in fits.variables):
-        values = fits[name].to_numpy()
-        digest.update(f"{name} {values.dtype} {values.shape}".encode())
-        digest.update(
-            repr(values.tolist()).encode() if values.dtype == object else values.tobytes()
-        )
-    return digest.hexdigest()
+def _drawn_from(chosen: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """What every aircraft's card is drawn from: a hash of all, and what tells whether it moved."""
+    columns = [
+        np.moveaxis(one.to_numpy(), one.dims.index("aircraft"), 0)
+        for _, one in sorted(chosen.variables.items(), key=lambda item: str(item[0]))
+        if "aircraft" in one.dims
+    ]
+    head = f"{chosen['reference'].item()} {chosen.attrs.get('table_sign')}".encode()
+    square = np.diagonal(chosen["deviation_covariance"].transpose("aircraft", ...), 0, 1, 2)
+    found = {}
+    for k, name in enumerate(chosen["aircraft"].to_numpy().astype(str)):
+        digest = hashlib.blake2b(head, digest_size=16)
+        for column in columns:
+            own = column[k]
+            digest.update(repr(own).encode() if column.dtype == object else own.tobytes())
+        found[str(name)] = {
+            "mark": digest.hexdigest(),
+            "status": int(chosen["status"][k]),
+            "table": np.nan_to_num(chosen["table_correction"].to_numpy()[k]).tolist(),
+            "curve": np.nan_to_num(chosen["deviation"].to_numpy()[k]).tolist(),
+            "error": np.sqrt(np.nan_to_num(np.maximum(square[k], 0.0))).tolist(),
+        }
+    return found
 
 
-def _noted(path: Path) -> tuple[str, list[str]]:
-    """Mark and names of the cards an earlier run drew; nothing where that is not whole."""
+def _stands(old: dict[str, Any], now: dict[str, Any], near: float) -> bool:
+    """Whether a card that was drawn is as good as one drawn now."""
+    if old["mark"] == now["mark"]:
+        return True
+    if not near or any(old[key] != now[key] for key in ("status", "table")):
+        return False
+    apart = np.abs(np.array(old["curve"]) - np.array(now["curve"]))
+    return bool(np.all(apart <= near * np.array(now["error"])))
+
+
+def _noted(path: Path, code: str) -> dict[str, dict[str, Any]]:
+    """The cards an earlier run drew; none where that is not whole, or of other code."""
     try:
         told = noted(path.read_text())
-        return str(told["mark"]), [Path(name).name for name in told["cards"]]
-    except (OSError, ValueError, TypeError, KeyError):
-        return "", []
+        cards = {str(name): dict(one) for name, one in told["cards"].items()}
+        if told["code"] != code:
+            return {name: one | {"mark": "", "status": -1} for name, one in cards.items()}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return {}
+    return {name: one | {"card": Path(one["card"]).name} for name, one in cards.items()}
 
 
 def make_corrected(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Callable
 from datetime import date
 from typing import Any
 
@@ -190,32 +191,63 @@ def make_virtual(
         "resolution": math.degrees(config.table.resolution),
         **config.fit.model_dump(),
     }
-    test = config.field_test
-    corrected = None
-    if test is not None:
-        names = headings["aircraft"].to_numpy().astype(str)
-        corrected = [str(name) for name in names if name not in test.corrected]
+    test, corrected = config.field_test, uncorrected(job, headings)
     until = test.start if test is not None else later_date(headings)
     with job.progress.stage("virtual field test") as stage:
         result = {
-            "later": _tried(
+            "later": tried(
                 lambda: virtual_field_test(
                     headings, learned_until=until, corrected=corrected, **options
                 )
             ),
-            "held_out": _tried(
+            "held_out": tried(
                 lambda: cross_validate(headings, folds=FOLDS, whole=(fits, ranking), **options)
             ),
         }
-        write_json(job.output / VIRTUAL, result)
-        told = [
-            f"{words} {part['predicted_gain_kt']:.2f} kt predicted, "
-            f"{part['realised_gain_kt']:.2f} realised"
-            for words, part in (("later", result["later"]), ("held out", result["held_out"]))
-            if part.get("realised_gain_kt") is not None
-        ]
-        stage.note = "; ".join(told) or "too few reports"
+        stage.note = written_virtual(job, result)
     return result
+
+
+def written_virtual(job: Job, result: dict[str, Any]) -> str:
+    """Write ``virtual_field_test.json``; what is in it in a few words.
+
+    Parameters
+    ----------
+    job : Job
+    result : dict
+        As of :func:`make_virtual`.
+
+    Returns
+    -------
+    str
+    """
+    write_json(job.output / VIRTUAL, result)
+    told = [
+        f"{words} {part['predicted_gain_kt']:.2f} kt predicted, "
+        f"{part['realised_gain_kt']:.2f} realised"
+        for words, part in (("later", result["later"]), ("held out", result["held_out"]))
+        if part.get("realised_gain_kt") is not None
+    ]
+    return "; ".join(told) or "too few reports"
+
+
+def uncorrected(job: Job, headings: xr.Dataset) -> list[str] | None:
+    """Aircraft that were not corrected in the field test; None where there is none.
+
+    Parameters
+    ----------
+    job : Job
+    headings : Dataset
+
+    Returns
+    -------
+    list of str or None
+    """
+    test = job.config.field_test
+    if test is None:
+        return None
+    names = headings["aircraft"].to_numpy().astype(str)
+    return [str(name) for name in names if name not in test.corrected]
 
 
 def later_date(headings: xr.Dataset) -> date:
@@ -234,10 +266,18 @@ def later_date(headings: xr.Dataset) -> date:
     return found
 
 
-def _tried(make: Any) -> dict[str, Any]:
-    """Do a part; where the archive cannot carry it, say why instead."""
+def tried(make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Do a part; where the archive cannot carry it, say why instead.
+
+    Parameters
+    ----------
+    make : callable
+
+    Returns
+    -------
+    dict
+    """
     try:
-        found: dict[str, Any] = make()
+        return make()
     except InputError as err:
         return {"why": str(err)}
-    return found

@@ -198,7 +198,13 @@ def mean_field(periods: list[PeriodSums]) -> float:
     return sum(field * number for field, number in known) / total if total else np.nan
 
 
-def merged_fit(periods: list[PeriodSums], base: Base) -> AircraftFit | None:
+def merged_fit(
+    periods: list[PeriodSums],
+    base: Base,
+    *,
+    farthest: float = FARTHEST,
+    scatter: float = SCATTER,
+) -> AircraftFit | None:
     """The fit of all reports from the sums of their periods.
 
     Parameters
@@ -206,6 +212,8 @@ def merged_fit(periods: list[PeriodSums], base: Base) -> AircraftFit | None:
     periods : list of PeriodSums
         In order of time, all summed at the base.
     base : Base
+    farthest, scatter : float
+        As `FARTHEST` and `SCATTER`.
 
     Returns
     -------
@@ -225,7 +233,7 @@ def merged_fit(periods: list[PeriodSums], base: Base) -> AircraftFit | None:
     free = base.free
     step = solve(normal[np.ix_(free, free)], score[free]) / kappa
     theta[free] += step
-    near = np.abs(step) <= FARTHEST * spread_of(normal, parts, free, kappa) + ENOUGH
+    near = np.abs(step) <= farthest * spread_of(normal, parts, free, kappa) + ENOUGH
     if not (np.isfinite(step).all() and near.all()):
         return None
     move = np.zeros(size)
@@ -237,7 +245,7 @@ def merged_fit(periods: list[PeriodSums], base: Base) -> AircraftFit | None:
             before = (theta - move)[bias_of(k)]
             blocks.append(blocks_of(part.block, part.square, cut, before, move[:SLOPES], kappa))
     found = finish(theta, free, normal, kappa, parts, days, True, by_flight)
-    if not abs(np.log(found.rms_after / base.rms)) <= SCATTER:
+    if not abs(np.log(found.rms_after / base.rms)) <= scatter:
         return None
     return replace(found, blocks=blocks, scatters=base.scatters, airspeeds=base.airspeeds)
 

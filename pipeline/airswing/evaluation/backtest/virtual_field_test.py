@@ -31,6 +31,7 @@ def virtual_field_test(
     pools: Mapping[str, list[str]],
     reference: str,
     corrected: list[str] | None = None,
+    fits: xr.Dataset | None = None,
     method: str = "table",
     draws: int = 1000,
     seed: int = 0,
@@ -51,6 +52,9 @@ def virtual_field_test(
         Key of ``pools``: the fit and what it is judged by.
     corrected : list of str, optional
         Aircraft that get the correction, the others being controls; all by default.
+    fits : Dataset, optional
+        Of the reports before the date, with tables, where ``headings`` has but the last of them;
+        made when not given.
     method : {"table", "curve"}
         What is applied: the unit's table or the curve itself.
     draws : int, default 1000
@@ -81,7 +85,8 @@ def virtual_field_test(
 
     _require_reports(headings, learn, judge, learned_until)
     part = only(headings, learn)
-    fits = fitted(part, pools, reference, **fit_options)
+    if fits is None:
+        fits = fitted(part, pools, reference, **fit_options)
     ranking = rank_aircraft(part, fits, pools=pools, reference=reference, seed=seed)
     windows, gains = [], []
     for block, aircraft in judged_blocks(headings):

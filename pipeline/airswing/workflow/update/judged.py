@@ -2,9 +2,11 @@
 
 What tells of the winds as they are now (disagreement, ranking, profiles, the page's figures of
 reports) looks at the reports of the last `RECENT` days and the rest of their months; fits and
-tables are of all. Fits by calendar month are kept with their month. What tries the method out on
-reports held back (the virtual field test, the comparison of references) is made when a month is
-complete, of all months that are, and stands until the next one is.
+tables are of all. Fits by calendar month are kept with their month. When a month is complete, the
+tables of all months before it are tried out on it (the virtual field test: every month is judged
+once by what had not seen it), and the field test and the comparison of references are made; they
+stand until the next one is. Flights held out of the fit, which asks for a fit of all reports for
+each part, are left to ``airswing run``.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from airswing.products.monthly import joined_months
 from airswing.products.netcdf import read_product
 from airswing.products.ragged import time_span
 from airswing.workflow.evaluation_stage import (
+    expected_reduction,
     make_field_test,
     make_observation_errors,
     make_profiles,
@@ -37,7 +40,15 @@ from airswing.workflow.job import (
     Job,
     main_reference,
 )
-from airswing.workflow.ranking_stage import VIRTUAL, make_ranking, make_virtual, written_stability
+from airswing.workflow.ranking_stage import (
+    VIRTUAL,
+    make_ranking,
+    tried,
+    uncorrected,
+    written_stability,
+    written_virtual,
+)
+from airswing.workflow.update.month_fits import fits_before
 from airswing.workflow.update.months import keep_note, kept_note, span_of
 
 RECENT = np.timedelta64(31, "D")
@@ -77,15 +88,16 @@ def recent_months(job: Job, months: list[str], fits: xr.Dataset) -> Recent:
     with read_product(replace(job, month=months[-1]).place(HEADINGS), lazy=True) as latest:
         last = time_span(latest)[1]
     chosen = [month for month in months if span_of(month)[1] > last - RECENT]
-    names = fits["aircraft"].to_numpy().astype(str)
-    joined = [
-        joined_months(
-            [read_product(replace(job, month=month).place(name), lazy=True) for month in chosen],
-            aircraft=names,
-        )
-        for name in (HEADINGS, CORRECTED)
-    ]
-    return Recent(joined[0], joined[1], "" if chosen == months else chosen[0])
+    headings, corrected = (_of(job, chosen, fits, name) for name in (HEADINGS, CORRECTED))
+    return Recent(headings, corrected, "" if chosen == months else chosen[0])
+
+
+def _of(job: Job, months: list[str], fits: xr.Dataset, name: str = HEADINGS) -> xr.Dataset:
+    """Some months of a product, with every aircraft of the fits."""
+    return joined_months(
+        [read_product(replace(job, month=month).place(name), lazy=True) for month in months],
+        aircraft=fits["aircraft"].to_numpy().astype(str),
+    )
 
 
 def judged(
@@ -108,11 +120,8 @@ def judged(
     """
     config, later = job.config, _Monthly(job, months)
     return Evaluation(
-        virtual=later.kept(
-            VIRTUAL,
-            lambda: make_virtual(job, headings, fits, make_ranking(job, headings, fits)),
-        ),
-        field_test=later.kept(FIELD_TEST, lambda: make_field_test(job, headings))
+        virtual=later.kept(VIRTUAL, lambda: _virtual(job, months[:-1], headings, fits)),
+        field_test=later.kept(FIELD_TEST, lambda: _field_test(job, months, headings, fits))
         if config.field_test is not None
         else None,
         sensitivity=later.kept(SENSITIVITY, lambda: make_sensitivity(job, headings))
@@ -121,8 +130,59 @@ def judged(
         profiles=make_profiles(job, recent.headings, recent.corrected),
         observation_errors=make_observation_errors(job, recent.headings, recent.corrected),
         stability=_stability(job, months, fits),
-        ranking=make_ranking(job, recent.headings, fits),  # after the one over all months
+        ranking=make_ranking(job, recent.headings, fits),
     )
+
+
+def _virtual(
+    job: Job, complete: list[str], headings: xr.Dataset, fits: xr.Dataset
+) -> dict[str, Any]:
+    """The last complete month judged by the tables of those before it."""
+    from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
+
+    config = job.config
+    with job.progress.stage("virtual field test") as stage:
+        later: dict[str, Any] = {"why": "fewer than two months are complete"}
+        if len(complete) > 1:
+            later = tried(
+                lambda: virtual_field_test(
+                    _of(job, complete[-2:], fits),
+                    learned_until=span_of(complete[-1])[0].astype("M8[D]").astype(object),
+                    corrected=uncorrected(job, headings),
+                    fits=fits_before(job, complete[:-1], headings),
+                    pools=config.pools(),
+                    reference=main_reference(config),
+                )
+            )
+        result = {"later": later, "held_out": {"why": "left to `airswing run`"}}
+        stage.note = written_virtual(job, result)
+    return result
+
+
+def _field_test(
+    job: Job, months: list[str], headings: xr.Dataset, fits: xr.Dataset
+) -> dict[str, Any]:
+    """The field test of the months of its dates; what was expected of it is kept."""
+    test = job.config.field_test
+    if test is None:
+        return {}
+    last = test.end or span_of(months[-1])[1].astype("M8[D]").astype(object)
+    of = [one for one in months if str(test.before_start)[:7] <= one <= str(last)[:7]]
+    before = [one for one in months if one <= str(test.start)[:7]]
+    if not of or not before:
+        return make_field_test(job, headings)  # which says what is missing
+    path = job.output / ".update" / "expected.json"
+    with _of(job, before, fits) as known:
+        made = fingerprint(
+            known.attrs["uuid"],
+            job.config.model_dump(include={"fit", "pool", "field_test"}),
+            code_digest(__name__, *FITTING),
+        )
+        note = kept_note(path)
+        if note.get("made") != made:
+            note = {"made": made, "found": _plain(expected_reduction(job, known))}
+            keep_note(path, note)
+    return make_field_test(job, _of(job, of, fits), expected=dict(note["found"]))
 
 
 class _Monthly:

@@ -13,6 +13,7 @@ aircraft would make the same one of it again, and an aircraft with a new base is
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -46,7 +47,7 @@ from airswing.compass.kept_sums.period_sums import (
     merged_fit,
     sum_period,
 )
-from airswing.compass.table import heading_histogram
+from airswing.compass.table import add_tables, heading_histogram
 from airswing.evaluation.compass_changes.change_kernels import DaySums
 from airswing.evaluation.compass_changes.stability import (
     FEWEST_DAYS,
@@ -68,6 +69,9 @@ from airswing.workflow.update.month_sums import (
     mark_of,
 )
 
+AS_FITTED = 3.0
+"""Standard errors that a fit of some of the months may lie from the bases, as the last step of a
+fit to reports may be long."""
 _CODE = (*FITTING, "airswing.compass.kept_sums.packed")
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -109,6 +113,32 @@ class MonthlyFits:
         )
 
 
+def fits_before(job: Job, months: list[str], headings: xr.Dataset) -> xr.Dataset:
+    """Fits and tables of some months alone, from their sums; nothing is fitted to reports.
+
+    Parameters
+    ----------
+    job : Job
+    months : list of str
+        All but the last ones, which were taken up before.
+    headings : Dataset
+        With every aircraft.
+
+    Returns
+    -------
+    Dataset
+        Of aircraft that the sums do not tell: no fit.
+    """
+    fleet = _Fleet(job, months, headings)
+    found, _ = fleet.told(farthest=AS_FITTED, scatter=np.inf)
+    none = AircraftSums(0, 0, 0, None, STATUS["too_few_reports"], np.nan)
+    sums = fleet.together(
+        {group: {name: own.get(name, none) for name in fleet.names} for group, own in found.items()}
+    )
+    resolution = math.degrees(job.config.table.resolution)
+    return add_tables(fit_sums([sums]), fleet.counted()[0], resolution=resolution)
+
+
 class _Fleet:
     """The sums of a fleet's months, kept in a folder.
 
@@ -134,17 +164,21 @@ class _Fleet:
 
     def sums(self) -> FleetSums:
         """Sums of every aircraft, ready to be fitted."""
-        some = self.headings[[name for name in FITTED_FROM if name in self.headings]]
-        empty = some.isel(aircraft=slice(0), report=slice(0)).load()
-        found, untold = self._told()
+        found, untold = self.told()
         if untold:
             whole = self._from_reports(untold)
             self._take_in(whole)
-            found, left = self._told()
+            found, left = self.told()
             for name in left:
                 for group, own in found.items():
                     own[name] = whole[group][name]
             self.job.progress.say(f"  {len(untold)} aircraft fitted to all of their reports")
+        return self.together(found)
+
+    def together(self, found: dict[str, dict[str, AircraftSums]]) -> FleetSums:
+        """Sums of every group and aircraft as one fleet's."""
+        some = self.headings[[name for name in FITTED_FROM if name in self.headings]]
+        empty = some.isel(aircraft=slice(0), report=slice(0)).load()
         groups = {group: [own[name] for name in self.names] for group, own in found.items()}
         return replace(self._summed(empty), aircraft=self.names.astype(object), groups=groups)
 
@@ -195,8 +229,14 @@ class _Fleet:
         months = [self._month(month).content for month in self.months]
         return {name: fingerprint([own.get(name) for own in months]) for name in self.names}
 
-    def _told(self) -> tuple[dict[str, dict[str, AircraftSums]], set[str]]:
-        """Sums by group and aircraft, and the aircraft that must be fitted to their reports."""
+    def told(self, **near: float) -> tuple[dict[str, dict[str, AircraftSums]], set[str]]:
+        """Sums by group and aircraft, and the aircraft that must be fitted to their reports.
+
+        Parameters
+        ----------
+        **near
+            As for :func:`airswing.compass.kept_sums.period_sums.merged_fit`.
+        """
         content, (of, kept) = self._content, self._without
         months = [self._month(month) for month in self.months]
         found: dict[str, dict[str, AircraftSums]] = {group: {} for group in self.groups}
@@ -206,7 +246,7 @@ class _Fleet:
                 base = self.bases[group].get(name)
                 if base is not None:
                     parts = [one.periods[group].get(name) for one in months]
-                    one = self._one([part for part in parts if part is not None], base)
+                    one = self._one([part for part in parts if part is not None], base, **near)
                 else:
                     one = kept[group].get(name) if of.get(name) == content[name] else None
                 if one is None:
@@ -215,7 +255,7 @@ class _Fleet:
                     own[name] = one
         return found, untold
 
-    def _one(self, periods: list[PeriodSums], base: Base) -> AircraftSums | None:
+    def _one(self, periods: list[PeriodSums], base: Base, **near: float) -> AircraftSums | None:
         """Sums of one aircraft; None where a fit to its reports may judge otherwise."""
         if not periods:
             return None
@@ -226,7 +266,7 @@ class _Fleet:
         enough = reports >= self.options["min_reports"] and flights >= MIN_FLIGHTS
         if not enough or points < self.options["min_compass_points"]:
             return None
-        fit = merged_fit(periods, base)
+        fit = merged_fit(periods, base, **near)
         if fit is None or condition_number(fit.normal, 2 if 4 in fit.free else 1) > MAX_CONDITION:
             return None
         return AircraftSums(reports, flights, points, fit, STATUS["ok"], mean_field(periods))

@@ -22,7 +22,7 @@ from airswing.workflow.collocating import filled
 from airswing.workflow.fits import make_fits
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
 from airswing.workflow.main import make_page
-from airswing.workflow.update.corrected_months import correct_month
+from airswing.workflow.update.corrected_months import MOVED, correct_month
 from airswing.workflow.update.judged import judged, recent_months
 from airswing.workflow.update.model_spans import model_spans
 from airswing.workflow.update.monitoring_stage import make_monitoring
@@ -128,7 +128,7 @@ def take_up(job: Job) -> Taken:
     spool, months, made = _headings(job)
     headings = _whole(job, HEADINGS)
     headings.attrs["reading_audit"] = _audit(headings, spool)
-    fits = make_fits(job, headings, MonthlyFits(months))
+    fits = make_fits(job, headings, MonthlyFits(months), near=MOVED)
     anew = [month for month in months if correct_month(replace(job, month=month), fits)]
     job.progress.say(f"corrected anew: {', '.join(anew) or 'no month'}")
     told = {"all": months, "made": made, "corrected": anew}
