@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from airswing.compass.fit.deviation import sum_aircraft
 from airswing.compass.fit.report_columns import Columns
-from airswing.compass.kept_sums.packed import packed, packed_bases, unpacked, unpacked_bases
+from airswing.compass.kept_sums.packed import (
+    packed,
+    packed_bases,
+    packed_sums,
+    unpacked,
+    unpacked_bases,
+    unpacked_sums,
+)
 from airswing.compass.kept_sums.period_sums import Base, mean_field, merged_fit, sum_period
 from airswing.products.ragged import some_reports
 from tests.compass.flown import Setting, fleet_deviations, fly
@@ -111,3 +118,35 @@ def test_what_is_packed_comes_back(fleet):
         np.testing.assert_array_equal(one.theta, other.theta)
         np.testing.assert_array_equal(one.flight, other.flight)
         np.testing.assert_array_equal(one.blocks[0].sums, other.blocks[0].sums)
+
+
+def test_another_scatter_asks_for_a_fit(fleet):
+    headings, _ = fleet
+    one, *_ = sums_of(headings)
+    base = replace(Base.of(one.fit, one.field), rms=one.fit.rms_after * 1.2)
+    (period,) = periods_of([headings], [base])
+    assert merged_fit([period["0"]], base) is None
+    found = merged_fit([period["0"]], base, scatter=0.3)
+    assert found.rms_after == pytest.approx(one.fit.rms_after, rel=0.01)
+
+
+def test_fits_without_a_curve_come_back(fleet):
+    every = dict(zip("abc", sums_of(fleet[0]), strict=True))
+    every["none"] = replace(every["a"], fit=None, reports=3)
+    every["constant"] = replace(every["b"], fit=None, constant=every["c"].fit)
+    back = unpacked_sums(packed_sums(every))
+    for name, one in every.items():
+        other = back[name]
+        assert (one.reports, one.flights, one.compass_points, one.status) == (
+            other.reports,
+            other.flights,
+            other.compass_points,
+            other.status,
+        )
+        for fit, again in ((one.fit, other.fit), (one.constant, other.constant)):
+            assert (fit is None) == (again is None)
+            for part in () if fit is None else fields(fit):
+                if part.name not in ("blocks", "scatters", "airspeeds"):
+                    np.testing.assert_array_equal(
+                        getattr(fit, part.name), getattr(again, part.name), err_msg=part.name
+                    )
