@@ -296,7 +296,8 @@ class _Fleet:
                     self.bases[group][name] = Base.of(one.fit, one.field)
                 else:
                     kept[group][name] = one
-        bases, fits = {}, {}
+        bases: dict[str, NDArray[Any]] = {}
+        fits: dict[str, NDArray[Any]] = {}
         for k, group in enumerate(self.groups):
             bases |= {f"{k}:{key}": one for key, one in packed_bases(self.bases[group]).items()}
             fits |= {f"{k}:{key}": one for key, one in packed_sums(kept[group]).items()}
