@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
 
 import airswing  # noqa: F401  (imports pyproj before anything imports eccodes)
+
+if TYPE_CHECKING:
+    from airswing.workflow import Job
 
 ROOT = Path(__file__).resolve().parents[1]
 REAL = ROOT.parent / "shared" / "real"
@@ -57,27 +62,39 @@ def real() -> Callable[[str], Path]:
     return find
 
 
-@pytest.fixture(scope="session")
-def gap_product(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Output folder of ``airswing gap`` on a small archive: iron on N401, airspeed of N403."""
-    shared = tmp_path_factory.getbasetemp()
+def _once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
+    """Folder that the first worker that asks for it makes, for all tests of the run."""
+    shared = factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
-        shared = shared.parent  # the run's own: made by the first worker that asks
-    with (shared / "gap_product.lock").open("w") as lock:
+        shared = shared.parent  # the run's own
+    folder = shared / name
+    with (shared / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        folder = shared / "gap_product"
-        if not (folder / "out" / "gap.json").is_file():
-            _make_gap_product(folder)
-    return folder / "out"
+        if not (folder / "made").is_file():
+            shutil.rmtree(folder, ignore_errors=True)  # a worker may have failed half way
+            make(folder)
+            (folder / "made").touch()
+    return folder
 
 
-def _make_gap_product(folder: Path) -> None:
-    from airswing.config import load_config
+#: What is wrong in `gap_archive`, as an effects file has it.
+STRUCK = (
+    ("hard_iron", "N401", {"amplitude_deg": 6.0, "phase_deg": 40.0}),
+    ("tas_scale", "N403", {"scale_percent": 3.0}),
+)
+
+
+@pytest.fixture(scope="session")
+def gap_archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Configuration of a small archive, its products of collocation made: see `STRUCK`."""
+    return _once(tmp_path_factory, "gap_archive", _make_gap_archive) / "cases/case/config.yaml"
+
+
+def _make_gap_archive(folder: Path) -> None:
     from airswing.synthetic.sealed.cases import Case, World
     from airswing.synthetic.sealed.draws import Drawn
     from airswing.synthetic.sealed.sealed_archives import Archivist
-    from airswing.workflow import Job, gap_stage
-    from airswing.workflow.progress import Progress
+    from airswing.workflow import gap_stage
 
     class AsDrawn(Archivist):
         """Effects at the strength they are given here."""
@@ -85,18 +102,53 @@ def _make_gap_product(folder: Path) -> None:
         def _strengthened(self, drawn, size, world):  # type: ignore[no-untyped-def]
             return drawn
 
-    struck = (
-        ("hard_iron", "N401", {"amplitude_deg": 6.0, "phase_deg": 40.0}),
-        ("tas_scale", "N403", {"scale_percent": 3.0}),
-    )
     drawn = tuple(
         Drawn(name, ({"name": name, "tails": [tail], "period": None, "parameters": values},))
-        for name, tail, values in struck
+        for name, tail, values in STRUCK
     )
     world = World(11, "default", 14, 6, coarse=True)
     AsDrawn(folder).write(Case("case", 3, "pair", world, drawn, (1.0, 1.0)))
-    config = load_config(folder / "cases" / "case" / "config.yaml", output=folder / "out")
-    gap_stage.diagnosis(Job(config, Progress(quiet=True)))
+    gap_stage.gap_headings(_job(folder / "cases/case/config.yaml"))
+
+
+def _job(config: Path, output: Path | None = None) -> Job:
+    from airswing.config import load_config
+    from airswing.workflow import Job
+    from airswing.workflow.progress import Progress
+
+    return Job(load_config(config, output=output), Progress(quiet=True))
+
+
+@pytest.fixture(scope="session")
+def collocated(gap_archive: Path) -> Callable[[Path], Path]:
+    """Give a folder the products of collocation of `gap_archive`, so that they are not made."""
+
+    def given(folder: Path) -> Path:
+        shutil.copytree(gap_archive.parent / "results", folder, dirs_exist_ok=True)
+        return folder
+
+    return given
+
+
+@pytest.fixture(scope="session")
+def gap_product(
+    gap_archive: Path, collocated: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """Output folder of ``airswing gap`` on `gap_archive`."""
+
+    def make(folder: Path) -> None:
+        from airswing.workflow import gap_stage
+
+        gap_stage.diagnosis(_job(gap_archive, collocated(folder / "out")))
+
+    return _once(tmp_path_factory, "gap_product", make) / "out"
+
+
+@pytest.fixture
+def names_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Diagnoses look for nothing without a name: most of their time, where a test is not of it."""
+    monkeypatch.setattr("airswing.gap.diagnose.MOST_UNKNOWNS", 0)
+    monkeypatch.setattr("airswing.gap.diagnose._sent_otherwise", lambda *_: None)
 
 
 @pytest.fixture(scope="session")

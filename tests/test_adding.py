@@ -28,6 +28,14 @@ PRODUCTS = (workflow.HEADINGS, workflow.FITS, workflow.CORRECTED)
 OPTIONS = {"fit": {"shared_error": False, "harmonics": 1, "min_reports": 50}}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def no_cards() -> Iterator[None]:
+    """No swing cards are drawn, which takes longer than all else of a small run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("airswing.compass.tables_csv.write_swing_cards", lambda *_, **__: [])
+        yield
+
+
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory) -> Path:
     """January to early March in a file a month, and the products of all three from scratch."""

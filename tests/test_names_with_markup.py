@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib
 import pandas as pd
 import pytest
 import yaml
@@ -65,7 +66,8 @@ def run(tmp_path_factory) -> tuple[Path, dict[str, tuple[int, int]]]:
         cwd=here,
         timeout=600,
         env=os.environ
-        | {"HOME": str(home), "AIRSWING_CACHE": str(top / "cache"), "TMPDIR": str(home)},
+        | {"HOME": str(home), "AIRSWING_CACHE": str(top / "cache"), "TMPDIR": str(home)}
+        | {"MPLCONFIGDIR": matplotlib.get_cachedir()},  # or its list of fonts is made anew
     )
     assert done.returncode == 0, done.stderr
     return top, before

@@ -100,7 +100,7 @@ def test_the_simulation_takes_it_and_it_is_taken_off_again(cold):
     assert left.residual == pytest.approx(plain.residual, abs=1e-6)
 
 
-def test_the_diagnosis_words_and_page_have_it(cold, tmp_path):
+def test_the_diagnosis_words_and_page_have_it(cold, tmp_path, names_only):
     _, frame, active = cold
     few = {name: CATALOGUE[name] for name in ("compass_offset", "hard_iron", "tas_scale", NAME)}
     made = diagnose(frame, catalogue=few, maps=False)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import resource
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -126,24 +124,17 @@ def test_what_is_no_dataset_is_a_defect_of_the_caller(tmp_path):
 
 
 @pytest.mark.parametrize("to", FORMATS)
-def test_a_full_disk_leaves_nothing(folder, to):
+def test_a_full_disk_leaves_nothing(folder, to, monkeypatch, capsys):
     write_product(corrected({"N1": 900}), folder / "out/corrected.nc", title="test")
     before = left(folder)
-
-    def narrow() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-
-    done = subprocess.run(
-        [sys.executable, "-m", "airswing", "export", "c.yaml", "--to", to, "-o", "new/f"],
-        preexec_fn=narrow,
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 2, done.stderr
-    assert "Traceback" not in done.stderr and "cannot write the export" in done.stderr
+    largest = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, largest[1]))
+    try:
+        status, _, told = call(monkeypatch, capsys, "--to", to, "-o", "new/f")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, largest)
+    assert status == 2, told
+    assert "Traceback" not in told and "cannot write the export" in told
     assert left(folder) == before
 
 

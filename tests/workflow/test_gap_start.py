@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from tests.conftest import STRUCK
 from typer.testing import CliRunner
 
 from airswing import cli
@@ -18,26 +19,20 @@ from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import read_effects
 from airswing.gap.sums.whole_archive import held_archive
 from airswing.report.gap.words import start_words, verdict
-from airswing.synthetic.sealed.cases import Case, World
-from airswing.synthetic.sealed.draws import Drawn
-from airswing.synthetic.sealed.sealed_archives import Archivist
 from airswing.workflow import Job, gap_stage
 from airswing.workflow.gap_start import read_start, starting_point
 from airswing.workflow.progress import Progress
 
-WORLD = World(11, "default", 14, 6, coarse=True)
-IRON = {
-    "name": "hard_iron",
-    "tails": ["N401"],
-    "period": None,
-    "parameters": {"amplitude_deg": 6.0, "phase_deg": 40.0},
-}
-SCALE = {
-    "name": "tas_scale",
-    "tails": ["N403"],
-    "period": None,
-    "parameters": {"scale_percent": 3.0},
-}
+IRON, SCALE = (
+    {"name": name, "tails": [tail], "period": None, "parameters": values}
+    for name, tail, values in STRUCK
+)
+
+
+@pytest.fixture
+def archive(gap_archive, names_only):
+    """Two effects at the strength they are drawn with: what names them, and not what has none."""
+    return gap_archive
 
 
 def effects_file(path, *effects):
@@ -45,27 +40,13 @@ def effects_file(path, *effects):
     return path
 
 
-@pytest.fixture(scope="module")
-def archive(tmp_path_factory):
-    """Two effects at the strength they are drawn with, and the job that reads their archive."""
-    root = tmp_path_factory.mktemp("start")
-    drawn = tuple(Drawn(one["name"], (one,)) for one in (IRON, SCALE))
-
-    class AsDrawn(Archivist):
-        def _strengthened(self, drawn, size, world):
-            return drawn
-
-    AsDrawn(root).write(Case("case", 3, "pair", WORLD, drawn, (1.0, 1.0)))
-    return root / "cases" / "case" / "config.yaml"
-
-
 def job_of(config, output):
     return Job(load_config(config, output=output), Progress(quiet=True))
 
 
 @pytest.fixture(scope="module")
-def frame(archive, tmp_path_factory):
-    job = job_of(archive, tmp_path_factory.mktemp("frame"))
+def frame(gap_archive, collocated, tmp_path_factory):
+    job = job_of(gap_archive, collocated(tmp_path_factory.mktemp("frame")))
     members = job.config.pools()[job.config.gap_reference()]
     return job, Frame.from_headings(gap_stage.gap_headings(job), reference=members)
 
@@ -78,7 +59,8 @@ def begin(job, frame, effects_of=never, **given):
     return starting_point(job, frame, read_start(job, **given), effects_of=effects_of)
 
 
-def test_what_is_known_is_not_told_again(archive, tmp_path):
+def test_what_is_known_is_not_told_again(archive, collocated, tmp_path):
+    collocated(tmp_path / "out")
     known = effects_file(tmp_path / "known.yaml", IRON)
     result = CliRunner().invoke(
         app,
@@ -98,7 +80,10 @@ def test_what_is_known_is_not_told_again(archive, tmp_path):
     assert [one.name for one in both] == ["hard_iron", "tas_scale"]
 
 
-def test_reports_of_the_package_s_own_simulation_match_and_leave_what_it_lacks(archive, tmp_path):
+def test_reports_of_the_package_s_own_simulation_match_and_leave_what_it_lacks(
+    archive, collocated, tmp_path
+):
+    collocated(tmp_path / "out")
     effects = effects_file(tmp_path / "effects.yaml", SCALE)
     sent = tmp_path / "sent.csv"
     done = CliRunner().invoke(
