@@ -58,12 +58,6 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "heading cells": lambda: report.aircraft_heading_figure(
         ["N1"], [90.0, 270.0], [[1, 2]], [[99, 9]]
     ),
-    "time line": lambda: report.timeline_figure(
-        np.datetime64("2009-07-01") + np.arange(9),
-        {"N1": (np.arange(9.0), np.ones(9)), "rest": (np.ones(9), np.ones(9))},
-        changes={"step, N1": (np.datetime64("2009-07-03"), np.datetime64("2009-07-05"))},
-        number=900,
-    ),
 }
 UNIT = re.compile(
     r"\((degree|kt|m/s|m²/s²|km|hPa|K|%|date|number)\)|degree|reports|probability|correlation|"

@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.handover.records.platforms import PLATFORMS, platforms
@@ -31,7 +30,6 @@ from airswing.handover.records.run_products import product_beside, refuse_existi
 if TYPE_CHECKING:
     import xarray as xr
 
-Floats = NDArray[np.float64]
 
 LEVELS = (10, 20, 30, 40, 50, *range(100, 1101, 50))
 """hPa of the values of a wind table; two place holders follow."""

@@ -30,7 +30,6 @@ _WHERE = {
     "aircraft_time_figure": "gap.where_figures",
     "phase_level_figure": "gap.where_figures",
     "gap_map_figure": "gap.where_figures",
-    "timeline_figure": "gap.slices",
     "slices_figure": "gap.slices",
     "evidence_figure": "gap.which_figures",
     "posterior_figure": "gap.which_figures",

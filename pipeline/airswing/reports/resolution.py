@@ -116,7 +116,8 @@ def count_on_steps(
     Parameters
     ----------
     columns : dict of arrays, shape (report,)
-        As for :func:`detect_resolution`.
+        ``tail`` (int), ``time``, ``latitude``, ``longitude`` (degrees), ``wind_speed`` (m/s)
+        and ``wind_direction`` (degrees, NaN in calm), in order of tail and time.
     row_size : array of int, shape (aircraft,)
 
     Returns
@@ -161,26 +162,6 @@ def resolutions(counts: dict[str, NDArray[np.int64]]) -> dict[str, NDArray[np.fl
     found = {name: _filled(counts[name], steps, usual) for name, (steps, usual) in _FIELDS.items()}
     found["time_resolution"] = np.where(counts["steady"] > 0, 1.0, found["time_resolution"])
     return found
-
-
-def detect_resolution(
-    columns: dict[str, NDArray[Any]], row_size: NDArray[Any]
-) -> dict[str, NDArray[np.float64]]:
-    """Resolution of each aircraft's reports.
-
-    Parameters
-    ----------
-    columns : dict of arrays, shape (report,)
-        ``tail`` (int), ``time``, ``latitude``, ``longitude`` (degrees), ``wind_speed`` (m/s)
-        and ``wind_direction`` (degrees, NaN in calm), in order of tail and time.
-    row_size : array of int, shape (aircraft,)
-
-    Returns
-    -------
-    dict
-        As :func:`resolutions`.
-    """
-    return resolutions(count_on_steps(columns, row_size))
 
 
 def _on_steps(

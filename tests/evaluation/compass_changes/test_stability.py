@@ -22,9 +22,7 @@ from airswing.evaluation.compass_changes.stability import (
     find_changes,
     fit_by_window,
     noted_changes,
-    since_last_change,
 )
-from airswing.flags import STATUS
 
 # 8 flights of 12 reports: about 100 a day.
 SETTING = Setting(aircraft=3, days=60, flights_a_day=8, day_error=1.2, outliers=0.005)
@@ -123,18 +121,6 @@ def test_the_changes_are_noted_beside_the_fits_as_they_were_found(changed):
     assert noted_changes(add_changes(fits, entries)) == entries
     with pytest.raises(InputError, match="which compasses changed"):
         noted_changes(fits)
-
-
-def test_the_fit_since_the_change_is_of_the_present_compass(changed):
-    ds, entries = changed
-    truth = fleet(1, SETTING, amplitude=4.0)[1] + CHANGE
-    fits = fit_deviation(since_last_change(ds, entries)).isel(reference=0)
-    whole = fit_deviation(ds).isel(reference=0)
-    assert int(whole["status"][1]) == STATUS["unstable_fit"]
-    assert fits["report_count"][1] < whole["report_count"][1]
-    assert fits["report_count"][0] == whole["report_count"][0]
-    error = np.sqrt(np.diag(fits["deviation_covariance"][1]))[0]
-    assert abs(float(fits["deviation"][1, 0]) - truth[1, 0]) < 4 * error
 
 
 def test_too_few_days_say_nothing():

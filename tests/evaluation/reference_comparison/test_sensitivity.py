@@ -16,10 +16,11 @@ from airswing.evaluation.reference_comparison.pairs import (
     holm,
     paired_design,
     persistent_covariance,
+    region_sums,
     regional_bias,
 )
 from airswing.evaluation.reference_comparison.sensitivity import _verdict, compare
-from airswing.evaluation.reference_comparison.threeway import three_cornered_hat
+from airswing.evaluation.reference_comparison.threeway import hat_sums, hats_of
 from airswing.products.ragged import aircraft_of_report
 
 TWO = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}
@@ -138,7 +139,7 @@ def test_the_three_cornered_hat_finds_each_error():
     truth, day = rng.normal(0, 8, (2, 40_000)), np.repeat(np.arange(40), 1000)
     sizes = np.array([1.0, 1.5, 2.0])
     u, v = (truth[k] + sizes[:, None] * rng.normal(size=(3, 40_000)) for k in range(2))
-    (found,) = three_cornered_hat(u, v, ["a", "b", "c"], day)
+    (found,) = hats_of(hat_sums(u, v, day, 40), ["a", "b", "c"])
     for entry, size in zip(found["errors"], sizes, strict=True):
         assert entry["component_rms"] == pytest.approx(size, rel=0.02)
         assert abs(entry["variance"] - size**2) < 4 * entry["variance_standard_error"]
@@ -149,7 +150,7 @@ def test_the_three_cornered_hat_by_hand_and_a_negative_variance():
     """Differences a-b, a-c, b-c with mean squares 1, 4, 9: (1+4-9)/2 = -2, (1+9-4)/2 = 3, 6."""
     u = np.array([[0.0], [1.0], [-2.0]]) * np.ones((3, 200))
     v = u.copy()
-    (found,) = three_cornered_hat(u, v, ["a", "b", "c"], np.repeat([0, 1], 100))
+    (found,) = hats_of(hat_sums(u, v, np.repeat([0, 1], 100), 2), ["a", "b", "c"])
     assert [entry["variance"] for entry in found["errors"]] == pytest.approx([-2.0, 3.0, 6.0])
     assert found["errors"][0]["component_rms"] is None
 
@@ -188,7 +189,8 @@ def test_a_regional_bias_by_hand():
     day = np.tile(np.arange(30), 2)
     region = np.repeat([0, 1], 30)
     du = np.where(region == 1, 2.0, 0.0)
-    found = {(e["region"], e["component"]): e for e in regional_bias(du, 0 * du, region, day)}
+    sums = region_sums(du, 0 * du, region, day, 2, 30)
+    found = {(e["region"], e["component"]): e for e in regional_bias(sums)}
     assert found[1, "eastward"]["difference"] == 2.0
     assert found[1, "eastward"]["contrast"] == 2.0
     assert found[0, "eastward"]["contrast"] == -2.0

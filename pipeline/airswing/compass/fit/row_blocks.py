@@ -109,25 +109,6 @@ def rows_for(size: int) -> Rows:
     return _SCRATCH.of(size)
 
 
-def residuals(obs: Observations, theta: Array, joint: bool) -> tuple[Single, Single]:
-    """Vector residual along and across the fitted true heading.
-
-    Parameters
-    ----------
-    obs : Observations
-    theta : array, shape (8,)
-    joint : bool
-
-    Returns
-    -------
-    r_along, r_cross : array, shape (n,)
-        m/s.
-    """
-    rows = rows_for(obs.size)
-    fill(obs, theta, joint, rows)
-    return rows.along[0].copy(), rows.cross[7].copy()
-
-
 def fill(obs: Observations, theta: Array, joint: bool, rows: Rows) -> None:
     """Find what the rows hold at these parameters.
 

@@ -122,17 +122,3 @@ def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> A
     share = part / np.maximum(part.sum(axis=0), 1e-300)
     pieces = 1.0 / np.maximum((share**2).sum(axis=0), 1e-12)
     return np.asarray(np.maximum(pieces - 1.0, 1.0))
-
-
-def covariance(influence: Array) -> Array:
-    """Sum of outer products.
-
-    Parameters
-    ----------
-    influence : array, shape (g, p)
-
-    Returns
-    -------
-    array, shape (p, p)
-    """
-    return np.asarray(influence.T @ influence)

@@ -3,7 +3,7 @@
 Assumes a change is a step of the offset or of the one-cycle part (a flux valve recalibrated or
 exchanged); see :mod:`airswing.evaluation.compass_changes.change_kernels` for the errors' model. A
 fit over a period that holds a change describes neither compass: :func:`add_changes` writes it
-beside the fit, and :func:`since_last_change` leaves only what the present compass flew.
+beside the fit.
 
 Dates are days, UTC; angles in degrees.
 """
@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from airswing.compass.fit.deviation import FITTED_FROM, FleetSums, fit_sums, sum_aircraft
 from airswing.errors import InputError
-from airswing.evaluation.backtest.folds import only
 from airswing.evaluation.compass_changes.change_kernels import (
     CHANGING,
     DaySums,
@@ -370,34 +369,6 @@ def change_warnings(fits: xr.Dataset) -> list[str]:
                 f"{high}){others}; its fit straddles the change"
             )
     return lines
-
-
-def since_last_change(headings: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
-    """Keep for the fit only what each aircraft flew since its last change.
-
-    Parameters
-    ----------
-    headings : Dataset
-    changes : list of dict
-        Of :func:`find_changes`.
-
-    Returns
-    -------
-    Dataset
-        With earlier reports (to the end of the date's interval) marked as not to be used.
-    """
-    begin = np.full(headings.sizes["aircraft"], np.datetime64("0001-01-01", "D"))
-    known = {entry["aircraft"]: entry["changes"] for entry in changes}
-    for k, name in enumerate(headings["aircraft"].to_numpy()):
-        found = known.get(str(name), [])
-        if found:
-            begin[k] = max(np.datetime64(one["date_ci"][1], "D") for one in found)
-
-    def since(reports: xr.Dataset) -> NDArray[np.bool_]:
-        day = reports["time"].to_numpy().astype("datetime64[D]")
-        return np.asarray(day >= begin[reports["aircraft_number"].to_numpy()])
-
-    return only(headings, since)
 
 
 def fit_by_window(

@@ -205,42 +205,6 @@ def persistent_covariance(influence: Floats, day: NDArray[np.int64], *, lag: int
     return np.asarray(plain * np.outer(wider, wider))
 
 
-def regional_bias(
-    du: Floats,
-    dv: Floats,
-    region: NDArray[np.int64],
-    day: NDArray[np.int64],
-    *,
-    min_days: int = 10,
-) -> list[dict[str, Any]]:
-    """Mean wind difference of two references by region, and against the other regions.
-
-    The two models' errors are shared by regions and last for days. So each region is also held
-    against the others on the same days (``contrast``: what is common to all drops out), and the
-    errors are clustered by blocks of five days or more, with Student's t for their number
-    (Ibragimov & Mueller 2010, J. Bus. Econ. Stat. 28, 453-468).
-
-    Parameters
-    ----------
-    du, dv : arrays of float, shape (report,), m/s
-    region : array of int, shape (report,)
-    day : array of int, shape (report,)
-    min_days : int, default 10
-        Regions seen on fewer days say nothing.
-
-    Returns
-    -------
-    list of dict
-        ``region``, ``component``, ``days``; ``difference`` and ``contrast``, each with
-        ``*_standard_error`` (m/s) and ``*_p_value`` (the contrast None with one region).
-    """
-    first, days = int(day.min()), int(np.ptp(day)) + 1
-    numbers, index = np.unique(region, return_inverse=True)
-    sums = region_sums(du, dv, index, day - first, numbers.size, days)
-    found = regional_bias_of(sums, min_days=min_days)
-    return [entry | {"region": int(numbers[entry["region"]])} for entry in found]
-
-
 def region_sums(
     du: Floats,
     dv: Floats,
@@ -268,19 +232,26 @@ def region_sums(
     return np.array(found, dtype=np.float64).reshape(3, regions, days)
 
 
-def regional_bias_of(sums: Floats, *, min_days: int = 10) -> list[dict[str, Any]]:
-    """Regional differences from their sums.
+def regional_bias(sums: Floats, *, min_days: int = 10) -> list[dict[str, Any]]:
+    """Mean wind difference of two references by region, and against the other regions.
+
+    The two models' errors are shared by regions and last for days. So each region is also held
+    against the others on the same days (``contrast``: what is common to all drops out), and the
+    errors are clustered by blocks of five days or more, with Student's t for their number
+    (Ibragimov & Mueller 2010, J. Bus. Econ. Stat. 28, 453-468).
 
     Parameters
     ----------
     sums : array, shape (3, regions, days)
         Of :func:`region_sums`, added up.
     min_days : int, default 10
+        Regions seen on fewer days say nothing.
 
     Returns
     -------
     list of dict
-        As :func:`regional_bias`.
+        ``region``, ``component``, ``days``; ``difference`` and ``contrast``, each with
+        ``*_standard_error`` (m/s) and ``*_p_value`` (the contrast None with one region).
     """
     number = sums[0]
     seen = np.flatnonzero(number.any(axis=0))

@@ -28,7 +28,7 @@ from airswing.evaluation.reference_comparison.pairs import (
     common_difference,
     holm,
     persistent_covariance,
-    regional_bias_of,
+    regional_bias,
     wald,
 )
 from airswing.evaluation.reference_comparison.pairsums import AircraftPair, PairSums, Regions, Rows
@@ -201,7 +201,7 @@ def _judge(
     """
     one, two = sums.one, sums.two
     fleet = _fleet(sums)
-    regions = regional_bias_of(sums.regions)
+    regions = regional_bias(sums.regions)
     biased = _biased(regions)
     return {
         "references": [one, two],

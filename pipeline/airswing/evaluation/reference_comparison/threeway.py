@@ -16,32 +16,10 @@ from numpy.typing import NDArray
 _PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
-def three_cornered_hat(
-    u: NDArray[np.float64], v: NDArray[np.float64], names: list[str], day: NDArray[np.int64]
-) -> list[dict[str, Any]]:
-    """Estimate the error of each of three references for every triple.
-
-    Parameters
-    ----------
-    u, v : arrays of float, shape (reference, report), m/s
-    names : list of str, length reference
-    day : array of int, shape (report,)
-        Unit of the jackknife behind the standard errors.
-
-    Returns
-    -------
-    list of dict
-        ``references`` and per reference ``component_rms`` (m/s; None where the variance came
-        out negative), ``variance``, ``variance_standard_error``, and ``reports``.
-    """
-    _, index = np.unique(day, return_inverse=True)
-    return hats_of(hat_sums(u, v, index, int(index.max(initial=-1)) + 1), names)
-
-
 def hat_sums(
     u: NDArray[np.float64], v: NDArray[np.float64], day: NDArray[np.int64], days: int
 ) -> NDArray[np.float64]:
-    """Sums behind :func:`three_cornered_hat`; those of parts of an archive add up.
+    """Sums behind :func:`hats_of`; those of parts of an archive add up.
 
     Parameters
     ----------
@@ -69,7 +47,7 @@ def hat_sums(
 
 
 def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[dict[str, Any]]:
-    """Errors of every triple from their sums.
+    """Estimate the error of each of three references for every triple, from their sums.
 
     Parameters
     ----------
@@ -80,7 +58,9 @@ def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[dict[str, Any]]
     Returns
     -------
     list of dict
-        As :func:`three_cornered_hat`.
+        ``references`` and per reference ``component_rms`` (m/s; None where the variance came
+        out negative), ``variance``, ``variance_standard_error`` (of a jackknife over days), and
+        ``reports``.
     """
     found = []
     for triple, own in zip(combinations(range(len(names)), 3), sums, strict=True):

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import reference_mean
@@ -21,7 +20,6 @@ from airswing.handover.forecasts.correcting import TIME
 from airswing.handover.forecasts.forecast_pairs import on_axes
 from airswing.products.ragged import blocks
 
-Floats = NDArray[np.float64]
 VARIABLES = ("eastward_wind", "northward_wind")
 LEAD_HOURS = 24.0
 _NEEDED = (

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.handover.forecasts.correcting import TIME
@@ -30,7 +29,6 @@ from airswing.handover.forecasts.station_table import (
 )
 from airswing.units import KNOT
 
-Floats = NDArray[np.float64]
 _ZERO_CELSIUS = 273.15
 _COLUMNS = {
     "air_temperature_k": ("air_temperature", 1.0, 0.0),

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from airswing.synthetic.aircraft.faults import UNIT_FAULTS, Fault, Setting, apply_unit_faults
 from airswing.synthetic.aircraft.instrument import Unit, deviation_curve
@@ -31,7 +30,6 @@ __all__ = [
     "unit_of",
 ]
 
-Array = NDArray[np.float64]
 _STEADY = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset", "three_cycle")
 
 
