@@ -132,10 +132,6 @@ def _panel(axes: Axes, first: float) -> tuple[Axes, Any, Any, Any]:
 def refused_page(title: str, foot: str, why: str) -> Figure:
     """A page that says why there is no card.
 
-    Parameters
-    ----------
-    title, foot, why : str
-
     Returns
     -------
     matplotlib.figure.Figure

@@ -136,10 +136,6 @@ def choose_ground_vector(
     derived : ndarray of bool, shape (report,), optional
         Reports whose wind was derived from heading, airspeed and the aircraft's own ground vector:
         it is that vector which comes back, and nothing else goes with such a wind.
-
-    Returns
-    -------
-    Evidence
     """
     airspeed, heading = reported
     air = vector_from_bearing(airspeed, heading)

@@ -186,10 +186,6 @@ def with_columns(reports: xr.Dataset, winds: xr.Dataset, columns: Mapping[str, A
     reports, winds : Dataset
     columns : mapping of str to DataArray, or to (dims, values)
         Of :func:`derive_columns`.
-
-    Returns
-    -------
-    Dataset
     """
     found = reports.merge(winds, compat="override", combine_attrs="override")
     found = found.assign(columns)

@@ -150,10 +150,6 @@ def marks_of(reports: xr.Dataset, winds: xr.Dataset, pieces: Pieces) -> list[str
     reports, winds : Dataset
         As for :func:`airswing.compass.headings.derive_headings`, in memory.
     pieces : Pieces
-
-    Returns
-    -------
-    list of str
     """
     of_report, of_aircraft = _hashed_columns(reports, winds)
     tails = reports["aircraft"].to_numpy()
@@ -275,10 +271,6 @@ class KeptHeadings:
         ----------
         product : str
             The ``uuid`` they were written under.
-
-        Returns
-        -------
-        Record
         """
         return Record(product, self._marks, self._sizes, self._evidence)
 

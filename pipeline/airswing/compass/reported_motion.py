@@ -65,10 +65,6 @@ def motion_of(reports: xr.Dataset, *, acceleration_density: float, widen: bool) 
         How the ground velocity wanders between fixes, m2 s-3; see `airswing.physics.track`.
     widen : bool
         Whether ground vectors may reach past the neighbouring fixes.
-
-    Returns
-    -------
-    Motion
     """
     aircraft = aircraft_of_report(reports)
     path = ground_track(
@@ -183,10 +179,6 @@ def sum_of_accounts(accounts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     ----------
     accounts : sequence of mapping
         Of ``ground_vector_evidence``, parts of the fleet in order.
-
-    Returns
-    -------
-    dict
     """
     total: dict[str, Any] = {}
     for account in accounts:

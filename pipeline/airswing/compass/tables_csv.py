@@ -79,10 +79,6 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
         With tables.
     path : path-like
         File to write.
-
-    Returns
-    -------
-    Path
     """
     _need_tables(fits)
     target = Path(path)

@@ -41,16 +41,7 @@ def block_weights(days: int, *, draws: int, seed: int, block: int | None = None)
 
 
 def block_length(days: int) -> int:
-    """Days of a block: the cube root of all.
-
-    Parameters
-    ----------
-    days : int
-
-    Returns
-    -------
-    int
-    """
+    """Days of a block: the cube root of all."""
     length: int = round(days ** (1.0 / 3.0))
     return max(length, 1)
 

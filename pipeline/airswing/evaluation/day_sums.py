@@ -53,10 +53,6 @@ class DayPart(NamedTuple):
         chosen : array of bool, shape (report,)
         window : array of int, shape (report,)
             0 before, 1 during.
-
-        Returns
-        -------
-        DayPart
         """
         aircraft = aircraft_of_report(headings)[chosen]
         day = headings["time"].to_numpy()[chosen].astype("datetime64[D]").astype(np.int64)
@@ -100,10 +96,6 @@ class DaySums:
         member : array of bool, shape (aircraft,)
             Of either group; the others are left out.
         corrected : array of bool, shape (member,)
-
-        Returns
-        -------
-        DaySums
         """
         days = np.unique(np.concatenate([part.days for part in parts]), axis=0)
         key, first = days[:, 0] * 2 + days[:, 1], 0
@@ -137,11 +129,6 @@ class DaySums:
 def bootstrap(sums: DaySums, *, draws: int, seed: int) -> NDArray[np.float64]:
     """Draw the means of groups and windows again, whole days within each window.
 
-    Parameters
-    ----------
-    sums : DaySums
-    draws, seed : int
-
     Returns
     -------
     array, shape (draw, group, window)
@@ -163,11 +150,6 @@ def day_weights(rng: np.random.Generator, draws: int, days: int) -> NDArray[np.f
 
     Drawing n of n days again has a variance (n - 1)/n of the true one; the weights' distance
     from one is stretched by sqrt(n/(n - 1)) to mend that.
-
-    Parameters
-    ----------
-    rng : Generator
-    draws, days : int
 
     Returns
     -------

@@ -78,10 +78,6 @@ def unconditional_p_value(
     corrected : array of bool, shape (aircraft,)
     draws : int
     seed : int
-
-    Returns
-    -------
-    float
     """
     if corrected.all() or not corrected.any():
         return float("nan")

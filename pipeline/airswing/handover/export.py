@@ -131,10 +131,6 @@ def as_text(result: dict[str, Any]) -> str:
     ----------
     result : dict
         Of :func:`export`.
-
-    Returns
-    -------
-    str
     """
     files = result["files"]
     places = [str(file["path"]) for file in files[:SHOWN]]

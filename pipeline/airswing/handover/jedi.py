@@ -44,10 +44,6 @@ LEAST_SHARE = 0.25
 def write(request: Request) -> dict[str, Any]:
     """Write the tables into a folder.
 
-    Parameters
-    ----------
-    request : Request
-
     Returns
     -------
     dict

@@ -100,10 +100,6 @@ def _levels(rows: NDArray[np.void]) -> Lines:
 def write_little_r(request: Request) -> dict[str, Any]:
     """Write reports for OBSPROC.
 
-    Parameters
-    ----------
-    request : Request
-
     Returns
     -------
     dict

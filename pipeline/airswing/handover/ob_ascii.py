@@ -128,10 +128,6 @@ def _direction_error(speed: NDArray[np.float64], error: NDArray[np.float64]) -> 
 def write_ob_ascii(request: Request) -> dict[str, Any]:
     """Write reports for WRFDA.
 
-    Parameters
-    ----------
-    request : Request
-
     Returns
     -------
     dict

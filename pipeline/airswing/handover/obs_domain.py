@@ -112,10 +112,6 @@ def _put_pair(lines: Lines, column: int, values: ArrayLike, quality: ArrayLike) 
 def write_obs_domain(request: Request) -> dict[str, Any]:
     """Write reports for WRF's observation nudging.
 
-    Parameters
-    ----------
-    request : Request
-
     Returns
     -------
     dict

@@ -46,10 +46,6 @@ _LARGEST = 90.0
 def write(request: Request) -> dict[str, Any]:
     """Write the error table, and one for each phase of flight where it is a folder.
 
-    Parameters
-    ----------
-    request : Request
-
     Returns
     -------
     dict
@@ -95,16 +91,7 @@ def _base(request: Request) -> str:
 
 
 def report_types(request: Request) -> list[str]:
-    """Types of report in OBSPROC's table that the archive's aircraft are.
-
-    Parameters
-    ----------
-    request : Request
-
-    Returns
-    -------
-    list of str
-    """
+    """Types of report in OBSPROC's table that the archive's aircraft are."""
     found = set(platforms(request.corrected, request.settings).tolist())
     tamdar = PLATFORMS.index("TAMDAR")
     return [*(["TAMDARS"] if tamdar in found else []), *(["AIREPS"] if found - {tamdar} else [])]

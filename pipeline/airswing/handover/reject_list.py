@@ -67,10 +67,6 @@ class Judged:
 def write(request: Request) -> dict[str, Any]:
     """Write the list as it could be.
 
-    Parameters
-    ----------
-    request : Request
-
     Returns
     -------
     dict
@@ -102,17 +98,7 @@ def write(request: Request) -> dict[str, Any]:
 
 
 def judge(request: Request, criteria: dict[str, float]) -> list[Judged]:
-    """Hold every aircraft of the archive against a list's criteria of wind.
-
-    Parameters
-    ----------
-    request : Request
-    criteria : dict of str to float
-
-    Returns
-    -------
-    list of Judged
-    """
+    """Hold every aircraft of the archive against a list's criteria of wind."""
     from airswing.handover.records.list_statistics import list_statistics
     from airswing.products.ragged import time_span
 
@@ -140,11 +126,6 @@ def rescued(
     current: RejectList, fleet: dict[str, Judged]
 ) -> tuple[list[bytes], list[dict[str, Any]], list[dict[str, Any]]]:
     """The lines of the list as it could be, who comes off and who stays.
-
-    Parameters
-    ----------
-    current : RejectList
-    fleet : dict of str to Judged
 
     Returns
     -------

@@ -177,10 +177,6 @@ def ground_track(
     widen : bool
         Whether windows may reach past the neighbouring fixes where that lowers the error.
 
-    Returns
-    -------
-    GroundTrack
-
     References
     ----------
     Jacobs et al. 2010 step a, with the chords centred at the report.

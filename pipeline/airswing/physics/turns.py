@@ -145,10 +145,6 @@ def beside_turns(
         The same for reports that stand together and belong together.
     roll_flag : ndarray of int, shape (report,), optional
         Codes of `airswing.flags.ROLL`.
-
-    Returns
-    -------
-    BesideTurns
     """
     size = seconds.size
     roll = np.zeros(size, np.int64) if roll_flag is None else np.asarray(roll_flag, np.int64)

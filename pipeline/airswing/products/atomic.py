@@ -19,10 +19,6 @@ from pathlib import Path
 def made_folder(folder: Path) -> Iterator[None]:
     """Make a folder and those above it, and take away again what was made if the block fails.
 
-    Parameters
-    ----------
-    folder : Path
-
     Raises
     ------
     OSError

@@ -38,10 +38,6 @@ def note(content: Any) -> str:
     ----------
     content : object
         What JSON can hold.
-
-    Returns
-    -------
-    str
     """
     text = json.dumps(content)
     return json.dumps({"checksum": digest(text.encode()).hex(), "content": text})
@@ -49,10 +45,6 @@ def note(content: Any) -> str:
 
 def noted(text: str) -> Any:
     """Undo :func:`note`.
-
-    Parameters
-    ----------
-    text : str
 
     Returns
     -------

@@ -45,10 +45,6 @@ def fingerprint(*parts: Any) -> str:
 def file_identities(patterns: Sequence[str]) -> list[tuple[str, int, int]]:
     """Name, size and modification time of every file (and Zarr store) the patterns match.
 
-    Parameters
-    ----------
-    patterns : sequence of str
-
     Returns
     -------
     list of (str, int, int)

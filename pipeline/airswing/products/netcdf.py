@@ -148,11 +148,6 @@ def require_writable(folder: Path) -> None:
 def write_text(path: Path, text: str) -> Path:
     """Write a text file atomically.
 
-    Parameters
-    ----------
-    path : Path
-    text : str
-
     Returns
     -------
     Path
@@ -165,11 +160,6 @@ def write_text(path: Path, text: str) -> Path:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> Path:
     """Write a JSON file atomically; NaN and infinities become null.
-
-    Parameters
-    ----------
-    path : Path
-    content : mapping
 
     Returns
     -------
@@ -263,10 +253,6 @@ def as_stored(ds: xr.Dataset) -> xr.Dataset:
     ----------
     ds : Dataset
         Every variable must be in the vocabulary.
-
-    Returns
-    -------
-    Dataset
     """
     changed: dict[Any, Any] = {}
     for name, variable in ds.variables.items():
@@ -303,10 +289,6 @@ def provenance(
     ----------
     title, config_json, sources, source_uuids
         As for :func:`write_product`.
-
-    Returns
-    -------
-    dict of str to str
     """
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return {
@@ -332,10 +314,6 @@ def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
     lazy : bool, default False
         Read a variable, or the part of it asked for, each time it is looked at, and keep nothing
         (see :mod:`airswing.products.ragged`); else read everything and close the file.
-
-    Returns
-    -------
-    Dataset
 
     Raises
     ------
@@ -426,16 +404,7 @@ def attribute_value(value: Any) -> Any:
 
 
 def with_plain_times(ds: xr.Dataset) -> xr.Dataset:
-    """Turn times into milliseconds: xarray cannot encode a variable whose times are all missing.
-
-    Parameters
-    ----------
-    ds : Dataset
-
-    Returns
-    -------
-    Dataset
-    """
+    """Turn times into milliseconds: xarray cannot encode a variable whose times are all missing."""
     times = [name for name in ds.variables if np.issubdtype(ds[name].dtype, np.datetime64)]
     missing = np.iinfo(np.int64).min
     for name in times:
@@ -451,14 +420,6 @@ def is_text(variable: xr.DataArray) -> bool:
     Strings of no fixed length would be read the same, but the HDF5 library crashes, or reports a
     broken file, when a file with such a variable is opened twice in one process (netcdf-c issue
     2510, HDF5 issue 5359, still so in HDF5 2.2.0).
-
-    Parameters
-    ----------
-    variable : DataArray
-
-    Returns
-    -------
-    bool
     """
     return lookup(str(variable.name), variable.dims).dtype == "str" or variable.dtype.kind in "OUT"
 

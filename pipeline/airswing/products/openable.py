@@ -32,12 +32,7 @@ _HELPER: list[subprocess.Popen[str]] = []
 
 
 def written_here(path: Path) -> None:
-    """Note that a file was written by this process, whole.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """Note that a file was written by this process, whole."""
     with _LOCK:
         _SOUND.add(_identity(path))
 

@@ -117,10 +117,6 @@ def some_reports(ds: xr.Dataset, chosen: NDArray[np.bool_]) -> xr.Dataset:
     ds : Dataset
         Ragged, in memory.
     chosen : array of bool, shape (report,)
-
-    Returns
-    -------
-    Dataset
     """
     size = np.bincount(aircraft_of_report(ds)[chosen], minlength=ds.sizes["aircraft"])
     return ds.isel(report=np.flatnonzero(chosen)).assign(row_size=("aircraft", size))
@@ -128,10 +124,6 @@ def some_reports(ds: xr.Dataset, chosen: NDArray[np.bool_]) -> xr.Dataset:
 
 def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
     """Put blocks of whole aircraft together again.
-
-    Parameters
-    ----------
-    parts : sequence of Dataset
 
     Returns
     -------

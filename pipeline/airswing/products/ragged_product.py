@@ -73,10 +73,6 @@ def ragged_writer(
 def write_joined(months: Path, path: Path) -> Path:
     """Write a folder of months as one product.
 
-    Parameters
-    ----------
-    months, path : Path
-
     Returns
     -------
     Path
@@ -98,10 +94,6 @@ def still_in_file(columns: xr.Dataset) -> bool:
     ----------
     columns : Dataset
         As :func:`airswing.products.netcdf.read_product` gave them, some left out.
-
-    Returns
-    -------
-    bool
     """
     # no public name tells what is in memory; where a later xarray has none, nothing is carried
     held = [getattr(variable.variable, "_in_memory", True) for variable in columns.values()]

@@ -62,10 +62,6 @@ def build_catalogue(
     on_bad_file : {"skip", "fail"}
         Whether damaged files and what cannot be used are skipped (named and counted) or refused.
 
-    Returns
-    -------
-    Catalogue
-
     Raises
     ------
     InputError
@@ -164,16 +160,7 @@ def _kind(path: str) -> str:
 
 
 def catalogues_of(references: Mapping[str, Catalogue | xr.Dataset]) -> dict[str, Catalogue]:
-    """Catalogues of references, some of which may be given as Datasets.
-
-    Parameters
-    ----------
-    references : mapping of str to Catalogue or Dataset
-
-    Returns
-    -------
-    dict of str to Catalogue
-    """
+    """Catalogues of references, some of which may be given as Datasets."""
     return {
         name: build_catalogue(one, name=name) if isinstance(one, xr.Dataset) else one
         for name, one in references.items()

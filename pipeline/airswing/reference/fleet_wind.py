@@ -104,17 +104,7 @@ def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
 
 
 def write_fleet_wind(reports: Iterable[xr.Dataset], path: Path) -> Path:
-    """Write :func:`fleet_wind` as NetCDF.
-
-    Parameters
-    ----------
-    reports : iterable of Dataset
-    path : Path
-
-    Returns
-    -------
-    Path
-    """
+    """Write :func:`fleet_wind` as NetCDF."""
     fleet_wind(reports).to_netcdf(path)
     return path
 

@@ -15,10 +15,6 @@ from airswing.reference.planning import Plan
 def require_overlap(plans: Mapping[str, Plan]) -> None:
     """Refuse a run in which a reference serves no report at all.
 
-    Parameters
-    ----------
-    plans : mapping of str to Plan
-
     Raises
     ------
     InputError

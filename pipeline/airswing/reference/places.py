@@ -101,16 +101,7 @@ class Places:
         self._sizes.append(sizes)
 
     def reports(self, number: int) -> xr.Dataset:
-        """Places of one stretch, in order of aircraft.
-
-        Parameters
-        ----------
-        number : int
-
-        Returns
-        -------
-        Dataset
-        """
+        """Places of one stretch, in order of aircraft."""
         path = self._file(number, "places")
         rows = np.fromfile(path, PLACE) if path.exists() else np.empty(0, PLACE)
         return xr.Dataset(

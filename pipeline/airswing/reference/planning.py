@@ -118,10 +118,6 @@ def schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = F
     both : bool
         Ask for the model time after even at a valid time, where there is one in reach
         (time derivatives need it).
-
-    Returns
-    -------
-    Schedule
     """
     count = valid.size
     earlier = np.searchsorted(valid, points.time, side="right") - 1
@@ -208,10 +204,6 @@ def plan(
         Longest time between two bracketing valid times, s.
     derivatives, sparse : bool
         As for `airswing.reference.collocate.collocate`.
-
-    Returns
-    -------
-    dict of str to Plan
     """
     points = points_of(reports)
     return {
@@ -274,10 +266,6 @@ class Need:
         finished : callable, optional
             Whether a model time (with the latitudes, longitudes and pressures of the reports
             around it) was finished by an earlier run; nothing was by default.
-
-        Returns
-        -------
-        Need
         """
         times = schedule(points, catalogue.valid, max_time_gap=max_time_gap, both=derivatives)
         timed = times.earlier >= 0
@@ -339,10 +327,6 @@ class Need:
         sparse : bool
         left : bool, default False
             Count only what is not finished.
-
-        Returns
-        -------
-        Plan
         """
         counts = np.zeros(4, dtype=np.int64)
         for number in np.flatnonzero(self.times & ~self.finished if left else self.times):

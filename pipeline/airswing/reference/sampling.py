@@ -125,10 +125,6 @@ def sample_model_time(
     derivatives : bool
         Also give derivatives by ln p, eastward and northward distance, and the
         grid's convergence.
-
-    Returns
-    -------
-    Sample
     """
     reader = _Reader(model, sparse=sparse)
     work = winds_at(model, latitude, longitude, pressure, derivatives=derivatives)

@@ -40,10 +40,6 @@ _DAMAGE = (
 def require_format(format: str) -> None:
     """Refuse a format that is not known.
 
-    Parameters
-    ----------
-    format : str
-
     Raises
     ------
     InputError
@@ -59,16 +55,7 @@ def require_format(format: str) -> None:
 
 
 def none_usable(audit: Audit) -> InputError:
-    """Say why no report was usable.
-
-    Parameters
-    ----------
-    audit : Audit
-
-    Returns
-    -------
-    InputError
-    """
+    """Say why no report was usable."""
     reasons = ", ".join(f"{reason} {n}" for reason, n in audit.dropped.most_common())
     unread = ", ".join(f"{name} such as {value}" for name, value in audit.examples.items())
     return InputError(
@@ -88,10 +75,6 @@ def none_read(errors: list[InputError]) -> InputError:
     ----------
     errors : list of InputError
         One a file.
-
-    Returns
-    -------
-    InputError
     """
     if len(errors) == 1:
         return errors[0]
@@ -216,10 +199,6 @@ def _pattern(folder: Path) -> str:
 
 def detect_format(path: Path) -> str:
     """Tell a report file's format from its first bytes.
-
-    Parameters
-    ----------
-    path : Path
 
     Returns
     -------

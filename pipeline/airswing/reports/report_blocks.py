@@ -104,10 +104,6 @@ class Archive:
     def block(self, number: int) -> xr.Dataset:
         """Reports of one block.
 
-        Parameters
-        ----------
-        number : int
-
         Returns
         -------
         Dataset

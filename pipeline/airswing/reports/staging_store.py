@@ -202,10 +202,6 @@ class Spool:
     def groups(self, limit: int) -> list[tuple[str, str]]:
         """Consecutive tails with at most so many reports together, one tail at least.
 
-        Parameters
-        ----------
-        limit : int
-
         Returns
         -------
         list of (str, str)

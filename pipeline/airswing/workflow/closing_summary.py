@@ -104,10 +104,6 @@ def as_text(summary: dict[str, Any], output: Path) -> str:
         Of :func:`summarise`.
     output : Path
         Folder of the products.
-
-    Returns
-    -------
-    str
     """
     reports, status, change = summary["reports"], summary["status"], summary["disagreement_kt"]
     lines = [

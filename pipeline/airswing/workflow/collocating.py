@@ -58,10 +58,6 @@ def read(job: Job, folder: Path) -> Archive:
     job : Job
     folder : Path
         Where; cleaned reports of files that are still the same are taken up from there.
-
-    Returns
-    -------
-    Archive
     """
     from airswing.reports.report_blocks import Archive
 
@@ -85,10 +81,6 @@ def filled(job: Job, folder: Path) -> Spool:
     job : Job
     folder : Path
         As for :func:`read`.
-
-    Returns
-    -------
-    Spool
     """
     from airswing.reports.staging_store import Spool
 
@@ -124,10 +116,6 @@ def catalogues(
         Where that is kept.
     only : mapping of str to list of str, optional
         Paths of each reference; by default all that its configuration names.
-
-    Returns
-    -------
-    dict of str to Catalogue
     """
     from airswing.reference.catalogues import build_catalogue
     from airswing.reference.fleet_wind import write_fleet_wind
@@ -160,17 +148,7 @@ def catalogues(
 
 
 def set_places_down(archive: Archive, folder: Path) -> Places:
-    """Sort the places of an archive into stretches of time.
-
-    Parameters
-    ----------
-    archive : Archive
-    folder : Path
-
-    Returns
-    -------
-    Places
-    """
+    """Sort the places of an archive into stretches of time."""
     from airswing.reference.places import Places, stretches
 
     with written_to(folder):
@@ -183,10 +161,6 @@ def set_places_down(archive: Archive, folder: Path) -> Places:
 @contextlib.contextmanager
 def written_to(folder: Path) -> Iterator[None]:
     """Tell in one message that a folder for work under way cannot be written to.
-
-    Parameters
-    ----------
-    folder : Path
 
     Raises
     ------
@@ -219,10 +193,6 @@ def needs_of(
     models : dict of str to Catalogue
     kept : SampleStore, optional
         Of an earlier run: says what need not be read again.
-
-    Returns
-    -------
-    dict of str to Need
     """
     from airswing.reference.planning import Need, points_of
 
@@ -252,10 +222,6 @@ def plans_of(
     models : dict of str to Catalogue
     aircraft : int
         How many there are.
-
-    Returns
-    -------
-    dict of str to Plan
     """
     from airswing.workflow.cost import stage_seconds
 

@@ -146,10 +146,6 @@ def as_text(found: Mapping[str, Any]) -> str:
     ----------
     found : mapping
         Of :func:`airswing.workflow.plan_run`.
-
-    Returns
-    -------
-    str
     """
     lines = [f"{found['reports']:,} reports of {found['aircraft']} aircraft"]
     for name, one in found["references"].items():

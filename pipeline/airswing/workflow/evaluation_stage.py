@@ -31,11 +31,6 @@ def make_evaluation(
 ) -> Evaluation:
     """Everything that judges the corrections, as far as the configuration allows it.
 
-    Parameters
-    ----------
-    job : Job
-    headings, fits, corrected : Dataset
-
     Returns
     -------
     Evaluation
@@ -54,17 +49,7 @@ def make_evaluation(
 
 
 def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
-    """Error profiles by phase of flight and level: ``error_profiles.nc``.
-
-    Parameters
-    ----------
-    job : Job
-    headings, corrected : Dataset
-
-    Returns
-    -------
-    Dataset
-    """
+    """Error profiles by phase of flight and level: ``error_profiles.nc``."""
     from airswing.evaluation.error_profiles import error_profiles
 
     with job.progress.stage("profiles"):
@@ -80,17 +65,7 @@ def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.D
 
 
 def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
-    """Error of the reports alone, by phase of flight and layer: ``observation_errors.nc``.
-
-    Parameters
-    ----------
-    job : Job
-    headings, corrected : Dataset
-
-    Returns
-    -------
-    Dataset
-    """
+    """Error of the reports alone, by phase of flight and layer: ``observation_errors.nc``."""
     from airswing.evaluation.report_errors.observation_errors import observation_errors
 
     with job.progress.stage("observation errors") as stage:
@@ -124,10 +99,6 @@ def make_field_test(
         Read from the output folder when not given.
     expected : dict, optional
         Of :func:`expected_reduction`, where ``headings`` is of the test's own dates alone.
-
-    Returns
-    -------
-    dict
 
     Raises
     ------
@@ -200,10 +171,6 @@ def make_sensitivity(
     intervals : bool, default False
         Also say what hourly references would lose every three and six hours, which reads some of
         their files again. With one reference this is all there is to say.
-
-    Returns
-    -------
-    dict
     """
     from airswing.evaluation.reference_comparison.sensitivity import compare
 

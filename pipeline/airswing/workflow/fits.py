@@ -65,17 +65,7 @@ class Seen:
 
 
 def look_at_all(job: Job, headings: xr.Dataset) -> Seen:
-    """Fit the reports, and count what else their tables need.
-
-    Parameters
-    ----------
-    job : Job
-    headings : Dataset
-
-    Returns
-    -------
-    Seen
-    """
+    """Fit the reports, and count what else their tables need."""
     from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.heading_kind import mean_declination
     from airswing.compass.table import heading_histogram
@@ -109,10 +99,6 @@ def make_fits(
         How the reports are looked at.
     near : float, default 0.0
         As for :func:`draw_cards`.
-
-    Returns
-    -------
-    Dataset
     """
     from airswing.compass.table import add_tables
     from airswing.evaluation.compass_changes.stability import add_changes
@@ -250,10 +236,6 @@ def make_corrected(
     job : Job
     headings, fits : Dataset, optional
         Read from the output folder when not given.
-
-    Returns
-    -------
-    Dataset
     """
     from airswing.compass.correction import KEPT, NEEDED, correct
 

@@ -38,10 +38,6 @@ def set_apart(job: Job, made: Blocks, mark: str) -> Blocks:
         Collocated, with the derivatives of the reference wind.
     mark : str
         Of these reports and references; empty where they are to be made again.
-
-    Returns
-    -------
-    Blocks
     """
 
     def each(stage: StageRecord) -> Iterator[xr.Dataset]:
@@ -62,11 +58,6 @@ def set_apart(job: Job, made: Blocks, mark: str) -> Blocks:
 
 def inputs_hold(job: Job, mark: str) -> bool:
     """Whether ``gap_inputs.nc`` is there and of these reports and references.
-
-    Parameters
-    ----------
-    job : Job
-    mark : str
 
     Returns
     -------

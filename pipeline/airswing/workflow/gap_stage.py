@@ -35,10 +35,6 @@ GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
 def gap_headings(job: Job) -> xr.Dataset:
     """Screened headings with the derivatives of the reference wind.
 
-    Parameters
-    ----------
-    job : Job
-
     Returns
     -------
     Dataset

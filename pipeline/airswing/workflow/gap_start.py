@@ -98,10 +98,6 @@ def read_start(job: Job, *, known: Path | None = None, simulated: str | None = N
         Reports that a simulation made: a file, a glob, or the configuration of an archive of its
         own.
 
-    Returns
-    -------
-    Asked
-
     Raises
     ------
     InputError
@@ -131,10 +127,6 @@ def starting_point(
         From `read_start`.
     effects_of : callable
         Diagnoses the archive of a job: for a simulation on other paths.
-
-    Returns
-    -------
-    Start
 
     Raises
     ------

@@ -46,10 +46,6 @@ if TYPE_CHECKING:
 def plan_run(job: Job) -> dict[str, Any]:
     """Say what a run would read and cost; nothing is decoded and nothing kept.
 
-    Parameters
-    ----------
-    job : Job
-
     Returns
     -------
     dict

@@ -15,10 +15,6 @@ from airswing.model_formats import model_formats
 def inspect_file(path: Path) -> dict[str, Any]:
     """Say what one file holds.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     dict
@@ -144,10 +140,6 @@ def as_text(found: dict[str, Any], *, indent: str = "") -> str:
     found : dict
         Of :func:`inspect_file`.
     indent : str, optional
-
-    Returns
-    -------
-    str
     """
     lines = []
     for key, value in found.items():

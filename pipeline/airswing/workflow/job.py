@@ -79,10 +79,6 @@ class Job:
         ----------
         name : str
             Its file name, as ``headings.nc``; by months ``headings/2025-07.nc``.
-
-        Returns
-        -------
-        Path
         """
         whole = self.output / name
         return whole.with_suffix("") / f"{self.month}.nc" if self.month else whole
@@ -139,16 +135,7 @@ class Blocks:
 
 
 def main_reference(config: Config) -> str:
-    """Fits used for the correction and the cards: the first pool, else the first reference.
-
-    Parameters
-    ----------
-    config : Config
-
-    Returns
-    -------
-    str
-    """
+    """Fits used for the correction and the cards: the first pool, else the first reference."""
     return next(iter([*config.pool, *config.references]))
 
 
@@ -161,10 +148,6 @@ def ready(job: Job, given: xr.Dataset | None, name: str) -> xr.Dataset:
     given : Dataset or None
     name : str
         File name of the product, or of a folder of its months.
-
-    Returns
-    -------
-    Dataset
     """
     return read_product(where_it_stands(job, name), lazy=True) if given is None else given
 
@@ -177,10 +160,6 @@ def where_it_stands(job: Job, name: str) -> Path:
     job : Job
     name : str
         File name of the product.
-
-    Returns
-    -------
-    Path
     """
     whole = job.output / name
     months = whole.with_suffix("")
@@ -301,11 +280,6 @@ def ragged_product(
 
 def earlier(job: Job, path: Path) -> xr.Dataset | None:
     """A product of an earlier run that this one goes on with, whatever it was made from.
-
-    Parameters
-    ----------
-    job : Job
-    path : Path
 
     Returns
     -------

@@ -21,10 +21,6 @@ from airswing.workflow.job import Job
 def run(job: Job) -> dict[str, Any]:
     """Do the main job: every stage, every product, the page.
 
-    Parameters
-    ----------
-    job : Job
-
     Returns
     -------
     dict
@@ -63,10 +59,6 @@ def make_page(
         Of :func:`airswing.workflow.closing_summary.summarise`.
     evaluation : Evaluation
         Of :func:`make_evaluation`.
-
-    Returns
-    -------
-    Path
     """
     from airswing.report.run.page import write_page
 

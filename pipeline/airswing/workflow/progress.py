@@ -117,12 +117,7 @@ class Progress:
     expected: Mapping[str, float] = field(default_factory=dict)
 
     def say(self, text: str) -> None:
-        """Print one line to standard error, unless quiet.
-
-        Parameters
-        ----------
-        text : str
-        """
+        """Print one line to standard error, unless quiet."""
         if not self.quiet:
             _console().print(text, highlight=False, markup=False, soft_wrap=True)
 
@@ -202,12 +197,7 @@ class Progress:
         }
 
     def accounts_text(self) -> str:
-        """The accounts as a table for a terminal.
-
-        Returns
-        -------
-        str
-        """
+        """The accounts as a table for a terminal."""
         found = self.accounts()
         lines = ["stage              time (s)  share   MB read  messages     reports"]
         for stage in found["stages"]:

@@ -29,11 +29,6 @@ LEARNED_SHARE = 2.0 / 3.0
 def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str, Any]:
     """Fits by month, or by quarter in archives over a year, and changes: ``stability.json``.
 
-    Parameters
-    ----------
-    job : Job
-    headings, fits : Dataset
-
     Returns
     -------
     dict
@@ -90,11 +85,6 @@ def written_stability(
 def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[dict[str, Any]]:
     """Whom to correct first: ``ranking.csv``.
 
-    Parameters
-    ----------
-    job : Job
-    headings, fits : Dataset
-
     Returns
     -------
     list of dict
@@ -120,10 +110,6 @@ def ranking_table(ranking: list[dict[str, Any]]) -> str:
     ----------
     ranking : list of dict
         Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
-
-    Returns
-    -------
-    str
     """
     titles = (
         "rank",
@@ -216,10 +202,6 @@ def written_virtual(job: Job, result: dict[str, Any]) -> str:
     job : Job
     result : dict
         As of :func:`make_virtual`.
-
-    Returns
-    -------
-    str
     """
     write_json(job.output / VIRTUAL, result)
     told = [
@@ -232,17 +214,7 @@ def written_virtual(job: Job, result: dict[str, Any]) -> str:
 
 
 def uncorrected(job: Job, headings: xr.Dataset) -> list[str] | None:
-    """Aircraft that were not corrected in the field test; None where there is none.
-
-    Parameters
-    ----------
-    job : Job
-    headings : Dataset
-
-    Returns
-    -------
-    list of str or None
-    """
+    """Aircraft that were not corrected in the field test; None where there is none."""
     test = job.config.field_test
     if test is None:
         return None
@@ -251,32 +223,14 @@ def uncorrected(job: Job, headings: xr.Dataset) -> list[str] | None:
 
 
 def later_date(headings: xr.Dataset) -> date:
-    """Day after the first two thirds of the archive's days.
-
-    Parameters
-    ----------
-    headings : Dataset
-
-    Returns
-    -------
-    date
-    """
+    """Day after the first two thirds of the archive's days."""
     first, last = (day.astype("datetime64[D]").astype(object) for day in time_span(headings))
     found: date = first + (last - first) * LEARNED_SHARE
     return found
 
 
 def tried(make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Do a part; where the archive cannot carry it, say why instead.
-
-    Parameters
-    ----------
-    make : callable
-
-    Returns
-    -------
-    dict
-    """
+    """Do a part; where the archive cannot carry it, say why instead."""
     try:
         return make()
     except InputError as err:

@@ -75,10 +75,6 @@ def cycles_statistic(theta: Array, covariance: Array) -> float:
     theta : array, shape (p,)
     covariance : array, shape (p, p)
         Clustered covariance of ``theta``.
-
-    Returns
-    -------
-    float
     """
     return float(theta[3:5] @ np.linalg.solve(covariance[3:5, 3:5], theta[3:5]))
 

@@ -176,10 +176,6 @@ def sum_aircraft(
     pools, abscissa, alone, **options
         As for :func:`fit_deviation`.
 
-    Returns
-    -------
-    FleetSums
-
     Raises
     ------
     InputError

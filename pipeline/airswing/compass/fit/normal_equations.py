@@ -128,10 +128,6 @@ def accumulate(
     starts : array of int, optional
         First report of every block whose sums are kept too
         (:mod:`airswing.compass.fleet.flight_segments`).
-
-    Returns
-    -------
-    PassSums
     """
     sums = PassSums(np.zeros((LOCAL, LOCAL)), np.zeros(LOCAL), np.zeros((flights, LOCAL)), None)
     apart = (np.zeros((flights, 7, 7)), np.zeros((flights, 3, 3))) if by_flight else None

@@ -140,10 +140,6 @@ class Reports:
         keep : slice
         room : array of float32, shape (8, as many reports), optional
             Where to put them: new memory costs more than the work.
-
-        Returns
-        -------
-        Observations
         """
         flight = self.flight[keep]
         if room is None:

@@ -129,10 +129,6 @@ def pool(fits: list[AircraftFit], *, joint: bool) -> Fleet:
         Of one reference or pool, after the choice of cycles; at least one.
     joint : bool
         False: there is no bias; only the day's widening is done.
-
-    Returns
-    -------
-    Fleet
     """
     freedom = [max(fit.day_number.size - 1, 1) for fit in fits]
     raw = [fit.covariance for fit in fits]

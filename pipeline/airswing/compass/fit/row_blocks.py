@@ -97,10 +97,6 @@ _SCRATCH = _Scratch()
 def rows_for(size: int) -> Rows:
     """Rows of this thread for so many reports.
 
-    Parameters
-    ----------
-    size : int
-
     Returns
     -------
     Rows

@@ -47,16 +47,6 @@ class Folds:
 def flight_folds(headings: xr.Dataset, *, folds: int, seed: int = 0) -> Folds:
     """Deal whole flights into folds, evenly over each aircraft's days.
 
-    Parameters
-    ----------
-    headings : Dataset
-    folds : int
-    seed : int, default 0
-
-    Returns
-    -------
-    Folds
-
     Raises
     ------
     InputError

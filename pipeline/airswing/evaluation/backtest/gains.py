@@ -52,10 +52,6 @@ class Apart(NamedTuple):
         reference : str
             Fit that is used.
         method : {"table", "curve"}
-
-        Returns
-        -------
-        Apart
         """
         mended = correct(reports, fits, reference=reference, method=_way(method))
         winds = reference_mean(reports, members)

@@ -71,11 +71,6 @@ def fitted(
 def require_reference(pools: Mapping[str, list[str]], reference: str) -> None:
     """Refuse a reference or pool that is not known.
 
-    Parameters
-    ----------
-    pools : mapping of str to list of str
-    reference : str
-
     Raises
     ------
     InputError
@@ -91,10 +86,6 @@ def require_reference(pools: Mapping[str, list[str]], reference: str) -> None:
 
 def judged_blocks(headings: xr.Dataset) -> Iterator[tuple[xr.Dataset, slice]]:
     """Give blocks of aircraft with the columns a correction is judged by.
-
-    Parameters
-    ----------
-    headings : Dataset
 
     Yields
     ------

@@ -87,10 +87,6 @@ def day_sums(
     day : array of int, shape (n,)
     keep_bias : bool, default False
         Keep the days' biases b_u, b_v (m/s) among the unknowns, eight of them then.
-
-    Returns
-    -------
-    DaySums
     """
     rows_cross, rows_along = paired_design(magnetic, heading, airspeed)
     kept = np.flatnonzero(_not_gross(rows_cross, rows_along, cross, along))
@@ -177,10 +173,6 @@ def _stacked(sums: DaySums, weight: Floats | None) -> tuple[Floats, Floats]:
 
 def scores(sums: DaySums) -> tuple[Floats, Floats]:
     """Efficient daily scores of A, B and C under no change, and the days' share of information.
-
-    Parameters
-    ----------
-    sums : DaySums
 
     Returns
     -------

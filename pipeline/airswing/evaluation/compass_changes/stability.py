@@ -123,10 +123,6 @@ def changes_of(
         One an aircraft; None where there are too few days.
     false_alarms, block, draws, seed
         As for :func:`find_changes`.
-
-    Returns
-    -------
-    list of dict
     """
     segments = [(k, one) for k, one in enumerate(sums) if one is not None]
     entries: list[dict[str, Any]] = [
@@ -315,10 +311,6 @@ def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
 
 def noted_changes(fits: xr.Dataset) -> list[dict[str, Any]]:
     """All changes that :func:`add_changes` wrote beside the fits.
-
-    Parameters
-    ----------
-    fits : Dataset
 
     Returns
     -------

@@ -158,16 +158,7 @@ def wald(values: Floats, covariance: Floats, clusters: int) -> float:
 
 
 def holm(p_values: list[float]) -> list[float]:
-    """Holm's step-down adjustment (Holm 1979, Scand. J. Stat. 6, 65-70); NaN stay NaN.
-
-    Parameters
-    ----------
-    p_values : list of float
-
-    Returns
-    -------
-    list of float
-    """
+    """Holm's step-down adjustment (Holm 1979, Scand. J. Stat. 6, 65-70); NaN stay NaN."""
     values = np.array(p_values, dtype=float)
     adjusted = np.full(values.size, np.nan)
     good = np.flatnonzero(np.isfinite(values))

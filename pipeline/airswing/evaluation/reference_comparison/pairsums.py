@@ -164,16 +164,7 @@ class Regions:
 
     @classmethod
     def of(cls, headings: xr.Dataset) -> Regions:
-        """Find the regions of an archive.
-
-        Parameters
-        ----------
-        headings : Dataset
-
-        Returns
-        -------
-        Regions
-        """
+        """Find the regions of an archive."""
         latitudes = np.zeros(round(180.0 / STEP) + 1)
         for block in blocks(headings, ["latitude"]):
             latitudes += _counted(block["latitude"].to_numpy(), -90.0, latitudes.size)
@@ -188,10 +179,6 @@ class Regions:
 
     def at(self, reports: xr.Dataset) -> Ints:
         """Region of each report, 0 to 8.
-
-        Parameters
-        ----------
-        reports : Dataset
 
         Returns
         -------

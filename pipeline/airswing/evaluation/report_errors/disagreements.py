@@ -108,10 +108,6 @@ def disagreements(
         References compared with each other.
     pool : list of str
         References whose mean the pairs are held against.
-
-    Returns
-    -------
-    Disagreements
     """
     every = _days(headings)
     stride = -(-headings.sizes["report"] // MOST_REPORTS)
@@ -275,10 +271,6 @@ def _summed(first: Ints, second: Ints, values: Floats, shape: tuple[int, ...]) -
 def aircraft_classes(found: Disagreements) -> Ints:
     """Class of every aircraft: one of its own, or with those that disagree as much.
 
-    Parameters
-    ----------
-    found : Disagreements
-
     Returns
     -------
     array of int, shape (aircraft,)
@@ -299,10 +291,6 @@ def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
     ----------
     found : Disagreements
     classes : array of int, shape (aircraft,)
-
-    Returns
-    -------
-    PairTable
     """
     table = found.reports
     order = np.argsort(table["day"], kind="stable")

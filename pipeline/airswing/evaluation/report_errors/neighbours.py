@@ -50,10 +50,6 @@ class Pairs(NamedTuple):
         Parameters
         ----------
         chosen : array of int
-
-        Returns
-        -------
-        Pairs
         """
         return Pairs(self.first[chosen], self.second[chosen], self.separation[chosen])
 
@@ -69,10 +65,6 @@ def neighbouring_pairs(
     pressure : array, Pa
     time : array, s
     aircraft : array of int
-
-    Returns
-    -------
-    Pairs
     """
     from scipy.spatial import cKDTree
 

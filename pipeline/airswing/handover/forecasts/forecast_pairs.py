@@ -171,10 +171,6 @@ def on_axes(table: pd.DataFrame) -> xr.Dataset:
     table : DataFrame
         ``variable, station, forecast_reference_time, lead, units, forecast, observation``; the
         places of stations where known.
-
-    Returns
-    -------
-    Dataset
     """
     codes, axes = zip(*(pd.factorize(table[key], sort=True) for key in _KEYS), strict=True)
     shape = tuple(len(axis) for axis in axes)

@@ -96,17 +96,7 @@ def _splitter(line: str):  # type: ignore[no-untyped-def]
 
 
 def optional_column(table: pd.DataFrame, names: Sequence[str]) -> pd.Series | None:
-    """The first column of several names that is there, or none.
-
-    Parameters
-    ----------
-    table : DataFrame
-    names : sequence of str
-
-    Returns
-    -------
-    Series or None
-    """
+    """The first column of several names that is there, or none."""
     return next((table[name] for name in names if name in table), None)
 
 
@@ -119,10 +109,6 @@ def column(table: pd.DataFrame, names: Sequence[str], *, file: Path) -> pd.Serie
     names : sequence of str
     file : Path
         For the message.
-
-    Returns
-    -------
-    Series
 
     Raises
     ------

@@ -65,10 +65,6 @@ _AS_CORRECTED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
 def winds_of(request: Request) -> tuple[str, str]:
     """Names of the wind components to hand over.
 
-    Parameters
-    ----------
-    request : Request
-
     Returns
     -------
     east, north : str

@@ -83,14 +83,6 @@ class RejectList:
 def read_reject_list(path: Path) -> RejectList:
     """Read a list.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    RejectList
-
     Raises
     ------
     InputError

@@ -126,11 +126,6 @@ class _Written:
 def write_records(request: Request, layout: Layout) -> dict[str, Any]:
     """Write the reports of an archive.
 
-    Parameters
-    ----------
-    request : Request
-    layout : Layout
-
     Returns
     -------
     dict
@@ -320,10 +315,6 @@ def names(records: Records) -> Lines:
     It begins with a word that no reader takes for a kind of report (WRF looks for ``ACARS`` and
     others at the beginning of names).
 
-    Parameters
-    ----------
-    records : Records
-
     Returns
     -------
     array of uint8, shape (report, 40)
@@ -342,10 +333,6 @@ def interleaved(records: Records, head: Lines, level: Lines, tail: Lines) -> byt
     records : Records
     head, tail : arrays of uint8, shape (report, columns)
     level : array of uint8, shape (level, columns)
-
-    Returns
-    -------
-    bytes or memoryview
     """
     if (records.size == 1).all():
         return np.concatenate([head, level, tail], axis=1).reshape(-1).data

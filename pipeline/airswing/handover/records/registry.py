@@ -88,10 +88,6 @@ _FORMATS: dict[str, ExportFormat] = {}
 def register(export_format: ExportFormat) -> ExportFormat:
     """Add a format.
 
-    Parameters
-    ----------
-    export_format : ExportFormat
-
     Returns
     -------
     ExportFormat
@@ -109,21 +105,12 @@ def register(export_format: ExportFormat) -> ExportFormat:
 
 
 def unregister(name: str) -> None:
-    """Take a format out again.
-
-    Parameters
-    ----------
-    name : str
-    """
+    """Take a format out again."""
     del _FORMATS[name]
 
 
 def formats(package: str = "airswing.handover") -> Mapping[str, ExportFormat]:
     """Every format by name, all modules of the package imported.
-
-    Parameters
-    ----------
-    package : str
 
     Returns
     -------
@@ -138,14 +125,6 @@ def formats(package: str = "airswing.handover") -> Mapping[str, ExportFormat]:
 
 def format_of(name: str) -> ExportFormat:
     """Find a format.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    ExportFormat
 
     Raises
     ------

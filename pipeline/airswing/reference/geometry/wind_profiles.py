@@ -325,10 +325,6 @@ def selected(
     count : int
         Messages seen.
 
-    Returns
-    -------
-    Catalogue
-
     Raises
     ------
     InputError

@@ -69,10 +69,6 @@ def build_catalogue(
         Whether truncated or garbage files and messages, grids that cannot be placed and u
         without v are skipped (named and counted) or refused.
 
-    Returns
-    -------
-    Catalogue
-
     Raises
     ------
     InputError

@@ -54,14 +54,6 @@ def default_folder() -> Path:
 def identify(path: str) -> SourceFile:
     """Identity of a file: path, size, modification time and a hash of octets here and there.
 
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    SourceFile
-
     Raises
     ------
     OSError

@@ -89,10 +89,6 @@ def read_grid(edition: int, section: bytes) -> Grid:
     section : bytes
         The whole GDS (edition 1) or section 3 (edition 2).
 
-    Returns
-    -------
-    Grid
-
     Raises
     ------
     UnplaceableGridError

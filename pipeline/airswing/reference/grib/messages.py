@@ -38,14 +38,6 @@ _LYING = (GarbageError, LookupError, ValueError, ArithmeticError, struct.error)
 def scan_file(path: str) -> FileContents:
     """List the wind fields of a file.
 
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    FileContents
-
     Raises
     ------
     OSError

@@ -72,16 +72,7 @@ class SimplePacking:
 
 
 def power(base: int, exponent: int) -> float:
-    """Integer power by repeated multiplication or division, rounded at each step as eccodes does.
-
-    Parameters
-    ----------
-    base, exponent : int
-
-    Returns
-    -------
-    float
-    """
+    """Integer power by repeated products or quotients, rounded at each step as eccodes does."""
     value = 1.0
     for _ in range(abs(exponent)):
         value = value * base if exponent > 0 else value / base
@@ -172,10 +163,6 @@ def present_points(descriptor: int, packing: SimplePacking) -> int:
     descriptor : int
     packing : SimplePacking
         With a bitmap.
-
-    Returns
-    -------
-    int
     """
     return _present(_bitmap(descriptor, packing), packing.size)
 

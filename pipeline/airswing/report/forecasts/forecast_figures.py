@@ -40,10 +40,6 @@ def by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
         Of :func:`airswing.handover.forecasts.forecast_scores.score_forecasts`, with
         ``variable_units``.
     variable : str
-
-    Returns
-    -------
-    CaptionedFigure
     """
     own = scored.sel(variable=variable, period="held_out")
     figure = new_figure(3.4)
@@ -86,10 +82,6 @@ def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figu
     corrected : Dataset
         Of :func:`airswing.handover.forecasts.correcting.correct_forecasts`.
     variable, station : str
-
-    Returns
-    -------
-    CaptionedFigure
     """
     own = corrected.sel(variable=variable, station=station).isel({TIME: slice(-_LONGEST, None)})
     figure = new_figure(2.8)
@@ -134,17 +126,7 @@ def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figu
 
 @styled
 def stations_figure(scored: xr.Dataset, variable: str) -> Figure:
-    """Draw the rms error of every station, before against after.
-
-    Parameters
-    ----------
-    scored : Dataset
-    variable : str
-
-    Returns
-    -------
-    CaptionedFigure
-    """
+    """Draw the rms error of every station, before against after."""
     own = scored["forecast_error_rms_by_station"].sel(variable=variable)
     raw = own.sel(correction="raw").to_numpy()
     figure = new_figure(3.6, width=4.8)

@@ -46,10 +46,6 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
         Its folder, beside ``postprocessed.nc``.
     corrected : Dataset
         Forecasts and scores, as ``postprocessed.nc`` holds them.
-
-    Returns
-    -------
-    Path
     """
     sections = [scores_section(corrected), _figures_section(corrected), _notes_section(corrected)]
     first, last = corrected[TIME].to_numpy()[[0, -1]]
@@ -66,16 +62,7 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
 
 
 def forecast_headline(corrected: xr.Dataset) -> str:
-    """Say in a sentence what the filter was worth, variable by variable.
-
-    Parameters
-    ----------
-    corrected : Dataset
-
-    Returns
-    -------
-    str
-    """
+    """Say in a sentence what the filter was worth, variable by variable."""
     own = corrected.sel(period="held_out")
     parts = []
     for name in own["variable"].to_numpy():
@@ -101,16 +88,7 @@ def _facts(corrected: xr.Dataset) -> list[tuple[str, str]]:
 
 
 def scores_section(corrected: xr.Dataset) -> Section:
-    """Return the table of scores.
-
-    Parameters
-    ----------
-    corrected : Dataset
-
-    Returns
-    -------
-    Section
-    """
+    """Return the table of scores."""
     rows = []
     for variable in corrected["variable"].to_numpy():
         for period, words in _PERIODS.items():

@@ -34,16 +34,7 @@ CALIBRATION: tuple[tuple[str, str, str], ...] = (
 
 
 def assumption_table(gap: GapReport) -> list[Markup]:
-    """Return the table of assumptions with the result of each check.
-
-    Parameters
-    ----------
-    gap : GapReport
-
-    Returns
-    -------
-    list of Markup
-    """
+    """Return the table of assumptions with the result of each check."""
     rows = [
         Row([one.assumption, one.check, one.result, "yes" if one.ok else "no"], doubt=not one.ok)
         for one in gap.assumptions
@@ -64,16 +55,7 @@ def assumption_table(gap: GapReport) -> list[Markup]:
 
 
 def calibration_table(gap: GapReport) -> list[Markup]:
-    """Return how the simulation's stated error fits held-out reports, without and with effects.
-
-    Parameters
-    ----------
-    gap : GapReport
-
-    Returns
-    -------
-    list of Markup
-    """
+    """Return how the simulation's stated error fits held-out reports, without and with effects."""
     if gap.calibration is None:
         return []
     before, after = gap.calibration.before, gap.calibration.after
@@ -96,16 +78,7 @@ def _told(value: float) -> str:
 
 
 def alias_lines(gap: GapReport) -> list[str]:
-    """Return a line for each pair of effects that look alike on this archive.
-
-    Parameters
-    ----------
-    gap : GapReport
-
-    Returns
-    -------
-    list of str
-    """
+    """Return a line for each pair of effects that look alike on this archive."""
     return [
         f"{plain_name(pair.effect)} and {plain_name(pair.other)}: {100 * pair.alias_share:.0f} % "
         f"of the first's energy in common; {pair.separated_by} would tell"
@@ -115,10 +88,6 @@ def alias_lines(gap: GapReport) -> list[str]:
 
 def claims_section(gap: GapReport) -> Section:
     """Return the section on what of the product's own claims survives.
-
-    Parameters
-    ----------
-    gap : GapReport
 
     Returns
     -------

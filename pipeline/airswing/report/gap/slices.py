@@ -36,10 +36,6 @@ def slices_figure(where: Sequence[SliceEntry], *, most: int = 15) -> Figure:
     where : sequence of SliceEntry
     most : int, optional
         Slices drawn at most; the rest is in the table.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     known = sorted(where, key=lambda entry: -entry.share_of_gap)[:most]
     rows = [entry for entry in known if entry.share_of_gap >= LEAST] or known[:3]

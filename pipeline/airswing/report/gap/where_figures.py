@@ -95,10 +95,6 @@ def aircraft_heading_figure(
         Aircraft set in bold: those a verdict names.
     total : int, optional
         Reports behind the figure, where `number` is not given.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     centres = np.asarray(heading, float)
     figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
@@ -141,10 +137,6 @@ def aircraft_time_figure(
         Reports of each cell.
     quantity, outstanding, total
         As for :func:`aircraft_heading_figure`.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     weeks = np.asarray(week)
     figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
@@ -242,10 +234,6 @@ def phase_level_figure(
         Reports of each cell.
     total : int, optional
         Reports behind the figure, where `number` is not given.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     shown = {name: shown_cells(value, number) for name, value in components.items()}
     limit = even_limit(np.concatenate([v.ravel() for v in shown.values()]), least=0.2)
@@ -307,10 +295,6 @@ def gap_map_figure(
         Reports of each cell.
     total : int, optional
         Reports behind the figure, where `number` is not given.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     lon, lat = np.asarray(longitude, float), np.asarray(latitude, float)
     u, v = shown_cells(eastward, number), shown_cells(northward, number)

@@ -55,10 +55,6 @@ def evidence_figure(
         Log evidence an effect needs.
     number : int, optional
         Reports behind the evidence.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     value = np.nan_to_num(np.asarray(log_evidence, float), nan=0.0)
     order = np.argsort(-value)
@@ -118,10 +114,6 @@ def posterior_figure(tails: Sequence[str], names: Sequence[str], probability: An
     tails : sequence of str (aircraft,)
     names : sequence of str (effect,)
     probability : array (effect, aircraft)
-
-    Returns
-    -------
-    CaptionedFigure
     """
     value = np.asarray(probability, float)
     if value.size == 0:
@@ -177,10 +169,6 @@ def waterfall_figure(
         Held-out reports.
     after_all : (disagreement in kt, 95 % interval or None), optional
         What is left in the end, where it differs from the last step.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     names, levels = ["as simulated\nso far"], [before]
     intervals: list[Sequence[float] | None] = [None]
@@ -275,10 +263,6 @@ def autocorrelation_figure(
         The y axis in words.
     number : int, optional
         Reports behind the points.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     x = np.asarray(distance, float)
     figure = new_figure(3.2)
@@ -320,10 +304,6 @@ def pit_figure(counts: Any, *, before: Any | None = None) -> Figure:
         Held-out reports in equal bins of predicted probability, after closure.
     before : array of int (bin,), optional
         The same with no effect in the simulation.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     number = np.asarray(counts, float)
     share = number / max(number.sum(), 1.0) * number.size
@@ -361,10 +341,6 @@ def table_figure(place: PlaceEntry) -> Figure:
     ----------
     place : PlaceEntry
         Its curve has edges and values.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     curve = place.curve
     edges = [np.asarray(own, float) for own in curve.edges or ()]
@@ -403,10 +379,6 @@ def speed_map_figure(place: PlaceEntry) -> Figure:
     ----------
     place : PlaceEntry
         Its curve holds the map.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     speeds = np.asarray((place.curve.edges or [[]])[0], float)
     sent = np.asarray(place.curve.values, float)
@@ -425,16 +397,7 @@ def speed_map_figure(place: PlaceEntry) -> Figure:
 
 @styled
 def unknown_curve_figure(place: PlaceEntry) -> Figure:
-    """Bars of the curve fitted to an effect that the catalogue does not hold.
-
-    Parameters
-    ----------
-    place : PlaceEntry
-
-    Returns
-    -------
-    CaptionedFigure
-    """
+    """Bars of the curve fitted to an effect that the catalogue does not hold."""
     if place.component == "reported_speed":
         return speed_map_figure(place)
     if place.curve.edges is not None:

@@ -98,10 +98,6 @@ def parameters_text(effect: EffectEntry | TailEntry, *, brief: bool = False) -> 
     effect : EffectEntry or TailEntry
     brief : bool, optional
         Leave out the conditions a parameter is stated at (``at_...``).
-
-    Returns
-    -------
-    str
     """
     errors = effect.standard_errors or {}
     per_tail = effect.per_tail if isinstance(effect, EffectEntry) else None
@@ -194,11 +190,6 @@ def start_words(
 ) -> str:
     """Return what a diagnosis started from; empty for the perfect instrument.
 
-    Parameters
-    ----------
-    known : sequence of KnownEntry or None
-    simulation : SimulationEntry, optional
-
     Returns
     -------
     str
@@ -232,10 +223,6 @@ def verdict(gap: GapReport, *, most: int = 3) -> str:
     gap : GapReport
     most : int, optional
         Effects named in full.
-
-    Returns
-    -------
-    str
     """
     return start_words(gap.known, gap.simulation) + _what_is_missing(gap, most)
 

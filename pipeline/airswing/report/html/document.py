@@ -68,10 +68,6 @@ def table(
         What the table holds, in words.
     sortable : bool, optional
         With scripts, a click on a head sorts the rows, and a long table can be searched.
-
-    Returns
-    -------
-    Markup
     """
     text = (
         _environment()
@@ -146,10 +142,6 @@ def document(
         What a reader must know before trusting the headline.
     footer : sequence of str, optional
         Version, time, inputs.
-
-    Returns
-    -------
-    str
     """
     return (
         _environment()

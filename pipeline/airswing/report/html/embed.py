@@ -31,10 +31,6 @@ def embedded(figure: Figure, *, raster: bool = False, dpi: float = RASTER_DPI) -
         PNG instead of SVG, for many small panels.
     dpi : float, optional
         Resolution of images.
-
-    Returns
-    -------
-    Markup
     """
     content = png_bytes(figure, dpi=dpi) if raster else svg_bytes(figure, dpi=dpi)
     kind = "image/png" if raster else "image/svg+xml"

@@ -148,10 +148,6 @@ def reports_figure(headings: xr.Dataset, *, keep: Mask | None = None, title: str
         Reports to show; all by default.
     title : str, optional
         Heading of the panel.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     start = 0
 
@@ -209,10 +205,6 @@ def phase_maps_figure(headings: xr.Dataset) -> Figure:
     ----------
     headings : Dataset
         With ``latitude``, ``longitude``, ``phase`` (report).
-
-    Returns
-    -------
-    CaptionedFigure
     """
     order = ("ascent", "cruise", "descent", "unknown")
     place = np.full(max(PHASE.values()) + 1, -1)
@@ -240,10 +232,6 @@ def level_maps_figure(
         With ``latitude``, ``longitude``, ``pressure`` (Pa) (report).
     levels : tuple of (top, bottom), optional
         Layers, hPa.
-
-    Returns
-    -------
-    CaptionedFigure
     """
 
     def layer(block: xr.Dataset) -> NDArray[np.int64]:

@@ -110,10 +110,6 @@ def view_of(
         Part of the extent added on each side.
     least : float, optional
         Least height and width, degrees.
-
-    Returns
-    -------
-    View
     """
     lat = np.asarray(latitude, float)
     lat = lat[np.isfinite(lat)]

@@ -151,10 +151,6 @@ def new_figure(height: float, *, width: float = FULL_WIDTH) -> CaptionedFigure:
     ----------
     height, width : float
         Inches.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     return CaptionedFigure(figsize=(width, height), dpi=120, layout="constrained")
 

@@ -248,10 +248,6 @@ def heading_error_figure(
     reference : str, optional
         Reference or pool; by default the first pool, else the first reference.
 
-    Returns
-    -------
-    CaptionedFigure
-
     Raises
     ------
     InputError
@@ -325,10 +321,6 @@ def coverage_figure(
         Identifiers; all by default.
     columns : int, optional
         Roses in a row.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     aircraft = aircraft or tails(headings)
     columns = min(columns, max(len(aircraft), 3))

@@ -77,18 +77,7 @@ def _shown(headings: xr.Dataset, fits: xr.Dataset, name: str, reference: str) ->
 def small_panels(
     headings: xr.Dataset, fits: xr.Dataset, aircraft: Sequence[str], reference: str
 ) -> list[Markup]:
-    """A small panel an aircraft, on one scale.
-
-    Parameters
-    ----------
-    headings, fits : Dataset
-    aircraft : sequence of str
-    reference : str
-
-    Returns
-    -------
-    list of Markup
-    """
+    """A small panel an aircraft, on one scale."""
     shown = [_shown(headings, fits, name, reference) for name in aircraft]
     limit = min(max((one.limit for one in shown), default=5.0), WIDEST)
     panels = []
@@ -122,10 +111,6 @@ def large_panel(headings: xr.Dataset, fits: xr.Dataset, name: str, reference: st
     name : str
         Of the aircraft.
     reference : str
-
-    Returns
-    -------
-    Markup
     """
     one = _shown(headings, fits, name, reference)
     panel = Panel((920, 380), (58, 16, 30, 48), x=(0.0, 360.0), y=(-one.limit, one.limit))

@@ -57,10 +57,6 @@ def field_test_figure(field_test: Mapping[str, Any]) -> Figure:
     ----------
     field_test : mapping
         Content of ``field_test.json`` (docs/formats.md).
-
-    Returns
-    -------
-    CaptionedFigure
     """
     groups: Mapping[str, Mapping[str, Any]] = field_test["groups"]
     figure = new_figure(1.5 + 0.5 * len(groups))
@@ -160,10 +156,6 @@ def scrutiny_figure(field_test: Mapping[str, Any]) -> Figure:
     ----------
     field_test : mapping
         Content of ``field_test.json`` with ``by_aircraft`` and ``permutation``.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     figure = new_figure(3.7)
     left, right = figure.subplots(1, 2)
@@ -256,10 +248,6 @@ def profile_panels(profiles: xr.Dataset, reference: str) -> Markup:
         (reference, state, flight_phase, layer) and ``profile_count``.
     reference : str
         Reference or pool.
-
-    Returns
-    -------
-    Markup
     """
     chosen = profiles.sel(reference=reference)
     counts = chosen["profile_count"].sel(state="reported")

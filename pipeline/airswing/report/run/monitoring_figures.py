@@ -48,10 +48,6 @@ def timeline_figure(watched: Mapping[str, Any]) -> Figure:
     ----------
     watched : mapping
         Content of ``events.json``.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     events = sorted(watched["events"], key=lambda one: (one["noticed"], one["date"]), reverse=True)
     names = list(dict.fromkeys(one["aircraft"] or FLEET for one in events))

@@ -41,10 +41,6 @@ def write_monitoring_page(path: Path, watched: Mapping[str, Any]) -> Path:
     path : Path
     watched : mapping
         Content of ``events.json``.
-
-    Returns
-    -------
-    Path
     """
     text = document(
         title="airswing: watch over the fleet",

@@ -109,10 +109,6 @@ def fleet_figure(fits: xr.Dataset, aircraft: Sequence[str] | None = None) -> Fig
         FITS: ``amplitude``, ``offset`` and their standard errors, ``status``.
     aircraft : list of str, optional
         Identifiers from top to bottom; all, as they stand, by default.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     names = list(aircraft or tails(fits))
     figure = new_figure(1.3 + max(0.24 * len(names), 1.2))
@@ -154,10 +150,6 @@ def disagreement_figure(
         Reference or pool; by default the first pool, else the first reference.
     aircraft : list of str, optional
         Identifiers; all by default.  Aircraft that were not corrected are left out.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     reference = reference or headline_reference(fits, headings)
     found = disagreement(headings, corrected, fits, reference)
@@ -252,10 +244,6 @@ def audit_figure(headings: xr.Dataset) -> Figure:
     ----------
     headings : Dataset
         With ``screening`` (report); the attribute ``reading_audit`` (JSON) where present.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     rules, (dropped, repaired) = screening_audit(headings), reading_reasons(headings)
     total = headings.sizes["report"]

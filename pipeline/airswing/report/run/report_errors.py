@@ -32,10 +32,6 @@ def report_errors_section(errors: xr.Dataset | None) -> Section:
     ----------
     errors : Dataset or None
         ``observation_errors.nc``.
-
-    Returns
-    -------
-    Section
     """
     title = "The reports' own error"
     if errors is None:
@@ -54,16 +50,7 @@ def report_errors_section(errors: xr.Dataset | None) -> Section:
 
 
 def worth_sentence(errors: xr.Dataset) -> str:
-    """Say what a wind's error is, and what correcting it is worth in an analysis.
-
-    Parameters
-    ----------
-    errors : Dataset
-
-    Returns
-    -------
-    str
-    """
+    """Say what a wind's error is, and what correcting it is worth in an analysis."""
     own = errors["fleet_observation_error"]
     before, after = (float(own.sel(state=state)) for state in ("reported", "corrected"))
     gain = float(errors["fleet_weight_gain"])
@@ -80,16 +67,7 @@ def worth_sentence(errors: xr.Dataset) -> str:
 
 @styled
 def report_errors_figure(errors: xr.Dataset) -> Figure:
-    """Draw the error by layer for each phase of flight, beside what others use.
-
-    Parameters
-    ----------
-    errors : Dataset
-
-    Returns
-    -------
-    CaptionedFigure
-    """
+    """Draw the error by layer for each phase of flight, beside what others use."""
     figure = new_figure(4.2)
     panels = figure.subplots(1, len(_PHASES), sharey=True, sharex=True)
     level = 0.5 * (errors["layer_bottom_pressure"] + errors["layer_top_pressure"]) / 100.0

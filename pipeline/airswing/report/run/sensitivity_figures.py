@@ -57,10 +57,6 @@ def pair_differences_figure(pairs: Sequence[Mapping[str, Any]]) -> Figure:
     pairs : sequence of mappings
         ``pairs`` of ``sensitivity.json`` (or a slice of it): ``references``, ``fleet`` with
         ``difference`` and ``standard_error`` (degree), ``poolable``.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     shown = [pair for pair in pairs if pair["fleet"].get("difference")]
     if not shown:
@@ -107,10 +103,6 @@ def aircraft_differences_figure(pair: Mapping[str, Any]) -> Figure:
     pair : mapping
         One of ``pairs`` of ``sensitivity.json``: ``aircraft`` with ``offset`` and
         ``amplitude``, each a ``difference`` and its ``ci`` (degree).
-
-    Returns
-    -------
-    CaptionedFigure
     """
     known = [entry for entry in pair.get("aircraft", []) if entry.get("amplitude")]
     rows = sorted(known, key=lambda entry: -abs(_number(entry["amplitude"]["difference"])))

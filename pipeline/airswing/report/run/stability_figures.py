@@ -44,10 +44,6 @@ def stability_figure(stability: Mapping[str, Any], aircraft: Sequence[str] | Non
         Content of ``stability.json``.
     aircraft : sequence of str, optional
         Which to draw; by default those that changed first, ten at most.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     changes = {entry["aircraft"]: entry["changes"] for entry in stability["changes"]}
     windows = [entry for entry in stability["windows"] if entry["status"] == "ok"]
@@ -123,10 +119,6 @@ def ranking_figure(ranking: Sequence[Mapping[str, Any]]) -> Figure:
     ----------
     ranking : sequence of mapping
         Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     known = [entry for entry in ranking if entry["expected_gain_kt"] is not None]
     shown = known[:MOST_BARS]
@@ -160,10 +152,6 @@ def prediction_figure(virtual: Mapping[str, Any]) -> Figure:
     ----------
     virtual : mapping
         Content of ``virtual_field_test.json``: ``later`` and ``held_out``.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     figure = new_figure(3.8)
     titles = {"later": "Learned before, applied after", "held_out": "Flights held out of the fit"}

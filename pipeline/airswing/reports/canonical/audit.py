@@ -58,35 +58,17 @@ class Audit:
         return self.read - sum(self.dropped.values())
 
     def drop(self, reason: str, number: int) -> None:
-        """Count reports left out.
-
-        Parameters
-        ----------
-        reason : str
-        number : int
-        """
+        """Count reports left out."""
         if number:
             self.dropped[reason] += int(number)
 
     def repair(self, reason: str, number: int) -> None:
-        """Count values set right or set missing.
-
-        Parameters
-        ----------
-        reason : str
-        number : int
-        """
+        """Count values set right or set missing."""
         if number:
             self.repaired[reason] += int(number)
 
     def example(self, reason: str, value: object) -> None:
-        """Keep the first value met that could not be read.
-
-        Parameters
-        ----------
-        reason : str
-        value : object
-        """
+        """Keep the first value met that could not be read."""
         plain = value.item() if isinstance(value, np.generic) else value
         self.examples.setdefault(reason, repr(plain)[:60])
 
@@ -133,16 +115,7 @@ class Audit:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Audit:
-        """Undo :meth:`as_dict`.
-
-        Parameters
-        ----------
-        content : mapping
-
-        Returns
-        -------
-        Audit
-        """
+        """Undo :meth:`as_dict`."""
         return cls(
             read=content["reports_read"],
             dropped=Counter(content["dropped"]),
@@ -156,12 +129,7 @@ class Audit:
         )
 
     def add(self, other: Audit) -> None:
-        """Add another tally, such as one file's.
-
-        Parameters
-        ----------
-        other : Audit
-        """
+        """Add another tally, such as one file's."""
         self.read += other.read
         self.dropped += other.dropped
         self.repaired += other.repaired
@@ -176,10 +144,6 @@ class Audit:
 
 def similar(tails: Iterable[str]) -> list[list[str]]:
     """Find identifiers that differ only in case or blanks.
-
-    Parameters
-    ----------
-    tails : iterable of str
 
     Returns
     -------

@@ -179,12 +179,7 @@ class Source:
 
 
 def canonical_names() -> list[str]:
-    """List the canonical column names.
-
-    Returns
-    -------
-    list of str
-    """
+    """List the canonical column names."""
     return [*TEXT, *(quantity.canonical for quantity in QUANTITIES.values())]
 
 
@@ -340,16 +335,7 @@ def _affine(unit: str, si_unit: str) -> tuple[float, float]:
 
 
 def compatible(unit: str, si_unit: str) -> bool:
-    """Tell whether one unit converts to another.
-
-    Parameters
-    ----------
-    unit, si_unit : str
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether one unit converts to another."""
     try:
         _affine(unit, si_unit)
     except Exception:  # pint raises many kinds, some of them from its parser
@@ -401,10 +387,6 @@ def sources(
         From :func:`parse_mapping`; comes before names understood as they stand.
     file : path
         Named in the message.
-
-    Returns
-    -------
-    dict of str to Source
 
     Raises
     ------
@@ -474,16 +456,7 @@ def _check_required(found: Mapping[str, Source], names: list[str], file: object)
 
 
 def tells_wind(columns: Iterable[str]) -> bool:
-    """Tell whether heading, airspeed and ground vector are among the columns of a piece.
-
-    Parameters
-    ----------
-    columns : iterable of str
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether heading, airspeed and ground vector are among the columns of a piece."""
     present = set(columns)
     some = present.intersection(HEADINGS) and present.intersection(AIRSPEEDS)
     return bool(some) and present.issuperset(GROUND)

@@ -36,16 +36,7 @@ class Dialect:
     def columns_in(
         self, names: Iterable[str]
     ) -> dict[str, str | Sequence[str] | Mapping[str, Any]]:
-        """The mapping of the columns that are there.
-
-        Parameters
-        ----------
-        names : iterable of str
-
-        Returns
-        -------
-        dict
-        """
+        """The mapping of the columns that are there."""
         there = {name.strip() for name in names}
         found: dict[str, str | Sequence[str] | Mapping[str, Any]] = {}
         for key, target in self.columns.items():
@@ -109,15 +100,6 @@ DIALECTS = (
 
 
 def dialect_of(names: Iterable[str]) -> Dialect | None:
-    """The program that wrote a table with these columns.
-
-    Parameters
-    ----------
-    names : iterable of str
-
-    Returns
-    -------
-    Dialect or None
-    """
+    """The program that wrote a table with these columns."""
     there = {name.strip() for name in names}
     return next((one for one in DIALECTS if one.signature <= there), None)

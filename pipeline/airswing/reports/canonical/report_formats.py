@@ -53,10 +53,6 @@ _FORMATS: dict[str, ReportFormat] = {}
 def register(report_format: ReportFormat) -> ReportFormat:
     """Add a format.
 
-    Parameters
-    ----------
-    report_format : ReportFormat
-
     Returns
     -------
     ReportFormat
@@ -74,26 +70,12 @@ def register(report_format: ReportFormat) -> ReportFormat:
 
 
 def unregister(name: str) -> None:
-    """Take a format out again.
-
-    Parameters
-    ----------
-    name : str
-    """
+    """Take a format out again."""
     del _FORMATS[name]
 
 
 def formats(package: str = "airswing.reports.formats") -> dict[str, ReportFormat]:
-    """Every format by name, in the order in which they are asked.
-
-    Parameters
-    ----------
-    package : str
-
-    Returns
-    -------
-    dict of str to ReportFormat
-    """
+    """Every format by name, in the order in which they are asked."""
     folder = importlib.import_module(package)
     for found in pkgutil.iter_modules(folder.__path__):
         importlib.import_module(f"{package}.{found.name}")
@@ -101,16 +83,7 @@ def formats(package: str = "airswing.reports.formats") -> dict[str, ReportFormat
 
 
 def is_text(start: bytes) -> bool:
-    """Tell whether octets are those of a text file.
-
-    Parameters
-    ----------
-    start : bytes
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether octets are those of a text file."""
     # A NUL or two is a damaged row; text in two octets a character has them all over.
     control = sum(byte < 32 and byte not in (9, 10, 13) for byte in start)
     return control <= 0.05 * len(start)

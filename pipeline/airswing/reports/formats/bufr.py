@@ -137,11 +137,6 @@ def _drop(audit: Audit) -> None:
 def framed(path: Path, audit: Audit) -> Iterator[bytes]:
     """Whole messages of a file, over anything between; what has no end is counted as dropped.
 
-    Parameters
-    ----------
-    path : Path
-    audit : Audit
-
     Yields
     ------
     bytes

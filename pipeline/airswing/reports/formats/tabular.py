@@ -129,10 +129,6 @@ def first_rows(path: Path, rows: int = 2000) -> pd.DataFrame:
         CSV or Parquet.
     rows : int
 
-    Returns
-    -------
-    DataFrame
-
     Raises
     ------
     InputError

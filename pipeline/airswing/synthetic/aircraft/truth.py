@@ -142,10 +142,6 @@ def unit_of(
     usual_field : float, optional
         See `airswing.synthetic.aircraft.faults.Setting`; the fleet's, not the aircraft's own, where
         the faults are those of an archive.
-
-    Returns
-    -------
-    Unit
     """
     one = np.zeros(1)
     setting = Setting(

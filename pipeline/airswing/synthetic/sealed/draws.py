@@ -234,10 +234,6 @@ def draw_effect(
         Aircraft it acts on; by default they are drawn.
     variant : str
         Of `Draw.variants`.
-
-    Returns
-    -------
-    Drawn
     """
     last, tails = variant == "last week", list(occasion.tails)
     if how.whose == "pair":

@@ -70,10 +70,6 @@ def sensor_record(table: pd.DataFrame) -> SensorRecord:
         Columns ``HDG, TRK`` (degrees magnetic), ``TAS, GndSpd`` (kt), ``AltMSL`` (ft), ``Roll``
         (degrees), one row a second.
 
-    Returns
-    -------
-    SensorRecord
-
     Raises
     ------
     InputError
@@ -147,10 +143,6 @@ def real_sensor(folder: Path) -> list[SensorRecord]:
     ----------
     folder : Path
         Holds ``*flight*.csv``.
-
-    Returns
-    -------
-    list of SensorRecord
 
     Raises
     ------

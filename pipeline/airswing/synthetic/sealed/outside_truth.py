@@ -117,10 +117,6 @@ def true_variables(parameters: Mapping[str, Any]) -> list[str]:
     ----------
     parameters : mapping
         Of an outside effect.
-
-    Returns
-    -------
-    list of str
     """
     own = [str(part["variable"]) for part in parameters["parts"]]
     kind = parameters.get("kind")
@@ -138,10 +134,6 @@ def is_fit(told: Mapping[str, Any]) -> bool:
     ----------
     told : mapping
         From `outside_truth`.
-
-    Returns
-    -------
-    bool
     """
     return bool(
         told["reports"] * told["size_m_s"] ** 2 >= LEAST_ENERGY

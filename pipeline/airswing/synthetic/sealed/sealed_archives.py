@@ -143,10 +143,6 @@ def strength_of(drawn: Drawn, world: World) -> float:
         Not one with a ladder.
     world : World
         Its seed and fleet are used, for a few days.
-
-    Returns
-    -------
-    float
     """
     short = replace(world, days=min(world.days, CALIBRATION_DAYS))
     options = _calibration_options(short)
@@ -240,10 +236,6 @@ class Archivist:
 
     def write(self, case: Case) -> dict[str, Any]:
         """Write one case's archive and return its label.
-
-        Parameters
-        ----------
-        case : Case
 
         Returns
         -------

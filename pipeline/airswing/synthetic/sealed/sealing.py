@@ -55,10 +55,6 @@ def open_seal(folder: Path, *, digest: str) -> list[dict[str, Any]]:
     digest : str
         What was published.
 
-    Returns
-    -------
-    list of dict
-
     Raises
     ------
     InputError

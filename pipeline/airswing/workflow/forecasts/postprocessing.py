@@ -79,10 +79,6 @@ def read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
     section : Postprocess
     whole : BaseModel
         The configuration it is of.
-
-    Returns
-    -------
-    Dataset
     """
     from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
     from airswing.handover.forecasts.station_observations import pairs_at_stations
