@@ -17,7 +17,7 @@ from airswing.report.html.style import (
     BLUE,
     FAINT,
     SOFT,
-    blank,
+    empty_figure,
     new_figure,
     styled,
     thousands,
@@ -40,9 +40,7 @@ def slices_figure(where: Sequence[SliceEntry], *, most: int = 15) -> Figure:
     known = sorted(where, key=lambda entry: -entry.share_of_gap)[:most]
     rows = [entry for entry in known if entry.share_of_gap >= LEAST] or known[:3]
     if not rows:
-        figure = new_figure(1.2)
-        blank(figure.add_subplot(), "No slice holds more of the gap than noise would.")
-        return figure.say("No slice holds more of the gap than noise would (n = 0 slices).")
+        return empty_figure("No slice holds more of the gap than noise would")
     figure = new_figure(1.0 + 0.3 * len(rows))
     axes = figure.add_subplot()
     share = 100 * np.array([entry.share_of_gap for entry in rows])

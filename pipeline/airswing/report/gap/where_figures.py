@@ -20,8 +20,8 @@ from airswing.report.html.style import (
     DIVERGING,
     INK,
     VERMILION,
-    blank,
     compass_axis,
+    empty_figure,
     new_figure,
     plural,
     styled,
@@ -300,9 +300,7 @@ def gap_map_figure(
     u, v = shown_cells(eastward, number), shown_cells(northward, number)
     filled = np.isfinite(u) & np.isfinite(v)
     if not filled.any():
-        figure = new_figure(1.2)
-        blank(figure.add_subplot(), "No cell holds enough reports for a map.")
-        return figure.say("No cell holds enough reports for a map (n = 0).")
+        return empty_figure("No cell holds enough reports for a map")
     rows, columns = np.nonzero(filled)
     view = view_of(lon[columns], lat[rows], margin=0.1)
     figure = new_figure(min(8.2 * view.height_over_width, 6.5) + 0.7)

@@ -25,7 +25,7 @@ from airswing.report.html.style import (
     SKY,
     SOFT,
     VERMILION,
-    blank,
+    empty_figure,
     new_figure,
     plural,
     styled,
@@ -117,9 +117,7 @@ def posterior_figure(tails: Sequence[str], names: Sequence[str], probability: An
     """
     value = np.asarray(probability, float)
     if value.size == 0:
-        figure = new_figure(1.2)
-        blank(figure.add_subplot(), "No effect of single aircraft was found.")
-        return figure.say("No effect of single aircraft was found (n = 0).")
+        return empty_figure("No effect of single aircraft was found")
     figure = new_figure(1.3 + 0.36 * len(names))
     axes = figure.add_subplot()
     drawn = axes.imshow(value, cmap="Blues", vmin=0, vmax=1, aspect="auto")

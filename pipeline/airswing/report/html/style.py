@@ -155,6 +155,13 @@ def new_figure(height: float, *, width: float = FULL_WIDTH) -> CaptionedFigure:
     return CaptionedFigure(figsize=(width, height), dpi=120, layout="constrained")
 
 
+def empty_figure(message: str) -> CaptionedFigure:
+    """Return a small figure that says why there is nothing to draw."""
+    figure = new_figure(1.2)
+    blank(figure.add_subplot(), f"{message}.")
+    return figure.say(f"{message} (n = 0).")
+
+
 def series_style(index: int) -> tuple[str, str]:
     """Return the colour and the marker of a series, so that neither is needed alone."""
     return SERIES[index % len(SERIES)], MARKERS[index % len(MARKERS)]

@@ -21,7 +21,7 @@ from airswing.report.html.style import (
     ORANGE,
     SOFT,
     VERMILION,
-    blank,
+    empty_figure,
     new_figure,
     plural,
     styled,
@@ -53,9 +53,7 @@ def timeline_figure(watched: Mapping[str, Any]) -> Figure:
     names = list(dict.fromkeys(one["aircraft"] or FLEET for one in events))
     shown = names[:MOST_ROWS]
     if not shown:
-        figure = new_figure(1.2)
-        blank(figure.add_subplot(), "No event so far.")
-        return figure.say(f"No event up to {watched['until']} (n = 0).")
+        return empty_figure(f"No event up to {watched['until']}")
     figure = new_figure(1.25 + 0.3 * max(len(shown), 2))
     axes = figure.add_subplot()
     drawn = [one for one in events if (one["aircraft"] or FLEET) in shown]

@@ -24,6 +24,7 @@ from airswing.report.html.style import (
     SKY,
     SOFT,
     blank,
+    empty_figure,
     new_figure,
     plural,
     series_style,
@@ -158,9 +159,7 @@ def disagreement_figure(
     rows = [place[name] for name in (aircraft or known)]
     rows = [row for row in rows if found.number[row] > 0]
     if not rows:
-        figure = new_figure(1.2)
-        blank(figure.add_subplot(), "No aircraft was corrected.")
-        return figure.say("No aircraft was corrected (n = 0).")
+        return empty_figure("No aircraft was corrected")
     rows.sort(key=lambda row: -found.reduction[row])
     figure = new_figure(1.3 + max(0.22 * len(rows), 1.2))
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.5, 1))

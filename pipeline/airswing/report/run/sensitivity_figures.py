@@ -19,7 +19,7 @@ from airswing.report.html.style import (
     INK,
     SOFT,
     VERMILION,
-    blank,
+    empty_figure,
     new_figure,
     plural,
     styled,
@@ -60,9 +60,7 @@ def pair_differences_figure(pairs: Sequence[Mapping[str, Any]]) -> Figure:
     """
     shown = [pair for pair in pairs if pair["fleet"].get("difference")]
     if not shown:
-        figure = new_figure(1.2)
-        blank(figure.add_subplot(), "No pair has enough reports to compare.")
-        return figure.say("No pair has enough reports to compare (n = 0).")
+        return empty_figure("No pair has enough reports to compare")
     figure = new_figure(1.3 + 0.4 * len(shown))
     panels = figure.subplots(1, len(COEFFICIENTS), sharey=True, sharex=True)
     for axes, name in zip(panels, COEFFICIENTS, strict=True):
@@ -108,9 +106,7 @@ def aircraft_differences_figure(pair: Mapping[str, Any]) -> Figure:
     rows = sorted(known, key=lambda entry: -abs(_number(entry["amplitude"]["difference"])))
     rows = rows[:MOST_AIRCRAFT]
     if not rows:
-        figure = new_figure(1.2)
-        blank(figure.add_subplot(), "No aircraft has enough reports against both.")
-        return figure.say("No aircraft has enough reports against both (n = 0).")
+        return empty_figure("No aircraft has enough reports against both")
     figure = new_figure(1.2 + max(0.2 * len(rows), 0.8))
     panels = figure.subplots(1, 2, sharey=True)
     for axes, quantity in zip(panels, ("amplitude", "offset"), strict=True):

@@ -23,6 +23,7 @@ from airswing.report.html.style import (
     SOFT,
     VERMILION,
     blank,
+    empty_figure,
     new_figure,
     plural,
     styled,
@@ -52,9 +53,7 @@ def stability_figure(stability: Mapping[str, Any], aircraft: Sequence[str] | Non
         order = sorted(changes, key=lambda name: (not changes[name], name not in fitted, name))
         aircraft = [name for name in order if changes[name] or name in fitted][:MOST_ROWS]
     if not aircraft:
-        figure = new_figure(1.2)
-        blank(figure.add_subplot(), "No window has enough reports for a fit.")
-        return figure.say("No window has enough reports for a fit (n = 0).")
+        return empty_figure("No window has enough reports for a fit")
     figure = new_figure(0.9 + 1.05 * len(aircraft))
     grid = figure.subplots(len(aircraft), 2, squeeze=False, sharex=True, sharey="col")
     step = np.timedelta64(1 if stability["window"] == "month" else 3, "M")

@@ -22,7 +22,12 @@ __all__ = ["Mapped", "Pieces", "ReportFormat", "formats", "is_text", "register",
 Mapped = Mapping[str, tuple[str, Source]]
 """Column of the piece to the user's name and source; of `parse_mapping`."""
 Pieces = Callable[[Path, Mapped, Audit], Iterator[pd.DataFrame]]
-"""Reads a file piece by piece: raw pieces in SI for `airswing.reports.canonical.cleaning.clean`."""
+"""Reads a file piece by piece: raw pieces in SI for `airswing.reports.canonical.cleaning.clean`.
+
+Takes the file, the columns as the user maps them (of
+:func:`airswing.reports.canonical.columns.parse_mapping`; a format of fixed names passes them over)
+and the audit, to which all is added that is dropped, repaired or coded.
+"""
 
 
 @dataclass(frozen=True)

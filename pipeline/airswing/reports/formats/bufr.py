@@ -78,20 +78,7 @@ _START, _END = b"BUFR", b"7777"
 
 
 def bufr_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read one BUFR file.
-
-    Parameters
-    ----------
-    path : Path
-    mapping : mapping
-        Not used: the names of this format are fixed.
-    audit : Audit
-        Takes undecodable messages and the tally of codes.
-
-    Yields
-    ------
-    DataFrame
-        Raw piece in SI for :func:`airswing.reports.canonical.cleaning.clean`.
+    """Read one BUFR file, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
 
     Raises
     ------

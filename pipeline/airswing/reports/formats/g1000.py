@@ -48,19 +48,9 @@ _OWNERS = ("tail_number", "aircraft_ident", "registration", "system_id")
 
 
 def g1000_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read one log.
+    """Read one log, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
 
-    Parameters
-    ----------
-    path : Path
-    mapping : mapping
-        Of columns to be taken otherwise: only a constant ``tail`` counts, the names are fixed.
-    audit : Audit
-
-    Yields
-    ------
-    DataFrame
-        Raw piece in SI for :func:`airswing.reports.canonical.cleaning.clean`.
+    Of the user's columns only a constant ``tail`` counts.
 
     Raises
     ------

@@ -111,20 +111,7 @@ Flags = dict[str, NDArray[np.str_]]
 
 
 def madis_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read one MADIS ACARS file.
-
-    Parameters
-    ----------
-    path : Path
-    mapping : mapping
-        Not used: the names of this format are fixed.
-    audit : Audit
-        Takes the tally of every flag field.
-
-    Yields
-    ------
-    DataFrame
-        Raw piece in SI for :func:`airswing.reports.canonical.cleaning.clean`.
+    """Read one MADIS ACARS file, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
 
     Raises
     ------

@@ -46,20 +46,7 @@ _NUMBERS = {
 
 
 def readsb_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read one trace.
-
-    Parameters
-    ----------
-    path : Path
-    mapping : mapping
-        Not used: the names of this format are fixed.
-    audit : Audit
-        Points on the ground and stale ones are added to it.
-
-    Yields
-    ------
-    DataFrame
-        Raw piece in SI for :func:`airswing.reports.canonical.cleaning.clean`.
+    """Read one trace, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
 
     Raises
     ------

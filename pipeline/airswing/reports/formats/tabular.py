@@ -64,20 +64,7 @@ _SKIPPED = re.compile(r"Skipping line \d+")
 
 
 def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read a CSV file piece by piece.
-
-    Parameters
-    ----------
-    path : Path
-    mapping : mapping
-        From :func:`airswing.reports.canonical.columns.parse_mapping`.
-    audit : Audit
-        Ragged rows, unparsable numbers and flag codes are added to it.
-
-    Yields
-    ------
-    DataFrame
-        Raw piece in SI for :func:`airswing.reports.canonical.cleaning.clean`.
+    """Read a CSV file, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
 
     Raises
     ------
@@ -263,19 +250,7 @@ def _not_utf8(path: Path) -> InputError:
 
 
 def parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read a Parquet file piece by piece.
-
-    Parameters
-    ----------
-    path : Path
-    mapping : mapping
-        From :func:`airswing.reports.canonical.columns.parse_mapping`.
-    audit : Audit
-
-    Yields
-    ------
-    DataFrame
-        Raw piece in SI for :func:`airswing.reports.canonical.cleaning.clean`.
+    """Read a Parquet file, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
 
     Raises
     ------
