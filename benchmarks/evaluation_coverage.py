@@ -38,7 +38,7 @@ from tests.evaluation.archives import (
 from tests.evaluation.fleets import START, simulate_fleet
 
 from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
-from airswing.evaluation.compass_changes.stability import find_changes
+from airswing.evaluation.compass_changes.change_dates import find_changes
 from airswing.evaluation.field_test import field_test
 from airswing.evaluation.permutation import permutation_test
 from airswing.evaluation.reference_comparison.sensitivity import compare

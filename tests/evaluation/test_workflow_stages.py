@@ -14,7 +14,8 @@ import pytest
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables
 from airswing.config import Config, load_config
-from airswing.evaluation.compass_changes.stability import add_changes, find_changes
+from airswing.evaluation.compass_changes.change_dates import find_changes
+from airswing.evaluation.compass_changes.change_notes import add_changes
 from airswing.workflow import ranking_stage as stages
 from airswing.workflow.progress import Progress
 from tests.compass.flown import Setting

@@ -16,7 +16,7 @@ import xarray as xr
 from airswing.compass.fit.cycles import NORMAL_95
 from airswing.compass.heading_kind import heading_kind_warnings
 from airswing.config import Config
-from airswing.evaluation.compass_changes.stability import change_warnings
+from airswing.evaluation.compass_changes.change_notes import change_warnings
 from airswing.evaluation.disagreement import reference_mean, vector_difference
 from airswing.flags import STATUS
 from airswing.flags import mended as was_mended

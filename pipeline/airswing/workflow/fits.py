@@ -55,7 +55,7 @@ class Seen:
     declination : array, shape (aircraft,)
         Of :func:`airswing.compass.heading_kind.mean_declination`.
     changes : list of dict
-        Of :func:`airswing.evaluation.compass_changes.stability.find_changes`.
+        Of :func:`airswing.evaluation.compass_changes.change_dates.find_changes`.
     """
 
     fits: xr.Dataset
@@ -69,7 +69,7 @@ def look_at_all(job: Job, headings: xr.Dataset) -> Seen:
     from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.heading_kind import mean_declination
     from airswing.compass.table import heading_histogram
-    from airswing.evaluation.compass_changes.stability import find_changes
+    from airswing.evaluation.compass_changes.change_dates import find_changes
 
     config = job.config
     abscissa = config.fit.abscissa
@@ -101,7 +101,7 @@ def make_fits(
         As for :func:`draw_cards`.
     """
     from airswing.compass.table import add_tables
-    from airswing.evaluation.compass_changes.stability import add_changes
+    from airswing.evaluation.compass_changes.change_notes import add_changes
 
     config, screened = job.config, ready(job, headings, HEADINGS)
     require_kept(screened)

@@ -37,7 +37,8 @@ COLLOCATING = (
 FITTING = (
     "airswing.compass.fit.deviation",
     "airswing.compass.table",
-    "airswing.evaluation.compass_changes.stability",
+    "airswing.evaluation.compass_changes.change_dates",
+    "airswing.evaluation.compass_changes.change_notes",
 )
 """Modules whose source, with all they use, a product depends on."""
 

@@ -33,10 +33,10 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str
     -------
     dict
         ``reference``, ``changes`` of
-        :func:`airswing.evaluation.compass_changes.stability.find_changes` and ``windows`` of
-        :func:`~airswing.evaluation.compass_changes.stability.fit_by_window`.
+        :func:`airswing.evaluation.compass_changes.change_dates.find_changes` and ``windows`` of
+        :func:`~airswing.evaluation.compass_changes.window_fits.fit_by_window`.
     """
-    from airswing.evaluation.compass_changes.stability import fit_by_window
+    from airswing.evaluation.compass_changes.window_fits import fit_by_window
 
     config, reference = job.config, main_reference(job.config)
     pools = config.pools()
@@ -62,14 +62,14 @@ def written_stability(
     fits : Dataset
     window : str
     windows : list of dict
-        Of :func:`airswing.evaluation.compass_changes.stability.fit_by_window`.
+        Of :func:`airswing.evaluation.compass_changes.window_fits.fit_by_window`.
 
     Returns
     -------
     dict
     str
     """
-    from airswing.evaluation.compass_changes.stability import noted_changes
+    from airswing.evaluation.compass_changes.change_notes import noted_changes
 
     result = {
         "reference": main_reference(job.config),

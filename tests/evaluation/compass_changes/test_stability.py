@@ -16,13 +16,13 @@ from tests.evaluation.archives import (
 
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
-from airswing.evaluation.compass_changes.stability import (
+from airswing.evaluation.compass_changes.change_dates import find_changes
+from airswing.evaluation.compass_changes.change_notes import (
     add_changes,
     change_warnings,
-    find_changes,
-    fit_by_window,
     noted_changes,
 )
+from airswing.evaluation.compass_changes.window_fits import fit_by_window
 
 # 8 flights of 12 reports: about 100 a day.
 SETTING = Setting(aircraft=3, days=60, flights_a_day=8, day_error=1.2, outliers=0.005)

@@ -1,6 +1,6 @@
 """Cross-validation: every flight corrected by a fit that never saw it.
 
-Assumes compasses stay as they are (see :mod:`airswing.evaluation.compass_changes.stability`) and
+Assumes compasses stay as they are (see :mod:`airswing.evaluation.compass_changes.change_dates`) and
 flights are independent but for the day they share: whole flights are dealt into folds, day by day
 and aircraft by aircraft. What was predicted from the fit alone stands beside what came out.
 """

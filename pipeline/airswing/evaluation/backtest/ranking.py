@@ -1,6 +1,6 @@
 """Whom to correct: what each aircraft's correction is expected to gain, from the fit alone.
 
-Assumes the deviation does not change (see :mod:`airswing.evaluation.compass_changes.stability`) and
+Assumes the deviation does not change (:mod:`airswing.evaluation.compass_changes.change_dates`) and
 that the headings, airspeeds and remaining errors to come are like those fitted. The gain is the
 fall of the mean wind vector disagreement (Jacobs et al. 2010, Table 1). On the reports of the fit
 it looks too large, because the curve was bent to their errors: a curve with error variance s^2 in

@@ -1,8 +1,8 @@
 """The virtual field test: corrections learned up to a date, judged on the reports after it.
 
 Assumes nothing of the aircraft but that their compasses stay as they are (see
-:mod:`airswing.evaluation.compass_changes.stability`). What was predicted from the fit alone stands
-beside what came out. Reports are the screened ones. The same without a date is
+:mod:`airswing.evaluation.compass_changes.change_dates`). What was predicted from the fit alone
+stands beside what came out. Reports are the screened ones. The same without a date is
 :mod:`airswing.evaluation.backtest.crossvalidation`.
 """
 

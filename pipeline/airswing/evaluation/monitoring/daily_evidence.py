@@ -20,7 +20,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.compass_changes.stability import SUMMED_FROM, block_day_sums
+from airswing.evaluation.compass_changes.change_dates import SUMMED_FROM, block_day_sums
 from airswing.evaluation.disagreement import reference_mean, vector_difference
 from airswing.evaluation.monitoring.fleet_watch import UNKNOWNS
 from airswing.evaluation.monitoring.sequential_test import Floats, Index

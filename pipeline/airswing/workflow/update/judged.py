@@ -241,7 +241,7 @@ def _stability(job: Job, months: list[str], fits: xr.Dataset) -> dict[str, Any]:
 
 def _window(job: Job) -> list[dict[str, Any]]:
     """Fits of one month, kept while its headings and the fit stay as they are."""
-    from airswing.evaluation.compass_changes.stability import fit_by_window
+    from airswing.evaluation.compass_changes.window_fits import fit_by_window
 
     config, path = job.config, job.output / ".update" / f"{job.month}.window.json"
     with read_product(job.place(HEADINGS), lazy=True) as headings:

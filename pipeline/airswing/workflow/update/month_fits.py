@@ -48,12 +48,8 @@ from airswing.compass.kept_sums.period_sums import (
     sum_period,
 )
 from airswing.compass.table import add_tables, heading_histogram
+from airswing.evaluation.compass_changes.change_dates import FEWEST_DAYS, changes_of, fleet_day_sums
 from airswing.evaluation.compass_changes.change_kernels import DaySums
-from airswing.evaluation.compass_changes.stability import (
-    FEWEST_DAYS,
-    changes_of,
-    fleet_day_sums,
-)
 from airswing.flags import STATUS
 from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.netcdf import read_product

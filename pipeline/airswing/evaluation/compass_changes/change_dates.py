@@ -1,25 +1,18 @@
-"""Whether a compass stayed as it was: fits by calendar window, and the dates of changes.
+"""The dates at which compasses changed.
 
 Assumes a change is a step of the offset or of the one-cycle part (a flux valve recalibrated or
-exchanged); see :mod:`airswing.evaluation.compass_changes.change_kernels` for the errors' model. A
-fit over a period that holds a change describes neither compass: :func:`add_changes` writes it
-beside the fit.
+exchanged); see :mod:`airswing.evaluation.compass_changes.change_kernels` for the errors' model.
 
 Dates are days, UTC; angles in degrees.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from airswing.compass.fit.deviation import FITTED_FROM, FleetSums, fit_sums, sum_aircraft
-from airswing.errors import InputError
 from airswing.evaluation.compass_changes.change_kernels import (
     CHANGING,
     DaySums,
@@ -30,9 +23,7 @@ from airswing.evaluation.compass_changes.change_kernels import (
     scores,
     without_changes,
 )
-from airswing.flags import STATUS, published
-from airswing.products.ragged import blocks, row_bounds, some_reports
-from airswing.vocabulary import describe
+from airswing.products.ragged import blocks, row_bounds
 
 FALSE_ALARMS = 0.02
 """Probability of any false change in the fleet."""
@@ -52,7 +43,6 @@ SUMMED_FROM = (
     "screening",
 )
 """What the daily sums are made from, beside the deviation's argument."""
-NO_CHANGE = np.datetime64("NaT", "ns")
 
 
 def find_changes(
@@ -264,188 +254,3 @@ def _change(part: DaySums, p_value: float) -> dict[str, Any]:
 
 def _date(day: int) -> str:
     return str(np.datetime64(day, "D"))
-
-
-def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
-    """Write beside every fit whether its period straddles a change of the compass.
-
-    Parameters
-    ----------
-    fits : Dataset
-        With ``aircraft``.
-    changes : list of dict
-        Of :func:`find_changes`, one an aircraft.
-
-    Returns
-    -------
-    Dataset
-        With ``change_count``, ``change_p_value`` (NaN with too few days to tell), and of the
-        largest change ``change_rms``, ``change_date``, ``change_date_low``,
-        ``change_date_high`` (NaT where there is none); all of them in the attribute
-        ``compass_changes`` (see :func:`noted_changes`).
-    """
-    known = {entry["aircraft"]: entry for entry in changes}
-    rows = [known.get(str(name), {"changes": []}) for name in fits["aircraft"].to_numpy()]
-    largest: list[dict[str, Any] | None] = [
-        max(row["changes"], key=lambda one: one["curve_rms_deg"], default=None) for row in rows
-    ]
-
-    def dates(pick: Any) -> NDArray[np.datetime64]:
-        return np.array(
-            [NO_CHANGE if one is None else np.datetime64(pick(one), "ns") for one in largest],
-            dtype="datetime64[ns]",
-        )
-
-    p_value = [np.nan if row.get("p_value") is None else row["p_value"] for row in rows]
-    columns: dict[str, Any] = {
-        "change_count": np.array([len(row["changes"]) for row in rows], dtype=np.int8),
-        "change_p_value": np.array(p_value),
-        "change_rms": np.array([0.0 if one is None else one["curve_rms_deg"] for one in largest]),
-        "change_date": dates(lambda one: one["date"]),
-        "change_date_low": dates(lambda one: one["date_ci"][0]),
-        "change_date_high": dates(lambda one: one["date_ci"][1]),
-    }
-    found = fits.assign({name: ("aircraft", v) for name, v in columns.items()})
-    return describe(found.assign_attrs(compass_changes=json.dumps(changes)))
-
-
-def noted_changes(fits: xr.Dataset) -> list[dict[str, Any]]:
-    """All changes that :func:`add_changes` wrote beside the fits.
-
-    Returns
-    -------
-    list of dict
-        As of :func:`find_changes`.
-
-    Raises
-    ------
-    InputError
-        If nothing was written there.
-    """
-    if "compass_changes" not in fits.attrs:
-        raise InputError(
-            "the fits do not say which compasses changed",
-            field="compass_changes",
-            remedy="Make them again: `airswing fit`",
-        )
-    found: list[dict[str, Any]] = json.loads(fits.attrs["compass_changes"])
-    return found
-
-
-def change_warnings(fits: xr.Dataset) -> list[str]:
-    """Say which fits straddle a change of the compass, and when it was.
-
-    Parameters
-    ----------
-    fits : Dataset
-        Of :func:`add_changes`; without its variables there is nothing to say.
-
-    Returns
-    -------
-    list of str
-        One sentence an aircraft.
-    """
-    if "change_count" not in fits:
-        return []
-    lines = []
-    for name, number, size, *days in zip(
-        *(fits[key].to_numpy() for key in ("aircraft", "change_count", "change_rms")),
-        *(fits[f"change_date{end}"].to_numpy() for end in ("", "_low", "_high")),
-        strict=True,
-    ):
-        if number:
-            when, low, high = (str(day)[:10] for day in days)
-            others = f" (the largest of {number} changes)" if number > 1 else ""
-            lines.append(
-                f"{name}: the compass changed by {size:.1f} degrees rms on {when} ({low} to "
-                f"{high}){others}; its fit straddles the change"
-            )
-    return lines
-
-
-def fit_by_window(
-    headings: xr.Dataset,
-    *,
-    pools: Mapping[str, list[str]],
-    reference: str,
-    window: Literal["month", "quarter"] = "month",
-    **fit_options: Any,
-) -> list[dict[str, Any]]:
-    """Fit every aircraft in each calendar window on its own.
-
-    Parameters
-    ----------
-    headings : Dataset
-        Screened headings.
-    pools : mapping of str to list of str
-    reference : str
-        Key of ``pools``.
-    window : {"month", "quarter"}
-    **fit_options
-        As for :func:`airswing.compass.fit.deviation.fit_deviation`.
-
-    Returns
-    -------
-    list of dict
-        One for each aircraft, window with reports: ``aircraft``, ``window`` (its first day),
-        ``reports``, ``status`` and, where something is fitted, ``offset``, ``amplitude``, ``phase``
-        and ``A`` to ``E`` with ``*_standard_error``, degrees.
-
-    Raises
-    ------
-    InputError
-        If the window or the reference is unknown.
-    """
-    if window not in ("month", "quarter") or reference not in pools:
-        raise InputError(
-            "cannot fit by window",
-            field="window" if reference in pools else "reference",
-            found=window if reference in pools else reference,
-            remedy=f"month or quarter; known references: {', '.join(pools)}",
-        )
-    members = list(pools[reference])
-    part = headings.sel(reference=members)
-    options: dict[str, Any] = {
-        "pools": {reference: members} if len(members) > 1 else {},
-        **fit_options,
-    }
-    step = 1 if window == "month" else 3
-
-    def number(reports: xr.Dataset) -> NDArray[np.int64]:
-        month = reports["time"].to_numpy().astype("datetime64[M]").astype(np.int64)
-        return np.asarray(month // step)
-
-    windows: set[int] = set()
-    for block in blocks(headings, ["time", "screening"]):
-        windows.update(number(block)[block["screening"].to_numpy() == 0].tolist())
-    sums: dict[int, list[FleetSums]] = {one: [] for one in sorted(windows)}
-    for block in blocks(part, FITTED_FROM):
-        own = number(block)
-        for one, parts in sums.items():
-            parts.append(sum_aircraft(some_reports(block, own == one), **options))
-    words = {code: name for name, code in STATUS.items()}
-    found = []
-    for one in list(sums):
-        fits = fit_sums(sums.pop(one)).sel(reference=reference)
-        first = str(np.datetime64(one * step, "M").astype("datetime64[D]"))
-        for k in range(fits.sizes["aircraft"]):
-            found.append(_window_entry(fits.isel(aircraft=k), first, words))
-    return sorted(found, key=lambda entry: (entry["aircraft"], entry["window"]))
-
-
-def _window_entry(fit: xr.Dataset, first: str, words: dict[int, str]) -> dict[str, Any]:
-    entry: dict[str, Any] = {
-        "aircraft": str(fit["aircraft"].item()),
-        "window": first,
-        "reports": int(fit["report_count"]),
-        "status": words[int(fit["status"])],
-    }
-    if not published(fit["status"]):
-        return entry
-    for name in ("offset", "amplitude", "phase"):
-        entry[name] = float(fit[name])
-        entry[f"{name}_standard_error"] = float(fit[f"{name}_standard_error"])
-    wide = np.sqrt(np.diag(fit["deviation_covariance"].to_numpy()))
-    for name, value, error in zip("ABCDE", fit["deviation"].to_numpy(), wide, strict=True):
-        entry[name], entry[f"{name}_standard_error"] = float(value), float(error)
-    return entry
