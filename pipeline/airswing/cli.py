@@ -98,7 +98,7 @@ def _alone(job: Any, stage: Any) -> Any:
 def _print(content: Any, *, as_json: bool, text: str) -> None:
     import json
 
-    from airswing.products.netcdf import plain
+    from airswing.products.whole_files import plain
 
     print(json.dumps(plain(content), indent=2) if as_json else text)
 

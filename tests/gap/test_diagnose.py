@@ -20,7 +20,7 @@ from airswing.gap.search.coding_and_outliers import coarsest, lattice_share
 from airswing.gap.search.cross_validated import settle
 from airswing.gap.search.stepwise import Rules
 from airswing.gap.sums.whole_archive import held_archive
-from airswing.products.netcdf import plain
+from airswing.products.whole_files import plain
 
 SMALL = {
     n: CATALOGUE[n]

@@ -15,7 +15,7 @@ from tests.test_resume import STAGES, config_in, job_of
 from airswing import workflow
 from airswing.errors import InputError
 from airswing.products import atomic as durable
-from airswing.products.netcdf import write_text
+from airswing.products.whole_files import write_text
 from airswing.products.workspace import workspace
 from airswing.workflow.progress import Progress
 

@@ -12,14 +12,8 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.flags import SCREENING
-from airswing.products.netcdf import (
-    as_stored,
-    atomic,
-    plain,
-    read_product,
-    write_json,
-    write_product,
-)
+from airswing.products.netcdf import as_stored, read_product, write_product
+from airswing.products.whole_files import atomic, plain, write_json
 from airswing.vocabulary import VARIABLES, describe, lookup
 
 

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from airswing.blind_check.scoring import draws
 from airswing.gap.archive.frame import Frame
-from airswing.products.netcdf import write_json
+from airswing.products.whole_files import write_json
 
 if TYPE_CHECKING:
     from sklearn.tree import DecisionTreeRegressor

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from airswing.products.fingerprint import code_digest
-from airswing.products.netcdf import write_json
+from airswing.products.whole_files import write_json
 from airswing.synthetic.sealed.cases import Case, Size, World, plan_cases
 from airswing.synthetic.sealed.sealed_archives import Archivist
 from airswing.synthetic.sealed.sealing import open_seal, seal

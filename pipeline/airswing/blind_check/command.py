@@ -47,7 +47,7 @@ def check_and_report(
     from airswing.blind_check.check_run import gap_check
     from airswing.blind_check.check_summary import of_default, targets
     from airswing.blind_check.proof import prove_generator
-    from airswing.products.netcdf import require_writable
+    from airswing.products.whole_files import require_writable
     from airswing.workflow.progress import Progress
 
     require_writable(output)

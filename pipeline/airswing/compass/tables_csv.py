@@ -30,7 +30,7 @@ from airswing.compass.table import (
 )
 from airswing.errors import InputError
 from airswing.flags import STATUS, published
-from airswing.products.netcdf import atomic
+from airswing.products.whole_files import atomic
 
 CARDINALS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 CARD_HEADINGS = np.arange(0.0, 360.0, 30.0)

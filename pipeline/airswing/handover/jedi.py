@@ -54,7 +54,7 @@ def write(request: Request) -> dict[str, Any]:
     InputError
         If no error is known, or the folder is a file.
     """
-    from airswing.products.netcdf import write_text
+    from airswing.products.whole_files import write_text
 
     if request.path.is_file():
         raise InputError(

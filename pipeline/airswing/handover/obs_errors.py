@@ -56,7 +56,7 @@ def write(request: Request) -> dict[str, Any]:
     InputError
         If there are no errors to write, or the table begun from is none.
     """
-    from airswing.products.netcdf import write_text
+    from airswing.products.whole_files import write_text
 
     base = _base(request)
     with product_beside(

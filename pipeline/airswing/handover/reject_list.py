@@ -79,7 +79,7 @@ def write(request: Request) -> dict[str, Any]:
     InputError
         If there is no list to begin from, or it is none.
     """
-    from airswing.products.netcdf import atomic
+    from airswing.products.whole_files import atomic
 
     if request.settings.base is None:
         raise InputError(

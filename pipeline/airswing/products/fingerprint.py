@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import airswing
-from airswing.products.netcdf import plain
+from airswing.products.whole_files import plain
 
 ZARR_MARKS = ("zarr.json", ".zmetadata", ".zgroup")
 """Files of which one stands at the top of every Zarr store."""

@@ -1,18 +1,16 @@
-"""NetCDF products and every other file airswing leaves behind: whole or not at all.
+"""NetCDF products: written whole or not at all, read as they were described.
 
 A product is written under a temporary name beside its target and renamed when complete
-(:mod:`airswing.products.atomic`), so that a reader never sees half a file and an interruption
+(:mod:`airswing.products.whole_files`), so that a reader never sees half a file and an interruption
 leaves the earlier product intact.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
-import re
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -23,10 +21,10 @@ import xarray as xr
 
 import airswing
 from airswing.errors import InputError
-from airswing.products.atomic import replacing
 from airswing.products.classic_netcdf import require_whole
 from airswing.products.monthly import joined_months
 from airswing.products.openable import require_openable, written_here
+from airswing.products.whole_files import atomic, plain
 from airswing.vocabulary import describe, lookup
 
 INSTITUTION = "airswing"
@@ -90,111 +88,6 @@ bits so left zero halve the file. What was reported is written as it came."""
 
 DIRECTIONS = ("heading", "magnetic_heading", "track")
 """Those of them that run from 0 to, but not including, 360 degrees."""
-
-
-@contextlib.contextmanager
-def atomic(path: Path) -> Iterator[Path]:
-    """Give a temporary name to write to, and rename it to ``path`` when the block ends well.
-
-    Parameters
-    ----------
-    path : Path
-        Where the finished file shall stand; its folder is made when absent.
-
-    Yields
-    ------
-    Path
-        Where to write.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be written to or the disk is full.
-    """
-    try:
-        with replacing(path) as temporary:
-            yield temporary
-    except (OSError, RuntimeError) as err:
-        # The NetCDF and HDF5 libraries tell a full disk as a RuntimeError of their own.
-        told = re.search(r"error message = '([^']*)'", str(err))
-        if isinstance(err, RuntimeError) and "NetCDF" not in str(err) and told is None:
-            raise
-        raise InputError(
-            "cannot write the product; nothing was changed",
-            file=path,
-            found=told[1] if told else getattr(err, "strerror", None) or err,
-            remedy="Free space or choose another folder with --output",
-        ) from err
-
-
-def require_writable(folder: Path) -> None:
-    """Make sure products can be written to a folder, before hours are spent on them.
-
-    Parameters
-    ----------
-    folder : Path
-        Made when absent.
-
-    Raises
-    ------
-    InputError
-        If it cannot be made or written to.
-    """
-    with atomic(Path(folder) / ".writable") as temporary:
-        temporary.touch()
-    (Path(folder) / ".writable").unlink()
-
-
-def write_text(path: Path, text: str) -> Path:
-    """Write a text file atomically.
-
-    Returns
-    -------
-    Path
-        The path written.
-    """
-    with atomic(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    return path
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> Path:
-    """Write a JSON file atomically; NaN and infinities become null.
-
-    Returns
-    -------
-    Path
-        The path written.
-    """
-    return write_text(path, json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
-
-
-def plain(value: Any) -> Any:
-    """Turn numpy and pandas values into what JSON can hold.
-
-    Parameters
-    ----------
-    value : object
-        Nested mappings, sequences, arrays and scalars.
-
-    Returns
-    -------
-    object
-        The same with lists, floats, ints and strings; not-a-number becomes None.
-    """
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return [plain(item) for item in value.tolist()]
-    if isinstance(value, (list, tuple, set)):
-        return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    return str(value)
 
 
 def write_product(

@@ -20,7 +20,6 @@ import xarray as xr
 
 from airswing.products.chunks import GrowingColumn, copy_column
 from airswing.products.netcdf import (
-    atomic,
     attribute_value,
     encoding_of,
     is_text,
@@ -30,6 +29,7 @@ from airswing.products.netcdf import (
 )
 from airswing.products.openable import written_here
 from airswing.products.ragged import blocks
+from airswing.products.whole_files import atomic
 from airswing.vocabulary import describe
 
 

@@ -12,7 +12,8 @@ import xarray as xr
 from airswing.config import as_json
 from airswing.errors import ConfigError
 from airswing.evaluation.results import Evaluation
-from airswing.products.netcdf import write_json, write_product
+from airswing.products.netcdf import write_product
+from airswing.products.whole_files import write_json
 from airswing.workflow.job import (
     FIELD_TEST,
     HEADINGS,

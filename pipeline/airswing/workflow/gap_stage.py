@@ -17,8 +17,9 @@ import xarray as xr
 
 from airswing.config import as_json
 from airswing.errors import InputError
-from airswing.products.netcdf import write_json, write_product
+from airswing.products.netcdf import write_product
 from airswing.products.ragged import blocks, joined, some_reports
+from airswing.products.whole_files import write_json
 from airswing.workflow.gap_inputs import MARK
 from airswing.workflow.headings_stage import make_headings
 from airswing.workflow.job import GAP_INPUTS, HEADINGS, Job, ready, where_it_stands

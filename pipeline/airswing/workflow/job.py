@@ -17,8 +17,9 @@ import xarray as xr
 from airswing.config import Config, as_json
 from airswing.errors import InputError
 from airswing.products.fingerprint import fingerprint
-from airswing.products.netcdf import provenance, read_product, require_writable, write_product
+from airswing.products.netcdf import provenance, read_product, write_product
 from airswing.products.ragged_product import ragged_writer
+from airswing.products.whole_files import require_writable
 from airswing.report.run.reading_warnings import tally
 from airswing.workflow.progress import Progress, StageRecord
 

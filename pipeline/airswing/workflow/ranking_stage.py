@@ -16,8 +16,8 @@ from typing import Any
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.products.netcdf import write_json, write_text
 from airswing.products.ragged import time_span
+from airswing.products.whole_files import write_json, write_text
 from airswing.workflow.job import Job, main_reference
 
 STABILITY, RANKING, VIRTUAL = "stability.json", "ranking.csv", "virtual_field_test.json"

@@ -8,7 +8,7 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.gap.result.schema import GapReport
-from airswing.products.netcdf import plain
+from airswing.products.whole_files import plain
 
 
 def test_what_is_written_is_read_and_written_again_alike(gap_product):

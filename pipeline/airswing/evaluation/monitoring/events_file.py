@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from airswing.errors import InputError
-from airswing.products.netcdf import write_json
+from airswing.products.whole_files import write_json
 
 VERSION = 1
 NAMED = 20

@@ -12,7 +12,7 @@ from dataclasses import replace
 from airswing.gap.effects import CATALOGUE, ActiveEffect
 from airswing.gap.result.schema import EffectEntry, GapReport, PlaceEntry
 from airswing.gap.simulation.effects_file import parse_effects
-from airswing.products.netcdf import plain
+from airswing.products.whole_files import plain
 
 
 def active_effects(report: GapReport) -> list[ActiveEffect]:

@@ -26,7 +26,7 @@ from airswing.gap.archive.headings_columns import wrapped
 from airswing.gap.effects import ActiveEffect
 from airswing.gap.simulation.forward import Coding, NoiseLike, simulate
 from airswing.physics.triangle import wind_from_direction
-from airswing.products.netcdf import atomic
+from airswing.products.whole_files import atomic
 from airswing.units import KNOT
 
 FOOT = 0.3048

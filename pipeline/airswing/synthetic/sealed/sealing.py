@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from airswing.errors import InputError
-from airswing.products.netcdf import plain, write_text
+from airswing.products.whole_files import plain, write_text
 
 __all__ = ["digest_of", "open_seal", "seal"]
 

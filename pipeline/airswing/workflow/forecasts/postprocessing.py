@@ -12,7 +12,8 @@ from pydantic import BaseModel
 
 from airswing.config import Config, FlightLevelWinds, Postprocess, as_json, load_postprocess
 from airswing.errors import ConfigError, InputError
-from airswing.products.netcdf import read_product, require_writable, write_product
+from airswing.products.netcdf import read_product, write_product
+from airswing.products.whole_files import require_writable
 from airswing.products.workspace import workspace
 from airswing.workflow.job import CORRECTED, HEADINGS, main_reference
 from airswing.workflow.progress import Progress

@@ -74,7 +74,7 @@ class GapReport:
     simulation: SimulationEntry | None = field(default=None, metadata=LEFT_OUT)
 
     def content(self) -> dict[str, object]:
-        """Mappings, lists and plain values, as :func:`airswing.products.netcdf.write_json` takes.
+        """Mappings, lists and values that :func:`airswing.products.whole_files.write_json` takes.
 
         Returns
         -------
