@@ -388,13 +388,14 @@ def write_reports(
         The page.
     """
     from airswing.blind_check.check_figures import check_figure
+    from airswing.products.whole_files import write_text
     from airswing.report.html.document import Column, Row, Section, document, table
-    from airswing.report.html.embed import embedded, write_whole
+    from airswing.report.html.embed import embedded
     from airswing.report.html.style import png_bytes
 
     figure = check_figure(check.scores)
     (output / "gap_check.png").write_bytes(png_bytes(figure))
-    write_whole(output / "gap_check.md", as_markdown(check, command=command, proof=proof))
+    write_text(output / "gap_check.md", as_markdown(check, command=command, proof=proof))
     words = [Column("", "words"), *(Column(name) for name in _TARGET_COLUMNS[1:])]
     groups = [
         Section(
@@ -430,4 +431,4 @@ def write_reports(
             *groups,
         ],
     )
-    return write_whole(output / "gap_check.html", page)
+    return write_text(output / "gap_check.html", page)

@@ -116,7 +116,7 @@ def test_a_dollar_sign_in_a_name_begins_no_formula(tmp_path: Path) -> None:
 def test_unwritable_folder_leaves_the_old_page(tmp_path: Path) -> None:
     headings, fits = factories.headings(aircraft=1, reports=60), factories.fits(aircraft=1)
     (tmp_path / "report").write_text("a file where the folder should be")
-    with pytest.raises(InputError, match="cannot write the page"):
+    with pytest.raises(InputError, match="cannot write the product; nothing was changed"):
         write_page(tmp_path / "report", headings=headings, fits=fits)
     assert (tmp_path / "report").read_text() == "a file where the folder should be"
 

@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 import airswing
 from airswing.handover.forecasts.correcting import METHODS, TIME
+from airswing.products.whole_files import write_text
 from airswing.report.forecasts.forecast_figures import (
     NAMES,
     by_lead_figure,
@@ -30,7 +31,7 @@ from airswing.report.html.document import (
     paragraph,
     table,
 )
-from airswing.report.html.embed import embedded, write_whole
+from airswing.report.html.embed import embedded
 from airswing.report.html.style import plural
 
 _SCORES = ("forecast_error_mean", "forecast_error_centred_rms", "forecast_error_rms", "skill")
@@ -58,7 +59,7 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
         sections=[section for section in sections if section.parts],
         footer=[f"airswing {airswing.__version__}. Intervals are 95 %, by blocks of start days."],
     )
-    return write_whole(Path(directory) / "index.html", text)
+    return write_text(Path(directory) / "index.html", text)
 
 
 def forecast_headline(corrected: xr.Dataset) -> str:

@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 import airswing
 from airswing.gap.result.schema import EffectEntry, GapReport, NoiseEntry
+from airswing.products.whole_files import write_text
 from airswing.report.gap import parts as gap_parts
 from airswing.report.gap.checks_section import (
     alias_lines,
@@ -45,7 +46,7 @@ from airswing.report.html.document import (
     paragraph,
     table,
 )
-from airswing.report.html.embed import embedded, write_whole
+from airswing.report.html.embed import embedded
 
 
 def write_gap_page(
@@ -96,7 +97,7 @@ def write_gap_page(
             "Census Bureau, public domain."
         ],
     )
-    return write_whole(Path(directory) / "index.html", text)
+    return write_text(Path(directory) / "index.html", text)
 
 
 def _facts(gap: GapReport) -> list[tuple[str, str]]:

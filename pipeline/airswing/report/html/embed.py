@@ -1,19 +1,12 @@
-"""Figures and pages on disk: images as data addresses, files written whole or not at all.
-
-Assumes a target folder that exists or can be made.  A page is written to a temporary file
-beside its place and renamed, so a reader sees the old page or the new one, never half of one.
-"""
+"""Figures inside a page: images as data addresses, with their captions."""
 
 from __future__ import annotations
 
 import base64
-from pathlib import Path
 
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from airswing.errors import InputError
-from airswing.products.atomic import replacing
 from airswing.report.html.style import RASTER_DPI, png_bytes, svg_bytes
 
 
@@ -43,41 +36,4 @@ def embedded(figure: Figure, *, raster: bool = False, dpi: float = RASTER_DPI) -
         alternative,
         width,
         Markup("<figcaption>{}</figcaption>").format(escape(caption)) if caption else "",
-    )
-
-
-def write_whole(path: Path, text: str) -> Path:
-    """Write a text file by a temporary file and a rename.
-
-    Parameters
-    ----------
-    path : Path
-        Where the file shall stand; its folder is made where absent.
-    text : str
-        Its content, written as UTF-8.
-
-    Returns
-    -------
-    Path
-        The path given.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made or written; what stood there before is untouched.
-    """
-    try:
-        with replacing(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    except OSError as err:
-        raise _unwritable(path, err) from err
-    return path
-
-
-def _unwritable(path: Path, err: OSError) -> InputError:
-    return InputError(
-        "cannot write the page",
-        file=path,
-        found=err.strerror or str(err),
-        remedy="Choose another output folder or make room",
     )

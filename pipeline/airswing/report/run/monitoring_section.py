@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import airswing
+from airswing.products.whole_files import write_text
 from airswing.report.html.document import Column, Row, Section, document, folded, table
-from airswing.report.html.embed import embedded, write_whole
+from airswing.report.html.embed import embedded
 from airswing.report.html.style import plural
 from airswing.report.run.monitoring_figures import KINDS, timeline_figure
 from airswing.report.run.page_numbers import number_text
@@ -50,7 +51,7 @@ def write_monitoring_page(path: Path, watched: Mapping[str, Any]) -> Path:
         sections=[monitoring_section(watched)],
         footer=[f"airswing {airswing.__version__}. Intervals are 95 %."],
     )
-    return write_whole(path, text)
+    return write_text(path, text)
 
 
 def _lead(watched: Mapping[str, Any]) -> str:

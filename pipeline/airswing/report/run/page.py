@@ -19,6 +19,7 @@ from markupsafe import Markup
 import airswing
 from airswing.evaluation.results import Evaluation
 from airswing.products.ragged import time_span
+from airswing.products.whole_files import write_text
 from airswing.report.html import maps
 from airswing.report.html.document import (
     Column,
@@ -33,7 +34,7 @@ from airswing.report.html.document import (
     paragraph,
     table,
 )
-from airswing.report.html.embed import embedded, write_whole
+from airswing.report.html.embed import embedded
 from airswing.report.html.style import plural
 from airswing.report.run import compass_figures as compass
 from airswing.report.run import overview
@@ -128,7 +129,7 @@ def write_page(
             "units, unless said otherwise."
         ],
     )
-    return write_whole(Path(directory) / "index.html", text)
+    return write_text(Path(directory) / "index.html", text)
 
 
 PRODUCTS = {
