@@ -208,7 +208,7 @@ def by_expanding(path: str, reports: xr.Dataset) -> np.ndarray:
                 for n, c, part in zip(ds[name].shape, CHUNK, needed, strict=True)
             ]
             for place in itertools.product(*steps):
-                raw.fetch(place)
+                raw.fetch(place, np.arange(0, np.prod(CHUNK), 1000))
     return np.empty((2, 0))
 
 

@@ -46,9 +46,11 @@ def loads(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         seen.append(values.size)
         return values
 
-    def expanded(raw: chunk_reading.RawVariable, place: tuple[int, ...]) -> object:
+    def expanded(
+        raw: chunk_reading.RawVariable, place: tuple[int, ...], flat: np.ndarray
+    ) -> np.ndarray | None:
         seen.append(int(np.prod(raw.chunks)))
-        return as_stored(raw, place)
+        return as_stored(raw, place, flat)
 
     monkeypatch.setattr(chunk_reading, "_load", counted)
     monkeypatch.setattr(chunk_reading.RawVariable, "values", expanded)

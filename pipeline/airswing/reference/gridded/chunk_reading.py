@@ -195,16 +195,20 @@ def _as_stored(
     if raw is None:
         return 0
     begins = tuple(n * length for n, length in zip(chunk, raw.chunks, strict=True))
-    at = raw.values(begins)
-    if at is None:
-        return 0
     steps = np.append(np.cumprod(raw.chunks[:0:-1])[::-1], 1).astype(np.int64)
+    flats: list[Ints] = []
     for piece in pieces:
         flat: Ints = np.zeros(piece.j.shape, dtype=np.int64)
         for dim, begin, step in zip(stored.dims, begins, steps, strict=True):
             where = piece.j if dim == stored.y else piece.i if dim == stored.x else piece.at[dim]
             flat += (where - begin) * step
-        piece.target[piece.places] += piece.weight * at(flat)
+        flats.append(flat)
+    values = raw.values(begins, np.concatenate(flats))
+    if values is None:
+        return 0
+    ends = np.cumsum([flat.size for flat in flats])[:-1]
+    for piece, found in zip(pieces, np.split(values, ends), strict=True):
+        piece.target[piece.places] += piece.weight * found
     return int(np.prod(raw.chunks)) * raw.dtype.itemsize
 
 
