@@ -100,7 +100,7 @@ def _print(content: Any, *, as_json: bool, text: str) -> None:
 
     from airswing.products.whole_files import plain
 
-    print(json.dumps(plain(content), indent=2) if as_json else text)
+    print(json.dumps(plain(content), indent=2) if as_json else text, flush=True)
 
 
 @app.command()
@@ -138,11 +138,13 @@ def update(
     """Take up reports and model files that are new; products by month, all as of now."""
     from airswing.workflow import closing_summary as summary
     from airswing.workflow.update import update as take_up
+    from airswing.workflow.update.monitoring_stage import events_said
 
     job = _job(config, output=output, quiet=quiet, scheduler=scheduler)
     result = _inside(job, take_up)
     text = f"{summary.as_text(result, job.output)}\n\n{result['watched']}"
     _print(result, as_json=json, text=text)
+    events_said(job, result["events"])
 
 
 @app.command()
@@ -223,11 +225,12 @@ def monitor(
     """
     from dataclasses import asdict
 
-    from airswing.workflow.update.monitoring_stage import make_monitoring
+    from airswing.workflow.update.monitoring_stage import events_said, make_monitoring
 
     job = _job(config, output=output, quiet=quiet)
     found = _alone(job, make_monitoring)
     _print(asdict(found), as_json=json, text=found.text)
+    events_said(job, len(found.events))
 
 
 class _WithFormats(TyperCommand):

@@ -19,7 +19,7 @@ from airswing.evaluation.compass_changes.change_notes import add_changes
 from airswing.workflow import ranking_stage as stages
 from airswing.workflow.progress import Progress
 from tests.compass.flown import Setting
-from tests.evaluation.archives import fleet
+from tests.evaluation.archives import fleet, with_change
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -141,3 +141,38 @@ output: {tmp_path}/out
     assert make_monitoring(job).states == found.states and kept.stat().st_mtime_ns == stamp
     kept.write_bytes(kept.read_bytes()[:200])
     assert make_monitoring(job).states == found.states and kept.stat().st_size > 200
+
+
+def test_after_a_change_the_table_is_of_the_reports_since_and_no_line_is_lost(tmp_path):
+    from airswing.evaluation.monitoring.table_difference import differ, tables_of
+    from airswing.products.netcdf import write_product
+    from airswing.products.ragged import some_reports
+    from airswing.workflow.job import Job
+    from airswing.workflow.update.monitoring_stage import events_said, make_monitoring
+
+    change = np.zeros((6, 5))
+    change[2, 0] = 3.0
+    headings = with_change(
+        3, Setting(aircraft=6, days=45, reports_a_flight=10), day=30, change=change
+    )
+    straddling = add_tables(fit_deviation(headings), headings)
+    content = {"reports": {"files": "none"}, "references": {"ruc": {"files": "none"}}}
+    config = Config.model_validate(content | {"output": str(tmp_path)})
+    job = Job(config, Progress(quiet=True))
+    told = {"config_json": "{}", "source_uuids": []}
+    write_product(straddling, job.output / "fits.nc", title="fits", **told)
+    write_product(headings, job.output / "headings.nc", title="headings", **told)
+    found = make_monitoring(job)
+    (event,) = found.new_events
+    assert (event.kind, event.aircraft) == ("compass_changed", "N002")
+    before = tables_of(straddling.isel(reference=0))
+    assert "N002" not in before  # refused: the halves of the period disagree
+    late = headings["time"].to_numpy() >= np.datetime64(event.evidence["date_ci"][1])
+    since = some_reports(headings, late)
+    now = tables_of(add_tables(fit_deviation(since), since).isel(reference=0))
+    assert differ(found.states[2].table_now, now["N002"])[1] < 0.3
+    assert found.states[3].table_now == before["N003"]
+    # killed before the line was said: it is told again, until it has been
+    assert make_monitoring(job).new_events == [event]
+    events_said(job, len(found.events))
+    assert make_monitoring(job).new_events == []

@@ -350,3 +350,11 @@ def test_nan_reports_do_not_count(fleet):
     fits = fit_deviation(headings)
     assert fits["report_count"][0, 0] == fleet[2]["report_count"][0, 0] - 100
     assert np.isfinite(fits["deviation"]).all()
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered")
+def test_a_curve_that_left_all_reports_behind_is_none():
+    """Of 40 aircraft with two flights on a heading each, the fit of the fourth runs away."""
+    few = Setting(aircraft=40, days=1, flights_a_day=2, reports_a_flight=14, legs=1)
+    headings, _ = fly(fleet_deviations(40, np.random.default_rng(7)), few, 7)
+    assert set(fit_deviation(headings)["status"].to_numpy().ravel()) == {STATUS["too_few_reports"]}

@@ -143,7 +143,7 @@ def fit_aircraft(
     Returns
     -------
     AircraftFit or None
-        None where there is no report at all.
+        None where there is no report at all, or none near any curve.
     """
     if not members or not all(obs.size for obs in members):
         return None
@@ -184,6 +184,8 @@ def fit_aircraft(
         )
         if converged:
             break
+    if not any(part.weight for part in parts):
+        return None  # few reports on few headings led the curve so far that none is near it
     move = np.zeros(size)
     move[free] = step
     blocks = [

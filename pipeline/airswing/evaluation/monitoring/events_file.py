@@ -126,6 +126,9 @@ class Monitoring:
         All that were ever told, in the order they were noticed.
     told_before : int
         How many of them an earlier look told: the rest are new.
+    unsaid : int
+        How many of them, the last ones, nobody is known to have been told: they are new to the next
+        look too. A command that was killed before it said its lines leaves them so.
     """
 
     until: str
@@ -133,6 +136,7 @@ class Monitoring:
     states: list[State]
     events: list[Event]
     told_before: int = 0
+    unsaid: int = 0
 
     @property
     def new_events(self) -> list[Event]:

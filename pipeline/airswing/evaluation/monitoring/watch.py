@@ -152,7 +152,54 @@ def events_of(
     in_use = now | in_use | dict(tables_in_use or {})
     states = _states(rows, names, silent, now, in_use)
     gone = [state for who, state in before.items() if who not in {one.aircraft for one in states}]
-    return Monitoring(_date(last), name, [*states, *gone], [*told, *order], len(told))
+    unsaid = 0 if previous is None else previous.unsaid
+    return Monitoring(_date(last), name, [*states, *gone], [*told, *order], len(told) - unsaid)
+
+
+def changed_since(found: Monitoring) -> dict[str, str]:
+    """Aircraft whose compass changed, and the last day that its last change may have been.
+
+    Parameters
+    ----------
+    found : Monitoring
+
+    Returns
+    -------
+    dict of str to str
+    """
+    since: dict[str, str] = {}
+    for event in found.events:
+        if event.kind == "compass_changed" and event.aircraft is not None:
+            latest = str(event.evidence["date_ci"][1])
+            since[event.aircraft] = max(latest, since.get(event.aircraft, latest))
+    return since
+
+
+def with_tables(found: Monitoring, now: Mapping[str, UnitTable | None]) -> Monitoring:
+    """The same with other tables that would be sent now.
+
+    Parameters
+    ----------
+    found : Monitoring
+    now : mapping of str to UnitTable or None
+        By aircraft; None where none is to be sent yet.
+
+    Returns
+    -------
+    Monitoring
+    """
+    states = [
+        _compared(replace(one, table_now=now[one.aircraft])) if one.aircraft in now else one
+        for one in found.states
+    ]
+    return replace(found, states=states)
+
+
+def _compared(state: State) -> State:
+    if state.table_in_use is None or state.table_now is None:
+        return replace(state, tables_differ=None, table_difference_deg=None)
+    unlike, rms = differ(state.table_in_use, state.table_now)
+    return replace(state, tables_differ=unlike, table_difference_deg=rms)
 
 
 def _alarms(rows: Rows, names: Any) -> list[Event]:
@@ -312,10 +359,7 @@ def _states(
             disagreement_kt=_mean_knots(winds.of(slice(-LAST_DAYS, None))),
             past_disagreement_kt=_mean_knots(winds.of(slice(0, -LAST_DAYS))),
         )
-        if state.table_in_use and state.table_now:
-            unlike, rms = differ(state.table_in_use, state.table_now)
-            state = replace(state, tables_differ=unlike, table_difference_deg=rms)
-        found.append(state)
+        found.append(_compared(state))
     return found
 
 

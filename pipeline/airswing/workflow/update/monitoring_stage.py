@@ -6,8 +6,9 @@ What the days of a month tell is kept beside it, so that a month that stands is 
 
 from __future__ import annotations
 
+import math
 import zipfile
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,12 +17,13 @@ import xarray as xr
 
 from airswing.products.atomic import replacing
 from airswing.products.fingerprint import code_digest, fingerprint
+from airswing.products.monthly import joined_months
 from airswing.products.netcdf import read_product
 from airswing.workflow.job import CORRECTED, FITS, HEADINGS, Job, main_reference
 
 if TYPE_CHECKING:
     from airswing.evaluation.monitoring.daily_evidence import Names, Rows
-    from airswing.evaluation.monitoring.events_file import Monitoring
+    from airswing.evaluation.monitoring.events_file import Monitoring, UnitTable
 
 EVENTS, PAGE = "events.json", "monitoring.html"
 
@@ -41,6 +43,7 @@ def make_monitoring(job: Job, fits: xr.Dataset | None = None) -> Monitoring:
     Monitoring
     """
     from airswing.evaluation.monitoring import events_of, read_events, read_tables, write_events
+    from airswing.evaluation.monitoring.watch import changed_since, with_tables
     from airswing.report.run.monitoring_section import write_monitoring_page
 
     path, reference = job.output / EVENTS, main_reference(job.config)
@@ -55,9 +58,65 @@ def make_monitoring(job: Job, fits: xr.Dataset | None = None) -> Monitoring:
             previous=previous,
             tables_in_use=tables,
         )
+        found = with_tables(found, _tables_since(job, changed_since(found)))
+        found = replace(found, unsaid=len(found.new_events))
         write_events(found, path)
         write_monitoring_page(job.output / "report" / PAGE, asdict(found))
         stage.note = f"{len(found.new_events):,} new events"
+    return found
+
+
+def events_said(job: Job, number: int) -> None:
+    """Note that the lines of the events have been said.
+
+    Parameters
+    ----------
+    job : Job
+    number : int
+        Of all events, as of :func:`make_monitoring`; a later look may have found more.
+    """
+    from airswing.evaluation.monitoring import read_events, write_events
+
+    path = job.output / EVENTS
+    found = read_events(path)
+    if found.unsaid:
+        left = min(max(len(found.events) - number, 0), found.unsaid)
+        write_events(replace(found, unsaid=left), path)
+
+
+def _tables_since(job: Job, since: dict[str, str]) -> dict[str, UnitTable | None]:
+    """Tables of aircraft whose compass changed, of the reports since; none where they are few.
+
+    These aircraft are fitted by themselves: what the others tell of the reference's error is left
+    out, which widens the tables' errors.
+    """
+    from airswing.compass.fit.deviation import fit_sums, sum_aircraft
+    from airswing.compass.table import add_tables, heading_histogram
+    from airswing.evaluation.compass_changes.stability import since_last_change
+    from airswing.evaluation.monitoring.table_difference import tables_of
+    from airswing.workflow.update.month_sums import chosen_blocks
+
+    if not since:
+        return {}
+    config, whole = job.config, job.output / HEADINGS
+    months = sorted(whole.with_suffix("").glob("*.nc"))
+    late = [month for month in months if month.stem >= min(since.values())[:7]]
+    changes = [{"aircraft": name, "changes": [{"date_ci": [d, d]}]} for name, d in since.items()]
+    headings = joined_months([read_product(path, lazy=True) for path in late or [whole]])
+    parts, histograms = [], []
+    for block in chosen_blocks(headings, set(since)):
+        own = since_last_change(block, changes)
+        parts.append(sum_aircraft(own, pools=config.pools(), **config.fit.model_dump()))
+        histograms.append(heading_histogram(own, abscissa=config.fit.abscissa))
+    found: dict[str, UnitTable | None] = dict.fromkeys(since)
+    if parts:
+        fits = add_tables(
+            fit_sums(parts),
+            np.concatenate(histograms),
+            resolution=math.degrees(config.table.resolution),
+        )
+        now = tables_of(fits.sel(reference=main_reference(config)))
+        found |= {name: now[name] for name in since if name in now}
     return found
 
 

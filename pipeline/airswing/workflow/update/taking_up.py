@@ -76,7 +76,8 @@ def update(job: Job) -> dict[str, Any]:
     -------
     dict
         As of :func:`airswing.workflow.main.run`; ``months`` of :class:`Taken`; ``watched``, a line
-        for what happened to the fleet and one for each new event.
+        for what happened to the fleet and one for each new event; ``events``, how many there are in
+        all (to be noted once the lines are said, :func:`.monitoring_stage.events_said`).
     """
     from airswing.workflow.closing_summary import summarise
 
@@ -102,6 +103,7 @@ def update(job: Job) -> dict[str, Any]:
         "accounts": job.progress.accounts(),
         "months": taken.months,
         "watched": watched.text,
+        "events": len(watched.events),
     }
 
 
