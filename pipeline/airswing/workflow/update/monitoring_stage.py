@@ -19,6 +19,7 @@ from airswing.products.atomic import replacing
 from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.monthly import joined_months
 from airswing.products.netcdf import read_product
+from airswing.products.ragged import aircraft_of_report
 from airswing.workflow.job import CORRECTED, FITS, HEADINGS, Job, main_reference
 
 if TYPE_CHECKING:
@@ -92,7 +93,6 @@ def _tables_since(job: Job, since: dict[str, str]) -> dict[str, UnitTable | None
     """
     from airswing.compass.fit.deviation import fit_sums, sum_aircraft
     from airswing.compass.table import add_tables, heading_histogram
-    from airswing.evaluation.compass_changes.stability import since_last_change
     from airswing.evaluation.monitoring.table_difference import tables_of
     from airswing.workflow.update.month_sums import chosen_blocks
 
@@ -101,11 +101,10 @@ def _tables_since(job: Job, since: dict[str, str]) -> dict[str, UnitTable | None
     config, whole = job.config, job.output / HEADINGS
     months = sorted(whole.with_suffix("").glob("*.nc"))
     late = [month for month in months if month.stem >= min(since.values())[:7]]
-    changes = [{"aircraft": name, "changes": [{"date_ci": [d, d]}]} for name, d in since.items()]
     headings = joined_months([read_product(path, lazy=True) for path in late or [whole]])
     parts, histograms = [], []
     for block in chosen_blocks(headings, set(since)):
-        own = since_last_change(block, changes)
+        own = _since(block, since)
         parts.append(sum_aircraft(own, pools=config.pools(), **config.fit.model_dump()))
         histograms.append(heading_histogram(own, abscissa=config.fit.abscissa))
     found: dict[str, UnitTable | None] = dict.fromkeys(since)
@@ -118,6 +117,17 @@ def _tables_since(job: Job, since: dict[str, str]) -> dict[str, UnitTable | None
         now = tables_of(fits.sel(reference=main_reference(config)))
         found |= {name: now[name] for name in since if name in now}
     return found
+
+
+def _since(headings: xr.Dataset, since: dict[str, str]) -> xr.Dataset:
+    """Headings in memory with the reports before each aircraft's day marked as not to be used."""
+    from airswing.flags import SCREENING
+
+    first = [since.get(name, "0001-01-01") for name in headings["aircraft"].to_numpy().astype(str)]
+    begin = np.array(first, dtype="datetime64[D]")[aircraft_of_report(headings)]
+    screening = headings["screening"].to_numpy().copy()
+    screening[headings["time"].to_numpy() < begin] |= SCREENING["no_reference"]
+    return headings.assign(screening=("report", screening))
 
 
 def _rows(job: Job, members: list[str], abscissa: str) -> tuple[Names, Rows]:
