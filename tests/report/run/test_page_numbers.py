@@ -51,7 +51,7 @@ def test_uncorrected_and_screened_reports_do_not_count() -> None:
     found = summaries.disagreement(headings, corrected, fits, "ruc")
     assert np.isnan(found.before[0])
     assert found.before[1] == pytest.approx(2.0)
-    assert summaries.fleet_disagreement(headings, corrected, fits, "ruc").number == 2
+    assert found.total.number == 2
 
 
 def test_pool_is_the_mean_of_its_members() -> None:
@@ -113,23 +113,23 @@ def test_unknown_names_are_told() -> None:
 
 def test_headline_gives_the_rise_too() -> None:
     headings, fits, corrected = tiny()
-    assert "falls from 4.0 kt to 2.0 kt" in summaries.headline(
-        *_first_aircraft(headings, fits, corrected), "ruc"
-    )
+    own, own_fits, own_corrected = _first_aircraft(headings, fits, corrected)
+    total = summaries.disagreement(own, own_corrected, own_fits, "ruc").total
+    assert "falls from 4.0 kt to 2.0 kt" in summaries.headline(own_fits, total, "ruc")
     corrected["corrected_eastward_wind"][:] = headings["eastward_wind"].to_numpy() * 2
-    assert "rises from" in summaries.headline(headings, fits, corrected, "ruc")
+    total = summaries.disagreement(headings, corrected, fits, "ruc").total
+    assert "rises from" in summaries.headline(fits, total, "ruc")
 
 
 def test_headline_gives_a_range_only_where_there_is_one() -> None:
-    headings, fits, _ = tiny()
-    one = headings.isel(report=slice(0, 4), aircraft=slice(0, 1)), fits.isel(aircraft=slice(0, 1))
-    text = summaries.headline(*one, None, "ruc")
+    _, fits, _ = tiny()
+    text = summaries.headline(fits.isel(aircraft=slice(0, 1)), None, "ruc")
     assert (
         "1 of 1 aircraft" in text and "its compass deviation is" in text and "to" not in text[30:]
     )
     fits["status"][:] = 0
-    assert "in all)" in summaries.headline(headings, fits, None, "ruc")
-    assert "nine in ten" in summaries.headline(headings, factories.fits(aircraft=14), None, "ruc")
+    assert "in all)" in summaries.headline(fits, None, "ruc")
+    assert "nine in ten" in summaries.headline(factories.fits(aircraft=14), None, "ruc")
 
 
 def _first_aircraft(

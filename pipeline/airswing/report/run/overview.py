@@ -31,7 +31,12 @@ from airswing.report.html.style import (
     styled,
     thousands,
 )
-from airswing.report.run.page_numbers import disagreement, kept_reports, screening_audit
+from airswing.report.run.page_numbers import (
+    BeforeAfter,
+    disagreement,
+    kept_reports,
+    screening_audit,
+)
 from airswing.report.run.reading_warnings import tally
 from airswing.report.run.selection import headline_reference, tails
 from airswing.units import NORMAL_95
@@ -133,7 +138,6 @@ def fleet_figure(fits: xr.Dataset, aircraft: Sequence[str] | None = None) -> Fig
     )
 
 
-@styled
 def disagreement_figure(
     headings: xr.Dataset,
     corrected: xr.Dataset,
@@ -154,9 +158,16 @@ def disagreement_figure(
     """
     reference = reference or headline_reference(fits, headings)
     found = disagreement(headings, corrected, fits, reference)
-    known = tails(headings)
+    return before_after_figure(found, tails(headings), aircraft or tails(headings), reference)
+
+
+@styled
+def before_after_figure(
+    found: BeforeAfter, known: Sequence[str], aircraft: Sequence[str], reference: str
+) -> Figure:
+    """As :func:`disagreement_figure`, of what is known of all aircraft, some of them drawn."""
     place = {name: row for row, name in enumerate(known)}
-    rows = [place[name] for name in (aircraft or known)]
+    rows = [place[name] for name in aircraft]
     rows = [row for row in rows if found.number[row] > 0]
     if not rows:
         return empty_figure("No aircraft was corrected")

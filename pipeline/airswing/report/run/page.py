@@ -46,8 +46,10 @@ from airswing.report.run.evaluation_sections import (
 )
 from airswing.report.run.monitoring_section import monitoring_section
 from airswing.report.run.page_numbers import (
+    BeforeAfter,
+    Total,
     correction_rows,
-    fleet_disagreement,
+    disagreement,
     harmonic_amplitude,
     headline,
     kept_reports,
@@ -56,7 +58,7 @@ from airswing.report.run.page_numbers import (
 )
 from airswing.report.run.reading_warnings import model_reasons, reading_warnings, tally
 from airswing.report.run.report_errors import report_errors_section
-from airswing.report.run.selection import adds_error, headline_reference, one_fit
+from airswing.report.run.selection import adds_error, headline_reference, one_fit, tails
 from airswing.report.run.stability_sections import ranking_section, stability_section
 
 SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS = 96, 12, 40
@@ -101,11 +103,14 @@ def write_page(
     summary, found = dict(summary or {}), evaluation or Evaluation()
     reference = _lead_reference(fits, headings, summary)
     summary["links"] = [*product_links(Path(directory)), *summary.get("links", [])]
+    # Once for all that tells it: the sums go through the whole archive.
+    apart = None if corrected is None else disagreement(headings, corrected, fits, reference)
+    total = None if apart is None else apart.total
     sections = [
         monitoring_section(found.monitoring),
         _corrections_section(fits, reference, summary),
         _curves_section(headings, fits, reference),
-        _fleet_section(headings, fits, corrected, reference),
+        _fleet_section(headings, fits, apart, reference),
         ranking_section(found.ranking, found.virtual),
         stability_section(found.stability),
         field_test_section(found.field_test),
@@ -119,8 +124,8 @@ def write_page(
     text = document(
         title="airswing: compass deviation of the fleet",
         kicker=f"Compass deviation from wind reports  ·  {_period(headings)}",
-        headline=headline(headings, fits, corrected, reference),
-        facts=_facts(headings, fits, corrected, reference),
+        headline=headline(fits, total, reference),
+        facts=_facts(headings, fits, total, reference),
         warnings=[str(line) for line in summary.get("warnings", [])],
         sections=[section for section in sections if section.parts],
         footer=[
@@ -174,7 +179,7 @@ def _period(headings: xr.Dataset) -> str:
 
 
 def _facts(
-    headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
+    headings: xr.Dataset, fits: xr.Dataset, total: Total | None, reference: str
 ) -> list[tuple[str, str]]:
     amplitude, alone = harmonic_amplitude(fits, reference), offsets_alone(fits, reference)
     kept = kept_reports(headings)
@@ -188,15 +193,13 @@ def _facts(
         facts.append(
             (f"{np.median(alone):+.1f}°", f"median offset of {alone.size} without a curve")
         )
-    if corrected is not None:
-        total = fleet_disagreement(headings, corrected, fits, reference)
-        if total.number:
-            facts.append(
-                (
-                    f"{total.before:.1f} → {total.after:.1f} kt",
-                    f"wind disagreement with {reference}, before and after",
-                )
+    if total is not None and total.number:
+        facts.append(
+            (
+                f"{total.before:.1f} → {total.after:.1f} kt",
+                f"wind disagreement with {reference}, before and after",
             )
+        )
     facts.append((f"{kept:,}", f"reports used of {headings.sizes['report']:,}"))
     return facts
 
@@ -266,13 +269,13 @@ def _curves_section(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> S
 
 
 def _fleet_section(
-    headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
+    headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAfter | None, reference: str
 ) -> Section:
     order = overview.by_amplitude(fits, reference)
     names = order[: overview.PAGE_OF_AIRCRAFT]
     parts = [embedded(overview.fleet_figure(fits, names))]
-    if corrected is not None:
-        figure = overview.disagreement_figure(headings, corrected, fits, reference, names)
+    if apart is not None:
+        figure = overview.before_after_figure(apart, tails(headings), names, reference)
         parts.append(embedded(figure))
     if len(names) < len(order):
         parts.insert(0, paragraph(f"The {len(names)} aircraft with the largest amplitude."))

@@ -35,6 +35,16 @@ _WINDS = (
 _MENDED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
 
 
+class Total(NamedTuple):
+    """Fleet-wide disagreement (kt) before and after, reduction with 95 % interval, reports."""
+
+    before: float
+    after: float
+    reduction: float
+    half_width: float
+    number: int
+
+
 class BeforeAfter(NamedTuple):
     """Mean vector disagreement (kt) of each aircraft, and the reduction with its interval."""
 
@@ -44,6 +54,7 @@ class BeforeAfter(NamedTuple):
     half_width: Floats
     number: NDArray[np.int64]
     """Reports, (aircraft,)."""
+    total: Total
 
 
 def compared(
@@ -107,39 +118,19 @@ def disagreement(
     BeforeAfter
         NaN for aircraft that were not corrected.
     """
-    first, second, change = _sums(headings, corrected, fits, reference)
-    gain, error = clustered_mean(change)
-    number = first[0].astype(np.int64)
-    return BeforeAfter(
-        clustered_mean(first)[0], clustered_mean(second)[0], gain, NORMAL_95 * error, number
-    )
+    sums = _sums(headings, corrected, fits, reference)
+    (before, after, gain), (*_, error) = zip(*map(clustered_mean, sums), strict=True)
+    number = sums[0, 0].astype(np.int64)
+    return BeforeAfter(before, after, gain, NORMAL_95 * error, number, _total(sums.sum(axis=-1)))
 
 
-class Total(NamedTuple):
-    """Fleet-wide disagreement (kt) before and after, reduction with 95 % interval, reports."""
-
-    before: float
-    after: float
-    reduction: float
-    half_width: float
-    number: int
-
-
-def fleet_disagreement(
-    headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
-) -> Total:
-    """Before and after over all corrected reports against one reference or pool."""
-    first, second, change = _sums(headings, corrected, fits, reference).sum(axis=-1)
-    if not first[0]:
+def _total(sums: Floats) -> Total:
+    """Of all corrected reports, from their sums (3, 6)."""
+    if not sums[0, 0]:
         return Total(np.nan, np.nan, np.nan, np.nan, 0)
-    gain, error = clustered_mean(change)
-    return Total(
-        float(first[1] / first[0]),
-        float(second[1] / second[0]),
-        float(gain),
-        float(NORMAL_95 * error),
-        int(first[0]),
-    )
+    (before, after, gain), (*_, error) = zip(*map(clustered_mean, sums), strict=True)
+    number = int(sums[0, 0])
+    return Total(float(before), float(after), float(gain), float(NORMAL_95 * error), number)
 
 
 class Rule(NamedTuple):
@@ -182,9 +173,7 @@ def offsets_alone(fits: xr.Dataset, reference: str) -> Floats:
     return np.asarray(fit["offset"].to_numpy()[alone], float)
 
 
-def headline(
-    headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset | None, reference: str
-) -> str:
+def headline(fits: xr.Dataset, total: Total | None, reference: str) -> str:
     """Return the page's first sentence: how many were fitted, how large, what it bought."""
     amplitude = harmonic_amplitude(fits, reference)
     offset = offsets_alone(fits, reference)
@@ -206,9 +195,8 @@ def headline(
             f"headings or flights for a curve), {np.median(offset):+.1f}° in the middle"
         )
     text = "; ".join(found)
-    if corrected is None:
+    if total is None:
         return text + "."
-    total = fleet_disagreement(headings, corrected, fits, reference)
     if total.number == 0:
         return text + "; no report could be corrected."
     interval = f" ± {total.half_width:.2f}" if np.isfinite(total.half_width) else ""
