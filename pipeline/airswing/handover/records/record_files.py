@@ -36,6 +36,7 @@ from airswing.handover.records.platforms import (
     platforms,
 )
 from airswing.handover.records.registry import Request
+from airswing.handover.records.run_products import refuse_existing
 from airswing.handover.records.soundings import joined_soundings
 from airswing.handover.records.time_order import TimeOrder
 from airswing.products.atomic import made_folder
@@ -170,7 +171,7 @@ def _write(request: Request, layout: Layout, folder: Path) -> dict[str, Any]:
     if not windows:
         raise _nothing(left_out)
     targets = {window: _target(request, layout, window) for window in sorted(windows)}
-    _refuse_existing(request, targets.values())
+    refuse_existing(request, *targets.values())
     files = [
         _Written(folder / f"file{number}", target) for number, target in enumerate(targets.values())
     ]
@@ -234,16 +235,6 @@ def _target(request: Request, layout: Layout, window: int) -> Path:
     begin = np.datetime64(_begin(request) + window * int(request.window), "s")
     digits = "".join(mark for mark in str(begin) if mark.isdigit())
     return request.path / digits.removesuffix("00") / layout.file_name
-
-
-def _refuse_existing(request: Request, targets: Any) -> None:
-    for target in targets:
-        if target.is_dir() or (target.exists() and not request.overwrite):
-            raise InputError(
-                "is there already",
-                file=target,
-                remedy="Choose another name with -o, or give --overwrite",
-            )
 
 
 def _nothing(left_out: Mapping[str, int]) -> InputError:
