@@ -31,3 +31,11 @@ def test_sums_of_parts_with_whole_clusters_add_up() -> None:
     whole = cluster_sums(value, group, flight, 3)
     parts = [cluster_sums(value[s], group[s], flight[s], 3) for s in (slice(cut), slice(cut, None))]
     np.testing.assert_allclose(parts[0] + parts[1], whole, rtol=1e-12)
+
+
+def test_a_clustered_error_by_hand() -> None:
+    """Two clusters with sums of deviations +2 and -2: sqrt(2 (4 + 4)) / 4 = 1."""
+    values, one = np.array([1.0, 1.0, -1.0, -1.0]), np.zeros(4, dtype=np.int64)
+    for cluster, error in (([0, 0, 1, 1], 1.0), ([0, 1, 0, 1], 0.0), ([0, 0, 0, 0], np.nan)):
+        sums = cluster_sums(values, one, np.array(cluster), 1)
+        np.testing.assert_equal(clustered_mean(sums)[1], [error])

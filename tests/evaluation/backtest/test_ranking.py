@@ -11,7 +11,6 @@ from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation.backtest.ranking import (
     Flown,
-    clustered_error,
     expected_gain,
     flown_reports,
     rank_aircraft,
@@ -58,13 +57,6 @@ def test_an_uncertain_curve_is_expected_to_gain_less_by_its_optimism():
     _, uncertain, drawn = by_hand(0.1)
     assert certain - uncertain == pytest.approx(2 * 0.17453**2 * np.pi / 8, rel=1e-3)
     assert drawn.std() > 0.1
-
-
-def test_a_clustered_error_by_hand():
-    # Two clusters with sums of deviations +2 and -2: sqrt(2 (4 + 4)) / 4 = 1.
-    assert clustered_error(np.array([1.0, 1.0, -1.0, -1.0]), np.array([0, 0, 1, 1])) == 1.0
-    assert clustered_error(np.array([1.0, 1.0, -1.0, -1.0]), np.array([0, 1, 0, 1])) == 0.0
-    assert np.isinf(clustered_error(np.ones(3), np.zeros(3)))
 
 
 def test_the_worst_compass_comes_first_and_a_good_one_promises_nothing(ranked):

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from airswing.compass.correction import corrected_wind, curve_standard_error
 from airswing.evaluation.backtest.learning import require_reference
+from airswing.evaluation.clustered_mean import cluster_sums, clustered_mean
 from airswing.evaluation.disagreement import reference_mean
 from airswing.flags import STATUS, published
 from airswing.products.ragged import blocks, row_bounds
@@ -127,29 +128,16 @@ def expected_gain(
     drawn -= drawn.mean()
     sampled = np.random.default_rng([seed, 1]).standard_normal(draws)
     # The optimism is an expectation: how far this very curve is off is not known to half of it.
-    drawn += np.hypot(clustered_error(reported - after, flown.day), optimism / 2.0) * sampled
+    drawn += np.hypot(_error_by_day(reported - after, flown.day), optimism / 2.0) * sampled
     return float(reported.mean()), gain, gain + drawn
 
 
-def clustered_error(values: Floats, cluster: NDArray[Any]) -> float:
-    """Standard error of a mean over clusters that are independent of each other.
-
-    Parameters
-    ----------
-    values : array, shape (n,)
-    cluster : array, shape (n,)
-
-    Returns
-    -------
-    float
-        Infinite with one cluster.
-    """
-    _, index = np.unique(cluster, return_inverse=True)
-    summed = np.bincount(index, weights=values - values.mean())
-    if summed.size < 2:
-        return float("inf")
-    factor = summed.size / (summed.size - 1.0)
-    return float(np.sqrt(factor * (summed**2).sum()) / values.size)
+def _error_by_day(values: Floats, day: NDArray[Any]) -> float:
+    """Standard error of a mean, days being independent of each other; infinite with one day."""
+    # About their mean, so that the sums' squares do not cancel.
+    sums = cluster_sums(values - values.mean(), np.zeros(values.size, dtype=np.int64), day, 1)
+    error = float(clustered_mean(sums)[1][0])
+    return error if np.isfinite(error) else float("inf")
 
 
 def _magnitudes(flown: Flown, error: Floats) -> tuple[Floats, Floats]:
