@@ -7,6 +7,10 @@ from __future__ import annotations
 
 KNOT = 1852.0 / 3600.0
 """Metres a second in a knot: the international nautical mile an hour (BIPM, SI brochure)."""
+FOOT = 0.3048
+"""Metres in a foot: the international foot of 1959, exact."""
+ZERO_CELSIUS = 273.15
+"""Kelvin at zero degrees Celsius (BIPM, SI brochure)."""
 DAY = 86400.0
 """Seconds in a day."""
 EARTH_RADIUS = 6371008.8

@@ -48,6 +48,7 @@ FEWEST = 20
 MAX_HEADING_DIFFERENCE = float(np.radians(1.5))
 MAX_HEADING_BIAS = float(np.radians(0.6))
 """Radians: half a degree is what cutting instead of rounding to whole degrees causes."""
+# m/s, each beside what the errors of both explain.
 MAX_AIRSPEED_DIFFERENCE = 3.0
 MAX_VECTOR_DIFFERENCE = 15.0
 MEDIAN_OF_NORMAL = 0.6745

@@ -28,6 +28,7 @@ COMMON, OWN = 1.0, 0.7
 """Degrees: mean of a fleet's offsets as a standard deviation, and scatter between aircraft."""
 EVIDENCE = float(np.log(100.0))
 """Log odds from which on it is said."""
+# Aircraft: of one alone an offset of its own is as likely.
 FEWEST = 2
 _WORDS = {
     "magnetic_for_true": (

@@ -35,6 +35,7 @@ FEWEST = 200
 """Reports below which an aircraft is not judged; the least that real lists name."""
 ROOM = 500
 """Identifiers GSI's lists hold (src/gsi/aircraftobsqc.f90)."""
+# Aircraft named in notes; the list and the result have all.
 _SHOWN = 12
 
 

@@ -49,6 +49,7 @@ STEP = 2.0
 FIRST_LATITUDE = -89.0
 """Degrees: no node on a pole, where east has no direction."""
 FIRST_LONGITUDE = -180.0
+# Nodes two degrees apart.
 ROWS, COLUMNS = 90, 180
 TILE = 10
 """Nodes along each side of a tile."""

@@ -45,6 +45,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pyproj import Geod
 
+from airswing.physics.atmosphere import GRAVITY
 from airswing.physics.triangle import bearing, vector_from_bearing, wrap_signed
 
 __all__ = ["ACCELERATION_DENSITY", "GroundTrack", "ground_track"]
@@ -53,8 +54,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-GRAVITY = 9.80665
-"""m s-2."""
 METRES_PER_DEGREE = 111195.0
 """Of latitude on the mean sphere: good to 0.5 %, for standard errors alone."""
 MAX_GROUND_SPEED = 400.0

@@ -25,7 +25,9 @@ _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 8, 7: 1, 8: 2, 9: 4, 10: 8, 11: 8}
 _DIMENSION, _VARIABLE, _ATTRIBUTE = 10, 11, 12
 _MOST = 100_000
 """Entries of a list; no file has as many."""
+# Octets: the last variable may stand without its padding to a multiple of four.
 _PADDING = 3
+# Number of records of a file whose writer did not come to say it.
 _STREAMING = (0xFFFFFFFF, 0xFFFFFFFFFFFFFFFF)
 
 

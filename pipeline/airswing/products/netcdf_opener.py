@@ -13,6 +13,7 @@ import json
 import signal
 import sys
 
+# The library may never come back from a damaged file.
 SECONDS = 15
 
 

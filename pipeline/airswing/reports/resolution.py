@@ -66,6 +66,7 @@ SHARE = 0.9
 """Share of values that must lie on a lattice."""
 FEWEST = 5
 """Values below which an aircraft's own lattice is not looked for."""
+# Reports of an aircraft, evenly over its archive: a step shows in far fewer.
 _LOOKED_AT = 2000
 
 

@@ -52,6 +52,7 @@ robust weights leaves two or three hundredths of itself, less than the sample is
 FINAL_STEP = 3.0
 """Standard errors (clustered) that end the full passes: the estimate is settled to a tenth of its
 error or better."""
+# Bounds alone: steps on few reports and passes over all end as soon as a step is small.
 START_STEPS, PASSES = 25, 12
 ENOUGH = 2e-6
 """Radians: a smaller step is rounding in single precision."""

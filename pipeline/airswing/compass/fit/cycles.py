@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from airswing.compass.fit.sandwich import Array
 
+# More places than elsewhere: quantiles of Student's t are divided by it and tend to one.
 NORMAL_95 = 1.959964
 
 

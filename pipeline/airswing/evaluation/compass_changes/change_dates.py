@@ -29,10 +29,12 @@ FALSE_ALARMS = 0.02
 """Probability of any false change in the fleet."""
 FEWEST_DAYS = 5
 """Days with reports on either side of a change."""
+# Share of the information on either side of a change: nearer the ends a date is not to be told.
 TRIM = 0.05
 OBVIOUS = 28.0
 """Statistic beyond which a change is taken out of the days that are permuted ; chance seldom
 reaches it."""
+# Depth of the search, each part being cut in two at its own date.
 MOST_CHANGES = 4
 SUMMED_FROM = (
     "heading_error",

@@ -38,8 +38,10 @@ from airswing.products.ragged import blocks, row_bounds, time_span
 
 SIGNIFICANCE = 0.02
 """Of each of the two tests, curves and winds: equal references pass both 95 times of 100."""
+# Degrees and m/s: a smaller difference does not matter, however sure it is.
 CURVE_RMS_DEG = 0.2
 REGION_BIAS = 0.4
+# Reports of a slice that is judged by itself.
 MIN_STRATUM = 500
 NAMES = ("A", "B", "C", "D", "E")
 _COLUMNS = (

@@ -28,6 +28,7 @@ from airswing.products.ragged import aircraft_of_report, blocks
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+# Looked at at most, so that years take no more room than months.
 MOST_REPORTS, MOST_PAIRS, MOST_CLASSES = 1_000_000, 800_000, 40
 SPEED_BINS = 100
 """Of 1 m/s, for the median speed of a layer."""

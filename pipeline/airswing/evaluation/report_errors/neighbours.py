@@ -18,13 +18,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.units import MODEL_EARTH_RADIUS
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 REACH = (30_000.0, 0.06, 1350.0)
 """Separation at which a pair is no longer near: m, ln p, s."""
 TERMS = 4
-_EARTH = 6_371_229.0
 _MOST_AT_ONCE = 20_000
 """Reports of a day looked at together; of more, some are drawn."""
 
@@ -74,7 +75,7 @@ def neighbouring_pairs(
         chosen = np.sort(drawn[:_MOST_AT_ONCE])
     phi, lam = np.radians(latitude[chosen]), np.radians(longitude[chosen])
     east, north = np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam)
-    place = np.stack([east, north, np.sin(phi)], axis=1) * (_EARTH / REACH[0])
+    place = np.stack([east, north, np.sin(phi)], axis=1) * (MODEL_EARTH_RADIUS / REACH[0])
     where = np.column_stack([place, np.log(pressure[chosen]) / REACH[1], time[chosen] / REACH[2]])
     found = cKDTree(where).query_pairs(1.0, output_type="ndarray").astype(np.int64)
     owner = aircraft[chosen]

@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 FEWEST_PAIRS, FEWEST_OF_CELL, FEWEST_DAYS = 400, 150, 8
+# Of separation, in which the scatter of half squares is taken as one.
 _BINS = 8
 
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from airswing.handover.forecasts.kalman import kalman_bias, known_before, running_mean
 
 METHODS = ("raw", "kalman", "running_mean")
+# Of the variances of model and observation; the best on past days is taken, or none at all.
 RATIOS = (0.005, 0.01, 0.02, 0.04, 0.06, 0.1, 0.2, 0.4)
 USUAL_RATIO = 0.06
 """Optimum of Delle Monache et al. 2008 (J. Geophys. Res. 113, D16310), where none can be chosen."""

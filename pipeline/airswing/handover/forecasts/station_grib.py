@@ -38,6 +38,7 @@ _NUMBERS = {(0, 0), (2, 2), (2, 3)}
 """Category and number of temperature, u and v in discipline 0 of GRIB2."""
 _HEADER = ["shortName", "level", "stepType", "dataDate", "dataTime", "validityDate", "validityTime"]
 _POSSIBLE = {"air_temperature": (150.0, 350.0), "u": (-150.0, 150.0), "v": (-150.0, 150.0)}
+# No model has as many: such a count is damage, and would take the memory.
 MOST_POINTS = 100_000_000
 UNITS = {
     "air_temperature": "K",

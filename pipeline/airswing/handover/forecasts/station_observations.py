@@ -27,14 +27,13 @@ from airswing.handover.forecasts.station_table import (
     read_table,
     times,
 )
-from airswing.units import KNOT
+from airswing.units import KNOT, ZERO_CELSIUS
 
-_ZERO_CELSIUS = 273.15
 _COLUMNS = {
     "air_temperature_k": ("air_temperature", 1.0, 0.0),
     "temperature_k": ("air_temperature", 1.0, 0.0),
-    "air_temperature_degc": ("air_temperature", 1.0, _ZERO_CELSIUS),
-    "temperature_degc": ("air_temperature", 1.0, _ZERO_CELSIUS),
+    "air_temperature_degc": ("air_temperature", 1.0, ZERO_CELSIUS),
+    "temperature_degc": ("air_temperature", 1.0, ZERO_CELSIUS),
     "wind_speed_kt": ("wind_speed", KNOT, 0.0),
     "wind_speed_m_s": ("wind_speed", 1.0, 0.0),
     "wind_direction_deg": ("wind_direction", 1.0, 0.0),

@@ -18,6 +18,7 @@ from pathlib import Path
 
 from airswing.errors import InputError
 
+# GSI skips as many, whatever they hold.
 HEADER_LINES = 16
 NONE = b"--------"
 WIND_CRITERIA = ("bias_S", "std_S", "bias_DIR", "std_DIR", "std_W", "rms_W")

@@ -25,7 +25,9 @@ from airswing.reference.packing.simple_packing import PADDING
 MAX_PRESSURE = 120_000.0
 """Pa."""
 _EARLIEST, _LATEST = -2_208_988_800, 4_102_444_800  # s since 1970: the years 1900 and 2100
+# Seconds: from means that end before their base time to seasonal forecasts.
 _SHORTEST_LEAD, _LONGEST_LEAD = -86_400, 400 * 86_400
+# Beyond it a power of ten leaves the double precision numbers.
 _LARGEST_SCALE = 300
 _NEXT = {0: (1,), 1: (2, 3), 2: (3,), 3: (4,), 4: (5,), 5: (6,), 6: (7,), 7: (2, 3, 4)}
 _LENGTHS = {

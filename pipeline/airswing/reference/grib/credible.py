@@ -33,6 +33,7 @@ Ints = NDArray[np.int64]
 
 MAX_SPREAD = 60.0
 """m s-1, standard deviation."""
+# Enough to see a damaged field, nothing beside decoding it.
 _PROBES = 256
 _NONE: Ints = np.empty(0, dtype=np.int64)
 

@@ -36,6 +36,7 @@ from airswing.reference.grib import (
 from airswing.reference.grib.fields import FIELD_DTYPE, Field, FileContents
 from airswing.reference.packing import octets
 
+# Octets of start, middle and end that tell a file written over in place.
 _SAMPLE = 256
 _NAME = "grib-headers.sqlite"
 

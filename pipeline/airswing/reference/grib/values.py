@@ -182,6 +182,7 @@ _SCANNING = {0: 71, 1: 71, 10: 59, 20: 64, 30: 64}
 _NO_BITMAP = bytes([0, 0, 0, 6, 6, 255])
 _BEGINNING = b"GRIB"
 _CHANGED = "not the message the catalogue saw"
+# Data representation templates; 40010 is PNG as it was before it had a number.
 _IEEE, _PNG = 4, (41, 40010)
 
 

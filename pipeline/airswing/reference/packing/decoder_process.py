@@ -29,6 +29,7 @@ ABSENT = 1e300
 """What ecCodes is asked to put where a point is missing; no field holds it."""
 VALUES, KEYS, ARRAY, REPORTS = range(4)
 _TYPES = {"": None, "int": int, "float": float, "str": str}
+# Octets for the libraries themselves; a lying message asks for far more and is refused.
 _MEMORY = 2 << 30
 _PER_POINT = 96
 """Octets of memory allowed beside `_MEMORY` for each point of the grid."""

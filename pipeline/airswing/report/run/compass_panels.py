@@ -43,6 +43,7 @@ from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
 DRAWN, DRAWN_SMALL = 1500, 300
+# Degrees: one wild aircraft does not flatten the others.
 WIDEST = 25.0
 _GRID = np.linspace(0.0, 360.0, 91)
 _LOOK = (

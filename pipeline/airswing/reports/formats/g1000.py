@@ -35,9 +35,8 @@ from airswing.physics.geomagnetism import FieldLattice
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, register
 from airswing.reports.canonical.times import parse_times
-from airswing.units import KNOT
+from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
-FOOT = 0.3048
 INCH_OF_MERCURY = 3386.389
 """Pa at 0 degC (NIST SP 811)."""
 LARGEST_ROLL = 5.0
@@ -135,7 +134,7 @@ def _piece(table: pd.DataFrame, tail: str) -> pd.DataFrame:
             "latitude": latitude,
             "longitude": longitude,
             "pressure_altitude": altitude,
-            "air_temperature": number("OAT", 1.0, 273.15),
+            "air_temperature": number("OAT", 1.0, ZERO_CELSIUS),
             "reported_heading": (number("HDG") + declination) % 360.0,
             "track": (number("TRK") + declination) % 360.0,
             "ground_speed": number("GndSpd", KNOT),

@@ -28,12 +28,12 @@ from airswing.errors import InputError
 from airswing.flags import ROLL
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
-from airswing.units import KNOT
+from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
-FOOT = 0.3048
 LARGEST_ROLL = 5.0
 """Degrees beyond which a report counts as banked, as the ACARS roll flag has it."""
 MOST_OCTETS = 1 << 28
+# Bit of a point: its position is older than its time.
 STALE = 1
 _NUMBERS = {
     "mag_heading": ("magnetic_heading", 1.0, 0.0),
@@ -41,7 +41,7 @@ _NUMBERS = {
     "ias": ("indicated_airspeed", KNOT, 0.0),
     "tas": ("reported_airspeed", KNOT, 0.0),
     "mach": ("mach", 1.0, 0.0),
-    "oat": ("air_temperature", 1.0, 273.15),
+    "oat": ("air_temperature", 1.0, ZERO_CELSIUS),
 }
 
 

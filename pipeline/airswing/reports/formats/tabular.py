@@ -32,6 +32,7 @@ from airswing.reports.canonical.times import parse_times
 
 ROWS_PER_PIECE = 250_000
 _BUFFER = 2**20
+# Octets and lines: what goes on longer before a head is no table.
 _LONGEST_HEADER = 100_000
 _MOST_REMARKS = 200
 _AGAIN = re.compile(r" \(column \d+\)")

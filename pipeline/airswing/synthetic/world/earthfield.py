@@ -20,6 +20,7 @@ from scipy.interpolate import RegularGridInterpolator
 __all__ = ["EarthField", "declination_of_year"]
 
 Array = NDArray[np.float64]
+# Degrees between nodes, and km: the field falls by only 0.05 % a km.
 _STEP = 1.5
 _HEIGHT_KM = 4.0
 

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 __all__ = ["WaveKind", "Waves", "random_waves"]
 
 Array = NDArray[np.float64]
+# Places at a time: each meets every wave.
 _CHUNK = 8192
 
 
