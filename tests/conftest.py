@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,16 +28,23 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 LONGEST = (
     "blind_check/test_short_check.py",
     "gap/test_diagnose.py",
-    "test_fuzz.py",
-    "blind_check/test_check_run.py",
-    "test_cli.py",
-    "test_workflow.py",
-    "gap/witness/test_unknowns.py",
-    "test_batch.py",
-    "blind_check/test_adding_an_effect.py",
-    "workflow/test_gap_start.py",
     "test_resume.py",
+    "products/test_atomic.py",
+    "report/gap/test_gap_page.py",
+    "gap/witness/test_unknowns.py",
+    "workflow/test_gap_start.py",
+    "gap/witness/test_learned.py",
+    "test_cli.py",
+    "test_adding.py",
+    "workflow/test_update.py",
+    "test_fuzz.py",
+    "workflow/test_compute.py",
+    "test_workflow.py",
     "test_blocks.py",
+    "blind_check/test_check_run.py",
+    "gap/search/test_candidate_ranking.py",
+    "gap/search/test_excess_scatter.py",
+    "test_batch.py",
 )
 """Files whose tests take longest, first: at the end one worker would wait for them."""
 
@@ -149,6 +156,14 @@ def names_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """Diagnoses look for nothing without a name: most of their time, where a test is not of it."""
     monkeypatch.setattr("airswing.gap.diagnose.MOST_UNKNOWNS", 0)
     monkeypatch.setattr("airswing.gap.diagnose._sent_otherwise", lambda *_: None)
+
+
+@pytest.fixture(scope="module")
+def no_cards() -> Iterator[None]:
+    """No swing cards are drawn, which takes longer than all else of a small run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("airswing.compass.tables_csv.write_swing_cards", lambda *_, **__: [])
+        yield
 
 
 @pytest.fixture(scope="session")

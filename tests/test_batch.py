@@ -10,12 +10,14 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from airswing.config import load_config
 from airswing.products.netcdf import read_product
+from airswing.workflow import Job, make_headings
+from airswing.workflow.progress import Progress
 
 pytest.importorskip("dask_jobqueue")
 
@@ -70,16 +72,7 @@ def test_the_recipe_runs_the_main_job_on_workers_of_the_batch_system(slurm, tmp_
     log = (slurm / "job.log").read_text()
     assert log.count("Start worker at") == 2 and "Traceback" not in log
 
-    here = [
-        sys.executable,
-        "-m",
-        "airswing",
-        "collocate",
-        str(config),
-        "--output",
-        str(tmp_path / "here"),
-    ]
-    subprocess.run(here, check=True, capture_output=True, timeout=120)
-    one, other = (read_product(Path(tmp_path / name / "headings.nc")) for name in ("batch", "here"))
+    other = make_headings(Job(load_config(config, output=tmp_path / "here"), Progress(quiet=True)))
+    one = read_product(tmp_path / "batch/headings.nc")
     for name in one.variables:
         np.testing.assert_array_equal(one[name].to_numpy(), other[name].to_numpy(), str(name))

@@ -23,7 +23,7 @@ LARGEST = 6600
 
 
 def run(root: Path, output: Path) -> dict:
-    """Every stage but the pages and cards on the shipped sample, with its field test."""
+    """Every stage but the page on the shipped sample, with its field test."""
     content = yaml.safe_load((root / "configs/quickstart.yaml").read_text())
     content["reports"]["files"] = str(root / content["reports"]["files"])
     for reference in content["references"].values():
@@ -40,16 +40,14 @@ def run(root: Path, output: Path) -> dict:
     path.write_text(yaml.safe_dump(content))
     job = workflow.Job(load_config(path, output=output), Progress(quiet=True))
     headings = workflow.make_headings(job)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("airswing.compass.tables_csv.write_swing_cards", lambda *_, **__: [])
-        fits = workflow.make_fits(job, headings)
+    fits = workflow.make_fits(job, headings)
     corrected = workflow.make_corrected(job, headings, fits)
     workflow.make_evaluation(job, headings, fits, corrected)
     return summarise(job.config, headings, fits, corrected)
 
 
 @pytest.fixture(scope="module")
-def at_once(tmp_path_factory):
+def at_once(no_cards, tmp_path_factory):
     root = Path(__file__).resolve().parents[1]
     output = tmp_path_factory.mktemp("whole") / "results"
     with pytest.MonkeyPatch.context() as patch:

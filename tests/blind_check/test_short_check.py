@@ -2,8 +2,27 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from typer.testing import CliRunner
+
 from airswing.blind_check import Plan, Size, gap_check
-from airswing.blind_check import check_run as blind_run
+from airswing.blind_check.check_run import run_public_command
+from airswing.cli import app
+
+
+def diagnosed(config: Path, output: Path, without: Sequence[str]) -> dict[str, Any]:
+    """Run the public command: in a process of its own for the first archive, else in this one."""
+    if config.parent.name == "case_001":
+        return run_public_command(config, output, without)
+    words = ["gap", str(config), "--output", str(output), "--quiet"]
+    done = CliRunner().invoke(app, [*words, *(f"--without={name}" for name in without)])
+    assert done.exit_code == 0, done.output
+    content: dict[str, Any] = json.loads((output / "gap.json").read_text())
+    return content
 
 
 def test_a_short_check_by_the_public_command(tmp_path, monkeypatch):
@@ -12,7 +31,7 @@ def test_a_short_check_by_the_public_command(tmp_path, monkeypatch):
     plan = Plan(
         5, 2, True, rungs=(1,), names=("compass_offset", "hard_iron", "tas_scale", "compass_step")
     )
-    check = gap_check(tmp_path, plan, baselines=False, diagnoser=blind_run.run_public_command)
+    check = gap_check(tmp_path, plan, baselines=False, diagnoser=diagnosed)
     assert check.failures == {}
     nulls = [s for s in check.scores if s["kind"] == "null"]
     effects = [s for s in check.scores if s["kind"] == "single"]

@@ -30,7 +30,7 @@ SMALL = {
 
 @pytest.fixture(scope="module")
 def quiet():
-    return make_frame(seed=5, aircraft=6, days=16, noise=0.3)
+    return make_frame(seed=5, aircraft=6, days=12, noise=0.3)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def struck():
         own = np.isin(context["aircraft"], [1, 4])
         return np.where(own, np.radians(1.5) * np.sin(context["magnetic_heading"] + 0.7), 0.0)
 
-    frame = make_frame(seed=5, aircraft=6, days=16, noise=0.3, heading_error=error)
+    frame = make_frame(seed=5, aircraft=6, days=12, noise=0.3, heading_error=error)
     return frame, diagnose(frame, catalogue=SMALL)
 
 

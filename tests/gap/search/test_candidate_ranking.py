@@ -79,7 +79,7 @@ def test_what_the_catalogue_lacks_is_placed_by_the_simplest_group():
         own = np.radians(0.9) * np.sin(2 * context["magnetic_heading"])
         return np.where(context["aircraft"] == 1, own, 0.0)
 
-    frame = make_frame(seed=6, aircraft=5, days=16, noise=0.3, heading_error=two_cycles)
+    frame = make_frame(seed=6, aircraft=5, days=10, noise=0.3, heading_error=two_cycles)
     catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron")}
     report = diagnose(frame, catalogue=catalogue, maps=False).report
     place = report.unknown.where[0]

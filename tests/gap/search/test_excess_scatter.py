@@ -57,8 +57,8 @@ def test_aircraft_that_jitter_are_found_with_their_size(archive, seed):
     assert found.evidence > 3
 
 
-def test_scatter_is_an_unknown_of_the_diagnosis(archive):
-    frame, _ = archive
+def test_scatter_is_an_unknown_of_the_diagnosis():
+    frame = make_frame(seed=11, aircraft=6, days=10)
     jitter = jittered(frame, [2], 1.5, 3) - frame.residual
     struck = replace(frame, u_rep=frame.u_rep + jitter[:, 0], v_rep=frame.v_rep + jitter[:, 1])
     effects = {"compass_offset": CATALOGUE["compass_offset"]}
