@@ -158,11 +158,21 @@ def names_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("airswing.gap.diagnose._sent_otherwise", lambda *_: None)
 
 
+class _Blank:
+    """In place of what draws swing cards: an empty file each."""
+
+    def of(self, one: object) -> _Blank:
+        return self
+
+    def savefig(self, path: Path, **options: object) -> None:
+        path.touch()
+
+
 @pytest.fixture(scope="module")
-def no_cards() -> Iterator[None]:
-    """No swing cards are drawn, which takes longer than all else of a small run."""
+def blank_cards() -> Iterator[None]:
+    """Nothing is drawn on swing cards, which takes longer than all else of a small run."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("airswing.compass.tables_csv.write_swing_cards", lambda *_, **__: [])
+        patch.setattr("airswing.compass.tables_csv._Drawing", _Blank)
         yield
 
 

@@ -29,7 +29,7 @@ OPTIONS = {"fit": {"shared_error": False, "harmonics": 1, "min_reports": 50}}
 
 
 @pytest.fixture(scope="module")
-def archive(no_cards, tmp_path_factory) -> Path:
+def archive(blank_cards, tmp_path_factory) -> Path:
     """January to early March in a file a month, and the products of all three from scratch."""
     folder = tmp_path_factory.mktemp("archive")
     year.write_fields(folder / "model", HOURS)

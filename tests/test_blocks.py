@@ -47,7 +47,7 @@ def run(root: Path, output: Path) -> dict:
 
 
 @pytest.fixture(scope="module")
-def at_once(no_cards, tmp_path_factory):
+def at_once(blank_cards, tmp_path_factory):
     root = Path(__file__).resolve().parents[1]
     output = tmp_path_factory.mktemp("whole") / "results"
     with pytest.MonkeyPatch.context() as patch:

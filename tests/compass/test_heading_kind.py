@@ -44,9 +44,8 @@ def archive(tmp_path_factory):
 
 
 @pytest.fixture
-def numbers_only(monkeypatch):
+def numbers_only(blank_cards, monkeypatch):
     """No cards, no evaluation and no page: what a run says comes before them."""
-    monkeypatch.setattr("airswing.compass.tables_csv.write_swing_cards", lambda *_, **__: [])
     for name in ("make_evaluation", "make_page"):
         monkeypatch.setattr(f"airswing.workflow.main.{name}", lambda *_: None)
 

@@ -55,7 +55,7 @@ def messages(job: workflow.Job) -> int:
 
 
 @pytest.fixture(scope="module")
-def finished(no_cards, tmp_path_factory, root):
+def finished(blank_cards, tmp_path_factory, root):
     """A configuration, its undisturbed products, and the messages they took."""
     folder = tmp_path_factory.mktemp("finished")
     job = job_of(config_in(folder, root))
