@@ -13,10 +13,10 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from airswing.compass.cardpage import FIRST, CardPage, Curves, refused_page
@@ -120,7 +120,7 @@ def _number(value: float, places: int) -> str:
     return "" if not np.isfinite(value) else f"{value + 0.0:.{places}f}"
 
 
-def swing_card(fits: xr.Dataset, *, aircraft: str, reference: str | None = None) -> Any:
+def swing_card(fits: xr.Dataset, *, aircraft: str, reference: str | None = None) -> Figure:
     """Draw the one-page swing card of an aircraft.
 
     Parameters
@@ -278,7 +278,7 @@ class _Drawing:
         heads = ("FOR", "STEER", "FOR", "STEER"), ("node", "", "correction", "±")
         self._page = CardPage(heads, (6, NODES.size))
 
-    def of(self, one: xr.Dataset) -> Any:
+    def of(self, one: xr.Dataset) -> Figure:
         """Figure of a card, until the next is drawn."""
         title = f"Compass swing in flight: {one['aircraft'].item()}"
         foot = (

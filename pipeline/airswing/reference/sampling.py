@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import os
 import time
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +66,7 @@ class _Reader:
             return -1
         return descriptor
 
-    def values(self, row: Any, points: Ints) -> Floats:
+    def values(self, row: np.void, points: Ints) -> Floats:
         """(4, n) values at corner points, NaN where the field cannot be read."""
         number = int(row["file"])
         descriptor = self._descriptor(number)
@@ -84,7 +83,7 @@ class _Reader:
         self.octets += int(row["length"])
         return values
 
-    def _credible(self, descriptor: int, row: Any, points: Ints) -> Floats:
+    def _credible(self, descriptor: int, row: np.void, points: Ints) -> Floats:
         """Values of a field that an atmosphere can have."""
         size, kind = self.model.grid.size, int(row["kind"])
         judged = probes(row, size)
@@ -99,7 +98,7 @@ class _Reader:
             self._note(row, "values that no atmosphere has left out")
         return values
 
-    def _note(self, row: Any, reason: str) -> None:
+    def _note(self, row: np.void, reason: str) -> None:
         path = self.model.files[int(row["file"])].path
         self.problems[path, f"message at {int(row['offset'])}: {reason}"] = None
 

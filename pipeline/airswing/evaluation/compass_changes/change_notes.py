@@ -8,6 +8,7 @@ degrees.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
         max(row["changes"], key=lambda one: one["curve_rms_deg"], default=None) for row in rows
     ]
 
-    def dates(pick: Any) -> NDArray[np.datetime64]:
+    def dates(pick: Callable[[dict[str, Any]], str]) -> NDArray[np.datetime64]:
         return np.array(
             [NO_CHANGE if one is None else np.datetime64(pick(one), "ns") for one in largest],
             dtype="datetime64[ns]",

@@ -280,7 +280,7 @@ def _duplicates(table: Table, keys: Sequence[str], sources: Sequence[SourceFile]
     ]
 
 
-def _describe_time(row: Any) -> str:
+def _describe_time(row: np.void) -> str:
     valid = np.datetime64(int(row["valid"]), "ns").astype("datetime64[m]")
     return f"{valid}Z, lead {int(row['lead']) / 3600:g} h"
 

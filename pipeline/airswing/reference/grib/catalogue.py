@@ -17,7 +17,6 @@ import glob
 import os
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -172,7 +171,7 @@ def _without_contradictions(table: Table, sources: Sequence[SourceFile], skipped
     return table[~doubtful]
 
 
-def _packed_octets(path: str, row: Any) -> bytes:
+def _packed_octets(path: str, row: np.void) -> bytes:
     """Octets that a field's values come from; empty where they cannot be read any more."""
     start = int(row["section_data"])
     scale = repr((row["packing"], row["bits"], row["decimal_scale"], row["coded"]))

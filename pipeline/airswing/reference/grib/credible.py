@@ -18,7 +18,6 @@ Assumptions and validity
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,7 @@ def limits(kind: int) -> tuple[float, float]:
     return (0.0, MAX_PRESSURE) if kind == PRESSURE else (-MAX_WIND, MAX_WIND)
 
 
-def probes(row: Any, size: int) -> Ints:
+def probes(row: np.void, size: int) -> Ints:
     """Places of a grid at which to judge a field.
 
     Parameters

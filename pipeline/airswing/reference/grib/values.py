@@ -18,7 +18,6 @@ Assumptions and validity
 from __future__ import annotations
 
 import os
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,7 +186,7 @@ _IEEE, _PNG = 4, (41, 40010)
 
 
 def field_values(
-    descriptor: int, row: Any, size: int, points: Ints, *, sparse: bool = True
+    descriptor: int, row: np.void, size: int, points: Ints, *, sparse: bool = True
 ) -> Floats:
     """Values of a field at chosen points.
 
@@ -232,7 +231,7 @@ def field_values(
     return taken
 
 
-def _certain(row: Any, message: bytes, packed: SimplePacking, descriptor: int) -> bool:
+def _certain(row: np.void, message: bytes, packed: SimplePacking, descriptor: int) -> bool:
     """Whether eccodes can find nothing to assert in a message.
 
     Raises
@@ -260,7 +259,7 @@ def _certain(row: Any, message: bytes, packed: SimplePacking, descriptor: int) -
     return packing in _PNG and require_whole_png(message, present)
 
 
-def simple_packing(row: Any, size: int) -> SimplePacking:
+def simple_packing(row: np.void, size: int) -> SimplePacking:
     """Packing parameters of a simply packed field, as its catalogue row has them."""
     bitmap = int(row["section_bitmap"])
     return SimplePacking(
@@ -275,7 +274,7 @@ def simple_packing(row: Any, size: int) -> SimplePacking:
     )
 
 
-def message_bytes(descriptor: int, row: Any) -> bytes:
+def message_bytes(descriptor: int, row: np.void) -> bytes:
     """The field as a complete GRIB message that holds nothing else, on a grid of our own.
 
     Its grid has the counts and the scanning mode of the field's, by which eccodes orders values.
@@ -301,7 +300,7 @@ def message_bytes(descriptor: int, row: Any) -> bytes:
     return b"".join([head, total.to_bytes(8, "big"), *body, b"7777"])
 
 
-def _message_1(descriptor: int, row: Any) -> bytes:
+def _message_1(descriptor: int, row: np.void) -> bytes:
     offset, bitmap = int(row["offset"]), int(row["section_bitmap"])
     length = int(row["data_end"]) - offset
     message = memoryview(read_bytes(descriptor, offset, length))
@@ -320,7 +319,7 @@ def _message_1(descriptor: int, row: Any) -> bytes:
     return b"".join([_BEGINNING, total.to_bytes(3, "big"), b"\x01", product, grid, body, b"7777"])
 
 
-def _section(descriptor: int, row: Any, name: str, number: int) -> bytes:
+def _section(descriptor: int, row: np.void, name: str, number: int) -> bytes:
     """A section of GRIB2, which must still be what the catalogue saw."""
     start, end = int(row[f"section_{name}"]), int(row["offset"]) + int(row["length"])
     head = read_bytes(descriptor, start, 5)

@@ -192,7 +192,7 @@ def _aircraft_grid(
         figure.colorbar(drawn, ax=axes, label=quantity, pad=0.01, extend="both")
 
 
-def _strong_texts(axes: Axes, centres: Floats, shown: Floats, error: Any | None) -> None:
+def _strong_texts(axes: Axes, centres: Floats, shown: Floats, error: ArrayLike | None) -> None:
     """Write the value into the cells that are beyond two standard errors, where there is room."""
     if error is None or centres.size > 12 or shown.shape[0] > 60:
         return
@@ -277,8 +277,8 @@ def _cell_texts(axes: Axes, value: Floats, limit: float) -> None:
 def gap_map_figure(
     longitude: ArrayLike,
     latitude: ArrayLike,
-    eastward: Any,
-    northward: Any,
+    eastward: ArrayLike,
+    northward: ArrayLike,
     number: ArrayLike | None = None,
     *,
     total: int = 0,

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
+from numpy.typing import ArrayLike
 
 from airswing.gap.result.schema import PlaceEntry
 from airswing.report.gap.words import slice_words
@@ -35,7 +36,7 @@ from airswing.report.html.style import (
 @styled
 def evidence_figure(
     names: Sequence[str],
-    log_evidence: Any,
+    log_evidence: ArrayLike,
     *,
     chosen: Sequence[str] = (),
     ambiguous: Sequence[str] = (),
@@ -106,7 +107,7 @@ def evidence_figure(
 
 
 @styled
-def posterior_figure(tails: Sequence[str], names: Sequence[str], probability: Any) -> Figure:
+def posterior_figure(tails: Sequence[str], names: Sequence[str], probability: ArrayLike) -> Figure:
     """Heat map of the probability that each aircraft carries each effect.
 
     Parameters
@@ -239,9 +240,9 @@ def _level(axes: Axes, row: int, value: float, edge: float) -> None:
 
 @styled
 def autocorrelation_figure(
-    distance: Any,
-    measured: Any,
-    half_width: Any,
+    distance: ArrayLike,
+    measured: ArrayLike,
+    half_width: ArrayLike,
     fitted: Mapping[str, Any] | Any,
     *,
     quantity: str = "correlation of residuals",
@@ -293,7 +294,7 @@ def autocorrelation_figure(
 
 
 @styled
-def pit_figure(counts: Any, *, before: Any | None = None) -> Figure:
+def pit_figure(counts: ArrayLike, *, before: ArrayLike | None = None) -> Figure:
     """Histogram of where held-out reports fall in their predicted distribution (PIT).
 
     Parameters

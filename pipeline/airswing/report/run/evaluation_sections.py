@@ -205,7 +205,7 @@ def _why(pair: Mapping[str, Any]) -> str:
     return str(pair.get("why", "")).replace(" +- ", " ± ")
 
 
-def _p_value(value: Any) -> str:
+def _p_value(value: float | None) -> str:
     return f"{float(value):.2g}" if value is not None and float(value) == float(value) else "-"
 
 

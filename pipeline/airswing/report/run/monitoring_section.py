@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 import airswing
 from airswing.products.whole_files import write_text
 from airswing.report.html.document import Column, Row, Section, document, folded, table
@@ -69,7 +71,7 @@ def _lead(watched: Mapping[str, Any]) -> str:
     return told
 
 
-def _events_table(watched: Mapping[str, Any], events: list[Mapping[str, Any]]) -> Any:
+def _events_table(watched: Mapping[str, Any], events: list[Mapping[str, Any]]) -> Markup:
     number = len(events) - watched["told_before"]
     rows = [
         Row(
@@ -107,7 +109,7 @@ def _size(event: Mapping[str, Any]) -> str:
     return f"{told['days']} days" if "days" in told else "-"
 
 
-def _states_table(watched: Mapping[str, Any]) -> Any:
+def _states_table(watched: Mapping[str, Any]) -> Markup:
     states = sorted(watched["states"], key=_worst_first)
     rows = [
         Row(

@@ -9,7 +9,7 @@ the screening and were corrected are compared, the same ones before and after.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, SupportsFloat
 
 import numpy as np
 import xarray as xr
@@ -279,7 +279,7 @@ def signed_text(value: float) -> str:
     return f"{round(value, 1) + 0.0:+.1f}" if np.isfinite(value) else "-"
 
 
-def number_text(value: Any, *, digits: int = 2) -> str:
+def number_text(value: SupportsFloat, *, digits: int = 2) -> str:
     """Return a number with fixed digits, or a dash where there is none."""
     number = float(value)
     return f"{number:.{digits}f}" if np.isfinite(number) else "-"

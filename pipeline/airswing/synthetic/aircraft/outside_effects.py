@@ -41,6 +41,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Value = Mapping[str, Any]
+Winds = tuple[Array, Array]
 KNOT = 1852.0 / 3600.0
 LEAST_SHARE = 0.05
 """An effect acts where its shape exceeds this share of its largest size."""
@@ -323,28 +325,22 @@ def outside_change(
     return np.stack([new[0] - u, new[1] - v], axis=-1)
 
 
-def _limited(u: Array, v: Array, limits: Callable[[Array], Array]) -> tuple[Array, Array]:
+def _limited(u: Array, v: Array, limits: Callable[[Array], Array]) -> Winds:
     """Return the wind with its speed changed and its direction kept."""
     speed = np.hypot(u, v)
     factor = limits(speed) / np.maximum(speed, 1e-9)
     return u * factor, v * factor
 
 
-def _floor(
-    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
-) -> Any:
+def _floor(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
     return _limited(u, v, lambda speed: np.maximum(speed, value["limit_kt"] * KNOT))
 
 
-def _ceiling(
-    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
-) -> Any:
+def _ceiling(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
     return _limited(u, v, lambda speed: np.minimum(speed, value["limit_kt"] * KNOT))
 
 
-def _hole(
-    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
-) -> Any:
+def _hole(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
     """Send the nearer edge of an interval of speeds that is never sent."""
     low, high = (float(edge) * KNOT for edge in value["between_kt"])
 
@@ -355,9 +351,7 @@ def _hole(
     return _limited(u, v, edges)
 
 
-def _lattice(
-    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
-) -> Any:
+def _lattice(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
     """Send weak winds in a few directions only."""
     speed, direction = np.hypot(u, v), np.arctan2(u, v)
     step = np.radians(float(value["direction_step_deg"]))
@@ -367,16 +361,12 @@ def _lattice(
     return speed * np.sin(rounded), speed * np.cos(rounded)
 
 
-def _jitter(
-    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
-) -> Any:
+def _jitter(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
     noise = rng.normal(0.0, float(value["size_m_s"]) / np.sqrt(2.0), (2, u.size))
     return u + noise[0], v + noise[1]
 
 
-def _gross(
-    u: Array, v: Array, here: Mask, value: Mapping[str, Any], rng: np.random.Generator
-) -> Any:
+def _gross(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
     """Send a wind of any direction in place of one report in so many."""
     hit = rng.uniform(size=u.size) < float(value["fraction"])
     turn = rng.uniform(0.0, 2 * np.pi, u.size)
@@ -384,7 +374,7 @@ def _gross(
     return np.where(hit, speed * np.sin(turn), u), np.where(hit, speed * np.cos(turn), v)
 
 
-SCATTER: dict[str, Callable[..., Any]] = {
+SCATTER: dict[str, Callable[[Array, Array, Mask, Value, np.random.Generator], Winds]] = {
     "floor": _floor,
     "ceiling": _ceiling,
     "hole": _hole,
