@@ -113,6 +113,13 @@ def test_calm_has_no_direction() -> None:
     assert np.isnan(triangle.wind_components(5.0, np.nan)).all()
 
 
+def test_degrees_go_the_short_way_round() -> None:
+    angles = np.array([-180.0, 180.0, 190.0, -190.0, 540.0, 0.0], dtype=np.float32)
+    found = triangle.wrap_degrees(angles)
+    assert found.tolist() == [-180.0, -180.0, -170.0, 170.0, -180.0, 0.0]
+    assert found.dtype == np.float32
+
+
 @given(angles)
 def test_wraps_stay_in_range_and_keep_the_angle(angle: float) -> None:
     signed, positive = triangle.wrap_signed(angle), triangle.wrap_positive(angle)

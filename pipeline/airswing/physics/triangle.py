@@ -25,6 +25,8 @@ the TAMDAR wind computation.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -40,6 +42,7 @@ __all__ = [
     "wind_components",
     "wind_from_direction",
     "wind_from_triangle",
+    "wrap_degrees",
     "wrap_positive",
     "wrap_signed",
 ]
@@ -83,6 +86,17 @@ def wrap_positive(angle: ArrayLike) -> Array:
     turned = np.mod(np.asarray(angle, dtype=np.float64), TURN)
     # a tiny negative angle rounds up to the full turn
     return np.asarray(np.where(turned >= TURN, 0.0, turned))
+
+
+def wrap_degrees(angle: ArrayLike) -> NDArray[Any]:
+    """Return degrees brought into [-180, 180): longitudes, and angles the short way round.
+
+    Parameters
+    ----------
+    angle : array_like, any shape
+        Degrees; single precision stays single.
+    """
+    return np.asarray((np.asarray(angle) + 180.0) % 360.0 - 180.0)
 
 
 def bearing(east: ArrayLike, north: ArrayLike) -> Array:

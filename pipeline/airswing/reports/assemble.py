@@ -26,6 +26,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.flags import PLATFORM
+from airswing.physics.triangle import wrap_degrees
 from airswing.reports.averaging import averaged
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.derive import derive_flight, derive_phase, seconds_since_1970
@@ -287,7 +288,7 @@ def _apart(
         columns[name][one] - columns[name][other]
         for name in ("latitude", "longitude", "pressure_altitude")
     )
-    return north, (east + 180.0) % 360.0 - 180.0, np.abs(up)
+    return north, wrap_degrees(east), np.abs(up)
 
 
 def _clock(time: NDArray[np.datetime64]) -> NDArray[np.float64]:

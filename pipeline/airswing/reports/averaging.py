@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.physics.triangle import wrap_degrees
 from airswing.reports.canonical.audit import Audit
 
 __all__ = ["STRAIGHT", "averaged"]
@@ -93,7 +94,7 @@ def _mean_angle(degrees: NDArray[Any], starts: NDArray[np.int64]) -> NDArray[np.
     """Mean about the first value of each interval, the short way round, in its own range."""
     sizes = np.diff(np.r_[starts, degrees.size])
     first = degrees[starts].repeat(sizes).astype(np.float64)
-    apart = (degrees - first + 180.0) % 360.0 - 180.0
+    apart = wrap_degrees(degrees - first)
     mean = degrees[starts] + _mean(apart, starts)
     wrapped = mean % 360.0
     west = np.any(degrees < 0.0)
@@ -106,7 +107,7 @@ def _straight(
     """Whether the reported heading stays within a band; reports without one count as straight."""
     heading = columns["reported_heading"].astype(np.float64)
     first = heading[starts].repeat(sizes)
-    apart = (heading - first + 180.0) % 360.0 - 180.0
+    apart = wrap_degrees(heading - first)
     high = np.maximum.reduceat(np.where(np.isnan(apart), -np.inf, apart), starts)
     low = np.minimum.reduceat(np.where(np.isnan(apart), np.inf, apart), starts)
     return np.asarray(~(high - low > STRAIGHT))

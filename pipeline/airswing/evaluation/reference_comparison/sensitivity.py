@@ -34,6 +34,7 @@ from airswing.evaluation.reference_comparison.pairs import (
 from airswing.evaluation.reference_comparison.pairsums import AircraftPair, PairSums, Regions, Rows
 from airswing.evaluation.reference_comparison.threeway import hat_sums, hats_of
 from airswing.flags import PHASE, SCREENING
+from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import blocks, row_bounds, time_span
 
 SIGNIFICANCE = 0.02
@@ -300,7 +301,7 @@ def _sinusoid_difference(
     """Differences of the published offset, amplitude and phase, by the delta method."""
     pair = fits.isel(aircraft=index).sel(reference=[one, two])
     change = {name: float(-np.diff(pair[name])[0]) for name in ("offset", "amplitude", "phase")}
-    change["phase"] = float((change["phase"] + 180.0) % 360.0 - 180.0)
+    change["phase"] = float(wrap_degrees(change["phase"]))
     phase = np.radians(float(pair["phase"].mean()))
     size = float(pair["amplitude"].mean())
     # B = amplitude cos(phase), C = amplitude sin(phase).

@@ -18,6 +18,7 @@ from airswing.evaluation.error_profiles import LEVEL_EDGES_HPA, profile_cells
 from airswing.flags import CORRECTION
 from airswing.handover.forecasts.correcting import TIME
 from airswing.handover.forecasts.forecast_pairs import on_axes
+from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import blocks
 
 VARIABLES = ("eastward_wind", "northward_wind")
@@ -99,7 +100,7 @@ def _reports(
     table = pd.DataFrame(
         {
             "south": np.floor(block["latitude"].to_numpy() / region),
-            "west": np.floor(((block["longitude"].to_numpy() + 180.0) % 360.0 - 180.0) / region),
+            "west": np.floor(wrap_degrees(block["longitude"].to_numpy()) / region),
             "layer": cell % _LAYERS,
             "day": block["time"].to_numpy().astype("datetime64[D]").astype("datetime64[ns]"),
         }

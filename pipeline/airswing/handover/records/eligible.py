@@ -25,6 +25,7 @@ from airswing.errors import InputError
 from airswing.flags import CORRECTION, SCREENING
 from airswing.handover.records.registry import Request
 from airswing.physics.atmosphere import pressure_from_altitude
+from airswing.physics.triangle import wrap_degrees
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -154,7 +155,7 @@ def _all_rows(block: xr.Dataset, request: Request) -> NDArray[np.void]:
         altitude = block["pressure_altitude"].to_numpy()[unknown]
         rows["pressure"][unknown] = pressure_from_altitude(altitude)
     with np.errstate(invalid="ignore"):  # an infinite longitude becomes none
-        rows["longitude"] = (rows["longitude"] + 180.0) % 360.0 - 180.0
+        rows["longitude"] = wrap_degrees(rows["longitude"])
     return rows
 
 

@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from airswing.physics.triangle import wrap_degrees
 from airswing.units import MODEL_EARTH_RADIUS
 
 Floats = NDArray[np.float64]
@@ -178,10 +179,10 @@ class Grid:
         """
         lat, lon = _floats(latitude), _floats(longitude)
         if self.kind == "lambert":
-            return np.asarray(_cone(self) * np.radians(_wrap(lon - self.orientation)))
+            return np.asarray(_cone(self) * np.radians(wrap_degrees(lon - self.orientation)))
         if self.kind == "polar_stereographic":
             sign = -1.0 if self.south else 1.0
-            return np.asarray(sign * np.radians(_wrap(lon - self.orientation)))
+            return np.asarray(sign * np.radians(wrap_degrees(lon - self.orientation)))
         if self.kind == "rotated_ll":
             return _rotated_convergence(self, lat, lon)
         return np.zeros_like(lat)
@@ -223,11 +224,6 @@ class Grid:
 
 def _floats(values: ArrayLike) -> Floats:
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
-
-
-def _wrap(degrees: Floats) -> Floats:
-    """Wrap to [-180, 180)."""
-    return np.asarray(np.mod(degrees + 180.0, 360.0) - 180.0)
 
 
 def _unwrap(fi: Floats, turn: float, ni: int) -> Floats:
@@ -273,7 +269,7 @@ def _project(
         scale = a * _parallel(np.radians(grid.true_latitude), e)
         with np.errstate(divide="ignore", invalid="ignore"):
             return scale * np.radians(lon), -scale * np.log(_colatitude(phi, e))
-    turned = np.radians(_wrap(lon - grid.orientation))
+    turned = np.radians(wrap_degrees(lon - grid.orientation))
     if grid.kind == "lambert":
         n, one = _cone(grid), np.radians(grid.latin1)
         with np.errstate(divide="ignore", invalid="ignore"):

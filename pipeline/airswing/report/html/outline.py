@@ -20,6 +20,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
+from airswing.physics.triangle import wrap_degrees
 from airswing.report.html.style import SOFT
 
 Floats = NDArray[np.float64]
@@ -70,7 +71,7 @@ class View:
 
 def unwrap_around(longitude: Floats, middle: float) -> Floats:
     """Shift longitudes by whole turns to lie in [middle - 180, middle + 180)."""
-    return (longitude - middle + 180.0) % 360.0 - 180.0 + middle
+    return wrap_degrees(longitude - middle) + middle
 
 
 def middle_longitude(longitude: ArrayLike) -> float:
@@ -94,7 +95,7 @@ def middle_longitude(longitude: ArrayLike) -> float:
     widest = int(np.argmax(gaps))
     first = values[(widest + 1) % values.size]
     length = 360.0 - gaps[widest]
-    return float((first + length / 2 + 180.0) % 360.0 - 180.0)
+    return float(wrap_degrees(first + length / 2))
 
 
 def view_of(
@@ -158,7 +159,7 @@ def lines_in(view: View, layer: str) -> list[Floats]:
 
 def _degree_label(positive: str, negative: str, *, wraps: bool) -> FuncFormatter:
     def text(value: float, _position: object = None) -> str:
-        shown = (value + 180.0) % 360.0 - 180.0 if wraps else value
+        shown = float(wrap_degrees(value)) if wraps else value
         if round(shown, 6) == 0:
             return "0°"
         if wraps and round(abs(shown), 6) == 180:
