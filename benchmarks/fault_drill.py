@@ -9,9 +9,11 @@ attributes apart from identifiers and history, and every other file octet for oc
 With ``--update`` the job is ``airswing update`` in place of ``airswing run`` and ``--resume``.
 With ``--adding`` every run begins from a finished one of the first two thirds of the reports, to
 which the last third is added, and is compared with the run of all of them from scratch (an update:
-with an undisturbed update from there).
+with an undisturbed update from there). The archive begins on 1 March: of 34 days the last third
+holds a month's end.
 
     python -m benchmarks.fault_drill --kills 20
+    python -m benchmarks.fault_drill --update --adding --kills 20 --days 34 --aircraft 2
 """
 
 from __future__ import annotations
@@ -168,6 +170,12 @@ def drill(
     undisturbed = finish(config, *anew)
     truth = output.with_name("undisturbed")
     output.rename(truth)
+    if first is not None and update:
+        before, after = (
+            " and ".join(sorted(path.stem for path in (folder / "headings").glob("*.nc")))
+            for folder in (first, truth)
+        )
+        print(f"months before the kills: {before}; after: {after}", flush=True)
     done = compared = 0
     wrong: list[str] = []
     longest = undisturbed if longest is None else longest

@@ -3,13 +3,16 @@
     python -m benchmarks.fleet --aircraft 600 1200 2400
     python -m benchmarks.fleet --aircraft 6000 --days 10 --reports 20000000
     python -m benchmarks.fleet --aircraft 600 --reports 2000000 --tracks FILE.csv
+    python -m benchmarks.fleet --stages --aircraft 600 1200 2400
 
 Fleets over a continent against one reference whose error is a bias, a lasting and a passing field,
 every size in a process of its own (memory is the peak of it). With ``--tracks`` flights are where
 aircraft of a table (columns icao, lat, lon, alt in feet) were. Aircraft are summed
 `TOGETHER` at a time (`sum_aircraft`), as a lazily opened archive is, and the fleet is solved on the
 sums (`fit_sums`); together that is `fit_deviation`. The making of the reports is not counted.
-Exit status 1 where the exponent of the processor time is above `EXPONENT`.
+With ``--stages`` it is what comes after the fit: aircraft have `FEW` reports, two references.
+Of swing cards one in ten is drawn, the others stand. Exit status 1 where the exponent of the
+processor time, of a stage that takes a second or more, is above `EXPONENT`.
 """
 
 from __future__ import annotations
@@ -20,8 +23,13 @@ import os
 import resource
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -31,6 +39,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
+from tests.evaluation import archives
 
 from airswing.compass.fit.deviation import FleetSums, fit_sums, sum_aircraft
 
@@ -39,6 +48,7 @@ TOGETHER = 100
 CONTINENT = (27.0, 48.0, -122.0, -70.0)
 """Degrees: south, north, west, east."""
 FLIGHTS_A_DAY = 4
+FEW = Setting(days=20, flights_a_day=3, reports_a_flight=4, references=2)
 FIRST_SEGMENT = np.datetime64("2008-07-01", "h").astype(np.int64) // 6
 
 
@@ -161,6 +171,74 @@ def one_size(
     }
 
 
+def after_the_fit(aircraft: int) -> dict[str, Callable[[], Any]]:
+    """Every stage after the fit, of a fleet with few reports each."""
+    from airswing.compass.correction import correct
+    from airswing.compass.fit.deviation import fit_deviation
+    from airswing.compass.table import add_tables
+    from airswing.compass.tables_csv import write_swing_cards, write_tables_csv
+    from airswing.evaluation.backtest.ranking import rank_aircraft
+    from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
+    from airswing.evaluation.compass_changes.change_dates import find_changes
+    from airswing.evaluation.compass_changes.window_fits import fit_by_window
+    from airswing.evaluation.error_profiles import error_profiles
+    from airswing.evaluation.field_test import field_test
+    from airswing.evaluation.monitoring import find_events
+    from airswing.evaluation.reference_comparison.sensitivity import compare
+    from airswing.evaluation.report_errors.observation_errors import observation_errors
+
+    headings, _ = archives.fleet(1, replace(FEW, aircraft=aircraft), amplitude=4.0)
+    missing = ("report", np.zeros(headings.sizes["report"], np.int8))
+    headings = headings.assign(roll_flag=missing, temperature_qc=missing)
+    pools = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}
+    against: dict[str, Any] = {"pools": pools, "reference": "ruc"}
+    fits = add_tables(fit_deviation(headings, pools=pools), headings)
+    corrected = correct(headings, fits, reference="ruc")
+    names = headings["aircraft"].to_numpy().astype(str).tolist()
+    half, start = aircraft // 2, date(2008, 7, 13)
+    groups: dict[str, Any] = {"corrected": names[:half], "controls": names[half:]}
+
+    def cards() -> None:
+        stand = {name: f"{name}.pdf" for k, name in enumerate(names) if k % 10}
+        with tempfile.TemporaryDirectory() as folder:
+            write_tables_csv(fits, Path(folder) / "tables.csv")
+            write_swing_cards(fits, folder, reference="ruc", stand=stand)
+
+    return {
+        "ranking": lambda: rank_aircraft(headings, fits, **against),
+        "comparison": lambda: compare(headings, pools=pools),
+        "changes": lambda: find_changes(headings, members=["ruc"]),
+        "months": lambda: fit_by_window(headings, **against),
+        "field test": lambda: field_test(
+            headings, start=start, before_start=date(2008, 7, 1), **groups, **against
+        ),
+        "virtual test": lambda: virtual_field_test(headings, learned_until=start, **against),
+        "watch": lambda: find_events(headings, fits, corrected=corrected, reference="ruc"),
+        "profiles": lambda: error_profiles(headings, corrected, pools=pools),
+        "report errors": lambda: observation_errors(headings, corrected, **against),
+        "cards": cards,
+    }
+
+
+def stages(sizes: list[int]) -> int:
+    """Print the processor time of every stage after the fit, and its exponent."""
+    used: dict[str, list[float]] = {}
+    for aircraft in sizes:
+        for name, work in after_the_fit(aircraft).items():
+            began = time.process_time()
+            work()
+            used.setdefault(name, []).append(time.process_time() - began)
+            print(f"{aircraft:8d} aircraft  {name:<14}{used[name][-1]:8.1f} s", flush=True)
+    missed = []
+    for name, times in used.items():
+        found = float(np.polyfit(np.log(sizes), np.log(times), 1)[0]) if len(sizes) > 1 else 0.0
+        if found > EXPONENT and times[-1] >= 1.0:
+            missed.append(name)
+        print(f"{name:<14}" + "".join(f"{one:9.1f}" for one in times) + f"   power {found:.2f}")
+    print(f"above {EXPONENT}: {', '.join(missed) or 'none'}")
+    return int(bool(missed))
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--aircraft", type=int, nargs="+", default=[150, 300, 600, 1200])
@@ -168,7 +246,10 @@ def main() -> int:
     parser.add_argument("--reports", type=int, help="of all aircraft; 480 an aircraft if not given")
     parser.add_argument("--tracks", type=Path, help="fly where the aircraft of this table were")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--stages", action="store_true", help="what comes after the fit")
     given = parser.parse_args()
+    if given.stages:
+        return stages(given.aircraft)
     if given.one:
         aircraft = given.aircraft[0]
         reports = given.reports or 480 * aircraft

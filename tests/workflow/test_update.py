@@ -21,6 +21,7 @@ from airswing import workflow
 from airswing.config import load_config
 from airswing.errors import InputError
 from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
+from airswing.flags import STATUS
 from airswing.products.ragged_product import write_joined
 from airswing.products.workspace import workspace
 from airswing.workflow import fits
@@ -211,6 +212,21 @@ def test_a_day_twice_changes_nothing_and_a_day_corrected_its_month(archive):
         month: before[month] for month in (JANUARY, MARCH)
     }
     alike(archive)
+
+
+def test_an_aircraft_without_a_curve_is_fitted_once(archive, looked_at):
+    update_with_all(archive)
+    job = job_in(archive, fit={"harmonics": 1, "min_reports": 500})
+    months = month_fits.MonthlyFits([JANUARY, FEBRUARY, MARCH])
+    headings = airswing.read_product(archive / "results/headings", lazy=True)
+    first = months(job, headings).fits
+    assert first["status"].sel(aircraft=NEW).item() == STATUS["too_few_reports"]
+    assert max(looked_at) > 500
+    looked_at.clear()
+    again = months(job, headings).fits
+    assert set(looked_at) == {0}  # nothing is fitted to reports
+    for name in ("deviation", "status", "report_count", "condition_number"):
+        np.testing.assert_array_equal(first[name], again[name])
 
 
 def test_late_reports_and_late_model_files_touch_their_month(archive):
