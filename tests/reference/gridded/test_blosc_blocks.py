@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airswing.reference.gridded.blosc_blocks import expand_blocks
+from airswing.reference.gridded.blosc_blocks import octets_of_blocks
 
 
-def expanded(chunk: bytes, size: int, wanted: list[int]) -> np.ndarray:
+def octets(chunk: bytes, size: int, wanted: list[int]) -> np.ndarray:
     with tempfile.TemporaryFile(buffering=0) as file:
         file.write(chunk)
-        return np.asarray(expand_blocks(file, size, np.array(wanted, dtype=np.int64)))
+        return np.asarray(octets_of_blocks(file, size, np.array(wanted, dtype=np.int64)))
 
 
 @settings(max_examples=60, deadline=None)
@@ -36,8 +36,8 @@ def test_blocks_are_what_the_whole_chunk_has_there(data: st.DataObject) -> None:
     seed = data.draw(st.integers(0, 99))
     plain = np.random.default_rng(seed).integers(0, spread + 1, count).astype(dtype).view("u1")
     wanted = data.draw(st.lists(st.integers(0, plain.size - 1), min_size=1, max_size=5))
-    found = expanded(codec.encode(plain.view(dtype)), plain.size, wanted)
-    np.testing.assert_array_equal(found[wanted], plain[wanted])
+    found = octets(codec.encode(plain.view(dtype)), plain.size, wanted)
+    np.testing.assert_array_equal(found, plain[wanted])
 
 
 def chunk_of_blocks() -> tuple[np.ndarray, bytes]:
@@ -53,9 +53,9 @@ def test_the_other_blocks_are_not_touched() -> None:
     for begin in begins[3:6]:
         damaged[begin : begin + 8] = b"\xff" * 8
     wanted = [0, 70000, 196607, plain.size - 1]  # blocks 0, 1, 2 and the last
-    np.testing.assert_array_equal(expanded(damaged, plain.size, wanted)[wanted], plain[wanted])
+    np.testing.assert_array_equal(octets(damaged, plain.size, wanted), plain[wanted])
     with pytest.raises(RuntimeError):
-        expanded(damaged, plain.size, [196608])
+        octets(damaged, plain.size, [196608])
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_the_other_blocks_are_not_touched() -> None:
 def test_damage_is_said(damage: object, said: str) -> None:
     plain, chunk = chunk_of_blocks()
     with pytest.raises(ValueError, match=said):
-        expanded(damage(chunk), plain.size, [3])  # type: ignore[operator]
+        octets(damage(chunk), plain.size, [3])  # type: ignore[operator]
 
 
 def test_a_store_of_version_2_reads_blocks(tmp_path: Path) -> None:

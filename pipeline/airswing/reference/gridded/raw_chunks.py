@@ -30,9 +30,10 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Fetch = Callable[[tuple[int, ...], Ints], "bytes | bytearray | memoryview | None"]
-"""Expanded octets of the chunk that begins at a place, of which some values (counted through the
-chunk) are wanted; None where no chunk was written."""
+Octets = NDArray[np.uint8]
+Fetch = Callable[[tuple[int, ...], Ints], "Octets | None"]
+"""Octets (n, width) of n values, counted through the chunk that begins at a place; None where no
+chunk was written."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,6 @@ class RawVariable:
     chunks : tuple of int
     dtype : dtype
         As stored.
-    shuffled : bool
-        Whether the first octets of all values stand before the second ones, and so on.
     fetch : callable
     scale, offset : float
     fills : tuple of float
@@ -54,7 +53,6 @@ class RawVariable:
 
     chunks: tuple[int, ...]
     dtype: np.dtype[Any]
-    shuffled: bool
     fetch: Fetch
     scale: float
     offset: float
@@ -83,16 +81,7 @@ class RawVariable:
         octets = self.fetch(place, flat)
         if octets is None:
             return None
-        plain = np.frombuffer(octets, dtype=np.uint8)
-        count = int(np.prod(self.chunks))
-        if plain.size != count * self.dtype.itemsize:
-            raise ValueError(f"a chunk of {plain.size} octets")
-        planes = (
-            plain.reshape(self.dtype.itemsize, count).T
-            if self.shuffled
-            else plain.reshape(count, self.dtype.itemsize)
-        )
-        stored = np.ascontiguousarray(planes[flat]).view(self.dtype)[..., 0]
+        stored = np.ascontiguousarray(octets).view(self.dtype)[..., 0]
         found: Floats = stored.astype(np.float64)
         for fill in self.fills:
             found[stored == fill] = np.nan
@@ -131,13 +120,12 @@ def raw_variable(ds: xr.Dataset, name: str, chunks: tuple[Any, ...]) -> RawVaria
         return None
     if stored is None or stored[0] != tuple(chunks) or stored[1].kind not in "iuf":
         return None
-    length, dtype, shuffled, fetch = stored
+    length, dtype, fetch = stored
     encoding = variable.encoding
     fills = [encoding[key] for key in ("_FillValue", "missing_value") if key in encoding]
     return RawVariable(
         length,
         dtype,
-        shuffled,
         fetch,
         float(encoding.get("scale_factor", 1.0)),
         float(encoding.get("add_offset", 0.0)),
@@ -145,9 +133,21 @@ def raw_variable(ds: xr.Dataset, name: str, chunks: tuple[Any, ...]) -> RawVaria
     )
 
 
-_Expand = Callable[[io.FileIO, Ints], Any]
-"""File of a chunk, and which of its values are wanted, to expanded octets."""
-_Stored = tuple[tuple[int, ...], "np.dtype[Any]", bool, Fetch]
+_Expand = Callable[[io.FileIO, Ints], Octets]
+"""File of a chunk, and which of its values are wanted, to their octets (n, width)."""
+_Stored = tuple[tuple[int, ...], "np.dtype[Any]", Fetch]
+
+
+def _taken(octets: Any, size: int, width: int, flat: Ints, *, shuffled: bool = False) -> Octets:
+    """Octets of some values of an expanded chunk.
+
+    `shuffled`: the first octets of all values stand before the second ones, and so on.
+    """
+    plain = np.frombuffer(octets, dtype=np.uint8)
+    if plain.size != size:
+        raise ValueError(f"a chunk of {plain.size} octets")
+    planes = plain.reshape(width, -1).T if shuffled else plain.reshape(-1, width)
+    return planes[flat]
 
 
 def _of_hdf5(path: Path, name: str) -> _Stored | None:
@@ -163,9 +163,10 @@ def _of_hdf5(path: Path, name: str) -> _Stored | None:
     codes = [filters.get_filter(k)[0] for k in range(filters.get_nfilters())]
     if data.chunks is None or codes not in ([], [1], [2, 1]):
         return None
-    size = int(np.prod(data.chunks)) * data.dtype.itemsize
+    width = data.dtype.itemsize
+    size = int(np.prod(data.chunks)) * width
 
-    def fetch(place: tuple[int, ...], flat: Ints) -> bytes | bytearray | None:
+    def fetch(place: tuple[int, ...], flat: Ints) -> Octets | None:
         try:
             left_out, octets = data.id.read_direct_chunk(place)
         except RuntimeError:
@@ -176,9 +177,10 @@ def _of_hdf5(path: Path, name: str) -> _Stored | None:
         if left_out:
             raise ValueError("a chunk stored without its filters")
         # libdeflate expands shuffled winds in 0.6 of the time ISA-L takes, and in half of zlib's
-        return deflate.zlib_decompress(octets, size) if codes else bytes(octets)
+        plain = deflate.zlib_decompress(octets, size) if codes else octets
+        return _taken(plain, size, width, flat, shuffled=2 in codes)
 
-    return data.chunks, data.dtype, 2 in codes, fetch
+    return data.chunks, data.dtype, fetch
 
 
 def _of_zarr(path: Path, name: str) -> _Stored | None:
@@ -199,7 +201,7 @@ def _of_zarr(path: Path, name: str) -> _Stored | None:
     if expand is None:
         return None
     between = keys.get("configuration", {}).get("separator", "/")
-    return lengths, dtype, False, _files(folder, lengths, "c" + between, between, expand)
+    return lengths, dtype, _files(folder, lengths, "c" + between, between, expand)
 
 
 def _of_zarr2(folder: Path, told: dict[str, Any]) -> _Stored | None:
@@ -211,7 +213,7 @@ def _of_zarr2(folder: Path, told: dict[str, Any]) -> _Stored | None:
     if expand is None:
         return None
     between = told.get("dimension_separator", ".")
-    return lengths, dtype, False, _files(folder, lengths, "", between, expand)
+    return lengths, dtype, _files(folder, lengths, "", between, expand)
 
 
 def _expander(name: str, lengths: tuple[int, ...], width: int) -> _Expand | None:
@@ -220,11 +222,16 @@ def _expander(name: str, lengths: tuple[int, ...], width: int) -> _Expand | None
     import numcodecs  # type: ignore[import-untyped]
     from isal import igzip
 
-    from airswing.reference.gridded.blosc_blocks import expand_blocks
+    from airswing.reference.gridded.blosc_blocks import octets_of_blocks
 
     size = int(np.prod(lengths)) * width
     if name == "blosc":
-        return lambda file, flat: expand_blocks(file, size, flat * width)
+
+        def of_blocks(file: io.FileIO, flat: Ints) -> Octets:
+            wanted = flat[:, None] * width + np.arange(width)
+            return octets_of_blocks(file, size, wanted.ravel()).reshape(wanted.shape)
+
+        return of_blocks
     expand: dict[str, Callable[[bytes], Any]] = {
         "": bytes,
         "zlib": lambda octets: deflate.zlib_decompress(octets, size),
@@ -235,17 +242,17 @@ def _expander(name: str, lengths: tuple[int, ...], width: int) -> _Expand | None
     if name not in expand:
         return None
     one = expand[name]
-    return lambda file, _: one(file.read())
+    return lambda file, flat: _taken(one(file.read()), size, width, flat)
 
 
 def _files(
     folder: Path, lengths: tuple[int, ...], start: str, between: str, expand: _Expand
 ) -> Fetch:
-    def fetch(place: tuple[int, ...], flat: Ints) -> memoryview | None:
+    def fetch(place: tuple[int, ...], flat: Ints) -> Octets | None:
         numbers = (str(at // length) for at, length in zip(place, lengths, strict=True))
         try:
             with open(folder / (start + between.join(numbers)), "rb", buffering=0) as file:
-                return memoryview(expand(file, flat)).cast("B")
+                return expand(file, flat)
         except FileNotFoundError:
             return None
 
