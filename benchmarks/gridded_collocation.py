@@ -246,6 +246,7 @@ def _measured(way: str, path: str, reports: xr.Dataset, wall: bool, channel: Any
     import matplotlib.pyplot  # noqa: F401
     import metpy.calc
     import metpy.plots.mapping  # noqa: F401  (what parse_cf imports)
+    import netCDF4  # noqa: F401
     import numcodecs  # noqa: F401
     import scipy.interpolate  # noqa: F401
     import zarr  # noqa: F401
