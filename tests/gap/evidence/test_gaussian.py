@@ -15,8 +15,10 @@ from airswing.gap.evidence.gaussian import (
     SCALE_GRID,
     SIZE_GRID,
     allowance_covariance,
+    evidence_over_backgrounds,
     gaussian_evidence,
     grid_evidence,
+    raw_evidence,
 )
 from airswing.gap.evidence.localisation import cross_fitted, false_discovery, score_test
 from airswing.gap.search.coding_and_outliers import against_chance
@@ -112,6 +114,30 @@ def test_widths_in_metres_a_second_are_the_evidence_of_their_densities():
         for b in background
     ]
     assert np.diff(found.nothing) == pytest.approx(np.diff(density), abs=1e-3)
+
+
+@pytest.mark.parametrize("size", [1, 2, 4])
+def test_sizes_of_the_background_are_the_evidence_at_each_allowance(size):
+    rng = np.random.default_rng(size)
+    half = rng.normal(size=(2, 6, size, size + 3))
+    information, unit = (
+        np.einsum("naij,nakj->naik", half, half) * np.array([40, 0.3])[:, None, None, None]
+    )
+    score, scales = 30 * rng.normal(size=(2, 6, size)), rng.uniform(0.1, 2, size)
+    levels = np.array([0.0, 0.05, 0.3])
+    options = {"factor": 1.4, "scales": scales, "unit": unit}
+    tempered, estimate, nothing = evidence_over_backgrounds(
+        information, score, levels=levels, **options
+    )
+    for c in range(2):
+        expected = grid_evidence(
+            information, score[c], allowance=levels[:, None, None, None] ** 2 * unit, **options
+        )
+        np.testing.assert_allclose(tempered[:, c], expected.tempered, rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(estimate[:, c], expected.estimate, rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(nothing[c], expected.nothing, rtol=1e-8, atol=1e-9)
+    raw = raw_evidence(information, score[1], scales)
+    np.testing.assert_array_equal(raw, expected.raw)
 
 
 def test_aircraft_of_which_a_share_is_struck_by_hand():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.gap.toy import make_frame, noise_of
@@ -10,6 +12,7 @@ from airswing.gap.design.basis import plan_dictionary
 from airswing.gap.design.exogenous import exogenous
 from airswing.gap.design.layout import build_columns, make_layout
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.held_out.days_left_out import select_days
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import flight_order, take_gains, whiten
 from airswing.gap.sums.accumulate import (
@@ -27,6 +30,7 @@ from airswing.gap.sums.elimination import (
     condition,
     eliminate_days,
     fit_included,
+    fits_by_fold,
 )
 from airswing.physics.splines import hats
 
@@ -105,6 +109,27 @@ def test_day_fields_and_conditioning_equal_dense_mixed_model(made):
     assert given.score[2, :, j].sum() == pytest.approx(
         score, rel=5e-3, abs=0.05 * np.sqrt(information)
     )
+
+
+def test_fits_by_fold_are_those_of_the_sums_of_their_days(made):
+    layout, stats = made[3], made[4]
+    base, days = eliminate_days(stats), stats.days.size
+    partly, one = np.zeros((2, *stats.day_count.shape))
+    partly[:, days // 3 :], one[1] = 1.0, 1.0
+    outside = min(layout.core, layout.size - 1)  # weekly sums, of weeks that folds cut
+    columns = layout.columns("hard_iron")[0], layout.columns("tas_scale")[0], outside
+    for fold in (np.arange(days) % 3, np.arange(days) * 2 // days):
+        included = [
+            *climatology(base),
+            *(Included(int(j), w, 1e-3) for j, w in zip(columns, (partly, one, one), strict=True)),
+        ]
+        for f, fits in enumerate(fits_by_fold(base, included, fold)):
+            for keep, fit in zip((fold != f, fold == f), fits, strict=True):
+                part = eliminate_days(select_days(stats, keep), base.variances)
+                own = [replace(x, weights=x.weights[:, keep]) for x in included]
+                expected = fit_included(part, own)
+                np.testing.assert_allclose(fit.gram, expected.gram, rtol=1e-5, atol=1e-4)
+                np.testing.assert_allclose(fit.score, expected.score, rtol=1e-6, atol=1e-6)
 
 
 def test_reports_may_be_added_in_parts(made):

@@ -20,8 +20,8 @@ from airswing.gap.checks.aliases import ALIAS, HIDDEN_ALIAS, MORE_REGION, alias_
 from airswing.gap.checks.calibration import BINS, Calibration, calibrate
 from airswing.gap.checks.negative_control import Decoy, force_decoy
 from airswing.gap.design.weather import climatology_columns, slope_columns
-from airswing.gap.evidence.terms import Term, fit_terms
-from airswing.gap.held_out.days_left_out import folds_of_days, restrict_term, select_days
+from airswing.gap.evidence.terms import Term, all_columns
+from airswing.gap.held_out.days_left_out import folds_of_days
 from airswing.gap.held_out.reduction import Closure
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.result.schema import (
@@ -33,7 +33,7 @@ from airswing.gap.result.schema import (
     RivalEntry,
 )
 from airswing.gap.search.stepwise import Found
-from airswing.gap.sums.elimination import Base, climatology, eliminate_days
+from airswing.gap.sums.elimination import Base, climatology, fits_by_fold
 from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
@@ -142,11 +142,8 @@ def held_out_climatology(problem: Problem, terms: Sequence[Term]) -> Floats:
     base, context = problem.base, problem.context
     fold = folds_of_days(base.stats)
     number = len(climatology(base))
-    theta = np.zeros((int(fold.max()) + 1, number))
-    for f in range(theta.shape[0]):
-        keep = fold != f
-        part = eliminate_days(select_days(base.stats, keep), base.variances)
-        theta[f] = fit_terms(part, [restrict_term(t, keep) for t in terms]).coefficients[:number]
+    fits = fits_by_fold(base, all_columns(base, terms), fold)
+    theta = np.stack([without.coefficients[:number] for without, _ in fits])
     columns = np.concatenate(
         [climatology_columns(context, problem.plan), slope_columns(context)], axis=-1
     )

@@ -28,6 +28,7 @@ from airswing.gap.evidence.gaussian import (
     Score,
     allowance_covariance,
     grid_evidence,
+    raw_evidence,
     rms,
 )
 from airswing.gap.evidence.of_candidate import LEAST_ACTING, evaluate
@@ -66,30 +67,22 @@ def residual_scores(base: Base, given: Conditional) -> Floats:
     stats = base.stats
     core = stats.layout.core
     fitted = np.zeros((*stats.day_count.shape, core))
-    outside = np.zeros((*stats.day_count.shape, core))
-    share = _week_share(base)
+    raw = stats.day_score[:, :, :core].copy()
     for x, value in zip(given.included, given.coefficients, strict=True):
         if x.column < core:
             fitted[:, :, x.column] += x.weights * value
         else:
-            rows = stats.week_gram[:, :, x.column, :core][:, stats.week_of_day]
-            outside += rows * (x.weights * share * value)[:, :, None]
-    raw = stats.day_score[:, :, :core] - outside
-    raw -= np.einsum("adij,adj->adi", stats.day_gram, fitted, optimize=True)
+            for a in np.flatnonzero(x.weights.any(axis=1)):
+                rows = stats.week_gram[a, :, x.column, :core][stats.week_of_day]
+                raw[a] -= rows * (x.weights[a] * stats.day_share[a] * value)[:, None]
+    for a, own in enumerate(fitted):  # an aircraft at a time, for memory
+        live = np.flatnonzero(own.any(axis=0))
+        raw[a] -= np.matmul(own[:, None, live], stats.day_gram[a][:, live].astype(float))[:, 0]
     fields = stats.layout.blocks["day_fields"]
     shared = np.einsum("dij,dj->di", base.root, raw[:, :, fields].sum(axis=0))
-    coupled = np.einsum("adip,di->adp", base.cross[..., :core], shared, optimize=True)
-    return np.asarray(raw - coupled)
-
-
-def _week_share(base: Base) -> Floats:
-    """Share of each day in its week's reports, per aircraft, (A, D)."""
-    stats = base.stats
-    week = stats.week_of_day
-    total = np.stack(
-        [stats.day_count[:, week == w].sum(axis=1) for w in range(stats.weeks.size)], 1
-    )
-    return np.asarray(stats.day_count / np.maximum(total[:, week], 1e-9))
+    for a, left in enumerate(raw):
+        left -= np.matmul(shared[:, None], base.cross[a, :, :, :core])[:, 0]
+    return raw
 
 
 def own_day_grams(base: Base, aircraft: int, columns: NDArray[np.int64]) -> Floats:
@@ -139,9 +132,7 @@ def evaluate_step(
     """
     stats = base.stats
     tried, prior = _tried(stats.days.size, period)
-    if "remains" not in given.derived:
-        given.derived["remains"] = residual_scores(base, given)
-    remains = given.derived["remains"]
+    remains = _remains(base, given)
     acting = stats.acting[:, candidate.columns].max(axis=1)
     asked = np.zeros(acting.size, bool) if len(tried) == 0 else acting >= LEAST_ACTING
     if allowed is not None:
@@ -197,6 +188,35 @@ def evaluate_step(
         period=(int(first), int(last)),
         background=background,
     )
+
+
+def raw_of_one_step(base: Base, given: Conditional, candidate: Candidate, one: int) -> float:
+    """Raw evidence, nats, that columns of one aircraft alone act within a period, all averaged.
+
+    Parameters
+    ----------
+    base, given, candidate
+        As for :func:`evaluate_step`.
+    one : int
+        The aircraft.
+
+    Returns
+    -------
+    float
+        That of :func:`evaluate_step` where the aircraft is one that changes.
+    """
+    tried, prior = _tried(base.stats.days.size, None)
+    if not len(tried):
+        return 0.0
+    sums = _window_sums(base, given, one, candidate.columns, tried, _remains(base, given))
+    return _pooled([raw_evidence(*sums, candidate.scales)], prior)
+
+
+def _remains(base: Base, given: Conditional) -> Floats:
+    """Residual scores, computed once."""
+    if "remains" not in given.derived:
+        given.derived["remains"] = residual_scores(base, given)
+    return given.derived["remains"]
 
 
 @dataclass(frozen=True)

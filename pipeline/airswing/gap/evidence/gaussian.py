@@ -207,6 +207,68 @@ def grid_evidence(
     return GridEvidence(tempered, raw, scales * estimate, nothing)
 
 
+def raw_evidence(information: Floats, score: Floats, scales: Floats) -> Floats:
+    """Raw evidence at every width of the prior, (S, ...); arguments as of `grid_evidence`."""
+    spread, hat = _own_fit(information, score, scales)
+    return _over_scales(hat, spread, np.eye(scales.size), SCALE_GRID)[0]
+
+
+def evidence_over_backgrounds(
+    information: Floats,
+    score: Floats,
+    *,
+    factor: float,
+    scales: Floats,
+    unit: Floats,
+    levels: Floats,
+) -> tuple[Floats, Floats, Floats]:
+    """Tempered evidence of single aircraft at every size of the background (T of them).
+
+    Parameters
+    ----------
+    information : (A, k, k) float
+        Conditional X'X.
+    score : (C, A, k) float
+        Conditional X'r, in C versions.
+    factor : float
+        Cluster factor.
+    scales : (k,) float
+        Prior scales, to regularise.
+    unit : (A, k, k) float
+        Covariance of coefficients whose effect is 1 m/s.
+    levels : (T,) float
+        Sizes of the background, m/s.
+
+    Returns
+    -------
+    tempered : (S, C, T, A) float
+        At every width of :data:`SIZE_GRID`.
+    estimate : (S, C, T, A, k) float
+        Posterior means.
+    nothing : (C, T, A) float
+        As in :class:`GridEvidence`.
+
+    Notes
+    -----
+    What :func:`grid_evidence` gives of the allowances ``levels^2 unit``. Every covariance is a
+    multiple of I^-1 and one of ``unit``: in the basis in which both are diagonal all of them are.
+    """
+    spread, hat = _own_fit(information, score, scales)
+    half = np.linalg.cholesky(unit / np.outer(scales, scales))
+    back = np.linalg.inv(half)
+    values, vectors = np.linalg.eigh(back @ spread @ back.swapaxes(-1, -2))
+    turned = np.einsum("aji,ajl,cal->cai", vectors, back, hat, optimize=True)[:, None]
+    own = factor * values + np.square(levels)[:, None, None]
+    slab = np.square(SIZE_GRID)[:, None, None, None, None]
+    wide = own + slab
+    whole = (turned**2 / own).sum(axis=-1)
+    logdet = np.log(own).sum(axis=-1)
+    tempered = whole - (turned**2 / wide).sum(axis=-1) + logdet - np.log(wide).sum(axis=-1)
+    estimate = np.einsum("aij,...aj->...ai", half @ vectors, slab / wide * turned)
+    logdet = logdet + 2 * np.log(np.diagonal(half, axis1=-2, axis2=-1)).sum(axis=-1)
+    return 0.5 * tempered, scales * estimate, -0.5 * (whole + logdet)
+
+
 def _own_fit(information: Floats, score: Floats, prior: Floats) -> tuple[Floats, Floats]:
     """Inverse information and estimate, both in units of the prior."""
     k = prior.size

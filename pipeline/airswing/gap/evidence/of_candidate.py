@@ -18,13 +18,12 @@ Source: docs/gap.md section 6.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import Candidate
-from airswing.gap.evidence.aircraft_mixture import log_mean, mixture
+from airswing.gap.evidence.aircraft_mixture import by_share, log_mean, mixture
 from airswing.gap.evidence.between_aircraft_variance import GRID, either, whole_prior
 from airswing.gap.evidence.common_mode import Shifts, no_shift, shifts
 from airswing.gap.evidence.gaussian import (
@@ -32,7 +31,9 @@ from airswing.gap.evidence.gaussian import (
     SIZE_GRID,
     Score,
     allowance_covariance,
+    evidence_over_backgrounds,
     grid_evidence,
+    raw_evidence,
     rms,
     sizes,
 )
@@ -207,20 +208,42 @@ def _aircraft_evidence(stats: Statistics, given: Conditional, candidate: Candida
     out = _Aircraft.empty(acting.size, columns.size, factor, shared.log_weight)
     if not live.any():
         return out
-    unit = allowance_covariance(second[live], acting[live], 1.0, candidate.scales)
-    allowance = (GRID**2)[:, None, None, None] * unit
-    tempering = partial(
-        grid_evidence, factor=factor, scales=candidate.scales, unit=unit, allowance=allowance
+    out.raw[0][:, live] = raw_evidence(information[live], score[live], candidate.scales)
+    own = (information if columns.size > 1 else shared.own[:, None, None])[live]
+    tempered, estimate, nothing = evidence_over_backgrounds(
+        own,
+        score[live] + shared.values[:, None, None] * own[..., 0],
+        factor=factor,
+        scales=candidate.scales,
+        unit=allowance_covariance(second[live], acting[live], 1.0, candidate.scales),
+        levels=GRID,
     )
-    out.raw[0][:, live] = tempering(information[live], score[live]).raw
-    own = information if columns.size > 1 else shared.own[:, None, None]
-    for c, shift in enumerate(shared.values):
-        state = slice(c * GRID.size, (c + 1) * GRID.size)
-        found = tempering(own[live], score[live] + shift * own[live][..., 0])
-        out.tempered[state][:, :, live] = found.tempered.swapaxes(0, 1)
-        out.estimates[state][:, :, live] = found.estimate.swapaxes(0, 1)
-        out.nothing[state][:, live] = found.nothing
+    states, widths, _ = out.tempered.shape
+    width_last = np.moveaxis(tempered, 0, 2), np.moveaxis(estimate, 0, 2)
+    out.tempered[:, :, live] = width_last[0].reshape(states, widths, -1)
+    out.estimates[:, :, live] = width_last[1].reshape(states, widths, -1, columns.size)
+    out.nothing[:, live] = nothing.reshape(states, -1)
     return out
+
+
+def raw_of_one(given: Conditional, candidate: Candidate, one: int) -> float:
+    """Raw evidence that one aircraft alone is struck, of those that may be, nats.
+
+    Parameters
+    ----------
+    given : Conditional
+    candidate : Candidate
+        Of single aircraft.
+    one : int
+
+    Returns
+    -------
+    float
+    """
+    columns = candidate.columns
+    information = given.gram[one][np.ix_(columns, columns)]
+    score = given.score[one][:, columns].sum(axis=0)
+    return log_mean(by_share(raw_evidence(information, score, candidate.scales)[:, None]))
 
 
 def _shared(

@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.evidence.terms import Term, fit_terms
+from airswing.gap.evidence.terms import Term, all_columns
 from airswing.gap.sums.accumulate import Statistics
-from airswing.gap.sums.elimination import Base, Conditional, Fit, eliminate_days
+from airswing.gap.sums.elimination import Base, Conditional, Fit, fits_by_fold
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -122,13 +122,8 @@ def fold_coefficients(base: Base, terms: Sequence[Term], fold: Integers) -> list
     -------
     list over folds of list over terms of (t, k) float
     """
-    out = []
-    for f in range(int(fold.max()) + 1):
-        keep = fold != f
-        part = eliminate_days(select_days(base.stats, keep), base.variances)
-        own = [restrict_term(t, keep) for t in terms]
-        out.append(term_coefficients(fit_terms(part, own), own))
-    return out
+    fits = fits_by_fold(base, all_columns(base, terms), fold)
+    return [term_coefficients(without, terms) for without, _ in fits]
 
 
 def day_interval(values: Floats, day: Integers, seed: int, draws: int = 400) -> tuple[float, float]:
@@ -168,9 +163,7 @@ def held_out_energy(base: Base, terms: Sequence[Term]) -> tuple[Floats, Floats]:
     return energy.sum(axis=0), spread
 
 
-def held_out_products(
-    base: Base, terms: Sequence[Term], fold: Integers, *, only: int | None = None
-) -> tuple[Floats, Floats]:
+def held_out_products(base: Base, terms: Sequence[Term], fold: Integers) -> tuple[Floats, Floats]:
     """Predictions of each term for each fold, fitted on the others, against what is there.
 
     Parameters
@@ -179,8 +172,6 @@ def held_out_products(
     terms : sequence of Term
     fold : (D,) int
         Fold of every day.
-    only : int, optional
-        The one fold asked for.
 
     Returns
     -------
@@ -188,17 +179,10 @@ def held_out_products(
         Of the whitened prediction with what the other terms leave of the residual, and with itself.
         The energy explained is twice the first less the second.
     """
-    stats = base.stats
-    asked = range(int(fold.max()) + 1) if only is None else [only]
-    out = np.zeros((2, len(asked), len(terms)))
-    for row, f in enumerate(asked):
-        keep = fold != f
-        own = [restrict_term(t, keep) for t in terms]
-        train = fit_terms(eliminate_days(select_days(stats, keep), base.variances), own)
-        there = [restrict_term(t, ~keep) for t in terms]
-        test = fit_terms(eliminate_days(select_days(stats, ~keep), base.variances), there)
-        out[:, row] = _products(train, test, terms)
-    return out[0], out[1]
+    fits = fits_by_fold(base, all_columns(base, terms), fold)
+    rows = [_products(without, within, terms) for without, within in fits]
+    product, square = np.stack(rows, axis=1)
+    return product, square
 
 
 def _products(train: Fit, test: Fit, terms: Sequence[Term]) -> Floats:

@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import Candidate
-from airswing.gap.evidence.changepoint import GAIN_SHARE, evaluate_step
+from airswing.gap.evidence.changepoint import GAIN_SHARE, evaluate_step, raw_of_one_step
 from airswing.gap.evidence.gaussian import Score
-from airswing.gap.evidence.of_candidate import evaluate
+from airswing.gap.evidence.of_candidate import evaluate, raw_of_one
+from airswing.gap.evidence.terms import Term
 from airswing.gap.sums.elimination import Base, Conditional, beyond
 
 Mask = NDArray[np.bool_]
@@ -33,6 +34,9 @@ LEAST_NOVELTY = 3.0
 #: Prior log odds against an effect that changes in time where a steady one does, nats; a unit that
 #: is exchanged or swung is commoner than one that drifts.
 CHANGE_PENALTY = {"step": 3.0, "drift": 4.0}
+#: Raw evidence by which an effect explains an aircraft clearly better than another, in cluster
+#: factors.
+CLEARLY = 3.0
 #: What a drift must explain beyond the same effect lasting, nats.
 DRIFT_GAIN = 2.5
 
@@ -149,15 +153,13 @@ def _lasting(candidate: Candidate) -> Candidate:
     return replace(candidate, columns=np.array(columns, np.int64), scales=np.array(scales))
 
 
-def best_for(
-    base: Base,
-    given: Conditional,
-    pool: Sequence[Candidate],
-    one: int,
-    current: Candidate,
-    period: tuple[int, int] | None,
-) -> tuple[Score, float]:
-    """Find the best candidate for one aircraft, and by how much it beats the one it is in.
+def better_for(
+    base: Base, given: Conditional, pool: Sequence[Candidate], one: int, current: Term
+) -> Score | None:
+    """Find the best candidate for one aircraft where it beats the term it is in clearly.
+
+    Effects are ranked by raw evidence, of one aircraft as of all: the background weighs on a drift
+    more than on a step.
 
     Parameters
     ----------
@@ -167,22 +169,29 @@ def best_for(
         Known ones of aircraft scope.
     one : int
         The aircraft.
-    current : Candidate
-    period : (int, int) or None
-        Days in which the current one acts.
+    current : Term
 
     Returns
     -------
-    best : Score
-    gain : float
-        Raw evidence beyond the current candidate's, nats. Effects are ranked by raw evidence, of
-        one aircraft as of all: the background weighs on a drift more than on a step.
+    Score or None
     """
     allowed = np.arange(len(base.stats.tails)) == one
-    scores = [evaluate_known(base, given, c, allowed) for c in pool]
-    best = max(scores, key=ranked_by)
-    own = evaluate_named(base, given, current, allowed, period)
-    return best, ranked_by(best) - ranked_by(own)
+    own = ranked_by(evaluate_named(base, given, current.candidate, allowed, current.period))
+    # cluster factors are 1 at least, and no evaluation finds more raw evidence than this
+    likely = [c for c in pool if _most(base, given, c, one) > own + CLEARLY]
+    scores = [evaluate_known(base, given, c, allowed) for c in likely]
+    best = max(scores, key=ranked_by, default=None)
+    clear = best is not None and ranked_by(best) - own > CLEARLY * best.factor
+    return best if clear else None
+
+
+def _most(base: Base, given: Conditional, candidate: Candidate, one: int) -> float:
+    """Raw evidence `evaluate_known` finds at most in one aircraft, less the odds, nats."""
+    step = candidate.kind == "step"
+    raw = (
+        raw_of_one_step(base, given, candidate, one) if step else raw_of_one(given, candidate, one)
+    )
+    return max(raw, 0.0) - CHANGE_PENALTY.get(candidate.kind, 0.0)
 
 
 def ranked_by(score: Score) -> float:

@@ -205,7 +205,7 @@ def _dated_products(base: Base, terms: Sequence[Term], fold: Integers) -> tuple[
         train = eliminate_days(select_days(base.stats, keep), base.variances)
         own = _dated_again(train, [restrict_term(t, keep) for t in terms])
         whole = [_unrestricted(t, keep) for t in own]
-        product, square = held_out_products(base, whole, np.where(keep, 1, 0), only=0)
+        product, square = held_out_products(base, whole, np.where(keep, 1, 0))
         out[:, f] = product[0], square[0]
     return out[0], out[1]
 

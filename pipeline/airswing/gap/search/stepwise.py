@@ -30,7 +30,7 @@ from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.search.belief import STATED
 from airswing.gap.search.candidate_ranking import (
     LEAST_NOVELTY,
-    best_for,
+    better_for,
     evaluate_named,
     rank,
     ranked_by,
@@ -394,8 +394,8 @@ def _reassign(base: Base, pool: Sequence[Candidate], terms: list[Term]) -> list[
                 break
             others = [*terms[:k], rest, *terms[k + 1 :]]
             given = given_terms(base, others)
-            best, gain = best_for(base, given, own_pool, a, term.candidate, term.period)
-            if gain > 3.0 * best.factor and best.candidate.key != term.candidate.key:
+            best = better_for(base, given, own_pool, a, term)
+            if best is not None and best.candidate.key != term.candidate.key:
                 terms = _merge(others, Term(best.candidate, (a,), best.period, best))
     return terms
 

@@ -14,6 +14,7 @@ Source: Frisch-Waugh-Lovell elimination; mixed-model equations of Henderson (197
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import blake2b
@@ -68,9 +69,8 @@ class Base:
         Log probability of the sizes of an aircraft's background
         (:mod:`airswing.gap.evidence.between_aircraft_variance`), in effects of the heading (second
         row) and in the others.
-    rows, own_sums, products : dict
-        What :func:`included_cross` and :func:`included_sums` computed already, by column and
-        digest of its weights.
+    rows : dict
+        What :func:`included_cross` computed already, by column and digest of its weights.
     """
 
     stats: Statistics
@@ -80,12 +80,15 @@ class Base:
     score: Floats
     background: Floats | None = None
     rows: dict[Key, Floats] = field(default_factory=dict, repr=False)
-    own_sums: dict[Key, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
-    products: dict[Key, dict[Key, float]] = field(default_factory=dict, repr=False)
 
     @cached_property
     def _flat(self) -> Floats:
         return self.cross.reshape(self.cross.shape[0], -1, self.cross.shape[-1])
+
+    @cached_property
+    def fleet_cross(self) -> Floats:
+        """``root`` times Z'X of all aircraft together, (D, q, p)."""
+        return np.asarray(self.cross.sum(axis=0))
 
     @cached_property
     def gram(self) -> Floats:
@@ -96,7 +99,7 @@ class Base:
     @cached_property
     def fleet_gram(self) -> Floats:
         """X'X of the fleet-wide columns, coupling of the aircraft included, (p, p)."""
-        total = self._flat.sum(axis=0)
+        total = self.fleet_cross.reshape(-1, self.cross.shape[-1])
         whole = self.stats.whole_gram.sum(axis=0)
         return np.asarray(whole - total.T @ total)
 
@@ -266,8 +269,37 @@ def fit_included(base: Base, included: list[Included]) -> Fit:
     -------
     Fit
     """
+    return _fit(included, *included_sums(base, *_stacked(included)))
+
+
+def fits_by_fold(base: Base, included: list[Included], fold: Integers) -> Iterator[tuple[Fit, Fit]]:
+    """Fit the included columns without each fold of days in turn, and on its days alone.
+
+    Parameters
+    ----------
+    base : Base
+    included : list of Included
+    fold : (D,) int
+        Fold of every day.
+
+    Yields
+    ------
+    without, within : Fit
+        By day, of the days they are made of.
+    """
     columns, weights = _stacked(included)
-    gram, by_day = included_sums(base, columns, weights)
+    gram, by_day = _daily_sums(base, columns, weights, fold)
+    for f in range(gram.shape[0]):
+        # summed anew, not the whole less the fold: of what acts in the fold alone nothing is left
+        parts = (fold != f, np.delete(gram, f, axis=0).sum(axis=0)), (fold == f, gram[f])
+        without, within = (
+            _fit(included, own + _weekly_sums(base.stats, columns, weights, days), by_day[days])
+            for days, own in parts
+        )
+        yield without, within
+
+
+def _fit(included: list[Included], gram: Floats, by_day: Floats) -> Fit:
     half = inverse_root(gram + np.diag([x.precision for x in included]))
     covariance = half.T @ half
     return Fit(covariance @ by_day.sum(axis=0), covariance, half, gram, by_day)
@@ -310,55 +342,76 @@ def included_sums(base: Base, columns: Integers, weights: Floats) -> tuple[Float
     gram : (m, m) float
     score : (D, m) float
     """
-    keys = [(int(j), _digest(w)) for j, w in zip(columns, weights, strict=True)]
-    for key, own in zip(keys, weights, strict=True):
-        if key not in base.own_sums:
-            coupled = np.einsum("ad,adi->di", own, base.cross[:, :, :, key[0]])
-            base.own_sums[key] = coupled.ravel(), (own * base.score[:, :, key[0]]).sum(axis=0)
-    gram = np.empty((columns.size, columns.size))
-    # those outside the core first: their products with the core are by week as well
-    for k in np.argsort(-columns, kind="stable").tolist():
-        row = base.products.setdefault(keys[k], {})
-        new = np.array([i for i, key in enumerate(keys) if key not in row], np.int64)
-        if new.size:
-            values = _weighted_row(base.stats, k, new, columns, weights)
-            for i, value in zip(new.tolist(), values.tolist(), strict=True):
-                row[keys[i]] = base.products.setdefault(keys[i], {})[keys[k]] = value
-        gram[k] = [row[key] for key in keys]
-    flat = np.stack([base.own_sums[key][0] for key in keys])
-    return gram - flat @ flat.T, np.stack([base.own_sums[key][1] for key in keys], -1)
+    whole = np.zeros(base.stats.days.size, np.int64)
+    gram, by_day = _daily_sums(base, columns, weights, whole)
+    return gram[0] + _weekly_sums(base.stats, columns, weights, whole == 0), by_day
+
+
+def _daily_sums(
+    base: Base, columns: Integers, weights: Floats, fold: Integers
+) -> tuple[Floats, Floats]:
+    """X'X by fold of days, (F, m, m), as far as daily sums tell it; X'r by day, (D, m).
+
+    Of columns outside the core that is the coupling alone.
+    """
+    stats = base.stats
+    belongs = (fold == np.arange(int(fold.max()) + 1)[:, None]).astype(float)
+    even = (weights == 1.0).all(axis=(1, 2))  # the same for all: of these the fleet's sums will do
+    coupled = np.empty((columns.size, *base.fleet_cross.shape[:2]))
+    by_day = np.empty((stats.days.size, columns.size))
+    coupled[even] = np.moveaxis(base.fleet_cross[:, :, columns[even]], -1, 0)
+    by_day[:, even] = base.score[:, :, columns[even]].sum(axis=0)
+    for k in np.flatnonzero(~even):
+        active = np.flatnonzero(weights[k].any(axis=1))
+        own, column = weights[k][active], columns[k]
+        coupled[k] = np.einsum("ad,adi->di", own, base.cross[active, :, :, column])
+        by_day[:, k] = (own * base.score[active, :, column]).sum(axis=0)
+    core = columns < stats.layout.core
+    always, others = np.flatnonzero(core & even), np.flatnonzero(core & ~even)
+    gram = np.zeros((belongs.shape[0], columns.size, columns.size))
+    sums = stats.fleet_day_gram[:, columns[always][:, None], columns[always]]
+    gram[:, always[:, None], always] = np.tensordot(belongs, sums, 1)
+    for a in np.flatnonzero(weights[others].any(axis=(0, 2))):
+        own = others[weights[others, a].any(axis=1)]
+        beside = np.r_[always, own]
+        sums = stats.day_gram[a][:, columns[own][:, None], columns[beside]]
+        factor = weights[own, a].T[:, :, None] * weights[beside, a].T[:, None, :]
+        gram[:, own[:, None], beside] += np.tensordot(belongs, factor * sums, 1)
+    gram[:, always[:, None], others] = gram[:, others[:, None], always].swapaxes(1, 2)
+    for f in range(belongs.shape[0]):
+        flat = coupled[:, fold == f].reshape(columns.size, -1)
+        gram[f] -= flat @ flat.T
+    return gram, by_day
+
+
+def _weekly_sums(
+    stats: Statistics, columns: Integers, weights: Floats, days: NDArray[np.bool_]
+) -> Floats:
+    """X'X of columns outside the core with all others on some days, (m, m); weeks shared out."""
+    out = np.zeros((columns.size, columns.size))
+    outside = np.flatnonzero(columns >= stats.layout.core)
+    if not outside.size:
+        return out
+    means = week_means(stats, weights * days)
+    kept = week_means(stats, np.broadcast_to(days.astype(float), (1, *weights.shape[1:])))[0]
+    # both means are over the kept days, their product is shared out once
+    once = np.divide(1.0, kept, out=np.zeros_like(kept), where=kept > 0)
+    for k in outside:
+        rows = stats.week_gram[:, :, columns[k], :][:, :, columns]
+        out[k] = np.einsum("aw,maw,awm->m", means[k] * once, means, rows, optimize=True)
+    out[:, outside] = out[outside].T
+    return out
 
 
 def _digest(weights: Floats) -> bytes:
     return blake2b(weights.tobytes(), digest_size=16).digest()
 
 
-def _weighted_row(
-    stats: Statistics, k: int, others: Integers, columns: Integers, weights: Floats
-) -> Floats:
-    """X'X of one weighted column with some others, none of them further outside the core, (m,)."""
-    if columns[k] >= stats.layout.core:
-        means = week_means(stats, np.concatenate([weights[k : k + 1], weights[others]]))
-        own = stats.week_gram[:, :, columns[k], :][:, :, columns[others]]
-        return np.asarray(np.einsum("aw,maw,awm->m", means[0], means[1:], own, optimize=True))
-    active = np.flatnonzero(weights[k].any(axis=1))
-    own = stats.day_gram[active, :, columns[k], :][:, :, columns[others]]
-    return np.asarray(
-        np.einsum(
-            "ad,mad,adm->m", weights[k][active], weights[others][:, active], own, optimize=True
-        )
-    )
-
-
 def week_means(stats: Statistics, weights: Floats) -> Floats:
     """Mean of day weights (m, A, D) over each week's reports, (m, A, W)."""
-    week = stats.week_of_day
-    out = np.zeros((*weights.shape[:2], stats.weeks.size))
-    for w in range(stats.weeks.size):
-        count = stats.day_count[:, week == w]
-        total = np.maximum(count.sum(axis=1), 1e-9)
-        out[:, :, w] = (weights[:, :, week == w] * count).sum(axis=2) / total
-    return out
+    own = (stats.week_of_day[:, None] == np.arange(stats.weeks.size)).astype(float)
+    total = np.maximum(stats.day_count @ own, 1e-9)
+    return np.asarray((weights * stats.day_count) @ own / total)
 
 
 def included_cross(base: Base, columns: Integers, weights: Floats) -> Floats:
@@ -374,22 +427,23 @@ def included_cross(base: Base, columns: Integers, weights: Floats) -> Floats:
     -------
     (A, m, p) float
     """
-    stats = base.stats
-    out = np.empty((len(stats.tails), columns.size, stats.layout.size))
-    for k, column in enumerate(columns.tolist()):
-        key = column, _digest(weights[k])
-        if key not in base.rows:
-            base.rows[key] = _cross_row(base, column, weights[k])
-        out[:, k] = base.rows[key]
-    return out
+    keys = [(int(j), _digest(w)) for j, w in zip(columns, weights, strict=True)]
+    new = [k for k, key in enumerate(keys) if key not in base.rows]
+    if new:
+        shared = [
+            np.einsum("bd,bdi->di", weights[k], base.cross[:, :, :, columns[k]]).ravel()
+            for k in new
+        ]
+        coupled = np.stack(shared) @ base._flat  # all at once: the whole cross is gone through
+        for i, k in enumerate(new):
+            base.rows[keys[k]] = _own_row(base.stats, keys[k][0], weights[k]) - coupled[:, i]
+    return np.stack([base.rows[key] for key in keys], axis=1)
 
 
-def _cross_row(base: Base, column: int, weights: Floats) -> Floats:
-    """X'Y between one weighted column and each aircraft's every column, (A, p)."""
-    stats = base.stats
+def _own_row(stats: Statistics, column: int, weights: Floats) -> Floats:
+    """X'Y between one weighted column and each aircraft's every column, uncoupled, (A, p)."""
     core = stats.layout.core
-    shared = np.einsum("bd,bdi->di", weights, base.cross[:, :, :, column])
-    out = -np.tensordot(base.cross, shared, axes=((1, 2), (0, 1)))
+    out = np.zeros((len(stats.tails), stats.layout.size))
     active = np.flatnonzero(weights.any(axis=1))
     first = core if column < core else 0
     if column < core:
@@ -399,7 +453,7 @@ def _cross_row(base: Base, column: int, weights: Floats) -> Floats:
     out[active, first:] += np.einsum(
         "aw,awp->ap", week_means(stats, weights[None])[0][active], rows
     )
-    return np.asarray(out)
+    return out
 
 
 def beyond(given: Conditional, columns: Integers) -> Conditional:
