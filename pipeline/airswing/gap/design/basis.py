@@ -302,13 +302,18 @@ def fill_dictionary(out: NDArray[np.floating], frame: Frame, plan: DictionaryPla
         block = out[start : start + len(group.labels)]
         start += len(group.labels)
         if group.component == "wind":
-            block[...] = np.nan_to_num(_taylor(frame, plan, group)).T
+            block[...] = _known(_taylor(frame, plan, group)).T
             continue
         which = f"{group.name.partition(':')[2]} {group.labels}"  # of both components alike
         if which not in made:
-            made[which] = np.nan_to_num(_factors(frame, plan, group, waves)).astype(kind)
+            made[which] = _known(_factors(frame, plan, group, waves)).astype(kind)
         for k in range(2):
             np.multiply(made[which], vectors[group.component][k], out=block[:, k])
+
+
+def _known(values: Floats) -> Floats:
+    """Values with 0 for what is not known; most know all, and a sum tells it in one pass."""
+    return values if np.isfinite(values.sum()) else np.nan_to_num(values)
 
 
 class _Waves:
