@@ -75,13 +75,13 @@ def residual_scores(base: Base, given: Conditional) -> Floats:
             for a in np.flatnonzero(x.weights.any(axis=1)):
                 rows = stats.week_gram[a, :, x.column, :core][stats.week_of_day]
                 raw[a] -= rows * (x.weights[a] * stats.day_share[a] * value)[:, None]
-    for a, own in enumerate(fitted):  # an aircraft at a time, for memory
+    for own, gram, left in zip(fitted, stats.day_gram, raw, strict=True):  # in turn, for memory
         live = np.flatnonzero(own.any(axis=0))
-        raw[a] -= np.matmul(own[:, None, live], stats.day_gram[a][:, live].astype(float))[:, 0]
+        left -= np.matmul(own[:, None, live], gram[:, live].astype(float))[:, 0]
     fields = stats.layout.blocks["day_fields"]
     shared = np.einsum("dij,dj->di", base.root, raw[:, :, fields].sum(axis=0))
-    for a, left in enumerate(raw):
-        left -= np.matmul(shared[:, None], base.cross[a, :, :, :core])[:, 0]
+    for cross, left in zip(base.cross, raw, strict=True):
+        left -= np.matmul(shared[:, None], cross[:, :, :core])[:, 0]
     return raw
 
 
