@@ -36,7 +36,7 @@ def test_values_are_those_of_one_mixed_model(some):
     cells[::7] = -1
     cross, _ = unit_vectors(some.heading)
     fold = np.array([0, 1, 1])
-    sums = made.sums(cells, 2, cross, residual=some.residual, fold=fold)
+    sums = made.sums(cells, 2, cross, weights=made.weigh(some.residual), fold=fold)
     m = noise.model
     variance = reports_to_one(noise) * (m.correlated_sd**2 + m.white_sd**2)
     for keep in (np.array([True, True]), np.array([False, True])):
@@ -83,7 +83,8 @@ def test_a_ramp_keeps_its_size_in_coarse_cells(some):
     cells = np.digitize(ramp, np.quantile(ramp, [0.25, 0.5, 0.75]))
     table = np.stack([cross * (cells == k)[:, None] for k in range(4)], -1)
     means = np.array([ramp[cells == k].mean() for k in range(4)])
-    sums = made.sums(cells, 4, cross, residual=ramp[:, None] * cross, fold=np.zeros(3, int))
+    weights = made.weigh(ramp[:, None] * cross)
+    sums = made.sums(cells, 4, cross, weights=weights, fold=np.zeros(3, int))
     gram, score = sums.of_table(np.array([True]))
     found = np.linalg.solve(gram, score)
     assert found @ means / (means @ means) == pytest.approx(1.0, abs=0.03)

@@ -10,7 +10,6 @@ from airswing.gap.design.basis import plan_dictionary
 from airswing.gap.design.weather import climatology_columns, day_field_columns
 from airswing.gap.sums.variance_components import Variances
 from airswing.gap.witness.bench import Bench, Setting
-from airswing.gap.witness.ground import prepare
 from airswing.gap.witness.learned import LEAST, Heard, LearnedWitness
 from airswing.gap.witness.null import drawn_errors, small_scale_slope
 from airswing.gap.witness.unknowns import pairs_of
@@ -74,15 +73,8 @@ def test_day_fields_are_cleared_away():
     fields = day_field_columns(frame, setting.plan)
     size = np.random.default_rng(1).normal(0, 0.5, (setting.day.max() + 1, fields.shape[-1]))
     error = np.einsum("nck,nk->nc", fields, size[setting.day])[None]
-    ground = prepare(
-        frame,
-        error,
-        noise=setting.noise,
-        plan=setting.plan,
-        variances=setting.variances,
-        day=setting.day,
-    )
-    left = ground.cleared(frame, error, plan=setting.plan, day=setting.day)
+    rows = np.arange(frame.size)
+    left = setting.ground.cleared(frame, error, plan=setting.plan, day=setting.day, rows=rows)
     assert (left**2).mean() < 0.05 * (error**2).mean()
 
 

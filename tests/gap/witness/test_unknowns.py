@@ -40,10 +40,10 @@ def test_sums_are_those_of_generalised_least_squares(few):
     m = lasting.shape[-1] - 2
     variances = Variances(np.full(fields.shape[-1], 0.3), np.full(m, 0.05))
     _, day = np.unique(few.day, return_inverse=True)
-    ground = prepare(few, few.residual[None], noise=noise, plan=plan, variances=variances, day=day)
+    ground = prepare(few, noise=noise, plan=plan, variances=variances, day=day)
     cells = (few.longitude > np.median(few.longitude)).astype(int)
     cross, _ = unit_vectors(few.heading)
-    sums = ground.sums(cells, 2, cross)
+    sums = ground.sums(cells, 2, cross, ground.solved(few.residual[None]))
 
     def white(columns):
         return whiten(columns, noise.order, noise.gains).reshape(2 * few.size, -1)

@@ -27,8 +27,8 @@ from airswing.gap.noise.model import NoiseFit
 from airswing.gap.simulation.forward import Coding
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import Variances
-from airswing.gap.witness.cell_means import CellModel, CellSums
-from airswing.gap.witness.ground import Ground, Sums, plain_sums, prepare
+from airswing.gap.witness.cell_means import CellModel, CellSums, Weights
+from airswing.gap.witness.ground import Ground, Left, Sums, plain_sums, prepare
 from airswing.gap.witness.null import drawn_errors, small_scale_slope
 from airswing.gap.witness.scan import Weighed, weigh
 
@@ -62,6 +62,8 @@ class Setting:
         What reports follow of the reference's small scales, m/s.
     share : float
         Part of the residual's mean square it makes.
+    made : dict
+        What stands on the paths alone, once it was asked for.
     """
 
     frame: Frame
@@ -73,6 +75,7 @@ class Setting:
     errors: Floats
     followed: Floats
     share: float
+    made: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, problem: Problem, *, draws: int = 4) -> Setting:
@@ -91,12 +94,29 @@ class Setting:
         followed, share = small_scale_slope(frame, quiet, frame.residual, ~noise.gross)
         return cls(frame, quiet, noise, plan, variances, problem.day, errors, followed, share)
 
-    @cached_property
+    @property
     def cell_model(self) -> CellModel:
         """Days and climatology beside which the values of tables are fitted."""
-        return CellModel.of(
-            self.quiet, self.plan, noise=self.noise, variances=self.variances, day=self.day
-        )
+        if "cell_model" not in self.made:
+            self.made["cell_model"] = CellModel.of(
+                self.quiet, self.plan, noise=self.noise, variances=self.variances, day=self.day
+            )
+        model: CellModel = self.made["cell_model"]
+        return model
+
+    @property
+    def ground(self) -> Ground:
+        """Whitened columns of everything the reference does."""
+        if "ground" not in self.made:
+            self.made["ground"] = prepare(
+                self.quiet,
+                noise=self.noise,
+                plan=self.plan,
+                variances=self.variances,
+                day=self.day,
+            )
+        ground: Ground = self.made["ground"]
+        return ground
 
     @property
     def alike(self) -> Setting:
@@ -124,8 +144,6 @@ class Bench:
         Name -> variable of the real archive.
     simulated : tuple of dict
         Name -> values of the variables of the reported wind, of each simulated archive.
-    ground : Ground
-        Of the real residual.
     regression : float
         Share of the simulated archives' dependence on their own reported winds that the real one
         shows: 1 where all error is the report's beside the reference, 0 the other way round.
@@ -136,7 +154,6 @@ class Bench:
     winds: tuple[tuple[Floats, Floats], ...]
     variables: dict[str, Variable]
     simulated: tuple[dict[str, Floats], ...]
-    ground: Ground
     regression: float
     made: dict[Any, Floats] = field(default_factory=dict, repr=False)
 
@@ -166,18 +183,21 @@ class Bench:
             told.append(sent.residual - explained)
             winds.append((u, v))
             values.append({name: values_of(sent, quiet, name) for name in OF_THE_REPORT})
-        ground = prepare(
-            quiet,
-            rest[None],
-            noise=setting.noise,
-            plan=setting.plan,
-            variances=setting.variances,
-            day=setting.day,
-        )
-        bench = cls(
-            setting, np.stack(told), tuple(winds), record(frame, quiet), tuple(values), ground, 1.0
-        )
+        if "record" not in setting.made:
+            setting.made["record"] = record(frame, quiet)
+        variables = setting.made["record"]
+        bench = cls(setting, np.stack(told), tuple(winds), variables, tuple(values), 1.0)
         return replace(bench, regression=regression_share(bench))
+
+    @cached_property
+    def left(self) -> Left:
+        """The real residual with everything the reference does taken out."""
+        return self.setting.ground.solved(self.residuals[:1])
+
+    @cached_property
+    def weighed_residuals(self) -> dict[int, Weights]:
+        """Sums of residuals beside the days and the climatology, once they were asked for."""
+        return {}
 
     @property
     def alike(self) -> Bench:
@@ -234,7 +254,8 @@ class Bench:
             What the subtraction multiplies variances by.
         """
         if not stands_on_report(grid):
-            return self.ground.sums(self.cells(grid), grid.size, self.direction(component)), 1.0
+            ground, direction = self.setting.ground, self.direction(component)
+            return ground.sums(self.cells(grid), grid.size, direction, self.left), 1.0
         setting, count = self.setting, len(self.simulated)
         told = [self.cells(grid), *(grid.cells(self.told(grid, k)) for k in range(count))]
         made = []
@@ -284,12 +305,11 @@ class Bench:
         def of(k: int) -> CellSums:
             cells = self.cells(grid) if k == 0 else grid.cells(self.told(grid, k - 1))
             direction = self.direction(component, k if stands_on_report(grid) else None)
+            if k not in self.weighed_residuals:
+                self.weighed_residuals[k] = model.weigh(self.residuals[k])
+            weights = self.weighed_residuals[k]
             return model.sums(
-                np.where(here, cells, -1),
-                grid.size,
-                direction,
-                residual=self.residuals[k],
-                fold=fold,
+                np.where(here, cells, -1), grid.size, direction, weights=weights, fold=fold
             )
 
         if not stands_on_report(grid):

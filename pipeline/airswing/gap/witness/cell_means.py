@@ -95,6 +95,22 @@ class CellSums:
 
 
 @dataclass(frozen=True)
+class Weights:
+    """A residual as the reports count.
+
+    Attributes
+    ----------
+    values : (n, 2) float
+        Residual times weight, clipped.
+    beside : (D, q + s) float
+        Its sums with the columns of the days and of what lasts.
+    """
+
+    values: Floats
+    beside: Floats
+
+
+@dataclass(frozen=True)
 class CellModel:
     """Columns of the days and of what lasts, and their sums.
 
@@ -102,7 +118,7 @@ class CellModel:
     ----------
     weight : (n,) float
         1 over the variance a report counts with; 0 where it is gross.
-    columns : (n, 2, q + s) float
+    columns : (n, 2, q + s) float32
         Of the day fields, then of what lasts.
     day : (n,) int
     root : (D, q, q) float
@@ -112,7 +128,7 @@ class CellModel:
     """
 
     weight: Floats
-    columns: Floats
+    columns: NDArray[np.float32]
     day: Integers
     root: Floats
     gram: Floats
@@ -144,10 +160,18 @@ class CellModel:
         normal = gram[:, :q, :q] + np.diag(1 / variances.day)
         root = np.linalg.inv(np.linalg.cholesky(normal))
         prior = np.r_[1 / variances.climatology, 1 / np.square(SLOPE_SD)]
-        return cls(weight, columns, day, root, gram, prior)
+        return cls(weight, columns.astype(np.float32), day, root, gram, prior)
+
+    def weigh(self, residual: Floats) -> Weights:
+        """Weigh a residual, (n, 2) m/s."""
+        spread = np.where(self.weight > 0, CLIP / np.sqrt(np.maximum(self.weight, 1e-12)), 0.0)
+        bound = np.median(spread[spread > 0], keepdims=True)[:, None]
+        values = self.weight[:, None] * np.clip(residual, -bound, bound)
+        sums = np.einsum("nc,ncj->nj", values.astype(np.float32), self.columns)
+        return Weights(values, self._by_day(sums, self.day, self.root.shape[0]))
 
     def sums(
-        self, cells: Integers, size: int, direction: Floats, *, residual: Floats, fold: Integers
+        self, cells: Integers, size: int, direction: Floats, *, weights: Weights, fold: Integers
     ) -> CellSums:
         """Sums of a table.
 
@@ -159,8 +183,8 @@ class CellModel:
             Number of cells k.
         direction : (n, 2) float
             Change of the wind by one unit of a value, m/s.
-        residual : (n, 2) float
-            m/s.
+        weights : Weights
+            The residual.
         fold : (D,) int
             Fold of every day.
 
@@ -170,15 +194,12 @@ class CellModel:
         """
         days, q, _ = self.root.shape
         s, k = self.prior.size, size
-        spread = np.where(self.weight > 0, CLIP / np.sqrt(np.maximum(self.weight, 1e-12)), 0.0)
-        bound = np.median(spread[spread > 0], keepdims=True)[:, None]
-        weighed = self.weight[:, None] * np.clip(residual, -bound, bound)
-        beside = self._by_day(np.einsum("nc,ncj->nj", weighed, self.columns), self.day, days)
+        weighed, beside = weights.values, weights.beside
         known = np.flatnonzero((cells >= 0) & (self.weight > 0))
         unit = direction[known] * self.weight[known, None]
         told = np.column_stack(
             [
-                np.einsum("nc,ncj->nj", unit, self.columns[known]),
+                np.einsum("nc,ncj->nj", unit.astype(np.float32), self.columns[known]),
                 (direction[known] * weighed[known]).sum(axis=1),
                 (direction[known] * unit).sum(axis=1),
             ]

@@ -6,8 +6,8 @@ little of every steady error of heading and airspeed. With ``V`` the covariance 
 table's columns X enter as ``X'V^-1 X`` and ``X'V^-1 r``: generalised least squares, so that what
 weather or a little deviation explains is no one's unknown.
 
-Validity: whole flights; columns in m/s. Residuals may be many at once (rows of ``residuals``): the
-real one and those of simulated archives, for the columns are the same.
+Validity: whole flights; columns in m/s. The ground is prepared once: residuals, the real one and
+those of simulated archives, share its columns.
 
 Source: Frisch-Waugh-Lovell; mixed-model equations of Henderson (1975).
 """
@@ -91,8 +91,27 @@ class Sums:
 
 
 @dataclass(frozen=True)
+class Left:
+    """Residuals with everything the reference does taken out.
+
+    Attributes
+    ----------
+    parts : tuple of (2 m, R) float32
+        V^-1 r of the reports of each part of the ground.
+    daily : (D, q, R) float
+        Best values of the day fields given each residual.
+    lasting : (L, R) float
+        The same of what lasts.
+    """
+
+    parts: tuple[Singles, ...]
+    daily: Floats
+    lasting: Floats
+
+
+@dataclass(frozen=True)
 class Ground:
-    """Reports ready for tables: whitened nuisance columns and residuals by aircraft and day.
+    """Reports ready for tables: whitened nuisance columns by aircraft and day.
 
     Attributes
     ----------
@@ -100,7 +119,7 @@ class Ground:
     gains : Gains
         In the order's own sequence.
     parts : tuple of (int, int, (m,) int, (2 m, w) float32)
-        Aircraft, day, positions in the order, and ``[Z, C, B, V^-1 r]`` of these reports.
+        Aircraft, day, positions in the order, and ``[Z, C, B]`` of these reports.
     root : (D, q, q) float
         Inverse Cholesky factor of the day fields' normal matrix.
     fields : (D, q, L) float
@@ -109,10 +128,8 @@ class Ground:
         Root of the inverse of what lasts given the day fields.
     sizes : (int, int, int, int)
         Aircraft, days, columns of the climatology, of one aircraft's steady errors.
-    daily : (D, q, R) float
-        Best values of the day fields given each residual.
-    lasting : (L, R) float
-        The same of what lasts.
+    owner : (n,) int
+        Aircraft of every report, in the order's sequence.
     """
 
     order: FlightOrder
@@ -122,11 +139,38 @@ class Ground:
     fields: Floats
     half: Floats
     sizes: tuple[int, int, int, int]
-    daily: Floats
-    lasting: Floats
+    owner: Integers
+
+    def _places(self, aircraft: int) -> Integers:
+        """Places of an aircraft's own columns among all that last."""
+        steady, own = self.sizes[2:]
+        return np.r_[np.arange(steady), steady + aircraft * own + np.arange(own)]
+
+    def solved(self, residuals: Floats) -> Left:
+        """Take everything the reference does out of residuals, (R, n, 2) m/s."""
+        days, q = self.root.shape[:2]
+        white = _whitened(np.moveaxis(residuals, 0, -1), self.order, self.gains)
+        white = np.clip(white, -CLIP, CLIP)
+        width = white.shape[0]
+        told = [white[:, :, rows].reshape(width, -1).T for _, _, rows, _ in self.parts]
+        shared = np.zeros((days, q, width))
+        score = np.zeros((self.half.shape[0], width))
+        for (a, d, _, part), own in zip(self.parts, told, strict=True):
+            both = part.T @ own
+            shared[d] += both[:q]
+            score[self._places(a)] += both[q:]
+        shared = self.root @ shared
+        score -= np.einsum("dql,dqr->lr", self.fields, shared, optimize=True)
+        found = self.half.T @ (self.half @ score)
+        by_day = self.root.swapaxes(1, 2) @ (shared - self.fields @ found)
+        left = []
+        for (a, d, _, part), own in zip(self.parts, told, strict=True):
+            values = np.concatenate([by_day[d], found[self._places(a)]]).astype(np.float32)
+            left.append(own - part @ values)
+        return Left(tuple(left), by_day, found)
 
     def cleared(
-        self, quiet: Any, residuals: Floats, *, plan: DictionaryPlan, day: Integers
+        self, quiet: Any, residuals: Floats, *, plan: DictionaryPlan, day: Integers, rows: Integers
     ) -> Floats:
         """Residuals without day fields, climatology and everyone's little of steady errors.
 
@@ -134,25 +178,28 @@ class Ground:
         ----------
         quiet : Frame
         residuals : (R, n, 2) float
-            Those the ground was prepared with.
+            m/s.
         plan : DictionaryPlan
         day : (n,) int
+        rows : (m,) int
+            Reports asked for.
 
         Returns
         -------
-        (R, n, 2) float
+        (R, m, 2) float
         """
         count, own = self.sizes[2:]
-        fields, mine = day_field_columns(quiet, plan), steady_columns(quiet)
-        steady = lasting_columns(quiet, plan)
-        out = np.array(residuals)
+        made, part = self.solved(residuals), quiet.take(rows)
+        fields, mine = day_field_columns(part, plan), steady_columns(part)
+        steady = lasting_columns(part, plan)
+        out = residuals[:, rows]
         for r, left in enumerate(out):
-            each = self.lasting[count:, r].reshape(-1, own)[quiet.aircraft]
-            left -= np.einsum("nck,nk->nc", fields, self.daily[day, :, r])
-            left -= np.einsum("nck,nk->nc", mine, each) + steady @ self.lasting[:count, r]
+            each = made.lasting[count:, r].reshape(-1, own)[part.aircraft]
+            left -= np.einsum("nck,nk->nc", fields, made.daily[day[rows], :, r])
+            left -= np.einsum("nck,nk->nc", mine, each) + steady @ made.lasting[:count, r]
         return out
 
-    def sums(self, cells: Integers, size: int, direction: Floats) -> Sums:
+    def sums(self, cells: Integers, size: int, direction: Floats, left: Left) -> Sums:
         """Sums of a table.
 
         Parameters
@@ -163,6 +210,8 @@ class Ground:
             Number of cells k.
         direction : (n, 2) float
             Unit vector of the component.
+        left : Left
+            Of the residuals.
 
         Returns
         -------
@@ -175,34 +224,29 @@ class Ground:
         for k in range(2):
             columns[cell[known], k, known] = unit[known, k]
         whiten_blocks(columns, self.order.starts, self.gains)
-        return self._summed(columns, cell, known)
+        return self._summed(columns, cell, known, left)
 
-    def _summed(self, columns: Singles, cell: Integers, known: Integers) -> Sums:
+    def _summed(self, columns: Singles, cell: Integers, known: Integers, left: Left) -> Sums:
         aircraft, days, steady, own = self.sizes
         k, q = columns.shape[0], self.root.shape[1]
-        width = self.parts[0][3].shape[1] - q - steady - own
         fleet_days, whole = np.zeros((days, k, k)), np.zeros((days, k, q))
         gram, fleet = np.zeros((aircraft, k, k)), np.zeros((k, k))
         together = np.zeros((k, self.half.shape[0]))
-        score = np.zeros((width, aircraft, days, k))
-        weight, count = np.zeros((aircraft, days)), np.zeros((aircraft, k))
+        score = np.zeros((left.lasting.shape[1], aircraft, days, k))
+        weight = np.zeros((aircraft, days))
         scatter = np.full((aircraft, len(BLOCKS)), np.nan)
-        used = np.zeros(cell.size, bool)
-        used[known] = True
-        for a, parts in groupby(self.parts, key=lambda part: part[0]):
-            day_gram, cross = np.zeros((days, k, k)), np.zeros((days, k, q))
-            lasting = np.zeros((k, steady + own * aircraft))
-            block = slice(steady + a * own, steady + (a + 1) * own)
-            for _, d, rows, beside in parts:
+        told = zip(self.parts, left.parts, strict=True)
+        for a, parts in groupby(told, key=lambda part: part[0][0]):
+            day_gram, both = np.zeros((days, k, k)), np.zeros((days, k, q + steady + own))
+            for (_, d, rows, beside), rest in parts:
                 x = columns[:, :, rows].reshape(k, -1)
                 day_gram[d] = x @ x.T
-                both = x @ beside
-                cross[d] = both[:, :q] @ self.root[d].T
-                lasting[:, :steady] += both[:, q : q + steady]
-                lasting[:, block] += both[:, q + steady : q + steady + own]
-                lasting -= cross[d] @ self.fields[d]
-                score[:, a, d] = both[:, q + steady + own :].T
-                count[a] += np.bincount(cell[rows][used[rows]], minlength=k)[:k]
+                both[d] = x @ beside
+                score[:, a, d] = (x @ rest).T
+            cross = both[:, :, :q] @ self.root.swapaxes(1, 2)
+            lasting = np.zeros((k, steady + own * aircraft))
+            lasting[:, self._places(a)] = both[:, :, q:].sum(axis=0)
+            lasting -= np.tensordot(cross, self.fields, axes=((0, 2), (0, 1)))
             fleet += day_gram.sum(axis=0)
             whole += cross
             day_gram -= cross @ cross.swapaxes(1, 2)
@@ -212,10 +256,12 @@ class Ground:
             gram[a] = day_gram.sum(axis=0) - taken @ taken.T
             weight[a] = np.trace(day_gram, axis1=1, axis2=2)
             scatter[a] = cluster_factor(day_gram, score[0, a], gram[a])
+        key = self.owner[known] * k + cell[known]
+        count = np.bincount(key, minlength=aircraft * k).reshape(aircraft, k)
         fleet -= np.einsum("dkq,dlq->kl", whole, whole, optimize=True)
         share = float(np.trace(together @ together.T) / max(np.trace(fleet), 1e-9))
         fleet -= together @ together.T
-        return Sums(gram, score, fleet, fleet_days, weight, count, share, scatter)
+        return Sums(gram, score, fleet, fleet_days, weight, count.astype(float), share, scatter)
 
 
 def plain_sums(
@@ -283,7 +329,6 @@ def lasting_columns(quiet: Any, plan: DictionaryPlan) -> Floats:
 
 def prepare(
     quiet: Any,
-    residuals: Floats,
     *,
     noise: NoiseFit,
     plan: DictionaryPlan,
@@ -291,14 +336,12 @@ def prepare(
     day: Integers,
     background: float = BACKGROUND,
 ) -> Ground:
-    """Whiten the nuisance columns and residuals of an archive.
+    """Whiten the nuisance columns of an archive.
 
     Parameters
     ----------
     quiet : Frame
         Reports with heading, airspeed and wind free of the residual's noise.
-    residuals : (R, n, 2) float
-        Residuals, the effects found taken off, m/s.
     noise : NoiseFit
     plan : DictionaryPlan
     variances : Variances
@@ -313,22 +356,12 @@ def prepare(
     """
     order = noise.order
     gains = take_gains(noise.gains, order.index)
-
-    def white(columns: Floats) -> Singles:
-        block = np.ascontiguousarray(np.moveaxis(columns[order.index], 0, -1).swapaxes(0, 1))
-        out = block.astype(np.float32)
-        out[:, :, gains.weight == 0] = 0.0
-        whiten_blocks(out, order.starts, gains)
-        return out
-
-    fields = white(day_field_columns(quiet, plan))
-    steady = white(lasting_columns(quiet, plan))
-    own = white(steady_columns(quiet))
-    rests = np.clip(white(np.moveaxis(residuals, 0, -1)), -CLIP, CLIP)
+    made = (day_field_columns(quiet, plan), lasting_columns(quiet, plan), steady_columns(quiet))
+    widths = [columns.shape[-1] for columns in made]
+    stacked = np.concatenate([_whitened(columns, order, gains) for columns in made])
     key = quiet.aircraft[order.index] * (int(day.max()) + 1) + day[order.index]
     turn = np.argsort(key, kind="stable")
     pieces = np.split(turn, np.flatnonzero(np.diff(key[turn])) + 1)
-    stacked = np.concatenate([fields, steady, own, rests])
     rows = [
         (
             int(quiet.aircraft[order.index[p[0]]]),
@@ -338,48 +371,41 @@ def prepare(
         )
         for p in pieces
     ]
-    sizes = len(quiet.tails), int(day.max()) + 1, steady.shape[0], own.shape[0]
+    sizes = len(quiet.tails), int(day.max()) + 1, widths[1], widths[2]
     prior = np.r_[1 / variances.climatology, 1 / np.square(SLOPE_SD)]
     prior = np.r_[prior, np.full(sizes[0] * sizes[3], 1 / background**2)]
-    return _solved(order, gains, rows, sizes, 1 / variances.day, prior)
+    root, fields, half = _eliminated(rows, sizes, 1 / variances.day, prior)
+    owner = quiet.aircraft[order.index]
+    return Ground(order, gains, tuple(rows), root, fields, half, sizes, owner)
 
 
-def _solved(
-    order: FlightOrder,
-    gains: Gains,
+def _whitened(columns: Floats, order: FlightOrder, gains: Gains) -> Singles:
+    """Columns (n, 2, w) whitened, (w, 2, n), in the order's sequence as their gains are."""
+    block = np.moveaxis(columns, 0, -1).swapaxes(0, 1).astype(np.float32)
+    out = np.ascontiguousarray(block[:, :, order.index])
+    out[:, :, gains.weight == 0] = 0.0
+    whiten_blocks(out, order.starts, gains)
+    return out
+
+
+def _eliminated(
     rows: list[tuple[int, int, Integers, Singles]],
     sizes: tuple[int, int, int, int],
     day_prior: Floats,
     prior: Floats,
-) -> Ground:
-    """Eliminate day fields and what lasts from the residuals."""
+) -> tuple[Floats, Floats, Floats]:
+    """Eliminate day fields from what lasts: ``root``, ``fields`` and ``half`` of the ground."""
     aircraft, days, steady, own = sizes
     q, lasting = day_prior.size, steady + own * aircraft
-    width = rows[0][3].shape[1] - q - steady - own
     normal = np.zeros((days, q, q)) + np.diag(day_prior)
-    fields, shared = np.zeros((days, q, lasting)), np.zeros((days, q, width))
-    gram, score = np.diag(prior), np.zeros((lasting, width))
+    fields, gram = np.zeros((days, q, lasting)), np.diag(prior)
     places = [np.r_[np.arange(steady), steady + a * own + np.arange(own)] for a in range(aircraft)]
     for a, d, _, part in rows:
         both = (part.T @ part).astype(float)
         normal[d] += both[:q, :q]
-        fields[d][:, places[a]] += both[:q, q : q + steady + own]
-        shared[d] += both[:q, q + steady + own :]
-        inner = slice(q, q + steady + own)
-        gram[np.ix_(places[a], places[a])] += both[inner, inner]
-        score[places[a]] += both[inner, q + steady + own :]
+        fields[d][:, places[a]] += both[:q, q:]
+        gram[np.ix_(places[a], places[a])] += both[q:, q:]
     root = np.linalg.inv(np.linalg.cholesky(normal))
-    fields, shared = root @ fields, root @ shared
+    fields = root @ fields
     gram -= np.einsum("dql,dqm->lm", fields, fields, optimize=True)
-    score -= np.einsum("dql,dqr->lr", fields, shared, optimize=True)
-    half = inverse_root(gram)
-    found = half.T @ (half @ score)
-    by_day = root.swapaxes(1, 2) @ (shared - fields @ found)
-    parts = []
-    for a, d, positions, part in rows:
-        part[:, q + steady + own :] -= part[:, :q] @ by_day[d].astype(np.float32)
-        part[:, q + steady + own :] -= part[:, q : q + steady + own] @ found[places[a]].astype(
-            np.float32
-        )
-        parts.append((a, d, positions, part))
-    return Ground(order, gains, tuple(parts), root, fields, half, sizes, by_day, found)
+    return root, fields, inverse_root(gram)

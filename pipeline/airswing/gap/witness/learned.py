@@ -32,7 +32,6 @@ from airswing.gap.archive.value_tables import COMPONENTS
 from airswing.gap.noise.beside_neighbours import interpolation_errors
 from airswing.gap.noise.whitening import flight_order, take_gains
 from airswing.gap.witness.bench import Bench, Setting
-from airswing.gap.witness.ground import prepare
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -42,7 +41,7 @@ SAMPLE = 40_000
 #: Quantiles of a variable between which trees may cut.
 CELLS = 100
 #: Of the trees.
-TREES = {"max_iter": 40, "max_leaf_nodes": 15, "learning_rate": 0.15, "min_samples_leaf": 80}
+TREES = {"max_iter": 24, "max_leaf_nodes": 15, "learning_rate": 0.25, "min_samples_leaf": 80}
 #: Error as it is, and less what the flight's other reports foretell.
 VIEWS = ("level", "change")
 #: Covariance beyond the simulated archives' that counts, (m/s)^2, by view: on archives with no
@@ -58,8 +57,13 @@ GROUPS = (("magnetic_heading", "track"), ("altitude", "temperature"), ("wind_spe
 TELLING = 0.15
 #: Groups whose pairs are offered as tables, and pairs at most.
 MOST_GROUPS, MOST_PAIRS = 3, 5
-#: Simulated archives the trees learn.
-ARCHIVES = 3
+#: Simulated archives the trees learn at most; strengths between which two of them do not decide.
+ARCHIVES, CLOSE = 3, (0.6, 1.6)
+#: What chance has trees explain less than nothing, in the least that counts.
+SLACK = 0.1
+
+Key = tuple[str, str]
+"""Component and view."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,7 @@ class Heard:
     Attributes
     ----------
     explained : tuple of Explained
-        Strongest first.
+        What was set beside simulated archives, strongest first.
     telling : tuple of (str, float)
         Variables of the strongest and what permuting each costs, (m/s)^2; none where nothing is
         claimed.
@@ -114,7 +118,7 @@ class Heard:
     @property
     def raised(self) -> bool:
         """Whether something shows that simulated archives do not have."""
-        return self.explained[0].strength >= 1.0
+        return bool(self.components)
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -162,10 +166,13 @@ class LearnedWitness:
     """Trees on a bench; remembers what simulated archives gave."""
 
     def __init__(self) -> None:
-        self._simulated: dict[tuple[str, str], list[float]] = {}
+        self._simulated: dict[Key, list[float]] = {}
 
     def hear(self, bench: Bench) -> Heard:
         """Let the trees learn an archive and say what they explain.
+
+        Simulated archives are drawn as far as the decision needs: what is strongest, where that
+        counts. Of what can no longer be the strongest only the archive's own covariance is known.
 
         Parameters
         ----------
@@ -176,109 +183,116 @@ class LearnedWitness:
         -------
         Heard
         """
-        setting = bench.setting
-        sample = Sample.of(setting)
-        count = min(ARCHIVES, len(bench.simulated)) if not self._simulated else 0
-        made = _cleared(bench, count)
-        for k in range(1, 1 + count):
-            for key, value in self._covariances(bench, sample, made[k], k).items():
-                self._simulated.setdefault(key, []).append(value[0])
-        real = self._covariances(bench, sample, made[0], 0)
-        explained = []
-        for (component, view), (covariance, error) in real.items():
-            alike = np.array(self._simulated[component, view])
-            between = max(float(alike.std(ddof=1)), 0.15 * abs(float(alike.mean())))
-            between *= np.sqrt(1 + 1 / alike.size)
-            explained.append(
-                Explained(
-                    component,
-                    view,
-                    covariance,
-                    float(alike.mean()),
-                    float(np.hypot(error, between)),
-                )
-            )
+        learned = _Learned(bench, Sample.of(bench.setting))
+        told = {(c, v): learned.covariance((c, v), 0) for c in COMPONENTS for v in VIEWS}
+        # a simulated archive explains nothing at the least, but for chance
+        bounds = {
+            key: (covariance + SLACK * LEAST[key[1]]) / max(LEAST[key[1]], SIGNIFICANT * error)
+            for key, (covariance, error) in told.items()
+        }
+        explained: list[Explained] = []
+        for key in sorted(bounds, key=lambda key: -bounds[key]):
+            if bounds[key] < max([1.0, *(e.strength for e in explained)]):
+                break
+            explained.append(self._beside_simulated(learned, key, *told[key]))
         explained.sort(key=lambda e: -e.strength)
         telling: tuple[tuple[str, float], ...] = ()
-        if explained[0].strength >= 1.0:
-            telling = self._telling(bench, sample, made[0], explained[0])
+        if explained and explained[0].strength >= 1.0:
+            telling = learned.telling((explained[0].component, explained[0].view))
         return Heard(tuple(explained), telling)
 
-    def _covariances(
-        self, bench: Bench, sample: Sample, cleared: Floats, k: int
-    ) -> dict[tuple[str, str], tuple[float, float]]:
-        """Covariance and its standard error of every component and view of an archive."""
-        features, _ = _features(bench, sample.rows, k)
-        views = _views(bench.setting, sample, cleared)
-        out = {}
-        for component in COMPONENTS:
-            direction = bench.direction(component, k)[sample.rows]
-            for view, (error, weight) in views.items():
-                own = np.clip(np.einsum("nc,nc->n", error, direction), -BOUND, BOUND)
-                told = np.zeros(own.size)
-                for learn in (sample.second, ~sample.second):
-                    trees = _fitted(features[learn], own[learn], weight[learn])
-                    told[~learn] = trees.predict(features[~learn])
-                out[component, view] = _by_day(weight * told * own, weight, sample.day)
-        return out
+    def _beside_simulated(
+        self, learned: _Learned, key: Key, covariance: float, error: float
+    ) -> Explained:
+        """Set a covariance beside those of as many simulated archives as it takes."""
+        alike = self._simulated.setdefault(key, [])
+        most = min(ARCHIVES, len(learned.bench.simulated))
+        for count in range(min(2, most), most + 1):
+            while len(alike) < count:
+                alike.append(learned.covariance(key, 1 + len(alike))[0])
+            mean = float(np.mean(alike))
+            between = max(float(np.std(alike, ddof=min(1, count - 1))), 0.15 * abs(mean))
+            between *= np.sqrt(1 + 1 / len(alike))
+            told = Explained(*key, covariance, mean, float(np.hypot(error, between)))
+            if not CLOSE[0] < told.strength < CLOSE[1]:
+                break
+        return told
 
-    def _telling(
-        self, bench: Bench, sample: Sample, cleared: Floats, strongest: Explained
-    ) -> tuple[tuple[str, float], ...]:
-        """Permute every group of variables on the days left out."""
-        features, names = _features(bench, sample.rows, 0)
-        error, weight = _views(bench.setting, sample, cleared)[strongest.view]
-        direction = bench.direction(strongest.component, 0)[sample.rows]
-        own = np.clip(np.einsum("nc,nc->n", error, direction), -BOUND, BOUND)
-        rng = np.random.default_rng(1)
-        loss: dict[str, float] = {}
-        for learn in (sample.second, ~sample.second):
+
+class _Learned:
+    """Trees of an archive and of simulated ones, with what they see made once."""
+
+    def __init__(self, bench: Bench, sample: Sample) -> None:
+        self.bench, self._sample = bench, sample
+        rows, variables = sample.rows, bench.variables
+        self._names = [*variables, "aircraft"]
+        self._coded = {name: _coded(own.values[rows]) for name, own in variables.items()}
+        self._views: dict[int, dict[str, tuple[Floats, Floats]]] = {}
+
+    def covariance(self, key: Key, k: int) -> tuple[float, float]:
+        """Covariance of prediction and error in the ``k``-th archive, and its standard error."""
+        features = self._features(k)
+        own, weight = self._error(key, k)
+        told = np.zeros(own.size)
+        for learn in (self._sample.second, ~self._sample.second):
             trees = _fitted(features[learn], own[learn], weight[learn])
-            left, value, scale = features[~learn], own[~learn], weight[~learn]
-            whole = float((scale * value * trees.predict(left)).sum() / weight.sum())
-            for name in names:
-                if name == "aircraft":
-                    continue
+            told[~learn] = trees.predict(features[~learn])
+        return _by_day(weight * told * own, weight, self._sample.day)
+
+    def telling(self, key: Key) -> tuple[tuple[str, float], ...]:
+        """Permute every group of variables on the days left out."""
+        features, names = self._features(0), self._names
+        own, weight = self._error(key, 0)
+        rng = np.random.default_rng(1)
+        loss = dict.fromkeys(names[:-1], 0.0)
+        for learn in (self._sample.second, ~self._sample.second):
+            trees = _fitted(features[learn], own[learn], weight[learn])
+            left, value = features[~learn], (weight * own)[~learn] / weight.sum()
+            whole = float(value @ trees.predict(left))
+            lost: dict[tuple[str, ...], float] = {}
+            for name in loss:
                 for other in (_group(name), (name,)):  # what both tell, and what it alone does
-                    columns = [names.index(one) for one in other if one in names]
-                    moved = left.copy()
-                    moved[:, columns] = left[rng.permutation(left.shape[0])][:, columns]
-                    part = float((scale * value * trees.predict(moved)).sum() / weight.sum())
-                    loss[name] = loss.get(name, 0.0) + 0.5 * (whole - part)
+                    if other not in lost:
+                        columns = [names.index(one) for one in other if one in names]
+                        moved = left.copy()
+                        moved[:, columns] = left[rng.permutation(left.shape[0])][:, columns]
+                        lost[other] = whole - float(value @ trees.predict(moved))
+                    loss[name] += 0.5 * lost[other]
         ranked = sorted(loss.items(), key=lambda item: -item[1])
         groups = list(dict.fromkeys(_group(name) for name, _ in ranked))[:MOST_GROUPS]
         least = TELLING * ranked[0][1]
         return tuple((n, x) for n, x in ranked if x >= least and _group(n) in groups)
 
+    def _features(self, k: int) -> Any:
+        """Everything the reports of an archive record, aircraft last, (m, p)."""
+        rows, own = self._sample.rows, self.bench.simulated[k - 1] if k else {}
+        columns = [
+            _coded(own[name][rows]) if name in own else self._coded[name]
+            for name in self._names[:-1]
+        ]
+        return np.stack([*columns, self.bench.setting.frame.aircraft[rows]], -1)
+
+    def _error(self, key: Key, k: int) -> tuple[Floats, Floats]:
+        """Errors of one component and their weights in one view, (m,) each."""
+        bench, rows = self.bench, self._sample.rows
+        if k not in self._views:
+            setting = bench.setting
+            cleared = setting.ground.cleared(
+                setting.quiet,
+                bench.residuals[k : k + 1],
+                plan=setting.plan,
+                day=setting.day,
+                rows=rows,
+            )[0]
+            self._views[k] = _views(setting, self._sample, cleared)
+        error, weight = self._views[k][key[1]]
+        direction = bench.direction(key[0], k)[rows]
+        return np.clip(np.einsum("nc,nc->n", error, direction), -BOUND, BOUND), weight
+
 
 def _group(name: str) -> tuple[str, ...]:
     """Variables that tell each other, of one of them."""
     return next((group for group in GROUPS if name in group), (name,))
-
-
-def _cleared(bench: Bench, count: int) -> Floats:
-    """Real and the first simulated residuals without days and climatology, (1 + count, n, 2)."""
-    setting = bench.setting
-    residuals = bench.residuals[: 1 + count]
-    ground = prepare(
-        setting.quiet,
-        residuals,
-        noise=setting.noise,
-        plan=setting.plan,
-        variances=setting.variances,
-        day=setting.day,
-    )
-    return ground.cleared(setting.quiet, residuals, plan=setting.plan, day=setting.day)
-
-
-def _features(bench: Bench, rows: Integers, k: int) -> tuple[Any, list[str]]:
-    """Everything the reports of an archive record, aircraft last, (m, p)."""
-    own = bench.simulated[k - 1] if k else {}
-    names = list(bench.variables)
-    columns = [own[name] if name in own else bench.variables[name].values for name in names]
-    columns.append(bench.setting.frame.aircraft.astype(float))
-    made = [_coded(c[rows]) for c in columns[:-1]] + [columns[-1][rows]]
-    return np.stack(made, -1).astype(np.float32), [*names, "aircraft"]
 
 
 def _coded(values: Floats) -> Floats:
@@ -289,14 +303,12 @@ def _coded(values: Floats) -> Floats:
 
 
 def _views(setting: Setting, sample: Sample, cleared: Floats) -> dict[str, tuple[Floats, Floats]]:
-    """Errors (m, 2) and weights (m,) of each view."""
+    """Errors (m, 2), of a sample's reports, and weights (m,) of each view."""
     rows, frame = sample.rows, setting.frame
     order = flight_order(frame.flight[rows], frame.time[rows])
-    change, precision = interpolation_errors(
-        cleared[rows], order, take_gains(setting.noise.gains, rows)
-    )
+    change, precision = interpolation_errors(cleared, order, take_gains(setting.noise.gains, rows))
     known = (precision > 0).astype(float)
-    return {"level": (cleared[rows], known), "change": (change, precision)}
+    return {"level": (cleared, known), "change": (change, precision)}
 
 
 def _fitted(features: Any, values: Floats, weight: Floats) -> Any:

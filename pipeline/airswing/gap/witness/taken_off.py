@@ -56,7 +56,7 @@ REMAINDER = 0.2
 #: The same beside an earlier unknown's: cells are coarse.
 OWN_REMAINDER = 0.35
 #: Reports on which an unknown is compared with effects, at most.
-MOST_COMPARED = 5000
+MOST_COMPARED = 2000
 #: Part of an effect that its table holds: cells are coarse, and variables known roughly.
 CARRIED = 0.7
 #: The same of a table by the reported wind: reports that an effect moved into a cell stand there
