@@ -15,6 +15,7 @@ from airswing.blind_check.check_summary import (
     grouped,
     hard_and_real,
     of_default,
+    short_nulls,
     summarise,
     targets,
 )
@@ -91,18 +92,14 @@ def _target_rows(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:
                 str(whole["cases"]),
             ]
         )
-    share, number = hard_and_real(scores)
-    rows.append(
-        [
-            "hard world and real errors, 0.4 m/s and more: first name right",
-            "at least 80 %",
-            "–",
-            "0",
-            "–",
-            _text(share, "%"),
-            str(number),
-        ]
+    beside = (
+        ("hard world and real errors, 0.4 m/s and more: first name right", "at least 80 %"),
+        ("claims on nulls of two weeks", "at most 2 %"),
     )
+    for told, (share, number) in zip(
+        beside, (hard_and_real(scores), short_nulls(scores)), strict=True
+    ):
+        rows.append([*told, "–", "0", "–", _text(share, "%"), str(number)])
     return rows
 
 
@@ -135,8 +132,8 @@ def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None =
         "where the effect acts. Outside effects are drawn at random. The truth of a closure is the "
         "archive's twin: the same reports made without the effect.",
         "## Against the targets",
-        "The targets are set for default archives: the ordinary world, no real errors. Beside them "
-        "stand all cases, the hard world's and real errors' among them.",
+        "The targets are set for default archives: the ordinary world, six weeks, no real errors. "
+        "Beside them stand all cases: two weeks, the hard world's and real errors' among them.",
         _table(_TARGET_COLUMNS, _target_rows(scores)),
     ]
     if proof:

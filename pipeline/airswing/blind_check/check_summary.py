@@ -284,11 +284,18 @@ def hard_and_real(scores: Sequence[Score]) -> Reached:
     share : float or None
     number : int
     """
-    return _share([s for s in _detectable(scores) if s["world"] != "default"], "first_right")
+    return _share(
+        [s for s in _detectable(scores) if s["world"] not in ("default", "short")], "first_right"
+    )
+
+
+def short_nulls(scores: Sequence[Score]) -> Reached:
+    """Share of nulls of two weeks on which something is claimed, and their number."""
+    return _claims_on_nulls([score for score in scores if score["world"] == "short"])
 
 
 def of_default(scores: Sequence[Score]) -> list[Score]:
-    """Scores of default archives: neither of the hard world nor with real errors.
+    """Scores of default archives: not short, neither of the hard world nor with real errors.
 
     Parameters
     ----------

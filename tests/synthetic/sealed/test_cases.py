@@ -52,6 +52,15 @@ def test_no_two_nulls_are_the_same_archive(rungs):
     assert len(set(nulls)) == len(nulls)
 
 
+def test_some_worlds_have_two_weeks_nulls_among_them():
+    planned = plan_cases(120, seed=7, size=Size())
+    short = [case for case in planned if case.world.kind == "short"]
+    assert {case.world.days for case in short} == {14, 15}
+    assert {case.rung for case in short} == {1, 4}
+    assert {"null", "single", "outside"} <= {case.kind for case in short}
+    assert not any(c.world.kind == "short" for c in plan_cases(120, seed=7, size=Size.fast()))
+
+
 def test_plan_repeats_with_its_seed_and_differs_with_another():
     assert plan_cases(30, seed=5, size=Size()) == plan_cases(30, seed=5, size=Size())
     assert plan_cases(30, seed=5, size=Size()) != plan_cases(30, seed=6, size=Size())

@@ -2,8 +2,10 @@
 
 Assumptions: a variable is linear (cells between quantiles), circular (equal sectors) or a category.
 Headings and airspeeds are those a design column may stand on, so that they hold none of the
-residual's own noise. The reported wind's direction and speed do hold it: what depends on them is
-judged against simulated reports, which have that dependence as well.
+residual's own noise; so are drift and ground speed (that of this airspeed in the reference wind:
+the one flown holds the true wind, hence the reference's error). The reported wind's direction and
+speed do hold it: what depends on them is judged against simulated reports, which have that
+dependence as well.
 
 Validity: a variable that is unknown in half the reports, or does not vary, is left out; a report
 that does not know it is in no cell.
@@ -32,6 +34,8 @@ KINDS: dict[str, tuple[str, int]] = {
     "hour": ("circular", 8),
     "wind_speed": ("linear", 8),
     "airspeed": ("linear", 8),
+    "ground_speed": ("linear", 8),
+    "drift": ("linear", 8),
     "latitude": ("linear", 8),
     "longitude": ("linear", 8),
     "altitude": ("linear", 8),
@@ -54,6 +58,8 @@ UNITS = {
     "hour": "hour",
     "wind_speed": "m/s",
     "airspeed": "m/s",
+    "ground_speed": "m/s",
+    "drift": "degree",
     "latitude": "degree",
     "longitude": "degree",
     "altitude": "ft",
@@ -137,6 +143,13 @@ def values_of(frame: Any, quiet: Any, name: str) -> Floats:
         return np.asarray(np.hypot(frame.u_rep, frame.v_rep))
     if name == "altitude":
         return np.asarray(altitude_from_pressure(frame.pressure)) / FOOT
+    if name == "ground_speed":
+        east = quiet.airspeed * np.sin(quiet.heading) + quiet.u_ref
+        north = quiet.airspeed * np.cos(quiet.heading) + quiet.v_ref
+        return np.asarray(np.hypot(east, north))
+    if name == "drift":
+        track = np.arctan2(frame.ground_u, frame.ground_v)
+        return np.degrees(np.angle(np.exp(1j * (track - quiet.heading))))
     simple: dict[str, Any] = {
         "magnetic_heading": lambda: np.mod(np.degrees(quiet.magnetic_heading), 360.0),
         "track": lambda: np.mod(np.degrees(np.arctan2(frame.ground_u, frame.ground_v)), 360.0),

@@ -98,6 +98,14 @@ class Grid:
         """Names of the variables."""
         return tuple(axis.variable for axis in self.axes)
 
+    @property
+    def labels(self) -> list[str]:
+        """One per cell."""
+        out = [""]
+        for axis in self.axes:
+            out = [f"{one}; {other}" if one else other for one in out for other in axis.labels]
+        return out
+
     def cells(self, values: tuple[Floats, ...]) -> Integers:
         """Cell of every report, (n,); -1 where a variable is unknown."""
         out = np.zeros(values[0].size, np.int64)

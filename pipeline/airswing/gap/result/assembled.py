@@ -20,6 +20,7 @@ from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.localisation import Slice
 from airswing.gap.evidence.term_covariance import term_offsets
 from airswing.gap.evidence.terms import Term
+from airswing.gap.held_out.days_left_out import term_coefficients
 from airswing.gap.held_out.reduction import Closure
 from airswing.gap.result.describe import (
     Readout,
@@ -52,6 +53,7 @@ from airswing.gap.result.single_entries import (
     slice_entry,
     swap_entry,
 )
+from airswing.gap.result.term_tables import table_of_term
 from airswing.gap.search.coding_and_outliers import MomentVerdict
 from airswing.gap.search.cross_validated import Doubtful
 from airswing.gap.search.excess_scatter import Scattering
@@ -242,6 +244,7 @@ def _places(
     """Places of the terms of the nonparametric basis."""
     found, (energy, error) = findings.found, findings.energy
     offsets = term_offsets(found.given, found.terms)
+    fitted = term_coefficients(found.given, found.terms)
     out = []
     for k, term in enumerate(found.terms):
         if term.candidate.known:
@@ -249,6 +252,9 @@ def _places(
         group = next(g for g in problem.plan.groups if g.name == term.candidate.name)
         stats = problem.base.stats
         place = unknown_place(term, found.given, offsets[k], stats, group.labels, found.rivals[k])
+        table = table_of_term(problem, term, fitted[k])
+        if table is not None:
+            place = replace(place, curve=table)
         mean = means.get(k)
         if mean is not None:
             told = MeanEntry(mean.name, mean.tails, mean.parameters, mean.standard_errors)

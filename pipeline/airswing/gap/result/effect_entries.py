@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from airswing.gap.effects import CATALOGUE, ActiveEffect
 from airswing.gap.result.schema import EffectEntry, GapReport, PlaceEntry
+from airswing.gap.result.term_tables import COMPONENT
 from airswing.gap.simulation.effects_file import parse_effects
 from airswing.products.whole_files import plain
 
@@ -47,7 +48,7 @@ def _of_place(place: PlaceEntry) -> list[dict[str, object]]:
     if curve.edges is None:
         return []
     parameters = {
-        "component": place.component,
+        "component": COMPONENT.get(place.component, place.component),
         "variables": curve.variables,
         "edges": curve.edges,
     }

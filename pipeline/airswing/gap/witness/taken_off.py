@@ -386,7 +386,7 @@ def _curve(unknown: Unknown, tails: Sequence[str]) -> CurveEntry:
     if not unknown.shared:
         each = {tails[a]: [float(x) for x in unknown.values[a]] for a in own}
     return CurveEntry(
-        labels=_labels(unknown),
+        labels=unknown.grid.labels,
         m_s=middle,
         unit=UNIT_OF[unknown.component],
         variables=names,
@@ -395,13 +395,6 @@ def _curve(unknown: Unknown, tails: Sequence[str]) -> CurveEntry:
         values=middle,
         per_tail=each,
     )
-
-
-def _labels(unknown: Unknown) -> list[str]:
-    labels = [""]
-    for axis in unknown.grid.axes:
-        labels = [f"{one}; {other}" if one else other for one in labels for other in axis.labels]
-    return labels
 
 
 def settled_by(names: Sequence[str]) -> str:
@@ -413,6 +406,8 @@ def settled_by(names: Sequence[str]) -> str:
         "wind_speed": "the raw air and ground vectors beside the wind computed of them",
         "temperature": "a recorder of the unit's raw sensors through these temperatures",
         "icing": "flights with de-icing switched on and off in clear air on every heading",
+        "ground_speed": "these legs flown both ways beside another aircraft",
+        "drift": "the unit's raw heading and track beside each other on flights both ways",
         "airspeed": "a run at several airspeeds beside a trailing cone or a second air data unit",
         "altitude": "levels flown both ways beside another aircraft or a radiosonde",
         "hour": "the unit's clock and its data link beside a GPS clock over a day",

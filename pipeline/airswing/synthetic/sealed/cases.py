@@ -6,8 +6,9 @@ Rungs: 1 the generator's ordinary world, 2 its hard world (longer-reaching error
 1 % outliers, a little of everything everywhere), 3 two effects at once, every other time on the
 same aircraft, 4 effects outside the catalogue, drawn at random, and catalogue effects taken out of
 it for the diagnosis, 5 real data: the residual errors of a real flux valve, and the real error of a
-real forecast, with an effect added. A quarter of every rung holds nothing, or as many as are asked
-for. (Rung 0 is the proof of the generator, `airswing.blind_check.proof`.)
+real forecast, with an effect added. Every fourth world of rungs 1 and 4 has two weeks only. A
+quarter of every rung holds nothing, or as many as are asked for. (Rung 0 is the proof of the
+generator, `airswing.blind_check.proof`.)
 
 Effects, their variants (on all aircraft, in another form, in the last week) and sizes are dealt
 like cards, every effect as often as every other. Cases of one rung share worlds a few at a time, so
@@ -34,6 +35,8 @@ __all__ = ["RUNGS", "Case", "Size", "World", "plan_cases"]
 RUNGS: dict[int, float] = {1: 0.35, 2: 0.1, 3: 0.15, 4: 0.3, 5: 0.1}
 """Share of the cases on each rung."""
 CASES_PER_WORLD = 8
+SHORT_RUNGS, SHORT_DAYS = (1, 4), (14, 15)
+"""Rungs of which every fourth world is of two weeks: what seems to last is weather there."""
 MOST_DRAWS = 24
 """Draws an outside effect is dealt as."""
 START = datetime(2009, 3, 1)
@@ -78,8 +81,8 @@ class World:
     seed : int
         Seed of the generator.
     kind : str
-        ``default``, ``hard``, ``sensor`` (a real flux valve's errors) or ``model`` (a real
-        forecast's).
+        ``default``, ``short`` (the same for two weeks), ``hard``, ``sensor`` (a real flux valve's
+        errors) or ``model`` (a real forecast's).
     days, aircraft : int
         Length and fleet.
     coarse : bool
@@ -256,8 +259,11 @@ class _Dealer:
         kind = "hard" if self.rung == 2 else "default"
         if self.rung == 5:
             kind = "model" if index % 2 else "sensor"
-        number = 10_000 * self.seed + 1000 * self.rung + index % worlds
+        place = index % worlds
+        number = 10_000 * self.seed + 1000 * self.rung + place
         days = 1 if kind == "model" else self.size.days
+        if self.rung in SHORT_RUNGS and place % 4 == 3 and days > 2 * SHORT_DAYS[1]:
+            kind, days = "short", SHORT_DAYS[place // 4 % 2]
         return World(number, kind, days, self.size.aircraft, self.size.coarse)
 
     def _with_effect(self, case: Case, index: int) -> Case:
