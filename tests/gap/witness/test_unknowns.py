@@ -150,3 +150,22 @@ def test_kinds_have_cells_of_their_own():
         grid = Grid((axis_of(variable, KINDS[name][1]),))
         cells = grid.cells((variable.values,))
         assert cells.min() >= 0 and cells.max() < grid.size
+
+
+def test_cells_merged_are_means_of_their_reports():
+    from types import SimpleNamespace
+
+    from airswing.gap.archive.value_tables import Axis
+    from airswing.gap.witness.unknowns import Unknown, merged
+
+    axes = (
+        Axis("longitude", "linear", np.arange(4.0)),
+        Axis("icing", "category", np.arange(3) - 0.5),
+    )
+    values = np.array([[1.0, 10.0, 4.0, 20.0, 7.0, 30.0]])
+    grid = Grid(axes)
+    table = Unknown("across_wind", grid, (0,), True, 9.0, values, values[None], (), 1, 1, 1, 1)
+    cells = np.repeat(np.arange(6), [3, 1, 1, 1, 5, 0])
+    made = merged(SimpleNamespace(cells=lambda grid: cells), table)
+    np.testing.assert_allclose(made.values, [[1.75, 15, 1.75, 15, 7, 0]])
+    np.testing.assert_allclose(made.by_fold[0], made.values)
