@@ -149,7 +149,7 @@ def values_of(frame: Any, quiet: Any, name: str) -> Floats:
         return np.asarray(np.hypot(east, north))
     if name == "drift":
         track = np.arctan2(frame.ground_u, frame.ground_v)
-        return np.degrees(np.angle(np.exp(1j * (track - quiet.heading))))
+        return np.asarray(np.degrees(np.angle(np.exp(1j * (track - quiet.heading)))))
     simple: dict[str, Any] = {
         "magnetic_heading": lambda: np.mod(np.degrees(quiet.magnetic_heading), 360.0),
         "track": lambda: np.mod(np.degrees(np.arctan2(frame.ground_u, frame.ground_v)), 360.0),

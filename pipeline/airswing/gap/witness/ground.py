@@ -144,7 +144,7 @@ class Ground:
     def _places(self, aircraft: int) -> Integers:
         """Places of an aircraft's own columns among all that last."""
         steady, own = self.sizes[2:]
-        return np.r_[np.arange(steady), steady + aircraft * own + np.arange(own)]
+        return np.concatenate([np.arange(steady), steady + aircraft * own + np.arange(own)])
 
     def solved(self, residuals: Floats) -> Left:
         """Take everything the reference does out of residuals, (R, n, 2) m/s."""
