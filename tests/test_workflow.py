@@ -285,7 +285,8 @@ def test_a_corrected_archive_has_nothing_left_to_correct(finished):
 
 def test_nothing_left_after_screening_names_the_rules(tmp_path, root):
     screening = {"min_ground_speed": "900 kt"}
-    job = job_of(root, tmp_path / "out", screening=screening)
+    few = {"files": str(root / "data_samples/reports/N406.csv")}
+    job = job_of(root, tmp_path / "out", screening=screening, reports=few)
     headings = workflow.make_headings(job)  # the model winds are in it
     assert np.isfinite(headings["reference_eastward_wind"]).any()
     with pytest.raises(InputError, match=r"screening left no report.*ground_speed"):
