@@ -63,7 +63,7 @@ def periods_of(parts, bases):
 def test_a_fit_of_the_days_before_and_the_sums_of_the_new_ones_are_the_fit_of_all(fleet):
     headings, late = fleet
     parts = [some_reports(headings, chosen) for chosen in (~late, late)]
-    bases = [Base.of(one.fit, one.field) for one in sums_of(parts[0])]
+    bases = [Base.of(one.fit, one.field, one.reports) for one in sums_of(parts[0])]
     first, second = periods_of(parts, bases)
     for k, whole in enumerate(sums_of(headings)):
         own = [first[str(k)], second[str(k)]]
@@ -81,7 +81,7 @@ def test_blocks_of_periods_are_those_of_all_reports(fleet):
     """Summed where the fit of all reports is, but for the last step its blocks were made before."""
     headings, late = fleet
     every = sums_of(headings)
-    bases = [Base.of(one.fit, one.field) for one in every]
+    bases = [Base.of(one.fit, one.field, one.reports) for one in every]
     parts = periods_of([some_reports(headings, chosen) for chosen in (~late, late)], bases)
     for k, whole in enumerate(every):
         found = merged_fit([part[str(k)] for part in parts], bases[k])
@@ -96,7 +96,7 @@ def test_blocks_of_periods_are_those_of_all_reports(fleet):
 
 def test_far_from_where_they_were_summed_the_sums_tell_nothing(fleet):
     headings, _ = fleet
-    known = [Base.of(one.fit, one.field) for one in sums_of(headings)]
+    known = [Base.of(one.fit, one.field, one.reports) for one in sums_of(headings)]
     far = [replace(b, theta=b.theta + np.radians(3.0)) for b in known]
     (period,) = periods_of([headings], far)
     assert merged_fit([period["0"]], far[0]) is None
@@ -104,12 +104,12 @@ def test_far_from_where_they_were_summed_the_sums_tell_nothing(fleet):
 
 def test_what_is_packed_comes_back(fleet):
     headings, _ = fleet
-    bases = [Base.of(one.fit, one.field) for one in sums_of(headings)]
+    bases = [Base.of(one.fit, one.field, one.reports) for one in sums_of(headings)]
     again = unpacked_bases(packed_bases({str(k): base for k, base in enumerate(bases)}))
     for k, base in enumerate(bases):
         np.testing.assert_array_equal(again[str(k)].theta, base.theta)
         np.testing.assert_array_equal(again[str(k)].free, base.free)
-        for part in ("scatters", "airspeeds", "few"):
+        for part in ("scatters", "airspeeds", "few", "rms", "reports"):
             assert getattr(again[str(k)], part) == getattr(base, part)
     (period,) = periods_of([headings], bases)
     back = unpacked(packed(period))
@@ -123,7 +123,7 @@ def test_what_is_packed_comes_back(fleet):
 def test_another_scatter_asks_for_a_fit(fleet):
     headings, _ = fleet
     one, *_ = sums_of(headings)
-    base = replace(Base.of(one.fit, one.field), rms=one.fit.rms_after * 1.2)
+    base = replace(Base.of(one.fit, one.field, one.reports), rms=one.fit.rms_after * 1.2)
     (period,) = periods_of([headings], [base])
     assert merged_fit([period["0"]], base) is None
     found = merged_fit([period["0"]], base, scatter=0.3)

@@ -53,6 +53,7 @@ def packed_bases(bases: Mapping[str, Base]) -> Arrays:
         "airspeed": np.array([one.airspeeds for one in every]),
         "few": np.array([one.few for one in every]),
         "rms": np.array([one.rms for one in every]),
+        "reports": np.array([one.reports for one in every]),
     }
 
 
@@ -76,6 +77,7 @@ def unpacked_bases(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Base]:
             arrays["airspeed"][k].tolist(),
             bool(arrays["few"][k]),
             float(arrays["rms"][k]),
+            int(arrays["reports"][k]),
         )
         for k, name in enumerate(arrays["aircraft"])
     }

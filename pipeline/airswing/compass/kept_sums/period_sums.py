@@ -83,6 +83,8 @@ class Base:
         Whether flights or days are so few that each needs a normal matrix of its own.
     rms : float
         Robust rms of the heading error after the curve, radians.
+    reports : int
+        It was fitted to.
     """
 
     theta: Array
@@ -92,12 +94,15 @@ class Base:
     airspeeds: list[float]
     few: bool
     rms: float
+    reports: int
 
     @classmethod
-    def of(cls, fit: AircraftFit, field: float) -> Base:
+    def of(cls, fit: AircraftFit, field: float, reports: int) -> Base:
         """That of a fit of all reports."""
         few = min(fit.flight.shape[0], fit.day_number.size) < MANY
-        return cls(fit.theta, fit.free, fit.scatters, field, fit.airspeeds, few, fit.rms_after)
+        return cls(
+            fit.theta, fit.free, fit.scatters, field, fit.airspeeds, few, fit.rms_after, reports
+        )
 
     def at(self, field: float) -> Array:
         """Its parameters for another mean field."""

@@ -24,6 +24,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.fit.acceptance import MAX_CONDITION, AircraftSums, condition_number
+from airswing.compass.fit.aircraft import MIDDLE
 from airswing.compass.fit.deviation import (
     FITTED_FROM,
     FleetSums,
@@ -256,6 +257,8 @@ class _Fleet:
         if not periods:
             return None
         reports = sum(one.reports for one in periods)
+        if not near and reports // MIDDLE != base.reports // MIDDLE:
+            return None  # a fit would take its scatter from other reports, and weigh by that
         flights = sum(one.day.size for one in periods)
         counts = np.sum([one.points for one in periods], axis=0)
         points = int(np.count_nonzero(counts >= max(3, 0.002 * reports)))
@@ -289,7 +292,7 @@ class _Fleet:
                 kept[group].pop(name, None)
                 of[name] = content[name]
                 if one.fit is not None and one.status == STATUS["ok"] and one.fit.converged:
-                    self.bases[group][name] = Base.of(one.fit, one.field)
+                    self.bases[group][name] = Base.of(one.fit, one.field, one.reports)
                 else:
                     kept[group][name] = one
         bases: dict[str, NDArray[Any]] = {}
