@@ -140,19 +140,19 @@ def evaluate_step(
     # of a change nothing tells the background but what the same columns show lasting
     background = evaluate(stats, given, candidate).background
     look = partial(_window_evidence, stats, candidate, background)
-    sums = {
-        int(a): _window_sums(base, given, int(a), candidate.columns, tried, remains)
+    lasting = np.array([[0, stats.days.size]])
+    both = {  # the last window is that of the columns at work all the time
+        int(a): _window_sums(
+            base, given, int(a), candidate.columns, np.concatenate([tried, lasting]), remains
+        )
         for a in np.flatnonzero(asked)
     }
+    sums = {a: (information[:-1], score[:-1]) for a, (information, score) in both.items()}
     factor = _steady_factor(base, given, candidate, tried, sums, look)
-    always = np.array([[0, stats.days.size]])
     changing = {a: look(a, own, factor) for a, own in sums.items()}
     struck = list(sums)
     if period is None:
-        steady = {
-            a: look(a, _window_sums(base, given, a, candidate.columns, always, remains), factor)
-            for a in sums
-        }
+        steady = {a: look(a, (own[0][-1:], own[1][-1:]), factor) for a, own in both.items()}
         struck = _changing(changing, steady, prior)
     if not struck:
         nothing = np.zeros((acting.size, candidate.columns.size))
