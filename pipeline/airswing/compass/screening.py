@@ -36,7 +36,7 @@ from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.units import KNOT
 from airswing.vocabulary import describe
 
-__all__ = ["audit", "kept", "screen"]
+__all__ = ["audit", "screen"]
 
 MAX_INNOVATION = 40.0
 """m s-1."""
@@ -132,26 +132,6 @@ def screen(
     for name, broken in rules.items():
         bits = bits + broken.astype(np.int32) * np.int32(SCREENING[name])
     return describe(headings.assign(screening=bits.drop_attrs()))
-
-
-def kept(headings: xr.Dataset, reference: str | None = None) -> xr.DataArray:
-    """Tell which reports passed every rule.
-
-    Parameters
-    ----------
-    headings : Dataset
-        Screened.
-    reference : str, optional
-        Also require a heading error against this reference.
-
-    Returns
-    -------
-    DataArray of bool, shape (report,)
-    """
-    passed = headings["screening"] == 0
-    if reference is not None:
-        passed = passed & headings["heading_error"].sel(reference=reference, drop=True).notnull()
-    return passed.rename("kept").drop_attrs()
 
 
 def mark_corrected_units(
