@@ -31,6 +31,7 @@ import yaml
 
 from airswing.config import Config, load_config
 from airswing.gap.archive import headings_columns as columns
+from airswing.physics.triangle import wrap_signed
 from airswing.products.fingerprint import fingerprint
 from airswing.products.netcdf import as_stored, provenance
 from airswing.products.ragged_product import ragged_writer
@@ -76,6 +77,16 @@ def toy_aircraft(number: int, reports: int, days: int) -> xr.Dataset:
             data[name] = (("reference", "report"), values[None])
         else:
             data[name] = ("report", values)
+    air, implied = (
+        (fortnight.ground_u - u, fortnight.ground_v - v)
+        for u, v in ((fortnight.u_rep, fortnight.v_rep), (fortnight.u_ref, fortnight.v_ref))
+    )
+    errors = {  # what a refit of the deviation asks for, where effects beside it were found
+        "heading_error": np.degrees(wrap_signed(np.arctan2(*air) - np.arctan2(*implied))),
+        "airspeed_error": np.hypot(*air) - np.hypot(*implied),
+    }
+    for name, values in errors.items():
+        data[name] = (("reference", "report"), np.tile(values, copies)[order][None])
     data["time"] = ("report", (moved[order] * 1e3).astype("M8[ms]").astype("M8[ns]"))
     data["flight"] = ("report", place[order])
     for name in ("phase", "icing"):
