@@ -83,6 +83,7 @@ def toy_aircraft(number: int, reports: int, days: int) -> xr.Dataset:
     )
     errors = {  # what a refit of the deviation asks for, where effects beside it were found
         "heading_error": np.degrees(wrap_signed(np.arctan2(*air) - np.arctan2(*implied))),
+        "heading_error_standard_error": np.ones(fortnight.size),
         "airspeed_error": np.hypot(*air) - np.hypot(*implied),
     }
     for name, values in errors.items():
