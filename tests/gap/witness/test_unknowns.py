@@ -156,7 +156,7 @@ def test_cells_merged_are_means_of_their_reports():
     from types import SimpleNamespace
 
     from airswing.gap.archive.value_tables import Axis
-    from airswing.gap.witness.unknowns import Unknown, merged
+    from airswing.gap.witness.fitted_tables import Unknown, merged
 
     axes = (
         Axis("longitude", "linear", np.arange(4.0)),
@@ -169,3 +169,5 @@ def test_cells_merged_are_means_of_their_reports():
     made = merged(SimpleNamespace(cells=lambda grid: cells), table)
     np.testing.assert_allclose(made.values, [[1.75, 15, 1.75, 15, 7, 0]])
     np.testing.assert_allclose(made.by_fold[0], made.values)
+    alone = merged(SimpleNamespace(cells=lambda grid: cells), table, over=0)
+    np.testing.assert_allclose(alone.values, [[42 / 9, 15, 42 / 9, 15, 42 / 9, 15]])

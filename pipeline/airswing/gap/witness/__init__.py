@@ -2,5 +2,6 @@
 
 ``ground`` sums any table over the reports with everything the reference does taken out, ``null``
 draws archives in which nothing is wrong, ``bench`` puts the real one beside them, ``scan`` weighs,
-``unknowns`` looks for tables and fits them, ``taken_off`` takes them off one after the other.
+``unknowns`` looks for tables, ``fitted_tables`` fits them, ``taken_off`` takes them off one after
+the other.
 """

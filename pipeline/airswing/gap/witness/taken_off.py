@@ -29,20 +29,17 @@ from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import take_off
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry
 from airswing.gap.witness.bench import Bench, Setting
-from airswing.gap.witness.learned import LearnedWitness
-from airswing.gap.witness.unknowns import (
+from airswing.gap.witness.fitted_tables import (
     LEAST_EVIDENCE,
-    SECOND,
     Candidate,
     Unknown,
-    curves,
     explained,
     field_of,
     merged,
-    pairs_of,
-    refined,
     stands,
 )
+from airswing.gap.witness.learned import LearnedWitness
+from airswing.gap.witness.unknowns import SECOND, curves, pairs_of, refined
 from airswing.units import KNOT
 
 Floats = NDArray[np.float64]

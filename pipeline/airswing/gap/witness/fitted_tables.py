@@ -1,0 +1,309 @@
+"""Tables weighed and fitted: what a table's values are, on whom, and what they explain.
+
+Assumptions: evidence and confirmation are whitened, values are means over whole cells
+(:mod:`airswing.gap.witness.cell_means`). Each fold of weeks has values fitted without it.
+
+Validity: sizes from 0.25 m/s where a table acts most; evidence from 6 nats, more than the largest
+of sixty tables on archives that hold nothing.
+
+Units: nats, m/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.value_tables import Grid
+from airswing.gap.sums.elimination import inverse_root
+from airswing.gap.witness.bench import Bench, stands_on_report
+from airswing.gap.witness.cell_means import CellSums
+from airswing.gap.witness.ground import Sums
+from airswing.gap.witness.scan import SIZES, Weighed, evidence
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Standard errors by which weeks left out must confirm an unknown, as they must a name.
+CONFIRMED = 2.0
+#: Evidence that an unknown needs, nats.
+LEAST_EVIDENCE = 6.0
+#: Size that an unknown needs, m/s rms over the reports of its aircraft, and where it acts most.
+LEAST_SIZE = (0.08, 0.25)
+#: Prior variance of a table's mean when it is fitted, in those of its values.
+MEAN = 4.0
+#: Bound on single residuals where explained energies are compared, m/s.
+BOUND = 12.0
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A table that explains what no name does.
+
+    Attributes
+    ----------
+    component : str
+    grid : Grid
+    tails : tuple of int
+        Aircraft; all of them where the whole fleet has it.
+    shared : bool
+        One table for all its aircraft.
+    evidence : float
+        Nats.
+    values : (A, k) float
+        Table of each aircraft, in the unit of the component; 0 where it has none.
+    by_fold : (F, A, k) float
+        The same, fitted without each fold.
+    roots : tuple of (k, k) float
+        Root of the covariance of the values: of all its aircraft's where shared, else of each's.
+    size : float
+        m/s rms over the reports of its aircraft.
+    peak : float
+        m/s, where it acts most: mean over the tenth of its reports it changes most.
+    held_out : float
+        Energy explained on weeks left out, nats (half of squared standard errors).
+    held_out_error : float
+    rivals : tuple of (float, str, tuple of str)
+        Other tables that came near: evidence, component, variables.
+    """
+
+    component: str
+    grid: Grid
+    tails: tuple[int, ...]
+    shared: bool
+    evidence: float
+    values: Floats
+    by_fold: Floats
+    roots: tuple[Floats, ...]
+    size: float
+    peak: float
+    held_out: float
+    held_out_error: float
+    rivals: tuple[tuple[float, str, tuple[str, ...]], ...] = ()
+
+    @property
+    def groups(self) -> list[list[int]]:
+        """Aircraft that have a table together."""
+        return [list(self.tails)] if self.shared else [[a] for a in self.tails]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A table weighed.
+
+    Attributes
+    ----------
+    nats : float
+        Evidence.
+    component : str
+    grid : Grid
+    weighed : Weighed
+    sums : Sums
+    """
+
+    nats: float
+    component: str
+    grid: Grid
+    weighed: Weighed
+    sums: Sums
+
+
+def struck(candidate: Candidate) -> tuple[int, ...]:
+    """Aircraft that have a table; all where the fleet has it."""
+    found = candidate.weighed
+    own = found.by_aircraft[0]
+    aircraft = own.size
+    if found.single[0] < LEAST_EVIDENCE:
+        return tuple(range(aircraft))
+    if candidate.sums.apart is not None and found.fleet[0] >= found.single[0]:
+        return tuple(range(aircraft))
+    share = 0.5
+    for _ in range(20):
+        odds = own + np.log(share / (1 - share))
+        posterior = 1 / (1 + np.exp(-np.clip(odds, -50, 50)))
+        share = float(np.clip(posterior.mean(), 0.05, 0.95))
+    likely = np.flatnonzero((posterior > 0.5) & (own > 0.02 * own.max()))
+    if likely.size >= 0.75 * aircraft:
+        return tuple(range(aircraft))
+    return tuple(int(a) for a in likely)
+
+
+def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None:
+    """Fit a table on the whole archive and without each fold."""
+    tails = struck(candidate)
+    if not tails:
+        return None
+    sums, found = candidate.sums, candidate.weighed
+    # the mean of a table is the table's, not a steady error beside it
+    prior = (candidate.grid.prior() + MEAN) / bench.scale(candidate.component) ** 2
+    aircraft, k = sums.gram.shape[0], candidate.grid.size
+    own = list(tails)
+    whole = len(own) == aircraft
+    gram, score = _shared_sums(candidate, own)
+    factor = np.array([found.fleet_factor if whole else found.factor])
+    together, _ = evidence(gram, score.sum(axis=0)[None], prior, error=0.0, factor=factor)
+    shared = bool(together[0] >= found.by_aircraft[0][own].sum() or whole)
+    groups = [own] if shared else [[a] for a in own]
+    energy = _confirmed(candidate, prior, groups, fold)
+    values, by_fold = np.zeros((aircraft, k)), np.zeros((energy.size, aircraft, k))
+    roots, plain = [], np.zeros(energy.size)
+    for group in groups:
+        means = bench.cell_sums(candidate.grid, candidate.component, group, fold)
+        values[group], root = cell_values(means, prior)
+        roots.append(root)
+        for f in range(energy.size):
+            by_fold[f, group], _ = cell_values(means, prior, without=f)
+            plain[f] += means.explained(by_fold[f, group[0]], f)
+    if stands_on_report(candidate.grid):
+        energy = plain
+    size, peak = sizes(bench, candidate, values, own)
+    return Unknown(
+        candidate.component,
+        candidate.grid,
+        tails,
+        shared,
+        candidate.nats,
+        values,
+        by_fold,
+        tuple(roots),
+        size,
+        peak,
+        0.5 * float(energy.sum()),
+        0.5 * float(energy.std(ddof=1) * np.sqrt(energy.size)),
+    )
+
+
+def _shared_sums(candidate: Candidate, own: Sequence[int]) -> tuple[Floats, Floats]:
+    """X'V^-1 X of one table for some aircraft, and X'V^-1 r by day."""
+    sums = candidate.sums
+    whole = len(own) == sums.gram.shape[0]
+    scores = sums.score if whole or sums.apart is None else sums.apart
+    gram = sums.fleet_gram if whole else sums.gram[own].sum(axis=0)
+    return gram, scores[0, own].sum(axis=0)
+
+
+def _confirmed(
+    candidate: Candidate, prior: Floats, groups: Sequence[list[int]], fold: Integers
+) -> Floats:
+    """Energy that a table explains of each fold, fitted without it, (F,)."""
+    sums, found = candidate.sums, candidate.weighed
+    energy = np.zeros(int(fold.max()) + 1)
+    for group in groups:
+        whole = len(group) == sums.gram.shape[0]
+        factor = np.array([found.fleet_factor if whole else found.factor])
+        gram, score = _shared_sums(candidate, group)
+        daily = sums.day_weight[group].sum(axis=0)
+        for f in range(energy.size):
+            keep = fold != f
+            ratio = float(daily[keep].sum() / max(daily.sum(), 1e-12))
+            _, value = evidence(
+                gram * ratio, score[keep].sum(axis=0)[None], prior, error=0.0, factor=factor
+            )
+            left = value[0] @ gram @ value[0] * (1 - ratio)
+            energy[f] += 2 * value[0] @ score[~keep].sum(axis=0) - left
+    return energy
+
+
+def cell_values(
+    means: CellSums, prior: Floats, *, without: int | None = None
+) -> tuple[Floats, Floats]:
+    """Values of a table and a root of their covariance, (k,) and (k, k).
+
+    Parameters
+    ----------
+    means : CellSums
+    prior : (k, k) float
+        Correlation of the values before they are seen, in squares of the component's unit.
+    without : int, optional
+        A fold left out.
+
+    Returns
+    -------
+    values : (k,) float
+    root : (k, k) float
+    """
+    keep = np.arange(means.score.shape[0]) != (-1 if without is None else without)
+    gram, score = means.of_table(keep)
+    _, mean = evidence(gram, score[None], prior, error=0.0, factor=np.array([means.factor]))
+    inverse = np.linalg.inv(prior + 1e-9 * np.eye(prior.shape[0]))
+    square = np.clip(mean[0] @ inverse @ mean[0] / mean[0].size, SIZES[0] ** 2, SIZES[-1] ** 2)
+    return mean[0], inverse_root(gram / means.factor + inverse / square).T
+
+
+def sizes(
+    bench: Bench, candidate: Candidate, values: Floats, own: Sequence[int]
+) -> tuple[float, float]:
+    """Size over the reports of some aircraft and over the tenth changed most, m/s rms."""
+    cells = bench.cells(candidate.grid)
+    aircraft = bench.setting.frame.aircraft
+    there = np.isin(aircraft, own) & (cells >= 0)
+    change = values[aircraft[there], cells[there]]
+    square = (
+        change[:, None] * bench.direction_for(candidate.grid, candidate.component)[there]
+    ) ** 2
+    speed = np.sqrt(square.sum(axis=1))
+    if speed.size == 0:
+        return 0.0, 0.0
+    top = np.sort(speed)[-max(1, speed.size // 10) :]
+    return float(np.sqrt((speed**2).mean())), float(np.sqrt((top**2).mean()))
+
+
+def merged(bench: Bench, unknown: Unknown, *, over: int | None = None) -> Unknown:
+    """The same table in wider cells, each the mean of its reports.
+
+    Parameters
+    ----------
+    bench : Bench
+    unknown : Unknown
+    over : int, optional
+        Variable all of whose cells become one; without it, two of every variable's.
+
+    Returns
+    -------
+    Unknown
+        In its own cells still.
+    """
+    cells, wide = bench.cells(unknown.grid), np.zeros(1, np.int64)
+    for place, axis in enumerate(unknown.grid.axes):
+        width = 1 if axis.kind == "category" else 2
+        if over is not None:
+            width = axis.size if place == over else 1
+        own = np.arange(axis.size) // width
+        wide = (wide[:, None] * (own.max() + 1) + own).ravel()
+    count = np.bincount(cells[cells >= 0], minlength=unknown.grid.size)
+    belongs = np.equal.outer(wide, np.arange(wide.max() + 1)) * 1.0
+    mean = belongs * count[:, None] / np.maximum(count @ belongs, 1.0) @ belongs.T
+    return replace(unknown, values=unknown.values @ mean, by_fold=unknown.by_fold @ mean)
+
+
+def field_of(bench: Bench, unknown: Unknown, fold_of_report: Integers | None = None) -> Floats:
+    """Error that an unknown makes at every report, (n, 2), m/s; held out where folds are given."""
+    cells = bench.cells(unknown.grid)
+    aircraft = bench.setting.frame.aircraft
+    safe = np.maximum(cells, 0)
+    if fold_of_report is None:
+        value = unknown.values[aircraft, safe]
+    else:
+        value = unknown.by_fold[fold_of_report, aircraft, safe]
+    value = np.where(cells >= 0, value, 0.0)
+    return np.asarray(value[:, None] * bench.direction_for(unknown.grid, unknown.component))
+
+
+def explained(bench: Bench, error: Floats) -> float:
+    """Energy that an error takes off the real residual, mean over the reports, m2 s-2.
+
+    Single reports count to a bound.
+    """
+    residual = bench.residuals[0]
+    near = np.abs(residual).max(axis=1) < BOUND
+    own, taken = residual[near], error[near]
+    return float((2 * own * taken - taken**2).sum()) / int(residual.shape[0])
+
+
+def stands(unknown: Unknown) -> bool:
+    """Whether an unknown is of practical size and explains weeks left out."""
+    large = unknown.size >= LEAST_SIZE[0] and unknown.peak >= LEAST_SIZE[1]
+    return large and unknown.held_out > CONFIRMED * unknown.held_out_error
