@@ -22,6 +22,8 @@ from airswing.config import load_config
 from airswing.workflow.progress import Progress
 from tests import perfect
 
+pytestmark = pytest.mark.usefixtures("blank_cards")
+
 
 def fitted(folder: Path, table: pd.DataFrame, **reports: Any) -> xr.Dataset:
     """Fits of the archive in a folder whose model is written."""
