@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.variance_components import Variances, lasting_prior, shared_variances
+from airswing.gap.sums.weighted_columns import own_row, weekly_sums
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -293,7 +294,7 @@ def fits_by_fold(base: Base, included: list[Included], fold: Integers) -> Iterat
         # summed anew, not the whole less the fold: of what acts in the fold alone nothing is left
         parts = (fold != f, np.delete(gram, f, axis=0).sum(axis=0)), (fold == f, gram[f])
         without, within = (
-            _fit(included, own + _weekly_sums(base.stats, columns, weights, days), by_day[days])
+            _fit(included, own + weekly_sums(base.stats, columns, weights, days), by_day[days])
             for days, own in parts
         )
         yield without, within
@@ -344,7 +345,7 @@ def included_sums(base: Base, columns: Integers, weights: Floats) -> tuple[Float
     """
     whole = np.zeros(base.stats.days.size, np.int64)
     gram, by_day = _daily_sums(base, columns, weights, whole)
-    return gram[0] + _weekly_sums(base.stats, columns, weights, whole == 0), by_day
+    return gram[0] + weekly_sums(base.stats, columns, weights, whole == 0), by_day
 
 
 def _daily_sums(
@@ -384,34 +385,8 @@ def _daily_sums(
     return gram, by_day
 
 
-def _weekly_sums(
-    stats: Statistics, columns: Integers, weights: Floats, days: NDArray[np.bool_]
-) -> Floats:
-    """X'X of columns outside the core with all others on some days, (m, m); weeks shared out."""
-    out = np.zeros((columns.size, columns.size))
-    outside = np.flatnonzero(columns >= stats.layout.core)
-    if not outside.size:
-        return out
-    means = week_means(stats, weights * days)
-    kept = week_means(stats, np.broadcast_to(days.astype(float), (1, *weights.shape[1:])))[0]
-    # both means are over the kept days, their product is shared out once
-    once = np.divide(1.0, kept, out=np.zeros_like(kept), where=kept > 0)
-    for k in outside:
-        rows = stats.week_gram[:, :, columns[k], :][:, :, columns]
-        out[k] = np.einsum("aw,maw,awm->m", means[k] * once, means, rows, optimize=True)
-    out[:, outside] = out[outside].T
-    return out
-
-
 def _digest(weights: Floats) -> bytes:
     return blake2b(weights.tobytes(), digest_size=16).digest()
-
-
-def week_means(stats: Statistics, weights: Floats) -> Floats:
-    """Mean of day weights (m, A, D) over each week's reports, (m, A, W)."""
-    own = (stats.week_of_day[:, None] == np.arange(stats.weeks.size)).astype(float)
-    total = np.maximum(stats.day_count @ own, 1e-9)
-    return np.asarray((weights * stats.day_count) @ own / total)
 
 
 def included_cross(base: Base, columns: Integers, weights: Floats) -> Floats:
@@ -436,24 +411,8 @@ def included_cross(base: Base, columns: Integers, weights: Floats) -> Floats:
         ]
         coupled = np.stack(shared) @ base._flat  # all at once: the whole cross is gone through
         for i, k in enumerate(new):
-            base.rows[keys[k]] = _own_row(base.stats, keys[k][0], weights[k]) - coupled[:, i]
+            base.rows[keys[k]] = own_row(base.stats, keys[k][0], weights[k]) - coupled[:, i]
     return np.stack([base.rows[key] for key in keys], axis=1)
-
-
-def _own_row(stats: Statistics, column: int, weights: Floats) -> Floats:
-    """X'Y between one weighted column and each aircraft's every column, uncoupled, (A, p)."""
-    core = stats.layout.core
-    out = np.zeros((len(stats.tails), stats.layout.size))
-    active = np.flatnonzero(weights.any(axis=1))
-    first = core if column < core else 0
-    if column < core:
-        rows = stats.day_gram[active, :, column, :].astype(float)
-        out[active, :core] += np.einsum("ad,adc->ac", weights[active], rows)
-    rows = stats.week_gram[active, :, column, first:].astype(float)
-    out[active, first:] += np.einsum(
-        "aw,awp->ap", week_means(stats, weights[None])[0][active], rows
-    )
-    return out
 
 
 def beyond(given: Conditional, columns: Integers) -> Conditional:
