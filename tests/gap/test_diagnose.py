@@ -71,6 +71,18 @@ def test_what_one_day_shows_is_told_as_unconfirmed():
     assert "too few days" in doubtful.reason
 
 
+def test_no_unknown_is_raised_on_a_single_day():
+    frame = make_frame(
+        seed=5,
+        aircraft=6,
+        days=1,
+        noise=0.3,
+        heading_error=lambda c: np.radians(4.0) * (c["airspeed"] - 130.0) / 10.0,
+    )
+    report = diagnose(frame, catalogue=SMALL, maps=False).report
+    assert not report.unknown.present and report.effects == []
+
+
 def test_silence_excludes_a_small_loss_as_little_as_a_gain(quiet, monkeypatch):
     both = np.tile([-0.05, 0.08], 150)  # m/s
     monkeypatch.setattr("airswing.gap.closure.interval.left_over", lambda *_, **__: both)

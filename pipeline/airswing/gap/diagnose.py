@@ -44,6 +44,7 @@ from airswing.gap.result.schema import EffectEntry, GapReport
 from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.search.absorbed_by_unknown import folded
 from airswing.gap.search.coding_and_outliers import second_moments
+from airswing.gap.search.confirmation import LEAST_PARTS
 from airswing.gap.search.excess_scatter import scattering
 from airswing.gap.search.stepwise import Found, Rules
 from airswing.gap.search.testability import absorbed, too_short
@@ -190,7 +191,9 @@ def diagnose(
     final, again, swap = search_twice(archive, search, swaps=swaps)
     taken: list[Taken] = []
     witness = LearnedWitness()
-    while dictionary and len(taken) < MOST_UNKNOWNS:
+    # what no other day can confirm is not raised, as no name is
+    seeks = dictionary and final.problem.base.stats.days.size >= LEAST_PARTS
+    while seeks and len(taken) < MOST_UNKNOWNS:
         tell("witness", len(taken) / MOST_UNKNOWNS)
         unknown = _next_unknown(final, witness)
         if unknown is None or is_remainder(unknown[0], taken):

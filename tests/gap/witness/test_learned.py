@@ -10,8 +10,9 @@ from airswing.gap.design.basis import plan_dictionary
 from airswing.gap.design.weather import climatology_columns, day_field_columns
 from airswing.gap.sums.variance_components import Variances
 from airswing.gap.witness.bench import Bench, Setting
-from airswing.gap.witness.learned import LEAST, Heard, LearnedWitness
+from airswing.gap.witness.learned import LEAST, Heard, LearnedWitness, Sample
 from airswing.gap.witness.null import drawn_errors, small_scale_slope
+from airswing.gap.witness.sent_winds import sent_winds
 from airswing.gap.witness.unknowns import pairs_of
 
 
@@ -65,6 +66,15 @@ def test_an_empty_archive_is_not_heard():
     told = LearnedWitness().hear(Bench.of(setting, setting.frame.residual))
     assert not told.raised
     assert told.components == () and told.pairs == []
+
+
+def test_of_a_single_day_nothing_is_heard_and_nothing_breaks():
+    frame = make_frame(seed=3, aircraft=14, days=1, noise=0.3, heading_error=product)
+    setting = setting_of(frame)
+    bench = Bench.of(setting, frame.residual)
+    assert Sample.of(setting).too_short
+    assert LearnedWitness().hear(bench) == Heard((), ())
+    assert sent_winds(bench, np.zeros(1, int)) is None
 
 
 def test_day_fields_are_cleared_away():

@@ -99,12 +99,15 @@ def settle(
     -------
     Standing
     """
+    few = base.stats.days.size < LEAST_PARTS  # of which none can be left out
+    if few:  # names are told as unconfirmed; a curve that nothing confirms is told in no way
+        pool = [candidate for candidate in pool if candidate.known]
     whole = pool
     while True:
         found = widened(base, search(base, pool, rules=rules, start=start), pool)
         energy, error = held_out_energy(base, found.terms)
         weak = [k for k in np.flatnonzero(energy <= LEAST * error) if not _dated(found.terms[k])]
-        if not weak or base.stats.days.size < LEAST_PARTS:  # of which none can be left out
+        if few or not weak:
             return _believed(base, whole, found, rules)
         key = found.terms[min(weak, key=lambda k: energy[k])].key
         pool = [c for c in pool if (c.name, c.scope) != key]

@@ -49,6 +49,9 @@ VIEWS = ("level", "change")
 LEAST = {"level": 0.1, "change": 0.012}
 #: The same in standard errors.
 SIGNIFICANT = 4.0
+#: Days without which nothing is heard: half of them are learned from, and an error between fewer
+#: than six is known too badly for four of its standard errors to mean much.
+FEWEST_DAYS = 6
 #: Bound on single errors, m/s.
 BOUND = 7.0
 #: Variables that tell each other: permuted together.
@@ -165,6 +168,11 @@ class Sample:
         turn = rng.permutation(np.unique(setting.day))
         return cls(rows, day, np.isin(day, turn[: turn.size // 2]))
 
+    @property
+    def too_short(self) -> bool:
+        """Whether it has too few days for some to be learned from and others to judge by."""
+        return np.unique(self.day).size < FEWEST_DAYS
+
 
 class LearnedWitness:
     """Trees on a bench; remembers what simulated archives gave."""
@@ -186,8 +194,12 @@ class LearnedWitness:
         Returns
         -------
         Heard
+            Nothing, where the archive has fewer than :data:`FEWEST_DAYS` days.
         """
-        learned = _Learned(bench, Sample.of(bench.setting))
+        sample = Sample.of(bench.setting)
+        if sample.too_short:
+            return Heard((), ())
+        learned = _Learned(bench, sample)
         told = {(c, v): learned.covariance((c, v), 0) for c in COMPONENTS for v in VIEWS}
         # a simulated archive explains nothing at the least, but for chance
         bounds = {

@@ -120,7 +120,7 @@ def sent_winds(bench: Bench, fold: Integers, *, without: Sequence[int] = ()) -> 
     sample = Sample.of(bench.setting)
     keep = ~np.isin(frame.aircraft[sample.rows], without)
     keep &= ~bench.setting.noise.gross[sample.rows]
-    if keep.sum() < 2000:
+    if keep.sum() < 2000 or sample.too_short:
         return None
     sample = Sample(sample.rows[keep], sample.day[keep], sample.second[keep])
     trees = _trees(bench, sample, 0)
