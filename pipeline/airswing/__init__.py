@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 # when it is loaded before pyproj's. tests/test_import_order.py holds both orders.
 import pyproj  # noqa: F401
 
-__version__ = "0.1.0"
+from airswing.version import __version__ as __version__
 
 if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first use
     from airswing.compass.correction import correct as correct

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import airswing
 from airswing.products.whole_files import plain
+from airswing.version import __version__
 
 ZARR_MARKS = ("zarr.json", ".zmetadata", ".zgroup")
 """Files of which one stands at the top of every Zarr store."""
@@ -38,7 +38,7 @@ def fingerprint(*parts: Any) -> str:
     str
         32 hexadecimal digits.
     """
-    text = json.dumps([airswing.__version__, plain(list(parts))], sort_keys=True)
+    text = json.dumps([__version__, plain(list(parts))], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 

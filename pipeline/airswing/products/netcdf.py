@@ -19,12 +19,12 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-import airswing
 from airswing.errors import InputError
 from airswing.products.classic_netcdf import require_whole
 from airswing.products.monthly import joined_months
 from airswing.products.openable import require_openable, written_here
 from airswing.products.whole_files import atomic, plain
+from airswing.version import __version__
 from airswing.vocabulary import describe, lookup
 
 INSTITUTION = "airswing"
@@ -189,10 +189,10 @@ def provenance(
         "title": title,
         "institution": INSTITUTION,
         "source": "; ".join(sources) or "aircraft reports and model winds",
-        "history": f"{now} airswing {airswing.__version__}",
+        "history": f"{now} airswing {__version__}",
         "references": REFERENCES,
         "airswing_config": config_json,
-        "airswing_version": airswing.__version__,
+        "airswing_version": __version__,
         "uuid": str(uuid.uuid4()),
         "source_uuids": " ".join(source_uuids),
     }

@@ -11,7 +11,6 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
-import airswing
 from airswing.handover.forecasts.correcting import METHODS, TIME
 from airswing.products.whole_files import write_text
 from airswing.report.forecasts.forecast_figures import (
@@ -33,6 +32,7 @@ from airswing.report.html.document import (
 )
 from airswing.report.html.embed import embedded
 from airswing.report.html.style import plural
+from airswing.version import __version__
 
 _SCORES = ("forecast_error_mean", "forecast_error_centred_rms", "forecast_error_rms", "skill")
 _PERIODS = {"held_out": "held out", "all": "all days"}
@@ -57,7 +57,7 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
         headline=forecast_headline(corrected),
         facts=_facts(corrected),
         sections=[section for section in sections if section.parts],
-        footer=[f"airswing {airswing.__version__}. Intervals are 95 %, by blocks of start days."],
+        footer=[f"airswing {__version__}. Intervals are 95 %, by blocks of start days."],
     )
     return write_text(Path(directory) / "index.html", text)
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import xarray as xr
 from markupsafe import Markup
 
-import airswing
 from airswing.gap.result.schema import EffectEntry, GapReport, NoiseEntry
 from airswing.products.whole_files import write_text
 from airswing.report.gap import parts as gap_parts
@@ -47,6 +46,7 @@ from airswing.report.html.document import (
     table,
 )
 from airswing.report.html.embed import embedded
+from airswing.version import __version__
 
 
 def write_gap_page(
@@ -91,7 +91,7 @@ def write_gap_page(
         facts=_facts(gap),
         sections=[section for section in sections if section.parts],
         footer=[
-            f"airswing {airswing.__version__}. Disagreement is the mean length of the "
+            f"airswing {__version__}. Disagreement is the mean length of the "
             "difference between reported and simulated wind. ± is one standard error; "
             "intervals in brackets and bars are 95 %. Map outline: Natural Earth and US "
             "Census Bureau, public domain."

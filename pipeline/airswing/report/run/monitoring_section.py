@@ -11,13 +11,13 @@ from typing import Any
 
 from markupsafe import Markup
 
-import airswing
 from airswing.products.whole_files import write_text
 from airswing.report.html.document import Column, Row, Section, document, folded, table
 from airswing.report.html.embed import embedded
 from airswing.report.html.style import plural
 from airswing.report.run.monitoring_figures import KINDS, timeline_figure
 from airswing.report.run.page_numbers import number_text
+from airswing.version import __version__
 
 MOST_EVENTS, MOST_STATES = 60, 200
 """Rows of the tables; the file has all."""
@@ -51,7 +51,7 @@ def write_monitoring_page(path: Path, watched: Mapping[str, Any]) -> Path:
         f"{watched['until']}, against {watched['reference']}",
         headline=_lead(watched),
         sections=[monitoring_section(watched)],
-        footer=[f"airswing {airswing.__version__}. Intervals are 95 %."],
+        footer=[f"airswing {__version__}. Intervals are 95 %."],
     )
     return write_text(path, text)
 

@@ -16,7 +16,6 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
-import airswing
 from airswing.evaluation.results import Evaluation
 from airswing.products.ragged import time_span
 from airswing.products.whole_files import write_text
@@ -60,6 +59,7 @@ from airswing.report.run.reading_warnings import model_reasons, reading_warnings
 from airswing.report.run.report_errors import report_errors_section
 from airswing.report.run.selection import adds_error, headline_reference, one_fit, tails
 from airswing.report.run.stability_sections import ranking_section, stability_section
+from airswing.version import __version__
 
 SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS = 96, 12, 40
 """Aircraft that have a small panel, panels side by side, and aircraft that have a large one."""
@@ -129,7 +129,7 @@ def write_page(
         warnings=[str(line) for line in summary.get("warnings", [])],
         sections=[section for section in sections if section.parts],
         footer=[
-            f"airswing {airswing.__version__}. Map outline: Natural Earth and US Census "
+            f"airswing {__version__}. Map outline: Natural Earth and US Census "
             "Bureau, public domain. Intervals are 95 %, with flights as the independent "
             "units, unless said otherwise."
         ],
