@@ -134,6 +134,30 @@ def test_gross_errors_of_the_hard_world_are_neither_right_nor_wrong():
     assert score_case(own, gap(claim("outliers")))["detected"]
 
 
+def test_what_a_background_name_closes_is_not_in_the_twin():
+    struck = claim("outliers", closure={"reduction": 0.5, "reduction_ci": [0.4, 0.6]})
+    told = {"before": 7.0, "after": 6.0, "reduction_ci": [0.8, 1.2]}
+    found = gap(struck, claim(), closure=told)
+    score = score_case(label(background=["outliers"]), found)
+    assert score["first_right"] and score["in_set"]
+    assert score["closure_error"] == pytest.approx(0.0)
+    assert score["closure_interval"] == pytest.approx([0.3, 0.7]) and score["closure_covered"]
+    alone = score_case(label(), found)
+    assert alone["closure_error"] == pytest.approx(0.5) and alone["false_names"] == ["outliers"]
+
+
+def test_heading_errors_of_a_real_record_are_neither_right_nor_wrong():
+    sensor = label("null", effects=[], background_components=["across_heading"])
+    heading = place(component="across_heading")
+    found = score_case(sensor, gap(unknown=[heading]))
+    assert found["of_background"] and not found["unknown"] and not found["detected"]
+    assert found["claims"] == []
+    for unknown in ([place(component="along_wind")], [heading, place(component="along_wind")]):
+        other = score_case(sensor, gap(unknown=unknown))
+        assert other["unknown"] and other["detected"] and not other["of_background"]
+        assert other["claims"] == [["unknown", 0.97, False]]
+
+
 def test_aircraft_overlap_by_hand():
     own = [{"tails": ["a", "b", "c"]}]
     found = [{"tails": ["b", "c", "d", "e"]}]

@@ -130,7 +130,9 @@ def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None =
         "Rungs: 1 ordinary world, 2 hard world, 3 pairs, 4 outside or removed from the catalogue, "
         "5 real sensor or forecast errors with an effect added. Sizes are m/s root mean square "
         "where the effect acts. Outside effects are drawn at random. The truth of a closure is the "
-        "archive's twin: the same reports made without the effect.",
+        "archive's twin: the same reports made without the effect. What a world has beside the "
+        "effect (1 % gross errors in the hard one, a real valve's irregular heading errors on all "
+        "aircraft) is neither right nor wrong to name; all else that is not the effect is wrong.",
         "## Against the targets",
         "The targets are set for default archives: the ordinary world, six weeks, no real errors. "
         "Beside them stand all cases: two weeks, the hard world's and real errors' among them.",
@@ -307,14 +309,26 @@ def _null_text(scores: Sequence[Mapping[str, Any]]) -> str:
         + (", unknown" if s["unknown"] else "")
         for s in loud
     ]
+    real = [s["name"] for s in nulls if s.get("of_background") and s not in loud]
+    if real:
+        lines.append(
+            f"\nNot counted: an unknown across the heading on {', '.join(real)}: all aircraft have "
+            "a real flux valve's irregular heading error there."
+        )
     return "\n".join(lines)
+
+
+def _unknown_text(score: Mapping[str, Any]) -> str:
+    if score["unknown"]:
+        return " + unknown"
+    return " (unknown of the record)" if score.get("of_background") else ""
 
 
 def _case_table(check: Any) -> str:
     rows = []
     for label, score in zip(check.labels, check.scores, strict=True):
         told = score.get("failure") or (
-            ", ".join(score["claimed"]) + (" + unknown" if score["unknown"] else "") or "nothing"
+            ", ".join(score["claimed"]) + _unknown_text(score) or "nothing"
         )
         right = "–" if label["kind"] in ("null", "outside") else _yes(score.get("first_right"))
         rows.append(

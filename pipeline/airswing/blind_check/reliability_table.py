@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from airswing.blind_check.unknown_scores import of_background
+
 __all__ = ["EDGES", "LEAST", "reliability_rows", "stated_claims", "worst_gap"]
 
 EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
@@ -40,7 +42,8 @@ def stated_claims(
     -------
     list of [str, float, bool]
         ``name`` or ``unknown``, probability, right. What is there beside the case's own effect
-        (gross errors of a hard world) is not judged, nor unknowns where a little of everything is.
+        (gross errors of a hard world, the heading errors of a real record) is not judged, nor
+        unknowns where a little of everything is.
     """
     out: list[list[Any]] = []
     for claim in gap["effects"]:
@@ -51,7 +54,7 @@ def stated_claims(
         out += [
             ["unknown", float(place["probability"]), label["kind"] == "outside"]
             for place in gap["unknown"]["where"]
-            if place.get("probability") is not None
+            if place.get("probability") is not None and not of_background(label, place)
         ]
     return out
 

@@ -6,7 +6,9 @@ Assumptions
   reduction) are used where present and never required.
 * A name is *claimed* when it stands among ``effects``. The ambiguity set of a claim is its name and
   its ``ambiguous_with``.
-* In the hard world gross errors are really there: naming them is neither right nor wrong.
+* In the hard world gross errors are really there, and a real valve's record errs across the heading
+  of every aircraft that has it: naming them is neither right nor wrong. What a name of the
+  background closes is taken off before a closure is compared with the twin's, which has it as well.
 * Log score: the mean over all catalogue names of log2 of the probability given to what is true
   (each name at work or not), probabilities held in [0.001, 0.999]; 0 is perfect.
 * A false name is *ahead* of a raised unknown when it is claimed and closes more kt than the unknown
@@ -25,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from airswing.blind_check.reliability_table import stated_claims
-from airswing.blind_check.unknown_scores import same_variable, unknown_scores
+from airswing.blind_check.unknown_scores import only_of_background, same_variable, unknown_scores
 from airswing.gap.effects import CATALOGUE
 from airswing.synthetic.sealed.draws import Draw
 from airswing.units import DAY
@@ -72,24 +74,27 @@ def score_case(
     names = list(dict.fromkeys(str(claim["name"]) for claim in claims))
     truth = [name for name in label["names"] if name not in label["without"]]
     truth = [name for name in truth if name in CATALOGUE]
+    beside = set(label["background"]) - set(truth)
+    judged = [claim for claim in claims if claim["name"] not in beside]
     false = [n for n in names if n not in truth and n not in label["background"]]
-    raised = bool(gap["unknown"]["present"])
+    raised = bool(gap["unknown"]["present"]) and not only_of_background(label, gap)
     score |= {
         "claimed": names,
-        "detected": bool(set(names) - (set(label["background"]) - set(truth))) or raised,
-        "first_right": bool(names) and names[0] in truth,
+        "detected": bool(judged) or raised,
+        "first_right": bool(judged) and judged[0]["name"] in truth,
         "all_named": bool(truth) and set(label["focus"]) & set(truth) <= set(names),
         "false_names": false,
         "repeated_names": repeated_names(label, claims),
         "claims": stated_claims(label, gap, truth),
         "log_score": log_score(claims, truth, skip=[*label["background"], *label["without"]]),
         "unknown": raised,
+        "of_background": bool(gap["unknown"]["present"]) and not raised,
         "unknown_first": raised and not _ahead(claims, false, gap),
         "placed": _placed(label, gap["unknown"]) if raised else False,
         "outside": label["outside"],
         "stated_before": gap["closure"].get("before"),
     }
-    score |= _set_scores(claims, truth) | _closure_scores(label, gap)
+    score |= _set_scores(judged, truth) | _closure_scores(label, gap, beside)
     if label["kind"] in ("single", "pair"):
         score |= _match_scores(label, claims)
     if label["kind"] == "outside":
@@ -173,8 +178,11 @@ def _rivals(claim: Mapping[str, Any]) -> set[str]:
     }
 
 
-def _closure_scores(label: Label, gap: Gap) -> dict[str, Any]:
-    """Return the error of the stated closure and whether its interval holds the truth, kt."""
+def _closure_scores(label: Label, gap: Gap, beside: set[str]) -> dict[str, Any]:
+    """Return the error of the stated closure and whether its interval holds the truth, kt.
+
+    The twin has the background too: what names ``beside`` the truth close is no part of it.
+    """
     closure, truth = gap["closure"], label["closure"]
     true = truth["before"] - truth["after"]
     if closure.get("before") is None or closure.get("after") is None:
@@ -184,10 +192,17 @@ def _closure_scores(label: Label, gap: Gap) -> dict[str, Any]:
             "closure_true": true,
             "closure_stated": None,
         }
-    stated = closure["before"] - closure["after"]
+    known = sum(
+        float((claim.get("closure") or {}).get("reduction") or 0.0)
+        for claim in gap["effects"]
+        if claim["name"] in beside
+    )
+    stated = closure["before"] - closure["after"] - known
     interval = closure.get("reduction_ci")
     if interval is None and closure.get("ci") is not None:
         interval = [closure["before"] - closure["ci"][1], closure["before"] - closure["ci"][0]]
+    if interval is not None:
+        interval = [end - known for end in interval]
     covered = None if interval is None else bool(interval[0] <= true <= interval[1])
     return {
         "closure_true": true,

@@ -19,7 +19,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["CARRIES", "SAME", "same_variable", "unknown_scores"]
+__all__ = [
+    "CARRIES",
+    "SAME",
+    "of_background",
+    "only_of_background",
+    "same_variable",
+    "unknown_scores",
+]
 
 Label = Mapping[str, Any]
 Gap = Mapping[str, Any]
@@ -59,6 +66,39 @@ def same_variable(told: str, true: str) -> bool:
     bool
     """
     return told == true or told in SAME.get(true, ())
+
+
+def of_background(label: Label, place: Mapping[str, Any]) -> bool:
+    """Return whether a place is of what the world has in the background, on all aircraft.
+
+    Parameters
+    ----------
+    label : mapping
+        ``background_components``: components in which the background errs; none where not given.
+    place : mapping
+        One of ``unknown.where``.
+
+    Returns
+    -------
+    bool
+    """
+    return place.get("component") in label.get("background_components", ())
+
+
+def only_of_background(label: Label, gap: Gap) -> bool:
+    """Return whether every place of an unknown is of the background.
+
+    Parameters
+    ----------
+    label, gap : mapping
+
+    Returns
+    -------
+    bool
+        False where there is no place.
+    """
+    places = gap["unknown"]["where"]
+    return bool(places) and all(of_background(label, place) for place in places)
 
 
 def _variables(place: Mapping[str, Any]) -> list[str]:

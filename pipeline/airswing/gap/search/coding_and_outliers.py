@@ -4,8 +4,9 @@ Assumptions: the simulation sends winds in whole degrees and whole knots: coarse
 whoever has it. Positions come in tenths of a minute of arc or finer and times in seconds; coarser
 is an effect of an aircraft, unless the whole fleet is alike in steps that formats use. A value lies
 on a coarse lattice by chance in one of (step / base) cases; the share above chance is the share
-coded coarsely. Gross errors are single reports that stand out from both neighbours; a rate under
-one percent that all aircraft share is ordinary.
+coded coarsely. Gross errors are single reports that stand out from both neighbours; how many would
+without any, a simulated archive of the same paths, noise and coding tells, so that a rate which all
+aircraft share shows as one that a single aircraft has.
 
 Validity: at least 100 reports an aircraft. Steps in knots, degrees and minutes of arc.
 
@@ -22,6 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.noise.model import NoiseFit
+from airswing.gap.noise.residual_statistics import gross_errors
+from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
@@ -33,7 +36,12 @@ FREQUENT = {"speed": 2, "direction": 12}
 """Most frequent values that a lattice must show without: a floor or a hole sends one or two speeds
 too often, a few directions at weak winds are at most twelve; a coding in steps spreads over all."""
 LEAST_SHARE = 0.15
-ORDINARY_RATE = 0.012
+LEAST_RATE = 0.002
+"""Share of gross errors from which they are worth a name: 0.1 kt at the usual size."""
+LEAST_CHANCE = 5e-4
+"""Share that stands out by chance at least: real noise has tails that a simulated one lacks."""
+DRAWS = 2
+"""Simulated archives from which the share that stands out by chance is counted."""
 LEAST_SIZE = 6.0
 """Standard deviation per component, m/s, under which what stands out is no gross error."""
 LOOKED_AT = float(np.log(100.0))
@@ -224,50 +232,98 @@ def whole_minutes(frame: Any) -> MomentVerdict | None:
     return _verdict("time_lag", {t: {"offset_s": -30.0} for t in cut}, None, evidence)
 
 
-def outliers(frame: Any, noise: NoiseFit, *, coarse: tuple[str, ...] = ()) -> MomentVerdict | None:
-    """Find aircraft with more gross errors than ordinary.
+def outliers(frame: Any, noise: NoiseFit, *, seed: int = 0) -> MomentVerdict | None:
+    """Find aircraft with more gross errors than a simulated archive of the same paths has.
 
     Parameters
     ----------
     frame : Frame
     noise : NoiseFit
         Holds the reports taken for gross errors.
-    coarse : tuple of str
-        Aircraft left out: their coarse coding makes single reports stand out.
+    seed : int
+        Of the simulated archives.
 
     Returns
     -------
     MomentVerdict or None
     """
-    count = np.bincount(frame.aircraft, minlength=len(frame.tails)).astype(float)
-    rate = np.bincount(frame.aircraft, noise.gross, minlength=len(frame.tails)) / np.maximum(
-        count, 1
-    )
-    used = (count >= 100) & ~np.isin(np.array(frame.tails), list(coarse))
-    common = float(np.median(rate[used])) if used.any() else 0.0
-    error = np.sqrt(np.maximum(max(common, 1e-3) / np.maximum(count, 1), 1e-12))
-    high = used & ((rate > ORDINARY_RATE + 3 * error) | (rate > common + 0.003 + 6 * error))
-    if not high.any():
+    fleet = len(frame.tails)
+    count = np.bincount(frame.aircraft, minlength=fleet).astype(float)
+    hits = np.bincount(frame.aircraft, noise.gross, minlength=fleet).astype(float)
+    used = count >= 100
+    if not used.any() or hits[used].sum() < 5:
         return None
-    size = _gross_size(frame, noise.gross & high[frame.aircraft])
+    chance = np.maximum(simulated_rate(frame, noise, seed=seed), LEAST_CHANCE)
+    rate, gain = shared_rate(hits[used], count[used], chance[used])
+    struck = np.flatnonzero(used)[gain > 0]
+    if struck.size == 0 or rate - float(chance[struck].max()) < LEAST_RATE:
+        return None
+    size = _gross_size(frame, noise.gross & np.isin(frame.aircraft, struck))
     if size < LEAST_SIZE:
         return None  # an effect that is switched on and off, not an error of single reports
-    background = common if not high[used].all() and common < ORDINARY_RATE else 0.0
-    bound = 5.0
-    missed = float(np.clip(_inside(bound / size), 0, 0.6)) ** 2
+    seen = 1.0 - float(np.clip(_inside(5.0 / size), 0, 0.6)) ** 2
+    own = _shrunk(hits[struck] / count[struck], count[struck], rate) - chance[struck]
     per_tail = {
-        frame.tails[a]: {
-            "fraction": float((rate[a] - background) / (1 - missed)),
-            "size_m_s": size,
-        }
-        for a in np.flatnonzero(high)
+        frame.tails[a]: {"fraction": float(max(one, 0.0) / seen), "size_m_s": size}
+        for a, one in zip(struck, own, strict=True)
     }
-    # of a rate that the fleet shares the fleet tells nothing: what is ordinary elsewhere does
-    ordinary = min(max(common, 1e-3), ORDINARY_RATE)
-    evidence = [against_chance(int(count[a]), rate[a], ordinary) for a in np.flatnonzero(high)]
-    verdict = _verdict("outliers", per_tail, None, evidence)
-    verdict.standard_errors["fraction"] = float(np.median(error[high]))
+    verdict = _verdict("outliers", per_tail, None, [float(gain[gain > 0].sum())])
+    error = np.sqrt(rate / np.median(count[struck]))
+    verdict.standard_errors["fraction"] = float(error) / seen
     return verdict
+
+
+def simulated_rate(frame: Any, noise: NoiseFit, *, seed: int = 0) -> Floats:
+    """Share of each aircraft's reports that stand out where none errs grossly, (aircraft,).
+
+    Reports of the same paths through the same noise, coded as the unit codes: what coarse coding
+    and sparse neighbours make stand out is in it. Rare as they are, the fleet's mean counts as much
+    as an aircraft's own share.
+    """
+    rng, coding = np.random.default_rng(seed), Coding.of_archive(frame)
+    fleet = len(frame.tails)
+    hits = np.zeros(fleet)
+    for _ in range(DRAWS):
+        error = draw_noise(frame, noise.model, rng=rng)
+        u, v = coding.apply(frame.u_ref + error[:, 0], frame.v_ref + error[:, 1])
+        made = gross_errors(np.stack([u - frame.u_ref, v - frame.v_ref], -1), noise.order)
+        hits += np.bincount(frame.aircraft, made, minlength=fleet) / DRAWS
+    count = np.maximum(np.bincount(frame.aircraft, minlength=fleet), 1)
+    return np.asarray(np.maximum(hits / count, hits.sum() / count.sum()))
+
+
+def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Floats]:
+    """One rate of those aircraft that have more hits than chance, and what speaks for each.
+
+    Parameters
+    ----------
+    hits, count, chance : (m,) float
+        Hits and reports of each aircraft, and the share that chance gives.
+
+    Returns
+    -------
+    rate : float
+        Beginning with the clearest aircraft, the rate of a two-part mixture of Poisson laws.
+    gain : (m,) float
+        Log likelihood ratio of each aircraft, that rate against chance, nats.
+    """
+
+    def gain(rate: float) -> Floats:
+        return np.asarray(hits * np.log(rate / chance) - count * (rate - chance))
+
+    own = [against_chance(int(n), h / n, q) for h, n, q in zip(hits, count, chance, strict=True)]
+    rate = float(max(hits[np.argmax(own)] / count[np.argmax(own)], chance.max()))
+    for _ in range(30):
+        share = 1 / (1 + np.exp(-np.clip(gain(rate), -50, 50)))
+        rate = float(max((share @ hits) / (share @ count), chance.max()))
+    return rate, gain(rate)
+
+
+def _shrunk(rates: Floats, count: Floats, common: float) -> Floats:
+    """Rates of single aircraft, drawn to the common one as far as counting alone scatters them."""
+    counting = common / count
+    spread = max(float(np.mean((rates - common) ** 2 - counting)), 0.0)
+    return np.asarray(common + (rates - common) * spread / (spread + counting))
 
 
 def _inside(z: float) -> float:
@@ -320,8 +376,5 @@ def second_moments(frame: Any, noise: NoiseFit) -> list[MomentVerdict]:
     -------
     list of MomentVerdict
     """
-    coding = wind_coding(frame)
-    coarse = coding.tails if coding is not None else ()
-    found = [coding, position_coding(frame), whole_minutes(frame)]
-    found.append(outliers(frame, noise, coarse=coarse))
-    return [f for f in found if f is not None]
+    found = [wind_coding(frame), position_coding(frame), whole_minutes(frame)]
+    return [f for f in (*found, outliers(frame, noise)) if f is not None]

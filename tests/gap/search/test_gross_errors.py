@@ -1,0 +1,72 @@
+"""Gross errors: found at one aircraft as at all of them, with their share, and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.gap.toy import make_frame, noise_of
+
+from airswing.gap.closure.of_scatter import reduction_of
+from airswing.gap.design.exogenous import exogenous
+from airswing.gap.noise.residual_statistics import gross_errors
+from airswing.gap.search.coding_and_outliers import outliers, shared_rate, simulated_rate
+from airswing.units import KNOT
+
+
+@pytest.fixture(scope="module")
+def archive():
+    frame = make_frame(seed=11, aircraft=8, days=20)
+    return frame, noise_of(frame, exogenous(frame))
+
+
+def struck(archive, aircraft, share, size=20.0):
+    """The archive with normal errors in a share of some aircraft's reports, and its noise."""
+    frame, noise = archive
+    rng = np.random.default_rng(5)
+    hit = np.isin(frame.aircraft, aircraft) & (rng.random(frame.size) < share)
+    error = hit[:, None] * rng.normal(0, size, (frame.size, 2))
+    made = replace(frame, u_rep=frame.u_rep + error[:, 0], v_rep=frame.v_rep + error[:, 1])
+    return made, replace(noise, gross=gross_errors(made.residual, noise.order))
+
+
+@pytest.mark.parametrize("aircraft", [[2], [1, 4, 5], list(range(8))])
+@pytest.mark.parametrize("share", [0.01, 0.03])
+def test_a_share_is_found_whoever_has_it(archive, aircraft, share):
+    made, noise = struck(archive, aircraft, share)
+    found = outliers(made, noise)
+    assert found.tails == tuple(made.tails[a] for a in aircraft)
+    assert found.probability > 0.9
+    count = share * np.isin(made.aircraft, aircraft).sum()
+    assert found.parameters["fraction"] == pytest.approx(share, abs=3 * share / np.sqrt(count))
+    reduction = reduction_of(made, made.residual, found, noise.gross)
+    frame, _ = archive
+    true = (np.hypot(*made.residual.T).mean() - np.hypot(*frame.residual.T).mean()) / KNOT
+    assert reduction.interval[0] < true < reduction.interval[1]
+
+
+def test_nothing_is_found_where_nobody_errs(archive):
+    frame, noise = archive
+    assert outliers(frame, replace(noise, gross=gross_errors(frame.residual, noise.order))) is None
+
+
+def test_scatter_of_a_metre_a_second_is_no_gross_error(archive):
+    made, noise = struck(archive, [1, 2], 0.3, size=2.5)
+    assert noise.gross.mean() > 0.002
+    assert outliers(made, noise) is None
+
+
+def test_a_simulated_archive_stands_out_as_often_as_the_real_one(archive):
+    frame, noise = archive
+    real = gross_errors(frame.residual, noise.order).mean()
+    assert simulated_rate(frame, noise).mean() == pytest.approx(real, abs=1e-3)
+
+
+def test_the_shared_rate_by_hand():
+    count, chance = np.full(4, 1000.0), np.full(4, 0.001)
+    rate, gain = shared_rate(np.array([20.0, 1.0, 20.0, 1.0]), count, chance)
+    assert rate == pytest.approx(0.02, rel=1e-3)
+    assert list(gain > 0) == [True, False, True, False]
+    # 20 ln(20) - 1000 (0.02 - 0.001)
+    assert gain[0] == pytest.approx(20 * np.log(20) - 19, rel=0.01)
