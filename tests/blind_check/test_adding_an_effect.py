@@ -18,9 +18,8 @@ from tests.gap.toy import make_frame
 
 from airswing.blind_check import Plan, gap_check
 from airswing.blind_check.check_report import as_markdown
-from airswing.gap.checks.aliases import separated_by
 from airswing.gap.diagnose import diagnose
-from airswing.gap.effects import CATALOGUE, Parameter, register, unregister
+from airswing.gap.effects import CATALOGUE, Parameter, register, separated_by, unregister
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
 from airswing.gap.simulation.effects_file import read_effects
 from airswing.gap.simulation.forward import simulate

@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.effects import CATALOGUE
+from airswing.gap.effects import separated_by
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term, term_weights
 from airswing.gap.result.schema import AliasEntry
@@ -203,14 +203,6 @@ def explained(cross: Floats, gram: Floats) -> float:
     inner = np.linalg.pinv((gram / np.outer(scale, scale))[np.ix_(live, live)], rcond=1e-6)
     sides = (cross / scale)[:, live]
     return float(np.trace(sides @ inner @ sides.T))
-
-
-def separated_by(effect: str, other: str, *, otherwise: str = "other flights") -> str:
-    """Data that would tell two effects apart, in words, as the file of either of them says."""
-    for own, rival in ((effect, other), (other, effect)):
-        if own in CATALOGUE and rival in CATALOGUE[own].told_apart_by:
-            return CATALOGUE[own].told_apart_by[rival]
-    return otherwise
 
 
 def alias_table(

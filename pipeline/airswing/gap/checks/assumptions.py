@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.checks.aliases import ALIAS, HIDDEN_ALIAS, MORE_REGION, alias_table, separated_by
+from airswing.gap.checks.aliases import ALIAS, HIDDEN_ALIAS, MORE_REGION, alias_table
 from airswing.gap.checks.calibration import BINS, Calibration, calibrate
 from airswing.gap.checks.negative_control import Decoy, force_decoy
 from airswing.gap.design.weather import climatology_columns, slope_columns
+from airswing.gap.effects import separated_by
 from airswing.gap.evidence.terms import Term, all_columns
 from airswing.gap.held_out.days_left_out import folds_of_days
 from airswing.gap.held_out.reduction import Closure

@@ -37,6 +37,7 @@ __all__ = [
     "discover",
     "effect_named",
     "register",
+    "separated_by",
     "unregister",
 ]
 
@@ -46,3 +47,11 @@ discover(__name__)
 def effect_named(name: str) -> Effect | None:
     """Effect of this name, of the catalogue or the empirical table; None where there is none."""
     return EMPIRICAL if name == EMPIRICAL.name else CATALOGUE.get(name)
+
+
+def separated_by(effect: str, other: str, *, otherwise: str = "other flights") -> str:
+    """Data that would tell two effects apart, in words, as the file of either of them says."""
+    for own, rival in ((effect, other), (other, effect)):
+        if own in CATALOGUE and rival in CATALOGUE[own].told_apart_by:
+            return CATALOGUE[own].told_apart_by[rival]
+    return otherwise

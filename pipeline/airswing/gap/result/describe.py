@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.checks.aliases import separated_by
 from airswing.gap.design.basis import variables
+from airswing.gap.effects import separated_by
 from airswing.gap.effects.base import Effect, Parameters
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.term_covariance import term_covariances

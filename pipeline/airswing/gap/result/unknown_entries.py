@@ -23,9 +23,10 @@ from airswing.gap.result.schema import (
     UnknownClosureEntry,
     UnknownEntry,
 )
+from airswing.gap.result.table_entries import entry, interval
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.problem import Problem
-from airswing.gap.witness.taken_off import Taken, entry, interval
+from airswing.gap.witness.taken_off import Taken
 from airswing.units import KNOT
 
 

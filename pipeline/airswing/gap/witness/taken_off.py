@@ -8,7 +8,7 @@ as they would have been, is then searched for names again.
 Validity: tables are fitted without each fold of weeks and taken off that fold's reports, so that
 what is left is held out.
 
-Units: m/s inside, kt in entries.
+Units: m/s.
 """
 
 from __future__ import annotations
@@ -21,13 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.reported_variables import OF_THE_REPORT, UNITS
-from airswing.gap.archive.value_tables import UNIT_OF
+from airswing.gap.archive.reported_variables import OF_THE_REPORT
 from airswing.gap.design.layout import effect_columns
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import take_off
-from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry
 from airswing.gap.witness.bench import Bench, Setting
 from airswing.gap.witness.fitted_tables import (
     LEAST_EVIDENCE,
@@ -40,7 +38,6 @@ from airswing.gap.witness.fitted_tables import (
 )
 from airswing.gap.witness.learned import LearnedWitness
 from airswing.gap.witness.unknowns import SECOND, curves, pairs_of, refined
-from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -63,8 +60,8 @@ MISSED = 0.1
 #: wind stand there among others that it left alone (0.4 and 1.3).
 ROUGH = ("acceleration", "bank", "ground_speed", "drift")
 KNOWN_ROUGHLY = dict.fromkeys(ROUGH, 0.7) | dict.fromkeys(OF_THE_REPORT, 0.8)
-#: Draws of what an unknown closes, and the quantiles of the interval.
-DRAWS, LIMITS = 200, (0.025, 0.975)
+#: Draws of what an unknown closes.
+DRAWS = 200
 
 
 @dataclass(frozen=True)
@@ -333,98 +330,3 @@ def nearest(
         if share > best[1]:
             best = name, share
     return best
-
-
-def interval(taken: Sequence[Taken]) -> tuple[float, float]:
-    """95 % interval of what unknowns close together, kt; what is stated lies in it."""
-    drawn = np.sum([one.drawn for one in taken], axis=0) / KNOT
-    stated = sum(float(one.saved.mean()) for one in taken) / KNOT
-    low, high = np.quantile(drawn, LIMITS)
-    return min(float(low), stated) - 0.01, max(float(high), stated) + 0.01
-
-
-def entry(taken: Taken, tails: Sequence[str]) -> PlaceEntry:
-    """One of ``unknown.where`` of gap.json.
-
-    Parameters
-    ----------
-    taken : Taken
-    tails : sequence of str
-        All aircraft.
-
-    Returns
-    -------
-    PlaceEntry
-    """
-    unknown = taken.unknown
-    whole = len(unknown.tails) == len(tails)
-    own = list(unknown.tails)
-    names = list(unknown.grid.variables)
-    reduction = float(taken.saved.mean()) / KNOT
-    odds = np.clip(unknown.evidence - np.log(50.0), -50, 50)
-    return PlaceEntry(
-        component=unknown.component,
-        variable=names[0],
-        variables=names,
-        group=f"{unknown.component}:{' x '.join(names)}",
-        tails=[] if whole else [tails[a] for a in own],
-        scope="fleet" if whole else "aircraft",
-        evidence_nats=round(unknown.evidence, 2),
-        size_m_s=unknown.size,
-        curve=_curve(unknown, tails),
-        equally_good=[
-            f"{c} by {' x '.join(v)}"
-            for n, c, v in unknown.rivals[1:]
-            if n > 0.8 * unknown.evidence
-        ],
-        closure=ClosesEntry(reduction, list(interval([taken]))),
-        held_out_energy=2 * unknown.held_out,
-        held_out_energy_standard_error=2 * unknown.held_out_error,
-        probability=float(1 / (1 + np.exp(-odds))),
-        largest_m_s=unknown.peak,
-        nearest_effect=taken.nearest,
-        nearest_effect_share=taken.share,
-        settled_by=settled_by(names),
-    )
-
-
-def _curve(unknown: Unknown, tails: Sequence[str]) -> CurveEntry:
-    """The table of an unknown: its mean over aircraft, and each one's where they differ."""
-    own = list(unknown.tails)
-    middle = [float(x) for x in unknown.values[own].mean(axis=0)]
-    names = list(unknown.grid.variables)
-    each = None
-    if not unknown.shared:
-        each = {tails[a]: [float(x) for x in unknown.values[a]] for a in own}
-    return CurveEntry(
-        labels=unknown.grid.labels,
-        m_s=middle,
-        unit=UNIT_OF[unknown.component],
-        variables=names,
-        variable_units=[UNITS[name] for name in names],
-        edges=[[float(x) for x in axis.edges] for axis in unknown.grid.axes],
-        values=middle,
-        per_tail=each,
-    )
-
-
-def settled_by(names: Sequence[str]) -> str:
-    """What measurement would settle what an unknown is."""
-    told = {
-        "magnetic_heading": "a compass swing of one of these aircraft on the ground and in flight",
-        "track": "the unit's raw heading and track beside each other on flights both ways",
-        "wind_direction": "the raw air and ground vectors beside the wind computed of them",
-        "wind_speed": "the raw air and ground vectors beside the wind computed of them",
-        "temperature": "a recorder of the unit's raw sensors through these temperatures",
-        "icing": "flights with de-icing switched on and off in clear air on every heading",
-        "ground_speed": "these legs flown both ways beside another aircraft",
-        "drift": "the unit's raw heading and track beside each other on flights both ways",
-        "airspeed": "a run at several airspeeds beside a trailing cone or a second air data unit",
-        "altitude": "levels flown both ways beside another aircraft or a radiosonde",
-        "hour": "the unit's clock and its data link beside a GPS clock over a day",
-        "phase": "the unit's raw sensors through a climb, a cruise and a descent",
-        "acceleration": "a recorder of raw heading through speed changes on several headings",
-        "bank": "a recorder of raw heading through steady turns both ways",
-    }
-    found = [told[name] for name in names if name in told]
-    return found[0] if found else "another unit on the same routes, or these units on other routes"
