@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -18,6 +20,7 @@ from airswing.gap.evidence.gaussian import (
     evidence_over_backgrounds,
     gaussian_evidence,
     grid_evidence,
+    own_fit,
     raw_evidence,
 )
 from airswing.gap.evidence.localisation import cross_fitted, false_discovery, score_test
@@ -48,7 +51,8 @@ def test_the_grid_of_scales_is_the_evidence_at_each_scale(size):
     information = 40 * half @ np.swapaxes(half, -1, -2)
     score, scales = 30 * rng.normal(size=(6, size)), rng.uniform(0.1, 2, size)
     allowance = 0.01 * np.tile(np.diag(scales**2), (6, 1, 1))
-    found = grid_evidence(information, score, factor=1.4, allowance=allowance, scales=scales)
+    fit = own_fit(information, score, scales)
+    found, raw = grid_evidence(fit, factor=1.4, allowance=allowance), raw_evidence(fit)
     for k, factor in enumerate(SCALE_GRID):
         prior = scales * factor
         value, shrunk = gaussian_evidence(
@@ -59,7 +63,7 @@ def test_the_grid_of_scales_is_the_evidence_at_each_scale(size):
         value, _ = gaussian_evidence(
             information, score, factor=1.0, allowance=0 * allowance, prior=prior
         )
-        np.testing.assert_allclose(found.raw[k], value, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(raw[k], value, rtol=1e-7, atol=1e-9)
 
 
 def test_collinear_columns_carry_the_evidence_of_one():
@@ -95,11 +99,9 @@ def test_widths_in_metres_a_second_are_the_evidence_of_their_densities():
     unit = np.array([[0.4, 0.1], [0.1, 0.9]])
     background = np.array([0.0, 0.09])[:, None, None] * unit
     found = grid_evidence(
-        information,
-        information @ estimate,
+        own_fit(information, information @ estimate, scales),
         factor=1.7,
         allowance=background,
-        scales=scales,
         unit=unit,
     )
     for t in range(2):
@@ -125,19 +127,19 @@ def test_sizes_of_the_background_are_the_evidence_at_each_allowance(size):
     )
     score, scales = 30 * rng.normal(size=(2, 6, size)), rng.uniform(0.1, 2, size)
     levels = np.array([0.0, 0.05, 0.3])
-    options = {"factor": 1.4, "scales": scales, "unit": unit}
+    options = {"factor": 1.4, "unit": unit}
     tempered, estimate, nothing = evidence_over_backgrounds(
-        information, score, levels=levels, **options
+        own_fit(information, score, scales), levels=levels, **options
     )
     for c in range(2):
         expected = grid_evidence(
-            information, score[c], allowance=levels[:, None, None, None] ** 2 * unit, **options
+            own_fit(information, score[c], scales),
+            allowance=levels[:, None, None, None] ** 2 * unit,
+            **options,
         )
         np.testing.assert_allclose(tempered[:, c], expected.tempered, rtol=1e-8, atol=1e-9)
         np.testing.assert_allclose(estimate[:, c], expected.estimate, rtol=1e-8, atol=1e-9)
         np.testing.assert_allclose(nothing[c], expected.nothing, rtol=1e-8, atol=1e-9)
-    raw = raw_evidence(information, score[1], scales)
-    np.testing.assert_array_equal(raw, expected.raw)
 
 
 def test_aircraft_of_which_a_share_is_struck_by_hand():
@@ -167,10 +169,8 @@ def fleet_evidence(values, error=0.03):
     information = np.full((values.size, 1, 1), 1 / error**2)
     unit = np.ones((values.size, 1, 1))
     found = grid_evidence(
-        information,
-        information[..., 0] * values[:, None],
+        own_fit(information, information[..., 0] * values[:, None], np.ones(1)),
         factor=1.0,
-        scales=np.ones(1),
         unit=unit,
         allowance=(GRID**2)[:, None, None, None] * unit,
     )
@@ -318,3 +318,14 @@ def test_score_test_is_uniform_on_nothing_and_cross_fitted_energy_centred():
     assert abs(np.mean(energies)) < 4 * np.std(energies) / 20
     strong = gram @ np.array([0.5, -0.4]) / 20 + scores
     assert cross_fitted(gram, strong, half) > 20
+
+
+def test_medians_over_what_is_finite_are_those_of_numpy():
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(6, 5, 3))
+    values[rng.random(values.shape) < 0.4] = np.nan
+    values[2, :, 1] = np.nan
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        expected = np.nanmedian(values, axis=1)
+    np.testing.assert_array_equal(clusters._median(values), expected)

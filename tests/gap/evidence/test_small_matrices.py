@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airswing.gap.evidence.small_matrices import inverse_and_logdet
+from airswing.gap.evidence.small_matrices import inverse_and_logdet, solved_and_logdet
 
 
 def test_two_rows_by_hand():
@@ -22,6 +22,14 @@ def test_every_size_agrees_with_lapack(size):
     inverse, logdet = inverse_and_logdet(matrix)
     np.testing.assert_allclose(inverse, np.linalg.inv(matrix), rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(logdet, np.linalg.slogdet(matrix)[1], atol=1e-9)
+    vector = rng.normal(size=(3, 5, 7, size))
+    solution, square, again = solved_and_logdet(matrix, vector)
+    expected = np.linalg.solve(np.broadcast_to(matrix, (3, *matrix.shape)), vector[..., None])[
+        ..., 0
+    ]
+    np.testing.assert_allclose(solution, expected, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(square, (expected * vector).sum(axis=-1), rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(again[0], logdet, atol=1e-9)
 
 
 def test_nearly_collinear_columns_keep_their_digits():

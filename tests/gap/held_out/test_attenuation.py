@@ -13,7 +13,7 @@ from airswing.gap.design.candidates import candidates
 from airswing.gap.design.exogenous import exogenous
 from airswing.gap.design.layout import effect_columns, make_layout
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.evidence.of_candidate import evaluate, fleet_allowance
+from airswing.gap.evidence.of_candidate import evaluate, evaluate_each, fleet_allowance
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.attenuation import (
     _regressed,
@@ -136,3 +136,18 @@ def test_what_lasts_is_also_tried_for_all_aircraft_and_what_has_a_date_is_not(ma
     assert scopes["altitude_offset"] == scopes["compass_offset"] == {"aircraft", "fleet"}
     assert scopes["compass_step"] == {"aircraft"}
     assert scopes["reference_speed_bias"] == {"fleet"}
+
+
+def test_candidates_weighed_together_are_those_weighed_alone(made):
+    base = made.base
+    given = condition(base, climatology(base))
+    pool = candidates(base.stats.layout, EFFECTS)
+    assert len({(c.scope, c.columns.size) for c in pool}) == 3
+    free = [np.arange(len(base.stats.tails)) != n % 7 for n in range(len(pool))]
+    together = evaluate_each(base.stats, given, pool, allowed=free)
+    for candidate, may, score in zip(pool, free, together, strict=True):
+        alone = evaluate(base.stats, given, candidate, allowed=may)
+        assert score.candidate is candidate
+        assert (score.tempered, score.raw) == pytest.approx((alone.tempered, alone.raw), abs=1e-9)
+        np.testing.assert_allclose(score.estimate, alone.estimate, atol=1e-10)
+        np.testing.assert_allclose(score.posterior, alone.posterior, atol=1e-10)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,11 @@ from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.aircraft_mixture import by_share, mixture
 from airswing.gap.evidence.gaussian import (
     GridEvidence,
+    OwnFit,
     Score,
     allowance_covariance,
     grid_evidence,
+    own_fit,
     raw_evidence,
     rms,
 )
@@ -92,6 +94,7 @@ def own_day_grams(base: Base, aircraft: int, columns: NDArray[np.int64]) -> Floa
     return np.asarray(own - np.einsum("dik,dil->dkl", cross, cross))
 
 
+@cache
 def windows(days: int, *, shortest: int = SHORTEST, most: int = 60) -> NDArray[np.int64]:
     """Pairs (first day, one past the last day) tried, (w, 2)."""
     stride = max(1, int(np.ceil(days / most)))
@@ -140,20 +143,18 @@ def evaluate_step(
     # of a change nothing tells the background but what the same columns show lasting
     background = evaluate(stats, given, candidate).background
     look = partial(_window_evidence, stats, candidate, background)
-    lasting = np.array([[0, stats.days.size]])
-    both = {  # the last window is that of the columns at work all the time
-        int(a): _window_sums(
-            base, given, int(a), candidate.columns, np.concatenate([tried, lasting]), remains
-        )
+    # the last window is that of the columns at work all the time
+    whole = np.concatenate([tried, [[0, stats.days.size]]])
+    sums = {
+        int(a): _window_sums(base, given, int(a), candidate.columns, whole, remains)
         for a in np.flatnonzero(asked)
     }
-    sums = {a: (information[:-1], score[:-1]) for a, (information, score) in both.items()}
-    factor = _steady_factor(base, given, candidate, tried, sums, look)
-    changing = {a: look(a, own, factor) for a, own in sums.items()}
+    fits = {a: own_fit(*own, candidate.scales) for a, own in sums.items()}
+    factor, found = _steadily(base, given, candidate, tried, sums, partial(look, fits))
+    changing = {a: x.tempered[:, :-1] for a, x in found.items()}
     struck = list(sums)
     if period is None:
-        steady = {a: look(a, (own[0][-1:], own[1][-1:]), factor) for a, own in both.items()}
-        struck = _changing(changing, steady, prior)
+        struck = _changing(changing, {a: x.tempered[:, -1:] for a, x in found.items()}, prior)
     if not struck:
         nothing = np.zeros((acting.size, candidate.columns.size))
         return Score(
@@ -169,7 +170,8 @@ def evaluate_step(
             period=(0, 0),
             background=background,
         )
-    best = _one_date([changing[a] for a in struck], prior)
+    raw = [raw_evidence(fits[a])[:, :-1] for a in struck]
+    best = _one_date([found[a] for a in struck], raw, prior)
     posterior, evidence = np.zeros((2, acting.size))
     estimate = np.zeros((acting.size, candidate.columns.size))
     posterior[struck], evidence[struck], estimate[struck] = best.posterior, best.each, best.estimate
@@ -209,7 +211,7 @@ def raw_of_one_step(base: Base, given: Conditional, candidate: Candidate, one: i
     if not len(tried):
         return 0.0
     sums = _window_sums(base, given, one, candidate.columns, tried, _remains(base, given))
-    return _pooled([raw_evidence(*sums, candidate.scales)], prior)
+    return _pooled([raw_evidence(own_fit(*sums, candidate.scales))], prior)
 
 
 def _remains(base: Base, given: Conditional) -> Floats:
@@ -242,9 +244,9 @@ class _OneDate:
     estimate: Floats
 
 
-def _one_date(found: list[GridEvidence], prior: Floats) -> _OneDate:
-    """Mix aircraft by window, then average over windows."""
-    tempered = np.stack([x.tempered for x in found], -1)
+def _one_date(found: list[GridEvidence], raw: list[Floats], prior: Floats) -> _OneDate:
+    """Mix aircraft by window, then average over windows; the one at work all the time is none."""
+    tempered = np.stack([x.tempered[:, :-1] for x in found], -1)
     joint = by_share(tempered).sum(axis=-1)
     by_window = _over_shares(joint) + prior
     window = int(np.argmax(by_window))
@@ -252,7 +254,7 @@ def _one_date(found: list[GridEvidence], prior: Floats) -> _OneDate:
     at_best = mixture(tempered[None, :, window])
     return _OneDate(
         float(np.logaddexp.reduce(by_window)),
-        _pooled([x.raw for x in found], prior),
+        _pooled(raw, prior),
         window,
         at_best.posterior,
         tempered[width, window],
@@ -272,9 +274,7 @@ def _pooled(evidence: list[Floats], prior: Floats) -> float:
     return log_mean_with(_over_shares(joint), prior)
 
 
-def _changing(
-    changing: dict[int, GridEvidence], steady: dict[int, GridEvidence], prior: Floats
-) -> list[int]:
+def _changing(changing: dict[int, Floats], steady: dict[int, Floats], prior: Floats) -> list[int]:
     """Aircraft that a period explains clearly more than the same columns at work all the time.
 
     A lasting deviation that is not in the model yet would otherwise enter as one that begins in
@@ -282,43 +282,46 @@ def _changing(
     """
     if not changing:
         return []
-    own = {a: max(log_mean_with(row, prior) for row in x.tempered) for a, x in changing.items()}
-    lasting = {a: float(x.tempered.max()) for a, x in steady.items()}
+    own = {a: max(log_mean_with(row, prior) for row in x) for a, x in changing.items()}
+    lasting = {a: float(x.max()) for a, x in steady.items()}
     alone = [a for a in own if own[a] - lasting[a] > max(GAIN, GAIN_SHARE * own[a])]
-    whole = _pooled([x.tempered for x in changing.values()], prior)
-    stays = _pooled([x.tempered for x in steady.values()], np.zeros(1))
+    whole = _pooled(list(changing.values()), prior)
+    stays = _pooled(list(steady.values()), np.zeros(1))
     if whole - stays <= max(GAIN, GAIN_SHARE * whole):
         return alone
     return sorted({*alone, *(a for a in own if own[a] > max(lasting[a], 0.0))})
 
 
-def _steady_factor(
+def _steadily(
     base: Base,
     given: Conditional,
     candidate: Candidate,
     tried: NDArray[np.int64],
     sums: dict[int, tuple[Floats, Floats]],
-    look: Callable[[int, tuple[Floats, Floats], float], GridEvidence],
-) -> float:
+    look: Callable[[int, float], GridEvidence],
+) -> tuple[float, dict[int, GridEvidence]]:
     """Cluster factor with every aircraft's likeliest period taken off, where that is smaller.
 
     A change most of the fleet has makes their days scatter about anything that lasts; it must not
     count as doubt about itself. What the period's own fit takes of the scatter is given back.
+    Beside it, what each aircraft shows by window with that factor.
     """
     stats, columns = base.stats, candidate.columns
     plain = aircraft_factor(stats, given, columns)
+    found = {a: look(a, plain) for a in sums}
     if plain < WORTH_A_LOOK or not sums:
-        return plain
+        return plain, found
     score = given.score.copy()
     for a, own in sums.items():
-        values = look(a, own, plain).tempered
+        values = found[a].tempered[:, :-1]
         _, w = np.unravel_index(int(np.argmax(values)), values.shape)
         start, end = tried[w]
         fit = _unshrunk(own, int(w))
         grams = own_day_grams(base, a, columns)[start:end]
         score[a, start:end, columns] -= (grams @ fit).T
     left = replace(given, score=score)
-    return min(plain, aircraft_factor(stats, left, columns, spent=SPENT))
+    factor = min(plain, aircraft_factor(stats, left, columns, spent=SPENT))
+    return factor, found if factor == plain else {a: look(a, factor) for a in sums}
 
 
 def _unshrunk(sums: tuple[Floats, Floats], window: int) -> Floats:
@@ -392,24 +395,16 @@ def _window_evidence(
     stats: Statistics,
     candidate: Candidate,
     background: float,
+    fits: dict[int, OwnFit],
     aircraft: int,
-    sums: tuple[Floats, Floats],
     factor: float,
 ) -> GridEvidence:
     """Evidence (S, w) and estimates (S, w, k) of every prior scale and window."""
-    information, score = sums
     columns = candidate.columns
     second = stats.raw_gram[aircraft][np.ix_(columns, columns)]
     acting = stats.acting[aircraft, columns].max()
     unit = allowance_covariance(second, acting, 1.0, candidate.scales)
-    return grid_evidence(
-        information,
-        score,
-        factor=factor,
-        allowance=background**2 * unit,
-        unit=unit,
-        scales=candidate.scales,
-    )
+    return grid_evidence(fits[aircraft], factor=factor, allowance=background**2 * unit, unit=unit)
 
 
 __all__ = ["evaluate_step", "own_day_grams", "residual_scores", "windows"]

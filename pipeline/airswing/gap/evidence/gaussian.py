@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import Candidate
-from airswing.gap.evidence.small_matrices import inverse_and_logdet
+from airswing.gap.evidence.small_matrices import inverse_and_logdet, solved_and_logdet
 from airswing.gap.sums.accumulate import Statistics
 
 Floats = NDArray[np.float64]
@@ -86,7 +86,7 @@ class Score:
 
 
 def allowance_covariance(
-    second: Floats, acting: Floats | float, size: float, scales: Floats
+    second: Floats, acting: Floats | float, size: Floats | float, scales: Floats
 ) -> Floats:
     """Covariance of coefficients whose effect is ``size`` m/s rms in each direction where it acts.
 
@@ -96,21 +96,78 @@ def allowance_covariance(
         Unwhitened X'X.
     acting : (...) float
         Reports on which the candidate acts.
-    size : float
+    size : (...) float
         m s-1.
-    scales : (k,) float
+    scales : (..., k) float
         Prior scales, to regularise.
 
     Returns
     -------
     (..., k, k) float
     """
-    k = scales.size
+    k, both = scales.shape[-1], _outer(scales)
     count = np.maximum(np.asarray(acting, float), 1.0)[..., None, None]
-    scaled = second / count * np.outer(scales, scales)
+    scaled = second / count * both
     floor = 0.02 * np.trace(scaled, axis1=-2, axis2=-1) / k + 1e-12
     inverse, _ = inverse_and_logdet(scaled + floor[..., None, None] * np.eye(k))
-    return np.asarray(size**2 * inverse * np.outer(scales, scales))
+    return np.asarray(np.square(size)[..., None, None] * inverse * both)
+
+
+def _outer(scales: Floats) -> Floats:
+    """Products of scales (..., k) with each other, (..., k, k)."""
+    return np.asarray(scales[..., :, None] * scales[..., None, :])
+
+
+@dataclass(frozen=True)
+class OwnFit:
+    """Least-squares fit of coefficients, in units of their prior scales.
+
+    Attributes
+    ----------
+    spread : (..., k, k) float
+        Inverse information.
+    hat : (..., k) float
+        Estimates.
+    scales : (..., k) float
+        Prior standard deviations.
+    """
+
+    spread: Floats
+    hat: Floats
+    scales: Floats
+
+
+def own_fit(information: Floats, score: Floats, scales: Floats) -> OwnFit:
+    """Fit coefficients to their sums.
+
+    Parameters
+    ----------
+    information : (..., k, k) float
+        Conditional X'X.
+    score : (..., k) float
+        Conditional X'r; may have further axes in front.
+    scales : (..., k) float
+        Prior standard deviations of the coefficients.
+
+    Returns
+    -------
+    OwnFit
+        Directions without information drop out through a floor on the information.
+    """
+    k = scales.shape[-1]
+    own = information * _outer(scales)
+    floor = 1e-4 * np.maximum(np.trace(own, axis1=-2, axis2=-1), 0.0) / k + 1e-9
+    whole = own + floor[..., None, None] * np.eye(k)
+    score = score * scales
+    try:  # a factor costs a third of the eigenvalues, and nearly always there is one
+        np.linalg.cholesky(whole)
+    except np.linalg.LinAlgError:
+        # where everything is explained by what is given, rounding may leave less than nothing
+        nothing = np.linalg.eigvalsh(own)[..., 0] + floor <= 0.0
+        whole = np.where(nothing[..., None, None], floor[..., None, None] * np.eye(k), whole)
+        score = np.where(nothing[..., None], 0.0, score)
+    spread, _ = inverse_and_logdet(whole)
+    return OwnFit(spread, np.einsum("...ij,...j->...i", spread, score), scales)
 
 
 def gaussian_evidence(
@@ -140,112 +197,90 @@ def gaussian_evidence(
     Notes
     -----
     In units of the prior: theta_hat = I^-1 s, V = f I^-1 + P; the log ratio of
-    N(theta_hat; 0, V + S) to N(theta_hat; 0, V). Directions without
-    information drop out through a floor on I.
+    N(theta_hat; 0, V + S) to N(theta_hat; 0, V).
     """
-    spread, hat = _own_fit(information, score, prior)
-    variance = factor * spread + allowance / np.outer(prior, prior)
-    value, estimate, _ = _over_scales(hat, variance, np.eye(prior.size), np.ones(1))
+    fit = own_fit(information, score, prior)
+    variance = factor * fit.spread + allowance / _outer(prior)
+    value, estimate, _ = _over_scales(fit.hat, variance, np.eye(prior.size), np.ones(1))
     return value[0], prior * estimate[0]
 
 
 @dataclass(frozen=True)
 class GridEvidence:
-    """Evidence of free coefficients at every width of the prior (S of them).
+    """Tempered evidence of free coefficients at every width of the prior (S of them).
 
     Attributes
     ----------
-    tempered, raw : (S, ...) float
-        With the estimated cluster factor and the allowance; with neither.
+    tempered : (S, ...) float
     estimate : (S, ..., k) float
-        Posterior means, tempered.
+        Posterior means.
     nothing : (...) float
         Log density of the estimates where nothing but errors and the allowance are at work, up to a
         constant that the allowance does not change.
     """
 
     tempered: Floats
-    raw: Floats
     estimate: Floats
     nothing: Floats
 
 
 def grid_evidence(
-    information: Floats,
-    score: Floats,
-    *,
-    factor: float,
-    allowance: Floats,
-    scales: Floats,
-    unit: Floats | None = None,
+    fit: OwnFit, *, factor: Floats | float, allowance: Floats, unit: Floats | None = None
 ) -> GridEvidence:
-    """Tempered and raw evidence and estimates at every width of the prior.
+    """Tempered evidence and estimates at every width of the prior.
 
     Parameters
     ----------
-    information, score, factor, allowance
-        As in :func:`gaussian_evidence`; the allowance may have further axes in front.
-    scales : (k,) float
-        Prior standard deviations at factor 1 of :data:`SCALE_GRID`.
+    fit : OwnFit
+    factor, allowance
+        As in :func:`gaussian_evidence`; the factor may be (...), the allowance have further axes in
+        front.
     unit : (..., k, k) float, optional
-        Covariance of coefficients whose effect is 1 m/s: tempered evidence and estimates take
-        :data:`SIZE_GRID` times it instead.
+        Covariance of coefficients whose effect is 1 m/s: :data:`SIZE_GRID` times it are the widths
+        instead of :data:`SCALE_GRID` times the prior scales.
 
     Returns
     -------
     GridEvidence
     """
-    spread, hat = _own_fit(information, score, scales)
-    both, eye = np.outer(scales, scales), np.eye(scales.size)
-    raw, _, _ = _over_scales(hat, spread, eye, SCALE_GRID)
+    both, eye = _outer(fit.scales), np.eye(fit.scales.shape[-1])
     tempered, estimate, nothing = _over_scales(
-        hat,
-        factor * spread + allowance / both,
+        fit.hat,
+        np.asarray(factor)[..., None, None] * fit.spread + allowance / both,
         eye if unit is None else unit / both,
         SCALE_GRID if unit is None else SIZE_GRID,
     )
-    return GridEvidence(tempered, raw, scales * estimate, nothing)
+    return GridEvidence(tempered, fit.scales * estimate, nothing)
 
 
-def raw_evidence(information: Floats, score: Floats, scales: Floats) -> Floats:
-    """Raw evidence at every width of the prior, (S, ...); arguments as of `grid_evidence`."""
-    spread, hat = _own_fit(information, score, scales)
-    return _over_scales(hat, spread, np.eye(scales.size), SCALE_GRID)[0]
+def raw_evidence(fit: OwnFit) -> Floats:
+    """Evidence with neither cluster factor nor allowance at every width of the prior, (S, ...)."""
+    return _over_scales(fit.hat, fit.spread, np.eye(fit.scales.shape[-1]), SCALE_GRID)[0]
 
 
 def evidence_over_backgrounds(
-    information: Floats,
-    score: Floats,
-    *,
-    factor: float,
-    scales: Floats,
-    unit: Floats,
-    levels: Floats,
+    fit: OwnFit, *, factor: Floats | float, unit: Floats, levels: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Tempered evidence of single aircraft at every size of the background (T of them).
 
     Parameters
     ----------
-    information : (A, k, k) float
-        Conditional X'X.
-    score : (C, A, k) float
-        Conditional X'r, in C versions.
-    factor : float
+    fit : OwnFit
+        Of scores in C versions, (C, ..., k).
+    factor : (...) float
         Cluster factor.
-    scales : (k,) float
-        Prior scales, to regularise.
-    unit : (A, k, k) float
+    unit : (..., k, k) float
         Covariance of coefficients whose effect is 1 m/s.
     levels : (T,) float
         Sizes of the background, m/s.
 
     Returns
     -------
-    tempered : (S, C, T, A) float
+    tempered : (S, C, T, ...) float
         At every width of :data:`SIZE_GRID`.
-    estimate : (S, C, T, A, k) float
+    estimate : (S, C, T, ..., k) float
         Posterior means.
-    nothing : (C, T, A) float
+    nothing : (C, T, ...) float
         As in :class:`GridEvidence`.
 
     Notes
@@ -253,75 +288,62 @@ def evidence_over_backgrounds(
     What :func:`grid_evidence` gives of the allowances ``levels^2 unit``. Every covariance is a
     multiple of I^-1 and one of ``unit``: in the basis in which both are diagonal all of them are.
     """
-    spread, hat = _own_fit(information, score, scales)
-    half = np.linalg.cholesky(unit / np.outer(scales, scales))
+    half = np.linalg.cholesky(unit / _outer(fit.scales))
     back = np.linalg.inv(half)
-    values, vectors = np.linalg.eigh(back @ spread @ back.swapaxes(-1, -2))
-    turned = np.einsum("aji,ajl,cal->cai", vectors, back, hat, optimize=True)[:, None]
-    own = factor * values + np.square(levels)[:, None, None]
-    slab = np.square(SIZE_GRID)[:, None, None, None, None]
+    values, vectors = np.linalg.eigh(back @ fit.spread @ back.swapaxes(-1, -2))
+    turned = ((vectors.swapaxes(-1, -2) @ back) @ fit.hat[..., None])[..., 0][:, None]
+    further = [1] * values.ndim
+    own = np.asarray(factor)[..., None] * values + np.square(levels).reshape(-1, *further)
+    slab = np.square(SIZE_GRID).reshape(-1, 1, 1, *further)
     wide = own + slab
-    whole = (turned**2 / own).sum(axis=-1)
-    logdet = np.log(own).sum(axis=-1)
-    tempered = whole - (turned**2 / wide).sum(axis=-1) + logdet - np.log(wide).sum(axis=-1)
-    estimate = np.einsum("aij,...aj->...ai", half @ vectors, slab / wide * turned)
+    square = turned**2
+    whole = (square / own).sum(axis=-1)
+    logdet = np.log(own.prod(axis=-1))
+    tempered = whole - (square / wide).sum(axis=-1) + logdet - np.log(wide.prod(axis=-1))
+    estimate = np.einsum("...ij,...j->...i", half @ vectors, slab / wide * turned)
     logdet = logdet + 2 * np.log(np.diagonal(half, axis1=-2, axis2=-1)).sum(axis=-1)
-    return 0.5 * tempered, scales * estimate, -0.5 * (whole + logdet)
-
-
-def _own_fit(information: Floats, score: Floats, prior: Floats) -> tuple[Floats, Floats]:
-    """Inverse information and estimate, both in units of the prior."""
-    k = prior.size
-    own = information * np.outer(prior, prior)
-    floor = 1e-4 * np.maximum(np.trace(own, axis1=-2, axis2=-1), 0.0) / k + 1e-9
-    # where everything is explained by what is given, rounding may leave less than nothing
-    nothing = np.linalg.eigvalsh(own)[..., 0] + floor <= 0.0
-    own = np.where(nothing[..., None, None], 0.0, own) + floor[..., None, None] * np.eye(k)
-    score = np.where(nothing[..., None], 0.0, score)
-    spread, _ = inverse_and_logdet(own)
-    return spread, np.einsum("...ij,...j->...i", spread, score * prior)
+    return 0.5 * tempered, fit.scales * estimate, -0.5 * (whole + logdet)
 
 
 def _over_scales(
     hat: Floats, variance: Floats, unit: Floats, grid: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Evidence (S, ...), posterior means (S, ..., k) for priors N(0, g^2 unit), log density."""
-    square = (grid**2).reshape(-1, *([1] * variance.ndim))
-    inverse, logdet = inverse_and_logdet(variance)
-    whole = np.einsum("...i,...ij,...j->...", hat, inverse, hat)
-    slab = square * unit
-    inverse, wide_logdet = inverse_and_logdet(variance + slab)
-    solved = np.einsum("...ij,...j->...i", inverse, hat)
-    inner = (solved * hat).sum(axis=-1)
+    _, whole, logdet = solved_and_logdet(variance, hat)
+    slab = (grid**2).reshape(-1, *([1] * variance.ndim)) * unit
+    solved, inner, wide_logdet = solved_and_logdet(variance + slab, hat)
     evidence = 0.5 * (whole - inner - wide_logdet + logdet)
     estimate = np.einsum("...ij,...j->...i", slab, solved)
     return evidence, estimate, -0.5 * (whole + logdet)
 
 
-def sizes(stats: Statistics, candidate: Candidate) -> tuple[Floats, Floats]:
-    """Unwhitened second moments of a candidate's columns, and the reports on which it acts.
+def sizes(stats: Statistics, columns: Integers) -> tuple[Floats, Floats]:
+    """Unwhitened second moments of columns, and the reports on which they act.
 
     Parameters
     ----------
     stats : Statistics
-    candidate : Candidate
+    columns : (..., k) int
+        All in the layout's core, or none.
 
     Returns
     -------
-    second : (A, k, k) float
-    acting : (A,) float
+    second : (..., A, k, k) float
+    acting : (..., A) float
     """
-    columns, total = candidate.columns, stats.day_count.sum(axis=1)
+    rows, along = columns[..., :, None], columns[..., None, :]
     if columns.max() < stats.layout.core:
-        second = stats.raw_gram[:, columns[:, None], columns]
-        return second, np.maximum(stats.acting[:, columns].max(axis=1), 0.0)
-    wide = stats.whole_gram[:, columns[:, None], columns]
-    trace = np.trace(wide, axis1=1, axis2=2)[:, None, None]
+        second = np.moveaxis(stats.raw_gram[:, rows, along], 0, -3)
+        acting = np.maximum(stats.acting[:, columns].max(axis=-1), 0.0)
+        return second, np.moveaxis(acting, 0, -1)
+    wide = np.moveaxis(stats.whole_gram[:, rows, along], 0, -3)
+    trace = np.trace(wide, axis1=-2, axis2=-1)[..., None, None]
     second = np.divide(wide, trace, out=np.zeros_like(wide), where=trace > 0)
-    return second * total[:, None, None], total
+    total = stats.day_count.sum(axis=1)
+    return second * total[:, None, None], np.broadcast_to(total, second.shape[:-2])
 
 
 def rms(second: Floats, acting: Floats, coefficients: Floats) -> Floats:
-    """Root mean square (m/s) of effects with these coefficients (A, k), where they act."""
-    energy = np.einsum("ak,akl,al->a", coefficients, second, coefficients)
+    """Root mean square (m/s) of effects with these coefficients (..., A, k), where they act."""
+    energy = np.einsum("...k,...kl,...l->...", coefficients, second, coefficients)
     return np.asarray(np.sqrt(np.maximum(energy, 0) / np.maximum(acting, 1.0)))

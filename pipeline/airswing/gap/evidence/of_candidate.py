@@ -17,6 +17,7 @@ Source: docs/gap.md section 6.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,12 +34,13 @@ from airswing.gap.evidence.gaussian import (
     allowance_covariance,
     evidence_over_backgrounds,
     grid_evidence,
+    own_fit,
     raw_evidence,
     rms,
     sizes,
 )
 from airswing.gap.sums.accumulate import Statistics
-from airswing.gap.sums.cluster_inflation import aircraft_factor, fleet_factor
+from airswing.gap.sums.cluster_inflation import aircraft_factors, fleet_factors
 from airswing.gap.sums.elimination import Conditional
 
 Floats = NDArray[np.float64]
@@ -50,6 +52,8 @@ LEAST_ACTING = 20
 #: up wholly. Chosen on simulated archives: those without an effect of the fleet scatter about none
 #: by more than their noise.
 FLEET_ALLOWANCE = 0.12
+#: Entries of the daily sums of candidates that are worked out together, for memory (8 bytes each).
+MOST_TOGETHER = 2_000_000
 
 
 def evaluate(
@@ -73,9 +77,49 @@ def evaluate(
     -------
     Score
     """
-    if candidate.scope == "fleet":
-        return _evaluate_fleet(stats, given, candidate)
-    return _evaluate_aircraft(stats, given, candidate, allowed)
+    return evaluate_each(stats, given, [candidate], allowed=[allowed])[0]
+
+
+def evaluate_each(
+    stats: Statistics,
+    given: Conditional,
+    pool: Sequence[Candidate],
+    *,
+    allowed: Sequence[NDArray[np.bool_] | None],
+) -> list[Score]:
+    """Evidence of each of many candidates given the included columns, in their order.
+
+    Candidates of one scope and number of columns are worked out together: their matrices are so
+    small that one at a time the calls cost more than the arithmetic.
+
+    Parameters
+    ----------
+    stats : Statistics
+    given : Conditional
+    pool : sequence of Candidate
+    allowed : sequence of (A,) bool or None
+        Of each, aircraft it may still strike; None: all.
+
+    Returns
+    -------
+    list of Score
+    """
+    alike: dict[tuple[str, int, bool], list[int]] = {}
+    for n, c in enumerate(pool):
+        kind = (c.scope, c.columns.size, bool(c.columns.max() < stats.layout.core))
+        alike.setdefault(kind, []).append(n)
+    found: dict[int, Score] = {}
+    for (scope, k, _), members in alike.items():
+        together = max(1, MOST_TOGETHER // (stats.day_count.size * k * k))
+        for start in range(0, len(members), together):
+            some = members[start : start + together]
+            if scope == "fleet":
+                scores = _evaluate_fleet(stats, given, [pool[n] for n in some])
+            else:
+                asked = [allowed[n] for n in some]
+                scores = _evaluate_aircraft(stats, given, [pool[n] for n in some], asked)
+            found.update(zip(some, scores, strict=True))
+    return [found[n] for n in range(len(pool))]
 
 
 def fleet_allowance(given: Conditional, columns: Integers) -> float:
@@ -98,57 +142,78 @@ def fleet_allowance(given: Conditional, columns: Integers) -> float:
     return FLEET_ALLOWANCE * float(np.sqrt(given.lasting_share[columns].mean()))
 
 
-def _evaluate_fleet(stats: Statistics, given: Conditional, candidate: Candidate) -> Score:
-    columns, aircraft = candidate.columns, len(stats.tails)
-    pick = np.ix_(columns, columns)
-    information, score = given.fleet_gram[pick], given.fleet_score[:, columns].sum(axis=0)
-    factor = fleet_factor(stats, given, columns)
-    second, acting = sizes(stats, candidate)
-    allowance = allowance_covariance(
-        second.sum(axis=0), float(acting.sum()), fleet_allowance(given, columns), candidate.scales
-    )
-    found = grid_evidence(
-        information, score, factor=factor, allowance=allowance, scales=candidate.scales
-    )
-    estimate = np.tile(found.estimate[int(np.argmax(found.tempered))], (aircraft, 1))
-    total = log_mean(found.tempered)
-    return Score(
-        candidate,
-        total,
-        log_mean(found.raw),
-        factor,
-        np.ones(aircraft),
-        np.full(aircraft, total),
-        estimate,
-        rms(second, acting, estimate),
-        acting,
-    )
+def _stacked(pool: Sequence[Candidate]) -> tuple[Integers, Floats]:
+    """Columns and prior scales of candidates with as many columns, (N, k) each."""
+    return np.stack([c.columns for c in pool]), np.stack([c.scales for c in pool])
+
+
+def _evaluate_fleet(
+    stats: Statistics, given: Conditional, pool: Sequence[Candidate]
+) -> list[Score]:
+    columns, scales = _stacked(pool)
+    aircraft = len(stats.tails)
+    information = given.fleet_gram[columns[:, :, None], columns[:, None]]
+    score = given.fleet_score[:, columns].sum(axis=0)
+    factor = fleet_factors(stats, given, columns)
+    second, acting = sizes(stats, columns)
+    size = np.array([fleet_allowance(given, own) for own in columns])
+    allowance = allowance_covariance(second.sum(axis=1), acting.sum(axis=1), size, scales)
+    fit = own_fit(information, score, scales)
+    found, raw = grid_evidence(fit, factor=factor, allowance=allowance), raw_evidence(fit)
+    out = []
+    for n, candidate in enumerate(pool):
+        tempered = found.tempered[:, n]
+        estimate = np.tile(found.estimate[int(np.argmax(tempered)), n], (aircraft, 1))
+        total = log_mean(tempered)
+        out.append(
+            Score(
+                candidate,
+                total,
+                log_mean(raw[:, n]),
+                float(factor[n]),
+                np.ones(aircraft),
+                np.full(aircraft, total),
+                estimate,
+                rms(second[n], acting[n], estimate),
+                acting[n],
+            )
+        )
+    return out
 
 
 def _evaluate_aircraft(
-    stats: Statistics, given: Conditional, candidate: Candidate, allowed: NDArray[np.bool_] | None
-) -> Score:
-    found = _aircraft_evidence(stats, given, candidate)
-    second, acting = sizes(stats, candidate)
-    asked = acting >= LEAST_ACTING if allowed is None else (acting >= LEAST_ACTING) & allowed
-    # the background is told by all aircraft; those not asked about may be struck or not
-    found.nothing[:, ~asked] += either(found.tempered[..., ~asked])
-    found.tempered[..., ~asked], found.raw[..., ~asked] = 0.0, 0.0
-    told = whole_prior() if given.background is None else given.background[int(candidate.heading)]
-    mixed = mixture(found.tempered, found.nothing, found.states(told), found.levels)
-    estimate = found.estimates[mixed.best]
-    return Score(
-        candidate,
-        mixed.total,
-        mixture(found.raw).total,
-        found.factor,
-        mixed.posterior,
-        found.tempered[mixed.best],
-        estimate,
-        rms(second, acting, estimate),
-        acting,
-        background=mixed.background,
-    )
+    stats: Statistics,
+    given: Conditional,
+    pool: Sequence[Candidate],
+    allowed: Sequence[NDArray[np.bool_] | None],
+) -> list[Score]:
+    second, acting = sizes(stats, _stacked(pool)[0])
+    out = []
+    for n, found in enumerate(_aircraft_evidence(stats, given, pool)):
+        candidate, may = pool[n], allowed[n]
+        asked = acting[n] >= LEAST_ACTING if may is None else (acting[n] >= LEAST_ACTING) & may
+        # the background is told by all aircraft; those not asked about may be struck or not
+        found.nothing[:, ~asked] += either(found.tempered[..., ~asked])
+        found.tempered[..., ~asked], found.raw[..., ~asked] = 0.0, 0.0
+        prior = given.background
+        told = whole_prior() if prior is None else prior[int(candidate.heading)]
+        mixed = mixture(found.tempered, found.nothing, found.states(told), found.levels)
+        estimate = found.estimates[mixed.best]
+        out.append(
+            Score(
+                candidate,
+                mixed.total,
+                mixture(found.raw).total,
+                found.factor,
+                mixed.posterior,
+                found.tempered[mixed.best],
+                estimate,
+                rms(second[n], acting[n], estimate),
+                acting[n],
+                background=mixed.background,
+            )
+        )
+    return out
 
 
 @dataclass(frozen=True)
@@ -196,33 +261,53 @@ class _Aircraft:
         return np.asarray((self.shift_weight[:, None] + background).ravel())
 
 
-def _aircraft_evidence(stats: Statistics, given: Conditional, candidate: Candidate) -> _Aircraft:
+def _aircraft_evidence(
+    stats: Statistics, given: Conditional, pool: Sequence[Candidate]
+) -> list[_Aircraft]:
     """Evidence of each aircraft by background and, where aircraft share much, by shift."""
-    columns = candidate.columns
-    factor = aircraft_factor(stats, given, columns)
-    second, acting = sizes(stats, candidate)
+    columns, scales = _stacked(pool)
+    factor = aircraft_factors(stats, given, columns)
+    second, acting = sizes(stats, columns)
     live = acting >= LEAST_ACTING
-    information = given.gram[:, columns[:, None], columns]
-    score = given.score[:, :, columns].sum(axis=1)
-    shared = _shared(given, columns, np.where(live[:, None, None], information, 0.0), score, factor)
-    out = _Aircraft.empty(acting.size, columns.size, factor, shared.log_weight)
-    if not live.any():
-        return out
-    out.raw[0][:, live] = raw_evidence(information[live], score[live], candidate.scales)
-    own = (information if columns.size > 1 else shared.own[:, None, None])[live]
-    tempered, estimate, nothing = evidence_over_backgrounds(
-        own,
-        score[live] + shared.values[:, None, None] * own[..., 0],
-        factor=factor,
-        scales=candidate.scales,
-        unit=allowance_covariance(second[live], acting[live], 1.0, candidate.scales),
-        levels=GRID,
-    )
-    states, widths, _ = out.tempered.shape
-    width_last = np.moveaxis(tempered, 0, 2), np.moveaxis(estimate, 0, 2)
-    out.tempered[:, :, live] = width_last[0].reshape(states, widths, -1)
-    out.estimates[:, :, live] = width_last[1].reshape(states, widths, -1, columns.size)
-    out.nothing[:, live] = nothing.reshape(states, -1)
+    information = given.gram[:, columns[:, :, None], columns[:, None]].swapaxes(0, 1)
+    score = given.score.sum(axis=1)[:, columns].swapaxes(0, 1)
+    known = np.where(live[..., None, None], information, 0.0)
+    shared = [_shared(given, *each) for each in zip(columns, known, score, factor, strict=True)]
+    out = [
+        _Aircraft.empty(live.shape[1], columns.shape[1], float(own), s.log_weight)
+        for own, s in zip(factor, shared, strict=True)
+    ]
+    which, who = np.nonzero(live)
+    wide = scales[which]
+    unit = allowance_covariance(second[live], acting[live], 1.0, wide)
+    raw = raw_evidence(own_fit(information[live], score[live], wide))
+    if columns.shape[1] == 1:
+        information = np.stack([s.own for s in shared])[..., None, None]
+    # candidates whose aircraft share nothing have one state a background, and go together
+    alone = np.array([s.values.size == 1 for s in shared])
+    for several in [np.flatnonzero(alone), *np.flatnonzero(~alone)[:, None]]:
+        mine = np.isin(which, several)
+        if not mine.any():
+            continue
+        own = information[live][mine]
+        shift = shared[several[0]].values[:, None, None]
+        tempered, estimate, nothing = evidence_over_backgrounds(
+            own_fit(own, score[live][mine] + shift * own[..., 0], wide[mine]),
+            factor=factor[which[mine]],
+            unit=unit[mine],
+            levels=GRID,
+        )
+        states, widths = out[several[0]].tempered.shape[:2]
+        tempered = np.moveaxis(tempered, 0, 2).reshape(states, widths, -1)
+        estimate = np.moveaxis(estimate, 0, 2).reshape(states, widths, -1, columns.shape[1])
+        nothing = nothing.reshape(states, -1)
+        for n in several:
+            here, to = which[mine] == n, who[which == n]
+            out[n].tempered[:, :, to] = tempered[..., here]
+            out[n].estimates[:, :, to] = estimate[:, :, here]
+            out[n].nothing[:, to] = nothing[:, here]
+    for n, found in enumerate(out):
+        found.raw[0][:, live[n]] = raw[:, which == n]
     return out
 
 
@@ -243,7 +328,8 @@ def raw_of_one(given: Conditional, candidate: Candidate, one: int) -> float:
     columns = candidate.columns
     information = given.gram[one][np.ix_(columns, columns)]
     score = given.score[one][:, columns].sum(axis=0)
-    return log_mean(by_share(raw_evidence(information, score, candidate.scales)[:, None]))
+    fit = own_fit(information, score, candidate.scales)
+    return log_mean(by_share(raw_evidence(fit)[:, None]))
 
 
 def _shared(
@@ -270,6 +356,6 @@ def background_likelihood(stats: Statistics, given: Conditional, candidate: Cand
     -------
     (T,) float
     """
-    found = _aircraft_evidence(stats, given, candidate)
+    (found,) = _aircraft_evidence(stats, given, [candidate])
     each = (found.nothing + either(found.tempered)).sum(axis=1).reshape(-1, GRID.size)
     return np.asarray(np.logaddexp.reduce(each + found.shift_weight[:, None], axis=0))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.changepoint import GAIN_SHARE, evaluate_step, raw_of_one_step
 from airswing.gap.evidence.gaussian import Score
-from airswing.gap.evidence.of_candidate import evaluate, raw_of_one
+from airswing.gap.evidence.of_candidate import evaluate, evaluate_each, raw_of_one
 from airswing.gap.evidence.terms import Term
 from airswing.gap.sums.elimination import Base, Conditional, beyond
 
@@ -61,54 +61,84 @@ def rank(
     -------
     list of Score
     """
-    out = []
     aircraft = len(base.stats.tails)
+    free = {}
+    for key in {(c.name, c.scope) for c in pool}:
+        own = taken.get(key, set())
+        free[key] = np.array([a not in own for a in range(aircraft)])
+    pool = [c for c in pool if free[c.name, c.scope].any()]
+    named = [c for c in pool if c.known]
+    out = evaluate_all_known(base, given, named, [free[c.name, c.scope] for c in named])
+    groups = [c for c in pool if not c.known]
+    allowed = [free[c.name, c.scope] for c in groups]
+    out += _groups(base, given, groups, allowed)
+    # as if each had been weighed in the pool's order: of equals the first stays first
+    place = {c.key: n for n, c in enumerate(pool)}
+    return sorted(out, key=lambda s: (-s.raw, place[s.candidate.key]))
+
+
+def _groups(
+    base: Base, given: Conditional, groups: Sequence[Candidate], allowed: Sequence[Mask]
+) -> list[Score]:
+    """Scores of dictionary groups: all each explains where it has something new to say."""
     layout = base.stats.layout
     names = [name for name in BASICS if name in layout.blocks]
     novel = beyond(given, np.concatenate([layout.columns(n) for n in names])) if names else given
-    for candidate in pool:
-        own = taken.get((candidate.name, candidate.scope), set())
-        if len(own) == aircraft:
-            continue
-        allowed = np.array([a not in own for a in range(aircraft)])
-        if candidate.known:
-            out.append(evaluate_known(base, given, candidate, allowed))
-        else:
-            score = evaluate(base.stats, novel, candidate, allowed=allowed)
-            out.append(_with_whole(base, given, score, allowed))
-    return sorted(out, key=lambda s: -s.raw)
+    out = [
+        replace(score, novelty=score.tempered)
+        for score in evaluate_each(base.stats, novel, groups, allowed=allowed)
+    ]
+    whole = [
+        n
+        for n, score in enumerate(out)
+        if score.novelty >= LEAST_NOVELTY and groups[n].component != "wind"
+    ]
+    again = evaluate_each(
+        base.stats, given, [groups[n] for n in whole], allowed=[allowed[n] for n in whole]
+    )
+    for n, score in zip(whole, again, strict=True):
+        if score.tempered > out[n].novelty:
+            out[n] = replace(score, novelty=out[n].novelty)
+    return out
 
 
-def _with_whole(base: Base, given: Conditional, beyond_basics: Score, allowed: Mask) -> Score:
-    """Score of a dictionary group: all it explains where it has something new to say."""
-    new = beyond_basics.tempered
-    if new < LEAST_NOVELTY or beyond_basics.candidate.component == "wind":
-        return replace(beyond_basics, novelty=new)
-    whole = evaluate(base.stats, given, beyond_basics.candidate, allowed=allowed)
-    best = whole if whole.tempered > new else beyond_basics
-    return replace(best, novelty=new)
-
-
-def evaluate_known(base: Base, given: Conditional, candidate: Candidate, allowed: Mask) -> Score:
-    """Evidence of an effect of the catalogue, in time if it changes in time.
+def evaluate_all_known(
+    base: Base, given: Conditional, pool: Sequence[Candidate], allowed: Sequence[Mask]
+) -> list[Score]:
+    """Evidence of effects of the catalogue, in time if they change in time.
 
     Parameters
     ----------
     base : Base
     given : Conditional
-    candidate : Candidate
-    allowed : (A,) bool
-        Aircraft it may still strike.
+    pool : sequence of Candidate
+    allowed : sequence of (A,) bool
+        Aircraft each may still strike.
 
     Returns
     -------
-    Score
+    list of Score
+        In the pool's order.
     """
-    if candidate.kind == "step":
-        return evaluate_step(base, given, candidate, allowed=allowed)
-    score = evaluate(base.stats, given, candidate, allowed=allowed)
-    if not candidate.lasting:
-        return score
+    pairs = list(zip(pool, allowed, strict=True))
+    whole = [(c, may) for c, may in pairs if c.kind != "step"]
+    scores = iter(
+        evaluate_each(base.stats, given, [c for c, _ in whole], allowed=[may for _, may in whole])
+    )
+    out = []
+    for candidate, may in pairs:
+        if candidate.kind == "step":
+            out.append(evaluate_step(base, given, candidate, allowed=may))
+        elif candidate.lasting:
+            out.append(_where_it_changes(base, given, next(scores), may))
+        else:
+            out.append(next(scores))
+    return out
+
+
+def _where_it_changes(base: Base, given: Conditional, score: Score, allowed: Mask) -> Score:
+    """Evidence of a drift in the aircraft, or the fleet, that show it beyond what lasts."""
+    candidate = score.candidate
     lasting = evaluate(base.stats, given, _lasting(candidate), allowed=allowed)
     own, steady = score.aircraft_evidence, lasting.aircraft_evidence
     changes = own - steady > np.maximum(DRIFT_GAIN, GAIN_SHARE * own)
@@ -134,7 +164,7 @@ def evaluate_named(
     Parameters
     ----------
     base, given, candidate, allowed
-        As for :func:`evaluate_known`.
+        As for :func:`evaluate_all_known`.
     period : (int, int) or None
         Days in which it was found to act; None: always.
 
@@ -179,14 +209,14 @@ def better_for(
     own = ranked_by(evaluate_named(base, given, current.candidate, allowed, current.period))
     # cluster factors are 1 at least, and no evaluation finds more raw evidence than this
     likely = [c for c in pool if _most(base, given, c, one) > own + CLEARLY]
-    scores = [evaluate_known(base, given, c, allowed) for c in likely]
+    scores = evaluate_all_known(base, given, likely, [allowed] * len(likely))
     best = max(scores, key=ranked_by, default=None)
     clear = best is not None and ranked_by(best) - own > CLEARLY * best.factor
     return best if clear else None
 
 
 def _most(base: Base, given: Conditional, candidate: Candidate, one: int) -> float:
-    """Raw evidence `evaluate_known` finds at most in one aircraft, less the odds, nats."""
+    """Raw evidence `evaluate_all_known` finds at most in one aircraft, less the odds, nats."""
     step = candidate.kind == "step"
     raw = (
         raw_of_one_step(base, given, candidate, one) if step else raw_of_one(given, candidate, one)

@@ -105,27 +105,54 @@ def aircraft_factor(
     stats: Statistics, given: Conditional, columns: Integers, *, spent: int = 0
 ) -> float:
     """Cluster factor of a per-aircraft candidate, pooled over aircraft (median), at least 1."""
+    return float(aircraft_factors(stats, given, columns[None], spent=spent)[0])
+
+
+def aircraft_factors(
+    stats: Statistics, given: Conditional, columns: Integers, *, spent: int = 0
+) -> Floats:
+    """Cluster factors (N,) of per-aircraft candidates of these columns (N, k)."""
     own = _day_grams(stats, columns)
-    information = given.gram[:, columns[:, None], columns]
-    whole, left = np.einsum("adii->a", own), np.einsum("aii->a", information)
+    information = given.gram[:, columns[:, :, None], columns[:, None]].swapaxes(0, 1)
+    whole, left = np.einsum("nadii->na", own), np.einsum("naii->na", information)
     flown = (whole > 0) & (left > LEAST_LEFT * whole)
-    if not flown.any():
-        return 1.5 if (whole > 0).any() else 1.0
-    score = given.score[:, :, columns][flown]
-    values = cluster_factor(own[flown], score, information[flown], spent=spent)
-    known = [c[np.isfinite(c)] for c in values.T]
-    return _largest(np.array([np.median(c) for c in known if c.size]))
+    score = given.score[:, :, columns].transpose(2, 0, 1, 3)[flown]
+    values = np.full((*flown.shape, len(BLOCKS)), np.nan)
+    values[flown] = cluster_factor(own[flown], score, information[flown], spent=spent)
+    middle = [_largest(each) for each in _median(values)]
+    nobody = np.where((whole > 0).any(axis=1), 1.5, 1.0)
+    return np.where(flown.any(axis=1), middle, nobody)
+
+
+def _median(values: Floats) -> Floats:
+    """Median (N, b) of those of the values (N, A, b) that are finite; NaN of none.
+
+    `numpy.nanmedian` goes through such arrays row by row in Python.
+    """
+    finite = np.isfinite(values)
+    ordered = np.sort(np.where(finite, values, np.inf), axis=1)
+    count = finite.sum(axis=1, keepdims=True)
+    ends = [np.maximum(count - 1, 0) // 2, np.minimum(count // 2, values.shape[1] - 1)]
+    low, high = (np.take_along_axis(ordered, end, axis=1)[:, 0] for end in ends)
+    return np.where(count[:, 0] > 0, 0.5 * (low + high), np.nan)
 
 
 def fleet_factor(stats: Statistics, given: Conditional, columns: Integers) -> float:
     """Cluster factor of a fleet candidate: by day over all aircraft, at least 1.5."""
+    return float(fleet_factors(stats, given, columns[None])[0])
+
+
+def fleet_factors(stats: Statistics, given: Conditional, columns: Integers) -> Floats:
+    """Cluster factors (N,) of fleet candidates of these columns (N, k)."""
     if columns.max() < stats.layout.core:
-        own = stats.fleet_day_gram[:, columns[:, None], columns]
+        days = stats.fleet_day_gram[:, columns[:, :, None], columns[:, None]]
+        own = days.swapaxes(0, 1)
     else:
-        own = _day_grams(stats, columns).sum(axis=0)
-    information = given.fleet_gram[np.ix_(columns, columns)]
-    values = cluster_factor(own, given.fleet_score[:, columns], information)
-    return max(1.5, _largest(_steadied(values, stats.days.size)))
+        own = _day_grams(stats, columns).sum(axis=1)
+    information = given.fleet_gram[columns[:, :, None], columns[:, None]]
+    values = cluster_factor(own, given.fleet_score[:, columns].swapaxes(0, 1), information)
+    days = stats.days.size
+    return np.array([max(1.5, _largest(_steadied(each, days))) for each in values])
 
 
 def _steadied(values: Floats, days: int) -> Floats:
@@ -148,8 +175,12 @@ def _largest(values: Floats) -> float:
 
 
 def _day_grams(stats: Statistics, columns: Integers) -> Floats:
-    """X'X by aircraft and day (A, D, k, k); dictionary columns share their week's by reports."""
+    """X'X of columns (N, k) by aircraft and day (N, A, D, k, k).
+
+    Dictionary columns share their week's by reports.
+    """
+    rows, along = columns[:, :, None], columns[:, None]
     if columns.max() < stats.layout.core:
-        return np.asarray(stats.day_gram[:, :, columns[:, None], columns], float)
-    own = stats.week_gram[:, :, columns[:, None], columns].astype(float)
-    return np.asarray(stats.day_share[:, :, None, None] * own[:, stats.week_of_day])
+        return np.moveaxis(stats.day_gram[:, :, rows, along].astype(float), 2, 0)
+    own = np.moveaxis(stats.week_gram[:, :, rows, along].astype(float), 2, 0)
+    return np.asarray(stats.day_share[:, :, None, None] * own[:, :, stats.week_of_day])
