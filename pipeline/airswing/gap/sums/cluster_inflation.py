@@ -145,8 +145,7 @@ def fleet_factor(stats: Statistics, given: Conditional, columns: Integers) -> fl
 def fleet_factors(stats: Statistics, given: Conditional, columns: Integers) -> Floats:
     """Cluster factors (N,) of fleet candidates of these columns (N, k)."""
     if columns.max() < stats.layout.core:
-        days = stats.fleet_day_gram[:, columns[:, :, None], columns[:, None]]
-        own = days.swapaxes(0, 1)
+        own = stats.fleet_day_gram[:, columns[:, :, None], columns[:, None]].swapaxes(0, 1)
     else:
         own = _day_grams(stats, columns).sum(axis=1)
     information = given.fleet_gram[columns[:, :, None], columns[:, None]]
