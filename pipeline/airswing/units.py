@@ -17,5 +17,8 @@ EARTH_RADIUS = 6371008.8
 """Mean radius of the earth, m (IUGG 1980), where a sphere is near enough."""
 MODEL_EARTH_RADIUS = 6371229.0
 """Radius of the sphere most models are computed on, m (GRIB2 code table 3.2, entry 6)."""
-NORMAL_95 = 1.96
-"""Standard errors on either side of a normal estimate that hold 95 % of it."""
+NORMAL_95 = 1.959964
+"""Standard errors on either side of a normal estimate that hold 95 % of it.
+
+Not 1.96: quantiles of Student's t are divided by it and tend to one.
+"""

@@ -126,7 +126,7 @@ def test_binned_medians_by_hand() -> None:
     found = compass.binned_medians(heading, value, width=15.0)
     assert found.centre.tolist() == [7.5]
     assert found.median.tolist() == [3.0]
-    assert found.half_width[0] == pytest.approx(1.96 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
+    assert found.half_width[0] == pytest.approx(1.959964 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
 
 
 def test_sectors_are_centred_on_north() -> None:

@@ -31,6 +31,7 @@ from airswing.compass.table import (
 from airswing.errors import InputError
 from airswing.flags import STATUS, published
 from airswing.products.whole_files import atomic
+from airswing.units import NORMAL_95
 
 CARDINALS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 CARD_HEADINGS = np.arange(0.0, 360.0, 30.0)
@@ -298,7 +299,7 @@ class _Drawing:
 def _node_cells(one: xr.Dataset) -> list[list[str]]:
     correction, error = one["table_correction"].to_numpy(), _node_errors(one)
     return [
-        [CARDINALS[k], f"{node:03.0f}", f"{correction[k]:+.1f}", f"{1.96 * error[k]:.1f}"]
+        [CARDINALS[k], f"{node:03.0f}", f"{correction[k]:+.1f}", f"{NORMAL_95 * error[k]:.1f}"]
         for k, node in enumerate(NODES)
     ]
 
@@ -307,7 +308,7 @@ def _curves(one: xr.Dataset) -> Curves:
     from airswing.compass.correction import curve_standard_error
 
     curve = deviation_curve(one["deviation"].to_numpy(), FINE)
-    wide = 1.96 * curve_standard_error(one["deviation_covariance"].to_numpy(), FINE)
+    wide = NORMAL_95 * curve_standard_error(one["deviation_covariance"].to_numpy(), FINE)
     nodes = one["table_error"].to_numpy()
     at = [np.arange(first, first + 181.0) for first in FIRST]
     low, high, fit = (

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from airswing.compass.fit.cycles import NORMAL_95
 from airswing.compass.heading_kind import heading_kind_warnings
 from airswing.config import Config
 from airswing.evaluation.compass_changes.change_notes import change_warnings
@@ -22,7 +21,7 @@ from airswing.flags import STATUS
 from airswing.flags import mended as was_mended
 from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
-from airswing.units import KNOT
+from airswing.units import KNOT, NORMAL_95
 
 _WINDS = (
     "eastward_wind",

@@ -73,7 +73,7 @@ def test_a_closure_with_scatter_adds_up():
     closure = Closure(
         7.0, 6.0, (0.7, 1.3), (5.7, 6.3), (("hard_iron", 6.0, 0.8, 1.2),), (6.0,), np.zeros((2, 2))
     )
-    out = with_scatter(closure, {"outliers": Reduction(0.5, 0.4 / 1.96)})
+    out = with_scatter(closure, {"outliers": Reduction(0.5, 0.4 / 1.959964)})
     assert out.after == pytest.approx(5.5)
     assert out.reduction_ci == pytest.approx((1.0, 2.0))  # 0.3 and 0.4 in quadrature
     assert out.after_ci == pytest.approx((5.0, 6.0))

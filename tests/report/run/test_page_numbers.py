@@ -41,7 +41,7 @@ def test_disagreement_by_hand() -> None:
     # N401's flights both gain 2.0 on average; N402's gain 0.5 and 1.0: residual sums -0.5, 0.5,
     # se^2 = 2/1 (0.25 + 0.25) / 16.
     assert found.half_width[0] == pytest.approx(0.0, abs=1e-12)
-    assert found.half_width[1] == pytest.approx(1.96 * 0.25)
+    assert found.half_width[1] == pytest.approx(1.959964 * 0.25)
 
 
 def test_uncorrected_and_screened_reports_do_not_count() -> None:

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.compass.fit.sandwich import Array
-
-# More places than elsewhere: quantiles of Student's t are divided by it and tend to one.
-NORMAL_95 = 1.959964
+from airswing.units import NORMAL_95
 
 
 def t_inflation(freedom: Array) -> Array:

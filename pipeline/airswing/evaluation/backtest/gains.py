@@ -18,7 +18,7 @@ from airswing.evaluation.day_sums import day_weights, interval_95
 from airswing.evaluation.disagreement import reference_mean, vector_difference
 from airswing.flags import mended as was_mended
 from airswing.products.ragged import row_bounds
-from airswing.units import KNOT
+from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
 
@@ -196,12 +196,12 @@ def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats
     return {
         "predicted_gain_kt": predicted,
         "predicted_standard_error_kt": error,
-        "predicted_gain_ci_kt": [predicted - 1.96 * error, predicted + 1.96 * error],
+        "predicted_gain_ci_kt": [predicted - NORMAL_95 * error, predicted + NORMAL_95 * error],
         "realised_gain_kt": realised,
         "realised_gain_ci_kt": interval_95(drawn),
         "difference_kt": difference,
-        "difference_ci_kt": [difference - 1.96 * wide, difference + 1.96 * wide],
-        "agree": bool(abs(difference) <= 1.96 * wide) if np.isfinite(wide) else None,
+        "difference_ci_kt": [difference - NORMAL_95 * wide, difference + NORMAL_95 * wide],
+        "agree": bool(abs(difference) <= NORMAL_95 * wide) if np.isfinite(wide) else None,
     }
 
 

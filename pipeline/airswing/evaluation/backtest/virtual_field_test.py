@@ -22,6 +22,7 @@ from airswing.evaluation.backtest.gains import Apart, Floats, compared, gains_of
 from airswing.evaluation.backtest.learning import fitted, judged_blocks, require_reference
 from airswing.evaluation.backtest.ranking import rank_aircraft
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
+from airswing.units import NORMAL_95
 
 
 def virtual_field_test(
@@ -161,7 +162,7 @@ def predicted_reduction(
         errors = [entry["expected_gain_standard_error_kt"] for entry in known]
         wide = float(np.sqrt(np.sum(np.square(errors))) / len(known))
         result["predicted_reduction_kt"] = mean
-        result["predicted_reduction_ci_kt"] = [mean - 1.96 * wide, mean + 1.96 * wide]
+        result["predicted_reduction_ci_kt"] = [mean - NORMAL_95 * wide, mean + NORMAL_95 * wide]
     return result
 
 

@@ -36,6 +36,7 @@ from airswing.evaluation.reference_comparison.threeway import hat_sums, hats_of
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import blocks, row_bounds, time_span
+from airswing.units import NORMAL_95
 
 SIGNIFICANCE = 0.02
 """Of each of the two tests, curves and winds: equal references pass both 95 times of 100."""
@@ -285,7 +286,7 @@ def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> di
         "difference": dict(zip(NAMES, degrees, strict=True)),
         "standard_error": dict(zip(NAMES, error, strict=True)),
         "ci": {
-            name: [value - 1.96 * wide, value + 1.96 * wide]
+            name: [value - NORMAL_95 * wide, value + NORMAL_95 * wide]
             for name, value, wide in zip(NAMES, degrees, error, strict=True)
         },
     }
@@ -317,7 +318,10 @@ def _sinusoid_difference(
         name: {
             "difference": change[name],
             "standard_error": float(errors[name]),
-            "ci": [change[name] - 1.96 * errors[name], change[name] + 1.96 * errors[name]],
+            "ci": [
+                change[name] - NORMAL_95 * errors[name],
+                change[name] + NORMAL_95 * errors[name],
+            ],
         }
         for name in change
     }

@@ -24,6 +24,7 @@ from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import is_sensor, take_off, term_error, term_fields
 from airswing.gap.result.schema import ClaimsEntry, FieldTestEntry, FitEntry
 from airswing.gap.sums.problem import Problem
+from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -221,7 +222,7 @@ def compared_fits(before: xr.Dataset, after: xr.Dataset) -> list[FitEntry]:
                 f"{name}_deg_after": then,
                 f"{name}_deg_standard_error": error,
             }
-            stays &= abs(then - value) <= 1.96 * error
+            stays &= abs(then - value) <= NORMAL_95 * error
         trusted = int(one["status"]) == 0 and int(two["status"]) == 0
         out.append(FitEntry(str(tail), **numbers, stays=bool(stays) if trusted else None))
     return out

@@ -26,15 +26,13 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.held_out.reduction import Closure
 from airswing.gap.search.coding_and_outliers import MomentVerdict
 from airswing.gap.search.excess_scatter import Scattering
-from airswing.units import KNOT
+from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Relative standard error of a reduction beside that of its share: size, shape, continuation.
 SHAPE_DOUBT = 0.08
-#: Limits of a 95 % interval, standard errors.
-LIMIT = 1.96
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class Reduction:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval; never less than nothing."""
-        low, high = self.kt - LIMIT * self.error, self.kt + LIMIT * self.error
+        low, high = self.kt - NORMAL_95 * self.error, self.kt + NORMAL_95 * self.error
         return max(low, 0.0), max(high, 0.0)
 
 
@@ -207,7 +205,7 @@ def with_scatter(closure: Closure, parts: Mapping[str, Reduction]) -> Closure:
         if closure.reduction_ci is not None:
             stated = closure.before - closure.after
             below, above = stated - closure.reduction_ci[0], closure.reduction_ci[1] - stated
-            whole, wide = stated + part.kt, LIMIT * part.error
+            whole, wide = stated + part.kt, NORMAL_95 * part.error
             low = float(whole - np.hypot(below, wide))
             out = out.with_interval(low, float(whole + np.hypot(above, wide)))
         closure = out

@@ -17,6 +17,7 @@ from airswing.report.html.embed import embedded
 from airswing.report.html.style import plural
 from airswing.report.run.monitoring_figures import KINDS, timeline_figure
 from airswing.report.run.page_numbers import number_text
+from airswing.units import NORMAL_95
 from airswing.version import __version__
 
 MOST_EVENTS, MOST_STATES = 60, 200
@@ -100,11 +101,11 @@ def _events_table(watched: Mapping[str, Any], events: list[Mapping[str, Any]]) -
 def _size(event: Mapping[str, Any]) -> str:
     told = event["evidence"]
     if "factor" in told:
-        return f"× {told['factor']:.2f} ± {1.96 * told['standard_error']:.2f}"
+        return f"× {told['factor']:.2f} ± {NORMAL_95 * told['standard_error']:.2f}"
     if "curve_rms_deg" in told:
         return (
             f"{told['curve_rms_deg']:.1f}° rms, offset {told['change_deg']['A']:+.1f} ± "
-            f"{1.96 * told['standard_error_deg']['A']:.1f}°"
+            f"{NORMAL_95 * told['standard_error_deg']['A']:.1f}°"
         )
     return f"{told['days']} days" if "days" in told else "-"
 

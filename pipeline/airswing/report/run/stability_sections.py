@@ -17,6 +17,7 @@ from airswing.report.run.stability_figures import (
     ranking_figure,
     stability_figure,
 )
+from airswing.units import NORMAL_95
 
 
 def stability_section(stability: Mapping[str, Any] | None) -> Section:
@@ -45,7 +46,7 @@ def stability_section(stability: Mapping[str, Any] | None) -> Section:
                     f"{change['date_ci'][0]} to {change['date_ci'][1]}",
                     *(
                         f"{change['change_deg'][name]:+.2f} ± "
-                        f"{1.96 * change['standard_error_deg'][name]:.2f}"
+                        f"{NORMAL_95 * change['standard_error_deg'][name]:.2f}"
                         for name in "ABC"
                     ),
                     number_text(change["p_value"], digits=3),
