@@ -8,13 +8,14 @@ given beside it.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.floating[Any]]
+_Winds = TypeVar("_Winds", xr.DataArray, xr.Dataset)
 
 
 def vector_difference(
@@ -162,4 +163,13 @@ def reference_mean(ds: xr.Dataset, members: list[str]) -> xr.Dataset:
         The two variables on ``report``.
     """
     names = ["reference_eastward_wind", "reference_northward_wind"]
-    return ds[names].sel(reference=members).mean("reference", skipna=True)
+    return member_mean(ds[names].sel(reference=members))
+
+
+def member_mean(values: _Winds) -> _Winds:
+    """Mean over ``reference`` of the members that have a value at the report, NaN where none has.
+
+    One rule for all of a pool, in what is measured as in what is drawn: a report outside one
+    model's grid or hours still has the other's wind.
+    """
+    return values.mean("reference", skipna=True)

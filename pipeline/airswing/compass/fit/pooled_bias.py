@@ -105,6 +105,8 @@ def between_scatter(estimate: Array, covariance: Array) -> float:
     """
     if estimate.shape[0] < 2:
         return float("inf")
+    # Averaged over a grid, not maximised: of a handful of aircraft the maximum is often zero, and
+    # the second pass would then give all of them the fleet's bias as if it were known.
     between = TAU_GRID[:, np.newaxis, np.newaxis, np.newaxis] ** 2 * np.eye(2)
     total = covariance[np.newaxis] + between
     inverse = np.linalg.inv(total)

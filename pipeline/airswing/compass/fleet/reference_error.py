@@ -318,6 +318,8 @@ def estimate_variances(stretch: Stretch, white: Floats) -> Variances:
     -------
     Variances
     """
+    # Beside expectation for the field, moments for blocks and pieces: there are as many of those as
+    # reports, and of each the expected square would be an entry of the whole inverse.
     found = Variances(white, 0.3, 0.5, 0.5)
     count = np.bincount(stretch.piece)
     noise = white[stretch.aircraft] / stretch.weight

@@ -23,6 +23,7 @@ from airswing.evaluation.compass_changes.change_kernels import (
     scores,
     without_changes,
 )
+from airswing.evaluation.disagreement import member_mean
 from airswing.products.ragged import blocks, row_bounds
 
 FALSE_ALARMS = 0.02
@@ -176,9 +177,10 @@ def block_day_sums(
         None where there are too few days.
     """
     part = headings.sel(reference=members)
-    error = part["heading_error"].mean("reference", skipna=True).to_numpy().astype(np.float64)
-    speed_error = part["airspeed_error"].mean("reference", skipna=True).to_numpy()
-    speed_error = speed_error.astype(np.float64)
+    error, speed_error = (
+        member_mean(part[name]).to_numpy().astype(np.float64)
+        for name in ("heading_error", "airspeed_error")
+    )
     airspeed = headings["airspeed"].to_numpy().astype(np.float64)
     heading = np.radians(headings["heading"].to_numpy().astype(np.float64))
     magnetic = np.radians(headings[argument].to_numpy().astype(np.float64))

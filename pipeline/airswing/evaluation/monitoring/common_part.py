@@ -142,6 +142,8 @@ def _without_common(normal: Floats, left: Floats, day: Index, rows: Index) -> Fl
 
 def _sizes(terms: Floats, squares: Floats) -> Floats:
     """Sizes s >= 0 with squares = terms s, gross ones held; terms' first is never without size."""
+    # Moments, not a likelihood as in the fits: the days looked at hold the very steps and gross
+    # days that are watched for, and a bound on each square is all that keeps them out.
     terms, squares = terms[terms[:, 0] > 0], squares[terms[:, 0] > 0]
     # the median of a chi-square of one degree of freedom is 0.455
     middle = float(np.median(squares / terms[:, 0]) / 0.455)

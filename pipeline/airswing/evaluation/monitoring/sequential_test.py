@@ -24,9 +24,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.evaluation.compass_changes.change_kernels import LIKELIHOOD_RATIO_95
+
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+# Not the test of `compass_changes`, which sees an archive's days at once and permutes them: asked
+# anew every night, its false alarms would add up.
 LONGEST = 30
 """Days a step may lie back."""
 LAGS = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30)
@@ -35,8 +39,6 @@ OWN_NOISE_FROM = 60.0
 """Degrees of freedom of the fleet's noise in an aircraft's own."""
 FEWEST_DAYS = 5
 """Days with reports before a step."""
-LIKELIHOOD_RATIO_95 = 7.35
-"""-2 ln(1 - sqrt(0.95)): 95 % point of the likelihood ratio of a date (Eo & Morley 2015)."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation.backtest.folds import only
-from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.disagreement import member_mean, reference_mean
 from airswing.evaluation.reference_comparison.pairs import (
     common_difference,
     holm,
@@ -165,7 +165,7 @@ def _aircraft_rows(
     time = ds["time"].to_numpy()
     winds = {name: reference_mean(ds, members) for name, members in pools.items()}
     lead = {
-        name: ds["lead_time"].sel(reference=members).mean("reference").to_numpy()
+        name: member_mean(ds["lead_time"].sel(reference=members)).to_numpy()
         for name, members in pools.items()
     }
     heading, magnetic = (

@@ -17,6 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.evaluation.disagreement import member_mean
 from airswing.flags import PHASE, ROLL
 from airswing.physics.bank import bank_at_reports
 
@@ -187,13 +188,5 @@ def _pooled(ds: xr.Dataset, name: str, members: list[int], *, angle: bool) -> Fl
     data = ds[name]
     if "reference" not in data.dims:
         return _column(ds, name, angle=angle)
-    rows = [np.asarray(data.isel(reference=k).values, dtype=np.float64) for k in members]
-    if len(rows) == 1:
-        mean = rows[0]
-    else:
-        stack = np.stack(rows)
-        there = np.isfinite(stack)
-        number = there.sum(axis=0)
-        total = np.where(there, stack, 0.0).sum(axis=0)
-        mean = np.divide(total, number, out=np.full(total.shape, np.nan), where=number > 0)
+    mean = member_mean(data.isel(reference=members).astype(np.float64)).to_numpy()
     return np.radians(mean) if angle else mean

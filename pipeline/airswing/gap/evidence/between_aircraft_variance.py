@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+# Averaged over where the fits estimate one variance: what is asked here is whether an aircraft
+# stands out from the others, and a single best size would be drawn up by the one that does.
 #: Sizes of the background that are averaged over, m/s.
 GRID = np.array([0.0, 0.01, 0.02, 0.04, 0.06, 0.08, 0.11, 0.15, 0.2, 0.3])
 #: Scales of its half-normal distribution over effects, m/s.

@@ -40,6 +40,9 @@ from airswing.gap.sums.elimination import Base, Conditional
 
 Floats = NDArray[np.float64]
 
+# Not the test of `evaluation.compass_changes`: a step competes here with every other effect, so it
+# is weighed by evidence, beside what is conditioned on, in periods that may end, and in several
+# aircraft at once.
 #: Shortest period tried, days with reports.
 SHORTEST = 3
 #: What a period must explain beyond the same effect lasting: log evidence, and part of its own.

@@ -136,6 +136,8 @@ def shared_variances(
     """
     layout = stats.layout
     steady = layout.columns("climatology").size
+    # Rounds of expectation, where `compass.fit.pooled_bias` lays a grid: here are as many variances
+    # as columns, and days are tied to each other by what lasts.
     now = Variances(np.full(layout.blocks["day_fields"].stop, 0.5), np.full(steady, 0.5))
     columns, _ = lasting_prior(layout, now.climatology)
     more = (np.zeros(0, np.int64), np.zeros(0)) if beside is None else beside

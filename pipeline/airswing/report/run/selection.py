@@ -15,6 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.evaluation.disagreement import member_mean
 from airswing.flags import STATUS
 
 Floats = NDArray[np.float64]
@@ -78,16 +79,9 @@ def headline_reference(fits: xr.Dataset, headings: xr.Dataset) -> str:
 def pooled(
     headings: xr.Dataset, fits: xr.Dataset, reference: str, name: str, rows: slice = slice(None)
 ) -> Floats:
-    """Mean over a fit's members of a (reference, report) variable, where all have a value.
-
-    Returns
-    -------
-    array (report,)
-        NaN where a member has no value.
-    """
+    """Mean over a fit's members of a (reference, report) variable, (report,)."""
     chosen = headings[name].sel(reference=members(headings, fits, reference))
-    values = chosen.isel(report=rows).transpose("reference", "report").to_numpy()
-    return np.asarray(np.asarray(values, float).mean(axis=0))
+    return np.asarray(member_mean(chosen.isel(report=rows).astype(float)).to_numpy())
 
 
 def used(headings: xr.Dataset, rows: slice = slice(None)) -> NDArray[np.bool_]:
