@@ -3,9 +3,11 @@
     python -m benchmarks.fleet --aircraft 600 1200 2400
     python -m benchmarks.fleet --aircraft 6000 --days 10 --reports 20000000
     python -m benchmarks.fleet --aircraft 600 --reports 2000000 --tracks FILE.csv
+    python -m benchmarks.fleet --aircraft 300 600 --days 4 --over hemisphere
     python -m benchmarks.fleet --stages --aircraft 600 1200 2400
 
-Fleets over a continent against one reference whose error is a bias, a lasting and a passing field,
+Fleets over a continent (or, with ``--over``, half the globe or all of it) against one reference
+whose error is a bias, a lasting and a passing field,
 every size in a process of its own (memory is the peak of it). With ``--tracks`` flights are where
 aircraft of a table (columns icao, lat, lon, alt in feet) were. Aircraft are summed
 `TOGETHER` at a time (`sum_aircraft`), as a lazily opened archive is, and the fleet is solved on the
@@ -45,7 +47,11 @@ from airswing.compass.fit.deviation import FleetSums, fit_sums, sum_aircraft
 
 EXPONENT = 1.1
 TOGETHER = 100
-CONTINENT = (27.0, 48.0, -122.0, -70.0)
+PLACES = {
+    "continent": (27.0, 48.0, -122.0, -70.0),
+    "hemisphere": (0.0, 80.0, 90.0, 270.0),
+    "globe": (-60.0, 80.0, 0.0, 360.0),
+}
 """Degrees: south, north, west, east."""
 FLIGHTS_A_DAY = 4
 FEW = Setting(days=20, flights_a_day=3, reports_a_flight=4, references=2)
@@ -56,7 +62,7 @@ def field(latitude, longitude, time, seed: int) -> np.ndarray:
     """Error of the reference, m/s, (2, n): waves of some 1,500 km that last and that pass."""
     found = np.zeros((2, latitude.size))
     segment = time.astype("datetime64[h]").astype(np.int64) // 6 - FIRST_SEGMENT
-    east = longitude * np.cos(np.radians(40.0))
+    east = longitude % 360.0 * np.cos(np.radians(40.0))
     for wave in range(4):
         rng = np.random.default_rng([seed, wave])
         for size, phase in (
@@ -69,9 +75,9 @@ def field(latitude, longitude, time, seed: int) -> np.ndarray:
     return found
 
 
-def straight(flights: int, headings: xr.Dataset, each: int, rng) -> np.ndarray:
-    """Latitude, longitude and pressure of flights from anywhere in the continent, (3, n)."""
-    south, north, west, east = CONTINENT
+def straight(flights: int, headings: xr.Dataset, each: int, rng, over: str) -> np.ndarray:
+    """Latitude, longitude and pressure of flights from anywhere in a region, (3, n)."""
+    south, north, west, east = PLACES[over]
     found = []
     for name, low, high, middle in (
         ("latitude", south, north, 43.0),
@@ -79,6 +85,7 @@ def straight(flights: int, headings: xr.Dataset, each: int, rng) -> np.ndarray:
     ):
         start = np.repeat(rng.uniform(low, high, flights), each)
         found.append(np.clip(start + headings[name].to_numpy() - middle, low, high))
+    found[1] = (found[1] + 180.0) % 360.0 - 180.0
     return np.stack([*found, np.repeat(rng.uniform(25e3, 85e3, flights), each)])
 
 
@@ -97,7 +104,7 @@ def flown(flights: int, each: int, rng, tracks: Path) -> np.ndarray:
 
 
 def fleet(
-    aircraft: int, number: int, days: int, each: int, tracks: Path | None = None
+    aircraft: int, number: int, days: int, each: int, flies: Path | str
 ) -> tuple[xr.Dataset, np.ndarray]:
     """Some aircraft of a fleet that shares its reference's error, and their deviations."""
     rng = np.random.default_rng([number, 5])
@@ -112,7 +119,10 @@ def fleet(
     )
     headings, _ = fly(deviation, setting, number + 1000)
     flights = aircraft * days * FLIGHTS_A_DAY
-    place = flown(flights, each, rng, tracks) if tracks else straight(flights, headings, each, rng)
+    if isinstance(flies, str):
+        place = straight(flights, headings, each, rng, flies)
+    else:
+        place = flown(flights, each, rng, flies)
     for name, values in zip(("latitude", "longitude", "pressure"), place, strict=True):
         headings[name] = ("report", values.astype(headings[name].dtype))
     names = [f"N{number + k:05d}" for k in range(aircraft)]
@@ -138,15 +148,13 @@ def with_field(headings: xr.Dataset) -> xr.Dataset:
     )
 
 
-def one_size(
-    aircraft: int, days: int, reports: int, tracks: Path | None = None
-) -> dict[str, float]:
+def one_size(aircraft: int, days: int, reports: int, flies: Path | str) -> dict[str, float]:
     """Time, memory and quality of one fleet's fit."""
     each = max(reports // (aircraft * days * FLIGHTS_A_DAY), 1)
     parts: list[FleetSums] = []
     truth, summed = [], 0.0
     for number in range(0, aircraft, TOGETHER):
-        made = fleet(min(TOGETHER, aircraft - number), number, days, each, tracks)
+        made = fleet(min(TOGETHER, aircraft - number), number, days, each, flies)
         truth.append(made[1])
         began = time.process_time()
         parts.append(sum_aircraft(made[0]))
@@ -168,6 +176,7 @@ def one_size(
         "before": before / 1e6,
         "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
         "covered": [float(one) for one in 100 * inside[good].mean(axis=0)],
+        "regions": fits.attrs.get("shared_error_regions", 1),
     }
 
 
@@ -245,6 +254,7 @@ def main() -> int:
     parser.add_argument("--days", type=int, default=10)
     parser.add_argument("--reports", type=int, help="of all aircraft; 480 an aircraft if not given")
     parser.add_argument("--tracks", type=Path, help="fly where the aircraft of this table were")
+    parser.add_argument("--over", choices=PLACES, default="continent", help="where they fly")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--stages", action="store_true", help="what comes after the fit")
     given = parser.parse_args()
@@ -253,13 +263,16 @@ def main() -> int:
     if given.one:
         aircraft = given.aircraft[0]
         reports = given.reports or 480 * aircraft
-        print(json.dumps(one_size(aircraft, given.days, reports, given.tracks)))
+        print(json.dumps(one_size(aircraft, given.days, reports, given.tracks or given.over)))
         return 0
-    print("aircraft   reports  fitted   sums s  fleet s  peak GB   A to E covered, %", flush=True)
+    print(
+        "aircraft   reports  fitted   sums s  fleet s  peak GB  regions   A to E covered, %",
+        flush=True,
+    )
     used = []
     for aircraft in given.aircraft:
         command = [sys.executable, "-m", "benchmarks.fleet", "--one", "--days", str(given.days)]
-        command += ["--aircraft", str(aircraft)]
+        command += ["--aircraft", str(aircraft), "--over", given.over]
         command += ["--reports", str(given.reports)] if given.reports else []
         command += ["--tracks", str(given.tracks)] if given.tracks else []
         told = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
@@ -267,7 +280,7 @@ def main() -> int:
         covered = " ".join(f"{one:5.1f}" for one in told["covered"])
         print(
             f"{aircraft:8d} {told['reports']:9d} {told['fitted']:7d} {told['summed']:8.1f}"
-            f" {told['solved']:8.1f} {told['peak']:8.2f}   {covered}",
+            f" {told['solved']:8.1f} {told['peak']:8.2f} {told['regions']:8d}   {covered}",
             flush=True,
         )
     if len(used) < 2:

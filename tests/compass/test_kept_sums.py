@@ -17,7 +17,13 @@ from airswing.compass.kept_sums.packed import (
     unpacked_bases,
     unpacked_sums,
 )
-from airswing.compass.kept_sums.period_sums import Base, mean_field, merged_fit, sum_period
+from airswing.compass.kept_sums.period_sums import (
+    Base,
+    durations_of,
+    mean_field,
+    merged_fit,
+    sum_period,
+)
 from airswing.products.ragged import some_reports
 from tests.compass.flown import Setting, fleet_deviations, fly
 
@@ -69,6 +75,7 @@ def test_a_fit_of_the_days_before_and_the_sums_of_the_new_ones_are_the_fit_of_al
         own = [first[str(k)], second[str(k)]]
         assert mean_field(own) == pytest.approx(whole.field, rel=1e-6)
         assert sum(one.reports for one in own) == whole.reports
+        assert durations_of(own) == whole.fit.durations
         found = merged_fit(own, bases[k])
         error = np.sqrt(np.diagonal(whole.fit.covariance))
         apart = np.abs(found.theta - whole.fit.theta)
@@ -109,7 +116,7 @@ def test_what_is_packed_comes_back(fleet):
     for k, base in enumerate(bases):
         np.testing.assert_array_equal(again[str(k)].theta, base.theta)
         np.testing.assert_array_equal(again[str(k)].free, base.free)
-        for part in ("scatters", "airspeeds", "few", "rms", "reports"):
+        for part in ("scatters", "durations", "few", "rms", "reports"):
             assert getattr(again[str(k)], part) == getattr(base, part)
     (period,) = periods_of([headings], bases)
     back = unpacked(packed(period))
@@ -146,7 +153,7 @@ def test_fits_without_a_curve_come_back(fleet):
         for fit, again in ((one.fit, other.fit), (one.constant, other.constant)):
             assert (fit is None) == (again is None)
             for part in () if fit is None else fields(fit):
-                if part.name not in ("blocks", "scatters", "airspeeds"):
+                if part.name not in ("blocks", "scatters", "durations"):
                     np.testing.assert_array_equal(
                         getattr(fit, part.name), getattr(again, part.name), err_msg=part.name
                     )

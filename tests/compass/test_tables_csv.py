@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import airswing  # noqa: F401
-from airswing.compass.cardpage import CardPage, Curves
+from airswing.compass.cardpage import CardPage, Curves, Words
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import NODES, add_tables, error_from_table, unit_interpolation
 from airswing.compass.tables_csv import (
@@ -108,16 +108,22 @@ def test_an_aircraft_may_have_any_name(fits, tmp_path):
 
 def test_a_card_shows_its_words_and_its_curve(fits):
     page = swing_card(fits, aircraft="N000")
-    words = [text.get_text() for text in page.texts]
+    words = [word for part in page.artists if isinstance(part, Words) for word in part.words]
     one = fits.isel(aircraft=0, reference=0)
     nodes = one["table_correction"].to_numpy()
     assert [w for w in words if w.startswith(("+", "-"))] == [f"{value:+.1f}" for value in nodes]
     for aim, held in card_rows(error_from_table(one)):
         assert held in words and aim in words
-    assert {"FOR", "STEER"} <= set(words) and words[-2].endswith("N000")
+    assert {"FOR", "STEER"} <= set(words) and page.texts[0].get_text().endswith("N000")
     west, east = page.axes
-    assert [text.get_text() for text in west.get_legend().texts] == ["fit, 95 %", "table"]
-    assert [label.get_text() for label in east.get_xticklabels()] == ["E", "S", "W"]
+    assert words[-2:] == ["fit, 95 %", "table"]
+    below = words.index("heading error (°)")
+    assert words[below - 3 : below] == ["W", "N", "E"]
+    assert words[words.index("E", below) :][:3] == ["E", "S", "W"]
+    low, high = west.get_ylim()
+    values = [float(word.replace("−", "-")) for word in words[below + 1 : words.index("E", below)]]
+    assert len(values) >= 4 and low <= min(values) and max(values) <= high
+    assert np.diff(values) == pytest.approx(values[1] - values[0])
     fit, table = (np.asarray(line.get_ydata()) for line in east.lines[1:])
     assert table[::45] == pytest.approx(error_from_table(one)[2:7])  # from east to west
     curve = one["deviation"].to_numpy()

@@ -25,6 +25,7 @@ from airswing.flags import STATUS
 from airswing.products.ragged_product import write_joined
 from airswing.products.workspace import workspace
 from airswing.workflow import fits
+from airswing.workflow.evaluation_stage import make_field_test
 from airswing.workflow.progress import Progress
 from airswing.workflow.update import judged, month_fits, taking_up
 
@@ -190,6 +191,48 @@ def test_months_taken_up_one_by_one_are_what_a_run_of_all_gives(archive, looked_
     alike(archive)
     judged_as_by_reports(archive)
     assert update(archive) == {"all": [JANUARY, FEBRUARY, MARCH], "made": [], "corrected": []}
+
+
+FIELD = {
+    "before_start": "2009-01-10",
+    "start": "2009-02-05",
+    "end": "2009-02-20",
+    "corrected": ["N100"],
+    "controls": ["N101", "N102"],
+}
+
+
+def test_a_field_test_that_is_kept_is_that_of_a_run_of_all(archive, monkeypatch):
+    def judge() -> dict:
+        job = replace(job_in(archive, field_test=FIELD), resume=True)
+        with workspace(job.output):
+            taken = taking_up.take_up(job)
+            months = taken.months["all"]
+            return judged._Monthly(job, months).kept(
+                judged.FIELD_TEST,
+                lambda: judged._field_test(job, months, taken.headings, taken.fits),
+            )
+
+    add(archive, "2009-01*", "2009-02*", "2009-03-0[1-4]*")
+    first = judge()
+    written = (archive / "results/field_test.json").stat().st_mtime_ns
+    add(archive, "*")
+    monkeypatch.setattr(judged, "make_field_test", None)  # nothing is tested again
+    np.testing.assert_equal(judge(), first)
+    assert (archive / "results/field_test.json").stat().st_mtime_ns == written
+    job = job_in(archive, "aside", field_test=FIELD)
+    with workflow.make_headings(job) as headings:
+        wanted = plain(make_field_test(job, headings))
+    shutil.rmtree(archive / "aside")
+    (archive / "aside").mkdir()
+    assert np.isfinite(wanted["adjusted_reduction_kt"]) and wanted["predicted_reduction_kt"] != 0
+    np.testing.assert_equal(plain(first), wanted)
+
+
+def plain(found: dict) -> dict:
+    """To nine places, as JSON holds it."""
+    text = json.dumps(found, default=lambda value: value.tolist())
+    return json.loads(text, parse_float=lambda number: float(f"{float(number):.9g}"))
 
 
 def test_a_day_twice_changes_nothing_and_a_day_corrected_its_month(archive):

@@ -117,6 +117,8 @@ def make_fits(
             fits = add_changes(fits, seen.changes)
             good = int(published(fits["status"]).sum())
             stage.note = f"{good} of {fits['status'].size} fits to be trusted"
+            if regions := fits.attrs.get("shared_error_regions"):
+                stage.note += f"; the references' error was worked in {regions} regions"
         return fits
 
     fits = product(

@@ -6,7 +6,13 @@ import numpy as np
 
 from airswing.compass.fit.aircraft import fit_aircraft
 from airswing.compass.fit.observations import Reports
-from airswing.compass.fleet.flight_segments import SLOPES, Places, find_edges
+from airswing.compass.fleet.flight_segments import (
+    SLOPES,
+    Places,
+    duration_of,
+    find_edges,
+    speed_counts,
+)
 
 
 def made(n: int = 6000, flights: int = 150, seed: int = 0):
@@ -31,12 +37,28 @@ def test_blocks_end_with_flight_segment_and_length():
     time = np.datetime64("2009-01-01T05:30", "ns") + (
         np.array([0, 10, 29, 30, 50, 60, 61]) * 60
     ).astype("timedelta64[s]")
-    edges = find_edges(np.array([0, 0, 0, 0, 0, 0, 1]), time, 110.0)
+    edges = find_edges(np.array([0, 0, 0, 0, 0, 0, 1]), time, 1800)
     assert edges.start.tolist() == [0, 3, 5, 6]
     assert edges.opens.tolist() == [True, True, False, True]
     assert np.diff(edges.segment).tolist() == [1, 0, 0]
     # a jet is twice as fast: blocks of a quarter of an hour
-    assert find_edges(np.zeros(7, int), time, 240.0).start.tolist() == [0, 2, 3, 4, 5]
+    assert find_edges(np.zeros(7, int), time, 900).start.tolist() == [0, 2, 3, 4, 5]
+
+
+def test_blocks_last_as_their_median_airspeed_asks_whatever_the_periods():
+    # 240 km: 30 minutes up to 133.3 m/s, 20 up to 200, 15 up to 266.7, then 10
+    for airspeed, seconds in (
+        (110.0, 1800),
+        (133.3, 1800),
+        (133.4, 1200),
+        (240.0, 900),
+        (300, 600),
+    ):
+        assert duration_of(speed_counts(np.full(3, airspeed))) == seconds
+    speed = np.random.default_rng(2).normal(133.3, 8.0, 999).astype(np.float32)
+    parts = [speed_counts(speed[:400]), speed_counts(speed[400:])]
+    np.testing.assert_array_equal(sum(parts), speed_counts(speed))
+    assert duration_of(sum(parts)) == (1800 if np.median(speed) <= 240e3 / 1800 else 1200)
 
 
 def test_block_sums_are_the_sums_of_their_reports():
@@ -44,7 +66,7 @@ def test_block_sums_are_the_sums_of_their_reports():
     day = np.arange(150) // 3
     fit = fit_aircraft([reports], day, places=[places])
     (blocks,) = fit.blocks
-    edges = find_edges(reports.flight, places.time, 110.0)
+    edges = find_edges(reports.flight, places.time, 1800)
     assert blocks.size == edges.start.size
     counts = np.diff(np.append(edges.start, reports.size))
     np.testing.assert_allclose(blocks.sums[0].sum(), counts.sum(), rtol=1e-5)

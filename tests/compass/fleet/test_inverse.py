@@ -168,7 +168,10 @@ def test_memory_grows_no_faster_than_the_aircraft(monkeypatch):
     assert small < 8 * (8 * 60) ** 2 * 40
 
 
-def test_the_date_line_and_a_turned_globe_change_nothing():
+@pytest.mark.parametrize("most", [400, 4])
+def test_the_date_line_and_a_turned_globe_change_nothing(monkeypatch, most):
+    """Nor where the field is worked in regions."""
+    monkeypatch.setattr("airswing.compass.fleet.field_basis.MOST_NODES", most)
     every = np.ones((AIRCRAFT, 6), dtype=bool)
     here, there = (
         solve_fleet([[one] for one in fleet_blocks(AIRCRAFT, 6, 0, middle=middle)], every)
@@ -177,6 +180,23 @@ def test_the_date_line_and_a_turned_globe_change_nothing():
     spread = np.sqrt(np.diagonal(here.covariance, axis1=1, axis2=2))
     assert np.abs((there.step - here.step) / spread).max() < 1e-4
     np.testing.assert_allclose(there.covariance, here.covariance, rtol=1e-4, atol=1e-12)
+    assert here.regions == (1 if most == 400 else 9)
+
+
+def test_regions_cost_little_of_what_the_field_tells(monkeypatch):
+    """A hemisphere whole and in regions; the aircraft that made it have no deviation."""
+    every = np.ones((30, 6), dtype=bool)
+    blocks = [[one] for one in fleet_blocks(30, 12, 1, field=1.5, middle=179.0, reach=(60.0, 30.0))]
+    found = {}
+    for most in (10_000, 150):
+        monkeypatch.setattr("airswing.compass.fleet.field_basis.MOST_NODES", most)
+        found[most] = solve_fleet(blocks, every)
+    whole, parts = found[10_000], found[150]
+    assert (whole.regions, parts.regions > 4) == (1, True)
+    spread = [np.sqrt(np.diagonal(one.covariance, axis1=1, axis2=2)) for one in (whole, parts)]
+    assert np.abs((whole.step - parts.step) / spread[0]).max() < 0.5
+    assert np.mean(spread[1] / spread[0]) == pytest.approx(1.0, abs=0.05)
+    assert np.std(parts.step / spread[1]) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.parametrize("reach", [(90.0, 40.0), (180.0, 40.0)])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from airswing.compass.fleet.field_basis import FieldBasis
+from airswing.compass.fleet.field_basis import MOST_NODES, FieldBasis
 from airswing.compass.fleet.flight_segments import ROWS, Blocks
 from airswing.compass.fleet.reference_error import (
     Precision,
@@ -69,6 +69,57 @@ def test_the_precision_is_the_inverse_of_the_covariance_written_out():
     values = np.random.default_rng(1).normal(size=(2, 60))
     expected = np.linalg.solve(covariance, values.T).T
     np.testing.assert_allclose(Precision(stretch, variances).apply(values), expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("middle", [-87.0, 179.0])
+def test_a_field_in_regions_is_independent_beyond_their_borders(monkeypatch, middle):
+    """The covariance written out from where the places are; also across the date line."""
+    monkeypatch.setattr("airswing.compass.fleet.field_basis.MOST_NODES", 4)
+    one = replace(blocks(60, each=6, segments=5), longitude=places(60, middle=middle)[1])
+    basis = FieldBasis.of(one.latitude, one.longitude, one.log_pressure)
+    assert [nodes.size for nodes in basis.passing] == [3, 3]
+    assert (basis.cuts, basis.regions) == ((2, 2), 9)
+    variances, stretch = Variances(np.array([1.3]), 0.4, 0.7, 0.9), Stretch.of([one], basis)
+    index, value = basis.passing_at(one.latitude, one.longitude)
+    functions = np.zeros((60, 9))
+    np.put_along_axis(functions, index, value, axis=1)
+    # borders half-way in each direction, a fifth of a region farther back each segment
+    ends = [np.ptp(nodes) for nodes in basis.passing]
+    east = (one.longitude - basis.origin[0] + 180) % 360 - 180
+    sides = (one.latitude, east * basis.origin[1])
+    part = [
+        (2 * (side - nodes[0]) / end + (one.segment % 5) / 5) // 1
+        for side, nodes, end in zip(sides, basis.passing, ends, strict=True)
+    ]
+    where = np.stack([one.segment, *part])
+    near = (where[:, :, np.newaxis] == where[:, np.newaxis]).all(axis=0)
+    together = near & (one.piece[:, np.newaxis] == one.piece)
+    edge = np.concatenate([[True], ~np.diagonal(together, 1)])
+    run = np.cumsum(edge)
+    covariance = np.diag(1.3 / stretch.weight + 0.4) + 0.7 * (run[:, np.newaxis] == run)
+    covariance += 0.9 * near * (functions @ functions.T)
+    values = np.random.default_rng(1).normal(size=(2, 60))
+    expected = np.linalg.solve(covariance, values.T).T
+    np.testing.assert_allclose(Precision(stretch, variances).apply(values), expected, atol=1e-10)
+
+
+def test_borders_move_and_regions_are_small():
+    """Over a globe; two places near each other share a region in four segments of five."""
+    rng = np.random.default_rng(4)
+    latitude, longitude = rng.uniform(-60, 80, 20_000), rng.uniform(-180, 180, 20_000)
+    basis = FieldBasis.of(latitude, longitude, np.log(rng.uniform(3e4, 9e4, latitude.size)))
+    assert basis.passing_size > 3000
+    other = latitude + rng.uniform(-2, 2, latitude.size)
+    shared = np.zeros(latitude.size)
+    for segment in range(40_000, 40_005):
+        number = np.full(latitude.size, segment)
+        cell = basis.cells(latitude, longitude, number)
+        assert set(cell // basis.regions) == {segment}
+        shared += cell == basis.cells(np.clip(other, -60, 80), longitude, number)
+        index, _ = basis.passing_at(latitude, longitude)
+        met = [np.unique(index[cell == one]).size for one in np.unique(cell)]
+        assert max(met) <= basis.region_size <= 1.25 * MOST_NODES
+    assert (shared >= 4).mean() > 0.99
 
 
 def test_planted_variances_are_found_and_none_is_left_alone():

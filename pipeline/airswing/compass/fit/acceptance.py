@@ -44,6 +44,8 @@ MAX_STANDARD_ERROR = 1.5
 HALVES_RMS, HALVES_CHI2 = 1.0, 25.0
 """The halves of the period disagree if their curves differ by this much (degrees rms) and by this
 much more than chance."""
+REGIONS = "shared_error_regions"
+"""Attribute of fits whose shared error was worked in more regions than one."""
 LEAST_REPORTS = 500
 """Reports of trusted fits below which the reference's shared error is left alone."""
 
@@ -119,6 +121,7 @@ class _Estimate:
     cycles: list[int]
     bias: Array
     bias_covariance: Array
+    regions: int = 1
 
 
 def condition_number(normal: Array, harmonics: int) -> float:
@@ -154,7 +157,8 @@ def publish(aircraft: list[AircraftSums], members: int, options: Options) -> xr.
     Returns
     -------
     Dataset
-        Dimensions ``aircraft``, ``coefficient``, ``coefficient_2``, ``component``.
+        Dimensions ``aircraft``, ``coefficient``, ``coefficient_2``, ``component``; attribute
+        ``shared_error_regions`` where the shared error was worked in more than one.
     """
     table = _empty(len(aircraft))
     for k, one in enumerate(aircraft):
@@ -163,11 +167,13 @@ def publish(aircraft: list[AircraftSums], members: int, options: Options) -> xr.
         table["mean_horizontal_field"][k] = one.field
         if one.fit is not None:
             table["condition_number"][k] = condition_number(one.fit.normal, _cycles(one.fit))
-    chosen = np.flatnonzero(table["status"] == STATUS["ok"])
+    chosen, regions = np.flatnonzero(table["status"] == STATUS["ok"]), 1
     if chosen.size:
-        _publish_fits(table, chosen, [_fit_of(aircraft[k]) for k in chosen], members, options)
+        fits = [_fit_of(aircraft[k]) for k in chosen]
+        regions = _publish_fits(table, chosen, fits, members, options)
     _publish_offsets(table, aircraft, options)
-    return _dataset(table)
+    found = _dataset(table)
+    return found.assign_attrs({REGIONS: regions}) if regions > 1 else found
 
 
 def _fit_of(one: AircraftSums) -> AircraftFit:
@@ -186,7 +192,8 @@ def _publish_fits(
     fits: list[AircraftFit],
     members: int,
     options: Options,
-) -> None:
+) -> int:
+    """Fill the table; return in how many regions the shared error was worked."""
     ratio = day_ratio(
         [np.diagonal(fit.covariance) for fit in fits],
         [np.diagonal(fit.day_covariance) for fit in fits],
@@ -198,7 +205,7 @@ def _publish_fits(
     trusted = np.flatnonzero(table["status"][chosen] == STATUS["ok"])
     fits, wide = [fits[k] for k in trusted], [wide[k] for k in trusted]
     if not fits:
-        return
+        return 1
     shared = options.joint and options.shared_error and all(fit.blocks for fit in fits)
     shared &= int(table["report_count"][chosen[trusted]].sum()) >= LEAST_REPORTS
     found = _with_field(fits, options) if shared else _alone(fits, wide, options)
@@ -211,6 +218,7 @@ def _publish_fits(
         table["reference_bias_standard_error"] = np.sqrt(
             np.diagonal(average @ found.bias_covariance @ average.T)
         )
+    return found.regions
 
 
 def _publish_offsets(
@@ -265,7 +273,12 @@ def _with_field(fits: list[AircraftFit], options: Options) -> _Estimate:
         covariances.append((to_one @ square @ to_one.T + extra) * np.outer(widen, widen))
         cycles.append(number)
     return _Estimate(
-        np.array(thetas), np.array(covariances), cycles, joint.bias, joint.bias_covariance
+        np.array(thetas),
+        np.array(covariances),
+        cycles,
+        joint.bias,
+        joint.bias_covariance,
+        joint.regions,
     )
 
 

@@ -40,8 +40,10 @@ from airswing.compass.fleet.flight_segments import (
     Blocks,
     Edges,
     Places,
+    duration_of,
     find_edges,
     make_blocks,
+    speed_counts,
 )
 
 THIN, MIDDLE = 1000, 4000
@@ -87,8 +89,8 @@ class AircraftFit:
         One for each reference, where their places were given.
     scatters : list of Scatter
         One for each reference, as the last pass took it.
-    airspeeds : list of float
-        Usual one of the reports against each reference, m/s.
+    durations : list of int
+        Seconds a block of the reports against each reference lasts.
     """
 
     theta: Array
@@ -105,7 +107,7 @@ class AircraftFit:
     flight_order: Index = field(repr=False)
     blocks: list[Blocks] = field(repr=False, default_factory=list)
     scatters: list[Scatter] = field(repr=False, default_factory=list)
-    airspeeds: list[float] = field(repr=False, default_factory=list)
+    durations: list[int] = field(repr=False, default_factory=list)
 
     @cached_property
     def covariance(self) -> Array:
@@ -149,8 +151,8 @@ def fit_aircraft(
     if not members or not all(obs.size for obs in members):
         return None
     members, places = in_order(members, places)
-    airspeeds = usual_airspeeds(members)
-    edges = edges_of(members, places, airspeeds)
+    durations = [duration_of(speed_counts(obs.airspeed)) for obs in members]
+    edges = edges_of(members, places, durations)
     size = COMPASS + 1 + 2 * len(members)
     compass = np.arange(1 + 2 * harmonics)
     # on one heading a bias cannot be told from the constant: the fleet's is taken off afterwards
@@ -197,7 +199,7 @@ def fit_aircraft(
         if part.block is not None
     ]
     found = finish(theta, free, normal, kappa, parts, days, converged, by_flight)
-    return replace(found, blocks=blocks, scatters=scatters, airspeeds=airspeeds)
+    return replace(found, blocks=blocks, scatters=scatters, durations=durations)
 
 
 def in_order(
@@ -213,18 +215,13 @@ def in_order(
     return [one for one, _ in ordered], [one for _, one in ordered]
 
 
-def usual_airspeeds(members: list[Reports]) -> list[float]:
-    """Median airspeed of every member, by which its blocks are as long as they are, m/s."""
-    return [float(np.median(obs.airspeed[:: max(1, obs.size // THIN)])) for obs in members]
-
-
 def edges_of(
-    members: list[Reports], places: list[Places] | None, airspeeds: list[float]
+    members: list[Reports], places: list[Places] | None, durations: list[int]
 ) -> list[Edges]:
     """Where the blocks of every member begin; none where no places are known."""
     return [
-        find_edges(obs.flight, place.time, airspeed)
-        for obs, place, airspeed in zip(members, places or [], airspeeds, strict=False)
+        find_edges(obs.flight, place.time, seconds)
+        for obs, place, seconds in zip(members, places or [], durations, strict=False)
     ]
 
 

@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 
 from airswing.compass.fit.acceptance import (
     MAX_CONDITION,
+    REGIONS,
     AircraftSums,
     Asked,
     Options,
@@ -133,7 +134,8 @@ def fit_deviation(
     Returns
     -------
     Dataset
-        Every variable of ``fits.nc`` except the table's.
+        Every variable of ``fits.nc`` except the table's; attribute ``shared_error_regions`` where
+        the references' error covers so much that it was worked in regions.
 
     Raises
     ------
@@ -216,15 +218,13 @@ def fit_sums(parts: Sequence[FleetSums]) -> xr.Dataset:
         As of :func:`fit_deviation`.
     """
     first = parts[0]
-    fits = xr.concat(
-        [
-            publish([one for part in parts for one in part.groups[name]], members, first.options)
-            for name, members in first.members.items()
-        ],
-        dim="reference",
-        join="override",
-        combine_attrs="override",
-    )
+    found = [
+        publish([one for part in parts for one in part.groups[name]], members, first.options)
+        for name, members in first.members.items()
+    ]
+    fits = xr.concat(found, dim="reference", join="override", combine_attrs="drop")
+    if regions := [one.attrs[REGIONS] for one in found if REGIONS in one.attrs]:
+        fits.attrs[REGIONS] = max(regions)
     fits = fits.assign_coords(
         reference=("reference", np.array(list(first.members), dtype=object)),
         aircraft=("aircraft", np.concatenate([part.aircraft for part in parts])),

@@ -1,12 +1,19 @@
 """Functions of place that a reference's error is made of: hats between nodes over a region.
 
 Assumes places given by latitude, longitude (degrees) and ln p; the seam of longitude lies where
-fewest fly, so that the date line and a hemisphere are regions like any other.
+fewest fly, so that the date line and a hemisphere are like any other place.
+
+The passing part of a field of more than `MOST_NODES` nodes is worked in regions: within a segment
+what lies in different regions is taken as independent, where its nodes reach over the border
+(a node belongs to each region that flew beside it). The borders move from one segment to the next,
+so that the regions of five segments overlap and no place is always at a border. The lasting part
+is one whatever the size.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +33,13 @@ at least,"""
 
 STATIC_KM = 2000.0
 """and one for so many kilometres of latitude and longitude."""
+
+MOST_NODES = 400
+"""Nodes of the passing part that are worked as one: a square of 8,000 km. Their covariance takes
+the square of their number in every segment, its inverse the cube."""
+
+SHIFTS = 5
+"""Places the borders of regions take in turn: no part of the four segments of a day."""
 
 KM_A_DEGREE = 111.2
 
@@ -84,6 +98,32 @@ class FieldBasis:
         """Number of functions of the passing part in one segment."""
         return int(np.prod([nodes.size for nodes in self.passing]))
 
+    @cached_property
+    def cuts(self) -> tuple[int, int]:
+        """Into how many parts the passing part is cut in latitude and eastward."""
+        rows, columns = (nodes.size for nodes in self.passing)
+        down, across = 1, 1
+        while rows * columns > MOST_NODES * down * across:
+            if rows * across >= columns * down:  # the longer side of a region
+                down += 1
+            else:
+                across += 1
+        return down, across
+
+    @property
+    def regions(self) -> int:
+        """Number of regions of a segment: borders that have moved make one more on each axis."""
+        return int(np.prod([parts + (parts > 1) for parts in self.cuts]))
+
+    @property
+    def region_size(self) -> int:
+        """Functions of the passing part that blocks of one region may meet."""
+        found = 1
+        for nodes, parts in zip(self.passing, self.cuts, strict=True):
+            # the nodes of a border that lies between two of them, on both sides
+            found *= min(nodes.size, -(-(nodes.size - 1) // parts) + 2)
+        return found
+
     def lasting_at(
         self, latitude: Floats, longitude: Floats, log_pressure: Floats
     ) -> tuple[Short, Floats]:
@@ -106,6 +146,30 @@ class FieldBasis:
             The values of a place sum to one.
         """
         return _product((latitude, _eastward(longitude, self.origin)), self.passing)
+
+    def cells(self, latitude: Floats, longitude: Floats, segment: Ints) -> Ints:
+        """Number of the region and segment of some places: segment times regions, and the region.
+
+        Parameters
+        ----------
+        latitude, longitude : arrays of float, shape (n,), degrees
+        segment : array of int, shape (n,)
+
+        Returns
+        -------
+        array of int, shape (n,)
+        """
+        if self.regions == 1:
+            return segment
+        found = np.zeros(segment.size, dtype=np.int64)
+        shift = (segment % SHIFTS) / SHIFTS
+        places = (latitude, _eastward(longitude, self.origin))
+        for values, nodes, parts in zip(places, self.passing, self.cuts, strict=True):
+            if parts > 1:
+                width = float(nodes[-1] - nodes[0]) / parts
+                own = np.floor((values - nodes[0]) / width + shift).astype(np.int64)
+                found = found * (parts + 1) + np.clip(own, 0, parts)
+        return np.asarray(segment * np.int64(self.regions) + found)
 
 
 def _middle(longitude: Floats) -> float:

@@ -52,7 +52,7 @@ class Coupling:
         Of one component's lasting part, the passing part known.
     nodes : tuple of sparse matrix, shape (7 * aircraft, segment * nodes)
         Of each component: H transposed; rows by coefficient (A to E, scale, bias), then aircraft.
-    lasting_nodes : array of float, shape (segment * nodes, functions)
+    lasting_nodes : sparse matrix, shape (segment * nodes, functions)
         Of the lasting part.
     inverse : array of float, shape (segment, nodes, nodes)
         G.
@@ -67,7 +67,7 @@ class Coupling:
     border: Floats
     lasting: Floats
     nodes: tuple[sparse.csr_matrix, sparse.csr_matrix]
-    lasting_nodes: Floats
+    lasting_nodes: sparse.csr_matrix
     inverse: Floats
     factor: Floats
     gain: float
@@ -103,7 +103,7 @@ class Coupling:
             border,
             (one.lasting_design.T @ lasting).toarray(),
             (nodes[0], nodes[1]),
-            (one.passing_design.T @ lasting).toarray(),
+            (one.passing_design.T @ lasting).tocsr(),
             precision.inverse,
             factor,
             gain,
@@ -151,9 +151,13 @@ class Coupling:
 
     def lasting_block(self) -> Floats:
         """Information about one component's lasting part, shape (functions, functions)."""
-        shape = (*self.inverse.shape[:2], self.lasting.shape[0])
-        taken = (self.inverse @ self.lasting_nodes.reshape(shape)).reshape(-1, shape[-1])
-        return np.asarray(self.gain * (self.lasting - self.lasting_nodes.T @ taken))
+        found, size = self.lasting.copy(), self.inverse.shape[1]
+        for k, inverse in enumerate(self.inverse):
+            seen = self.lasting_nodes[k * size : (k + 1) * size]
+            met = np.unique(seen.indices)  # of a large field few have a part in one region
+            own = seen[:, met].toarray()
+            found[np.ix_(met, met)] -= own.T @ (inverse @ own)
+        return np.asarray(self.gain * found)
 
     def dense(self) -> Floats:
         """All of it, the unknowns in the order of :class:`Reference`: for few aircraft."""
@@ -183,7 +187,7 @@ class Coupling:
             some = slice(begin * size, min(begin + step, segments) * size)
             seen = np.empty((some.stop - some.start, width), dtype=np.float32)
             seen[:, : nodes.shape[1]] = nodes[some].toarray()
-            seen[:, nodes.shape[1] :] = self.lasting_nodes[some]
+            seen[:, nodes.shape[1] :] = self.lasting_nodes[some].toarray()
             inverse = self.inverse[begin : begin + step].astype(np.float32)
             solved = inverse @ seen.reshape(-1, size, width)
             found += seen.T @ solved.reshape(seen.shape)

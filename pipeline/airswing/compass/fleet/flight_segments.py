@@ -31,6 +31,8 @@ LENGTH = 240e3
 """Metres a block may be long at the aircraft's airspeed."""
 DURATIONS = (1800, 1200, 900, 600)
 """Seconds a block may last: parts of a segment, so that no block crosses its end."""
+FASTEST = tuple(LENGTH / seconds for seconds in DURATIONS[:-1])
+"""Airspeed up to which each but the last will do, m/s."""
 SEGMENT_SECONDS = 6 * 3600
 """Time for which a passing error of the reference is taken as standing still."""
 SLOPES = 6
@@ -172,7 +174,42 @@ class Blocks:
         return bool(np.any(self.segment[1:] < self.segment[:-1]))
 
 
-def find_edges(flight: NDArray[np.integer], time: NDArray[np.datetime64], airspeed: float) -> Edges:
+def speed_counts(airspeed: NDArray[np.floating]) -> Index:
+    """Reports by the duration of blocks that will do for their airspeed.
+
+    Counts of several periods add up: an aircraft's blocks are cut alike in all of them, and as
+    they are when it is fitted to all of its reports.
+
+    Parameters
+    ----------
+    airspeed : array, shape (n,), m/s
+
+    Returns
+    -------
+    array of int, shape (4,)
+        As `DURATIONS`.
+    """
+    below = [np.count_nonzero(airspeed <= fastest) for fastest in FASTEST]
+    return np.diff([0, *below, airspeed.size])
+
+
+def duration_of(counts: Index) -> int:
+    """Seconds a block lasts at the median airspeed.
+
+    Parameters
+    ----------
+    counts : array of int, shape (4,)
+        Of :func:`speed_counts`.
+
+    Returns
+    -------
+    int
+    """
+    total = np.cumsum(counts)
+    return DURATIONS[int(np.searchsorted(2 * total, total[-1]))]
+
+
+def find_edges(flight: NDArray[np.integer], time: NDArray[np.datetime64], seconds: int) -> Edges:
     """Cut one aircraft's reports into blocks.
 
     Parameters
@@ -180,14 +217,13 @@ def find_edges(flight: NDArray[np.integer], time: NDArray[np.datetime64], airspe
     flight : array of int, shape (n,)
         Never falling.
     time : array of datetime64, shape (n,)
-    airspeed : float
-        A usual one, m/s.
+    seconds : int
+        That a block lasts.
 
     Returns
     -------
     Edges
     """
-    seconds = next((one for one in DURATIONS if one * airspeed <= LENGTH), DURATIONS[-1])
     ticks = np.array(seconds, dtype="timedelta64[s]").astype(time.dtype.str.replace("M8", "m8"))
     number = time.view(np.int64) // int(ticks.astype(np.int64))
     change = np.ones(number.size, dtype=np.bool_)

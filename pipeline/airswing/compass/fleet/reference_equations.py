@@ -71,7 +71,8 @@ class Reference:
         most = int(MOST_BLOCKS * max(1.0, self.aircraft / AIRCRAFT))
         # a segment of many nodes takes the room of so many blocks
         nodes = min(self.basis.passing_size, 4 * int(count.max()))
-        count = np.maximum(count, nodes**2 * most // MOST_NODES)
+        numbers = min(nodes**2, min(nodes, self.basis.region_size) ** 2 * self.basis.regions)
+        count = np.maximum(count, numbers * most // MOST_NODES)
         every = -(-int(count.sum()) // most)
         self.thinned = every > 1
         some = self._stretch(segments[every // 2 :: every])
@@ -80,7 +81,7 @@ class Reference:
         self.some = Precision(some, self.variances)
         self.runs = _runs(segments, count, self._day_of(segments), most)
         self.inverses: dict[tuple[int, int], Floats] = {}
-        self.keeps = self.thinned and segments.size * nodes**2 <= MOST_KEPT
+        self.keeps = self.thinned and segments.size * numbers <= MOST_KEPT
         self.worth, self.lasting_worth = np.zeros(self.aircraft), np.zeros(self.lasting)
         self.precise, self.direct = 0.0, np.zeros((self.aircraft, 8, 8))
         self.start = self._survey()

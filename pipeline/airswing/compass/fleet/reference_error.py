@@ -82,9 +82,10 @@ class Stretch:
     lasting, lasting_share : arrays, shape (n, up to 9)
         Functions of the lasting part and, last, its mean.
     segment : array of int, shape (n,)
-        Place among the segments.
+        Place among the segments; where the field is worked in regions each region of a segment
+        stands as one.
     segments : array of int
-        Their numbers.
+        Their numbers, never falling.
     nodes : int
         Nodes of a segment that blocks meet, of the segment that has most of them; others have less.
     every : int
@@ -132,7 +133,11 @@ class Stretch:
         piece = np.concatenate([part.piece for part in parts])
         change = np.ones(piece.size, dtype=np.bool_)
         change[1:] = (piece[1:] != piece[:-1]) | (aircraft[1:] != aircraft[:-1])
-        segments, _, segment = counted(number)
+        cell = basis.cells(latitude, longitude, number)
+        # a piece ends at the border of its region: nothing but the lasting part reaches over it
+        change[1:] |= cell[1:] != cell[:-1]
+        segments, _, segment = counted(cell)
+        segments //= basis.regions
         node, share = basis.passing_at(latitude, longitude)
         lasting, lasting_share = basis.lasting_at(latitude, longitude, log_pressure)
         every = np.ones((piece.size, 1))
@@ -153,7 +158,7 @@ class Stretch:
             segment,
             segments,
             nodes,
-            basis.passing_size,
+            basis.region_size,
         )
 
     @cached_property

@@ -50,6 +50,8 @@ class FleetFit:
         Mean error of the references over the blocks, m/s.
     ratio : array, shape (6,)
         What the covariance of the model was multiplied by.
+    regions : int
+        That the passing part was worked in, of the reference that has most.
     """
 
     step: Floats
@@ -57,6 +59,7 @@ class FleetFit:
     bias: Floats
     bias_covariance: Floats
     ratio: Floats
+    regions: int
 
 
 def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:
@@ -137,4 +140,6 @@ def _finished(fleet: _Fleet, found: Floats, inverse: Inverse, scores: Floats) ->
     square = square * root[:, :, np.newaxis] * root[:, np.newaxis]
     rows = fleet.mean_rows()
     spread = rows @ inverse.solve(rows.T) * max(float(ratio.mean()), 1.0)
-    return FleetFit(found[: free.size].reshape(free.shape), square, rows @ found, spread, ratio)
+    regions = max(one.basis.regions for one in fleet.references)
+    step = found[: free.size].reshape(free.shape)
+    return FleetFit(step, square, rows @ found, spread, ratio, regions)

@@ -50,7 +50,7 @@ def packed_bases(bases: Mapping[str, Base]) -> Arrays:
         "free": free,
         "scatter": np.array([[(s.along, s.cross, s.part) for s in one.scatters] for one in every]),
         "field": np.array([one.field for one in every]),
-        "airspeed": np.array([one.airspeeds for one in every]),
+        "duration": np.array([one.durations for one in every]),
         "few": np.array([one.few for one in every]),
         "rms": np.array([one.rms for one in every]),
         "reports": np.array([one.reports for one in every]),
@@ -74,7 +74,7 @@ def unpacked_bases(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Base]:
             np.flatnonzero(arrays["free"][k]),
             [Scatter(*map(float, one)) for one in arrays["scatter"][k]],
             float(arrays["field"][k]),
-            arrays["airspeed"][k].tolist(),
+            arrays["duration"][k].tolist(),
             bool(arrays["few"][k]),
             float(arrays["rms"][k]),
             int(arrays["reports"][k]),
@@ -186,6 +186,7 @@ def packed(periods: Mapping[str, PeriodSums]) -> Arrays:
             "totals": np.array([[getattr(part, name) for name in _TOTALS] for part in parts]),
             "scatter": np.array([_numbers(part.scatter) for part in parts]),
             "flight_score": np.concatenate([part.flight_score for part in parts]),
+            "speeds": np.array([one.speeds[k] for one in every]),
         }
         with_normals = [part.flight_normal for part in parts if part.flight_normal is not None]
         own["few"] = np.array([part.flight_normal is not None for part in parts])
@@ -222,6 +223,7 @@ def unpacked(arrays: Mapping[str, NDArray[Any]]) -> dict[str, PeriodSums]:
             arrays["day"][flights[row]],
             [member[row][0] for member in each],
             [cut for member in each if (cut := member[row][1]) is not None],
+            [arrays[f"{k}/speeds"][row] for k in range(members)],
         )
         for row, name in enumerate(names)
     }

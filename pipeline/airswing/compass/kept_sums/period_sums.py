@@ -53,6 +53,8 @@ from airswing.compass.fleet.flight_segments import (
     Places,
     blocks_of,
     cut_of,
+    duration_of,
+    speed_counts,
 )
 
 FARTHEST = 1.0
@@ -77,8 +79,8 @@ class Base:
         One a member.
     field : float
         Mean horizontal field, nT; NaN where none is known.
-    airspeeds : list of float
-        Usual one of each member, m/s: blocks are cut alike in all periods.
+    durations : list of int
+        Seconds a block of each member lasts: blocks are cut alike in all periods.
     few : bool
         Whether flights or days are so few that each needs a normal matrix of its own.
     rms : float
@@ -91,7 +93,7 @@ class Base:
     free: Index
     scatters: list[Scatter]
     field: float
-    airspeeds: list[float]
+    durations: list[int]
     few: bool
     rms: float
     reports: int
@@ -101,7 +103,7 @@ class Base:
         """That of a fit of all reports."""
         few = min(fit.flight.shape[0], fit.day_number.size) < MANY
         return cls(
-            fit.theta, fit.free, fit.scatters, field, fit.airspeeds, few, fit.rms_after, reports
+            fit.theta, fit.free, fit.scatters, field, fit.durations, few, fit.rms_after, reports
         )
 
     def at(self, field: float) -> Array:
@@ -129,6 +131,8 @@ class PeriodSums:
         One a member.
     cuts : list of Cut
         Of the blocks of each member; empty without them.
+    speeds : list of array of int, shape (4,)
+        As of :func:`airswing.compass.fleet.flight_segments.speed_counts`, one a member.
     """
 
     reports: int
@@ -137,6 +141,7 @@ class PeriodSums:
     day: Index
     parts: list[PassSums]
     cuts: list[Cut]
+    speeds: list[Index]
 
 
 def sum_period(
@@ -166,7 +171,7 @@ def sum_period(
     if not all(reports.size for reports in sets):
         return None
     sets, ordered = in_order(sets, places if blocks else None)
-    edges = edges_of(sets, ordered, base.airspeeds)
+    edges = edges_of(sets, ordered, base.durations)
     theta = base.at(field)
     parts = [
         accumulate(
@@ -183,7 +188,8 @@ def sum_period(
     point = (abscissa * (1 / 45.0) + 16.5).astype(np.int8) & 7
     cuts = [cut_of(edge, place) for edge, place in zip(edges, ordered or [], strict=True)]
     points = np.bincount(point, minlength=8).astype(np.int64)
-    return PeriodSums(int(abscissa.size), field, points, np.asarray(day), parts, cuts)
+    speeds = [speed_counts(reports.airspeed) for reports in sets]
+    return PeriodSums(int(abscissa.size), field, points, np.asarray(day), parts, cuts, speeds)
 
 
 def mean_field(periods: list[PeriodSums]) -> float:
@@ -201,6 +207,21 @@ def mean_field(periods: list[PeriodSums]) -> float:
     known = [(one.field, one.reports) for one in periods if np.isfinite(one.field)]
     total = sum(number for _, number in known)
     return sum(field * number for field, number in known) / total if total else np.nan
+
+
+def durations_of(periods: list[PeriodSums]) -> list[int]:
+    """Seconds a block of each member would last, were the aircraft fitted to all reports.
+
+    Parameters
+    ----------
+    periods : list of PeriodSums
+
+    Returns
+    -------
+    list of int
+    """
+    members = zip(*(one.speeds for one in periods), strict=True)
+    return [duration_of(np.sum(counts, axis=0)) for counts in members]
 
 
 def merged_fit(
@@ -252,7 +273,7 @@ def merged_fit(
     found = finish(theta, free, normal, kappa, parts, days, True, by_flight)
     if not abs(np.log(found.rms_after / base.rms)) <= scatter:
         return None
-    return replace(found, blocks=blocks, scatters=base.scatters, airspeeds=base.airspeeds)
+    return replace(found, blocks=blocks, scatters=base.scatters, durations=base.durations)
 
 
 def _ratio(one: float, other: float) -> float:

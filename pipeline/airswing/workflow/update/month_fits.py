@@ -44,6 +44,7 @@ from airswing.compass.kept_sums.packed import (
 from airswing.compass.kept_sums.period_sums import (
     Base,
     PeriodSums,
+    durations_of,
     mean_field,
     merged_fit,
     sum_period,
@@ -259,6 +260,8 @@ class _Fleet:
         reports = sum(one.reports for one in periods)
         if not near and reports // MIDDLE != base.reports // MIDDLE:
             return None  # a fit would take its scatter from other reports, and weigh by that
+        if not near and durations_of(periods) != base.durations:
+            return None  # a fit would cut its blocks otherwise
         flights = sum(one.day.size for one in periods)
         counts = np.sum([one.points for one in periods], axis=0)
         points = int(np.count_nonzero(counts >= max(3, 0.002 * reports)))

@@ -44,7 +44,7 @@ def mark_of(base: Base) -> str:
     -------
     str
     """
-    told = repr((base.scatters, base.field, base.airspeeds, base.few, base.rms, base.reports))
+    told = repr((base.scatters, base.field, base.durations, base.few, base.rms, base.reports))
     return digest(base.theta.tobytes(), base.free.tobytes(), told.encode()).hex()
 
 
