@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from airswing.report.html.svg_panel import Panel
-from airswing.report.run.compass_panels import DRAWN, large_panel, small_panels
+from airswing.report.run.compass_panels import DRAWN, large_panel, shown_of, small_panels
 from airswing.report.run.evaluation_figures import profile_panels
 from tests.report import factories
 
@@ -76,12 +76,11 @@ def test_a_name_is_escaped() -> None:
 
 def test_an_aircraft_is_drawn_as_it_was_fitted() -> None:
     headings, fits = factories.headings(reports=2000), factories.fits()
-    small, refused = (
-        ET.fromstring(str(p)) for p in small_panels(headings, fits, ["N402", "N406"], "ruc")
-    )
+    both = [shown_of(headings, fits, name, "ruc") for name in ("N402", "N406")]
+    small, refused = (ET.fromstring(str(p)) for p in small_panels(both, "ruc"))
     assert "N402: heading error" in small.get("aria-label")
     assert 'stroke-dasharray="6 4"' in ET.tostring(refused, "unicode")  # not to be trusted
-    shown = str(large_panel(headings, fits, "N402", "ruc"))
+    shown = str(large_panel(both[0], fits, "ruc"))
     one = ET.fromstring(re.search(r"<svg viewBox.*</svg>", shown).group())
     dots, curve = (
         next(p.get("d") for p in one.iter("path") if p.get(key) == value)

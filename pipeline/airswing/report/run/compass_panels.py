@@ -53,7 +53,7 @@ _LOOK = (
 )
 
 
-class _Shown(NamedTuple):
+class Shown(NamedTuple):
     """What a panel shows of one aircraft; degrees."""
 
     name: str
@@ -65,21 +65,20 @@ class _Shown(NamedTuple):
 
     @property
     def limit(self) -> float:
+        """Half height of a panel of its own, degrees."""
         return error_limit(self.error, self.curve)
 
 
-def _shown(headings: xr.Dataset, fits: xr.Dataset, name: str, reference: str) -> _Shown:
+def shown_of(headings: xr.Dataset, fits: xr.Dataset, name: str, reference: str) -> Shown:
+    """What the panels of one aircraft show, read once for the small one and the larger."""
     heading, error = compass_points(headings, fits, name, reference)
     fit = one_fit(fits, name, reference)
     curve, standard_error = curve_with_error(fit, _GRID)
-    return _Shown(name, heading, error, fit, curve, NORMAL_95 * standard_error)
+    return Shown(name, heading, error, fit, curve, NORMAL_95 * standard_error)
 
 
-def small_panels(
-    headings: xr.Dataset, fits: xr.Dataset, aircraft: Sequence[str], reference: str
-) -> list[Markup]:
+def small_panels(shown: Sequence[Shown], reference: str) -> list[Markup]:
     """A small panel an aircraft, on one scale."""
-    shown = [_shown(headings, fits, name, reference) for name in aircraft]
     limit = min(max((one.limit for one in shown), default=5.0), WIDEST)
     panels = []
     for one in shown:
@@ -103,20 +102,19 @@ def small_caption(fits: xr.Dataset, number: int, reference: str) -> str:
     )
 
 
-def large_panel(headings: xr.Dataset, fits: xr.Dataset, name: str, reference: str) -> Markup:
+def large_panel(one: Shown, fits: xr.Dataset, reference: str) -> Markup:
     """One aircraft's heading error, as wide as the page.
 
     Parameters
     ----------
-    headings, fits : Dataset
-    name : str
-        Of the aircraft.
+    one : Shown
+    fits : Dataset
+        Of the fleet, for the reference's bias.
     reference : str
     """
-    one = _shown(headings, fits, name, reference)
     panel = Panel((920, 380), (58, 16, 30, 48), x=(0.0, 360.0), y=(-one.limit, one.limit))
     panel.scales([(at, f"{at}") for at in range(0, 361, 45)])
-    title = f"{name} against {reference}:  {fit_words(one.fit)}"
+    title = f"{one.name} against {reference}:  {fit_words(one.fit)}"
     panel.words(58, 19, title, points=14, at="start", more=' font-weight="bold"')
     panel.words(480, 372, "indicated magnetic heading (degree)", points=13)
     turned = ' transform="rotate(-90 16 180)"'
@@ -131,7 +129,7 @@ def large_panel(headings: xr.Dataset, fits: xr.Dataset, name: str, reference: st
     return drawing([panel.svg(_said(one, reference))], caption + state, columns=1)
 
 
-def _said(one: _Shown, reference: str) -> str:
+def _said(one: Shown, reference: str) -> str:
     flights = plural(int(one.fit["flight_count"]), "flight")
     state = "" if published(one.fit["status"]) else f" ({status_words(one.fit['status'])})"
     return (
@@ -140,7 +138,7 @@ def _said(one: _Shown, reference: str) -> str:
     )
 
 
-def _draw(panel: Panel, one: _Shown, bins: Binned, *, small: bool) -> None:
+def _draw(panel: Panel, one: Shown, bins: Binned, *, small: bool) -> None:
     step = max(-(-one.heading.size // (DRAWN_SMALL if small else DRAWN)), 1)
     drawn = slice(None, None, step)
     opacity = 0.35 if one.heading.size > DRAWN else 0.55

@@ -37,7 +37,12 @@ from airswing.report.html.embed import embedded
 from airswing.report.html.style import plural
 from airswing.report.run import compass_figures as compass
 from airswing.report.run import overview
-from airswing.report.run.compass_panels import large_panel, small_caption, small_panels
+from airswing.report.run.compass_panels import (
+    large_panel,
+    shown_of,
+    small_caption,
+    small_panels,
+)
 from airswing.report.run.evaluation_sections import (
     field_test_section,
     profiles_section,
@@ -57,7 +62,7 @@ from airswing.report.run.page_numbers import (
 )
 from airswing.report.run.reading_warnings import model_reasons, reading_warnings, tally
 from airswing.report.run.report_errors import report_errors_section
-from airswing.report.run.selection import adds_error, headline_reference, one_fit, tails
+from airswing.report.run.selection import adds_error, headline_reference, tails
 from airswing.report.run.stability_sections import ranking_section, stability_section
 from airswing.version import __version__
 
@@ -240,7 +245,8 @@ def _corrections_section(fits: xr.Dataset, reference: str, summary: Mapping[str,
 def _curves_section(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> Section:
     order = overview.by_amplitude(fits, reference)
     small, large = order[:SMALL_PANELS], order[:LARGE_PANELS]
-    panels = small_panels(headings, fits, small, reference)
+    found = {name: shown_of(headings, fits, name, reference) for name in small}
+    panels = small_panels(list(found.values()), reference)
     parts: list[Markup] = []
     for start in range(0, len(small), SMALL_TOGETHER):
         names = small[start : start + SMALL_TOGETHER]
@@ -258,8 +264,8 @@ def _curves_section(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> S
             )
         )
     for index, name in enumerate(large):
-        words = compass.fit_words(one_fit(fits, name, reference))
-        shown = large_panel(headings, fits, name, reference)
+        words = compass.fit_words(found[name].fit)
+        shown = large_panel(found[name], fits, reference)
         parts.append(folded(f"{name}: {words}", [shown], unfolded=index == 0))
     lead = (
         "Heading error is the indicated heading minus the heading that the reference wind "
