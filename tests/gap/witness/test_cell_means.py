@@ -61,6 +61,43 @@ def test_values_are_those_of_one_mixed_model(some):
     assert sums.explained(values, 1) == pytest.approx(gained / sums.factor, rel=1e-5)
 
 
+def test_a_table_of_whole_days_is_least_squares_with_its_own_covariance(some):
+    """Days scatter the scores instead of being fitted beside the table."""
+    made, noise, fields, lasting, day = model_of(some)
+    cells, (cross, _) = day // 2, unit_vectors(some.heading)
+    sums = made.sums(
+        cells,
+        2,
+        cross,
+        weights=made.weigh(some.residual),
+        fold=np.array([0, 1, 1]),
+        whole_days=True,
+    )
+    m, use = noise.model, noise.gains.weight > 0
+    variance = reports_to_one(noise) * (m.correlated_sd**2 + m.white_sd**2)
+
+    def flat(columns):
+        scaled = columns[use] * noise.gains.scale[use, None, None] / np.sqrt(variance)
+        return scaled.reshape(2 * use.sum(), -1)
+
+    prior = np.r_[np.full(lasting.shape[-1] - 2, 0.05), np.square(SLOPE_SD)]
+    steady = flat(lasting)
+    x = flat(np.stack([cross * (cells == k)[:, None] for k in range(2)], -1))
+    days = [flat(fields * (day == d)[:, None, None]) * np.sqrt(0.3) for d in range(3)]
+    days = np.concatenate(days, axis=1)
+    both = np.concatenate([steady, x], axis=1)
+    normal = both.T @ both + np.diag(np.r_[1 / prior, 0, 0])
+    hat = np.linalg.solve(normal, both.T)
+    r = flat(some.residual[..., None])[:, 0]
+    estimate = (hat @ r)[-2:]
+    known = np.concatenate([days, steady * np.sqrt(prior)], axis=1)
+    spread = hat @ (np.eye(r.size) + known @ known.T) @ hat.T
+    gram, score = sums.of_table(np.array([True, True]))
+    np.testing.assert_allclose(np.linalg.solve(gram, score), estimate, rtol=1e-5)
+    np.testing.assert_allclose(np.linalg.inv(gram), spread[-2:, -2:], rtol=1e-4)
+    assert 0 < sums.lasting_share < 1
+
+
 def test_reports_to_one_is_the_mean_sum_of_correlations(some):
     noise = noise_of(some)
     total, m = 0.0, noise.model

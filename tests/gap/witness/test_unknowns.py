@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 from tests.gap.toy import make_frame, noise_of
+from tests.gap.witness.test_learned import setting_of
 
-from airswing.gap.archive.reported_variables import KINDS
+from airswing.gap.archive.reported_variables import KINDS, Variable
 from airswing.gap.archive.value_tables import Grid, axis_of
 from airswing.gap.design.basis import unit_vectors
 from airswing.gap.design.weather import climatology_columns, day_field_columns, slope_columns
@@ -16,8 +17,12 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise.whitening import whiten
 from airswing.gap.result.effect_entries import active_effects
 from airswing.gap.sums.variance_components import SLOPE_SD, Variances
+from airswing.gap.witness.bench import Bench
+from airswing.gap.witness.fitted_tables import LEAST_EVIDENCE, fitted, left_out, stands
 from airswing.gap.witness.ground import BACKGROUND, plain_sums, prepare, steady_columns
 from airswing.gap.witness.scan import SIZES, evidence
+from airswing.gap.witness.taken_off import without
+from airswing.gap.witness.unknowns import weighed
 
 SMALL = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "tas_scale")}
 
@@ -140,6 +145,47 @@ def test_the_loop_closes(told):
     left = np.hypot(sent.u_rep - frame.u_rep, sent.v_rep - frame.v_rep)
     was = np.hypot(bare.u_rep - frame.u_rep, bare.v_rep - frame.v_rep)
     assert (left**2).mean() < 0.35 * (was**2).mean()
+
+
+def test_an_error_along_the_wind_that_grows_with_the_date_shows_in_means_of_days():
+    """All aircraft share it and on one day it is smooth in place, as the weather's own error is."""
+    frame = make_frame(seed=6, aircraft=4, days=24, noise=0.3, model_error=1.0)
+    date = (frame.time - frame.epoch) / 86400
+    _, day = np.unique(frame.day, return_inverse=True)
+    mean = [np.bincount(day, wind) for wind in (frame.u_ref, frame.v_ref)]
+    unit = (np.stack(mean) / np.hypot(*mean)).T[day]
+    grown = 5.0 * np.clip(date / 24 - 0.5, 0, None)[:, None] * unit
+    struck = without(frame, frame.residual - grown)
+    for archive, raised in ((struck, True), (frame, False)):
+        setting = setting_of(archive)
+        bench = Bench.of(setting, archive.residual)
+        axis = axis_of(bench.variables["date"], KINDS["date"][1])
+        told = weighed(bench, Grid((axis,)), "along_wind")
+        assert (told.nats > LEAST_EVIDENCE) is raised
+        if not raised:
+            continue
+        assert told.by_means
+        made = fitted(bench, told, np.arange(day.max() + 1) // 7)
+        assert stands(made) and made.tails == (0, 1, 2, 3)
+        cells = bench.cells(made.grid)
+        true = [-np.hypot(*grown[cells == k].T).mean() for k in range(made.grid.size)]
+        np.testing.assert_allclose(made.values[0], true, atol=0.5)
+        assert np.corrcoef(made.values[0], true)[0, 1] > 0.9
+
+
+def test_a_table_by_date_is_judged_on_days_between_those_that_tell_it():
+    axes = {
+        name: axis_of(Variable(name, "linear", np.arange(24.0)), 4) for name in ("date", "altitude")
+    }
+    weeks = np.arange(28) // 7
+    assert left_out(Grid((axes["altitude"],)), np.arange(35) // 7).tolist() == [
+        k // 7 for k in range(35)
+    ]
+    for fold in (weeks, np.arange(14) // 5):
+        dealt = left_out(Grid((axes["date"],)), fold)
+        assert dealt[:12].tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 0, 0]
+    short = left_out(Grid((axes["altitude"],)), np.arange(14) // 5)
+    assert np.all(np.diff(short) >= 0) and np.bincount(short).tolist() == [3, 3, 3, 3, 2]
 
 
 def test_kinds_have_cells_of_their_own():

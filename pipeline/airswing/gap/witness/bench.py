@@ -30,7 +30,7 @@ from airswing.gap.sums.variance_components import Variances
 from airswing.gap.witness.cell_means import CellModel, CellSums, Weights
 from airswing.gap.witness.ground import Ground, Left, Sums, plain_sums, prepare
 from airswing.gap.witness.null import drawn_errors, small_scale_slope
-from airswing.gap.witness.scan import Weighed, weigh
+from airswing.gap.witness.scan import Weighed, evidence, weigh
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -41,6 +41,10 @@ PERSISTENT = 0.04
 FLEET_PERSISTENT = 0.12
 #: The same of tables by the reported wind: what simulated archives have otherwise than real ones.
 REPORTED_PERSISTENT = 0.25
+#: The same of means by drift, which holds a part of the wind's error: 0.2 m/s on every null.
+DRIFT_PERSISTENT = 0.25
+#: Days between which scores of a table's means are taken for independent.
+BLOCK = 3
 
 
 @dataclass(frozen=True)
@@ -300,7 +304,7 @@ class Bench:
         CellSums
         """
         here = np.isin(self.setting.frame.aircraft, own)
-        model = self.setting.cell_model
+        model, whole_days = self.setting.cell_model, "date" in grid.variables
 
         def of(k: int) -> CellSums:
             cells = self.cells(grid) if k == 0 else grid.cells(self.told(grid, k - 1))
@@ -309,7 +313,12 @@ class Bench:
                 self.weighed_residuals[k] = model.weigh(self.residuals[k])
             weights = self.weighed_residuals[k]
             return model.sums(
-                np.where(here, cells, -1), grid.size, direction, weights=weights, fold=fold
+                np.where(here, cells, -1),
+                grid.size,
+                direction,
+                weights=weights,
+                fold=fold,
+                whole_days=whole_days,
             )
 
         if not stands_on_report(grid):
@@ -341,6 +350,26 @@ class Bench:
         fleet = np.hypot(own, FLEET_PERSISTENT * np.sqrt(sums.lasting_share))
         prior = self.prior(grid, component, sums)
         return weigh(sums, prior, fleet_error=float(fleet), error=own, spread=spread), sums
+
+    def weigh_means(self, grid: Grid, component: str) -> float:
+        """Evidence of a table of the whole fleet from its cells' means, nats.
+
+        What changes along a flight tells little of an effect in the frame of the wind, whose
+        direction hardly does; from day to day it turns, as errors fixed in place do not.
+        """
+        days = np.arange(int(self.setting.day.max()) + 1)
+        fleet = range(len(self.setting.frame.tails))
+        sums = self.cell_sums(grid, component, fleet, days // BLOCK)
+        gram, score = sums.of_table(np.ones(sums.score.shape[0], bool))
+        own = DRIFT_PERSISTENT if "drift" in grid.variables else PERSISTENT
+        found, _ = evidence(
+            gram,
+            score[None],
+            np.asarray(grid.prior()) / self.scale(component) ** 2,
+            error=float(np.hypot(own, FLEET_PERSISTENT * np.sqrt(sums.lasting_share))),
+            factor=np.array([max(sums.factor, 1.0)]),
+        )
+        return float(found[0])
 
     def persistent(self, grid: Grid, tails: Sequence[int]) -> float:
         """Error of the reference that lasts in a table of some aircraft or of all, m/s."""

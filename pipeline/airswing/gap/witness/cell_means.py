@@ -58,6 +58,8 @@ class CellSums:
         Of simulated archives, in cells of their own.
     share : float
         Part of what these show by themselves that is taken off.
+    scatter : (F, s + k, s + k) float or None
+        Covariance of the scores, where the days' fields are not eliminated but scatter them.
     """
 
     gram: Floats
@@ -65,6 +67,7 @@ class CellSums:
     prior: Floats
     simulated: tuple[CellSums, ...] = ()
     share: float = 0.0
+    scatter: Floats | None = None
 
     @property
     def factor(self) -> float:
@@ -74,8 +77,16 @@ class CellSums:
         ridge = np.diag(np.r_[self.prior, np.full(gram.shape[0] - s, 1e-6 * np.trace(gram))])
         best = np.linalg.solve(gram + ridge, self.score.sum(axis=0))
         apart = self.score - self.gram @ best
-        expected = np.diagonal(self.gram, axis1=1, axis2=2)[:, s:].sum() * (1 - 1 / number)
+        spread = self.gram if self.scatter is None else self.scatter
+        expected = np.diagonal(spread, axis1=1, axis2=2)[:, s:].sum() * (1 - 1 / number)
         return float(np.clip((apart[:, s:] ** 2).sum() / max(expected, 1e-9), *FACTORS))
+
+    @property
+    def lasting_share(self) -> float:
+        """Part of the cells' X'X that what lasts takes up."""
+        whole = float(np.trace(self.gram.sum(axis=0)[self.prior.size :, self.prior.size :]))
+        left = self._beside_lasting(np.ones(self.score.shape[0], bool))[0]
+        return float(np.clip(1 - np.trace(left) / max(whole, 1e-12), 0.0, 1.0))
 
     def explained(self, values: Floats, fold: int) -> float:
         """Energy that values fitted without a fold explain of it, in units of the noise."""
@@ -84,14 +95,28 @@ class CellSums:
 
     def of_table(self, keep: NDArray[np.bool_]) -> tuple[Floats, Floats]:
         """Sums of the cells alone over some folds, (k, k) and (k,), what lasts eliminated."""
+        left, own, part = self._beside_lasting(keep)
+        if self.simulated:
+            alike = [one._beside_lasting(keep)[1] for one in self.simulated]
+            own = own - self.share * np.mean(alike, axis=0)
+        if self.scatter is None:
+            return left, own
+        # least squares, and the covariance it has: information A M^-1 A about its estimate
+        s, noise = self.prior.size, self.scatter[keep].sum(axis=0)
+        noise[:s, :s] += np.diag(self.prior)
+        turn = np.concatenate([-part, np.eye(left.shape[0])], axis=1)
+        noise = turn @ noise @ turn.T
+        noise += np.eye(left.shape[0]) * max(1e-9 * np.trace(noise), 1e-12)
+        told = np.linalg.solve(noise, np.column_stack([left, own]))
+        return left @ told[:, :-1], left @ told[:, -1]
+
+    def _beside_lasting(self, keep: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
+        """X'X and X'r of the cells, what lasts eliminated, and the part of it in each cell."""
         s = self.prior.size
         gram, score = self.gram[keep].sum(axis=0), self.score[keep].sum(axis=0)
         gram[:s, :s] += np.diag(self.prior)
         part = np.linalg.solve(gram[:s, :s], gram[:s, s:]).T
-        own = score[s:] - part @ score[:s]
-        if self.simulated:
-            own -= self.share * np.mean([one.of_table(keep)[1] for one in self.simulated], axis=0)
-        return gram[s:, s:] - part @ gram[:s, s:], own
+        return gram[s:, s:] - part @ gram[:s, s:], score[s:] - part @ score[:s], part
 
 
 @dataclass(frozen=True)
@@ -125,6 +150,8 @@ class CellModel:
         Inverse Cholesky factor of the day fields' normal matrix.
     gram : (D, q + s, q + s) float
     prior : (s,) float
+    of_days : (q,) float
+        Variances of the day fields, m2 s-2.
     """
 
     weight: Floats
@@ -133,6 +160,7 @@ class CellModel:
     root: Floats
     gram: Floats
     prior: Floats
+    of_days: Floats
 
     @classmethod
     def of(
@@ -160,7 +188,7 @@ class CellModel:
         normal = gram[:, :q, :q] + np.diag(1 / variances.day)
         root = np.linalg.inv(np.linalg.cholesky(normal))
         prior = np.r_[1 / variances.climatology, 1 / np.square(SLOPE_SD)]
-        return cls(weight, columns.astype(np.float32), day, root, gram, prior)
+        return cls(weight, columns.astype(np.float32), day, root, gram, prior, variances.day)
 
     def weigh(self, residual: Floats) -> Weights:
         """Weigh a residual, (n, 2) m/s."""
@@ -171,7 +199,14 @@ class CellModel:
         return Weights(values, self._by_day(sums, self.day, self.root.shape[0]))
 
     def sums(
-        self, cells: Integers, size: int, direction: Floats, *, weights: Weights, fold: Integers
+        self,
+        cells: Integers,
+        size: int,
+        direction: Floats,
+        *,
+        weights: Weights,
+        fold: Integers,
+        whole_days: bool = False,
     ) -> CellSums:
         """Sums of a table.
 
@@ -187,6 +222,10 @@ class CellModel:
             The residual.
         fold : (D,) int
             Fold of every day.
+        whole_days : bool
+            Whether the table changes from day to day, not within one. Beside fields of each day
+            it would then rest on the little of its direction's change that these do not follow,
+            which the reference knows least: the fields are left in, as scatter of its scores.
 
         Returns
         -------
@@ -194,7 +233,7 @@ class CellModel:
         """
         days, q, _ = self.root.shape
         s, k = self.prior.size, size
-        weighed, beside = weights.values, weights.beside
+        weighed = weights.values
         known = np.flatnonzero((cells >= 0) & (self.weight > 0))
         unit = direction[known] * self.weight[known, None]
         told = np.column_stack(
@@ -207,19 +246,23 @@ class CellModel:
         by_cell = self._by_day(told, self.day[known] * k + cells[known], days * k)
         by_cell = by_cell.reshape(days, k, -1)
         gram = np.zeros((int(fold.max()) + 1, s + k, s + k))
-        score = np.zeros((gram.shape[0], s + k))
+        score, scatter = np.zeros((gram.shape[0], s + k)), np.zeros_like(gram)
         for d in range(days):
             own = by_cell[d]
-            shared = self.root[d] @ np.concatenate([self.gram[d, :q, q:], own[:, :q].T], axis=1)
+            beside = np.concatenate([self.gram[d, :q, q:], own[:, :q].T], axis=1)
             whole = gram[fold[d]]
             whole[:s, :s] += self.gram[d, q:, q:]
             whole[s:, :s] += own[:, q : q + s]
             whole[:s, s:] += own[:, q : q + s].T
             whole[s:, s:] += np.diag(own[:, -1])
-            whole -= shared.T @ shared
-            score[fold[d]] += np.r_[beside[d, q:], own[:, -2]]
-            score[fold[d]] -= shared.T @ (self.root[d] @ beside[d, :q])
-        return CellSums(gram, score, self.prior)
+            score[fold[d]] += np.r_[weights.beside[d, q:], own[:, -2]]
+            if whole_days:
+                scatter[fold[d]] += (beside.T * self.of_days) @ beside
+            else:
+                shared = self.root[d] @ beside
+                whole -= shared.T @ shared
+                score[fold[d]] -= shared.T @ (self.root[d] @ weights.beside[d, :q])
+        return CellSums(gram, score, self.prior, scatter=scatter + gram if whole_days else None)
 
     @staticmethod
     def _by_day(values: Floats, key: Integers, length: int) -> Floats:

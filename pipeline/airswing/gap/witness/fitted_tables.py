@@ -35,6 +35,8 @@ LEAST_EVIDENCE = 6.0
 LEAST_SIZE = (0.08, 0.25)
 #: Prior variance of a table's mean when it is fitted, in those of its values.
 MEAN = 4.0
+#: Days left out together of a table by date; folds at least, for a standard error between them.
+DATE_BLOCK, LEAST_FOLDS = 2, 5
 #: Bound on single residuals where explained energies are compared, m/s.
 BOUND = 12.0
 
@@ -102,6 +104,8 @@ class Candidate:
     grid : Grid
     weighed : Weighed
     sums : Sums
+    by_means : bool
+        Whether it is the evidence of its cells' means, which must then confirm it.
     """
 
     nats: float
@@ -109,6 +113,7 @@ class Candidate:
     grid: Grid
     weighed: Weighed
     sums: Sums
+    by_means: bool = False
 
 
 def struck(candidate: Candidate) -> tuple[int, ...]:
@@ -116,7 +121,7 @@ def struck(candidate: Candidate) -> tuple[int, ...]:
     found = candidate.weighed
     own = found.by_aircraft[0]
     aircraft = own.size
-    if found.single[0] < LEAST_EVIDENCE:
+    if candidate.by_means or found.single[0] < LEAST_EVIDENCE:
         return tuple(range(aircraft))
     if candidate.sums.apart is not None and found.fleet[0] >= found.single[0]:
         return tuple(range(aircraft))
@@ -133,6 +138,7 @@ def struck(candidate: Candidate) -> tuple[int, ...]:
 
 def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None:
     """Fit a table on the whole archive and without each fold."""
+    fold = left_out(candidate.grid, fold)
     tails = struck(candidate)
     if not tails:
         return None
@@ -157,7 +163,7 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
         for f in range(energy.size):
             by_fold[f, group], _ = cell_values(means, prior, without=f)
             plain[f] += means.explained(by_fold[f, group[0]], f)
-    if stands_on_report(candidate.grid):
+    if candidate.by_means or stands_on_report(candidate.grid):
         energy = plain
     size, peak = sizes(bench, candidate, values, own)
     return Unknown(
@@ -174,6 +180,20 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
         0.5 * float(energy.sum()),
         0.5 * float(energy.std(ddof=1) * np.sqrt(energy.size)),
     )
+
+
+def left_out(grid: Grid, fold: Integers) -> Integers:
+    """Folds in which a table is judged: weeks; of a short archive some days each.
+
+    Of a table by date days are dealt in turn: a week that is left out would leave nothing to tell
+    what its own cells hold.
+    """
+    days, number = fold.size, int(fold.max()) + 1
+    if "date" in grid.variables:
+        return np.asarray(np.arange(days) // DATE_BLOCK % max(number, LEAST_FOLDS))
+    if number < LEAST_FOLDS <= days:
+        return np.asarray(np.arange(days) * LEAST_FOLDS // days)
+    return fold
 
 
 def _shared_sums(candidate: Candidate, own: Sequence[int]) -> tuple[Floats, Floats]:
@@ -279,15 +299,16 @@ def merged(bench: Bench, unknown: Unknown, *, over: int | None = None) -> Unknow
     return replace(unknown, values=unknown.values @ mean, by_fold=unknown.by_fold @ mean)
 
 
-def field_of(bench: Bench, unknown: Unknown, fold_of_report: Integers | None = None) -> Floats:
-    """Error that an unknown makes at every report, (n, 2), m/s; held out where folds are given."""
+def field_of(bench: Bench, unknown: Unknown, fold: Integers | None = None) -> Floats:
+    """Error an unknown makes at every report, (n, 2), m/s; held out where days have folds, (D,)."""
     cells = bench.cells(unknown.grid)
     aircraft = bench.setting.frame.aircraft
     safe = np.maximum(cells, 0)
-    if fold_of_report is None:
+    if fold is None:
         value = unknown.values[aircraft, safe]
     else:
-        value = unknown.by_fold[fold_of_report, aircraft, safe]
+        day_fold = left_out(unknown.grid, fold)
+        value = unknown.by_fold[day_fold[bench.setting.day], aircraft, safe]
     value = np.where(cells >= 0, value, 0.0)
     return np.asarray(value[:, None] * bench.direction_for(unknown.grid, unknown.component))
 

@@ -174,8 +174,7 @@ def _best(bench: Bench, ranked: Sequence[Candidate], fold: Integers) -> Unknown 
     tables = [table for table in made if table is not None]
     if len(tables) < 2:
         return tables[0] if tables else None
-    day = fold[bench.setting.day]
-    return max(tables, key=lambda table: explained(bench, field_of(bench, table, day)))
+    return max(tables, key=lambda table: explained(bench, field_of(bench, table, fold)))
 
 
 def _taken(
@@ -192,7 +191,7 @@ def _taken(
     frame = setting.frame
     rivals = tuple((c.nats, c.component, c.grid.variables) for c in ranked[:6])
     unknown = replace(unknown, rivals=rivals)
-    error = field_of(bench, unknown, fold[setting.day])
+    error = field_of(bench, unknown, fold)
     zero = np.zeros_like(error)
     sensor = unknown.component.startswith(("across_heading", "heading", "along_heading", "air"))
     left = take_off(frame, error if sensor else zero, zero if sensor else error)
@@ -200,17 +199,17 @@ def _taken(
     if saved.mean() <= 0.0:  # the table would have the simulation part further from the reports
         return None
     near, share = nearest(setting.quiet, effects, error, unknown.tails)
-    drawn = _drawn(bench, unknown, sensor, missed(bench, unknown, fold[setting.day]))
+    drawn = _drawn(bench, unknown, sensor, missed(bench, unknown, fold))
     return Taken(unknown, saved, drawn, near, share), without(frame, left)
 
 
-def missed(bench: Bench, unknown: Unknown, fold_of_report: Integers) -> float:
+def missed(bench: Bench, unknown: Unknown, fold: Integers) -> float:
     """Share of what a table closes that it misses: by its cells, and by its variables.
 
     Cells twice as wide miss about twice as much of an edge, and four times as much of a slope.
     """
-    wide = explained(bench, field_of(bench, merged(bench, unknown), fold_of_report))
-    own = explained(bench, field_of(bench, unknown, fold_of_report))
+    wide = explained(bench, field_of(bench, merged(bench, unknown), fold))
+    own = explained(bench, field_of(bench, unknown, fold))
     cells = float(np.clip(1 - wide / own, 0.0, 1.0)) if own > 0 else 1.0
     return cells + max(KNOWN_ROUGHLY.get(name, MISSED) for name in unknown.grid.variables)
 
@@ -246,7 +245,7 @@ def _drawn(bench: Bench, unknown: Unknown, sensor: bool, missed_share: float) ->
 
 def _leads(bench: Bench, unknown: Unknown, errors: Floats, fold: Integers) -> bool:
     """Whether a table alone explains more than all names together."""
-    own = explained(bench, field_of(bench, unknown, fold[bench.setting.day]))
+    own = explained(bench, field_of(bench, unknown, fold))
     return own > LEADS * explained(bench, errors)
 
 

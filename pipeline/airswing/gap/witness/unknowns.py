@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.reported_variables import KINDS
 from airswing.gap.archive.value_tables import COMPONENTS, SCALED, Axis, Grid, axis_of
-from airswing.gap.witness.bench import Bench
+from airswing.gap.witness.bench import Bench, stands_on_report
 from airswing.gap.witness.fitted_tables import (
     LEAST_EVIDENCE,
     Candidate,
@@ -59,7 +59,9 @@ FINE_CELLS = {"circular": 16, "linear": 10, "category": 3}
 def weighed(bench: Bench, grid: Grid, component: str) -> Candidate:
     """Weigh one table: of the fleet or of some aircraft, whichever tells more."""
     found, sums = bench.weigh(grid, component)
-    return Candidate(float(max(found.fleet[0], found.single[0])), component, grid, found, sums)
+    changes = float(max(found.fleet[0], found.single[0]))
+    means = -np.inf if stands_on_report(grid) else bench.weigh_means(grid, component)
+    return Candidate(max(changes, means), component, grid, found, sums, means > changes)
 
 
 def curves(bench: Bench) -> list[Candidate]:
@@ -114,7 +116,6 @@ def refined(bench: Bench, best: Candidate, fold: Integers) -> Unknown | None:
 
 def _of_likes(bench: Bench, pair: Unknown, fold: Integers) -> Unknown:
     """A pair, each of its variables the one of its like that explains most of weeks left out."""
-    day = fold[bench.setting.day]
     for place in range(2):
         name = pair.grid.variables[place]
         likes = next((group for group in LIKES if name in group), ())
@@ -124,15 +125,14 @@ def _of_likes(bench: Bench, pair: Unknown, fold: Integers) -> Unknown:
             table = fitted(bench, weighed(bench, Grid((axes[0], axes[1])), pair.component), fold)
             if table is None:
                 continue
-            told, now = (explained(bench, field_of(bench, one, day)) for one in (table, pair))
+            told, now = (explained(bench, field_of(bench, one, fold)) for one in (table, pair))
             pair = table if told > now else pair
     return pair
 
 
 def _most_telling_first(bench: Bench, pair: Unknown, fold: Integers) -> Unknown:
     """The same pair, that variable first without which it would explain less."""
-    day = fold[bench.setting.day]
-    left = [explained(bench, field_of(bench, merged(bench, pair, over=k), day)) for k in range(2)]
+    left = [explained(bench, field_of(bench, merged(bench, pair, over=k), fold)) for k in range(2)]
     if left[0] <= left[1]:
         return pair
     one, other = pair.grid.axes
@@ -187,8 +187,7 @@ def _more_explaining(
     """The second of two tables where it explains clearly more on weeks left out, else the first."""
     if first is None or other is None:
         return first or other
-    day = fold[bench.setting.day]
-    one, two = (explained(bench, field_of(bench, table, day)) for table in (first, other))
+    one, two = (explained(bench, field_of(bench, table, fold)) for table in (first, other))
     return other if two > one + max(GAIN * abs(one), 1e-4) else first
 
 
