@@ -5,6 +5,12 @@ The synthetic archives share none of them: they are the independent truth.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:  # `airswing --help` does without numpy
+    import numpy as np
+    from numpy.typing import NDArray
+
 KNOT = 1852.0 / 3600.0
 """Metres a second in a knot: the international nautical mile an hour (BIPM, SI brochure)."""
 FOOT = 0.3048
@@ -22,3 +28,6 @@ NORMAL_95 = 1.959964
 
 Not 1.96: quantiles of Student's t are divided by it and tend to one.
 """
+
+Picked: TypeAlias = "slice | NDArray[np.bool_] | NDArray[np.signedinteger]"
+"""What picks rows of an array: a slice, a mask or their numbers."""

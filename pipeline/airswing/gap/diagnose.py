@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -31,6 +30,7 @@ from airswing.gap.closure.of_scatter import (
 )
 from airswing.gap.design.candidates import candidates
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.localisation import residual_maps, slices
 from airswing.gap.evidence.terms import given_terms
 from airswing.gap.held_out.attenuation import readout_factors
@@ -108,8 +108,8 @@ def _asked(headings: xr.Dataset, reference: str | Sequence[str] | None) -> str |
 
 
 def usable_effects(
-    frame: Frame, catalogue: Mapping[str, Any]
-) -> tuple[dict[str, Any], dict[str, str]]:
+    frame: Frame, catalogue: Mapping[str, Effect]
+) -> tuple[dict[str, Effect], dict[str, str]]:
     """Effects whose columns can be tested in an archive, and why the others cannot.
 
     Parameters
@@ -138,7 +138,7 @@ def diagnose(
     reports: xr.Dataset | Frame | Archive,
     *,
     reference: str | Sequence[str] | None = None,
-    catalogue: Mapping[str, Any] | None = None,
+    catalogue: Mapping[str, Effect] | None = None,
     rules: Rules | None = None,
     dictionary: bool = True,
     maps: bool = True,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from airswing.gap.design.basis import DictionaryPlan, plan_dictionary
 from airswing.gap.design.candidates import candidates
 from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.design.layout import make_layout
+from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.held_out.days_left_out import term_coefficients
 from airswing.gap.held_out.linearised import FoundFirst
@@ -52,7 +52,7 @@ class Pass:
 class Search:
     """What is looked for, and how."""
 
-    effects: Mapping[str, Any]
+    effects: Mapping[str, Effect]
     rules: Rules
     dictionary: bool
     seed: int

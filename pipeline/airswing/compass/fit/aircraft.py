@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +44,7 @@ from airswing.compass.fleet.flight_segments import (
     make_blocks,
     speed_counts,
 )
+from airswing.units import Picked
 
 THIN, MIDDLE = 1000, 4000
 """Reports a start takes: first to find the place, then to be near enough for one full pass."""
@@ -244,7 +244,7 @@ def spread_of(normal: Array, parts: list[PassSums], free: Index, kappa: float) -
     return np.asarray(np.sqrt(np.maximum(np.diagonal(solve(square, half.T)), 0.0)) / kappa)
 
 
-def _kept(free: Index, size: int) -> Any:
+def _kept(free: Index, size: int) -> Picked:
     """Places of the free parameters; all of them as a slice, which copies nothing."""
     return slice(None) if free.size == size else free
 

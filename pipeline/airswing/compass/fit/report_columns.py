@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from airswing.compass.fit.observations import Reports
 from airswing.compass.fleet.flight_segments import Places
 from airswing.products.ragged import row_bounds
+from airswing.units import Picked
 
 
 class Columns:
@@ -104,7 +105,7 @@ class Columns:
         places = [place.at(mask) for mask in masks]
         return sets, _days(self.time[row][some][first]), common[1][some], places, field
 
-    def _gain(self, row: slice, counted: Any) -> tuple[NDArray[np.floating[Any]], float]:
+    def _gain(self, row: slice, counted: Picked) -> tuple[NDArray[np.floating[Any]], float]:
         """Mean horizontal field of the reports that count over that of every report; the mean."""
         if self.field is None:
             return np.broadcast_to(np.float32(1.0), self.flight[row].shape), np.nan

@@ -25,6 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.units import Picked
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 LENGTH = 240e3
@@ -59,7 +61,7 @@ class Places:
     pressure: NDArray[np.floating[Any]]
     time: NDArray[np.datetime64]
 
-    def at(self, index: Any) -> Places:
+    def at(self, index: Picked) -> Places:
         """Those of some reports."""
         return Places(
             self.latitude[index], self.longitude[index], self.pressure[index], self.time[index]
@@ -155,7 +157,7 @@ class Blocks:
             and their segments never fall.
         """
         low, high = np.searchsorted(self.segment, (segments[0], segments[-1] + 1))
-        keep: Any = slice(int(low), int(high))
+        keep: Picked = slice(int(low), int(high))
         if segments[-1] - segments[0] >= segments.size or self.falls:
             keep = np.isin(self.segment, segments)
         return replace(
@@ -312,7 +314,7 @@ def blocks_of(
     for row, slopes in ((1, sums[3 : 3 + SLOPES]), (2, sums[3 + SLOPES :])):
         sums[row] += bias[row - 1] * sums[0] - step @ slopes
     heavy = (sums[0] > LEAST_WEIGHT) & np.isfinite(at.latitude + at.longitude + at.pressure)
-    keep: Any = slice(None) if heavy.all() else heavy  # mostly all: nothing to copy
+    keep: Picked = slice(None) if heavy.all() else heavy  # mostly all: nothing to copy
     at = at.at(keep)
     return Blocks(
         sums[:, keep].astype(np.float32),

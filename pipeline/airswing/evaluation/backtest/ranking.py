@@ -28,7 +28,7 @@ from airswing.evaluation.clustered_mean import cluster_sums, clustered_mean
 from airswing.evaluation.disagreement import reference_mean
 from airswing.flags import STATUS, published
 from airswing.products.ragged import blocks, row_bounds
-from airswing.units import KNOT
+from airswing.units import KNOT, Picked
 
 Floats = NDArray[np.float64]
 _FLOWN = (
@@ -70,7 +70,7 @@ class Flown:
     airspeed: Floats
     day: Floats
 
-    def take(self, chosen: Any) -> Flown:
+    def take(self, chosen: Picked) -> Flown:
         """Some of the reports."""
         return Flown(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 

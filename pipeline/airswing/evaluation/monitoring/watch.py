@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.evaluation.monitoring.daily_evidence import Names, Rows, daily_rows
@@ -202,7 +203,7 @@ def _compared(state: State) -> State:
     return replace(state, tables_differ=unlike, table_difference_deg=rms)
 
 
-def _alarms(rows: Rows, names: Any) -> list[Event]:
+def _alarms(rows: Rows, names: Names) -> list[Event]:
     """Steps of compasses and of disagreements, those of the reference among them."""
     used = rows.of(rows.count > 0)
     turned = watch_fleet(
@@ -240,7 +241,7 @@ def _explained(rise: Alarm, turned: list[Alarm]) -> bool:
     )
 
 
-def _compass_event(alarm: Alarm, names: Any) -> Event:
+def _compass_event(alarm: Alarm, names: Names) -> Event:
     degrees, error = np.degrees(alarm.step.size[:5]), np.degrees(alarm.step.error[:5])
     return _step_event(
         alarm,
@@ -256,13 +257,13 @@ def _compass_event(alarm: Alarm, names: Any) -> Event:
     )
 
 
-def _wind_event(alarm: Alarm, names: Any) -> Event:
+def _wind_event(alarm: Alarm, names: Names) -> Event:
     size, error = float(alarm.step.size[0]), float(alarm.step.error[0])
     evidence = {"factor": float(np.exp(size)), "standard_error": float(np.exp(size) * error)}
     return _step_event(alarm, names, "disagreement_rose", evidence | {"threshold": WIND.threshold})
 
 
-def _step_event(alarm: Alarm, names: Any, kind: Any, evidence: dict[str, Any]) -> Event:
+def _step_event(alarm: Alarm, names: Names, kind: Any, evidence: dict[str, Any]) -> Event:
     step, all_at_once = alarm.step, alarm.step.number < 0
     return Event(
         "reference_changed" if all_at_once else kind,
@@ -278,7 +279,9 @@ def _step_event(alarm: Alarm, names: Any, kind: Any, evidence: dict[str, Any]) -
     )
 
 
-def _presence(rows: Rows, names: Any, last: int, *, new: bool) -> tuple[Any, list[Event]]:
+def _presence(
+    rows: Rows, names: Names, last: int, *, new: bool
+) -> tuple[NDArray[np.bool_], list[Event]]:
     """Which aircraft are silent now, and events of aircraft that fell silent or are new."""
     found: list[Event] = []
     silent = np.zeros(names.size, dtype=np.bool_)
@@ -300,7 +303,7 @@ def _presence(rows: Rows, names: Any, last: int, *, new: bool) -> tuple[Any, lis
     return silent, found
 
 
-def _new_aircraft(rows: Rows, names: Any, seen: set[str]) -> list[Event]:
+def _new_aircraft(rows: Rows, names: Names, seen: set[str]) -> list[Event]:
     """Aircraft that the last look did not know."""
     begin = [rows.day[rows.aircraft == k] for k in range(names.size) if names[k] not in seen]
     who = [str(name) for name in names if name not in seen]
@@ -339,7 +342,11 @@ def _not_told(found: list[Event], before: Monitoring) -> list[Event]:
 
 
 def _states(
-    rows: Rows, names: Any, silent: Any, now: dict[str, UnitTable], in_use: dict[str, UnitTable]
+    rows: Rows,
+    names: Names,
+    silent: NDArray[np.bool_],
+    now: dict[str, UnitTable],
+    in_use: dict[str, UnitTable],
 ) -> list[State]:
     """How every aircraft that ever reported stands."""
     edges = np.searchsorted(rows.aircraft, np.arange(names.size + 1))

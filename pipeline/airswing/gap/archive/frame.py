@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -24,7 +23,7 @@ from airswing.errors import InputError
 from airswing.flags import PHASE, SCREENING
 from airswing.gap.archive.acceleration import acceleration_at_reports
 from airswing.gap.archive.headings_columns import AIRCRAFT_FIELDS, headings_columns
-from airswing.units import DAY, EARTH_RADIUS
+from airswing.units import DAY, EARTH_RADIUS, Picked
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -155,7 +154,7 @@ class Frame:
         """Reported minus reference wind, (n, 2), m s-1."""
         return np.stack([self.u_rep - self.u_ref, self.v_rep - self.v_ref], axis=-1)
 
-    def take(self, index: Any) -> Frame:
+    def take(self, index: Picked) -> Frame:
         """Take rows of the frame by integer index, slice or boolean mask, in the order given.
 
         Parameters

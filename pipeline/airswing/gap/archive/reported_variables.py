@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.physics.atmosphere import altitude_from_pressure
 
 Floats = NDArray[np.float64]
@@ -122,7 +123,7 @@ def cells_of(values: Floats, edges: Floats) -> Integers:
     return np.where(np.isfinite(values), cell, -1).astype(np.int64)
 
 
-def values_of(frame: Any, quiet: Any, name: str) -> Floats:
+def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
     """Values of a variable.
 
     Parameters
@@ -167,7 +168,9 @@ def values_of(frame: Any, quiet: Any, name: str) -> Floats:
     return np.asarray(simple[name](), np.float64)
 
 
-def record(frame: Any, quiet: Any, names: tuple[str, ...] = tuple(KINDS)) -> dict[str, Variable]:
+def record(
+    frame: Frame, quiet: Frame, names: tuple[str, ...] = tuple(KINDS)
+) -> dict[str, Variable]:
     """Variables that are known and vary.
 
     Parameters

@@ -11,11 +11,11 @@ Validity: a report that does not know a variable has no value. Values in the com
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import CATEGORIES, Variable, cells_of, values_of
 
 Floats = NDArray[np.float64]
@@ -123,7 +123,7 @@ class Grid:
 
 
 def table_values(
-    grid: Grid, table: Floats, frame: Any, *, u: Floats, v: Floats, heading: Floats
+    grid: Grid, table: Floats, frame: Frame, *, u: Floats, v: Floats, heading: Floats
 ) -> Floats:
     """Value of a table at every report, (n,); 0 where a variable is unknown.
 

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +38,7 @@ TERMS = 13
 """Terms of the large-scale wind."""
 
 
-def exogenous(frame: Frame, winds: LargeScale | None = None) -> Any:
+def exogenous(frame: Frame, winds: LargeScale | None = None) -> Frame:
     """Frame whose heading and airspeed may stand in design columns.
 
     Parameters

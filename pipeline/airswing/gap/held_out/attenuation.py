@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,7 +150,7 @@ def _regressed(
     return float(fit.coefficients[-1]), float(np.sqrt(fit.covariance[-1, -1]))
 
 
-def with_large_scale_tendency(frame: Frame) -> Any:
+def with_large_scale_tendency(frame: Frame) -> Frame:
     """Frame whose tendency is that of the reported winds' large-scale part, day by day.
 
     Parameters

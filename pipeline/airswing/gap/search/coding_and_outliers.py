@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.simulation.forward import Coding, draw_noise
@@ -154,7 +155,7 @@ def coarsest(values: Floats, steps: tuple[float, ...], *, base: float) -> tuple[
     return base, 1.0
 
 
-def wind_coding(frame: Any) -> MomentVerdict | None:
+def wind_coding(frame: Frame) -> MomentVerdict | None:
     """Find aircraft whose winds come in steps coarser than a degree or a knot."""
     speed = np.hypot(frame.u_rep, frame.v_rep) / KNOT
     direction = np.degrees(np.arctan2(-frame.u_rep, -frame.v_rep)) % 360.0
@@ -191,7 +192,7 @@ def _usual(values: Floats, frequent: int) -> NDArray[np.bool_]:
     return ~np.isin(number, np.argsort(-count, kind="stable")[:frequent])
 
 
-def position_coding(frame: Any) -> MomentVerdict | None:
+def position_coding(frame: Frame) -> MomentVerdict | None:
     """Find aircraft whose positions come in steps coarser than the fleet's."""
     per_tail: dict[str, dict[str, Any]] = {}
     evidence: dict[str, float] = {}
@@ -215,7 +216,7 @@ def position_coding(frame: Any) -> MomentVerdict | None:
     return _verdict("position_coding", per_tail, None, told) if per_tail else None
 
 
-def whole_minutes(frame: Any) -> MomentVerdict | None:
+def whole_minutes(frame: Frame) -> MomentVerdict | None:
     """Find aircraft whose times are cut to the minute while others' are not."""
     cut, evidence = [], []
     for a, tail in enumerate(frame.tails):
@@ -232,7 +233,7 @@ def whole_minutes(frame: Any) -> MomentVerdict | None:
     return _verdict("time_lag", {t: {"offset_s": -30.0} for t in cut}, None, evidence)
 
 
-def outliers(frame: Any, noise: NoiseFit, *, seed: int = 0) -> MomentVerdict | None:
+def outliers(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> MomentVerdict | None:
     """Find aircraft with more gross errors than a simulated archive of the same paths has.
 
     Parameters
@@ -273,7 +274,7 @@ def outliers(frame: Any, noise: NoiseFit, *, seed: int = 0) -> MomentVerdict | N
     return verdict
 
 
-def simulated_rate(frame: Any, noise: NoiseFit, *, seed: int = 0) -> Floats:
+def simulated_rate(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> Floats:
     """Share of each aircraft's reports that stand out where none errs grossly, (aircraft,).
 
     Reports of the same paths through the same noise, coded as the unit codes: what coarse coding
@@ -331,7 +332,7 @@ def _inside(z: float) -> float:
     return float(np.tanh(z * 0.7979 * (1 + 0.044715 * z * z)))
 
 
-def _gross_size(frame: Any, gross: NDArray[np.bool_]) -> float:
+def _gross_size(frame: Frame, gross: NDArray[np.bool_]) -> float:
     """Standard deviation per component of the gross errors, m/s."""
     values = frame.residual[gross]
     if values.shape[0] < 5:
@@ -364,7 +365,7 @@ def _verdict(
     return MomentVerdict(name, tuple(per_tail), middle, {}, per_tail, period, clearest)
 
 
-def second_moments(frame: Any, noise: NoiseFit) -> list[MomentVerdict]:
+def second_moments(frame: Frame, noise: NoiseFit) -> list[MomentVerdict]:
     """All second-moment effects of an archive.
 
     Parameters

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -262,7 +261,7 @@ class _Ranking:
 
     def __init__(self, base: Base, pool: Sequence[Candidate]) -> None:
         self._base, self._pool = base, pool
-        self._made: dict[frozenset[Any], tuple[Score, ...]] = {}
+        self._made: dict[frozenset[object], tuple[Score, ...]] = {}
 
     def __call__(self, terms: Sequence[Term]) -> tuple[Score, ...]:
         state = frozenset((t.candidate.key, t.tails, t.period) for t in terms)

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,7 +174,7 @@ def _own_evidence(
     return float(np.logaddexp(np.log1p(-CHANGE) + steady, np.log(CHANGE) + once))
 
 
-def exchange(frame: Frame, swap: Swap, first_time: float) -> Any:
+def exchange(frame: Frame, swap: Swap, first_time: float) -> Frame:
     """Frame with the pair's reports given back to their airframes from a time on.
 
     Parameters

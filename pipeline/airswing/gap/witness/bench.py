@@ -71,7 +71,7 @@ class Setting:
     """
 
     frame: Frame
-    quiet: Any
+    quiet: Frame
     noise: NoiseFit
     plan: DictionaryPlan
     variances: Variances

@@ -22,12 +22,12 @@ Units: m/s; values in the component's.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.design.weather import day_field_columns
 from airswing.gap.noise.model import NoiseFit
@@ -165,7 +165,7 @@ class CellModel:
     @classmethod
     def of(
         cls,
-        quiet: Any,
+        quiet: Frame,
         plan: DictionaryPlan,
         *,
         noise: NoiseFit,

@@ -16,11 +16,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan, unit_vectors
 from airswing.gap.design.weather import climatology_columns, day_field_columns, slope_columns
 from airswing.gap.noise.model import NoiseFit
@@ -170,7 +170,13 @@ class Ground:
         return Left(tuple(left), by_day, found)
 
     def cleared(
-        self, quiet: Any, residuals: Floats, *, plan: DictionaryPlan, day: Integers, rows: Integers
+        self,
+        quiet: Frame,
+        residuals: Floats,
+        *,
+        plan: DictionaryPlan,
+        day: Integers,
+        rows: Integers,
     ) -> Floats:
         """Residuals without day fields, climatology and everyone's little of steady errors.
 
@@ -313,7 +319,7 @@ def plain_sums(
     )
 
 
-def steady_columns(quiet: Any) -> Floats:
+def steady_columns(quiet: Frame) -> Floats:
     """Columns of steady errors of heading and airspeed, (n, 2, 7), about 1 m/s each."""
     cross, along = unit_vectors(quiet.heading)
     angle, speed = quiet.magnetic_heading, quiet.airspeed[:, None] / 100.0
@@ -322,13 +328,13 @@ def steady_columns(quiet: Any) -> Floats:
     return np.stack([*columns, along, speed * along], -1)
 
 
-def lasting_columns(quiet: Any, plan: DictionaryPlan) -> Floats:
+def lasting_columns(quiet: Frame, plan: DictionaryPlan) -> Floats:
     """Columns of the climatology and of the slope on the wind, (n, 2, s)."""
     return np.concatenate([climatology_columns(quiet, plan), slope_columns(quiet)], -1)
 
 
 def prepare(
-    quiet: Any,
+    quiet: Frame,
     *,
     noise: NoiseFit,
     plan: DictionaryPlan,

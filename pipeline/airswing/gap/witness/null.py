@@ -11,8 +11,6 @@ Units: m/s.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,12 +20,15 @@ from airswing.gap.design.weather import climatology_columns, day_field_columns
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.simulation.forward import draw_noise
 from airswing.gap.sums.variance_components import Variances
+from airswing.units import Picked
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-def small_scale_slope(frame: Frame, quiet: Any, residual: Floats, use: Any) -> tuple[Floats, float]:
+def small_scale_slope(
+    frame: Frame, quiet: Frame, residual: Floats, use: Picked
+) -> tuple[Floats, float]:
     """What the residual follows of the reference's wind beside the large-scale one.
 
     Parameters

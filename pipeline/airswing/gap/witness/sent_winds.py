@@ -228,7 +228,7 @@ def _told(bench: Bench, sample: Sample, halves: Sequence[_Half]) -> _Told:
     return _Told(_area(halves), loss, np.mean(each, axis=0))
 
 
-def _map_of(bench: Bench, aircraft: Sequence[int], use: Any) -> tuple[Floats, Floats]:
+def _map_of(bench: Bench, aircraft: Sequence[int], use: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """Speeds and what is sent in their place, (m,) each, m/s: the identity where chance allows."""
     own = np.flatnonzero(np.isin(bench.setting.frame.aircraft, aircraft) & use)
     coding = Coding.of_archive(bench.setting.frame)

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +87,7 @@ class Taken:
     share: float
 
 
-def without(frame: Frame, wind: Floats) -> Any:
+def without(frame: Frame, wind: Floats) -> Frame:
     """Frame whose reported winds are others, with the heading and airspeed they imply."""
     u, v = frame.u_ref + wind[:, 0], frame.v_ref + wind[:, 1]
     air_u, air_v = frame.ground_u - u, frame.ground_v - v
@@ -110,7 +109,7 @@ def next_unknown(
     named_rest: Floats,
     fold: Integers,
     witness: LearnedWitness,
-) -> tuple[Taken, Any] | None:
+) -> tuple[Taken, Frame] | None:
     """Find the strongest unknown of an archive and take it off.
 
     Parameters
@@ -184,7 +183,7 @@ def _taken(
     ranked: Sequence[Candidate],
     effects: Mapping[str, Effect],
     fold: Integers,
-) -> tuple[Taken, Any] | None:
+) -> tuple[Taken, Frame] | None:
     """Take an unknown off, where it stands."""
     if not stands(unknown):
         return None
