@@ -12,9 +12,18 @@ from tests.gap.toy import make_frame
 from airswing.gap.design.candidates import candidates
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.evidence.of_candidate import fleet_allowance
 from airswing.gap.passes import Search, run_pass
 from airswing.gap.search.belief import features, probabilities
-from airswing.gap.search.confirmation import Confirmation, confirm
+from airswing.gap.search.confirmation import (
+    BLOCK,
+    PARTS,
+    Confirmation,
+    _persistent,
+    blocks_of_days,
+    confirm,
+    confirm_lasting,
+)
 from airswing.gap.search.cross_validated import _believed
 from airswing.gap.search.fewest import fewest, worth
 from airswing.gap.search.stepwise import Rules, _prune, _Ranking, found_of
@@ -59,6 +68,25 @@ def test_a_change_in_the_last_week_is_confirmed_on_days_left_out(late):
     assert tests.multiple[0] == pytest.approx(1.0, abs=0.15)
     assert tests.deviations[0] > 2.5
     assert probabilities(features([term], tests), tests)[0] > 0.95
+
+
+def test_what_lasts_is_judged_on_blocks_of_days_and_with_what_persists(late):
+    """Sixths of an archive of few weeks, three days of a longer one; errors by hand."""
+    base, pool, term = late
+    offset = next(c for c in pool if c.key == ("compass_offset", "aircraft", (0,)))
+    lasting = replace(term, candidate=offset, period=None)
+    assert confirm_lasting(base, [lasting]).parts[0] == PARTS
+    long = replace(base.stats, weeks=np.arange(7), days=np.r_[np.arange(10), 20 + np.arange(10)])
+    score = replace(lasting.score, size=np.full(6, 0.4), acting=np.full(6, 50.0), background=0.06)
+    two = replace(lasting, tails=(1, 2), score=score)
+    assert _persistent(base, two) == pytest.approx(0.06 / 0.4 / np.sqrt(2))
+    fleet = next(c for c in pool if c.key == ("compass_offset", "fleet", (0,)))
+    every = replace(two, candidate=fleet, tails=tuple(range(6)))
+    assert _persistent(base, every) == pytest.approx(fleet_allowance(base, fleet.columns) / 0.4)
+    sure = replace(two, score=replace(score, background=0.0))
+    less, more = (confirm_lasting(base, [one]).doubt[0] for one in (sure, two))
+    assert more**2 - less**2 == pytest.approx(_persistent(base, two) ** 2, rel=1e-6)
+    assert blocks_of_days(long).max() + 1 == 20 // BLOCK
 
 
 def test_a_change_that_is_none_is_not_confirmed(late):

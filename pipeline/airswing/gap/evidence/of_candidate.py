@@ -41,7 +41,7 @@ from airswing.gap.evidence.gaussian import (
 )
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.cluster_inflation import aircraft_factors, fleet_factors
-from airswing.gap.sums.elimination import Conditional
+from airswing.gap.sums.elimination import Base, Conditional
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -122,7 +122,7 @@ def evaluate_each(
     return [found[n] for n in range(len(pool))]
 
 
-def fleet_allowance(given: Conditional, columns: Integers) -> float:
+def fleet_allowance(given: Conditional | Base, columns: Integers) -> float:
     """Persistent model error allowed for in a fleet-wide effect, m/s rms where it acts.
 
     What the climatology does not hold of the persistent error has its structure: it is met by a
@@ -131,7 +131,7 @@ def fleet_allowance(given: Conditional, columns: Integers) -> float:
 
     Parameters
     ----------
-    given : Conditional
+    given : Conditional or Base
     columns : (k,) int
 
     Returns

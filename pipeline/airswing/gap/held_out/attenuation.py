@@ -97,7 +97,7 @@ def readout_factors(
             share, _ = regress(columns_frame, x, term, effect)
             out[name] = 1.0 - (1.0 - share) ** 2 if again else share
             continue
-        rest = _without_others(problem, terms, coefficients, k)
+        rest = without_others(problem, terms, coefficients, k)
         free = with_large_scale_tendency(columns_frame)
         under, _ = regress(free, x, term, effect)
         found, error = regress(free, rest, term, effect)
@@ -117,10 +117,25 @@ def _shrunk(share: float, error: float) -> tuple[float, float]:
     return float(np.exp(np.log(share) * known)), float(error * np.sqrt(known))
 
 
-def _without_others(
+def without_others(
     problem: Problem, terms: Sequence[Term], coefficients: Sequence[Floats], one: int
 ) -> Floats:
-    """Residual (n, 2) with all terms but one taken off, to first order."""
+    """Residual (n, 2) with all terms but one taken off, to first order.
+
+    Parameters
+    ----------
+    problem : Problem
+    terms : sequence of Term
+    coefficients : sequence of (t, k)
+        As fitted.
+    one : int
+        Number of the term that stays.
+
+    Returns
+    -------
+    (n, 2) float
+        m s-1.
+    """
     frame, day = problem.archive, problem.day
     rest, nothing = frame.residual, np.zeros_like(day)
     shape = (len(frame.tails), int(day.max()) + 1)

@@ -142,27 +142,6 @@ def day_interval(values: Floats, day: Integers, seed: int, draws: int = 400) -> 
     return float(low), float(high)
 
 
-def held_out_energy(base: Base, terms: Sequence[Term]) -> tuple[Floats, Floats]:
-    """Energy each term explains on held-out folds, given the others, with its standard error.
-
-    Parameters
-    ----------
-    base : Base
-    terms : sequence of Term
-
-    Returns
-    -------
-    energy, standard_error : (t,) float
-        2 theta' b - theta' G theta of whitened sums, theta fitted on the other folds; standard
-        error over folds.
-    """
-    product, square = held_out_products(base, terms, folds_of_days(base.stats))
-    energy = 2 * product - square
-    number = energy.shape[0]
-    spread = energy.std(axis=0, ddof=1) * np.sqrt(number) if number > 1 else energy.sum(axis=0)
-    return energy.sum(axis=0), spread
-
-
 def held_out_products(base: Base, terms: Sequence[Term], fold: Integers) -> tuple[Floats, Floats]:
     """Predictions of each term for each fold, fitted on the others, against what is there.
 

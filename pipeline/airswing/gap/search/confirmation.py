@@ -1,7 +1,9 @@
 """Every claim held against days it was not fitted on.
 
 Assumptions: what is at work is at work on every day it is in force. Terms that last are fitted on
-some weeks and judged on the others, in an archive of few weeks on blocks of days. A term in force
+some blocks of three days or more and judged on the others (seven weeks are too few to tell their
+own scatter: an effect nine standard errors from nothing would be a chance of one in 25,000), curves
+on weeks, and in an archive of few weeks all on a sixth of the days. A term in force
 for a part of the archive may lie within one week: it is fitted on five days of six, its dates found
 again on those days alone, and judged on the sixth; in a short period on every day in turn. What has
 fewer than :data:`LEAST_PARTS` parts to be judged on cannot be tested, and is no finding.
@@ -9,10 +11,11 @@ fewer than :data:`LEAST_PARTS` parts to be judged on cannot be tested, and is no
 What is asked of the days left out is which multiple of the predicted error is there: one where the
 term is right, none where it is nothing, whatever was fitted. Its standard error is that of the
 scatter between parts, which hold more or less of the effect; with few parts it is itself uncertain,
-and Student's distribution says by how much.
+and Student's distribution says by how much. Errors that persist are met on the days left out as
+well: what the evidence allows for them is in the standard error too.
 
-Validity: parts are days or weeks of all aircraft. Weather that lasts over days is met on the days
-left out as well: what is needed beside is in `airswing.gap.search.belief`. Curves
+Validity: parts are days or weeks of all aircraft; that blocks of three days are independent shows
+in the cluster factors, which do not grow with longer ones. Curves
 of the nonparametric basis, whose sums are by week, are taken off as fitted where single days are
 left out.
 
@@ -30,6 +33,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 
 from airswing.gap.evidence.changepoint import evaluate_step
+from airswing.gap.evidence.of_candidate import fleet_allowance
 from airswing.gap.evidence.terms import Term, fit_terms, given_terms, term_weights
 from airswing.gap.held_out.days_left_out import (
     folds_of_days,
@@ -38,6 +42,7 @@ from airswing.gap.held_out.days_left_out import (
     select_days,
     term_coefficients,
 )
+from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, eliminate_days
 
 Floats = NDArray[np.float64]
@@ -48,6 +53,8 @@ Mask = NDArray[np.bool_]
 LEAST_PARTS = 3
 #: Parts that the days of a period, or of an archive of few weeks, are dealt to.
 PARTS = 6
+#: Days of such a part at least, and parts at most, in an archive of more weeks.
+BLOCK, MOST_PARTS = 3, 16
 #: Weeks under which lasting terms are judged on blocks of days.
 FEW_WEEKS = 5
 
@@ -101,13 +108,9 @@ def confirm(base: Base, terms: Sequence[Term]) -> Confirmation:
     -------
     Confirmation
     """
-    weeks = folds_of_days(base.stats)
-    out = _judged(base, terms, weeks, held_out_products(base, terms, weeks))
+    out = confirm_lasting(base, terms)
     left, core = _without_curves(base, terms)
     count = base.stats.days.size
-    if int(weeks.max()) + 1 < FEW_WEEKS:
-        days = np.arange(count) * min(PARTS, count) // count
-        _take_over(out, terms, core, _judged(left, core, days, held_out_products(left, core, days)))
     dated = [term for term in core if term.period is not None]
     if dated:
         days = np.arange(count) % PARTS
@@ -119,6 +122,35 @@ def confirm(base: Base, terms: Sequence[Term]) -> Confirmation:
             only=dated,
         )
     return out
+
+
+def confirm_lasting(base: Base, terms: Sequence[Term]) -> Confirmation:
+    """Judge terms as if all of them lasted: with their dates as found.
+
+    Parameters
+    ----------
+    base : Base
+    terms : sequence of Term
+
+    Returns
+    -------
+    Confirmation
+    """
+    weeks = folds_of_days(base.stats)
+    out = _judged(base, terms, weeks, held_out_products(base, terms, weeks))
+    left, core = _without_curves(base, terms)
+    if core:
+        days = blocks_of_days(base.stats)
+        _take_over(out, terms, core, _judged(left, core, days, held_out_products(left, core, days)))
+    return out
+
+
+def blocks_of_days(stats: Statistics) -> Integers:
+    """Part of every day on which what lasts is judged, (D,)."""
+    count = stats.days.size
+    few = stats.weeks.size < FEW_WEEKS
+    parts = min(PARTS, count) if few else min(count // BLOCK, MOST_PARTS)
+    return np.asarray(np.arange(count) * parts // count)
 
 
 def _take_over(
@@ -159,8 +191,19 @@ def _judged(
         out.multiple[k] = product.sum() / whole
         apart = ((product - out.multiple[k] * square) ** 2).sum() * n / (n - 1)
         formal = term.score.factor * whole
-        out.doubt[k] = np.sqrt(max(apart, formal)) / whole
+        out.doubt[k] = np.hypot(np.sqrt(max(apart, formal)) / whole, _persistent(base, term))
     return out
+
+
+def _persistent(base: Base, term: Term) -> float:
+    """Standard deviation of the multiple by errors that persist over the archive."""
+    score, tails = term.score, list(term.tails)
+    size = np.maximum(score.size[tails], 1e-9)
+    if term.candidate.scope == "fleet":
+        allowed = fleet_allowance(base, term.candidate.columns)
+        return float(allowed / np.sqrt(np.average(size**2, weights=score.acting[tails])))
+    energy = np.maximum(score.acting[tails], 1e-9) * size**2  # aircraft err each by its own
+    return float(np.sqrt(((energy * score.background / size) ** 2).sum()) / energy.sum())
 
 
 def _acts(base: Base, term: Term, days: Mask) -> bool:

@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.terms import Term
-from airswing.gap.held_out.days_left_out import held_out_energy
 from airswing.gap.search.absorbed_by_unknown import folded
 from airswing.gap.search.belief import features, probabilities
-from airswing.gap.search.confirmation import LEAST_PARTS, confirm
+from airswing.gap.search.confirmation import LEAST_PARTS, confirm, confirm_lasting
 from airswing.gap.search.nested_forms import widened
 from airswing.gap.search.stepwise import Found, Rules, found_of, search
 from airswing.gap.sums.elimination import Base
@@ -105,8 +104,9 @@ def settle(
     whole = pool
     while True:
         found = widened(base, search(base, pool, rules=rules, start=start), pool)
-        energy, error = held_out_energy(base, found.terms)
-        weak = [k for k in np.flatnonzero(energy <= LEAST * error) if not _dated(found.terms[k])]
+        tests = confirm_lasting(base, found.terms)
+        energy, short = tests.energy, tests.tested & (tests.energy <= LEAST * tests.error)
+        weak = [k for k in np.flatnonzero(short) if not _dated(found.terms[k])]
         if few or not weak:
             return _believed(base, whole, found, rules)
         key = found.terms[min(weak, key=lambda k: energy[k])].key
