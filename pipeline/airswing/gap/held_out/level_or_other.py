@@ -1,8 +1,8 @@
 """Whether a model wind too weak or strong beyond a level is so beyond a level at all.
 
 Assumptions: air is warm below and aircraft are fast above, so reports that err where it is warm
-look like a model that errs below a level. A bias that begins at a level explains more there than at any
-temperature or airspeed; what begins at one of these explains more there, most of all in flights
+look like a model that errs below a level. A bias that begins at a level explains more there than at
+any temperature or airspeed; what begins at one of these explains more there, most of all in flights
 that cross it elsewhere. Both are fitted to the same residual, the other effects taken off, in the
 mixed model of the search (whitening, day fields, climatology), as steps at quantiles.
 

@@ -105,8 +105,12 @@ def settle(
     while True:
         found = widened(base, search(base, pool, rules=rules, start=start), pool)
         tests = confirm_lasting(base, found.terms)
-        energy, short = tests.energy, tests.tested & (tests.energy <= LEAST * tests.error)
-        weak = [k for k in np.flatnonzero(short) if not _dated(found.terms[k])]
+        energy, short = tests.energy, tests.energy <= LEAST * tests.error
+        # a name that could not be tested is told as such, a curve in no way
+        known = np.array([term.candidate.known for term in found.terms], bool)
+        weak = [
+            k for k in np.flatnonzero(short & (tests.tested | ~known)) if not _dated(found.terms[k])
+        ]
         if few or not weak:
             return _believed(base, whole, found, rules)
         key = found.terms[min(weak, key=lambda k: energy[k])].key
