@@ -288,6 +288,8 @@ def _start(
         ]
         scatters = [part.scatter for part in parts if part.scatter]
         normal, score, kappa = joined(parts, theta.size)
+        # far from the place most reports lie beyond the cut, kappa is small and the step would
+        # overshoot
         step = solve(normal[square], score[free]) / max(kappa, 0.6)
         theta[free] += step
         small = np.all(np.abs(step) * np.sqrt(np.diagonal(normal)[free]) < START_STEP)
@@ -314,6 +316,7 @@ def solve(normal: Array, score: Array) -> Array:
     """Solve symmetric equations, their columns brought to one size."""
     scale = np.sqrt(np.maximum(normal.diagonal(), 1e-30))
     square = normal / (scale * scale[:, np.newaxis])
+    # at unit diagonal: keeps a parameter no report tells of solvable, and moves no other
     square.flat[:: scale.size + 1] += 1e-9
     return np.asarray((np.linalg.solve(square, (score.T / scale).T).T / scale).T)
 

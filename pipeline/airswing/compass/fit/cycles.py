@@ -165,6 +165,8 @@ def halves_apart(
         Its Wald statistic on three degrees of freedom.
     """
     first = order[: order.size // 2]
+    # half the flights alone are off by twice the sum of their influences, the others by as much the
+    # other way, for those of all sum to nothing
     apart = 4.0 * influence[first].sum(axis=0)[:3]
     rms = float(np.sqrt(apart[0] ** 2 + 0.5 * (apart[1] ** 2 + apart[2] ** 2)))
     return rms, float(apart @ np.linalg.solve(4.0 * covariance[:3, :3], apart))

@@ -93,6 +93,8 @@ class PassSums:
     @property
     def kappa(self) -> float:
         """Mean derivative of the robust score over the mean weight."""
+        # normal errors give about 0.8; where nearly all reports are gross it would pass through
+        # zero
         return max(self.slope / self.weight, 0.2) if self.weight > 0 else 1.0
 
 
@@ -290,6 +292,7 @@ def robust_scatter(
             known = part * small
     along_total, cross_total = (_median(one) / MEDIAN_CHI2 for one in (along, cross))
     return Scatter(
+        # what is stated of the ground vector may be too large: something is left to the wind
         max(along_total - known, 0.1 * along_total, 1e-6),
         max(cross_total - known, 0.1 * cross_total, 1e-6),
         part,

@@ -94,6 +94,8 @@ def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: 
         return np.asarray(score @ (inverse_root @ inverse_root.T * (np.sqrt(factor) / kappa)))
     whitened = score @ inverse_root
     part, axes = np.linalg.eigh(inverse_root.T @ normals @ inverse_root)
+    # a cluster that alone tells a parameter has leverage one: its residual says nothing, times any
+    # gain
     gain = 1.0 / np.sqrt(np.clip(1.0 - part, 0.05, 1.0))
     turned = (whitened[:, np.newaxis, :] @ axes)[:, 0, :] * gain
     whitened = (axes @ turned[..., np.newaxis])[..., 0]
@@ -116,6 +118,7 @@ def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> A
     array, shape (p,)
     """
     if normals is None:
+        # flights weigh unequally: many of them are worth a third of their number, the cautious side
         return np.full(normal.shape[0], max(clusters / 3.0, 1.0))
     inverse = np.linalg.pinv(normal, hermitian=True)
     part = ((inverse @ normals) * inverse.T).sum(axis=2)

@@ -184,15 +184,18 @@ def plan_dictionary(frame: Frame, known: Collection[str] | None = None) -> Dicti
     for name, (count, _) in VARIABLES.items():
         values = variable(frame, name)
         finite = values[np.isfinite(values)]
+        # known on fewer reports, a curve would stand for who sends the variable
         if finite.size < 0.5 * values.size or finite.size == 0:
             continue
         if name == "hour":
             knots[name] = np.arange(count) * 24.0 / count
             continue
+        # the outer knots a little inside: beyond them few reports would carry a knot of their own
         edges = np.quantile(finite, np.linspace(0.04, 0.96, count))
         spread = edges[-1] - edges[0]
         if spread <= 1e-6 * max(1.0, abs(float(edges[0]))):
             continue
+        # a variable that mostly has one value puts several quantiles on it: they are one knot
         distinct = np.r_[True, np.diff(edges) > 0.02 * spread]
         if distinct.sum() >= 2:
             knots[name] = edges[distinct]
@@ -346,6 +349,7 @@ def _factors(frame: Frame, plan: DictionaryPlan, group: Group, waves: _Waves) ->
             rows = _hour_hats(values, points) if group.variable == "hour" else hats(values, points)
             return _centred(rows, plan.means[group.variable])
         middle, half = (points[0] + points[-1]) / 2, (points[-1] - points[0]) / 2
+        # straight on for half as far again, then level: a few extremes must not turn the line
         base = np.clip((values - middle) / half, -1.5, 1.5)[None]
     if not group.name.endswith("*heading"):
         return base
@@ -369,6 +373,8 @@ def _hour_hats(values: Floats, points: Floats) -> Floats:
 
 def _taylor(frame: Frame, plan: DictionaryPlan, group: Group) -> Floats:
     """Columns (n, 2, k) made of the reference wind and its derivatives, of order 1."""
+    # Each column is about 1 m/s of wind where its group matters (10 m/s of wind, an hour, a
+    # twentieth of the pressure, a minute of flight), so that one prior scale serves all.
     wind = np.stack([frame.u_ref, frame.v_ref], -1) / 10.0
     turned = np.stack([-wind[:, 1], wind[:, 0]], -1)
     if group.variable == "turned":

@@ -204,6 +204,7 @@ def smooth_deviation(
         spread = 1.4826 * np.median(np.abs(difference[own] - middle)) + 1e-9
         near = own[np.abs(difference[own] - middle) < bound * spread]
         normal = design[near].T @ design[near]
+        # an aircraft that flew few headings has no cycles rather than large ones
         ridge = (1e-3 * near.size + 1e-9) * np.eye(5)
         out[own] = design[own] @ np.linalg.solve(normal + ridge, design[near].T @ difference[near])
     return out
@@ -237,9 +238,11 @@ def typical_airspeed(
     for a in np.unique(aircraft):
         own = np.flatnonzero(aircraft == a)
         middle = np.median(airspeed[own])
+        # worth one report: knots an aircraft never flew at fall back to its median
         normal = design[own].T @ design[own] + np.eye(design.shape[1])
         profile = np.linalg.solve(normal, design[own].T @ (airspeed[own] - middle))
         out[own] = middle + design[own] @ profile
     _, which = np.unique(flight, return_inverse=True)
     count = np.bincount(which)
+    # two reports' worth of the profile: a flight of one or two would be its own typical airspeed
     return np.asarray(out + (np.bincount(which, airspeed - out) / (count + 2.0))[which])

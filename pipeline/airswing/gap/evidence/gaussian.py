@@ -108,6 +108,7 @@ def allowance_covariance(
     k, both = scales.shape[-1], _outer(scales)
     count = np.maximum(np.asarray(acting, float), 1.0)[..., None, None]
     scaled = second / count * both
+    # in a direction in which it hardly acts, 1 m/s would take any coefficient
     floor = 0.02 * np.trace(scaled, axis1=-2, axis2=-1) / k + 1e-12
     inverse, _ = inverse_and_logdet(scaled + floor[..., None, None] * np.eye(k))
     return np.asarray(np.square(size)[..., None, None] * inverse * both)
@@ -156,6 +157,7 @@ def own_fit(information: Floats, score: Floats, scales: Floats) -> OwnFit:
     """
     k = scales.shape[-1]
     own = information * _outer(scales)
+    # sums are of single precision in part: less than this share of the mean direction is rounding
     floor = 1e-4 * np.maximum(np.trace(own, axis1=-2, axis2=-1), 0.0) / k + 1e-9
     whole = own + floor[..., None, None] * np.eye(k)
     score = score * scales
@@ -298,6 +300,7 @@ def evidence_over_backgrounds(
     wide = own + slab
     square = turned**2
     whole = (square / own).sum(axis=-1)
+    # one logarithm of a product of at most eight numbers of like size, not eight logarithms
     logdet = np.log(own.prod(axis=-1))
     tempered = whole - (square / wide).sum(axis=-1) + logdet - np.log(wide.prod(axis=-1))
     estimate = np.einsum("...ij,...j->...i", half @ vectors, slab / wide * turned)

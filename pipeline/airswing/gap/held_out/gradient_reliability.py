@@ -74,6 +74,7 @@ def _slope(truth: Floats, column: Floats, noise: NoiseFit) -> float:
     good = np.isfinite(truth).all(axis=1) & np.isfinite(column).all(axis=1)
     if good.sum() < 500:
         return 1.0
+    # neighbours that far apart differ by a gross error, not by the wind's gradient
     bound = 6 * np.median(np.abs(truth[good])) + 1e-12
     good &= (np.abs(truth) < bound).all(axis=1)
     x = whiten(np.where(good[:, None], column, 0.0), noise.order, noise.gains)

@@ -122,6 +122,7 @@ class FoundFirst:
             linear[own] += columns
             size = np.hypot(*columns.T)
             size = size[size > 0]
+            # not the largest: a single report at a front has any gradient
             peak = max(peak, float(np.quantile(size, 0.999)) if size.size else 0.0)
         return Errors(sensor, other, linear, peak)
 

@@ -157,6 +157,7 @@ def retimed(residual: Floats, linear: Floats, fold: Integers) -> Floats:
     """
     whole = np.bincount(fold, (residual**2).sum(axis=1))
     common = np.bincount(fold, (residual * linear).sum(axis=1))
+    # of a fold the share may come out below nothing, by chance; that of all would leave no residual
     share = np.clip(common / np.maximum(whole, 1e-12), -0.5, 0.9)
     return np.asarray(residual * (1.0 - np.sqrt(1.0 - share))[fold, None])
 

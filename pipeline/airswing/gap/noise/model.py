@@ -277,6 +277,8 @@ def _maximise(
     """Maximum likelihood of the four parameters on the chosen flights."""
     order = flight_order(flight[chosen], time[chosen])
     spread = max(robust_sd(values[chosen].ravel()), 1e-3)
+    # from a usual flight: most of the scatter correlated, over 150 km; in logarithms none turns
+    # negative
     start = np.log([0.9 * spread, 0.4 * spread, 150e3, 0.7])
     bounds = np.log(
         [[0.1 * spread, 5 * spread], [0.05 * spread, 2 * spread], [10e3, 2000e3], [0.05, 20.0]]
@@ -284,6 +286,7 @@ def _maximise(
     own = values[chosen], order, distance[chosen], step[chosen], keep[chosen]
 
     def cost(parameters: Floats) -> float:
+        # the simplex knows no bounds: beyond them the cost is that of the edge and a wall
         inside = np.clip(parameters, bounds[:, 0], bounds[:, 1])
         return _likelihood(*own, inside) + 1e3 * float(((parameters - inside) ** 2).sum())
 
@@ -291,6 +294,8 @@ def _maximise(
         cost,
         start,
         method="Nelder-Mead",
+        # a third of a nat is less than the reports of the fit can tell, and a likelihood costs a
+        # pass
         options={"maxfev": 160, "xatol": 0.01, "fatol": 0.3, "initial_simplex": _simplex(start)},
     )
     found = np.exp(np.clip(best.x, bounds[:, 0], bounds[:, 1]))

@@ -103,6 +103,7 @@ def remove_smooth_effects(
         own = np.flatnonzero(aircraft == a)
         design = _smooth_columns(heading[own], airspeed[own])
         values = residual[own].ravel()
+        # wide: before the noise is known what turns with the heading still stands in the scatter
         bound = 8 * robust_sd(values) + 1e-12
         good = np.abs(values - np.median(values)) < bound
         used = design * good
@@ -154,6 +155,7 @@ def level_factors(
     which = np.clip(np.searchsorted(edges, log_pressure, "right") - 1, 0, edges.size - 2)
     centre = np.array([np.median(log_pressure[which == k]) for k in range(edges.size - 1)])
     sd = np.array([robust_sd(residual[which == k].ravel()) for k in range(edges.size - 1)])
+    # a level whose few reports agree by chance must not weigh twenty-five times as much
     sd = np.maximum(sd, 0.2 * sd.max() + 1e-9)
     counts = np.bincount(which, minlength=edges.size - 1)
     return centre, sd / np.sqrt(np.average(sd**2, weights=counts))

@@ -190,6 +190,8 @@ def kalman_gains(
     for j in range(order.starts.size - 1):
         now = order.index[order.starts[j] : order.starts[j + 1]]
         if j == 0:
+            # a flight's first report has nothing before it: the process starts from its own
+            # variance
             used[now] = 0.0
             variance = np.full(now.size, signal)
         else:

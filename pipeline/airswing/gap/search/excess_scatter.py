@@ -84,6 +84,8 @@ def scattering(
     used = np.flatnonzero(count >= LEAST_REPORTS)
     if used.size < LEAST_AIRCRAFT:
         return None
+    # medians of absolute values as standard deviations: 0.6745 is that of a normal variable of unit
+    # size
     scale = np.array([np.median(size[aircraft == a]) for a in used]) / 0.6745
     if scale.min() <= 0:
         return None
@@ -152,5 +154,6 @@ def expected_departure(model: NoiseModel, before: Floats, after: Floats) -> Floa
     -------
     (m,) float
     """
+    # variance of x - (before + after) / 2 where neighbours of the report are tied through it alone
     correlated = 1.5 - before - after + 0.5 * before * after
     return np.sqrt(model.correlated_sd**2 * correlated + 1.5 * model.white_sd**2)

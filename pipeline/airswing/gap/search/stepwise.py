@@ -412,6 +412,7 @@ def _completed(base: Base, terms: Sequence[Term], k: int, rules: Rules) -> Term:
     taken = {a for t in terms if t.key == term.key for a in t.tails}
     allowed = np.array([a not in taken for a in range(aircraft)])
     score = evaluate_named(base, given_terms(base, terms), term.candidate, allowed, None)
+    # all but one of fourteen: of a fleet this small no share is certain
     odds = score.aircraft_evidence + np.log(min(share, 0.93) / (1 - min(share, 0.93)))
     likely = allowed & (score.aircraft_evidence > 0) & (odds > 1) & (score.size > rules.size)
     return replace(term, tails=tuple(sorted({*term.tails, *np.flatnonzero(likely).tolist()})))
@@ -434,6 +435,7 @@ def _prune_tails(base: Base, term: Term, others: list[Term], rules: Rules) -> Te
         given = given_terms(base, [*others, replace(term, tails=rest)])
         allowed = np.arange(aircraft) == a
         score = evaluate_named(base, given, candidate, allowed, term.period)
+        # one of fourteen to all but one, as above: the prior alone must not decide
         share = float(np.clip(len(kept) / aircraft, 0.07, 0.93))
         odds = score.aircraft_evidence[a] + np.log(share / (1 - share))
         if odds < 0 or score.size[a] < rules.least(candidate):

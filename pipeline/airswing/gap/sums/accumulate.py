@@ -160,6 +160,7 @@ def day_of_report(frame: Timed, *, shift: float | None = None) -> tuple[Integers
     np.minimum.at(start, inverse, frame.time)
     if shift is None:
         hours = np.bincount((np.mod(start, DAY) // 3600).astype(int), minlength=24)
+        # three hours together: a single empty hour of the day's rush is no night
         shift = float(np.argmin(hours + np.roll(hours, 1) + np.roll(hours, -1)))
     day = np.floor((start - shift * 3600) / DAY).astype(np.int64)
     return day[inverse], shift
@@ -239,6 +240,7 @@ def aircraft_weeks(aircraft: Integers, day: Integers) -> Iterator[Integers]:
         Indices, in their own order.
     """
     order = np.lexsort((day, aircraft))
+    # one number for both: there are fewer than ten million weeks
     key = aircraft[order] * 10**7 + day[order] // 7
     cuts = np.flatnonzero(np.diff(key)) + 1
     yield from np.split(order, cuts)

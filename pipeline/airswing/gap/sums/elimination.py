@@ -320,6 +320,7 @@ def inverse_root(matrix: Floats, *, floor: float = 1e-6) -> Floats:
     (m, m) float
     """
     scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-30))
+    # at unit diagonal: radians and m/s stand side by side, and the floor is the same for all
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     return np.asarray((vectors / np.sqrt(np.maximum(values, floor))).T / scale)
 
@@ -440,6 +441,7 @@ def beyond(given: Conditional, columns: Integers) -> Conditional:
 def _project(gram: Floats, score: Floats, columns: Integers) -> tuple[Floats, Floats]:
     own = gram[np.ix_(columns, columns)]
     scale = np.sqrt(np.maximum(np.diagonal(own), 1e-12))
+    # daily sums are kept in single precision: what is left of a direction below this is rounding
     ridge = np.diag(1e-4 * scale**2 + 1e-9)
     share = np.linalg.solve(own + ridge, gram[columns])
     return gram - gram[:, columns] @ share, score - score[:, columns] @ share
