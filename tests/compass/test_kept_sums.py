@@ -18,6 +18,8 @@ from airswing.compass.kept_sums.packed import (
     unpacked_sums,
 )
 from airswing.compass.kept_sums.period_sums import (
+    FARTHEST,
+    SCATTER,
     Base,
     durations_of,
     mean_field,
@@ -107,6 +109,29 @@ def test_far_from_where_they_were_summed_the_sums_tell_nothing(fleet):
     far = [replace(b, theta=b.theta + np.radians(3.0)) for b in known]
     (period,) = periods_of([headings], far)
     assert merged_fit([period["0"]], far[0]) is None
+
+
+def test_what_the_limits_allow_moves_the_fit_by_hundredths_of_its_error(fleet):
+    headings, _ = fleet
+    rng, moved = np.random.default_rng(3), []
+    for k, one in enumerate(sums_of(headings)):
+        base = Base.of(one.fit, one.field, one.reports)
+        error = np.sqrt(np.diagonal(one.fit.covariance))
+        away = [base.theta + FARTHEST * error * rng.choice([-1, 1], error.size) for _ in range(3)]
+        wide = [
+            [replace(s, along=s.along * share, cross=s.cross * share) for s in base.scatters]
+            for share in np.exp([-2 * SCATTER, 2 * SCATTER])
+        ]
+        bases = [base, *(replace(base, theta=theta) for theta in away)]
+        bases += [replace(base, scatters=scatters) for scatters in wide]
+        columns = Columns(headings, "magnetic")
+        columns.use([0])
+        periods = [sum_period(columns, k, [0], at, joint=True, blocks=False) for at in bases]
+        near = {"farthest": np.inf, "scatter": np.inf}
+        there, *found = (merged_fit([p], at, **near) for p, at in zip(periods, bases, strict=True))
+        moved += [(other.theta - there.theta)[:5] / error[:5] for other in found]
+    assert 0.005 < np.sqrt(np.mean(np.square(moved))) < 0.06
+    assert np.abs(moved).max() < 0.2
 
 
 def test_what_is_packed_comes_back(fleet):

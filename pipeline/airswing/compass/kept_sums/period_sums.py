@@ -58,11 +58,14 @@ from airswing.compass.fleet.flight_segments import (
 )
 
 FARTHEST = 1.0
-"""Standard errors (clustered) the fit may lie from where the periods were summed."""
+"""Standard errors (clustered) the fit may lie from where the periods were summed. On 48 made
+aircraft of 2,900 reports, with and without gross errors, the fit then came 0.03 standard errors
+(rms; 0.10 at most) from where it is; from three 0.11 (0.39)."""
 
 SCATTER = 0.1
 """Share by which the rms heading error after the curve may differ from the base's: Tukey's constant
-moves by as much, and between 4.5 and 5.5 the estimate moves by hundredths of its error."""
+moves by as much, between 4.5 and 5.5. Of the same aircraft a tenth moved the fit by 0.03 standard
+errors (rms; 0.11 at most), two tenths by 0.06 (0.23)."""
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ from airswing.workflow.update.month_sums import (
 
 AS_FITTED = 3.0
 """Standard errors that a fit of some of the months may lie from the bases, as the last step of a
-fit to reports may be long."""
+fit to reports may be long; what it costs: :data:`.period_sums.FARTHEST`."""
 _CODE = (*FITTING, "airswing.compass.kept_sums.packed")
 
 Arrays = Mapping[str, NDArray[Any]]
