@@ -32,6 +32,7 @@ from airswing.gap.sums.elimination import (
     fit_included,
     fits_by_fold,
 )
+from airswing.gap.sums.weighted_columns import own_row, weekly_sums
 from airswing.physics.splines import hats
 
 EFFECTS = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "tas_scale")}
@@ -109,6 +110,41 @@ def test_day_fields_and_conditioning_equal_dense_mixed_model(made):
     assert given.score[2, :, j].sum() == pytest.approx(
         score, rel=5e-3, abs=0.05 * np.sqrt(information)
     )
+
+
+def test_sums_of_weighted_columns_equal_dense_products(made):
+    frame, _, _, layout, stats = made
+    x, _ = _dense(made)
+    days, _ = day_of_report(frame)
+    day, aircraft = np.repeat(stats.day_index(days), 2), np.repeat(frame.aircraft, 2)
+    steady, partly = np.ones((2, *stats.day_count.shape))
+    steady[:2] = [[0.0], [0.5]]
+    partly[:, : days.max() - days.min() - 3] = 0.0
+    inside, outside = int(layout.columns("hard_iron")[0]), layout.core
+    assert outside < layout.size
+    size = np.sqrt((x**2).sum(axis=0)) + 1e-9
+
+    def weighted(column, weights):
+        return x[:, column] * weights[aircraft, day]
+
+    # by day within the core, by week beyond it
+    for column, weights, columns in (
+        (inside, partly, slice(layout.core)),
+        (inside, steady, slice(None)),
+        (outside, steady, slice(None)),
+    ):
+        own = weighted(column, weights) * (aircraft == np.arange(3)[:, None])
+        expected = own @ x / size / size[column]
+        found = own_row(stats, column, weights) / size / size[column]
+        np.testing.assert_allclose(found[:, columns], expected[:, columns], atol=2e-5)
+    sums = weekly_sums(
+        stats,
+        np.array([inside, outside]),
+        np.stack([steady, steady]),
+        np.full(stats.days.size, True),
+    )
+    one, other = weighted(inside, steady), weighted(outside, steady)
+    np.testing.assert_allclose(sums, [[0.0, one @ other], [one @ other, other @ other]], rtol=1e-4)
 
 
 def test_fits_by_fold_are_those_of_the_sums_of_their_days(made):
