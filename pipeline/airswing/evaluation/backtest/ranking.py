@@ -319,6 +319,6 @@ def _ordered(entries: list[dict[str, Any]], drawn: list[Floats]) -> list[dict[st
         ranked.sort(key=lambda entry: -entry["expected_gain_kt"])
     rest = [entry for entry in entries if entry["expected_gain_kt"] is None]
     return [
-        {"rank": number if entry in ranked else None} | entry
+        {"rank": number if number <= len(ranked) else None} | entry
         for number, entry in enumerate([*ranked, *rest], start=1)
     ]

@@ -152,7 +152,8 @@ def events_of(
     in_use = {who: state.table_in_use for who, state in before.items() if state.table_in_use}
     in_use = now | in_use | dict(tables_in_use or {})
     states = _states(rows, names, silent, now, in_use)
-    gone = [state for who, state in before.items() if who not in {one.aircraft for one in states}]
+    there = {one.aircraft for one in states}
+    gone = [state for who, state in before.items() if who not in there]
     unsaid = 0 if previous is None else previous.unsaid
     return Monitoring(_date(last), name, [*states, *gone], [*told, *order], len(told) - unsaid)
 
@@ -305,12 +306,13 @@ def _presence(
 
 def _new_aircraft(rows: Rows, names: Names, seen: set[str]) -> list[Event]:
     """Aircraft that the last look did not know."""
-    begin = [rows.day[rows.aircraft == k] for k in range(names.size) if names[k] not in seen]
-    who = [str(name) for name in names if name not in seen]
+    never = np.iinfo(np.int64).max
+    begin = np.full(names.size, never)
+    np.minimum.at(begin, rows.aircraft, rows.day)
     return [
-        _first_seen(name, int(days.min()))
-        for name, days in zip(who, begin, strict=True)
-        if days.size
+        _first_seen(str(name), int(day))
+        for name, day in zip(names, begin, strict=True)
+        if name not in seen and day != never
     ]
 
 
@@ -324,18 +326,18 @@ def _not_told(found: list[Event], before: Monitoring) -> list[Event]:
     What earlier looks at the same aircraft could have noticed a month ago and more, and did not,
     is no news either: the errors of the days were estimated otherwise then.
     """
-    left, news = list(before.events), []
+    left: dict[tuple[str, str | None], list[Event]] = {}
+    for told in before.events:
+        left.setdefault((told.kind, told.aircraft), []).append(told)
+    news = []
     seen = {None, *(state.aircraft for state in before.states)}
     for event in sorted(found, key=lambda event: event.date):
         span = SAME if event.kind == "aircraft_silent" else LONGEST
-        gaps = [
-            (abs(_day(one.date) - _day(event.date)), k)
-            for k, one in enumerate(left)
-            if (one.kind, one.aircraft) == (event.kind, event.aircraft)
-        ]
+        alike = left.get((event.kind, event.aircraft), [])
+        gaps = [(abs(_day(one.date) - _day(event.date)), k) for k, one in enumerate(alike)]
         gap, k = min(gaps, default=(span + 1, -1))
         if gap <= span or (gaps and event.kind == "aircraft_new"):
-            del left[k]
+            del alike[k]
         elif event.aircraft not in seen or _day(event.noticed) > _day(before.until) - LONGEST:
             news.append(event)
     return news
