@@ -272,6 +272,13 @@ def test_an_aircraft_without_a_curve_is_fitted_once(archive, looked_at):
         np.testing.assert_array_equal(first[name], again[name])
 
 
+def test_a_sample_is_another_one_when_reports_have_grown_by_a_quarter():
+    alike = month_fits._same_sample
+    assert alike(3_000, 7_999) and alike(100, 3_999) and not alike(8_056, 7_942)
+    assert alike(160_000, 199_999) and alike(199_999, 160_000)
+    assert not alike(160_000, 204_000) and not alike(204_000, 160_000)
+
+
 def test_late_reports_and_late_model_files_touch_their_month(archive):
     add(archive, "*")
     of_a_day = sorted((archive / "reports").glob("2009-01-2*"))[0]

@@ -70,6 +70,8 @@ from airswing.workflow.update.month_sums import (
 AS_FITTED = 3.0
 """Standard errors that a fit of some of the months may lie from the bases, as the last step of a
 fit to reports may be long; what it costs: :data:`.period_sums.FARTHEST`."""
+MUCH_ALIKE = 1.25
+"""Growth of an aircraft's reports, above some 16,000, until it is fitted to all of them again."""
 _CODE = (*FITTING, "airswing.compass.kept_sums.packed")
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -258,7 +260,7 @@ class _Fleet:
         if not periods:
             return None
         reports = sum(one.reports for one in periods)
-        if not near and reports // MIDDLE != base.reports // MIDDLE:
+        if not near and not _same_sample(reports, base.reports):
             return None  # a fit would take its scatter from other reports, and weigh by that
         if not near and durations_of(periods) != base.durations:
             return None  # a fit would cut its blocks otherwise
@@ -372,6 +374,18 @@ class _Fleet:
                 keep_arrays(path, mark, kept)
         self._counted[month] = kept
         return kept
+
+
+def _same_sample(reports: int, before: int) -> bool:
+    """Whether the scatter of so many reports is told by a sample much like that of before.
+
+    It is that of every so manieth report, some 4,000 of them, which tell it to a hundredth and a
+    half: of another sample an estimate moves by a hundredth of its error
+    (:data:`airswing.compass.kept_sums.period_sums.SCATTER`). To fit anew for every 4,000 reports
+    is not worth a year's.
+    """
+    every, then = (max(number // MIDDLE, 1) for number in (reports, before))
+    return max(every, then) <= MUCH_ALIKE * min(every, then)
 
 
 def _packed_days(sums: list[DaySums | None]) -> dict[str, NDArray[Any]]:
