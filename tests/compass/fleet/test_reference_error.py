@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from airswing.compass.fleet.field_basis import MOST_NODES, FieldBasis
+from airswing.compass.fleet.field_coupling import direct_information
 from airswing.compass.fleet.flight_segments import ROWS, Blocks
 from airswing.compass.fleet.reference_error import (
     Precision,
@@ -16,6 +17,8 @@ from airswing.compass.fleet.reference_error import (
     counted,
     estimate_variances,
 )
+
+PLACE = ("latitude", "longitude", "log_pressure")
 
 
 def places(n: int = 3000, seed: int = 0, middle: float = -87.0):
@@ -69,6 +72,26 @@ def test_the_precision_is_the_inverse_of_the_covariance_written_out():
     values = np.random.default_rng(1).normal(size=(2, 60))
     expected = np.linalg.solve(covariance, values.T).T
     np.testing.assert_allclose(Precision(stretch, variances).apply(values), expected, atol=1e-10)
+
+
+def test_what_an_aircraft_tells_where_the_field_is_known_is_the_dense_information():
+    """The last of three aircraft has no block."""
+    parts = [blocks(60, segments=4), blocks(30, segments=2, seed=1)]
+    where = (np.concatenate([getattr(p, n) for p in parts]) for n in PLACE)
+    stretch = Stretch.of(parts, FieldBasis.of(*where))
+    variances = Variances(np.array([1.3, 0.8]), 0.4, 0.7, 0.9)
+    found = direct_information(Precision(stretch, variances), 3)
+    for k in range(2):
+        own = stretch.aircraft == k
+        same = stretch.piece[own, np.newaxis] == stretch.piece[own]
+        covariance = np.diag(variances.white[k] / stretch.weight[own] + 0.4) + 0.7 * same
+        expected = np.zeros((8, 8))
+        for component in range(2):  # A to E and the scale, then the bias of this component
+            design = np.zeros((8, own.sum()))
+            design[:6], design[6 + component] = stretch.slopes[component][:, own], 1.0
+            expected += design @ np.linalg.solve(covariance, design.T)
+        np.testing.assert_allclose(found[k], expected, rtol=1e-6, atol=1e-6 * expected.max())
+    assert not found[2].any()
 
 
 @pytest.mark.parametrize("middle", [-87.0, 179.0])
