@@ -14,7 +14,12 @@ from airswing.gap.design.exogenous import exogenous
 from airswing.gap.design.layout import effect_columns, make_layout
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.of_candidate import evaluate, evaluate_each, fleet_allowance
-from airswing.gap.evidence.terms import Term
+from airswing.gap.evidence.term_covariance import (
+    term_covariance,
+    term_covariances,
+    term_offsets,
+)
+from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.held_out.attenuation import (
     _regressed,
     _shrunk,
@@ -151,3 +156,20 @@ def test_candidates_weighed_together_are_those_weighed_alone(made):
         assert (score.tempered, score.raw) == pytest.approx((alone.tempered, alone.raw), abs=1e-9)
         np.testing.assert_allclose(score.estimate, alone.estimate, atol=1e-10)
         np.testing.assert_allclose(score.posterior, alone.posterior, atol=1e-10)
+
+
+def test_the_covariance_of_a_term_is_that_of_its_own_coefficients(made):
+    base = made.base
+    terms = [_term(base, "compass_offset", (0,), tails) for tails in ((0,), (1, 3))]
+    terms = [replace(t, score=replace(t.score, factor=1.5, background=0.1)) for t in terms]
+    given = given_terms(base, terms)
+    assert term_offsets(given, terms) == [given.coefficients.size - 3, given.coefficients.size - 2]
+    start = term_offsets(given, terms)[1]
+    formal, allowed = term_covariances(base.stats, given, terms[1], start, 1)
+    assert formal.item() == pytest.approx(1.5 * given.covariance[-1, -1])
+    column = terms[1].candidate.columns[0]
+    energy = base.stats.raw_gram[3, column, column] / base.stats.acting[3, column]
+    # 0.1 m/s where it acts; a fiftieth is added for directions in which a candidate hardly acts
+    assert allowed.item() == pytest.approx(0.1**2 / energy / 1.02, rel=1e-6)
+    both = term_covariance(base.stats, given, terms[1], start, 1)
+    np.testing.assert_allclose(both, formal + allowed)
