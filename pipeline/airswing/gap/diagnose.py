@@ -42,7 +42,7 @@ from airswing.gap.passes import Pass, Progress, Search, of_view, search_twice
 from airswing.gap.result.assembled import Findings, aircraft_probability, assemble, best_scores
 from airswing.gap.result.schema import EffectEntry, GapReport
 from airswing.gap.result.unknown_entries import with_unknowns
-from airswing.gap.search.absorbed_by_unknown import folded
+from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
 from airswing.gap.search.coding_and_outliers import second_moments
 from airswing.gap.search.confirmation import LEAST_PARTS
 from airswing.gap.search.excess_scatter import scattering
@@ -189,6 +189,7 @@ def diagnose(
     known_names = set(CATALOGUE if catalogue is None else catalogue)
     swaps = "tail_swap" in known_names
     final, again, swap = search_twice(archive, search, swaps=swaps)
+    first = final.standing.found.terms
     taken: list[Taken] = []
     witness = LearnedWitness()
     # what no other day can confirm is not raised, as no name is
@@ -202,7 +203,8 @@ def diagnose(
         archive = of_view(archive, unknown[1])
         final, again, more = search_twice(archive, search, swaps=swaps and swap is None)
         swap = swap or more
-    small = remainder_names(final.standing.found.terms, taken)
+    found = final.standing.found
+    small = remainder_names(found.terms, taken) | stand_ins(first, found.terms)
     if small:
         left = {name: effect for name, effect in effects.items() if name not in small}
         final, again, _ = search_twice(archive, replace(search, effects=left), swaps=False)

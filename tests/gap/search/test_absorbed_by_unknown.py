@@ -6,7 +6,7 @@ import numpy as np
 
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.terms import Term
-from airswing.gap.search.absorbed_by_unknown import folded
+from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
 
 
 def _term(name, tails, *, known=True, period=None):
@@ -47,3 +47,13 @@ def test_other_names_stand():
         assert folded([_term(name, tails, period=period), unknown], energy, error) == {}
     along = _term("along:altitude", (1, 2), known=False)
     assert folded([_term("tas_scale", (1, 2)), along], energy, error) == {0: 1}
+
+
+def test_a_name_does_not_come_up_where_a_table_took_another():
+    offset, drift = _term("compass_offset", (2, 3)), _term("compass_drift", (3,))
+    assert stand_ins([offset], [drift]) == {"compass_drift"}
+    # what is on other aircraft too, beside the name, or was there before stands
+    assert stand_ins([offset], [_term("compass_drift", (3, 4))]) == set()
+    assert stand_ins([offset], [offset, drift]) == set()
+    assert stand_ins([offset, drift], [drift]) == set()
+    assert stand_ins([], [drift]) == set()

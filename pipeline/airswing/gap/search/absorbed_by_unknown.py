@@ -89,3 +89,31 @@ def _share(named: tuple[Floats, Floats], nameless: tuple[Floats, Floats]) -> tup
     errors = [float(np.hypot.reduce(own[1])) for own in (named, nameless)]
     doubt = np.hypot(unknown * errors[0], known * errors[1]) / (known + unknown) ** 2
     return known / (known + unknown), float(doubt)
+
+
+def stand_ins(before: Sequence[Term], after: Sequence[Term]) -> set[str]:
+    """Names that came up only where a table took another name's share.
+
+    A table over heading or track holds a constant and a cycle as well. Taken off, it may leave of a
+    name that stood before what another name copies, on the same aircraft.
+
+    Parameters
+    ----------
+    before, after : sequence of Term
+        Found before tables were taken off, and after.
+
+    Returns
+    -------
+    set of str
+    """
+
+    def aircraft(terms: Sequence[Term]) -> dict[str, set[int]]:
+        out: dict[str, set[int]] = {}
+        for term in terms:
+            if term.candidate.known and term.candidate.scope == "aircraft":
+                out.setdefault(term.candidate.name, set()).update(term.tails)
+        return out
+
+    first, last = aircraft(before), aircraft(after)
+    robbed = set().union(*(own - last.get(name, set()) for name, own in first.items()))
+    return {name for name, own in last.items() if own - first.get(name, set()) and own <= robbed}
