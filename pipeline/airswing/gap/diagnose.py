@@ -45,7 +45,7 @@ from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
 from airswing.gap.search.coding_and_outliers import second_moments
 from airswing.gap.search.confirmation import LEAST_PARTS
-from airswing.gap.search.excess_scatter import scattering
+from airswing.gap.search.excess_scatter import Scattering, scattering
 from airswing.gap.search.stepwise import Found, Rules
 from airswing.gap.search.testability import absorbed, too_short
 from airswing.gap.sums.problem import Problem
@@ -277,16 +277,19 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
     scatter = {m.name: reduction_of(frame, whole.residual, m, calm.gross) for m in moments}
     closure, whole = with_scatter(closure, scatter), with_scatter(whole, scatter)
     explained = {tail for moment in moments for tail in moment.tails}
+    # single gross errors with a name are left out: their aircraft may scatter besides
+    erring = [t for m in moments if m.name == "outliers" for t in m.tails]
+    struck = calm.gross & np.isin(np.array(frame.tails)[frame.aircraft], erring)
     jittery = sent = None
     if search.dictionary:
-        jittery = scattering(frame, whole.residual, problem.noise, explained=explained)
+        jittery = _scatters(problem, whole.residual, struck, explained - set(erring))
         explained |= set(() if jittery is None else jittery.tails)
         search.tell("sent winds", 0.0)
         sent = _sent_otherwise(problem, whole.residual, explained)
         search.tell("where", 0.0)
     unnamed = {}
     if jittery is not None:
-        unnamed["scatter"] = reduction_of_jitter(frame, whole.residual, jittery)
+        unnamed["scatter"] = reduction_of_jitter(whole.residual, jittery, struck)
     if sent is not None and sent.speeds is not None:
         unnamed["reported_speed"] = Reduction(sent.closes, sent.closes_error)
     scatter |= unnamed
@@ -309,6 +312,24 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
         jittery=jittery,
         sent=sent,
         doubtful=standing.doubtful,
+    )
+
+
+def _scatters(
+    problem: Problem, rest: Floats, gross: NDArray[np.bool_], explained: Collection[str]
+) -> Scattering | None:
+    """Find reports that scatter beyond simulated ones, where days left out can confirm it."""
+    if problem.base.stats.days.size < LEAST_PARTS:
+        return None
+    return scattering(
+        problem.archive,
+        problem.context,
+        rest,
+        problem.noise,
+        gross=gross,
+        fold=folds_of_days(problem.base.stats)[problem.day],
+        explained=explained,
+        seed=problem.seed,
     )
 
 

@@ -63,7 +63,8 @@ def test_jitter_and_what_hardly_moves_the_wind(frame):
     own = frame.aircraft == 1
     residual = frame.residual + own[:, None] * rng.normal(0, 2.0, (frame.size, 2))
     true = mean_kt(residual) - mean_kt(frame.residual)
-    part = reduction_of_jitter(frame, residual, Scattering((frame.tails[1],), (2.0,), 50.0))
+    scatter = Scattering((frame.tails[1],), (2.0,), 50.0, 2.0 * own)
+    part = reduction_of_jitter(residual, scatter, np.zeros(frame.size, bool))
     assert part.interval[0] < true < part.interval[1]
     found = verdict("position_coding", frame, {"step": 1.0})
     assert reduction_of(frame, residual, found, np.zeros(frame.size, bool)).kt == 0.0

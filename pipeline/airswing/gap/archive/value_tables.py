@@ -30,7 +30,9 @@ SCALED = {
     "across_wind": ("wind_angle", "degree"),
     "along_wind": ("wind_factor", "percent"),
 }
-UNIT_OF = {name: "m/s" for name in (*COMPONENTS, "reported_speed")} | dict(SCALED.values())
+UNIT_OF = {name: "m/s" for name in (*COMPONENTS, "reported_speed", "scatter")} | dict(
+    SCALED.values()
+)
 #: Cells over which the likeness of neighbours falls off.
 REACH = 1.5
 #: Share of the prior variance that neighbours have in common.

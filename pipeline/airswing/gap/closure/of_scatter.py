@@ -5,8 +5,8 @@ disagreement would be without. Gross errors of a share of the reports, normal wi
 deviation known in each component, lengthen the disagreement of those reports; without them it would
 be as that of the others. Coarse coding adds a uniform error of its step along and across the wind:
 the same error added again and again to the reports as they stand tells how much it lengthens their
-disagreement, and, continued backwards, how much it has done already. Scatter of no known kind is
-treated as a normal error of its size.
+disagreement, and, continued backwards, how much it has done already. Scatter of no known kind is an
+error of its size, independent of all else.
 
 Validity: errors of one report independent of every other's; coding of no more than the disagreement
 itself. Results in knots; intervals hold the doubt about share and size and that of the draws.
@@ -33,6 +33,8 @@ Mask = NDArray[np.bool_]
 
 #: Relative standard error of a reduction beside that of its share: size, shape, continuation.
 SHAPE_DOUBT = 0.08
+#: Share of the mean square that is always left.
+LEAST_LEFT = 0.05
 
 
 @dataclass(frozen=True)
@@ -84,33 +86,31 @@ def reduction_of(
     return Reduction(0.0, 0.0)
 
 
-def reduction_of_jitter(
-    frame: Frame, residual: Floats, found: Scattering, *, seed: int = 0
-) -> Reduction:
+def reduction_of_jitter(residual: Floats, found: Scattering, gross: Mask) -> Reduction:
     """How far the disagreement shrinks without scatter of no known kind.
+
+    Independent errors add in squares: without one the reports of a cell disagree as they do, less
+    by the root of the share of the mean square that is left.
 
     Parameters
     ----------
-    frame : Frame
     residual : (n, 2) float
         m s-1.
     found : Scattering
-    seed : int
+    gross : (n,) bool
+        Gross errors that have a name.
 
     Returns
     -------
     Reduction
     """
-    rng = np.random.default_rng(seed)
-    size = np.zeros(len(frame.tails))
-    size[[frame.tails.index(tail) for tail in found.tails]] = found.excess
-    own = size[frame.aircraft]
-    struck = own > 0
-
-    def error() -> Floats:
-        return np.asarray(own[struck, None] * rng.standard_normal((int(struck.sum()), 2)))
-
-    return _scaled(_backwards(residual[struck], error), struck)
+    struck = (found.sizes > 0) & ~gross
+    longer = np.zeros(residual.shape[0])
+    for size in np.unique(found.sizes[struck]):
+        own = struck & (found.sizes == size)
+        share = 2 * size**2 / float((residual[own] ** 2).sum(axis=1).mean())
+        longer[own] = np.hypot(*residual[own].T) * (1 - np.sqrt(max(1 - share, LEAST_LEFT)))
+    return _scaled(longer[struck], struck)
 
 
 def _of_gross(

@@ -24,7 +24,8 @@ class Empirical(MomentEffect):
 
     A table by the reported wind is one by the wind as sent: what is sent is found in a few rounds.
     The component ``reported_speed`` is a map instead: ``edges`` are speeds, ``values`` what is sent
-    in their place, linear between them and moved along beyond.
+    in their place, linear between them and moved along beyond. The component ``scatter`` moves no
+    mean: its values are standard deviations of an error drawn anew for every report.
     """
 
     name = "empirical"
@@ -56,6 +57,11 @@ class Empirical(MomentEffect):
             air_u, air_v = frame.ground_u - state.report_u, frame.ground_v - state.report_v
             heading, airspeed = np.arctan2(air_u, air_v), np.hypot(air_u, air_v)
             value = table_values(grid, table, frame, u=u, v=v, heading=heading)
+            if component == "scatter":
+                drawn = value * rng.standard_normal((2, frame.size))
+                return replace(
+                    state, report_u=state.report_u + drawn[0], report_v=state.report_v + drawn[1]
+                )
             if component in ("across_heading", "heading_angle"):
                 turn = np.radians(value)
                 if component == "across_heading":

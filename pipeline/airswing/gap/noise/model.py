@@ -225,13 +225,30 @@ def fitted_gains(fit: NoiseFit, residual: Floats, reports: Flown) -> NoiseFit:
     NoiseFit
     """
     order = flight_order(reports.flight, reports.time)
-    log_pressure = np.log(reports.pressure)
-    distance, step = flight_steps(reports.latitude, reports.longitude, log_pressure, order)
     gross = gross_errors(
         remove_smooth_effects(residual, reports.aircraft, reports.heading, reports.airspeed), order
     )
-    gains = _gains(fit.model, order, distance, step, log_pressure, ~gross, reports.doubt)
-    return replace(fit, order=order, gains=gains, gross=gross)
+    fit = replace(fit, order=order, gross=gross)
+    return replace(fit, gains=gains_beside(fit, reports, ~gross))
+
+
+def gains_beside(fit: NoiseFit, reports: Flown, keep: NDArray[np.bool_]) -> Gains:
+    """Gains of a fitted model on the reports of its order, some of them left out.
+
+    Parameters
+    ----------
+    fit : NoiseFit
+    reports : Flown
+    keep : (n,) bool
+        False: the report is treated as missing.
+
+    Returns
+    -------
+    Gains
+    """
+    log_pressure = np.log(reports.pressure)
+    distance, step = flight_steps(reports.latitude, reports.longitude, log_pressure, fit.order)
+    return _gains(fit.model, fit.order, distance, step, log_pressure, keep, reports.doubt)
 
 
 def _gains(

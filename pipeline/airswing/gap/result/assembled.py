@@ -193,7 +193,8 @@ def _found_entries(
         share = float(np.clip(reduction.kt / whole, 0, 1)) if whole > 1e-6 else 0.0
         effects.append(replace(moment_entry(moment, reduction), share_of_gap=share))
     if findings.jittery is not None:
-        unknown.append(scatter_place(findings.jittery, findings.scatter["scatter"]))
+        fleet = problem.archive.tails
+        unknown.append(scatter_place(findings.jittery, fleet, findings.scatter["scatter"]))
     if findings.sent is not None:
         unknown.append(sent_place(findings.sent, problem.archive.tails, findings.scatter))
     if findings.swap is not None:

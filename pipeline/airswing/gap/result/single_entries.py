@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.reported_variables import UNITS
 from airswing.gap.closure.of_scatter import Reduction
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.localisation import Slice
@@ -57,18 +58,33 @@ def moment_entry(verdict: MomentVerdict, reduction: Reduction) -> EffectEntry:
     )
 
 
-def scatter_place(found: Scattering, reduction: Reduction) -> PlaceEntry:
+def scatter_place(found: Scattering, fleet: Sequence[str], reduction: Reduction) -> PlaceEntry:
     """Place of an unknown effect that shows in the scatter of single reports: it moves no mean."""
+    variable, excess, axis = "scatter", list(found.excess), found.axis
+    curve = CurveEntry(list(found.tails), excess)
+    if axis is not None:
+        variable = axis.variable
+        curve = CurveEntry(
+            list(axis.labels),
+            excess,
+            unit="m/s",
+            variables=[variable],
+            variable_units=[UNITS[variable]],
+            edges=[_floats(axis.edges)],
+            values=excess,
+        )
+    whole = len(found.tails) == len(fleet)
     return PlaceEntry(
         component="scatter",
-        variable="scatter",
-        variables=["scatter"],
-        group="scatter",
-        tails=list(found.tails),
-        scope="aircraft",
+        variable=variable,
+        variables=[variable],
+        group="scatter" if axis is None else f"scatter:{variable}",
+        tails=[] if whole else list(found.tails),
+        scope="fleet" if whole else "aircraft",
         evidence_nats=round(found.evidence, 2),
-        size_m_s=float(np.median(found.excess)),
-        curve=CurveEntry(list(found.tails), list(found.excess)),
+        probability=None if axis is None else _plain_probability(found.evidence),
+        size_m_s=float(np.median([size for size in excess if size > 0])),
+        curve=curve,
         closure=closes(reduction),
     )
 

@@ -51,8 +51,8 @@ EDITIONS = {"ruc": (1, "grb"), "rtfdaa": (2, "grb2")}
 """Edition and suffix of the references' GRIB files."""
 REFERENCES = tuple(EDITIONS)
 CALIBRATION_DAYS = 5
-ACROSS = ("across_heading", "heading_angle", "cross")
-"""Components by which a diagnosis tells an error of the heading."""
+ACROSS = ("across_heading", "heading_angle", "cross", "scatter")
+"""Components by which a diagnosis tells an irregular error of the heading."""
 _EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
 _COARSE_FIELDS: dict[str, Any] = {
     "columns": 32,
@@ -280,7 +280,7 @@ class Archivist:
             "without": list(case.without),
             # A real record's tails are as heavy as they are: who names them is right.
             "background": ["outliers"] if case.world.kind in ("hard", "sensor") else [],
-            # the record turns the heading of every aircraft: an unknown across it is no false claim
+            # the record turns the heading of every aircraft: one across it or scatter is not false
             "background_components": list(ACROSS) if case.world.kind == "sensor" else [],
             "closure": closure,
             "outside": outside,
