@@ -236,7 +236,7 @@ def _curve(
     for k in range(beside.shape[1]):
         own, number = scene.means(beside[:, k], scene.cells(grid, k), grid.size)
         excess = excess - own / np.maximum(number, 1) / beside.shape[1]
-    count = np.where(left[:, None], count, 0).astype(float)
+    count = np.where(left[:, None], count, 0.0)
     excess = np.where(count > 0, excess, 0.0)
     natural = NATURAL_WEATHER if name in WEATHER else NATURAL
     struck = left.copy() if all_of else _struck(excess, count, natural) & left
@@ -279,7 +279,8 @@ def _struck(excess: Floats, count: Floats, natural: float) -> NDArray[np.bool_]:
         odds = apart + np.log(usual / (1 - usual))
         share = known / (1 + np.exp(-np.clip(odds, -30, 30)))
     struck = share > 0.5
-    return known if struck.sum() >= MOST * known.sum() or not struck.any() else struck
+    whole = struck.sum() >= MOST * known.sum() or not struck.any()
+    return np.asarray(known if whole else struck)
 
 
 def _against_level(values: Floats, error: Floats) -> float:

@@ -87,8 +87,10 @@ class Scene:
         use = np.isfinite(values) & (cells >= 0)
         place = self.frame.aircraft[use] * size + cells[use]
         shape = len(self.frame.tails), size
-        total = np.bincount(place, values[use], minlength=shape[0] * shape[1])
-        return total.reshape(shape), np.bincount(place, minlength=total.size).reshape(shape)
+        whole = shape[0] * shape[1]
+        total = np.bincount(place, values[use], minlength=whole).astype(np.float64)
+        count = np.bincount(place, minlength=whole).astype(np.float64)
+        return total.reshape(shape), count.reshape(shape)
 
 
 def jitter_showing(scene: Scene, wanted: Floats, cells: Integers, beyond: float) -> Floats:
