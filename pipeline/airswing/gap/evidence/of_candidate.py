@@ -311,25 +311,29 @@ def _aircraft_evidence(
     return out
 
 
-def raw_of_one(given: Conditional, candidate: Candidate, one: int) -> float:
-    """Raw evidence that one aircraft alone is struck, of those that may be, nats.
+def raw_of_one(given: Conditional, pool: Sequence[Candidate], one: int) -> Floats:
+    """Raw evidence that one aircraft alone is struck by each candidate, of those that may be, nats.
 
     Parameters
     ----------
     given : Conditional
-    candidate : Candidate
+    pool : sequence of Candidate
         Of single aircraft.
     one : int
 
     Returns
     -------
-    float
+    (N,) float
     """
-    columns = candidate.columns
-    information = given.gram[one][np.ix_(columns, columns)]
-    score = given.score[one][:, columns].sum(axis=0)
-    fit = own_fit(information, score, candidate.scales)
-    return log_mean(by_share(raw_evidence(fit)[:, None]))
+    out = np.zeros(len(pool))
+    score = given.score[one].sum(axis=0)
+    for k in {c.columns.size for c in pool}:
+        alike = [n for n, c in enumerate(pool) if c.columns.size == k]
+        columns, scales = _stacked([pool[n] for n in alike])
+        information = given.gram[one][columns[:, :, None], columns[:, None]]
+        shares = by_share(raw_evidence(own_fit(information, score[columns], scales)))
+        out[alike] = [log_mean(shares[..., n]) for n in range(len(alike))]
+    return out
 
 
 def _shared(

@@ -25,6 +25,7 @@ from airswing.gap.evidence.of_candidate import evaluate, evaluate_each, raw_of_o
 from airswing.gap.evidence.terms import Term
 from airswing.gap.sums.elimination import Base, Conditional, beyond
 
+Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Effects beyond which a dictionary group must have something to say.
@@ -208,20 +209,22 @@ def better_for(
     allowed = np.arange(len(base.stats.tails)) == one
     own = ranked_by(evaluate_named(base, given, current.candidate, allowed, current.period))
     # cluster factors are 1 at least, and no evaluation finds more raw evidence than this
-    likely = [c for c in pool if _most(base, given, c, one) > own + CLEARLY]
+    most = _most(base, given, pool, one)
+    likely = [c for c, raw in zip(pool, most, strict=True) if raw > own + CLEARLY]
     scores = evaluate_all_known(base, given, likely, [allowed] * len(likely))
     best = max(scores, key=ranked_by, default=None)
     clear = best is not None and ranked_by(best) - own > CLEARLY * best.factor
     return best if clear else None
 
 
-def _most(base: Base, given: Conditional, candidate: Candidate, one: int) -> float:
+def _most(base: Base, given: Conditional, pool: Sequence[Candidate], one: int) -> Floats:
     """Raw evidence `evaluate_all_known` finds at most in one aircraft, less the odds, nats."""
-    step = candidate.kind == "step"
-    raw = (
-        raw_of_one_step(base, given, candidate, one) if step else raw_of_one(given, candidate, one)
-    )
-    return max(raw, 0.0) - CHANGE_PENALTY.get(candidate.kind, 0.0)
+    raw = raw_of_one(given, pool, one)
+    for n, candidate in enumerate(pool):
+        if candidate.kind == "step":
+            raw[n] = raw_of_one_step(base, given, candidate, one)
+    odds = np.array([CHANGE_PENALTY.get(candidate.kind, 0.0) for candidate in pool])
+    return np.asarray(np.maximum(raw, 0.0) - odds)
 
 
 def ranked_by(score: Score) -> float:
