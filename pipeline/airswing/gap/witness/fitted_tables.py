@@ -106,6 +106,8 @@ class Candidate:
     sums : Sums
     by_means : bool
         Whether it is the evidence of its cells' means, which must then confirm it.
+    jumps : float
+        Evidence of the jumps at its edges, where it was made for them.
     """
 
     nats: float
@@ -114,6 +116,12 @@ class Candidate:
     weighed: Weighed
     sums: Sums
     by_means: bool = False
+    jumps: float = -np.inf
+
+    @property
+    def strength(self) -> float:
+        """Evidence of the table or of its edges, whichever is more, nats."""
+        return max(self.nats, self.jumps)
 
 
 def struck(candidate: Candidate) -> tuple[int, ...]:
@@ -171,7 +179,7 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
         candidate.grid,
         tails,
         shared,
-        candidate.nats,
+        candidate.strength,
         values,
         by_fold,
         tuple(roots),

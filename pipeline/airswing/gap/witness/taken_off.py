@@ -36,7 +36,7 @@ from airswing.gap.witness.fitted_tables import (
     stands,
 )
 from airswing.gap.witness.learned import LearnedWitness
-from airswing.gap.witness.unknowns import SECOND, curves, pairs_of, refined
+from airswing.gap.witness.unknowns import SECOND, curves, edged, pairs_of, refined
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -135,7 +135,7 @@ def next_unknown(
     frame = setting.frame
     bench = Bench.of(setting, named_rest)
     ranked = _ranked(bench, witness)
-    if not ranked or ranked[0].nats < LEAST_EVIDENCE:
+    if not ranked or ranked[0].strength < LEAST_EVIDENCE:
         return None
     errors = frame.residual - named_rest
     named = bool(errors.any())
@@ -153,9 +153,10 @@ def next_unknown(
 
 def _ranked(bench: Bench, witness: LearnedWitness) -> list[Candidate]:
     """Tables of one variable and of the pairs the learned witness names, most evidence first."""
-    single, pairs = curves(bench), pairs_of(bench, witness.hear(bench.alike))
+    single = sorted(edged(bench) + curves(bench), key=lambda c: -c.strength)
+    pairs = pairs_of(bench, witness.hear(bench.alike))
     # of a pair and a curve that tell the same the curve is simpler: `refined` tries its pairs
-    least = single[0].nats + max(SECOND[0], SECOND[1] * single[0].nats)
+    least = single[0].strength + max(SECOND[0], SECOND[1] * single[0].strength)
     return [c for c in pairs if c.nats > least] + single
 
 
@@ -164,10 +165,10 @@ def _best(bench: Bench, ranked: Sequence[Candidate], fold: Integers) -> Unknown 
 
     An effect of one component shows in the changes along flights of another as well.
     """
-    least = max(LEAST_EVIDENCE, RIVAL * ranked[0].nats)
+    least = max(LEAST_EVIDENCE, RIVAL * ranked[0].strength)
     strongest: dict[str, Candidate] = {}
     for candidate in ranked:
-        if candidate.nats >= least:
+        if candidate.strength >= least:
             strongest.setdefault(candidate.component, candidate)
     made = [refined(bench, candidate, fold) for candidate in [*strongest.values()][:2]]
     tables = [table for table in made if table is not None]
@@ -188,7 +189,7 @@ def _taken(
     if not stands(unknown):
         return None
     frame = setting.frame
-    rivals = tuple((c.nats, c.component, c.grid.variables) for c in ranked[:6])
+    rivals = tuple((c.strength, c.component, c.grid.variables) for c in ranked[:6])
     unknown = replace(unknown, rivals=rivals)
     error = field_of(bench, unknown, fold)
     zero = np.zeros_like(error)

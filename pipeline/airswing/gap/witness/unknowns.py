@@ -32,6 +32,7 @@ from airswing.gap.witness.fitted_tables import (
     fitted,
     merged,
 )
+from airswing.gap.witness.jumps import jumps
 from airswing.gap.witness.learned import Heard
 
 Integers = NDArray[np.int64]
@@ -50,6 +51,8 @@ LIKES = (
     ("altitude", "temperature", "airspeed", "ground_speed"),
     ("wind_speed", "drift"),
 )
+#: Variables at whose jumps tables are cut.
+MOST_JUMPING = 3
 #: Cells of the two variables of a table.
 PAIR_CELLS = {"circular": 8, "linear": 5, "category": 3}
 #: The same where there is enough to tell.
@@ -71,6 +74,22 @@ def curves(bench: Bench) -> list[Candidate]:
         grid = Grid((axis_of(variable, KINDS[name][1]),))
         out += [weighed(bench, grid, component) for component in COMPONENTS]
     return sorted(out, key=lambda c: -c.nats)
+
+
+def edged(bench: Bench) -> list[Candidate]:
+    """Tables whose edges are jumps of the residual, most evidence first."""
+    made = [
+        _by_jumps(weighed(bench, found.grid(bench), found.component), found.nats)
+        for found in jumps(bench)[:MOST_JUMPING]
+        if found.nats >= LEAST_EVIDENCE
+    ]
+    return sorted(made, key=lambda c: -c.strength)
+
+
+def _by_jumps(candidate: Candidate, nats: float) -> Candidate:
+    """A table for which its jumps speak; whose it is only where single aircraft's tables tell."""
+    whole = candidate.weighed.single[0] < LEAST_EVIDENCE
+    return replace(candidate, jumps=nats, by_means=bool(candidate.by_means or whole))
 
 
 def pairs_of(bench: Bench, heard: Heard) -> list[Candidate]:
@@ -101,8 +120,13 @@ def refined(bench: Bench, best: Candidate, fold: Integers) -> Unknown | None:
     -------
     Unknown or None
     """
-    best = _better(best, [weighed(bench, best.grid, SCALED[best.component][0])], FINER)
-    options = _of_one(bench, best) + _of_two(bench, best)
+    scaled = weighed(bench, best.grid, SCALED[best.component][0])
+    also = []
+    if np.isfinite(best.jumps):  # a jump tells nothing of which of the two it is of
+        scaled = _by_jumps(scaled, best.jumps)
+        also = [best, scaled]
+    best = _better(best, [scaled], FINER)
+    options = _of_one(bench, best) + also + _of_two(bench, best)
     found = _most_explaining(bench, options, fold)
     if found is None or len(found.grid.axes) == 1:
         return found
@@ -167,7 +191,8 @@ def _of_two(bench: Bench, best: Candidate) -> list[Candidate]:
     pairs = []
     for other, variable in bench.variables.items():
         if other != name:
-            axes = (_pair_axis(bench, name), axis_of(variable, PAIR_CELLS[variable.kind]))
+            own = best.grid.axes[0] if np.isfinite(best.jumps) else _pair_axis(bench, name)
+            axes = (own, axis_of(variable, PAIR_CELLS[variable.kind]))
             pairs.append(weighed(bench, Grid(axes), best.component))
     least = best.nats + max(SECOND[0], SECOND[1] * best.nats)
     return sorted((c for c in pairs if c.nats > least), key=lambda c: -c.nats)[:MOST_PAIRS]
@@ -176,7 +201,7 @@ def _of_two(bench: Bench, best: Candidate) -> list[Candidate]:
 def _most_explaining(bench: Bench, options: Sequence[Candidate], fold: Integers) -> Unknown | None:
     """Fit tables and take the one that explains most on weeks left out; of equals the first."""
     best: Unknown | None = None
-    for option in (one for one in options if one.nats >= LEAST_EVIDENCE):
+    for option in (one for one in options if one.strength >= LEAST_EVIDENCE):
         best = _more_explaining(bench, best, fitted(bench, option, fold), fold)
     return best
 
