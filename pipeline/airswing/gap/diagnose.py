@@ -51,6 +51,7 @@ from airswing.gap.search.testability import absorbed, too_short
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.whole_archive import Archive, held_archive
 from airswing.gap.witness.bench import Bench, Setting
+from airswing.gap.witness.ceiling import ceiling_of
 from airswing.gap.witness.learned import LearnedWitness
 from airswing.gap.witness.sent_winds import SentWinds, sent_winds
 from airswing.gap.witness.taken_off import Taken, is_remainder, next_unknown, remainder_names
@@ -188,6 +189,9 @@ def diagnose(
     search = Search(effects, rules or Rules(), dictionary, seed, tell)
     known_names = set(CATALOGUE if catalogue is None else catalogue)
     swaps = "tail_swap" in known_names
+    ceiling = ceiling_of(archive.view) if dictionary else None
+    if ceiling is not None:  # means of bounded winds are truncated: nothing is fitted to them
+        archive = of_view(archive, ceiling.lifted)
     final, again, swap = search_twice(archive, search, swaps=swaps)
     first = final.standing.found.terms
     taken: list[Taken] = []
@@ -211,11 +215,15 @@ def diagnose(
     problem, found = final.problem, final.standing.found
     findings = _findings(final, search, again=again, names=known_names)
     told = {name for one in taken for name in one.unknown.grid.variables}
+    if ceiling is not None:
+        told.add("wind_speed")
     if findings.sent is not None and told & set(findings.sent.telling):
         findings = replace(findings, sent=None)  # what a table's cells left of its variable
     findings = replace(findings, swap=swap, untestable=untestable | dict(findings.untestable))
     report = assemble(problem, findings)
-    report = with_unknowns(report, taken, problem=problem, found=found, whole=findings.whole)
+    report = with_unknowns(
+        report, taken, problem=problem, found=found, whole=findings.whole, ceiling=ceiling
+    )
     tell("checks", 0.0)
     checks = run_checks(problem, found, findings.closure)
     unseen = [name for name, reason in findings.hidden.items() if not reason.startswith("in part")]

@@ -32,9 +32,14 @@ from airswing.gap.search.excess_scatter import Scattering
 from airswing.gap.search.tail_swaps import Swap
 from airswing.gap.sums.elimination import Base
 from airswing.gap.sums.problem import Problem
+from airswing.gap.witness.ceiling import Ceiling
 from airswing.gap.witness.sent_winds import SentWinds
+from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
+
+#: What would settle winds that are sent otherwise than simulated.
+BEFORE_CODING = "the unit's winds before they are coded, beside those it sends"
 
 
 def closes(reduction: Reduction) -> ClosesEntry:
@@ -102,16 +107,7 @@ def sent_place(
     if found.speeds is not None and found.sent is not None:
         component = "reported_speed"
         size = float(np.sqrt(np.mean((found.sent - found.speeds) ** 2)))
-        speeds, sent = _floats(found.speeds), _floats(found.sent)
-        curve = CurveEntry(
-            [f"{speed:.3g}" for speed in speeds],
-            sent,
-            unit="m/s",
-            variables=["wind_speed"],
-            variable_units=["m/s"],
-            edges=[speeds],
-            values=sent,
-        )
+        curve = _speed_map(_floats(found.speeds), _floats(found.sent))
     return PlaceEntry(
         component=component,
         variable=found.telling[0],
@@ -126,7 +122,42 @@ def sent_place(
         closure=closes(scatter[component])
         if component in scatter
         else None,  # of directions it is not known
-        settled_by="the unit's winds before they are coded, beside those it sends",
+        settled_by=BEFORE_CODING,
+    )
+
+
+def ceiling_place(
+    found: Ceiling, tails: Sequence[str], interval: tuple[float, float]
+) -> PlaceEntry:
+    """Place of a bound on the speeds sent: the map of speeds that ends in it."""
+    whole = len(found.tails) == len(tails)
+    fastest = max(found.speed, float(np.hypot(found.lifted.u_rep, found.lifted.v_rep).max()))
+    return PlaceEntry(
+        component="reported_speed",
+        variable="wind_speed",
+        variables=["wind_speed"],
+        group="reported_speed:wind_speed",
+        tails=[] if whole else [tails[a] for a in found.tails],
+        scope="fleet" if whole else "aircraft",
+        evidence_nats=round(found.evidence, 2),
+        probability=_plain_probability(found.evidence),
+        size_m_s=found.size,
+        curve=_speed_map([0.0, found.speed, fastest + 1.0], [0.0, found.speed, found.speed]),
+        closure=ClosesEntry(float(found.saved.mean()) / KNOT, list(interval)),
+        settled_by=BEFORE_CODING,
+    )
+
+
+def _speed_map(speeds: list[float], sent: list[float]) -> CurveEntry:
+    """Speeds, and what is sent in their place, m/s."""
+    return CurveEntry(
+        [f"{speed:.3g}" for speed in speeds],
+        sent,
+        unit="m/s",
+        variables=["wind_speed"],
+        variable_units=["m/s"],
+        edges=[speeds],
+        values=sent,
     )
 
 

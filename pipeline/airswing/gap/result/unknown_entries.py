@@ -23,9 +23,11 @@ from airswing.gap.result.schema import (
     UnknownClosureEntry,
     UnknownEntry,
 )
+from airswing.gap.result.single_entries import ceiling_place
 from airswing.gap.result.table_entries import entry, interval
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.problem import Problem
+from airswing.gap.witness.ceiling import Ceiling
 from airswing.gap.witness.taken_off import Taken
 from airswing.units import KNOT
 
@@ -37,6 +39,7 @@ def with_unknowns(
     problem: Problem,
     found: Found,
     whole: Closure,
+    ceiling: Ceiling | None = None,
 ) -> GapReport:
     """Add unknowns, their closure and their steps of the waterfall.
 
@@ -51,18 +54,24 @@ def with_unknowns(
     found : Found
     whole : Closure
         With the dictionary's unknown terms; in the order of the terms.
+    ceiling : Ceiling, optional
+        A bound on the speeds sent, taken off before all others.
 
     Returns
     -------
     GapReport
     """
     tables = [entry(one, problem.archive.tails) for one in taken]
+    off: list[Taken | Ceiling] = [*taken]
+    if ceiling is not None:
+        tables.insert(0, ceiling_place(ceiling, problem.archive.tails, interval([ceiling])))
+        off.insert(0, ceiling)
     others = _with_closures(report.unknown.where, found, whole)
     after_names = report.closure.after
     curves = max(after_names - whole.after, 0.0) if others else 0.0
-    saved = sum((one.saved for one in taken), np.zeros(problem.archive.size))
+    saved = sum((one.saved for one in off), np.zeros(problem.archive.size))
     moved = float(saved.mean()) / KNOT
-    low, high = interval(taken) if taken else (0.0, 0.0)
+    low, high = interval(off) if off else (0.0, 0.0)
     if others:
         spread = 0.5 * curves + 0.01
         low, high = low - spread, high + spread
@@ -78,7 +87,7 @@ def with_unknowns(
         )
     places = [*tables, *others]
     report = replace(report, unknown=UnknownEntry(bool(places), places, closes))
-    return _moved(report, taken, moved) if taken else report
+    return _moved(report, off, moved) if off else report
 
 
 def _with_closures(places: Sequence[PlaceEntry], found: Found, whole: Closure) -> list[PlaceEntry]:
@@ -101,21 +110,19 @@ def _with_closures(places: Sequence[PlaceEntry], found: Found, whole: Closure) -
     return out
 
 
-def _moved(report: GapReport, taken: Sequence[Taken], moved: float) -> GapReport:
+def _moved(report: GapReport, taken: Sequence[Taken | Ceiling], moved: float) -> GapReport:
     """Start the closure and the waterfall from the archive as it is."""
     gap, closure = report.gap, report.closure
     before, fraction = closure.before + moved, closure.fraction_of_excess
     everything = before - gap.noise_floor_kt
     if everything > 1e-6:
         fraction = float(np.clip(closure.reduction / everything, 0, 1))
-    strongest = max(one.unknown.evidence for one in taken)
+    strongest = max(one.evidence for one in taken)
     luck = float(50.0 * np.exp(-min(strongest, 60.0)))
     now, steps = before, []
     for one in taken:
         now -= float(one.saved.mean()) / KNOT
-        names = " x ".join(one.unknown.grid.variables)
-        what = one.unknown.component.replace("_", " ")
-        steps.append(StepEntry(f"unknown: {what} by {names}", now, None))
+        steps.append(StepEntry(f"unknown: {one.title}", now, None))
     first, *rest = report.waterfall
     return replace(
         report,

@@ -86,6 +86,17 @@ class Taken:
     nearest: str | None
     share: float
 
+    @property
+    def evidence(self) -> float:
+        """What speaks for it, nats."""
+        return self.unknown.evidence
+
+    @property
+    def title(self) -> str:
+        """What is told of it on the waterfall."""
+        what = self.unknown.component.replace("_", " ")
+        return f"{what} by {' x '.join(self.unknown.grid.variables)}"
+
 
 def without(frame: Frame, wind: Floats) -> Frame:
     """Frame whose reported winds are others, with the heading and airspeed they imply."""
