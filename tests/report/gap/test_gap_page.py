@@ -99,6 +99,12 @@ def test_verdict_says_unknown_and_where(gap: GapReport) -> None:
     place, table = gap_factories.unknown_place(), gap_factories.unknown_table()
     alone = replace(gap, effects=[], unknown=unknown(place))
     assert "hold (icing by magnetic heading, across the heading: N403)" in verdict(alone)
+    near = replace(place, nearest_effect="compass_drift", nearest_effect_share=0.92)
+    text = verdict(replace(alone, unknown=unknown(near)))
+    assert "no known effect" not in text and "does not hold" not in text
+    assert "comes nearest, which explains 92 % of it, though days left out do not" in text
+    far = verdict(replace(alone, unknown=unknown(replace(near, nearest_effect_share=0.3))))
+    assert "no known effect explains it (" in far and "explains 30 % of it)" in far
     both = replace(gap, unknown=unknown(table))
     assert verdict(both).endswith(
         "Something unknown remains (altitude by temperature, across the heading: N403); a table "

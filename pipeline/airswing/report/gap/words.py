@@ -35,6 +35,8 @@ UNITS: tuple[tuple[str, str], ...] = (
     ("_s", " s"),
 )
 MOST_TAILS = 6
+#: Share of an unknown that an effect explains from which its name is said and not that it has none.
+NEAR = 0.8
 
 
 def plain_name(name: str) -> str:
@@ -231,10 +233,7 @@ def _what_is_missing(gap: GapReport, most: int) -> str:
     effects = gap.effects
     if not effects:
         if gap.unknown.present:
-            return (
-                "Something is missing that the catalogue does not hold"
-                f"{_unknown_place(gap)}: no known effect explains it{_unknown_closure(gap)}."
-            )
+            return f"Something is missing{_unknown_alone(gap)}{_unknown_closure(gap)}."
         return _nothing_missing(gap)
     text = capitalised("; ".join(effect_clause(effect) for effect in effects[:most]))
     if len(effects) > most:
@@ -271,6 +270,21 @@ def _unknown_closure(gap: GapReport) -> str:
         f"; a table by {names} closes {closure.reduction:.2f} kt ({low:.2f} to {high:.2f}) of "
         f"{closure.before:.2f}"
     )
+
+
+def _unknown_alone(gap: GapReport) -> str:
+    """Where an unknown shows, and how near an effect of the catalogue comes to it."""
+    where = _unknown_place(gap)
+    first = gap.unknown.where[0] if gap.unknown.where else None
+    share = (first.nearest_effect_share or 0.0) if first is not None else 0.0
+    near = ""
+    if first is not None and first.nearest_effect is not None and share > 0:
+        name = plain_name(first.nearest_effect)
+        near = f"{name} comes nearest, which explains {100 * share:.0f} % of it"
+    if share >= NEAR and near:
+        return f"{where}: {near}, though days left out do not confirm it as that"
+    near = f" ({near})" if near else ""
+    return f" that the catalogue does not hold{where}: no known effect explains it{near}"
 
 
 def _unknown_place(gap: GapReport) -> str:
