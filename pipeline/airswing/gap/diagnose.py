@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.checks.aliases import hidden_shares
-from airswing.gap.checks.assumptions import run_checks, with_aliases
+from airswing.gap.checks.assumptions import Checks, run_checks, with_aliases
 from airswing.gap.checks.refit_claims import Adjustment, make_adjustment
 from airswing.gap.closure.interval import with_interval
 from airswing.gap.closure.of_scatter import (
@@ -43,7 +43,7 @@ from airswing.gap.result.assembled import Findings, aircraft_probability, assemb
 from airswing.gap.result.schema import EffectEntry, GapReport
 from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
-from airswing.gap.search.coding_and_outliers import second_moments
+from airswing.gap.search.coding_and_outliers import MomentVerdict, second_moments
 from airswing.gap.search.confirmation import LEAST_PARTS
 from airswing.gap.search.excess_scatter import Scattering, scattering
 from airswing.gap.search.stepwise import Found, Rules
@@ -226,19 +226,22 @@ def diagnose(
     )
     tell("checks", 0.0)
     checks = run_checks(problem, found, findings.closure)
-    unseen = [name for name, reason in findings.hidden.items() if not reason.startswith("in part")]
-    hidden = hidden_shares(problem.base.stats, found.terms, unseen)
-    effects_told = with_aliases(report.effects, checks.shares, hidden)
-    report = replace(
-        checks.told(report),
-        effects=effects_told,
-        ambiguity={entry.name: entry.ambiguity for entry in effects_told},
-    )
+    report = _with_rivals(checks.told(report), checks, problem, findings)
     dataset = _dataset(problem, found, maps).assign(checks.histograms())
     fitted = term_coefficients(found.given, found.terms)
     whole = whole_coefficients(fitted, found.terms, findings.factors)
     adjustment = make_adjustment(problem, found.terms, whole)
     return Diagnosis(report, dataset, adjustment)
+
+
+def _with_rivals(
+    report: GapReport, checks: Checks, problem: Problem, findings: Findings
+) -> GapReport:
+    """Say of every name which others look like it."""
+    unseen = [name for name, reason in findings.hidden.items() if not reason.startswith("in part")]
+    hidden = hidden_shares(problem.base.stats, findings.found.terms, unseen)
+    told = with_aliases(report.effects, checks.shares, hidden)
+    return replace(report, effects=told, ambiguity={entry.name: entry.ambiguity for entry in told})
 
 
 def _next_unknown(final: Pass, witness: LearnedWitness) -> tuple[Taken, Frame] | None:
@@ -284,22 +287,10 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
     ]
     scatter = {m.name: reduction_of(frame, whole.residual, m, calm.gross) for m in moments}
     closure, whole = with_scatter(closure, scatter), with_scatter(whole, scatter)
-    explained = {tail for moment in moments for tail in moment.tails}
-    # single gross errors with a name are left out: their aircraft may scatter besides
-    erring = [t for m in moments if m.name == "outliers" for t in m.tails]
-    struck = calm.gross & np.isin(np.array(frame.tails)[frame.aircraft], erring)
     jittery = sent = None
+    unnamed: dict[str, Reduction] = {}
     if search.dictionary:
-        jittery = _scatters(problem, whole.residual, struck, explained - set(erring))
-        explained |= set(() if jittery is None else jittery.tails)
-        search.tell("sent winds", 0.0)
-        sent = _sent_otherwise(problem, whole.residual, explained)
-        search.tell("where", 0.0)
-    unnamed = {}
-    if jittery is not None:
-        unnamed["scatter"] = reduction_of_jitter(whole.residual, jittery, struck)
-    if sent is not None and sent.speeds is not None:
-        unnamed["reported_speed"] = Reduction(sent.closes, sent.closes_error)
+        jittery, sent, unnamed = _in_no_mean(problem, whole.residual, moments, calm.gross, search)
     scatter |= unnamed
     whole = with_scatter(whole, unnamed)
     return Findings(
@@ -321,6 +312,31 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
         sent=sent,
         doubtful=standing.doubtful,
     )
+
+
+def _in_no_mean(
+    problem: Problem,
+    rest: Floats,
+    moments: Sequence[MomentVerdict],
+    gross: NDArray[np.bool_],
+    search: Search,
+) -> tuple[Scattering | None, SentWinds | None, dict[str, Reduction]]:
+    """What has no name and moves no mean: scatter, winds sent otherwise; what each closes."""
+    explained = {tail for moment in moments for tail in moment.tails}
+    # single gross errors with a name are left out: their aircraft may scatter besides
+    erring = [t for m in moments if m.name == "outliers" for t in m.tails]
+    struck = gross & np.isin(np.array(problem.archive.tails)[problem.archive.aircraft], erring)
+    jittery = _scatters(problem, rest, struck, explained - set(erring))
+    explained |= set(() if jittery is None else jittery.tails)
+    search.tell("sent winds", 0.0)
+    sent = _sent_otherwise(problem, rest, explained)
+    search.tell("where", 0.0)
+    closes = {}
+    if jittery is not None:
+        closes["scatter"] = reduction_of_jitter(rest, jittery, struck)
+    if sent is not None and sent.speeds is not None:
+        closes["reported_speed"] = Reduction(sent.closes, sent.closes_error)
+    return jittery, sent, closes
 
 
 def _scatters(
