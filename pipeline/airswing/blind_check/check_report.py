@@ -312,8 +312,9 @@ def _null_text(scores: Sequence[Mapping[str, Any]]) -> str:
     real = [s["name"] for s in nulls if s.get("of_background") and s not in loud]
     if real:
         lines.append(
-            f"\nNot counted: an unknown across the heading on {', '.join(real)}: all aircraft have "
-            "a real flux valve's irregular heading error there."
+            f"\nNot counted: an unknown across the heading or of scatter on "
+            f"{', '.join(real)}: all aircraft have a real flux "
+            "valve's irregular heading error there."
         )
     return "\n".join(lines)
 

@@ -54,6 +54,15 @@ def test_a_bound_is_found_and_what_it_costs(plain, aircraft):
     assert (lifted >= np.hypot(frame.u_rep, frame.v_rep) - 1e-9).all()
 
 
+def test_a_speed_stuck_for_a_day_is_no_bound(plain):
+    speed = np.hypot(plain.u_rep, plain.v_rep)
+    day = plain.day == np.unique(plain.day)[3]
+    limit = np.quantile(speed[day], 0.5)
+    stuck = sent_as(plain, lambda s, d: (np.where(day, np.minimum(s, limit), s), d))
+    rows = np.flatnonzero(day | (speed < limit - 1.0))
+    assert ceiling_of(stuck.take(rows)) is None
+
+
 def test_order_of_reports_changes_nothing_found(plain):
     frame = bounded(plain, 40.0, range(6))
     order = np.random.default_rng(0).permutation(frame.size)

@@ -7,8 +7,9 @@ of a bounded report follows those of its flight and is at least what the bound l
 autoregression along the flight, truncated below, drawn by Gibbs sampling. Whatever is fitted to
 means would meet a truncated error: so the search begins with the speeds drawn.
 
-Validity: one bound for all aircraft that have one, 25 reports at it each. The error's scale (by
-level), mean and correlation are of reports whose reference is too weak to be bounded.
+Validity: one bound for all aircraft that have one, 25 reports at it each, on five days or more. The
+error's scale (by level), mean and correlation are of reports whose reference is too weak to be
+bounded.
 
 Source: Geman & Geman (1984), IEEE PAMI 6, 721-741; Chib (1992), Journal of Econometrics 51, 79-99
 (censored regression by data augmentation).
@@ -37,6 +38,8 @@ Mask = NDArray[np.bool_]
 LEAST_COUNT, PILED = 25, 4.0
 #: What a report at the bound may differ from it by for the rounding of its components, kt.
 TOUCHING = 0.2
+#: Days on which a bound must have been met.
+LEAST_DAYS = 5
 #: Share of the reports at the bound that may lie beyond it: gross errors, added afterwards.
 BEYOND = 0.1
 #: What the reference must lie under the bound by for a report not to be bounded, m/s.
@@ -101,6 +104,8 @@ def ceiling_of(frame: Frame) -> Ceiling | None:
         return None
     limit = float(np.median([bound for bound, _ in bounds.values()]))
     tails = tuple(a for a, (bound, _) in bounds.items() if abs(bound - limit) <= 0.6)
+    if not tails:
+        return None
     own = np.isin(frame.aircraft, tails)
     at = own & (np.abs(knots - limit) <= TOUCHING)
     along = np.divide(
@@ -109,8 +114,10 @@ def ceiling_of(frame: Frame) -> Ceiling | None:
         out=np.zeros(frame.size),
         where=speed > 0,
     )
-    if not tails or np.median(along[at]) < limit * KNOT:
+    if np.median(along[at]) < limit * KNOT:
         return None  # what errs upward is greatest by chance
+    if np.unique(frame.day[at]).size < LEAST_DAYS:
+        return None  # a speed that was stuck for a flight or a day, and nothing to confirm it
     strength = np.hypot(frame.u_ref, frame.v_ref)
     # along the reference, not along a weak wind's own direction: that would err upward
     plain = (frame.residual * np.stack([frame.u_ref, frame.v_ref], -1)).sum(axis=1)
@@ -161,9 +168,8 @@ def _drawn(frame: Frame, error: Floats, at: Mask, *, calm: Mask) -> Floats | Non
     whitened = ((error - mean) / scale)[order]
     both = near & calm[order][1:] & calm[order][:-1]
     pair = np.clip(whitened, -4, 4)
-    phi = float(
-        np.clip(np.mean((pair[1:] * pair[:-1])[both]) / np.mean(pair[calm[order]] ** 2), 0, 0.98)
-    )
+    shared = (pair[1:] * pair[:-1])[both].mean() if both.any() else 0.0
+    phi = float(np.clip(shared / np.mean(pair[calm[order]] ** 2), 0.0, 0.98))
     out = np.empty((CHAINS, frame.size))
     for chain in range(CHAINS):
         rng = np.random.default_rng(chain)
