@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import airswing  # noqa: F401
-from airswing.gap.closure.effects_not_named import closure_slopes
+from airswing.gap.closure.effects_not_named import _beside, _Silent, closure_slopes
 
 
 def test_slopes_are_the_derivatives_of_the_summed_disagreement():
@@ -32,3 +34,31 @@ def test_slopes_by_hand():
     # along (3, 4)/5 and (0, 1); what is across, by the size: 1 - 0.36 over 5, and nothing
     assert slope[0] == pytest.approx(1.6)
     assert curve[0, 0] == pytest.approx(0.64 / 5)
+
+
+def test_what_the_named_effects_copy_closes_nothing():
+    """A named effect is smaller by what an effect alike would take: beside it nothing is left."""
+    rng = np.random.default_rng(5)
+    named = rng.normal(0, 1.0, (300, 2, 2))
+    alike = named @ np.array([[1.0], [-2.0]])
+    other = rng.normal(0, 1.0, (300, 2, 1))
+    left = _beside(np.concatenate([alike, other], axis=2), named)
+    np.testing.assert_allclose(left[..., 0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.einsum("ncj,nck->jk", left, named), 0.0, atol=1e-9)
+    assert np.square(left[..., 1]).sum() > 0.9 * np.square(other).sum()
+
+
+def test_an_effect_of_the_fleet_gives_back_over_all_its_aircraft():
+    """One coefficient of the named effect serves all aircraft: sums over them, not each alone."""
+    rng = np.random.default_rng(7)
+    residual, fields = rng.normal(0, 3.0, (2, 200, 2)), rng.normal(0, 1.0, (2, 200, 2, 2))
+    score = SimpleNamespace(candidate=SimpleNamespace(columns=np.zeros(1)))
+    one = _Silent(score, 1.0, np.ones(1, bool))
+    for aircraft in range(2):
+        one.add(0, residual[aircraft], fields[aircraft])
+    slope, curve = one.net()
+    both, named = np.concatenate(fields)[..., 0], np.concatenate(fields)[..., 1]
+    net = both - named * (both * named).sum() / np.square(named).sum()
+    expected = closure_slopes(np.concatenate(residual), net[..., None])
+    np.testing.assert_allclose(slope[0], expected[0])
+    np.testing.assert_allclose(curve[0], expected[1])

@@ -3,7 +3,9 @@
 Assumptions: every effect of the catalogue is at work beside those named with small odds, which its
 own evidence raises or lowers; on which aircraft its mixture tells, how large its estimate and that
 estimate's error. What it then closes is worked out to second order in its size, draw by draw; most
-draws hold nothing. Effects are drawn independently of each other.
+draws hold nothing. Effects are drawn independently of each other. What of such an effect the named
+ones copy closes nothing more: were it at work, they would be smaller by as much (an offset of the
+whole fleet beside offsets of every aircraft).
 
 Validity: effects well under the disagreement itself (several m/s); those that act from a date on
 count with the days they were found to act on. Swaps of tails, outliers and coding are not in it.
@@ -13,7 +15,7 @@ Source: docs/gap.md section 7; posterior of a spike-and-slab mixture.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,17 +40,31 @@ BESIDE = 0.05
 LEAST_CHANCE = 0.002
 #: Disagreement, m/s, under which a report no longer curves the closure.
 LEAST_SPEED = 0.5
+#: Relative size under which a combination of named effects' fields copies nothing.
+LEAST_OWN = 1e-8
 
 
-def left_over(problem: Problem, found: Found, rng: np.random.Generator, draws: int) -> Floats:
+def left_over(
+    problem: Problem,
+    found: Found,
+    residual: Floats,
+    rng: np.random.Generator,
+    draws: int,
+    *,
+    named: Sequence[int] = (),
+) -> Floats:
     """Draws of what the effects that were not named would close together.
 
     Parameters
     ----------
     problem : Problem
     found : Found
+    residual : (n, 2) float
+        With the named effects taken off, m s-1.
     rng : numpy.random.Generator
     draws : int
+    named : sequence of int
+        Positions of the terms that are named.
 
     Returns
     -------
@@ -57,28 +73,58 @@ def left_over(problem: Problem, found: Found, rng: np.random.Generator, draws: i
     """
     frame = problem.archive
     total = np.zeros(draws)
+    terms = [found.terms[k] for k in named]
     silent = [s for s in _silent(found) if s.chance >= LEAST_CHANCE and s.units.any()]
     for own in _by_aircraft(frame):
         part, when = frame.take(own), problem.day[own]
+        beside = _Beside(part, when, residual[own], *_named_fields(problem, terms, part, when))
         for one in silent:
-            _add_slopes(one, part, when, effects=problem.effects, plan=problem.plan)
+            _add_slopes(one, beside, effects=problem.effects, plan=problem.plan)
     for one in silent:
+        slope, curve = one.net()
         steps = _drawn(found, one.score, one.units, rng, draws)
         steps *= (rng.uniform(size=draws) < one.chance)[:, None, None]
-        total += np.einsum("dak,ak->d", steps, one.slope)
-        total -= 0.5 * np.einsum("dak,akl,dal->d", steps, one.curve, steps, optimize=True)
+        total += np.einsum("dak,ak->d", steps, slope)
+        total -= 0.5 * np.einsum("dak,akl,dal->d", steps, curve, steps, optimize=True)
     return np.asarray(total / frame.size)
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Silent:
     """An effect that was not named: chance that it is at work, and where; what it would close."""
 
     score: Score
     chance: float
     units: NDArray[np.bool_]
-    slope: Floats
-    curve: Floats
+    slope: Floats | float = 0.0
+    curve: Floats | float = 0.0
+    gram: Floats | float = 0.0
+
+    def add(self, unit: int, residual: Floats, fields: Floats) -> None:
+        """Add an aircraft's reports, the fields of named effects of the fleet behind its own."""
+        slope, curve = closure_slopes(residual, fields)
+        here = np.arange(self.units.size) == unit
+        self.slope = self.slope + here[:, None] * slope
+        self.curve = self.curve + here[:, None, None] * curve
+        self.gram = self.gram + np.einsum("nck,ncl->kl", fields, fields)
+
+    def net(self) -> tuple[Floats, Floats]:
+        """Slopes with what named effects of the fleet give back, (units, k) and (units, k, k)."""
+        k, gram = self.score.candidate.columns.size, np.asarray(self.gram)
+        back = np.linalg.lstsq(gram[k:, k:], gram[k:, :k], rcond=LEAST_OWN)[0]
+        whole = np.vstack([np.eye(k), -back])
+        return self.slope @ whole, whole.T @ self.curve @ whole
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """Reports of an aircraft, and what is named on them."""
+
+    part: Frame
+    day: Integers
+    residual: Floats
+    own: Floats
+    of_fleet: Floats
 
 
 def _silent(found: Found) -> list[_Silent]:
@@ -86,9 +132,7 @@ def _silent(found: Found) -> list[_Silent]:
     out = []
     for score in alternatives(found):
         odds = score.tempered + np.log(BESIDE / (1 - BESIDE))
-        units, k = _units(found, score), score.candidate.columns.size
-        slope, curve = np.zeros((units.size, k)), np.zeros((units.size, k, k))
-        out.append(_Silent(score, float(1 / (1 + np.exp(-odds))), units, slope, curve))
+        out.append(_Silent(score, float(1 / (1 + np.exp(-odds))), _units(found, score)))
     return out
 
 
@@ -98,22 +142,51 @@ def _by_aircraft(frame: Frame) -> list[Integers]:
     return np.split(order, np.flatnonzero(np.diff(frame.aircraft[order])) + 1)
 
 
+def _named_fields(
+    problem: Problem, terms: Sequence[Term], part: Frame, day: Integers
+) -> tuple[Floats, Floats]:
+    """Fields of the named effects of this aircraft, and of the fleet's beside them."""
+    kinds: list[list[Floats]] = [[np.zeros((part.size, 2, 0))], [np.zeros((part.size, 2, 0))]]
+    for term in terms:
+        of_fleet = term.candidate.scope == "fleet"
+        if of_fleet or int(part.aircraft[0]) in term.tails:
+            fields = term_fields(part, term, effects=problem.effects, plan=problem.plan)
+            kinds[of_fleet].append(_acting(fields, term.period, day))
+    own, shared = (np.concatenate(kind, axis=2) for kind in kinds)
+    return own, _beside(shared, own)
+
+
+def _acting(fields: Floats, period: tuple[int, int] | None, day: Integers) -> Floats:
+    """Fields, zero outside the days they act on."""
+    if period is None:
+        return fields
+    return fields * ((day >= period[0]) & (day < period[1]))[:, None, None]
+
+
+def _beside(fields: Floats, named: Floats) -> Floats:
+    """What of fields no combination of the named ones copies: the rest they would give back."""
+    if not named.shape[2] or not fields.shape[2]:
+        return fields
+    flat = fields.reshape(-1, fields.shape[2])
+    like = named.reshape(-1, named.shape[2])
+    back = np.linalg.lstsq(like.T @ like, like.T @ flat, rcond=LEAST_OWN)[0]
+    return np.asarray((flat - like @ back).reshape(fields.shape))
+
+
 def _add_slopes(
-    one: _Silent, part: Frame, day: Integers, *, effects: Mapping[str, Effect], plan: DictionaryPlan
+    one: _Silent, beside: _Beside, *, effects: Mapping[str, Effect], plan: DictionaryPlan
 ) -> None:
     """Add an aircraft's reports to the slopes of an effect."""
-    score = one.score
+    score, part = one.score, beside.part
     unit = 0 if _of_fleet(score) else int(part.aircraft[0])
     if not one.units[unit]:
         return
     term = Term(score.candidate, (unit,), score.period, score)
-    fields, residual = term_fields(part, term, effects=effects, plan=plan), part.residual
-    if score.period is not None:
-        acts = (day >= score.period[0]) & (day < score.period[1])
-        fields, residual = fields[acts], residual[acts]
-    slope, curve = closure_slopes(residual, fields)
-    one.slope[unit] += slope
-    one.curve[unit] += curve
+    fields = _acting(term_fields(part, term, effects=effects, plan=plan), score.period, beside.day)
+    fields = _beside(fields, beside.own)
+    # what one aircraft has the fleet's effects do not follow: they answer to all
+    shared = beside.of_fleet if _of_fleet(score) else np.zeros((part.size, 2, 0))
+    one.add(unit, beside.residual, np.concatenate([fields, shared], axis=2))
 
 
 def alternatives(found: Found) -> list[Score]:

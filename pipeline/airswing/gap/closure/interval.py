@@ -101,7 +101,7 @@ def with_interval(
     open_ = _Open(problem, found, rng, draws, factors or {}, doubts or {})
     alone = dict(zip(known, closure.alone, strict=True))
     drawn = _drawn(open_, closure, alone, known)
-    more = left_over(problem, found, rng, draws)
+    more = left_over(problem, found, closure.residual, rng, draws, named=known)
     everything = range(len(found.terms))
     most = drawn
     if len(known) < len(everything):
