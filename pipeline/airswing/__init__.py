@@ -45,6 +45,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.reference.fleet_wind import fleet_wind as fleet_wind
     from airswing.reports.read import read_reports as read_reports
 
+# The stages a notebook calls, and where each stands; imported on first use.
 _STAGES = {
     "read_reports": "airswing.reports.read",
     "build_catalogue": "airswing.reference.catalogues",
@@ -70,7 +71,6 @@ _STAGES = {
     "write_product": "airswing.products.netcdf",
     "load_config": "airswing.config",
 }
-"""The stages a notebook calls, and where each stands; imported on first use."""
 
 __all__ = sorted(_STAGES)
 

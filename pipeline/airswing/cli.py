@@ -35,6 +35,7 @@ app = typer.Typer(
 )
 
 _INTERRUPTED = 130
+# Faults of the disk or the folders that no code of ours can mend: bad input, not a defect.
 _NOT_OURS = (
     errno.ENOSPC,
     errno.EDQUOT,
@@ -55,9 +56,8 @@ _NOT_OURS = (
     errno.ENOTEMPTY,
     errno.ESTALE,
 )
-"""Faults of the disk or the folders that no code of ours can mend: bad input, not a defect."""
+# Base of every error in how a command was called (typer does not export it by name).
 _USAGE_ERROR: Any = typer.BadParameter.__base__
-"""Base of every error in how a command was called (typer does not export it by name)."""
 
 
 def _job(

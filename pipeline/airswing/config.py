@@ -51,10 +51,6 @@ def quantity(text: object, unit: str) -> float:
     unit : str
         Unit of the result.
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     ValueError
@@ -79,13 +75,13 @@ def quantity(text: object, unit: str) -> float:
     return value
 
 
+# A number, then a unit such as ``deg`` or ``m/s``, or none.
 _QUANTITY = re.compile(
     r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d][\w /*^-]*|°|)\s*", re.ASCII
 )
-"""A number, then a unit such as ``deg`` or ``m/s``, or none."""
 _LONGEST_QUANTITY, _TOWER = 60, re.compile(r"(\*\*|\^).*(\*\*|\^)|(\*\*|\^)\s*-?\d{3}")
+# Unit to show where one is missing.
 _EXAMPLE = {"second": "min", "radian": "deg", "meter / second": "kt"}
-"""Unit to show where one is missing."""
 
 
 def _checked_lead(text: str) -> str:
@@ -418,10 +414,6 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
     output : Path, optional
         Replaces ``output`` of the file.
 
-    Returns
-    -------
-    Config
-
     Raises
     ------
     ConfigError
@@ -501,10 +493,6 @@ def with_handover(config: Config, given: Mapping[str, object]) -> Handover:
     given : mapping
         Keys of the section; None is not said.
 
-    Returns
-    -------
-    Handover
-
     Raises
     ------
     ConfigError
@@ -577,14 +565,5 @@ def _nearest(word: str, known: list[str]) -> str:
 
 
 def as_json(config: BaseModel) -> str:
-    """Write the whole configuration, defaults included, as JSON for a product's attributes.
-
-    Parameters
-    ----------
-    config : Config or PostprocessConfig
-
-    Returns
-    -------
-    str
-    """
+    """Write the whole configuration, defaults included, as JSON for a product's attributes."""
     return config.model_dump_json()

@@ -30,10 +30,6 @@ _TIME_UNITS = {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "min": 60.0, "s": 1
 def lead_condition(text: str) -> Callable[[NDArray[Any]], NDArray[np.bool_]]:
     """Turn ``any``, ``analysis`` or a comparison such as ``>= 1 h`` into a test of leads in s.
 
-    Parameters
-    ----------
-    text : str
-
     Returns
     -------
     callable
@@ -99,10 +95,6 @@ class Wanted(NamedTuple):
             Those there are.
         where : str
             Key of the configuration.
-
-        Returns
-        -------
-        InputError
         """
         members = sorted({int(number) for number in heads["member"]})
         if self.member is not None and self.member not in members:

@@ -46,10 +46,6 @@ _FORMATS: dict[str, ModelFormat] = {}
 def register(model_format: ModelFormat) -> ModelFormat:
     """Add a kind.
 
-    Parameters
-    ----------
-    model_format : ModelFormat
-
     Returns
     -------
     ModelFormat
@@ -60,22 +56,12 @@ def register(model_format: ModelFormat) -> ModelFormat:
 
 
 def unregister(name: str) -> None:
-    """Take a kind out again.
-
-    Parameters
-    ----------
-    name : str
-    """
+    """Take a kind out again."""
     del _FORMATS[name]
 
 
 def model_formats() -> dict[str, ModelFormat]:
-    """Every kind by name.
-
-    Returns
-    -------
-    dict of str to ModelFormat
-    """
+    """Every kind by name."""
     for found in pkgutil.iter_modules(importlib.import_module(_PACKAGE).__path__):
         importlib.import_module(f"{_PACKAGE}.{found.name}")
     return dict(_FORMATS)

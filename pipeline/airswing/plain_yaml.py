@@ -19,9 +19,9 @@ import yaml
 from airswing.errors import InputError, shortened
 
 MOST_OCTETS = 1_000_000
-DEEPEST = 40
-MOST_VALUES = 20_000
-MOST_BITS = 256
+_DEEPEST = 40
+_MOST_VALUES = 20_000
+_MOST_BITS = 256
 
 
 def load_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
@@ -80,8 +80,8 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         self._depth += 1
-        if self._depth > DEEPEST:
-            raise _ValueFault(f"nested more than {DEEPEST} levels deep")
+        if self._depth > _DEEPEST:
+            raise _ValueFault(f"nested more than {_DEEPEST} levels deep")
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
@@ -106,7 +106,7 @@ class _Loader(yaml.SafeLoader):
             ) from err
         if isinstance(value, str) and not _sayable(value):
             raise _ValueFault("text that cannot be used", self._key(node), ascii(value)[:80])
-        if isinstance(value, int) and value.bit_length() > MOST_BITS:
+        if isinstance(value, int) and value.bit_length() > _MOST_BITS:
             raise _ValueFault("a number that nothing takes", self._key(node), value)
         return value
 
@@ -171,8 +171,8 @@ def _require_few(root: yaml.Node) -> None:
             total += sum(count(key) + count(value) for key, value in node.value)
         elif isinstance(node, yaml.SequenceNode):
             total += sum(count(item) for item in node.value)
-        if total > MOST_VALUES:
-            raise _ValueFault(f"holds more than {MOST_VALUES:,} values, aliases written out")
+        if total > _MOST_VALUES:
+            raise _ValueFault(f"holds more than {_MOST_VALUES:,} values, aliases written out")
         sizes[id(node)] = total
         return total
 

@@ -637,10 +637,6 @@ def lookup(name: str, dims: tuple[Any, ...] = ()) -> Variable:
 def describe(ds: xr.Dataset) -> xr.Dataset:
     """Write units, names and flag meanings on every variable of a Dataset.
 
-    Parameters
-    ----------
-    ds : Dataset
-
     Returns
     -------
     Dataset

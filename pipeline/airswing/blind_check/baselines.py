@@ -40,9 +40,9 @@ __all__ = ["classifier", "least_squares_bic", "run_baselines", "slice_tree"]
 
 Array = NDArray[np.float64]
 Claim = dict[str, Any]
-MOST_TERMS = 6
-LEAF = 400
-DEPTH = 4
+_MOST_TERMS = 6
+_LEAF = 400
+_DEPTH = 4
 
 
 def collocated(config: Path, output: Path) -> Frame:
@@ -52,10 +52,6 @@ def collocated(config: Path, output: Path) -> Frame:
     ----------
     config, output : Path
         Configuration and a folder for what is written on the way.
-
-    Returns
-    -------
-    Frame
     """
     from airswing.config import load_config
     from airswing.workflow import Job
@@ -86,7 +82,7 @@ def run_baselines(
     dict
         Baseline to one mapping per case: ``claimed, detected, first_right, false_alarm``.
     """
-    out: dict[str, list[dict[str, Any]]] = {name: [] for name in BASELINES}
+    out: dict[str, list[dict[str, Any]]] = {name: [] for name in _BASELINES}
     for label in labels:
         target = output / "diagnosed" / label["name"]
         kept = target / "baselines.json"
@@ -94,7 +90,7 @@ def run_baselines(
             found = json.loads(kept.read_text(encoding="utf-8"))
         else:
             frame = collocated(output / "cases" / label["name"] / "config.yaml", target)
-            found = {name: method(frame, label["without"]) for name, method in BASELINES.items()}
+            found = {name: method(frame, label["without"]) for name, method in _BASELINES.items()}
             write_json(kept, found)
             say(f"{label['name']} baselines done")
         truth = set(label["names"]) - set(label["without"])
@@ -145,7 +141,7 @@ def least_squares_bic(frame: Frame, without: Sequence[str] = ()) -> Claim:
     left -= left.mean(axis=1, keepdims=True)
     size = 2 * frame.size
     names: list[str] = []
-    while len(names) < MOST_TERMS:
+    while len(names) < _MOST_TERMS:
         total = float((left**2).sum())
         best, gain, fit = "", 0.0, np.zeros_like(left)
         for name, design in columns.items():
@@ -259,7 +255,9 @@ def _grown(x: Array, y: Array) -> DecisionTreeRegressor:
     from sklearn.tree import DecisionTreeRegressor
 
     tree = DecisionTreeRegressor(
-        max_depth=DEPTH, min_samples_leaf=LEAF, min_impurity_decrease=12.0 * float(y.var()) / y.size
+        max_depth=_DEPTH,
+        min_samples_leaf=_LEAF,
+        min_impurity_decrease=12.0 * float(y.var()) / y.size,
     )
     return tree.fit(x, y)
 
@@ -345,9 +343,9 @@ def _design(across: Array, along: Array, context: Array) -> Array:
     return np.concatenate([np.ones_like(a), a, b, a**2, b**2, a * context, b * context], axis=1)
 
 
-BASELINES: dict[str, Callable[[Frame, Sequence[str]], Claim]] = {
+# Name to method.
+_BASELINES: dict[str, Callable[[Frame, Sequence[str]], Claim]] = {
     "least squares with BIC": least_squares_bic,
     "regression tree on slices": slice_tree,
     "two-sample classifier": classifier,
 }
-"""Name to method."""

@@ -85,10 +85,6 @@ def check_figure(scores: Sequence[Score]) -> CaptionedFigure:
     ----------
     scores : sequence of mapping
         Of all cases.
-
-    Returns
-    -------
-    CaptionedFigure
     """
     figure = new_figure(10.5)
     axes = figure.subplot_mosaic(

@@ -114,10 +114,6 @@ def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None =
         What repeats it.
     proof : mapping, optional
         Numerical errors of the generator (rung 0), m/s.
-
-    Returns
-    -------
-    str
     """
     scores, settings = check.scores, check.settings
     withheld = [s for s in scores if s["kind"] in ("single", "pair")]

@@ -34,7 +34,7 @@ __all__ = ["Check", "Plan", "gap_check", "run_public_command"]
 Say = Callable[[str], None]
 Diagnoser = Callable[[Path, Path, Sequence[str]], dict[str, Any]]
 """(configuration, output folder, effects to do without) to the content of gap.json."""
-TIMEOUT = 1800.0
+_TIMEOUT = 1800.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def run_public_command(config: Path, output: Path, without: Sequence[str]) -> di
     command += ["--quiet", *(part for name in without for part in ("--without", name))]
     settings = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=TIMEOUT, env=settings, check=False
+        command, capture_output=True, text=True, timeout=_TIMEOUT, env=settings, check=False
     )
     if done.returncode != 0:
         last = done.stderr.strip().splitlines() or ["no message"]
@@ -221,10 +221,6 @@ def gap_check(
         Diagnose nothing more: score the cases an earlier call has diagnosed.
     say : callable
         Told what goes on.
-
-    Returns
-    -------
-    Check
     """
     from airswing.blind_check.baselines import run_baselines
     from airswing.blind_check.scoring import score_case

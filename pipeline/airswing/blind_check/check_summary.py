@@ -30,7 +30,7 @@ __all__ = [
 Score = Mapping[str, Any]
 Reached = tuple[float | None, int]
 Target = float | tuple[float, float]
-DETECTABLE = 0.4
+_DETECTABLE = 0.4
 
 
 def _share(scores: Iterable[Score], key: str) -> tuple[float | None, int]:
@@ -114,7 +114,7 @@ def grouped(scores: Sequence[Score], by: str) -> dict[Any, dict[str, Any]]:
 
 
 def _detectable(scores: Sequence[Score]) -> list[Score]:
-    return [score for score in _of(scores, "single") if score["size"] >= DETECTABLE]
+    return [score for score in _of(scores, "single") if score["size"] >= _DETECTABLE]
 
 
 def _of(scores: Sequence[Score], kind: str) -> list[Score]:
@@ -122,7 +122,7 @@ def _of(scores: Sequence[Score], kind: str) -> list[Score]:
 
 
 def _outside(scores: Sequence[Score]) -> list[Score]:
-    return [score for score in _of(scores, "outside") if score["size"] >= DETECTABLE]
+    return [score for score in _of(scores, "outside") if score["size"] >= _DETECTABLE]
 
 
 def _worth(scores: Sequence[Score]) -> list[Score]:
@@ -162,7 +162,7 @@ def _named_singles(scores: Sequence[Score]) -> list[Score]:
 
 
 def _both_named(scores: Sequence[Score]) -> Reached:
-    return _share([s for s in _of(scores, "pair") if s["size"] >= DETECTABLE], "all_named")
+    return _share([s for s in _of(scores, "pair") if s["size"] >= _DETECTABLE], "all_named")
 
 
 def _removed(scores: Sequence[Score]) -> list[Score]:
@@ -278,11 +278,6 @@ def hard_and_real(scores: Sequence[Score]) -> Reached:
     ----------
     scores : sequence of mapping
         Of all cases.
-
-    Returns
-    -------
-    share : float or None
-    number : int
     """
     return _share(
         [s for s in _detectable(scores) if s["world"] not in ("default", "short")], "first_right"
@@ -295,16 +290,7 @@ def short_nulls(scores: Sequence[Score]) -> Reached:
 
 
 def of_default(scores: Sequence[Score]) -> list[Score]:
-    """Scores of default archives: not short, neither of the hard world nor with real errors.
-
-    Parameters
-    ----------
-    scores : sequence of mapping
-
-    Returns
-    -------
-    list of mapping
-    """
+    """Scores of default archives: not short, neither of the hard world nor with real errors."""
     return [score for score in scores if score["world"] == "default"]
 
 
@@ -365,7 +351,7 @@ def baseline_rows(
     """
     rows = []
     for name, own in {"airswing gap": scores, **baselines}.items():
-        singles = [s for s in _of(own, "single") if s["size"] >= DETECTABLE]
+        singles = [s for s in _of(own, "single") if s["size"] >= _DETECTABLE]
         nulls = _of(own, "null")
         alarms = [bool(s["false_names"]) or bool(s.get("unknown", s["detected"])) for s in nulls]
         rows.append(

@@ -111,10 +111,6 @@ def repeated_names(label: Label, claims: Sequence[Mapping[str, Any]]) -> list[st
         Truth of the case.
     claims : sequence of mapping
         Entries with ``name, tails``.
-
-    Returns
-    -------
-    list of str
     """
     out = []
     for name in dict.fromkeys(str(claim["name"]) for claim in claims):
@@ -288,10 +284,6 @@ def aircraft_overlap(
     ----------
     own, found : sequence of mapping
         True and claimed entries of one name, each with ``tails``.
-
-    Returns
-    -------
-    tuple of float
     """
     true = {tail for effect in own for tail in effect["tails"] or ()}
     told = {tail for claim in found for tail in claim["tails"] or ()}

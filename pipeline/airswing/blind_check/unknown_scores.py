@@ -60,10 +60,6 @@ def same_variable(told: str, true: str) -> bool:
     ----------
     told, true : str
         Names.
-
-    Returns
-    -------
-    bool
     """
     return told == true or told in SAME.get(true, ())
 
@@ -77,20 +73,12 @@ def of_background(label: Label, place: Mapping[str, Any]) -> bool:
         ``background_components``: components in which the background errs; none where not given.
     place : mapping
         One of ``unknown.where``.
-
-    Returns
-    -------
-    bool
     """
     return place.get("component") in label.get("background_components", ())
 
 
 def only_of_background(label: Label, gap: Gap) -> bool:
     """Return whether every place of an unknown is of the background.
-
-    Parameters
-    ----------
-    label, gap : mapping
 
     Returns
     -------

@@ -31,7 +31,7 @@ def block_weights(days: int, *, draws: int, seed: int, block: int | None = None)
         Mean 1; the distance from 1 is stretched by sqrt(m / (m - 1)), m the blocks of a draw, as
         drawing m of m again has too small a variance by that much.
     """
-    length = block_length(days) if block is None else block
+    length = _block_length(days) if block is None else block
     number = -(-days // length)
     first = np.random.default_rng(seed).integers(0, days, size=(draws, number))
     drawn = (first[..., None] + np.arange(length)).reshape(draws, -1)[:, :days] % days
@@ -40,7 +40,7 @@ def block_weights(days: int, *, draws: int, seed: int, block: int | None = None)
     return np.asarray(1.0 + (weights - 1.0) * np.sqrt(number / max(number - 1.0, 1.0)))
 
 
-def block_length(days: int) -> int:
+def _block_length(days: int) -> int:
     """Days of a block: the cube root of all."""
     length: int = round(days ** (1.0 / 3.0))
     return max(length, 1)
@@ -61,7 +61,7 @@ def widened(drawn: Floats, days: int) -> Floats:
     """
     from scipy.stats import norm, t
 
-    blocks = -(-days // block_length(days))
+    blocks = -(-days // _block_length(days))
     factor = t.ppf(0.975, max(blocks - 1, 1)) / norm.ppf(0.975)
     return np.asarray(drawn[:1] + (drawn - drawn[:1]) * factor)
 

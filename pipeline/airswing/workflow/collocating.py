@@ -206,23 +206,14 @@ def needs_of(
     return needs
 
 
-def plans_of(
+def _plans_of(
     job: Job,
     places: Places,
     models: dict[str, Catalogue],
     *,
     aircraft: int,
 ) -> dict[str, Plan]:
-    """What the collocation will read, and which reports have no model.
-
-    Parameters
-    ----------
-    job : Job
-    places : Places
-    models : dict of str to Catalogue
-    aircraft : int
-        How many there are.
-    """
+    """What the collocation will read, and which reports have no model."""
     from airswing.workflow.cost import stage_seconds
 
     with job.progress.stage("plan") as stage:
@@ -336,7 +327,7 @@ def collocated_blocks(
     else:
         archive, models = given.opened()
     places = set_places_down(archive, job.store / "blocks")
-    plans = plans_of(job, places, models, aircraft=archive.aircraft)
+    plans = _plans_of(job, places, models, aircraft=archive.aircraft)
     if given is None:
         require_overlap(plans)
     met = collocate_places(job, places, models, plans, job.store)

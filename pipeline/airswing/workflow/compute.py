@@ -27,8 +27,8 @@ WORKERS_CODE = "airswing.reference.collocate"
 CONNECT_TIMEOUT = "15s"
 PATIENCE = 60.0
 """How long every worker may wait for memory, s."""
-GRAPH = "200MB"
-"""Size of a task graph that is not worth a warning."""
+# Size of a task graph that is not worth a warning.
+_GRAPH = "200MB"
 LOGGED = 10
 """Messages and transitions dask keeps for whoever looks for a fault in dask."""
 
@@ -118,7 +118,7 @@ def _client(compute: Compute, cores: int) -> Iterator[Any]:
         # The places of a stretch's reports go with its tasks, some 20 MB: no reason for a warning.
         # The scheduler, in this process with local workers, keeps the last thousand messages to
         # each worker by default, and with them the places of as many tasks: 100 MB in a year.
-        admin = {"large-graph-warning-threshold": GRAPH, "low-level-log-length": LOGGED}
+        admin = {"large-graph-warning-threshold": _GRAPH, "low-level-log-length": LOGGED}
         stack.enter_context(
             dask.config.set({f"distributed.admin.{name}": value for name, value in admin.items()})
         )

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from airswing.reference.planning import Plan
 
-SECONDS_PER_SPARSE_MESSAGE = 0.2e-3
-SECONDS_PER_DECODED_BYTE = 1.0e-8
-SECONDS_PER_REPORT = {
+_SECONDS_PER_SPARSE_MESSAGE = 0.2e-3
+_SECONDS_PER_DECODED_BYTE = 1.0e-8
+_SECONDS_PER_REPORT = {
     "reports": 6.0e-6,
     "collocate": 1.6e-6,
     "headings": 3.6e-6,
@@ -27,35 +27,35 @@ SECONDS_PER_REPORT = {
     "virtual field test": 8.0e-6,
     "page": 2.2e-6,
 }
-SECONDS_PER_KEPT_REPORT = {"reports": 0.6e-6, "headings": 1.6e-6}
-"""In place of these, where an earlier run read the report and derived its heading."""
-SECONDS_ANYWAY = {"reports": 0.8, "collocate": 0.4, "headings": 0.2, "page": 4.0}
-"""Libraries to start, and figures of the fleet."""
-SECONDS_PER_AIRCRAFT = {
+# In place of these, where an earlier run read the report and derived its heading.
+_SECONDS_PER_KEPT_REPORT = {"reports": 0.6e-6, "headings": 1.6e-6}
+# Libraries to start, and figures of the fleet.
+_SECONDS_ANYWAY = {"reports": 0.8, "collocate": 0.4, "headings": 0.2, "page": 4.0}
+# However few reports it has.
+_SECONDS_PER_AIRCRAFT = {
     "fit": 0.03,
     "swing cards": 0.05,
     "ranking": 0.02,
     "virtual field test": 0.15,
     "page": 0.5e-3,
 }
-"""However few reports it has."""
 SECONDS_PER_PANEL, PANELS = 0.04, 96
 """Of the page, for as many aircraft at most."""
-BYTES_PER_AIRCRAFT = 200_000
-"""The fleet's equations, which the fit keeps in parts (2,400 aircraft: 20 s and 0.4 GB)."""
-BYTES_IN_BLOCK = 1500
-"""Peak memory for each report of the largest block of aircraft, with up to two references."""
-BYTES_PER_REPORT = 37
-"""For each report of the archive: the sums over stretches of flight that the fleet's part of the
-fit solves together."""
+# The fleet's equations, which the fit keeps in parts (2,400 aircraft: 20 s and 0.4 GB).
+_BYTES_PER_AIRCRAFT = 200_000
+# Peak memory for each report of the largest block of aircraft, with up to two references.
+_BYTES_IN_BLOCK = 1500
+# For each report of the archive: the sums over stretches of flight that the fleet's part of the
+# fit solves together.
+_BYTES_PER_REPORT = 37
 BYTES_ON_DISK, BYTES_ON_DISK_PER_REFERENCE = 180, 62
 """For each report while its winds are found: as read, by aircraft, by time, and ``headings.nc``."""
 BYTES_OF_PRODUCTS, BYTES_OF_PRODUCTS_PER_REFERENCE = 60, 22
 """For each report at the end: ``headings.nc`` and ``corrected.nc``."""
 BYTES_KEPT, BYTES_KEPT_PER_REFERENCE = 73, 32
 """For each report, of what a later run goes on with: cleaned reports and finished model times."""
-BASE_BYTES = 400_000_000
-"""The interpreter with the libraries loaded."""
+# The interpreter with the libraries loaded.
+_BASE_BYTES = 400_000_000
 
 
 def stage_seconds(
@@ -77,18 +77,18 @@ def stage_seconds(
     dict of str to float
         Seconds by stage.
     """
-    found = {stage: reports * seconds for stage, seconds in SECONDS_PER_REPORT.items()}
-    for stage, seconds in SECONDS_PER_KEPT_REPORT.items():
-        found[stage] += reports * kept * (seconds - SECONDS_PER_REPORT[stage])
-    for stage, seconds in SECONDS_ANYWAY.items():
+    found = {stage: reports * seconds for stage, seconds in _SECONDS_PER_REPORT.items()}
+    for stage, seconds in _SECONDS_PER_KEPT_REPORT.items():
+        found[stage] += reports * kept * (seconds - _SECONDS_PER_REPORT[stage])
+    for stage, seconds in _SECONDS_ANYWAY.items():
         found[stage] += seconds
-    for stage, seconds in SECONDS_PER_AIRCRAFT.items():
+    for stage, seconds in _SECONDS_PER_AIRCRAFT.items():
         found[stage] += seconds * aircraft
     found["page"] += SECONDS_PER_PANEL * min(aircraft, PANELS)
     for one in plans.values():
         decoded = 1.0 - one.sparse_messages / max(one.messages, 1)
-        reading = one.sparse_messages * SECONDS_PER_SPARSE_MESSAGE
-        reading += decoded * one.bytes * SECONDS_PER_DECODED_BYTE
+        reading = one.sparse_messages * _SECONDS_PER_SPARSE_MESSAGE
+        reading += decoded * one.bytes * _SECONDS_PER_DECODED_BYTE
         found["collocate"] += reading / threads
     return found
 
@@ -125,8 +125,8 @@ def estimate(
     whole, rest = (sum(one.messages for one in some.values()) for some in (plans, left))
     kept = 1.0 - rest / whole if whole else 0.0
     seconds = sum(stage_seconds(reports, aircraft, left, kept=kept).values())
-    memory = BASE_BYTES + block * BYTES_IN_BLOCK * max(1.0, len(plans) / 2.0)
-    memory += reports * BYTES_PER_REPORT + aircraft * BYTES_PER_AIRCRAFT
+    memory = _BASE_BYTES + block * _BYTES_IN_BLOCK * max(1.0, len(plans) / 2.0)
+    memory += reports * _BYTES_PER_REPORT + aircraft * _BYTES_PER_AIRCRAFT
     count = len(plans)
     stays = BYTES_OF_PRODUCTS + count * BYTES_OF_PRODUCTS_PER_REFERENCE
     stays += keep * (BYTES_KEPT + count * BYTES_KEPT_PER_REFERENCE)

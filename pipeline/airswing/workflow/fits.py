@@ -64,7 +64,7 @@ class Seen:
     changes: list[dict[str, Any]]
 
 
-def look_at_all(job: Job, headings: xr.Dataset) -> Seen:
+def _look_at_all(job: Job, headings: xr.Dataset) -> Seen:
     """Fit the reports, and count what else their tables need."""
     from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.heading_kind import mean_declination
@@ -84,7 +84,7 @@ def look_at_all(job: Job, headings: xr.Dataset) -> Seen:
 def make_fits(
     job: Job,
     headings: xr.Dataset | None = None,
-    look: Callable[[Job, xr.Dataset], Seen] = look_at_all,
+    look: Callable[[Job, xr.Dataset], Seen] = _look_at_all,
     *,
     near: float = 0.0,
 ) -> xr.Dataset:

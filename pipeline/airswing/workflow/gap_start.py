@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Asked", "Start", "job_of_simulation", "read_start", "starting_point"]
 
-SIMULATION_FOLDER = ".simulation"
-"""Where the collocation of a simulation on other paths is kept while it is diagnosed."""
+# Where the collocation of a simulation on other paths is kept while it is diagnosed.
+_SIMULATION_FOLDER = ".simulation"
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ def job_of_simulation(job: Job, simulated: str, reports: Reports) -> Job:
     """
     from airswing.config import load_config
 
-    output = job.output / SIMULATION_FOLDER
+    output = job.output / _SIMULATION_FOLDER
     config = job.config.model_copy(update={"reports": reports, "output": output})
     if Path(simulated).suffix in {".yaml", ".yml"}:
         config = load_config(Path(simulated), output=output)

@@ -19,8 +19,8 @@ from typing import Any
 
 from dask.callbacks import Callback
 
-REFRESH = 0.5
-"""Seconds between two looks at how far the tasks are."""
+# Seconds between two looks at how far the tasks are.
+_REFRESH = 0.5
 
 
 @dataclass
@@ -140,7 +140,7 @@ class Progress:
             yield record
         record.seconds = time.perf_counter() - began
         record.tell("", 0.0)
-        release_memory()
+        _release_memory()
         self.records.append(record)
         self.say(f"{name:<18} {record.seconds:7.1f} s  {record.note}")
         if record.phases:
@@ -255,7 +255,7 @@ class Progress:
         )
 
 
-def release_memory() -> None:
+def _release_memory() -> None:
     """Give memory that is free again back to the system, where the libraries can (glibc, Arrow).
 
     They keep it otherwise, and what one stage left in pieces adds to the next one's peak: Arrow
@@ -317,16 +317,7 @@ def _ask(client: Any, tasks: Tasks) -> None:
 
 
 def count_tasks(dask_scheduler: Any) -> tuple[int, int]:
-    """Tasks a scheduler finished and tasks it knows; runs on the scheduler.
-
-    Parameters
-    ----------
-    dask_scheduler : distributed.Scheduler
-
-    Returns
-    -------
-    done, total : int
-    """
+    """Tasks a scheduler finished and tasks it knows; runs on the scheduler."""
     states = [task.state for task in dask_scheduler.tasks.values()]
     return sum(state in ("memory", "erred") for state in states), len(states)
 
@@ -337,7 +328,7 @@ def _repeated(act: Any) -> Iterator[None]:
     ended = threading.Event()
 
     def loop() -> None:
-        while not ended.wait(REFRESH):
+        while not ended.wait(_REFRESH):
             with contextlib.suppress(Exception):
                 act()
 

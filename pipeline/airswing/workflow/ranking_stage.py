@@ -22,8 +22,8 @@ from airswing.workflow.job import Job, main_reference
 
 STABILITY, RANKING, VIRTUAL = "stability.json", "ranking.csv", "virtual_field_test.json"
 FOLDS = 5
-LEARNED_SHARE = 2.0 / 3.0
-"""Share of the archive's days that is learned from where no field test gives a date."""
+# Share of the archive's days that is learned from where no field test gives a date.
+_LEARNED_SHARE = 2.0 / 3.0
 
 
 def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str, Any]:
@@ -63,11 +63,6 @@ def written_stability(
     window : str
     windows : list of dict
         Of :func:`airswing.evaluation.compass_changes.window_fits.fit_by_window`.
-
-    Returns
-    -------
-    dict
-    str
     """
     from airswing.evaluation.compass_changes.change_notes import noted_changes
 
@@ -96,21 +91,15 @@ def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[dict[
         ranking = rank_aircraft(
             headings, fits, pools=job.config.pools(), reference=main_reference(job.config)
         )
-        write_text(job.output / RANKING, ranking_table(ranking))
+        write_text(job.output / RANKING, _ranking_table(ranking))
         first = ranking[0]
         if first["expected_gain_kt"] is not None:
             stage.note = f"{first['aircraft']} would gain {first['expected_gain_kt']:.2f} kt"
     return ranking
 
 
-def ranking_table(ranking: list[dict[str, Any]]) -> str:
-    """The ranking as CSV.
-
-    Parameters
-    ----------
-    ranking : list of dict
-        Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
-    """
+def _ranking_table(ranking: list[dict[str, Any]]) -> str:
+    """The ranking as CSV."""
     titles = (
         "rank",
         "aircraft",
@@ -225,7 +214,7 @@ def uncorrected(job: Job, headings: xr.Dataset) -> list[str] | None:
 def later_date(headings: xr.Dataset) -> date:
     """Day after the first two thirds of the archive's days."""
     first, last = (day.astype("datetime64[D]").astype(object) for day in time_span(headings))
-    found: date = first + (last - first) * LEARNED_SHARE
+    found: date = first + (last - first) * _LEARNED_SHARE
     return found
 
 

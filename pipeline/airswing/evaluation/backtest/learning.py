@@ -16,6 +16,7 @@ from airswing.compass.table import add_tables
 from airswing.errors import InputError
 from airswing.products.ragged import blocks
 
+# Columns a correction is made from and judged by.
 _JUDGED = (
     "time",
     "flight",
@@ -29,7 +30,6 @@ _JUDGED = (
     "reference_northward_wind",
     "horizontal_field",
 )
-"""Columns a correction is made from and judged by."""
 
 
 def fitted(

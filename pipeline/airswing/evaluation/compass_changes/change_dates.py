@@ -26,17 +26,17 @@ from airswing.evaluation.compass_changes.change_kernels import (
 from airswing.evaluation.disagreement import member_mean
 from airswing.products.ragged import blocks, row_bounds
 
-FALSE_ALARMS = 0.02
-"""Probability of any false change in the fleet."""
+# Probability of any false change in the fleet.
+_FALSE_ALARMS = 0.02
 FEWEST_DAYS = 5
 """Days with reports on either side of a change."""
 # Share of the information on either side of a change: nearer the ends a date is not to be told.
-TRIM = 0.05
-OBVIOUS = 28.0
-"""Statistic beyond which a change is taken out of the days that are permuted ; chance seldom
-reaches it."""
+_TRIM = 0.05
+# Statistic beyond which a change is taken out of the days that are permuted ; chance seldom
+# reaches it.
+_OBVIOUS = 28.0
 # Depth of the search, each part being cut in two at its own date.
-MOST_CHANGES = 4
+_MOST_CHANGES = 4
 SUMMED_FROM = (
     "heading_error",
     "airspeed_error",
@@ -53,7 +53,7 @@ def find_changes(
     *,
     members: list[str],
     abscissa: Literal["magnetic", "true"] = "magnetic",
-    false_alarms: float = FALSE_ALARMS,
+    false_alarms: float = _FALSE_ALARMS,
     block: int = 4,
     draws: int = 999,
     seed: int = 0,
@@ -102,7 +102,7 @@ def changes_of(
     names: list[str],
     sums: list[DaySums | None],
     *,
-    false_alarms: float = FALSE_ALARMS,
+    false_alarms: float = _FALSE_ALARMS,
     block: int = 4,
     draws: int = 999,
     seed: int = 0,
@@ -128,7 +128,7 @@ def changes_of(
         }
         for name, one in zip(names, sums, strict=True)
     ]
-    for depth in range(MOST_CHANGES):
+    for depth in range(_MOST_CHANGES):
         found = _judged(segments, block=block, draws=draws, seed=seed + depth)
         following = []
         for (k, part), (statistic, p_value) in zip(segments, found, strict=True):
@@ -226,9 +226,9 @@ def _judged(
     for k, part in enumerate(parts):
         order = np.argsort(keys[:, part.day - first], axis=1)
         score, share = scores(part)
-        limits: Any = {"trim": TRIM, "fewest": FEWEST_DAYS}
+        limits: Any = {"trim": _TRIM, "fewest": FEWEST_DAYS}
         table[k, :1] = largest_statistic(score, share, order[:1], **limits)
-        rest = score if table[k, 0] < OBVIOUS else without_changes(score, share, most=2, **limits)
+        rest = score if table[k, 0] < _OBVIOUS else without_changes(score, share, most=2, **limits)
         table[k, 1:] = largest_statistic(rest, share, order[1:], **limits)
     # Aircraft with few days have heavier tails: each is held against its own permutations first.
     scale = np.median(table[:, 1:], axis=1, keepdims=True)

@@ -32,8 +32,8 @@ CHANGING = 3
 """A, B, C may change."""
 DAY_BIAS_PRECISION = 2.0
 """Report's error variance over the variance of a day's model bias, a component."""
-CUT = 8.0
-"""Robust standard deviations beyond which a report is left out."""
+# Robust standard deviations beyond which a report is left out.
+_CUT = 8.0
 LIKELIHOOD_RATIO_95 = 7.35
 """-2 ln(1 - sqrt(0.95)): 95 % point of the likelihood ratio of a date (Eo & Morley 2015)."""
 
@@ -119,7 +119,7 @@ def _not_gross(
         )
         left = np.hypot(cross - rows_cross @ theta, along - rows_along @ theta)
         # Median of a Rayleigh variable is 1.177 times its parameter.
-        keep = left < CUT * np.nanmedian(left[keep]) / 1.177
+        keep = left < _CUT * np.nanmedian(left[keep]) / 1.177
     return np.asarray(keep)
 
 

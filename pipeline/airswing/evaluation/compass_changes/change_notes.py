@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.vocabulary import describe
 
-NO_CHANGE = np.datetime64("NaT", "ns")
+_NO_CHANGE = np.datetime64("NaT", "ns")
 
 
 def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
@@ -47,7 +47,7 @@ def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
 
     def dates(pick: Callable[[dict[str, Any]], str]) -> NDArray[np.datetime64]:
         return np.array(
-            [NO_CHANGE if one is None else np.datetime64(pick(one), "ns") for one in largest],
+            [_NO_CHANGE if one is None else np.datetime64(pick(one), "ns") for one in largest],
             dtype="datetime64[ns]",
         )
 

@@ -38,13 +38,13 @@ from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import blocks, row_bounds, time_span
 from airswing.units import NORMAL_95
 
-SIGNIFICANCE = 0.02
-"""Of each of the two tests, curves and winds: equal references pass both 95 times of 100."""
+# Of each of the two tests, curves and winds: equal references pass both 95 times of 100.
+_SIGNIFICANCE = 0.02
 # Degrees and m/s: a smaller difference does not matter, however sure it is.
-CURVE_RMS_DEG = 0.2
-REGION_BIAS = 0.4
+_CURVE_RMS_DEG = 0.2
+_REGION_BIAS = 0.4
 # Reports of a slice that is judged by itself.
-MIN_STRATUM = 500
+_MIN_STRATUM = 500
 NAMES = ("A", "B", "C", "D", "E")
 _COLUMNS = (
     "time",
@@ -60,7 +60,7 @@ _COLUMNS = (
     "reference_eastward_wind",
     "reference_northward_wind",
 )
-SEASONS = ("DJF", "MAM", "JJA", "SON")
+_SEASONS = ("DJF", "MAM", "JJA", "SON")
 
 
 def compare(
@@ -233,7 +233,7 @@ def _biased(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
     biased = []
     for (entry, name), adjusted in zip(keys, holm(p_values), strict=True):
         entry[f"{name}_adjusted_p_value"] = adjusted
-        if adjusted < SIGNIFICANCE and abs(entry[name]) > REGION_BIAS:
+        if adjusted < _SIGNIFICANCE and abs(entry[name]) > _REGION_BIAS:
             biased.append({"of": name, "value": entry[name]} | entry)
     return biased
 
@@ -245,7 +245,7 @@ def _verdict(
     why = []
     if not np.isfinite(fleet["p_value"]):
         return {"poolable": None, "why": "too few days or reports to tell"}
-    if fleet["p_value"] < SIGNIFICANCE and fleet["curve_rms_deg"] > CURVE_RMS_DEG:
+    if fleet["p_value"] < _SIGNIFICANCE and fleet["curve_rms_deg"] > _CURVE_RMS_DEG:
         why.append(
             f"the deviation curves differ by {fleet['curve_rms_deg']:.2f} degrees rms "
             f"(p = {fleet['p_value']:.2g})"
@@ -265,14 +265,14 @@ def _verdict(
 def _agreement(fleet: dict[str, Any]) -> str:
     """What was found of a pair that may be pooled: no test shows that two things are equal."""
     beyond = (
-        f"beyond error but less than {CURVE_RMS_DEG:g}"
-        if fleet["p_value"] < SIGNIFICANCE
+        f"beyond error but less than {_CURVE_RMS_DEG:g}"
+        if fleet["p_value"] < _SIGNIFICANCE
         else "not beyond error"
     )
     return (
         f"the deviation curves differ by {fleet['curve_rms_deg']:.2f} degrees rms, {beyond} "
-        f"(p = {fleet['p_value']:.2g}, judged at {SIGNIFICANCE:g}); no region's wind differs by "
-        f"more than {REGION_BIAS:g} m/s beyond error"
+        f"(p = {fleet['p_value']:.2g}, judged at {_SIGNIFICANCE:g}); no region's wind differs by "
+        f"more than {_REGION_BIAS:g} m/s beyond error"
     )
 
 
@@ -359,7 +359,7 @@ def _slices(rows: Rows, one: str, two: str) -> Iterator[tuple[str, str, NDArray[
     ):
         yield "by_level", name, mask & rows.kept
     season = ((rows.month + 1) % 12) // 3
-    for number, name in enumerate(SEASONS):
+    for number, name in enumerate(_SEASONS):
         yield "by_season", name, (season == number) & rows.kept
 
 
@@ -374,7 +374,7 @@ def _strata(
     }
     for pair in combinations(singles, 2):
         for (title, name, own), sums in slices.items():
-            if own != pair or sums.reports < MIN_STRATUM:
+            if own != pair or sums.reports < _MIN_STRATUM:
                 continue
             entry = _judge(sums, None, barred)
             entry.pop("aircraft")

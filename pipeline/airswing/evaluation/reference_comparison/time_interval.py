@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from airswing.reference.collocate import collocate
 from airswing.reference.geometry.wind_profiles import Catalogue
 
-INTERVALS_H = (3, 6)
+_INTERVALS_H = (3, 6)
 DAYS = 10
 REPORTS = 20_000
 """Taken of those days at most."""
 _HOUR = 3_600_000_000_000  # ns
+# Reports so near the middle of an interval count as at it.
 _MIDDLE = _HOUR // 2
-"""Reports so near the middle of an interval count as at it."""
 
 
 def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[dict[str, Any]]:
@@ -47,9 +47,9 @@ def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[dict[str, A
     chosen = _some(reports, catalogue)
     if not chosen.sizes["report"]:
         return []
-    thinned = {f"{hours}": _thinned(catalogue, hours) for hours in INTERVALS_H}
+    thinned = {f"{hours}": _thinned(catalogue, hours) for hours in _INTERVALS_H}
     kept = {name: one for name, one in thinned.items() if len(one) > 1}
-    gap = max(INTERVALS_H) * 3600.0
+    gap = max(_INTERVALS_H) * 3600.0
     winds = collocate(chosen, {"whole": catalogue, **kept}, max_time_gap=gap).compute()
     u, v = (winds[f"reference_{way}ward_wind"].values for way in ("east", "north"))
     time = chosen["time"].values.astype("M8[ns]").astype(np.int64)

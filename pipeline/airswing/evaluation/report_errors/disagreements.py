@@ -30,8 +30,8 @@ Ints = NDArray[np.int64]
 
 # Looked at at most, so that years take no more room than months.
 MOST_REPORTS, MOST_PAIRS, MOST_CLASSES = 1_000_000, 800_000, 40
-SPEED_BINS = 100
-"""Of 1 m/s, for the median speed of a layer."""
+# Of 1 m/s, for the median speed of a layer.
+_SPEED_BINS = 100
 _NAMES = (
     "eastward_wind",
     "northward_wind",
@@ -212,7 +212,7 @@ class _Sums:
         self.aircraft_number = np.zeros((aircraft, cells))
         self.aircraft_day_number = np.zeros((aircraft, days))
         self.aircraft_squares = np.zeros((len(STATES), aircraft, days))
-        self.speeds = np.zeros((cells, SPEED_BINS))
+        self.speeds = np.zeros((cells, _SPEED_BINS))
 
     def add(self, columns: dict[str, NDArray[Any]]) -> None:
         """Add the reports of one aircraft."""
@@ -242,7 +242,7 @@ class _Sums:
             self.aircraft_squares[place, own] += np.bincount(
                 day, weights=square, minlength=shape[1]
             )
-        speed = np.minimum(columns["speed"], SPEED_BINS - 1).astype(np.int64)
+        speed = np.minimum(columns["speed"], _SPEED_BINS - 1).astype(np.int64)
         self.speeds += _summed(cell, speed, np.ones(day.size), self.speeds.shape)
 
     def of(self, days: NDArray[np.datetime64], reports: dict[str, NDArray[Any]]) -> Disagreements:

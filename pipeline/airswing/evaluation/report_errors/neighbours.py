@@ -26,8 +26,8 @@ Ints = NDArray[np.int64]
 REACH = (30_000.0, 0.06, 1350.0)
 """Separation at which a pair is no longer near: m, ln p, s."""
 TERMS = 4
+# Reports of a day looked at together; of more, some are drawn.
 _MOST_AT_ONCE = 20_000
-"""Reports of a day looked at together; of more, some are drawn."""
 
 
 class Pairs(NamedTuple):

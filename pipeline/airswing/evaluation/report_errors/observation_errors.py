@@ -53,11 +53,11 @@ Floats = NDArray[np.float64]
 METHODS = ("separation", "three_cornered_hat")
 FLIGHT_PHASES = ("all", "ascent", "cruise", "descent")
 DRAWS = 400
-FEWEST_REPORTS = 100
-"""Of a cell, below which the hat says nothing of it."""
+# Of a cell, below which the hat says nothing of it.
+_FEWEST_REPORTS = 100
 _LAYERS = len(LEVEL_EDGES_HPA) - 1
+# Share of a layer's reports in cells that are known, below which the layer is not.
 _TOLD_SHARE = 0.8
-"""Share of a layer's reports in cells that are known, below which the layer is not."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def _hat(
         return None
     total = weights @ found.products[row].T
     cells = _ratio(total, number) - covariance
-    cells[:, found.number.sum(axis=1) < FEWEST_REPORTS] = np.nan
+    cells[:, found.number.sum(axis=1) < _FEWEST_REPORTS] = np.nan
     fleet = _ratio(total.sum(-1), number.sum(-1)) - covariance
     return _Variances(*_of_states(cells, fleet, added))
 

@@ -20,11 +20,11 @@ _FORECAST = {
     "kalman": "corrected_forecast",
     "running_mean": "running_mean_forecast",
 }
+# Days shown in a time line.
 _LONGEST = 120
-"""Days shown in a time line."""
 
 
-def with_unit(text: str, ds: xr.Dataset, variable: str) -> str:
+def _with_unit(text: str, ds: xr.Dataset, variable: str) -> str:
     """Return a label with the variable's unit, where it has one."""
     unit = str(ds["variable_units"].sel(variable=variable).item())
     return f"{text} ({unit})" if unit else text
@@ -45,8 +45,8 @@ def by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
     figure = new_figure(3.4)
     panels = figure.subplots(1, 3, sharex=True)
     shown = (
-        ("forecast_error_mean", with_unit("bias", scored, variable)),
-        ("forecast_error_centred_rms", with_unit("centred rms", scored, variable)),
+        ("forecast_error_mean", _with_unit("bias", scored, variable)),
+        ("forecast_error_centred_rms", _with_unit("centred rms", scored, variable)),
         ("skill", "skill against raw"),
     )
     for axes, (name, label) in zip(panels, shown, strict=True):
@@ -115,7 +115,7 @@ def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figu
             fontsize=8.5,
         )
     axes.axhline(0.0, color=INK, linewidth=0.8)
-    axes.set_ylabel(with_unit("mean error of a start", corrected, variable))
+    axes.set_ylabel(_with_unit("mean error of a start", corrected, variable))
     axes.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     figure.autofmt_xdate(rotation=0, ha="center")
     return figure.say(
@@ -143,8 +143,8 @@ def stations_figure(scored: xr.Dataset, variable: str) -> Figure:
         top = max(top, 1.05 * float(np.nanmax(after)))
     axes.plot([0, top], [0, top], color=SOFT, linewidth=0.9)
     axes.set(xlim=(0, top), ylim=(0, top))
-    axes.set_xlabel(with_unit("rms error, raw", scored, variable))
-    axes.set_ylabel(with_unit("rms error, corrected", scored, variable))
+    axes.set_xlabel(_with_unit("rms error, raw", scored, variable))
+    axes.set_ylabel(_with_unit("rms error, corrected", scored, variable))
     axes.legend()
     return figure.say(
         f"{variable.replace('_', ' ')}: rms error of each station on the days held out; below the "

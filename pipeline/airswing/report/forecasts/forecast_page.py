@@ -48,7 +48,7 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
     corrected : Dataset
         Forecasts and scores, as ``postprocessed.nc`` holds them.
     """
-    sections = [scores_section(corrected), _figures_section(corrected), _notes_section(corrected)]
+    sections = [_scores_section(corrected), _figures_section(corrected), _notes_section(corrected)]
     first, last = corrected[TIME].to_numpy()[[0, -1]]
     text = document(
         title="airswing: forecasts corrected after the fact",
@@ -88,7 +88,7 @@ def _facts(corrected: xr.Dataset) -> list[tuple[str, str]]:
     ]
 
 
-def scores_section(corrected: xr.Dataset) -> Section:
+def _scores_section(corrected: xr.Dataset) -> Section:
     """Return the table of scores."""
     rows = []
     for variable in corrected["variable"].to_numpy():
@@ -135,14 +135,14 @@ def _figures_section(corrected: xr.Dataset) -> Section:
         parts.append(heading(variable.replace("_", " ")))
         if corrected.sizes["lead"] > 1:
             parts.append(embedded(by_lead_figure(corrected, variable)))
-        station = most_improved(corrected, variable)
+        station = _most_improved(corrected, variable)
         parts.append(embedded(time_line_figure(corrected, variable, station)))
         if several:
             parts.append(embedded(stations_figure(corrected, variable)))
     return Section("figures", "Before and after", "", parts)
 
 
-def most_improved(corrected: xr.Dataset, variable: str) -> str:
+def _most_improved(corrected: xr.Dataset, variable: str) -> str:
     """Return the station where the filter gained most, the first where none is known."""
     gain = corrected["skill_by_station"].sel(variable=variable, correction="kalman").to_numpy()
     place = int(np.argmax(np.where(np.isfinite(gain), gain, -np.inf)))

@@ -13,7 +13,7 @@ from airswing.gap.result.schema import ClaimsEntry, FitEntry, GapReport
 from airswing.report.gap.words import joined, plain_name
 from airswing.report.html.document import Column, Row, Section, folded, paragraph, table
 
-BY_DESIGN: tuple[tuple[str, str, str], ...] = (
+_BY_DESIGN: tuple[tuple[str, str, str], ...] = (
     (
         "the reference's own climatology is not an aircraft's fault",
         "it is fitted beside every effect",
@@ -25,7 +25,7 @@ BY_DESIGN: tuple[tuple[str, str, str], ...] = (
         "by design",
     ),
 )
-CALIBRATION: tuple[tuple[str, str, str], ...] = (
+_CALIBRATION: tuple[tuple[str, str, str], ...] = (
     ("spread", "spread over that predicted", "1"),
     ("crps_m_s", "CRPS (m/s)", ""),
     ("lag_one", "correlation of neighbours on a flight", "0"),
@@ -39,7 +39,7 @@ def assumption_table(gap: GapReport) -> list[Markup]:
         Row([one.assumption, one.check, one.result, "yes" if one.ok else "no"], doubt=not one.ok)
         for one in gap.assumptions
     ]
-    rows += [Row([*line, "-"]) for line in BY_DESIGN]
+    rows += [Row([*line, "-"]) for line in _BY_DESIGN]
     columns = [Column(name, "long") for name in ("assumption", "checked by", "result")]
     held = sum(one.ok for one in gap.assumptions)
     return [
@@ -62,7 +62,7 @@ def calibration_table(gap: GapReport) -> list[Markup]:
     right = {"crps_m_s": _told(after.crps_expected_m_s)}
     rows = [
         Row([label, _told(getattr(before, key)), _told(getattr(after, key)), ideal or right[key]])
-        for key, label, ideal in CALIBRATION
+        for key, label, ideal in _CALIBRATION
     ]
     columns = [
         Column("held-out reports", "words"),

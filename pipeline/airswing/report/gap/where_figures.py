@@ -32,7 +32,7 @@ FEW = 10
 """Reports below which a cell is left white."""
 
 
-def shown_cells(value: ArrayLike, number: ArrayLike | None, *, few: int = FEW) -> Floats:
+def _shown_cells(value: ArrayLike, number: ArrayLike | None, *, few: int = FEW) -> Floats:
     """Return the values with cells of fewer than `few` reports, where counted, set to NaN."""
     values = np.asarray(value, float)
     if number is None:
@@ -49,7 +49,7 @@ def _counted(number: ArrayLike | None, total: int) -> str:
     return f"n = {plural(total, 'report')}; white: fewer than {FEW} reports"
 
 
-def even_limit(values: Floats, *, least: float = 0.5) -> float:
+def _even_limit(values: Floats, *, least: float = 0.5) -> float:
     """Return the half width of a diverging colour scale that holds 98 % of the cells."""
     finite = np.abs(values[np.isfinite(values)])
     return max(float(np.percentile(finite, 98)), least) if finite.size else least
@@ -99,7 +99,7 @@ def aircraft_heading_figure(
     centres = np.asarray(heading, float)
     figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
     axes = figure.add_subplot()
-    shown = shown_cells(value, number)
+    shown = _shown_cells(value, number)
     _aircraft_grid(axes, tails, centres, shown, quantity, outstanding)
     _strong_texts(axes, centres, shown, standard_error)
     first = min(float(_edges(centres)[0]), 0.0)
@@ -141,7 +141,7 @@ def aircraft_time_figure(
     weeks = np.asarray(week)
     figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
     axes = figure.add_subplot()
-    shown = shown_cells(value, number)
+    shown = _shown_cells(value, number)
     _aircraft_grid(axes, tails, np.arange(weeks.size, dtype=float), shown, quantity, outstanding)
     step = max(1, -(-weeks.size // 10))
     ticks = np.arange(0, weeks.size, step)
@@ -169,7 +169,7 @@ def _aircraft_grid(
     quantity: str,
     outstanding: Sequence[str],
 ) -> None:
-    limit = even_limit(shown)
+    limit = _even_limit(shown)
     drawn = axes.pcolormesh(
         _edges(centres),
         np.arange(len(tails) + 1) - 0.5,
@@ -196,7 +196,7 @@ def _strong_texts(axes: Axes, centres: Floats, shown: Floats, error: ArrayLike |
     """Write the value into the cells that are beyond two standard errors, where there is room."""
     if error is None or centres.size > 12 or shown.shape[0] > 60:
         return
-    limit = even_limit(shown)
+    limit = _even_limit(shown)
     strong = np.abs(shown) > 2 * np.asarray(error, float)
     for row, column in np.argwhere(strong):
         value = shown[row, column]
@@ -235,8 +235,8 @@ def phase_level_figure(
     total : int, optional
         Reports behind the figure, where `number` is not given.
     """
-    shown = {name: shown_cells(value, number) for name, value in components.items()}
-    limit = even_limit(np.concatenate([v.ravel() for v in shown.values()]), least=0.2)
+    shown = {name: _shown_cells(value, number) for name, value in components.items()}
+    limit = _even_limit(np.concatenate([v.ravel() for v in shown.values()]), least=0.2)
     figure = new_figure(1.4 + 0.36 * len(layers))
     panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
     drawn = None
@@ -297,7 +297,7 @@ def gap_map_figure(
         Reports behind the figure, where `number` is not given.
     """
     lon, lat = np.asarray(longitude, float), np.asarray(latitude, float)
-    u, v = shown_cells(eastward, number), shown_cells(northward, number)
+    u, v = _shown_cells(eastward, number), _shown_cells(northward, number)
     filled = np.isfinite(u) & np.isfinite(v)
     if not filled.any():
         return empty_figure("No cell holds enough reports for a map")
@@ -314,11 +314,11 @@ def gap_map_figure(
         speed[:, order],
         cmap="YlOrBr",
         vmin=0,
-        vmax=even_limit(speed),
+        vmax=_even_limit(speed),
         alpha=0.85,
         rasterized=True,
     )
-    length = even_limit(speed)
+    length = _even_limit(speed)
     arrows = axes.quiver(
         x[columns],
         lat[rows],

@@ -333,14 +333,8 @@ def pit_figure(counts: ArrayLike, *, before: ArrayLike | None = None) -> Figure:
 
 
 @styled
-def table_figure(place: PlaceEntry) -> Figure:
-    """Steps of an unknown's table over one variable, or a map of it over two.
-
-    Parameters
-    ----------
-    place : PlaceEntry
-        Its curve has edges and values.
-    """
+def _table_figure(place: PlaceEntry) -> Figure:
+    """Steps of an unknown's table over one variable, or a map of it over two."""
     curve = place.curve
     edges = [np.asarray(own, float) for own in curve.edges or ()]
     value = np.reshape(np.asarray(curve.values, float), [own.size - 1 for own in edges])
@@ -371,14 +365,8 @@ def table_figure(place: PlaceEntry) -> Figure:
 
 
 @styled
-def speed_map_figure(place: PlaceEntry) -> Figure:
-    """Speeds sent in the place of others.
-
-    Parameters
-    ----------
-    place : PlaceEntry
-        Its curve holds the map.
-    """
+def _speed_map_figure(place: PlaceEntry) -> Figure:
+    """Speeds sent in the place of others."""
     speeds = np.asarray((place.curve.edges or [[]])[0], float)
     sent = np.asarray(place.curve.values, float)
     figure = new_figure(2.8)
@@ -398,9 +386,9 @@ def speed_map_figure(place: PlaceEntry) -> Figure:
 def unknown_curve_figure(place: PlaceEntry) -> Figure:
     """Bars of the curve fitted to an effect that the catalogue does not hold."""
     if place.component == "reported_speed":
-        return speed_map_figure(place)
+        return _speed_map_figure(place)
     if place.curve.edges is not None:
-        return table_figure(place)
+        return _table_figure(place)
     labels, value = place.curve.labels, np.asarray(place.curve.m_s, float)
     figure = new_figure(2.6)
     axes = figure.add_subplot()

@@ -34,7 +34,7 @@ UNITS: tuple[tuple[str, str], ...] = (
     ("_h", " h"),
     ("_s", " s"),
 )
-MOST_TAILS = 6
+_MOST_TAILS = 6
 #: Share of an unknown that an effect explains from which its name is said and not that it has none.
 NEAR = 0.8
 
@@ -45,7 +45,7 @@ def plain_name(name: str) -> str:
     return effect.title if effect and effect.title else name.replace("_", " ")
 
 
-def joined(words: Sequence[str], *, most: int = MOST_TAILS) -> str:
+def joined(words: Sequence[str], *, most: int = _MOST_TAILS) -> str:
     """Return ``a, b and c``, cut after a few with the number of the rest."""
     shown = [str(word) for word in words[:most]]
     if len(words) > most:
@@ -67,7 +67,7 @@ def digits_for(error: float) -> int:
     return int(np.clip(np.ceil(-np.log10(error * 1.05)), 0, 4))
 
 
-def label_and_unit(name: str) -> tuple[str, str]:
+def _label_and_unit(name: str) -> tuple[str, str]:
     """Split ``amplitude_deg`` into ``amplitude`` and its unit; ``at_..._nT`` is plain ``at``."""
     for ending, symbol in UNITS:
         if name.endswith(ending):
@@ -78,7 +78,7 @@ def label_and_unit(name: str) -> tuple[str, str]:
 
 def parameter_text(name: str, value: Parameter, error: float | None = None) -> str:
     """Return ``amplitude 3.9 ± 0.2°`` for ``amplitude_deg``."""
-    label, unit = label_and_unit(name)
+    label, unit = _label_and_unit(name)
     if not isinstance(value, int | float):
         return f"{label} {value}"
     spread = float("nan") if error is None else error
@@ -134,7 +134,7 @@ def _spread(
 
 
 def _range_text(name: str, spread: tuple[float, float]) -> str:
-    label, unit = label_and_unit(name)
+    label, unit = _label_and_unit(name)
     digits = int(np.clip(np.ceil(-np.log10(spread[1] - spread[0])) + 1, 1, 5))
     return f"{label} {spread[0]:.{digits}f} to {spread[1]:.{digits}f}{unit}"
 
@@ -159,15 +159,15 @@ def who_text(effect: EffectEntry) -> str:
 
 def effect_sentence(effect: EffectEntry) -> str:
     """Return one effect as a sentence without its stop."""
-    return capitalised(effect_clause(effect))
+    return _capitalised(_effect_clause(effect))
 
 
-def capitalised(text: str) -> str:
+def _capitalised(text: str) -> str:
     """Return a text that begins a sentence; names of aircraft stay as they are."""
     return f"The {text[4:]}" if text.startswith("the ") else text
 
 
-def effect_clause(effect: EffectEntry) -> str:
+def _effect_clause(effect: EffectEntry) -> str:
     """Return one effect as it stands within a sentence."""
     text = f"{who_text(effect)}: {plain_name(effect.name)}"
     details = [part for part in (parameters_text(effect, brief=True), period_text(effect)) if part]
@@ -177,7 +177,7 @@ def effect_clause(effect: EffectEntry) -> str:
     return text
 
 
-def closure_sentence(gap: GapReport) -> str:
+def _closure_sentence(gap: GapReport) -> str:
     """Return what adding the effects does to the disagreement, with the noise floor."""
     what = "it" if len(gap.effects) == 1 else "them"
     where = " on held-out flights" if gap.closure.held_out else ""
@@ -235,11 +235,11 @@ def _what_is_missing(gap: GapReport, most: int) -> str:
         if gap.unknown.present:
             return f"Something is missing{_unknown_alone(gap)}{_unknown_closure(gap)}."
         return _nothing_missing(gap)
-    text = capitalised("; ".join(effect_clause(effect) for effect in effects[:most]))
+    text = _capitalised("; ".join(_effect_clause(effect) for effect in effects[:most]))
     if len(effects) > most:
         rest = len(effects) - most
         text += f"; and {rest} smaller effect{'s' if rest > 1 else ''}"
-    text += f"; {closure_sentence(gap)}."
+    text += f"; {_closure_sentence(gap)}."
     if gap.unknown.present:
         text += f" Something unknown remains{_unknown_place(gap)}{_unknown_closure(gap)}."
     return text

@@ -34,7 +34,7 @@ from airswing.report.html.style import (
     thousands,
 )
 
-LEVELS_HPA: tuple[tuple[float, float], ...] = ((0, 400), (400, 600), (600, 800), (800, 1100))
+_LEVELS_HPA: tuple[tuple[float, float], ...] = ((0, 400), (400, 600), (600, 800), (800, 1100))
 
 MOST_DRAWN = 500_000
 """Reports a map draws at most."""
@@ -83,7 +83,7 @@ def _height(view: View, columns: int, rows: int, *, colourbar: bool = False) -> 
     return rows * (min(width * view.height_over_width, 7.0) + 0.55)
 
 
-def draw_places(
+def _draw_places(
     axes: Axes,
     view: View,
     longitude: ArrayLike,
@@ -93,27 +93,7 @@ def draw_places(
     cells: int = 60,
     dense: bool | None = None,
 ) -> Any:
-    """Draw reports in a map panel, as points or (many) as a density.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-        A panel, not yet drawn on.
-    view : View
-        The window.
-    longitude, latitude : array (n,)
-        Degrees.
-    size : float, optional
-        Area of a point, points squared.
-    cells : int, optional
-        Hexagons along the panel.
-    dense : bool, optional
-        Density (True) or points (False); by default density from 20,000 reports.
-
-    Returns
-    -------
-    the density's mappable, or None for points
-    """
+    """Draw reports in a map panel, as points or (many) as a density."""
     x, y = view.unwrapped(longitude), np.asarray(latitude, float)
     mappable = None
     if x.size > MANY if dense is None else dense:
@@ -163,7 +143,7 @@ def reports_figure(headings: xr.Dataset, *, keep: Mask | None = None, title: str
     shown, number = places.group == 0, int(places.counts[0])
     figure = new_figure(_height(view, 1, 1, colourbar=int(shown.sum()) > MANY))
     axes = figure.add_subplot()
-    drawn = draw_places(axes, view, places.longitude[shown], places.latitude[shown], cells=64)
+    drawn = _draw_places(axes, view, places.longitude[shown], places.latitude[shown], cells=64)
     if drawn is not None:
         label = f"one in {places.every} reports" if places.every > 1 else "reports"
         bar = figure.colorbar(drawn, ax=axes, label=f"{label} in a cell", shrink=0.8, pad=0.01)
@@ -188,7 +168,7 @@ def _panels(places: _Places, labels: Sequence[str], columns: int) -> CaptionedFi
         axes.set_title(f"{label}  (n = {thousands(count)})")
         if mask.any():
             shown = places.longitude[mask], places.latitude[mask]
-            draw_places(axes, view, *shown, size=2.5, cells=40, dense=dense)
+            _draw_places(axes, view, *shown, size=2.5, cells=40, dense=dense)
         else:
             draw_map(axes, view, ticks=3)
             axes.text(0.5, 0.5, "no reports", transform=axes.transAxes, ha="center")
@@ -222,7 +202,7 @@ def phase_maps_figure(headings: xr.Dataset) -> Figure:
 
 @styled
 def level_maps_figure(
-    headings: xr.Dataset, *, levels: tuple[tuple[float, float], ...] = LEVELS_HPA
+    headings: xr.Dataset, *, levels: tuple[tuple[float, float], ...] = _LEVELS_HPA
 ) -> Figure:
     """Map the reports of each layer of pressure.
 

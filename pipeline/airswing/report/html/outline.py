@@ -66,10 +66,10 @@ class View:
 
     def unwrapped(self, longitude: ArrayLike) -> Floats:
         """Bring longitudes within 180 degrees of the middle of the window."""
-        return unwrap_around(np.asarray(longitude, float), self.middle)
+        return _unwrap_around(np.asarray(longitude, float), self.middle)
 
 
-def unwrap_around(longitude: Floats, middle: float) -> Floats:
+def _unwrap_around(longitude: Floats, middle: float) -> Floats:
     """Shift longitudes by whole turns to lie in [middle - 180, middle + 180)."""
     return wrap_degrees(longitude - middle) + middle
 
@@ -115,7 +115,7 @@ def view_of(
     lat = np.asarray(latitude, float)
     lat = lat[np.isfinite(lat)]
     middle = middle_longitude(longitude)
-    lon = unwrap_around(np.asarray(longitude, float), middle)
+    lon = _unwrap_around(np.asarray(longitude, float), middle)
     lon = lon[np.isfinite(lon)]
     if lon.size == 0 or lat.size == 0:
         return View(-180.0, 180.0, -90.0, 90.0)

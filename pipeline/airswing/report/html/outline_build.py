@@ -24,12 +24,12 @@ from typing import Any
 
 import numpy as np
 
-HUNDREDTHS = 100.0
-GREAT_LAKES = (-93.0, -75.5, 41.2, 49.1)
-THINNING = {"coast": 0.04, "border": 0.03, "state": 0.02, "lake": 0.02}
+_HUNDREDTHS = 100.0
+_GREAT_LAKES = (-93.0, -75.5, 41.2, 49.1)
+_THINNING = {"coast": 0.04, "border": 0.03, "state": 0.02, "lake": 0.02}
 
 
-def decoded_arcs(topology: dict[str, Any]) -> list[np.ndarray]:
+def _decoded_arcs(topology: dict[str, Any]) -> list[np.ndarray]:
     """Return every arc of a quantised topology as an (n, 2) array of degrees east, north."""
     scale = np.array(topology["transform"]["scale"])
     shift = np.array(topology["transform"]["translate"])
@@ -44,7 +44,7 @@ def _flat(indices: Any) -> Iterator[int]:
         yield from _flat(part)
 
 
-def arc_uses(geometries: Iterable[dict[str, Any]]) -> Counter[int]:
+def _arc_uses(geometries: Iterable[dict[str, Any]]) -> Counter[int]:
     """Count, for each arc, how many geometries use it (1: shore, 2: border)."""
     uses: Counter[int] = Counter()
     for geometry in geometries:
@@ -89,15 +89,15 @@ def thinned(line: np.ndarray, tolerance: float) -> np.ndarray:
     return line[keep]
 
 
-def selected_lines(world: dict[str, Any], states: dict[str, Any]) -> dict[str, list[np.ndarray]]:
+def _selected_lines(world: dict[str, Any], states: dict[str, Any]) -> dict[str, list[np.ndarray]]:
     """Return the lines of each layer (coast, border, state, lake), degrees, not thinned."""
-    layers: dict[str, list[np.ndarray]] = {name: [] for name in THINNING}
-    arcs = decoded_arcs(world)
-    for index, count in arc_uses(world["objects"]["countries"]["geometries"]).items():
+    layers: dict[str, list[np.ndarray]] = {name: [] for name in _THINNING}
+    arcs = _decoded_arcs(world)
+    for index, count in _arc_uses(world["objects"]["countries"]["geometries"]).items():
         layers["coast" if count == 1 else "border"].append(arcs[index])
-    arcs = decoded_arcs(states)
-    west, east, south, north = GREAT_LAKES
-    for index, count in arc_uses(states["objects"]["states"]["geometries"]).items():
+    arcs = _decoded_arcs(states)
+    west, east, south, north = _GREAT_LAKES
+    for index, count in _arc_uses(states["objects"]["states"]["geometries"]).items():
         line = arcs[index]
         if count > 1:
             layers["state"].append(line)
@@ -110,7 +110,7 @@ def packed(lines: Iterable[np.ndarray], tolerance: float) -> tuple[np.ndarray, n
     """Return points in hundredths of a degree (n, 2) int16 and the length of each line."""
     kept = []
     for line in lines:
-        whole = np.round(thinned(line, tolerance) * HUNDREDTHS).astype(np.int16)
+        whole = np.round(thinned(line, tolerance) * _HUNDREDTHS).astype(np.int16)
         moved = np.concatenate([[True], np.any(np.diff(whole, axis=0) != 0, axis=1)])
         if np.count_nonzero(moved) > 1:
             kept.append(whole[moved])
@@ -119,12 +119,12 @@ def packed(lines: Iterable[np.ndarray], tolerance: float) -> tuple[np.ndarray, n
 
 def build(world_file: Path, states_file: Path, target: Path) -> None:
     """Read the two TopoJSON files and write the compact outline."""
-    layers = selected_lines(
+    layers = _selected_lines(
         json.loads(world_file.read_text("utf-8")), json.loads(states_file.read_text("utf-8"))
     )
     arrays: dict[str, np.ndarray] = {}
     for name, lines in layers.items():
-        points, lengths = packed(lines, THINNING[name])
+        points, lengths = packed(lines, _THINNING[name])
         arrays[f"{name}_points"], arrays[f"{name}_lengths"] = points, lengths
     np.savez_compressed(target, allow_pickle=False, **arrays)
 

@@ -28,9 +28,9 @@ ORANGE = "#E69F00"
 GREEN = "#009E73"
 VERMILION = "#D55E00"
 SKY = "#56B4E9"
-PURPLE = "#CC79A7"
-SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, INK)
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_PURPLE = "#CC79A7"
+_SERIES = (BLUE, VERMILION, GREEN, _PURPLE, ORANGE, SKY, INK)
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DENSITY = "viridis_r"
 DIVERGING = "PuOr_r"
 
@@ -164,7 +164,7 @@ def empty_figure(message: str) -> CaptionedFigure:
 
 def series_style(index: int) -> tuple[str, str]:
     """Return the colour and the marker of a series, so that neither is needed alone."""
-    return SERIES[index % len(SERIES)], MARKERS[index % len(MARKERS)]
+    return _SERIES[index % len(_SERIES)], _MARKERS[index % len(_MARKERS)]
 
 
 def compass_axis(axes: Axes, *, label: str, step: int = 45) -> None:

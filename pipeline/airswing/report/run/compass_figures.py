@@ -50,7 +50,7 @@ from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
 BIN_WIDTH = 15.0
-SECTORS = 24
+_SECTORS = 24
 
 
 class Binned(NamedTuple):
@@ -120,7 +120,7 @@ def _draw_reports(axes: Axes, heading: Floats, error: Floats, limit: float, *, d
     )
 
 
-def draw_heading_error(
+def _draw_heading_error(
     axes: Axes,
     headings: xr.Dataset,
     fits: xr.Dataset,
@@ -258,7 +258,7 @@ def heading_error_figure(
     name = str(fit["aircraft"].to_numpy())
     figure = new_figure(4.1)
     axes = figure.add_subplot()
-    number = draw_heading_error(axes, headings, fits, aircraft, reference)
+    number = _draw_heading_error(axes, headings, fits, aircraft, reference)
     axes.set_ylabel("heading error (degree)")
     axes.set_title(f"{name} against {reference}:  {fit_words(fit)}")
     figure.legend(loc="outside lower center", ncols=5)
@@ -284,7 +284,7 @@ def bias_words(fits: xr.Dataset, reference: str) -> str:
     )
 
 
-def sector_counts(heading: Floats, *, sectors: int = SECTORS) -> NDArray[np.int64]:
+def sector_counts(heading: Floats, *, sectors: int = _SECTORS) -> NDArray[np.int64]:
     """Count reports in equal sectors, the first centred on north."""
     width = 360.0 / sectors
     index = np.floor(((heading + width / 2) % 360.0) / width).astype(int)
@@ -358,7 +358,7 @@ def coverage_figure(
     figure.set_layout_engine("none")
     return figure.say(
         f"Headings flown: each rose shows the magnetic headings of one aircraft's reports that "
-        f"passed the screening, in {SECTORS} sectors, north up; area is proportional to number "
+        f"passed the screening, in {_SECTORS} sectors, north up; area is proportional to number "
         f"(n = {plural(total, 'report')}, {plural(len(aircraft), 'aircraft', 'aircraft')}). Below "
         "each: reports, and how many of the eight compass points they touch (orange: fewer than "
         "eight)."

@@ -68,8 +68,8 @@ from airswing.version import __version__
 
 SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS = 96, 12, 40
 """Aircraft that have a small panel, panels side by side, and aircraft that have a large one."""
-FILES_NAMED = 20
-"""Report files left out that are named one by one; the product names all."""
+# Report files left out that are named one by one; the product names all.
+_FILES_NAMED = 20
 
 
 def write_page(
@@ -107,7 +107,7 @@ def write_page(
     """
     summary, found = dict(summary or {}), evaluation or Evaluation()
     reference = _lead_reference(fits, headings, summary)
-    summary["links"] = [*product_links(Path(directory)), *summary.get("links", [])]
+    summary["links"] = [*_product_links(Path(directory)), *summary.get("links", [])]
     # Once for all that tells it: the sums go through the whole archive.
     apart = None if corrected is None else disagreement(headings, corrected, fits, reference)
     total = None if apart is None else apart.total
@@ -164,7 +164,7 @@ PRODUCTS = {
 }
 
 
-def product_links(directory: Path) -> list[tuple[str, str]]:
+def _product_links(directory: Path) -> list[tuple[str, str]]:
     """Return (label, address) of the products that stand beside the page's folder."""
     beside = directory.parent
     return [(label, f"../{name}") for name, label in PRODUCTS.items() if (beside / name).exists()]
@@ -329,7 +329,7 @@ def _audit_section(headings: xr.Dataset) -> Section:
 def _on_the_way_in(headings: xr.Dataset) -> list[str]:
     """What did not come in of reports and models, a line each."""
     reading = tally(headings, "reading_audit")
-    others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:FILES_NAMED]
+    others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:_FILES_NAMED]
     return [
         *reading_warnings(reading),
         *(f"also left out: {reason}" for reason in others),

@@ -22,8 +22,8 @@ from airswing.report.run.selection import pooled, status_words, tails, used
 from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
-RANGE_FROM = 10
-"""Aircraft from which on nine in ten can be told from all."""
+# Aircraft from which on nine in ten can be told from all.
+_RANGE_FROM = 10
 _WINDS = (
     "eastward_wind",
     "northward_wind",
@@ -213,7 +213,7 @@ def _typical(amplitude: Floats) -> str:
     if amplitude.size == 1:
         return f"its compass deviation is {size}"
     low, high, words = amplitude.min(), amplitude.max(), "in all"
-    if amplitude.size >= RANGE_FROM:
+    if amplitude.size >= _RANGE_FROM:
         (low, high), words = np.percentile(amplitude, [5, 95]), "for nine in ten"
     return f"the typical compass deviation is {size} ({low:.1f}° to {high:.1f}° {words})"
 
@@ -251,7 +251,7 @@ def correction_rows(
         (
             [
                 name,
-                *(signed_text(float(value)) for value in table[row]),
+                *(_signed_text(float(value)) for value in table[row]),
                 number_text(residual[row]),
                 *(words[row] for words in shape),
                 f"{int(reports[row]):,}",
@@ -274,7 +274,7 @@ def _intervals(fit: xr.Dataset, name: str, order: list[int], *, digits: int) -> 
     ]
 
 
-def signed_text(value: float) -> str:
+def _signed_text(value: float) -> str:
     """Return a correction with its sign and one decimal, zero as +0.0, or a dash."""
     return f"{round(value, 1) + 0.0:+.1f}" if np.isfinite(value) else "-"
 

@@ -16,12 +16,12 @@ from typing import Any
 
 import xarray as xr
 
-GROUPS_SHOWN = 5
-ENTRIES_KEPT = 200
+_GROUPS_SHOWN = 5
+_ENTRIES_KEPT = 200
 _REPEATED = "_column_repeated"
 _PLACE = re.compile(r"^message at \d+: ")
+# Kind of message that is no wind on levels: most files hold such, and nobody need be told.
 _EXPECTED = "wind"
-"""Kind of message that is no wind on levels: most files hold such, and nobody need be told."""
 
 
 def tally(ds: xr.Dataset, name: str) -> dict[str, Any]:
@@ -72,8 +72,8 @@ def reading_warnings(audit: Mapping[str, Any]) -> list[str]:
                 "first is used"
             )
     if groups:
-        shown = "; ".join(", ".join(map(repr, group)) for group in groups[:GROUPS_SHOWN])
-        more = len(groups) - GROUPS_SHOWN
+        shown = "; ".join(", ".join(map(repr, group)) for group in groups[:_GROUPS_SHOWN])
+        more = len(groups) - _GROUPS_SHOWN
         lines.append(
             "tails that differ only in case or blanks are taken as different aircraft: "
             f"{shown}{f'; and {more} more groups' if more > 0 else ''}"
@@ -108,13 +108,13 @@ def unread(problems: Iterable[tuple[Any, str, str]]) -> list[dict[str, Any]]:
     Returns
     -------
     list of {"file", "what", "reason", "count"}
-        As ``skipped`` of a catalogue; at most `ENTRIES_KEPT`, the most frequent first.
+        As ``skipped`` of a catalogue; at most `_ENTRIES_KEPT`, the most frequent first.
     """
     counts = Counter((file, _PLACE.sub("", reason)) for _, file, reason in problems)
     return [
         {"file": file, "what": "message", "reason": reason, "count": count}
         for (file, reason), count in sorted(counts.items(), key=lambda one: (-one[1], one[0]))
-    ][:ENTRIES_KEPT]
+    ][:_ENTRIES_KEPT]
 
 
 def reference_warnings(audits: Mapping[str, Any]) -> list[str]:

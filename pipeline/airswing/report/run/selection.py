@@ -26,14 +26,8 @@ def tails(ds: xr.Dataset) -> list[str]:
     return [str(name) for name in ds["aircraft"].to_numpy()]
 
 
-def aircraft_index(ds: xr.Dataset, aircraft: str | int) -> int:
-    """Return the position of an aircraft given by name or position.
-
-    Raises
-    ------
-    InputError
-        If no aircraft has the name.
-    """
+def _aircraft_index(ds: xr.Dataset, aircraft: str | int) -> int:
+    """Return the position of an aircraft given by name or position."""
     known = tails(ds)
     if isinstance(aircraft, int | np.integer):
         return range(len(known))[int(aircraft)]
@@ -50,7 +44,7 @@ def aircraft_index(ds: xr.Dataset, aircraft: str | int) -> int:
 def rows_of(ds: xr.Dataset, aircraft: str | int) -> slice:
     """Return the slice of reports of one aircraft."""
     stop = np.cumsum(ds["row_size"].to_numpy())
-    index = aircraft_index(ds, aircraft)
+    index = _aircraft_index(ds, aircraft)
     return slice(int(stop[index] - ds["row_size"].to_numpy()[index]), int(stop[index]))
 
 
@@ -135,7 +129,7 @@ def one_fit(fits: xr.Dataset, aircraft: str | int, reference: str) -> xr.Dataset
             found=reference,
             remedy=f"Choose from {', '.join(names)}",
         )
-    return fits.isel(reference=names.index(reference), aircraft=aircraft_index(fits, aircraft))
+    return fits.isel(reference=names.index(reference), aircraft=_aircraft_index(fits, aircraft))
 
 
 def status_words(code: Any) -> str:

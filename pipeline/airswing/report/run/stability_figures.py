@@ -31,7 +31,7 @@ from airswing.report.html.style import (
 from airswing.units import NORMAL_95
 
 MOST_ROWS = 10
-MOST_BARS = 40
+_MOST_BARS = 40
 PARTS = (("offset", "offset (degree)", BLUE), ("amplitude", "amplitude (degree)", ORANGE))
 
 
@@ -120,7 +120,7 @@ def ranking_figure(ranking: Sequence[Mapping[str, Any]]) -> Figure:
         Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
     """
     known = [entry for entry in ranking if entry["expected_gain_kt"] is not None]
-    shown = known[:MOST_BARS]
+    shown = known[:_MOST_BARS]
     figure = new_figure(1.1 + 0.26 * max(len(shown), 2))
     axes = figure.add_subplot()
     if not shown:

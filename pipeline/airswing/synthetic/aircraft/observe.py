@@ -253,7 +253,7 @@ def observe(
             float(here["longitude"].max()),
         ),
         magnetic=used["heading"] - used["declination"],
-        **{name: used[name] for name in SET_BY},
+        **{name: used[name] for name in _SET_BY},
     )
     apply_unit_faults(setting, faults, tails)
     rng = stream(seed, "instrument noise")
@@ -266,7 +266,8 @@ def observe(
     return _report(pd.DataFrame(exact), here, u, v, faults, tails, units.coding, seed)
 
 
-SET_BY = (
+# What of the state a unit's faults depend on.
+_SET_BY = (
     "hours",
     "latitude",
     "longitude",
@@ -277,7 +278,6 @@ SET_BY = (
     "acceleration",
     "bank",
 )
-"""What of the state a unit's faults depend on."""
 TRUTH = {
     "true_u": "u",
     "true_v": "v",

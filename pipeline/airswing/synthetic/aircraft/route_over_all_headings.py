@@ -22,8 +22,8 @@ __all__ = ["tour"]
 
 Array = NDArray[np.float64]
 _GEOD = Geod(ellps="WGS84")
+# Steps of a leg before the first report.
 _SILENT = 12
-"""Steps of a leg before the first report."""
 
 
 def tour(

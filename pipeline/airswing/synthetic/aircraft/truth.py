@@ -70,6 +70,8 @@ def fleet_deviations(tails: Sequence[str], seed: int) -> list[dict[str, Any]]:
 LITTLE = (0.05, 0.15)
 """Least and largest strength of a background effect, m/s root mean square where it acts."""
 
+# Parameter of each background effect, and the change of wind (m/s root mean square where it acts)
+# that one unit of it makes on the archive's network; a drift's rate times the archive's days.
 _PER_UNIT = {
     "compass_offset": ("offset_deg", 2.0),
     "hard_iron": ("amplitude_deg", 1.3),
@@ -84,8 +86,6 @@ _PER_UNIT = {
     "heading_by_temperature": ("amplitude_deg", 1.9),
     "three_cycle": ("amplitude_deg", 1.41),
 }
-"""Parameter of each background effect, and the change of wind (m/s root mean square where it acts)
-that one unit of it makes on the archive's network; a drift's rate times the archive's days."""
 
 
 def small_effects(tails: Sequence[str], seed: int, *, days: float = 45.0) -> list[dict[str, Any]]:

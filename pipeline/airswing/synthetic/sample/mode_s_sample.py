@@ -25,11 +25,11 @@ __all__ = ["AIRCRAFT", "write_mode_s"]
 Array = NDArray[np.float64]
 START = np.datetime64("2017-01-11T00:00", "ns")
 LEVELS = (500.0, 400.0, 300.0, 250.0, 200.0)
-ALTITUDE_FT = {300.0: 30065.0, 250.0: 33999.0}
+_ALTITUDE_FT = {300.0: 30065.0, 250.0: 33999.0}
 EARTH = 6_371_000.0
 STEP_S, REPORTS = 10, 150
-ANGLE_STEP = 90.0 / 512.0
-"""Degrees: resolution of heading and track in registers 6,0 and 5,0."""
+# Degrees: resolution of heading and track in registers 6,0 and 5,0.
+_ANGLE_STEP = 90.0 / 512.0
 AIRCRAFT = {
     "a00001": (1.2, 2.0, -1.5, None),
     "a00002": (-0.8, -1.0, 2.5, None),
@@ -41,16 +41,8 @@ AIRCRAFT = {
 """Deviation A, B, C in degrees, and the one true heading of those that fly no other."""
 
 
-def model_wind(latitude: Array, longitude: Array, pressure: Array, hour: Array) -> Array:
-    """Wind of the model, m/s, shape (2, n): east, north.
-
-    Parameters
-    ----------
-    latitude, longitude : array, degrees
-    pressure : array, hPa
-    hour : array
-        Since the start.
-    """
+def _model_wind(latitude: Array, longitude: Array, pressure: Array, hour: Array) -> Array:
+    """Wind of the model, m/s, shape (2, n): east, north."""
     height = np.log(500.0 / pressure)
     east = 18.0 + 1.1 * (latitude - 49.0) + 14.0 * height + 0.2 * hour
     north = -4.0 + 0.7 * (longitude + 121.0) - 5.0 * height - 0.1 * hour
@@ -116,7 +108,7 @@ def _era5(south: float, west: float, hours: int) -> xr.Dataset:
         "longitude": west + np.arange(0.0, 12.1, 0.5),
     }
     hour, level, lat, lon = np.meshgrid(*axes.values(), indexing="ij")
-    winds = model_wind(lat, lon, level, hour)
+    winds = _model_wind(lat, lon, level, hour)
     attrs = [
         {"units": "m s**-1", "standard_name": f"{way}ward_wind", "long_name": f"{letter} component"}
         for way, letter in (("east", "U"), ("north", "V"))
@@ -144,14 +136,14 @@ def _flight(
 ) -> pd.DataFrame:
     """One straight leg, from near the middle of the region."""
     airspeed = 225.0 + rng.normal(0, 4)
-    level = list(ALTITUDE_FT)[int(rng.integers(2))]
+    level = list(_ALTITUDE_FT)[int(rng.integers(2))]
     error = rng.normal(0, 1.0, 2)
     lat, lon = corner[0] + 4.0 + rng.uniform(-0.7, 0.7), corner[1] + 6.0 + rng.uniform(-1, 1)
     psi = np.radians(heading)
     rows = []
     for k in range(REPORTS):
         hour = begin + k * STEP_S / 3600.0
-        wind = model_wind(*(np.array(x) for x in (lat, lon, level, hour))) + error
+        wind = _model_wind(*(np.array(x) for x in (lat, lon, level, hour))) + error
         wind = wind + rng.normal(0, 0.7, 2)
         ground = airspeed * np.array([np.sin(psi), np.cos(psi)]) + wind
         rows.append((hour, lat, lon, *ground))
@@ -167,7 +159,7 @@ def _flight(
             "callsign": f"{name}-{int(begin)}",
             "latitude": np.round(lats, 5),
             "longitude": np.round(lons, 5),
-            "altitude": ALTITUDE_FT[level],
+            "altitude": _ALTITUDE_FT[level],
             "groundspeed": 2.0 * np.rint(np.hypot(east, north) / KNOT / 2.0),
             "track": _rounded(np.degrees(np.arctan2(east, north))),
             "heading": _rounded(_indicated(heading - declination, curve)),
@@ -186,4 +178,4 @@ def _indicated(magnetic: Array, curve: list[float]) -> Array:
 
 
 def _rounded(angle: Array) -> Array:
-    return np.asarray(np.mod(np.rint(angle / ANGLE_STEP) * ANGLE_STEP, 360.0))
+    return np.asarray(np.mod(np.rint(angle / _ANGLE_STEP) * _ANGLE_STEP, 360.0))

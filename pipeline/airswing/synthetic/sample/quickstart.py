@@ -19,7 +19,7 @@ from airswing.synthetic.sample.sample_archive import write_archive
 
 __all__ = ["EFFECTS", "write_quickstart"]
 
-SEED = 2012
+_SEED = 2012
 DAYS_BEFORE, DAYS_AFTER = 34, 8
 CORRECTED = ("N401", "N404")
 
@@ -67,7 +67,7 @@ def _split(directory: Path, boundary: str) -> None:
                 target.write_text(header + "".join(kept), encoding="utf-8")
 
 
-def write_quickstart(directory: str | Path, *, seed: int = SEED) -> Path:
+def write_quickstart(directory: str | Path, *, seed: int = _SEED) -> Path:
     """Write the sample archive.
 
     Parameters

@@ -34,11 +34,11 @@ __all__ = ["RUNGS", "Case", "Size", "World", "plan_cases"]
 
 RUNGS: dict[int, float] = {1: 0.35, 2: 0.1, 3: 0.15, 4: 0.3, 5: 0.1}
 """Share of the cases on each rung."""
-CASES_PER_WORLD = 8
+_CASES_PER_WORLD = 8
 SHORT_RUNGS, SHORT_DAYS = (1, 4), (14, 15)
 """Rungs of which every fourth world is of two weeks: what seems to last is weather there."""
-MOST_DRAWS = 24
-"""Draws an outside effect is dealt as."""
+# Draws an outside effect is dealt as.
+_MOST_DRAWS = 24
 START = datetime(2009, 3, 1)
 
 
@@ -247,7 +247,7 @@ class _Dealer:
     def cases(self, count: int, nulls: int) -> list[Case]:
         """Return the cases, those that hold nothing first."""
         # Archives without effects are the same where their worlds are: each null has its own.
-        worlds = max(nulls, -(-count // CASES_PER_WORLD))
+        worlds = max(nulls, -(-count // _CASES_PER_WORLD))
         out = []
         for index in range(count):
             world = self._world(index, worlds)
@@ -316,7 +316,7 @@ class _Dealer:
                     ),
                 ),
             )
-            for _ in range(MOST_DRAWS)
+            for _ in range(_MOST_DRAWS)
         )
         return replace(
             case,

@@ -37,9 +37,9 @@ __all__ = ["SensorRecord", "real_sensor", "sensor_record", "with_real_sensor", "
 
 Array = NDArray[np.float64]
 KNOT = 1852.0 / 3600.0
-WIND_KNOT_SECONDS = 300.0
-HEADING_BINS = 36
-MODEL_FOLDER = "wrf_ruc13_g212"
+_WIND_KNOT_SECONDS = 300.0
+_HEADING_BINS = 36
+_MODEL_FOLDER = "wrf_ruc13_g212"
 
 
 @dataclass(frozen=True)
@@ -100,15 +100,15 @@ def _irregular(heading: Array, error: Array) -> Array:
     report of that heading, and a diagnosis that names it would be right.
     """
     bins = _heading_bin(heading)
-    count = np.bincount(bins, minlength=HEADING_BINS)
-    mean = np.bincount(bins, error, HEADING_BINS) / np.maximum(count, 1)
+    count = np.bincount(bins, minlength=_HEADING_BINS)
+    mean = np.bincount(bins, error, _HEADING_BINS) / np.maximum(count, 1)
     return np.asarray(error - mean[bins])
 
 
 def _heading_bin(heading: Array) -> NDArray[np.int64]:
     """Bin of each heading in radians, (n,)."""
     turn = np.mod(heading, 2 * np.pi) / (2 * np.pi)
-    return np.asarray(turn * HEADING_BINS, np.int64) % HEADING_BINS
+    return np.asarray(turn * _HEADING_BINS, np.int64) % _HEADING_BINS
 
 
 def _left_over(
@@ -121,7 +121,7 @@ def _left_over(
     right: Array,
 ) -> Array:
     """Return the part (2, n) of the computed wind that no smooth wind or deviation explains."""
-    knots = np.arange(seconds[0], seconds[-1] + WIND_KNOT_SECONDS, WIND_KNOT_SECONDS)
+    knots = np.arange(seconds[0], seconds[-1] + _WIND_KNOT_SECONDS, _WIND_KNOT_SECONDS)
     hats = np.stack([np.interp(seconds, knots, row) for row in np.eye(knots.size)])
     smooth = np.concatenate([hats[hats.sum(1) > 0], [(altitude - altitude.mean()) / 1000.0]])
     cycles = [np.ones_like(heading)]
@@ -212,7 +212,7 @@ def _moments(
     order = np.argsort(own, kind="stable")
     own, wanted = own[order], _heading_bin(magnetic)
     present = np.unique(own)
-    gap = np.abs(np.angle(np.exp(2j * np.pi * (wanted[:, None] - present) / HEADING_BINS)))
+    gap = np.abs(np.angle(np.exp(2j * np.pi * (wanted[:, None] - present) / _HEADING_BINS)))
     nearest = present[np.argmin(gap, axis=1)]
     first, last = np.searchsorted(own, nearest), np.searchsorted(own, nearest, "right")
     new = np.r_[True, flight[1:] != flight[:-1]]
@@ -244,7 +244,7 @@ def write_model_case(
     """
     from airswing.synthetic.sample import realwinds
 
-    grib = real / "grib" / MODEL_FOLDER
+    grib = real / "grib" / _MODEL_FOLDER
     if not grib.is_dir():
         raise InputError("no real model run", file=grib)
     run, _, start = realwinds.read_run(grib)

@@ -44,12 +44,12 @@ ALIKE: tuple[frozenset[str], ...] = (
 )
 """Variables that tell much the same: never multiplied with each other."""
 _PHASES = (1.0, 2.0, 3.0)
+# Widths drawn, as fractions of the turn or of the range.
 _SPREAD = {"sector": (0.04, 0.125), "bump": (0.05, 0.12), "saw": (0.26, 0.52)}
-"""Widths drawn, as fractions of the turn or of the range."""
+# Where they begin, as quantiles: acting on most reports they would be an offset.
 _SPANS = {"step": (0.65, 0.9), "hinge": (0.5, 0.85)}
-"""Where they begin, as quantiles: acting on most reports they would be an offset."""
-LAST_WEEK = 0.1
-"""Share of outside effects that begin in the last week."""
+# Share of outside effects that begin in the last week.
+_LAST_WEEK = 0.1
 
 
 def draw_outside(
@@ -86,7 +86,7 @@ def draw_outside(
     chosen = _tails(rng, tails)
     parameters = _scatter(rng, size) if shape == "scatter" else _moving(rng, shape, size)
     period = None
-    if days > 14 and rng.uniform() < LAST_WEEK:
+    if days > 14 and rng.uniform() < _LAST_WEEK:
         period = [(start + timedelta(days=days - 7)).isoformat(), None]
     return {"name": "outside", "tails": chosen, "parameters": parameters, "period": period}
 

@@ -100,7 +100,7 @@ def outside_truth(
     return {
         "component": parameters["component"],
         "shape": parameters.get("kind", parameters["shape"]),
-        "variables": true_variables(parameters),
+        "variables": _true_variables(parameters),
         "scope": "all" if tails is None else "one" if len(tails) == 1 else "some",
         "reports": int(acts.sum()),
         "size_m_s": round(size, 3),
@@ -110,14 +110,8 @@ def outside_truth(
     }
 
 
-def true_variables(parameters: Mapping[str, Any]) -> list[str]:
-    """Return the variables an effect acts by; for one of scatter those of the wind it changes.
-
-    Parameters
-    ----------
-    parameters : mapping
-        Of an outside effect.
-    """
+def _true_variables(parameters: Mapping[str, Any]) -> list[str]:
+    """Return the variables an effect acts by; for one of scatter those of the wind it changes."""
     own = [str(part["variable"]) for part in parameters["parts"]]
     kind = parameters.get("kind")
     if kind == "lattice":

@@ -47,12 +47,12 @@ __all__ = ["Archivist", "strength_of", "twin_closure"]
 Array = NDArray[np.float64]
 Effects = Sequence[Mapping[str, Any]]
 KNOT = 1852.0 / 3600.0
-EDITIONS = {"ruc": (1, "grb"), "rtfdaa": (2, "grb2")}
-"""Edition and suffix of the references' GRIB files."""
-REFERENCES = tuple(EDITIONS)
-CALIBRATION_DAYS = 5
-ACROSS = ("across_heading", "heading_angle", "cross", "scatter")
-"""Components by which a diagnosis tells an irregular error of the heading."""
+# Edition and suffix of the references' GRIB files.
+_EDITIONS = {"ruc": (1, "grb"), "rtfdaa": (2, "grb2")}
+REFERENCES = tuple(_EDITIONS)
+_CALIBRATION_DAYS = 5
+# Components by which a diagnosis tells an irregular error of the heading.
+_ACROSS = ("across_heading", "heading_angle", "cross", "scatter")
 _EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
 _COARSE_FIELDS: dict[str, Any] = {
     "columns": 32,
@@ -60,6 +60,7 @@ _COARSE_FIELDS: dict[str, Any] = {
     "spacing_km": 57.0,
     "interval_hours": 2,
 }
+# Options that make the references next to nothing, where only the reports are wanted.
 _NO_FIELDS: dict[str, Any] = {
     "columns": 3,
     "rows": 3,
@@ -67,7 +68,7 @@ _NO_FIELDS: dict[str, Any] = {
     "levels": (1000, 350),
     "interval_hours": 6,
 }
-"""Options that make the references next to nothing, where only the reports are wanted."""
+# Options that make the references good enough to measure a strength against.
 _THIN_FIELDS: dict[str, Any] = {
     "columns": 16,
     "rows": 12,
@@ -75,7 +76,6 @@ _THIN_FIELDS: dict[str, Any] = {
     "interval_hours": 3,
     "levels": (1000, 900, 800, 700, 600, 500, 400, 350),
 }
-"""Options that make the references good enough to measure a strength against."""
 
 
 def generator_options(world: World) -> dict[str, Any]:
@@ -146,7 +146,7 @@ def strength_of(drawn: Drawn, world: World) -> float:
     world : World
         Its seed and fleet are used, for a few days.
     """
-    short = replace(world, days=min(world.days, CALIBRATION_DAYS))
+    short = replace(world, days=min(world.days, _CALIBRATION_DAYS))
     options = _calibration_options(short)
     bare = _calibration(short)
     changed = simulate_arrays(effects=[_always(e) for e in drawn.effects], **options)
@@ -201,10 +201,6 @@ def simulated(world: World, effects: Effects, *, coding: Coding | None = None) -
         See `airswing.synthetic.aircraft.faults`.
     coding : Coding, optional
         The generator's by default.
-
-    Returns
-    -------
-    pandas.DataFrame
     """
     options = generator_options(world) | _NO_FIELDS | {"derivatives": False}
     frame = simulate_arrays(effects=effects, coding=coding or Coding(), **options)
@@ -281,7 +277,7 @@ class Archivist:
             # A real record's tails are as heavy as they are: who names them is right.
             "background": ["outliers"] if case.world.kind in ("hard", "sensor") else [],
             # the record turns the heading of every aircraft: one across it or scatter is not false
-            "background_components": list(ACROSS) if case.world.kind == "sensor" else [],
+            "background_components": list(_ACROSS) if case.world.kind == "sensor" else [],
             "closure": closure,
             "outside": outside,
         }
@@ -314,7 +310,7 @@ class Archivist:
     def _strengthened(self, drawn: Drawn, size: float, world: World) -> Drawn:
         if drawn.how.ladder:
             return drawn
-        ordinary = replace(world, kind="default", days=max(world.days, CALIBRATION_DAYS))
+        ordinary = replace(world, kind="default", days=max(world.days, _CALIBRATION_DAYS))
         return scaled(drawn, size / max(strength_of(drawn, ordinary), 1e-6))
 
     def _write_sample(self, folder: Path, world: World, effects: Effects) -> dict[str, float]:
@@ -352,7 +348,7 @@ class Archivist:
             return folder
         where, references = str(folder.resolve()), {}
         for name, stored in _fields(world, of_reference).items():
-            edition, suffix = EDITIONS[name]
+            edition, suffix = _EDITIONS[name]
             write_reference(
                 folder / name, stored, start=START, edition=edition, lead_hours=1, times_per_file=6
             )

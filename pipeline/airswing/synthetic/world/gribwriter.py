@@ -22,8 +22,8 @@ from airswing.synthetic.world.lambert import LambertGrid
 
 __all__ = ["MessageWriter", "write_reference"]
 
+# Packings that take a number of bits, not of decimals: steps of 0.03-0.1 m/s for winds.
 _FIXED_BITS = {"grid_complex_spatial_differencing": 10, "grid_complex": 10, "grid_ccsds": 10}
-"""Packings that take a number of bits, not of decimals: steps of 0.03-0.1 m/s for winds."""
 
 
 def _grid_keys(grid: LambertGrid, edition: int) -> dict[str, float | int | str]:

@@ -18,7 +18,7 @@ from airswing.products.workspace import workspace
 from airswing.workflow.job import CORRECTED, HEADINGS, main_reference
 from airswing.workflow.progress import Progress
 
-POSTPROCESSED = "postprocessed.nc"
+_POSTPROCESSED = "postprocessed.nc"
 
 
 def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False) -> dict[str, Any]:
@@ -50,13 +50,13 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     with workspace(folder):
         require_writable(folder)
         with progress.stage("pairs") as stage:
-            pairs = read_pairs(section, whole)
+            pairs = _read_pairs(section, whole)
             stage.note = " x ".join(f"{size} {name}" for name, size in pairs.sizes.items())
         with progress.stage("filter"):
             made = _corrected(pairs, section)
             path = write_product(
                 made,
-                folder / POSTPROCESSED,
+                folder / _POSTPROCESSED,
                 title="Forecasts at stations corrected by a Kalman filter",
                 config_json=as_json(whole),
                 sources=["forecasts and observations at stations"],
@@ -72,15 +72,8 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     }
 
 
-def read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
-    """Pairs of forecast and observation: tables, GRIB and stations, or a run's winds.
-
-    Parameters
-    ----------
-    section : Postprocess
-    whole : BaseModel
-        The configuration it is of.
-    """
+def _read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
+    """Pairs of forecast and observation: tables, GRIB and stations, or a run's winds."""
     from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
     from airswing.handover.forecasts.station_observations import pairs_at_stations
 
