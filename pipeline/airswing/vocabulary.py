@@ -367,13 +367,9 @@ _MAPS = [
 ]
 _GAP = [
     *[
-        _V(name + suffix, units if suffix != "_count" else "1", text + meaning, dims, "f8")
+        _V(name + suffix, units, text + meaning, dims, "f8")
         for name, units, meaning, dims in _MAPS
-        for suffix, text in (
-            ("", ""),
-            ("_standard_error", "standard error of the "),
-            ("_count", "reports behind the "),
-        )
+        for suffix, text in (("", ""), ("_standard_error", "standard error of the "))
     ],
     _V("octant", "degree", "magnetic heading at the middle of the octant", ("octant",), "f8"),
     _V("phase", "", "phase of flight", ("phase",), "str"),

@@ -102,13 +102,13 @@ def test_the_simulation_takes_it_and_it_is_taken_off_again(cold):
 def test_the_diagnosis_words_and_page_have_it(cold, tmp_path, names_only):
     _, frame, active = cold
     few = {name: CATALOGUE[name] for name in ("compass_offset", "hard_iron", "tas_scale", NAME)}
-    made = diagnose(frame, catalogue=few, maps=False)
+    made = diagnose(frame, catalogue=few)
     (effect,) = made.report.effects
     assert effect.name == NAME and effect.tails == list(active.tails)
     for entry in effect.per_tail.values():
         assert entry.parameters["rate_deg"] == pytest.approx(1.2, abs=0.15)
     assert "heading error that grows with the cold" in verdict(made.report)
-    page = write_gap_page(tmp_path, gap=made.report)
+    page = write_gap_page(tmp_path, gap=made.report, maps=made.dataset)
     assert "heading error that grows with the cold (cold_soak)" in page.read_text()
     assert separated_by("compass_offset", NAME) == "flights in warm air"
 

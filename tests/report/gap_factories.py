@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-import xarray as xr
-
 from airswing.gap.result.schema import (
     ClosesEntry,
     CurveEntry,
@@ -16,7 +13,6 @@ from airswing.gap.result.schema import (
     RivalEntry,
     SliceEntry,
 )
-from tests.report.factories import names
 
 
 def effect(name: str, *tails: str, **given: object) -> EffectEntry:
@@ -82,37 +78,3 @@ def evidence(aircraft: int = 14) -> list[EvidenceEntry]:
         replace(row("tas_scale", -2.0, None), scope="fleet", posterior=[]),
         replace(row("cross:icing*heading", 9000.0, None), known=False),
     ]
-
-
-def maps(aircraft: int = 14, seed: int = 3) -> xr.Dataset:
-    """Return the content of gap.nc with every array the page can draw."""
-    rng = np.random.default_rng(seed)
-    octant = np.arange(8) * 45.0
-    row, level, place = ("aircraft", "octant"), ("phase", "level"), ("latitude", "longitude")
-    heading = rng.normal(0, 0.3, (aircraft, 8))
-    heading[3] += 3 * np.sin(np.radians(octant + 40))
-    cross = rng.normal(0, 0.3, (4, 6))
-    cross[0] = np.nan
-    return xr.Dataset(
-        {
-            "heading_map": (row, heading),
-            "heading_map_standard_error": (row, np.full((aircraft, 8), 0.25)),
-            "level_map_cross": (level, cross),
-            "level_map_along": (level, cross / 2),
-            "region_map_u": (place, rng.normal(0, 0.5, (8, 10))),
-            "region_map_v": (place, rng.normal(0, 0.5, (8, 10))),
-            "time_line": (("aircraft", "week"), rng.normal(0, 0.4, (aircraft, 7))),
-            "pit_count": ("pit_bin", rng.multinomial(30000, np.full(20, 0.05))),
-            "pit_count_before": ("pit_bin", rng.multinomial(30000, np.full(20, 0.05))),
-        },
-        coords={
-            "aircraft": names(aircraft),
-            "octant": octant,
-            "phase": ["unknown", "ascent", "cruise", "descent"],
-            "level": [200.0, 450.0, 550.0, 650.0, 775.0, 975.0],
-            "latitude": np.linspace(30, 46, 8),
-            "longitude": np.linspace(-95, -75, 10),
-            "week": np.arange(7),
-            "day": np.datetime64("2009-07-01", "ns") + np.arange(45).astype("m8[D]"),
-        },
-    )

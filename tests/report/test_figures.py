@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 
 import airswing.report as report
 from airswing.gap.result.schema import CurveEntry
-from airswing.report.gap import which_figures as gap_evidence_figures
 from airswing.report.html import embed, style
 from airswing.report.run import compass_figures as compass
 from airswing.report.run import overview
@@ -54,9 +53,6 @@ FIGURES: dict[str, Callable[[], Figure]] = {
             variables=["scatter"],
             curve=CurveEntry(["N403"], [0.4]),
         )
-    ),
-    "heading cells": lambda: report.aircraft_heading_figure(
-        ["N1"], [90.0, 270.0], [[1, 2]], [[99, 9]]
     ),
 }
 UNIT = re.compile(
@@ -139,24 +135,6 @@ def test_fleet_order_puts_untrusted_fits_last() -> None:
     assert order[-1] == "N406"
     amplitude = FITS["amplitude"].sel(reference="ruc", aircraft=order[:-1]).to_numpy()
     assert np.all(np.diff(amplitude) <= 0)
-
-
-def test_waterfall_steps_lead_from_before_to_after() -> None:
-    figure = gap_evidence_figures.waterfall_figure(
-        [("hard_iron", 6.9, None), ("tas_scale", 6.5, [6.4, 6.6])], before=7.4, floor=6.3
-    )
-    bars = [(p.get_x(), p.get_x() + p.get_width()) for p in figure.axes[0].patches]
-    expected = [(0, 7.4), (7.4, 6.9), (6.9, 6.5), (0, 6.5), (0, 6.3)]
-    assert np.allclose(bars, expected)
-
-
-def test_cells_with_few_reports_are_white() -> None:
-    figure = report.aircraft_heading_figure(
-        ["N1"], [45.0, 135.0, 225.0], [[1.0, 2.0, 3.0]], [[9, 10, 0]]
-    )
-    mesh = figure.axes[0].collections[0].get_array()
-    assert np.ma.filled(mesh, np.nan).ravel()[1] == 2.0
-    assert np.isnan(np.ma.filled(mesh, np.nan).ravel()[[0, 2]]).all()
 
 
 def test_empty_screening_and_reading_are_told() -> None:

@@ -34,9 +34,9 @@ _WHERE = {
     "evidence_figure": "gap.which_figures",
     "posterior_figure": "gap.which_figures",
     "unknown_curve_figure": "gap.which_figures",
-    "waterfall_figure": "gap.which_figures",
-    "autocorrelation_figure": "gap.which_figures",
-    "pit_figure": "gap.which_figures",
+    "waterfall_figure": "gap.closing_figures",
+    "autocorrelation_figure": "gap.closing_figures",
+    "pit_figure": "gap.closing_figures",
     "write_page": "run.page",
     "write_gap_page": "gap.gap_page",
 }

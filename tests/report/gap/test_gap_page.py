@@ -27,7 +27,7 @@ from airswing.gap.result.schema import (
 )
 from airswing.products.netcdf import read_product
 from airswing.report import write_gap_page
-from airswing.report.gap import parts as gap_parts
+from airswing.report.gap import closing_figures, where_figures, which_figures
 from airswing.report.gap.words import (
     digits_for,
     effect_sentence,
@@ -199,41 +199,64 @@ def test_the_page_the_command_wrote_is_the_page_of_its_products(
 
 
 def test_figures_of_a_real_diagnosis(gap: GapReport, maps: xr.Dataset) -> None:
+    tails = [str(tail) for tail in maps["aircraft"].to_numpy()]
+    posteriors = which_figures.posteriors(gap.evidence)
     figures: list[Figure] = [
-        *gap_parts.where_figures(maps, gap, ["N401"]),
-        *gap_parts.which_figures(maps, gap),
-        *gap_parts.closure_figures(gap),
-        *gap_parts.method_figures(maps, gap),
+        where_figures.aircraft_heading_figure(maps, gap),
+        where_figures.aircraft_time_figure(maps, gap),
+        where_figures.phase_level_figure(maps, gap),
+        where_figures.gap_map_figure(maps, gap),
+        which_figures.evidence_figure(gap),
+        which_figures.posterior_figure(tails, posteriors),
+        closing_figures.waterfall_figure(gap),
+        closing_figures.autocorrelation_figure(gap),
+        closing_figures.pit_figure(maps),
     ]
-    assert len(figures) == 4 + 2 + 1 + 2
+    assert all(len(shares) == len(tails) for shares in posteriors.values())
     for figure in figures:
         check_figure(figure)
 
 
-def test_page_without_maps_and_effects(gap: GapReport, tmp_path: Path) -> None:
-    text, found = parsed(write_gap_page(tmp_path, gap=replace(gap, effects=[])))
+def test_the_heading_map_shows_its_cells_and_sets_a_named_aircraft_bold(
+    gap: GapReport, maps: xr.Dataset
+) -> None:
+    axes = where_figures.aircraft_heading_figure(maps, gap).axes[0]
+    drawn = np.ma.filled(axes.collections[0].get_array().astype(float), np.nan)
+    shown = maps["heading_map"].transpose("aircraft", "octant").to_numpy()
+    assert np.array_equal(drawn.ravel(), shown.ravel(), equal_nan=True)
+    bold = {one.get_text() for one in axes.get_yticklabels() if one.get_fontweight() == "bold"}
+    assert bold == {tail for one in gap.effects for tail in one.tails} & set(
+        maps["aircraft"].to_numpy().tolist()
+    )
+
+
+def test_page_without_effects(gap: GapReport, maps: xr.Dataset, tmp_path: Path) -> None:
+    text, found = parsed(write_gap_page(tmp_path, gap=replace(gap, effects=[]), maps=maps))
     assert found.open == []
     assert "<h1>Nothing is missing" in text
     assert "No effect of the catalogue is needed" in text
 
 
-def test_what_could_not_be_told_apart(gap: GapReport, tmp_path: Path) -> None:
+def test_what_could_not_be_told_apart(gap: GapReport, maps: xr.Dataset, tmp_path: Path) -> None:
     like = effect("hard_iron", "N404", ambiguity=[gap_factories.rival()])
     alike = RivalEntry("heater_current", None, "the icing flag", 0.9)
     bare = replace(gap, effects=[like, effect("compass_offset", "N4", ambiguity=[alike])])
-    text, _ = parsed(write_gap_page(tmp_path, gap=bare))
+    text, _ = parsed(write_gap_page(tmp_path, gap=bare, maps=maps))
     assert "What would tell: headings in more compass points." in text
     assert "What would tell: the icing flag." in text
 
 
-def test_unknown_effects_are_placed_and_drawn(gap: GapReport, tmp_path: Path) -> None:
+def test_unknown_effects_are_placed_and_drawn(
+    gap: GapReport, maps: xr.Dataset, tmp_path: Path
+) -> None:
     mean = MeanEntry("tas_scale", ["N403"], {"scale_percent": 1.0}, {})
     place, table = gap_factories.unknown_place(), gap_factories.unknown_table()
     places = unknown(replace(place, mean=mean), table)
-    text, found = parsed(write_gap_page(tmp_path, gap=replace(gap, effects=[], unknown=places)))
+    bare = replace(gap, effects=[])
+    text, found = parsed(write_gap_page(tmp_path, gap=replace(bare, unknown=places), maps=maps))
     first, second = slice_words(place), slice_words(table)
     assert f"found in {first} and {second}." in text
-    _, without = parsed(write_gap_page(tmp_path, gap=replace(gap, effects=[])))
+    _, without = parsed(write_gap_page(tmp_path, gap=bare, maps=maps))
     assert found.images == without.images + 2
 
 
@@ -244,19 +267,34 @@ def test_steps_of_the_waterfall_carry_the_level_they_leave(gap: GapReport) -> No
         StepEntry("compass_step", 6.5, [0.15, 0.25]),
         StepEntry("noise floor", 6.3, None),
     ]
-    steps = gap_parts.closure_steps(replace(gap, waterfall=waterfall))
+    steps = closing_figures.closure_steps(replace(gap, waterfall=waterfall))
     assert [(name, level) for name, level, _ in steps] == [
         ("hard_iron", 6.7),
         ("compass_step", 6.5),
     ]
     assert steps[0][2] == pytest.approx([6.6, 6.8])
     assert steps[1][2] == pytest.approx([6.45, 6.55])
-    real = gap_parts.closure_steps(gap)
+    real = closing_figures.closure_steps(gap)
     assert [name for name, *_ in real] == [one.name for one in gap.effects]
 
 
+def test_bars_of_the_waterfall_lead_from_before_to_after(gap: GapReport) -> None:
+    waterfall = [
+        StepEntry("reports as they are", 7.4, None),
+        StepEntry("hard_iron", 6.9, [0.4, 0.6]),
+        StepEntry("tas_scale", 6.5, [0.3, 0.5]),
+        StepEntry("noise floor", 6.3, None),
+    ]
+    numbers = replace(gap.gap, noise_floor_kt=6.3)
+    closure = replace(gap.closure, before=7.4, after=6.5)
+    own = replace(gap, gap=numbers, closure=closure, waterfall=waterfall)
+    patches = closing_figures.waterfall_figure(own).axes[0].patches
+    bars = [(p.get_x(), p.get_x() + p.get_width()) for p in patches]  # type: ignore[attr-defined]
+    assert np.allclose(bars, [(0, 7.4), (7.4, 6.9), (6.9, 6.5), (0, 6.5), (0, 6.3)])
+
+
 def test_best_evidence_is_of_the_catalogue_alone() -> None:
-    best = gap_parts.best_evidence(gap_factories.evidence())
+    best = which_figures.best_evidence(gap_factories.evidence())
     assert list(best.items()) == [
         ("hard_iron", 5230.0),
         ("compass_step", 400.0),
@@ -266,18 +304,16 @@ def test_best_evidence_is_of_the_catalogue_alone() -> None:
 
 
 def test_posterior_is_taken_from_the_effect_s_own_row() -> None:
-    names = [f"N{i}" for i in range(14)]
-    found = gap_parts.posteriors(gap_factories.evidence(), names)
+    found = which_figures.posteriors(gap_factories.evidence())
     assert list(found) == ["hard_iron", "compass_step"]
     assert found["hard_iron"][-1] == 0.99
 
 
 def test_weeks_are_dated_from_the_first_day(maps: xr.Dataset) -> None:
-    starts = gap_parts.week_starts(maps).astype("datetime64[D]")
+    starts = where_figures.week_starts(maps).astype("datetime64[D]")
+    assert starts.size == maps.sizes["week"]
     assert starts[0] == maps["day"].to_numpy().min().astype("datetime64[D]")
     assert (np.diff(starts) == np.timedelta64(7, "D")).all()
-    numbers = gap_parts.week_starts(maps.drop_vars("day"))
-    assert numbers.tolist() == list(range(maps.sizes["week"]))
 
 
 def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:

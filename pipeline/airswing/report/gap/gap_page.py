@@ -1,7 +1,6 @@
 """The page of a gap diagnosis: verdict, where, which, how far, what stays open, the checks.
 
-Assumes a report in the shapes of :mod:`airswing.gap.result.schema`. The arrays of ``gap.nc`` (names
-in :mod:`airswing.report.gap.parts`) are optional: what is missing is left out, never guessed.
+Assumes a report in the shapes of :mod:`airswing.gap.result.schema` and the ``gap.nc`` beside it.
 """
 
 from __future__ import annotations
@@ -14,15 +13,30 @@ from markupsafe import Markup
 
 from airswing.gap.result.schema import EffectEntry, GapReport, NoiseEntry
 from airswing.products.whole_files import write_text
-from airswing.report.gap import parts as gap_parts
 from airswing.report.gap.checks_section import (
     alias_lines,
     assumption_table,
     calibration_table,
     claims_section,
 )
+from airswing.report.gap.closing_figures import (
+    autocorrelation_figure,
+    pit_figure,
+    waterfall_figure,
+)
 from airswing.report.gap.slices import slices_figure
-from airswing.report.gap.which_figures import unknown_curve_figure
+from airswing.report.gap.where_figures import (
+    aircraft_heading_figure,
+    aircraft_time_figure,
+    gap_map_figure,
+    phase_level_figure,
+)
+from airswing.report.gap.which_figures import (
+    evidence_figure,
+    posterior_figure,
+    posteriors,
+    unknown_curve_figure,
+)
 from airswing.report.gap.words import (
     effect_sentence,
     joined,
@@ -49,12 +63,7 @@ from airswing.report.html.embed import embedded
 from airswing.version import __version__
 
 
-def write_gap_page(
-    directory: Path | str,
-    *,
-    gap: GapReport,
-    maps: xr.Dataset | None = None,
-) -> Path:
+def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path:
     """Write the page of a gap diagnosis, ``index.html``, into its folder.
 
     Parameters
@@ -63,8 +72,8 @@ def write_gap_page(
         Folder of the page, ``gap`` in the run's output folder.
     gap : GapReport
         Content of ``gap.json``.
-    maps : Dataset, optional
-        Content of ``gap.nc``, names as in :mod:`airswing.report.gap.parts`.
+    maps : Dataset
+        Content of ``gap.nc``.
 
     Returns
     -------
@@ -97,7 +106,7 @@ def write_gap_page(
             "Census Bureau, public domain."
         ],
     )
-    return write_text(Path(directory) / "index.html", text)
+    return write_text(directory / "index.html", text)
 
 
 def _facts(gap: GapReport) -> list[tuple[str, str]]:
@@ -116,10 +125,10 @@ def _facts(gap: GapReport) -> list[tuple[str, str]]:
     return [*facts, (luck, "probability of this gap by luck")]
 
 
-def _where_section(gap: GapReport, maps: xr.Dataset | None) -> Section:
-    named = sorted({tail for effect in gap.effects for tail in effect.tails})
+def _where_section(gap: GapReport, maps: xr.Dataset) -> Section:
     parts = [embedded(slices_figure(gap.where))]
-    parts += [embedded(figure) for figure in gap_parts.where_figures(maps, gap, named)]
+    drawn = (aircraft_heading_figure, phase_level_figure, gap_map_figure, aircraft_time_figure)
+    parts += [embedded(draw(maps, gap)) for draw in drawn]
     everywhere = sorted(gap.slices, key=lambda entry: -entry.share_of_gap)
     if everywhere:
         rows = [
@@ -138,7 +147,7 @@ def _where_section(gap: GapReport, maps: xr.Dataset | None) -> Section:
     return Section("where", "Where", lead, parts)
 
 
-def _which_section(gap: GapReport, maps: xr.Dataset | None) -> Section:
+def _which_section(gap: GapReport, maps: xr.Dataset) -> Section:
     effects = gap.effects
     parts: list[Markup] = []
     if effects:
@@ -177,7 +186,11 @@ def _which_section(gap: GapReport, maps: xr.Dataset | None) -> Section:
     else:
         parts.append(paragraph("No effect of the catalogue is needed to explain these reports."))
     parts += _unknown(gap)
-    parts += [embedded(figure) for figure in gap_parts.which_figures(maps, gap)]
+    parts.append(embedded(evidence_figure(gap)))
+    single = posteriors(gap.evidence)
+    if single:
+        tails = [str(tail) for tail in maps["aircraft"].to_numpy()]
+        parts.append(embedded(posterior_figure(tails, single)))
     return Section("which", "Which effect", "", parts)
 
 
@@ -212,7 +225,7 @@ def _far_section(gap: GapReport) -> Section:
     if closure.fraction_of_excess is not None:
         rows.append(Row(["fraction of excess", f"{closure.fraction_of_excess:.3g}"]))
     parts = [
-        *(embedded(figure) for figure in gap_parts.closure_figures(gap)),
+        *([embedded(waterfall_figure(gap))] if gap.effects else []),
         paragraph(
             f"On {'held-out' if closure.held_out else 'the same'} flights the disagreement goes "
             f"from {closure.before:.2f} to {closure.after:.2f} kt ({interval})."
@@ -245,9 +258,9 @@ def _open_section(gap: GapReport) -> Section:
     return Section("open", "What could not be told apart", "", parts)
 
 
-def _method_section(gap: GapReport, maps: xr.Dataset | None) -> Section:
+def _method_section(gap: GapReport, maps: xr.Dataset) -> Section:
     parts = assumption_table(gap) + calibration_table(gap)
-    parts += [embedded(figure) for figure in gap_parts.method_figures(maps, gap)]
+    parts += [embedded(autocorrelation_figure(gap)), embedded(pit_figure(maps))]
     parts.append(_noise_table(gap.noise))
     return Section("method", "What this rests on", "", parts)
 

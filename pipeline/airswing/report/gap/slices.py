@@ -23,22 +23,22 @@ from airswing.report.html.style import (
     thousands,
 )
 
-LEAST = 0.005
-"""Share of the gap below which a slice stands in the table alone."""
+# Share of the gap below which a slice stands in the table alone.
+_LEAST = 0.005
 
 
 @styled
-def slices_figure(where: Sequence[SliceEntry], *, most: int = 15) -> Figure:
+def slices_figure(where: Sequence[SliceEntry]) -> Figure:
     """Bars of the slices of the archive that hold the gap, by share of its energy.
+
+    At most 15 of them; the rest is in the table.
 
     Parameters
     ----------
     where : sequence of SliceEntry
-    most : int, optional
-        Slices drawn at most; the rest is in the table.
     """
-    known = sorted(where, key=lambda entry: -entry.share_of_gap)[:most]
-    rows = [entry for entry in known if entry.share_of_gap >= LEAST] or known[:3]
+    known = sorted(where, key=lambda entry: -entry.share_of_gap)[:15]
+    rows = [entry for entry in known if entry.share_of_gap >= _LEAST] or known[:3]
     if not rows:
         return empty_figure("No slice holds more of the gap than noise would")
     figure = new_figure(1.0 + 0.3 * len(rows))

@@ -1,25 +1,28 @@
 """Where the gap lies: pictures of the residual by aircraft and heading, level, place and time.
 
-Assumes plain arrays: residuals are reported minus simulated wind, m/s, averaged in cells, with
-the number of reports in each; NaN where a cell is empty.  Cells with few reports are left
-white.  Colours diverge around zero, orange against purple, and one scale holds within a figure.
+Assumes the maps :func:`airswing.gap.evidence.localisation.residual_maps` puts into ``gap.nc``:
+residuals are reported minus simulated, averaged in cells; NaN, and white, where fewer than two
+flights are. Colours diverge around zero, orange against purple, and one scale holds within a
+figure. Each figure says of how many reports the diagnosis is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from airswing.gap.result.schema import GapReport
 from airswing.report.html.outline import draw_map, view_of
 from airswing.report.html.style import (
     DIVERGING,
     INK,
     VERMILION,
+    CaptionedFigure,
     compass_axis,
     empty_figure,
     new_figure,
@@ -28,25 +31,18 @@ from airswing.report.html.style import (
 )
 
 Floats = NDArray[np.float64]
-FEW = 10
-"""Reports below which a cell is left white."""
+
+# Of the scale's half width: on cells darker than this, ink cannot be read.
+_DARK = 0.62
 
 
-def _shown_cells(value: ArrayLike, number: ArrayLike | None, *, few: int = FEW) -> Floats:
-    """Return the values with cells of fewer than `few` reports, where counted, set to NaN."""
-    values = np.asarray(value, float)
-    if number is None:
-        return values
-    return np.where(np.asarray(number, float) >= few, values, np.nan)
+def _cells(maps: xr.Dataset, name: str, *dims: str) -> Floats:
+    return np.asarray(maps[name].transpose(*dims).to_numpy(), float)
 
 
-def _counted(number: ArrayLike | None, total: int) -> str:
+def _counted(gap: GapReport) -> str:
     """Return the caption's brackets: reports, and what a white cell means."""
-    if number is None:
-        shown = f"n = {plural(total, 'report')}; " if total else ""
-        return f"{shown}white: too few flights"
-    total = int(np.nansum(np.asarray(number, float)))
-    return f"n = {plural(total, 'report')}; white: fewer than {FEW} reports"
+    return f"n = {plural(gap.counts.reports, 'report')}; white: too few flights"
 
 
 def _even_limit(values: Floats, *, least: float = 0.5) -> float:
@@ -64,111 +60,74 @@ def _edges(centres: Floats) -> Floats:
 
 
 @styled
-def aircraft_heading_figure(
-    tails: Sequence[str],
-    heading: ArrayLike,
-    value: ArrayLike,
-    number: ArrayLike | None = None,
-    *,
-    standard_error: ArrayLike | None = None,
-    quantity: str = "mean residual across the heading (m/s)",
-    outstanding: Sequence[str] = (),
-    total: int = 0,
-) -> Figure:
-    """Heat map of a mean by aircraft and magnetic heading.
+def aircraft_heading_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
+    """Heat map of the mean heading error by aircraft and magnetic heading.
+
+    Cells beyond two standard errors carry their value in figures, where there is room; aircraft
+    that a verdict names are bold.
 
     Parameters
     ----------
-    tails : sequence of str (aircraft,)
-        Identifiers, from top to bottom.
-    heading : array (bin,)
-        Middle of each bin of magnetic heading, degrees.
-    value : array (aircraft, bin)
-        Mean of each cell; NaN where there is none.
-    number : array (aircraft, bin), optional
-        Reports of each cell.
-    standard_error : array (aircraft, bin), optional
-        Cells beyond two of them carry their value in figures, where there is room.
-    quantity : str, optional
-        What is shown, with its unit.
-    outstanding : sequence of str, optional
-        Aircraft set in bold: those a verdict names.
-    total : int, optional
-        Reports behind the figure, where `number` is not given.
+    maps : Dataset
+        ``gap.nc``: ``heading_map`` and its standard error (aircraft, octant), degrees.
+    gap : GapReport
     """
-    centres = np.asarray(heading, float)
-    figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
-    axes = figure.add_subplot()
-    shown = _shown_cells(value, number)
-    _aircraft_grid(axes, tails, centres, shown, quantity, outstanding)
-    _strong_texts(axes, centres, shown, standard_error)
+    centres = np.asarray(maps["octant"].to_numpy(), float)
+    shown = _cells(maps, "heading_map", "aircraft", "octant")
+    error = _cells(maps, "heading_map_standard_error", "aircraft", "octant")
+    figure, axes, named = _aircraft_grid(maps, centres, shown, gap)
+    if len(shown) <= 60:
+        strong = np.argwhere(np.abs(shown) > 2 * error)
+        texts = [(centres[column], row, shown[row, column]) for row, column in strong]
+        _cell_texts(axes, texts, _even_limit(shown), decimals=1, size=7.5)
     first = min(float(_edges(centres)[0]), 0.0)
     compass_axis(axes, label="indicated magnetic heading (degree)")
     axes.set_xlim(first, 360.0 + first)
-    named = " Bold: aircraft that a verdict names." if outstanding else ""
+    bold = " Bold: aircraft that a verdict names." if named else ""
     return figure.say(
-        f"{_capital(quantity)} by aircraft and magnetic heading ({_counted(number, total)}). A "
+        f"Mean heading error (degree) by aircraft and magnetic heading ({_counted(gap)}). A "
         "compass fault shows as a row with a wave or one colour, a model fault as stripes across "
-        f"the fleet.{named}"
+        f"the fleet.{bold}"
     )
 
 
 @styled
-def aircraft_time_figure(
-    tails: Sequence[str],
-    week: ArrayLike,
-    value: ArrayLike,
-    number: ArrayLike | None = None,
-    *,
-    quantity: str = "mean heading error (degree)",
-    outstanding: Sequence[str] = (),
-    total: int = 0,
-) -> Figure:
-    """Heat map of a mean by aircraft and week.
+def aircraft_time_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
+    """Heat map of the mean heading error by aircraft and week.
 
     Parameters
     ----------
-    tails : sequence of str (aircraft,)
-    week : array (week,)
-        Start of each week as datetime64, or its number from the archive's start.
-    value : array (aircraft, week)
-        Mean of each cell; NaN where there is none.
-    number : array (aircraft, week), optional
-        Reports of each cell.
-    quantity, outstanding, total
-        As for :func:`aircraft_heading_figure`.
+    maps : Dataset
+        ``gap.nc``: ``time_line`` (aircraft, week), degrees, and ``day``.
+    gap : GapReport
     """
-    weeks = np.asarray(week)
-    figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
-    axes = figure.add_subplot()
-    shown = _shown_cells(value, number)
-    _aircraft_grid(axes, tails, np.arange(weeks.size, dtype=float), shown, quantity, outstanding)
-    step = max(1, -(-weeks.size // 10))
-    ticks = np.arange(0, weeks.size, step)
-    dated = np.issubdtype(weeks.dtype, np.datetime64)
-    labels = [
-        np.datetime_as_string(weeks[i], "D") if dated else f"{int(weeks[i]) + 1}" for i in ticks
-    ]
-    axes.set_xticks(ticks, labels)
-    axes.set_xlabel("week from (date)" if dated else "week of the archive (number)")
+    weeks = week_starts(maps)
+    shown = _cells(maps, "time_line", "aircraft", "week")
+    figure, axes, _ = _aircraft_grid(maps, np.arange(weeks.size, dtype=float), shown, gap)
+    ticks = np.arange(0, weeks.size, max(1, -(-weeks.size // 10)))
+    axes.set_xticks(ticks, [np.datetime_as_string(weeks[i], "D") for i in ticks])
+    axes.set_xlabel("week from (date)")
     return figure.say(
-        f"{_capital(quantity)} by aircraft and week ({_counted(number, total)}). A fault that "
+        f"Mean heading error (degree) by aircraft and week ({_counted(gap)}). A fault that "
         "begins at a date shows as a row that changes colour there."
     )
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def week_starts(maps: xr.Dataset) -> NDArray[np.datetime64]:
+    """Return the first day of each week."""
+    return np.asarray(
+        maps["day"].to_numpy().min() + maps["week"].to_numpy().astype("timedelta64[W]")
+    )
 
 
 def _aircraft_grid(
-    axes: Axes,
-    tails: Sequence[str],
-    centres: Floats,
-    shown: Floats,
-    quantity: str,
-    outstanding: Sequence[str],
-) -> None:
+    maps: xr.Dataset, centres: Floats, shown: Floats, gap: GapReport
+) -> tuple[CaptionedFigure, Axes, set[str]]:
+    """Draw a row an aircraft; return the names set in bold too."""
+    tails = [str(tail) for tail in maps["aircraft"].to_numpy()]
+    named = {tail for effect in gap.effects for tail in effect.tails}
+    figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
+    axes = figure.add_subplot()
     limit = _even_limit(shown)
     drawn = axes.pcolormesh(
         _edges(centres),
@@ -181,123 +140,82 @@ def _aircraft_grid(
     )
     axes.set_yticks(range(len(tails)), tails, fontsize=8 if len(tails) <= 40 else 6.5)
     for label in axes.get_yticklabels():
-        if label.get_text() in outstanding:
+        if label.get_text() in named:
             label.set_fontweight("bold")
             label.set_color(VERMILION)
     axes.invert_yaxis()
     axes.grid(visible=False)
     axes.tick_params(axis="y", length=0)
-    figure = axes.get_figure()
-    if figure is not None:
-        figure.colorbar(drawn, ax=axes, label=quantity, pad=0.01, extend="both")
+    figure.colorbar(drawn, ax=axes, label="mean heading error (degree)", pad=0.01, extend="both")
+    return figure, axes, named
 
 
-def _strong_texts(axes: Axes, centres: Floats, shown: Floats, error: ArrayLike | None) -> None:
-    """Write the value into the cells that are beyond two standard errors, where there is room."""
-    if error is None or centres.size > 12 or shown.shape[0] > 60:
-        return
-    limit = _even_limit(shown)
-    strong = np.abs(shown) > 2 * np.asarray(error, float)
-    for row, column in np.argwhere(strong):
-        value = shown[row, column]
-        colour = "white" if abs(value) > 0.62 * limit else INK
-        axes.text(
-            centres[column],
-            row,
-            f"{value:+.1f}",
-            ha="center",
-            va="center",
-            fontsize=7.5,
-            color=colour,
-        )
+def _cell_texts(
+    axes: Axes,
+    texts: Sequence[tuple[float, float, float]],
+    limit: float,
+    *,
+    decimals: int,
+    size: float,
+) -> None:
+    """Write (x, y, value) into the cells of a map, white on what is dark."""
+    for x, y, value in texts:
+        colour = "white" if abs(value) > _DARK * limit else INK
+        said = f"{value:+.{decimals}f}"
+        axes.text(x, y, said, ha="center", va="center", fontsize=size, color=colour)
 
 
 @styled
-def phase_level_figure(
-    phases: Sequence[str],
-    layers: Sequence[str],
-    components: Mapping[str, Any],
-    number: ArrayLike | None = None,
-    *,
-    total: int = 0,
-) -> Figure:
-    """Heat maps of the mean residual by phase of flight and level, one for each component.
+def phase_level_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
+    """Heat maps of the mean residual by phase of flight and level, along and across the heading.
+
+    Phases without a value are left out; levels stand from the ground up.
 
     Parameters
     ----------
-    phases : sequence of str (phase,)
-    layers : sequence of str (layer,)
-        From the ground up.
-    components : mapping of str to array (phase, layer)
-        Mean residual, m/s, by component in words.
-    number : array (phase, layer), optional
-        Reports of each cell.
-    total : int, optional
-        Reports behind the figure, where `number` is not given.
+    maps : Dataset
+        ``gap.nc``: ``level_map_along`` and ``level_map_cross`` (phase, level), m/s.
+    gap : GapReport
     """
-    shown = {name: _shown_cells(value, number) for name, value in components.items()}
+    across = _cells(maps, "level_map_cross", "phase", "level")
+    along = _cells(maps, "level_map_along", "phase", "level")
+    level = np.asarray(maps["level"].to_numpy(), float)
+    filled, up = np.flatnonzero(np.isfinite(across).any(axis=1)), np.argsort(-level)
+    pick = np.ix_(filled, up)
+    shown = {"along the heading": along[pick].T, "across the heading": across[pick].T}
     limit = _even_limit(np.concatenate([v.ravel() for v in shown.values()]), least=0.2)
-    figure = new_figure(1.4 + 0.36 * len(layers))
-    panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
-    drawn = None
+    figure = new_figure(1.4 + 0.36 * level.size)
+    panels = figure.subplots(1, 2, sharey=True)
     for axes, (name, value) in zip(panels, shown.items(), strict=True):
         drawn = axes.imshow(
-            value.T, cmap=DIVERGING, vmin=-limit, vmax=limit, origin="lower", aspect="auto"
+            value, cmap=DIVERGING, vmin=-limit, vmax=limit, origin="lower", aspect="auto"
         )
         axes.set_title(name)
-        axes.set_xticks(range(len(phases)), phases)
-        axes.set_yticks(range(len(layers)), layers)
+        axes.set_xticks(range(filled.size), [str(maps["phase"].to_numpy()[i]) for i in filled])
+        axes.set_yticks(range(level.size), [f"{one:.0f}" for one in level[up]])
         axes.grid(visible=False)
-        _cell_texts(axes, value.T, limit)
+        texts = [(x, y, cell) for (y, x), cell in np.ndenumerate(value) if np.isfinite(cell)]
+        _cell_texts(axes, texts, limit, decimals=2, size=8)
     panels[0].set_ylabel("layer (hPa)")
-    if drawn is not None:
-        figure.colorbar(drawn, ax=list(panels), label="mean residual (m/s)", pad=0.01)
+    figure.colorbar(drawn, ax=list(panels), label="mean residual (m/s)", pad=0.01)
     return figure.say(
-        f"Mean residual by phase of flight and layer ({_counted(number, total)}; in each cell the "
+        f"Mean residual by phase of flight and layer ({_counted(gap)}; in each cell the "
         "mean in m/s)."
     )
 
 
-def _cell_texts(axes: Axes, value: Floats, limit: float) -> None:
-    for (y, x), cell in np.ndenumerate(value):
-        if np.isfinite(cell):
-            strong = abs(cell) > 0.62 * limit
-            axes.text(
-                x,
-                y,
-                f"{cell:+.2f}",
-                ha="center",
-                va="center",
-                fontsize=8,
-                color="white" if strong else INK,
-            )
-
-
 @styled
-def gap_map_figure(
-    longitude: ArrayLike,
-    latitude: ArrayLike,
-    eastward: ArrayLike,
-    northward: ArrayLike,
-    number: ArrayLike | None = None,
-    *,
-    total: int = 0,
-) -> Figure:
+def gap_map_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
     """Map of the mean residual in cells: speed by colour, direction by arrows.
 
     Parameters
     ----------
-    longitude, latitude : array (x,), (y,)
-        Middles of the cells, degrees.
-    eastward, northward : array (y, x)
-        Mean residual, m/s.
-    number : array (y, x), optional
-        Reports of each cell.
-    total : int, optional
-        Reports behind the figure, where `number` is not given.
+    maps : Dataset
+        ``gap.nc``: ``region_map_u`` and ``region_map_v`` (latitude, longitude), m/s.
+    gap : GapReport
     """
-    lon, lat = np.asarray(longitude, float), np.asarray(latitude, float)
-    u, v = _shown_cells(eastward, number), _shown_cells(northward, number)
+    lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
+    u, v = (_cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
     filled = np.isfinite(u) & np.isfinite(v)
     if not filled.any():
         return empty_figure("No cell holds enough reports for a map")
@@ -306,6 +224,7 @@ def gap_map_figure(
     figure = new_figure(min(8.2 * view.height_over_width, 6.5) + 0.7)
     axes = figure.add_subplot()
     speed = np.hypot(u, v)
+    length = _even_limit(speed)
     x = view.unwrapped(lon)
     order = np.argsort(x)
     drawn = axes.pcolormesh(
@@ -314,11 +233,10 @@ def gap_map_figure(
         speed[:, order],
         cmap="YlOrBr",
         vmin=0,
-        vmax=_even_limit(speed),
+        vmax=length,
         alpha=0.85,
         rasterized=True,
     )
-    length = _even_limit(speed)
     arrows = axes.quiver(
         x[columns],
         lat[rows],
@@ -331,19 +249,12 @@ def gap_map_figure(
         zorder=3,
     )
     draw_map(axes, view)
-    axes.quiverkey(
-        arrows,
-        0.9,
-        1.025,
-        round(length, 1),
-        f"{length:.1f} m/s",
-        labelpos="E",
-        fontproperties={"size": 8.5},
-    )
+    said, look = f"{length:.1f} m/s", {"size": 8.5}
+    axes.quiverkey(arrows, 0.9, 1.025, round(length, 1), said, labelpos="E", fontproperties=look)
     figure.colorbar(
         drawn, ax=axes, label="length of the mean residual (m/s)", shrink=0.85, pad=0.01
     )
     return figure.say(
         f"Mean residual wind (reported minus simulated) by place: colour its length, arrows where "
-        f"it blows to ({_counted(number, total)})."
+        f"it blows to ({_counted(gap)})."
     )

@@ -55,9 +55,9 @@ def joined(words: Sequence[str], *, most: int = _MOST_TAILS) -> str:
     return f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
-def small_text(value: float, *, least: float = 1e-6) -> str:
+def small_text(value: float) -> str:
     """Return ``= 0.02`` for a probability, ``< 1e-06`` where no one needs its size."""
-    return f"< {least:.0e}" if value < least else f"= {value:.2g}"
+    return "< 1e-06" if value < 1e-6 else f"= {value:.2g}"
 
 
 def digits_for(error: float) -> int:
@@ -215,7 +215,7 @@ def start_words(
     return "".join(f"{text} " for text in out)
 
 
-def verdict(gap: GapReport, *, most: int = 3) -> str:
+def verdict(gap: GapReport) -> str:
     """Return the verdict: what is missing, how much of the gap it is, what adding it buys.
 
     What the diagnosis started from stands before it where that is not the perfect instrument.
@@ -223,14 +223,12 @@ def verdict(gap: GapReport, *, most: int = 3) -> str:
     Parameters
     ----------
     gap : GapReport
-    most : int, optional
-        Effects named in full.
     """
-    return start_words(gap.known, gap.simulation) + _what_is_missing(gap, most)
+    return start_words(gap.known, gap.simulation) + _what_is_missing(gap)
 
 
-def _what_is_missing(gap: GapReport, most: int) -> str:
-    effects = gap.effects
+def _what_is_missing(gap: GapReport) -> str:
+    effects, most = gap.effects, 3  # a headline of more is not read
     if not effects:
         if gap.unknown.present:
             return f"Something is missing{_unknown_alone(gap)}{_unknown_closure(gap)}."
