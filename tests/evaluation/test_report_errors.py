@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 from airswing.evaluation.day_blocks import block_weights, interval, widened
+from airswing.evaluation.day_sums import day_weights
 from airswing.evaluation.report_errors.disagreements import disagreements
 from airswing.evaluation.report_errors.neighbours import REACH, half_squares, neighbouring_pairs
 from airswing.evaluation.report_errors.observation_errors import observation_errors
@@ -48,7 +49,7 @@ def test_blocks_keep_what_lasts():
     # Blocks of 11 days see most of what six successive days share; single days see none.
     true = lasting.reshape(-1, 6).mean(axis=1).std() / np.sqrt(200)
     drawn = (weights @ lasting / 1200).std()
-    alone = (block_weights(1200, draws=2000, seed=0, block=1) @ lasting / 1200).std()
+    alone = (day_weights(np.random.default_rng(0), 2000, 1200) @ lasting / 1200).std()
     assert 0.8 * true < drawn < 1.05 * true
     assert alone < 0.5 * true
 

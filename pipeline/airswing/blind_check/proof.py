@@ -28,17 +28,15 @@ SMALLEST = 0.2
 """Smallest effect drawn, m/s; the generator's error must stay under 5 % of it."""
 
 
-def prove_generator(
-    folder: Path, *, seed: int = 1, days: int = 8, aircraft: int = 4
-) -> dict[str, float]:
+def prove_generator(folder: Path, *, seed: int) -> dict[str, float]:
     """Measure the generator's numerical errors.
 
     Parameters
     ----------
     folder : Path
         For an archive.
-    seed, days, aircraft : int
-        Of the archive.
+    seed : int
+        Of the archive, eight days of four aircraft.
 
     Returns
     -------
@@ -47,7 +45,7 @@ def prove_generator(
         ``reported wind, files against generator``, ``aircraft without the effect, with against
         without``.
     """
-    world = World(seed, "default", days, aircraft)
+    world = World(seed, "default", days=8, aircraft=4)
     archivist = Archivist(folder)
     archivist.write(Case("proof", 0, "null", world))
     frame = collocated(folder / "cases" / "proof" / "config.yaml", folder / "proof")

@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
-def block_weights(days: int, *, draws: int, seed: int, block: int | None = None) -> Floats:
+def block_weights(days: int, *, draws: int, seed: int) -> Floats:
     """How often each day is drawn, spread out a little for the few blocks there are.
 
     Parameters
     ----------
     days : int
     draws, seed : int
-    block : int, optional
-        Days of a block; the cube root of all days where not given.
 
     Returns
     -------
@@ -31,7 +29,7 @@ def block_weights(days: int, *, draws: int, seed: int, block: int | None = None)
         Mean 1; the distance from 1 is stretched by sqrt(m / (m - 1)), m the blocks of a draw, as
         drawing m of m again has too small a variance by that much.
     """
-    length = _block_length(days) if block is None else block
+    length = _block_length(days)
     number = -(-days // length)
     first = np.random.default_rng(seed).integers(0, days, size=(draws, number))
     drawn = (first[..., None] + np.arange(length)).reshape(draws, -1)[:, :days] % days
@@ -66,18 +64,16 @@ def widened(drawn: Floats, days: int) -> Floats:
     return np.asarray(drawn[:1] + (drawn - drawn[:1]) * factor)
 
 
-def interval(drawn: Floats, level: float = 0.95) -> Floats:
-    """Ends of the interval that holds a share of the draws.
+def interval(drawn: Floats) -> Floats:
+    """Ends of the interval that holds 95 % of the draws.
 
     Parameters
     ----------
     drawn : array, shape (draw, ...)
-    level : float, default 0.95
 
     Returns
     -------
     array, shape (2, ...)
         NaN where a draw gave no value.
     """
-    tail = 50.0 * (1.0 - level)
-    return np.asarray(np.percentile(drawn, [tail, 100.0 - tail], axis=0))
+    return np.asarray(np.percentile(drawn, [2.5, 97.5], axis=0))

@@ -160,16 +160,6 @@ def day_weights(rng: np.random.Generator, draws: int, days: int) -> NDArray[np.f
 
 
 def interval_95(values: NDArray[np.float64]) -> list[float]:
-    """Give the 95 % interval of draws.
-
-    Parameters
-    ----------
-    values : array, shape (draw,)
-
-    Returns
-    -------
-    list of float
-        Low and high end.
-    """
+    """Low and high end of the interval that holds 95 % of the draws."""
     low, high = np.percentile(values, [2.5, 97.5])
     return [float(low), float(high)]

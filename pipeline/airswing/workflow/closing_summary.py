@@ -16,21 +16,10 @@ import xarray as xr
 from airswing.compass.heading_kind import heading_kind_warnings
 from airswing.config import Config
 from airswing.evaluation.compass_changes.change_notes import change_warnings
-from airswing.evaluation.disagreement import reference_mean, vector_difference
 from airswing.flags import STATUS
-from airswing.flags import mended as was_mended
-from airswing.products.ragged import aircraft_of_report, blocks
+from airswing.report.run.page_numbers import disagreement, kept_reports
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
-from airswing.units import KNOT, NORMAL_95
-
-_WINDS = (
-    "eastward_wind",
-    "northward_wind",
-    "reference_eastward_wind",
-    "reference_northward_wind",
-    "screening",
-)
-_MENDED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
+from airswing.units import NORMAL_95
 
 
 def summarise(
@@ -52,7 +41,7 @@ def summarise(
     """
     main = next(iter([*config.pool, *config.references]))
     chosen = fits.sel(reference=main)
-    kept, used, before, after = _sums(config, headings, corrected, main)
+    apart = disagreement(headings, corrected, fits, main)
     names = {code: name for name, code in STATUS.items()}
     status = [names[int(code)] for code in chosen["status"].to_numpy()]
     return {
@@ -60,14 +49,11 @@ def summarise(
         "reports": {
             "read": tally(headings, "reading_audit").get("reports_read", headings.sizes["report"]),
             "usable": headings.sizes["report"],
-            "kept": int(kept.sum()),
+            "kept": kept_reports(headings),
         },
         "aircraft": headings.sizes["aircraft"],
         "status": {name: status.count(name) for name in STATUS},
-        "disagreement_kt": {
-            "before": _knots(before.sum(), used.sum()),
-            "after": _knots(after.sum(), used.sum()),
-        },
+        "disagreement_kt": {"before": apart.total.before, "after": apart.total.after},
         "warnings": [
             *reading_warnings(tally(headings, "reading_audit")),
             *reference_warnings(tally(headings, "reference_audit")),
@@ -86,8 +72,8 @@ def summarise(
                     )
                 },
                 "reports": int(chosen["report_count"][i]),
-                "before_kt": _knots(before[i], used[i]),
-                "after_kt": _knots(after[i], used[i]),
+                "before_kt": float(apart.before[i]),
+                "after_kt": float(apart.after[i]),
             }
             for i, name in enumerate(chosen["aircraft"].to_numpy())
         ],
@@ -144,46 +130,3 @@ def _line(fit: dict[str, Any]) -> str:
 def _digits(form: str, *values: float) -> str:
     text = form.format(*values)
     return text if np.isfinite(values).all() else "-".rjust(len(form.format(*[0.0] * len(values))))
-
-
-def _sums(
-    config: Config, headings: xr.Dataset, corrected: xr.Dataset, main: str
-) -> tuple[Any, Any, Any, Any]:
-    """By aircraft: reports kept and corrected, and their summed differences before and after."""
-    found = []
-    for block, mended in zip(blocks(headings, _WINDS), blocks(corrected, _MENDED), strict=True):
-        before, after = _differences(config, block, mended, main)
-        kept = (block["screening"].to_numpy() == 0) & np.isfinite(before)
-        used = kept & was_mended(mended["correction_applied"].to_numpy())
-        row, size = aircraft_of_report(block), block.sizes["aircraft"]
-        found.append(
-            [
-                np.bincount(row[kept], minlength=size),
-                np.bincount(row[used], minlength=size),
-                np.bincount(row[used], weights=before[used], minlength=size),
-                np.bincount(row[used], weights=after[used], minlength=size),
-            ]
-        )
-    kept, used, first, second = (np.concatenate(part) for part in zip(*found, strict=True))
-    return kept, used, first, second
-
-
-def _differences(
-    config: Config, headings: xr.Dataset, corrected: xr.Dataset, main: str
-) -> tuple[Any, Any]:
-    """Vector difference of every report before and after the correction, m/s."""
-    winds = reference_mean(headings, config.pools()[main])
-    reference = (
-        winds["reference_eastward_wind"].to_numpy(),
-        winds["reference_northward_wind"].to_numpy(),
-    )
-    reported = (headings["eastward_wind"].to_numpy(), headings["northward_wind"].to_numpy())
-    mended = (
-        corrected["corrected_eastward_wind"].to_numpy(),
-        corrected["corrected_northward_wind"].to_numpy(),
-    )
-    return vector_difference(*reported, *reference), vector_difference(*mended, *reference)
-
-
-def _knots(total: float, number: int) -> float:
-    return float(total / number / KNOT) if number else float("nan")

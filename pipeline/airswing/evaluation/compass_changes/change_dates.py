@@ -26,13 +26,15 @@ from airswing.evaluation.compass_changes.change_kernels import (
 from airswing.evaluation.disagreement import member_mean
 from airswing.products.ragged import blocks, row_bounds
 
+# Neighbouring days kept together when days are permuted: weather, and the model's error, last so.
+_BLOCK = 4
 # Probability of any false change in the fleet.
 _FALSE_ALARMS = 0.02
 FEWEST_DAYS = 5
 """Days with reports on either side of a change."""
 # Share of the information on either side of a change: nearer the ends a date is not to be told.
 _TRIM = 0.05
-# Statistic beyond which a change is taken out of the days that are permuted ; chance seldom
+# Statistic beyond which a change is taken out of the days that are permuted; chance seldom
 # reaches it.
 _OBVIOUS = 28.0
 # Depth of the search, each part being cut in two at its own date.
@@ -53,10 +55,7 @@ def find_changes(
     *,
     members: list[str],
     abscissa: Literal["magnetic", "true"] = "magnetic",
-    false_alarms: float = _FALSE_ALARMS,
-    block: int = 4,
     draws: int = 999,
-    seed: int = 0,
 ) -> list[dict[str, Any]]:
     """Find the dates at which each aircraft's compass changed.
 
@@ -67,12 +66,8 @@ def find_changes(
     members : list of str
         References whose mean error is used.
     abscissa : {"magnetic", "true"}
-    false_alarms : float, default 0.02
-        Probability that a fleet without a change shows one.
-    block : int, default 4
-        Neighbouring days that are kept together when days are permuted.
     draws : int, default 999
-    seed : int, default 0
+        Permutations of the days.
 
     Returns
     -------
@@ -84,7 +79,7 @@ def find_changes(
     """
     sums = fleet_day_sums(headings, members, abscissa, fewest=2 * FEWEST_DAYS)
     names = headings["aircraft"].to_numpy().astype(str).tolist()
-    return changes_of(names, sums, false_alarms=false_alarms, block=block, draws=draws, seed=seed)
+    return changes_of(names, sums, draws=draws)
 
 
 def fleet_day_sums(
@@ -99,13 +94,7 @@ def fleet_day_sums(
 
 
 def changes_of(
-    names: list[str],
-    sums: list[DaySums | None],
-    *,
-    false_alarms: float = _FALSE_ALARMS,
-    block: int = 4,
-    draws: int = 999,
-    seed: int = 0,
+    names: list[str], sums: list[DaySums | None], *, draws: int = 999
 ) -> list[dict[str, Any]]:
     """As :func:`find_changes`, from daily sums.
 
@@ -114,8 +103,7 @@ def changes_of(
     names : list of str
     sums : list of DaySums or None
         One an aircraft; None where there are too few days.
-    false_alarms, block, draws, seed
-        As for :func:`find_changes`.
+    draws : int, default 999
     """
     segments = [(k, one) for k, one in enumerate(sums) if one is not None]
     entries: list[dict[str, Any]] = [
@@ -129,12 +117,12 @@ def changes_of(
         for name, one in zip(names, sums, strict=True)
     ]
     for depth in range(_MOST_CHANGES):
-        found = _judged(segments, block=block, draws=draws, seed=seed + depth)
+        found = _judged(segments, draws=draws, seed=depth)
         following = []
         for (k, part), (statistic, p_value) in zip(segments, found, strict=True):
             if depth == 0:
                 entries[k] |= {"p_value": p_value, "statistic": statistic}
-            if p_value is None or p_value > false_alarms:
+            if p_value is None or p_value > _FALSE_ALARMS:
                 continue
             change = _change(part, p_value)
             entries[k]["changes"].append(change)
@@ -210,17 +198,17 @@ def block_day_sums(
 
 
 def _judged(
-    segments: list[tuple[int, DaySums]], *, block: int, draws: int, seed: int
+    segments: list[tuple[int, DaySums]], *, draws: int, seed: int
 ) -> list[tuple[float | None, float | None]]:
     """Largest statistic of each segment and its p value within all of them."""
-    usable = [part.day.size >= max(2 * FEWEST_DAYS, 3 * block) for _, part in segments]
+    usable = [part.day.size >= max(2 * FEWEST_DAYS, 3 * _BLOCK) for _, part in segments]
     if not any(usable):
         return [(None, None)] * len(segments)
     parts = [part for (_, part), good in zip(segments, usable, strict=True) if good]
     first = min(int(part.day[0]) for part in parts)
     last = max(int(part.day[-1]) for part in parts)
     rng = np.random.default_rng(seed)
-    keys = block_orders(last - first + 1, block=block, draws=draws, rng=rng)
+    keys = block_orders(last - first + 1, block=_BLOCK, draws=draws, rng=rng)
     keys = np.vstack([np.arange(last - first + 1.0), keys])
     table = np.empty((len(parts), draws + 1))
     for k, part in enumerate(parts):

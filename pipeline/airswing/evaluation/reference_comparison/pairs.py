@@ -16,6 +16,10 @@ from scipy import stats
 
 Floats = NDArray[np.float64]
 COEFFICIENTS = 5
+# Days a weather situation, and with it a model's error, lasts.
+_LAG = 3
+# Regions seen on fewer days say nothing.
+_MIN_DAYS = 10
 
 
 def paired_design(
@@ -168,17 +172,17 @@ def holm(p_values: list[float]) -> list[float]:
     return [float(value) for value in adjusted]
 
 
-def persistent_covariance(influence: Floats, day: NDArray[np.int64], *, lag: int = 3) -> Floats:
+def persistent_covariance(influence: Floats, day: NDArray[np.int64]) -> Floats:
     """Covariance of a sum over days whose errors outlast a day.
+
+    The correlation over `_LAG` days is given weights that fall to nothing (Newey & West 1987,
+    Econometrica 55, 703-708).
 
     Parameters
     ----------
     influence : array of float, shape (day, p)
     day : array of int, shape (day,)
         Calendar days, increasing; gaps count.
-    lag : int, default 3
-        Days over which the correlation is given weights that fall to nothing (Newey & West 1987,
-        Econometrica 55, 703-708).
 
     Returns
     -------
@@ -189,9 +193,9 @@ def persistent_covariance(influence: Floats, day: NDArray[np.int64], *, lag: int
     filled[day - day[0]] = influence
     plain = filled.T @ filled
     total = plain.copy()
-    for shift in range(1, min(lag, filled.shape[0] - 1) + 1):
+    for shift in range(1, min(_LAG, filled.shape[0] - 1) + 1):
         product = filled[shift:].T @ filled[:-shift]
-        total += (1.0 - shift / (lag + 1.0)) * (product + product.T)
+        total += (1.0 - shift / (_LAG + 1.0)) * (product + product.T)
     wider = np.sqrt(np.maximum(np.diag(total) / np.maximum(np.diag(plain), 1e-300), 1.0))
     return np.asarray(plain * np.outer(wider, wider))
 
@@ -223,7 +227,7 @@ def region_sums(
     return np.array(found, dtype=np.float64).reshape(3, regions, days)
 
 
-def regional_bias(sums: Floats, *, min_days: int = 10) -> list[dict[str, Any]]:
+def regional_bias(sums: Floats) -> list[dict[str, Any]]:
     """Mean wind difference of two references by region, and against the other regions.
 
     The two models' errors are shared by regions and last for days. So each region is also held
@@ -235,8 +239,6 @@ def regional_bias(sums: Floats, *, min_days: int = 10) -> list[dict[str, Any]]:
     ----------
     sums : array, shape (3, regions, days)
         Of :func:`region_sums`, added up.
-    min_days : int, default 10
-        Regions seen on fewer days say nothing.
 
     Returns
     -------
@@ -253,7 +255,7 @@ def regional_bias(sums: Floats, *, min_days: int = 10) -> list[dict[str, Any]]:
     for region in np.flatnonzero(number.any(axis=1)):
         own = number[region]
         days = int(np.count_nonzero(own))
-        if days < min_days:
+        if days < _MIN_DAYS:
             continue
         others = number.sum(axis=0) - own
         for component, values in (("eastward", sums[1]), ("northward", sums[2])):

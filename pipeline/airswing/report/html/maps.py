@@ -8,11 +8,12 @@ points, many (over 20,000) as a density of hexagons on a logarithmic scale; of v
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
@@ -34,11 +35,11 @@ from airswing.report.html.style import (
     thousands,
 )
 
-_LEVELS_HPA: tuple[tuple[float, float], ...] = ((0, 400), (400, 600), (600, 800), (800, 1100))
+# Top and bottom of each layer.
+_LEVELS_HPA = ((0, 400), (400, 600), (600, 800), (800, 1100))
 
 MOST_DRAWN = 500_000
 """Reports a map draws at most."""
-Mask = NDArray[np.bool_]
 
 
 class _Places(NamedTuple):
@@ -56,13 +57,16 @@ class _Places(NamedTuple):
 
 
 def _places(
-    headings: xr.Dataset, names: Sequence[str], group_of: Callable[[xr.Dataset], Any], groups: int
+    headings: xr.Dataset,
+    names: Sequence[str],
+    group_of: Callable[[xr.Dataset], NDArray[np.int64]],
+    groups: int,
 ) -> _Places:
     """Reports to be drawn: every so manieth of the archive, so that few enough are left."""
     every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
     counts, parts, start = np.zeros(groups, dtype=np.int64), [], 0
     for block in blocks(headings, ["longitude", "latitude", *names]):
-        group = np.asarray(group_of(block), dtype=np.int64)
+        group = group_of(block)
         counts += np.bincount(group[group >= 0], minlength=groups)
         drawn = slice(-start % every, None, every)
         # Copies: a view of every so manieth report would keep them all.
@@ -89,10 +93,10 @@ def _draw_places(
     longitude: ArrayLike,
     latitude: ArrayLike,
     *,
+    cells: int,
     size: float = 4.0,
-    cells: int = 60,
     dense: bool | None = None,
-) -> Any:
+) -> PolyCollection | None:
     """Draw reports in a map panel, as points or (many) as a density."""
     x, y = view.unwrapped(longitude), np.asarray(latitude, float)
     mappable = None
@@ -117,28 +121,20 @@ def _draw_places(
 
 
 @styled
-def reports_figure(headings: xr.Dataset, *, keep: Mask | None = None, title: str = "") -> Figure:
+def reports_figure(headings: xr.Dataset) -> Figure:
     """Map every report (the seed's Fig. 1).
 
     Parameters
     ----------
     headings : Dataset
         With ``latitude``, ``longitude`` (report) and ``aircraft``.
-    keep : array of bool (report,), optional
-        Reports to show; all by default.
-    title : str, optional
-        Heading of the panel.
     """
-    start = 0
 
-    def chosen(block: xr.Dataset) -> Any:
-        nonlocal start
+    def known(block: xr.Dataset) -> NDArray[np.int64]:
         finite = np.isfinite(block["longitude"].to_numpy() + block["latitude"].to_numpy())
-        own = slice(start, start + finite.size)
-        start = own.stop
-        return np.where(finite & (True if keep is None else keep[own]), 0, -1)
+        return np.where(finite, 0, -1)
 
-    places = _places(headings, [], chosen, 1)
+    places = _places(headings, [], known, 1)
     view = view_of(places.longitude, places.latitude)
     shown, number = places.group == 0, int(places.counts[0])
     figure = new_figure(_height(view, 1, 1, colourbar=int(shown.sum()) > MANY))
@@ -148,7 +144,6 @@ def reports_figure(headings: xr.Dataset, *, keep: Mask | None = None, title: str
         label = f"one in {places.every} reports" if places.every > 1 else "reports"
         bar = figure.colorbar(drawn, ax=axes, label=f"{label} in a cell", shrink=0.8, pad=0.01)
         bar.formatter = bar.minorformatter = LogFormatter()
-    axes.set_title(title)
     how = "as a density of hexagons, darker where reports are many" if drawn else "one dot each"
     return figure.say(
         f"Where the reports are (n = {plural(number, 'report')} of "
@@ -201,30 +196,26 @@ def phase_maps_figure(headings: xr.Dataset) -> Figure:
 
 
 @styled
-def level_maps_figure(
-    headings: xr.Dataset, *, levels: tuple[tuple[float, float], ...] = _LEVELS_HPA
-) -> Figure:
+def level_maps_figure(headings: xr.Dataset) -> Figure:
     """Map the reports of each layer of pressure.
 
     Parameters
     ----------
     headings : Dataset
         With ``latitude``, ``longitude``, ``pressure`` (Pa) (report).
-    levels : tuple of (top, bottom), optional
-        Layers, hPa.
     """
 
     def layer(block: xr.Dataset) -> NDArray[np.int64]:
         pressure = np.asarray(block["pressure"].to_numpy(), float) / 100.0
         found = np.full(pressure.size, -1, dtype=np.int64)
-        for number, (top, bottom) in enumerate(levels):
+        for number, (top, bottom) in enumerate(_LEVELS_HPA):
             found[(pressure >= top) & (pressure < bottom)] = number
         return found
 
-    places = _places(headings, ["pressure"], layer, len(levels))
+    places = _places(headings, ["pressure"], layer, len(_LEVELS_HPA))
     names = [
         f"{top:.0f}-{bottom:.0f} hPa" if top else f"above {bottom:.0f} hPa"
-        for top, bottom in levels
+        for top, bottom in _LEVELS_HPA
     ]
     figure = _panels(places, names, 2)
     told = zip(names, places.counts, strict=True)

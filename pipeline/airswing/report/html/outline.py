@@ -98,10 +98,8 @@ def middle_longitude(longitude: ArrayLike) -> float:
     return float(wrap_degrees(first + length / 2))
 
 
-def view_of(
-    longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06, least: float = 2.0
-) -> View:
-    """Return the window that holds all points with a margin.
+def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) -> View:
+    """Return the window that holds all points with a margin, two degrees wide and high at least.
 
     Parameters
     ----------
@@ -109,8 +107,6 @@ def view_of(
         Degrees; NaN is ignored.
     margin : float, optional
         Part of the extent added on each side.
-    least : float, optional
-        Least height and width, degrees.
     """
     lat = np.asarray(latitude, float)
     lat = lat[np.isfinite(lat)]
@@ -120,8 +116,8 @@ def view_of(
     if lon.size == 0 or lat.size == 0:
         return View(-180.0, 180.0, -90.0, 90.0)
     narrowing = max(float(np.cos(np.radians(y := (lat.min() + lat.max()) / 2))), 0.2)
-    width = max(float(np.ptp(lon)) * (1 + 2 * margin), least)
-    height = max(float(np.ptp(lat)) * (1 + 2 * margin), least)
+    width = max(float(np.ptp(lon)) * (1 + 2 * margin), 2.0)
+    height = max(float(np.ptp(lat)) * (1 + 2 * margin), 2.0)
     width = min(max(width, height / narrowing / TALLEST), 360.0)
     height = max(height, width * narrowing * FLATTEST)
     x = (lon.min() + lon.max()) / 2

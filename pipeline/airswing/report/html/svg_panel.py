@@ -144,21 +144,17 @@ class Panel:
         points = " ".join(f"{a:.1f},{b:.1f}" for a, b in places if np.isfinite(a + b))
         self._inside.append(f'<polygon points="{points}" fill="{color}" fill-opacity="{opacity}"/>')
 
-    def bars(
-        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, width: float = 1.3
-    ) -> None:
+    def bars(self, x: ArrayLike, low: ArrayLike, high: ArrayLike, color: str) -> None:
         """Upright intervals."""
         places = zip(self.across(x), self.down(low), self.down(high), strict=True)
         path = "".join(f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in places if np.isfinite(a + b + c))
-        self._inside.append(f'<path d="{path}" stroke="{color}" stroke-width="{width:g}"/>')
+        self._inside.append(f'<path d="{path}" stroke="{color}" stroke-width="1.3"/>')
 
-    def bars_across(
-        self, y: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, width: float = 1.3
-    ) -> None:
+    def bars_across(self, y: ArrayLike, low: ArrayLike, high: ArrayLike, color: str) -> None:
         """Level intervals."""
         places = zip(self.down(y), self.across(low), self.across(high), strict=True)
         path = "".join(f"M{b:.1f} {a:.1f}H{c:.1f}" for a, b, c in places if np.isfinite(a + b + c))
-        self._inside.append(f'<path d="{path}" stroke="{color}" stroke-width="{width:g}"/>')
+        self._inside.append(f'<path d="{path}" stroke="{color}" stroke-width="1.3"/>')
 
     def marks(self, x: ArrayLike, y: ArrayLike, color: str, *, size: float, diamond: bool) -> None:
         """Discs, or diamonds with a white edge, at points."""

@@ -86,6 +86,7 @@ def binned_medians(heading: Floats, value: Floats, *, width: float = BIN_WIDTH) 
         if inside.size >= 5:
             middle = float(np.median(inside))
             spread = 1.4826 * float(np.median(np.abs(inside - middle)))
+            # 1.4826 MAD: a normal's deviation; a median errs sqrt(pi / 2) times as much as a mean
             half = NORMAL_95 * 1.2533 * spread / np.sqrt(inside.size)
             rows.append(((index + 0.5) * width, middle, half, inside.size))
     table = np.array(rows, float).reshape(-1, 4)
@@ -99,7 +100,7 @@ def error_limit(error: Floats, fitted: Floats) -> float:
     return float(np.clip(max(spread, least, 3.0), 3.0, 60.0))
 
 
-def _draw_reports(axes: Axes, heading: Floats, error: Floats, limit: float, *, dot: float) -> None:
+def _draw_reports(axes: Axes, heading: Floats, error: Floats, limit: float) -> None:
     if heading.size > MANY:
         axes.hexbin(
             heading,
@@ -116,32 +117,25 @@ def _draw_reports(axes: Axes, heading: Floats, error: Floats, limit: float, *, d
         return
     alpha = float(np.clip(900.0 / max(heading.size, 1), 0.08, 0.6))
     axes.scatter(
-        heading, error, s=dot, color=SOFT, alpha=alpha, linewidths=0, rasterized=True, zorder=1.6
+        heading, error, s=5.0, color=SOFT, alpha=alpha, linewidths=0, rasterized=True, zorder=1.6
     )
 
 
 def _draw_heading_error(
-    axes: Axes,
-    headings: xr.Dataset,
-    fits: xr.Dataset,
-    aircraft: str | int,
-    reference: str,
-    *,
-    small: bool = False,
-    limit: float | None = None,
+    axes: Axes, headings: xr.Dataset, fits: xr.Dataset, aircraft: str | int, reference: str
 ) -> int:
     """Draw one aircraft's heading error, fit and table in a panel; return the reports shown."""
     heading, error = compass_points(headings, fits, aircraft, reference)
     fit = one_fit(fits, aircraft, reference)
     grid = np.linspace(0.0, 360.0, 181)
     fitted, half = curve_with_error(fit, grid)
-    limit = limit or error_limit(error, fitted)
-    _draw_reports(axes, heading, error, limit, dot=2.0 if small else 5.0)
+    limit = error_limit(error, fitted)
+    _draw_reports(axes, heading, error, limit)
     axes.axhline(0.0, color=INK, linewidth=0.8, zorder=1.7)
     trusted = bool(published(fit["status"]))
     if np.isfinite(fit["deviation"].to_numpy()).any():
-        _draw_curve(axes, grid, fitted, NORMAL_95 * half, trusted=trusted, small=small)
-    bins = binned_medians(heading, error, width=30.0 if small else BIN_WIDTH)
+        _draw_curve(axes, grid, fitted, NORMAL_95 * half, trusted=trusted)
+    bins = binned_medians(heading, error)
     axes.errorbar(
         bins.centre,
         bins.median,
@@ -149,22 +143,18 @@ def _draw_heading_error(
         fmt="o",
         color=INK,
         zorder=4,
-        markersize=2.2 if small else 4.5,
+        markersize=4.5,
         linewidth=1.0,
         label="median, 95 % interval",
     )
     if trusted:
-        _draw_table(axes, *table_error(fit), small=small)
+        _draw_table(axes, *table_error(fit))
     axes.set_ylim(-limit, limit)
-    compass_axis(
-        axes, label="" if small else "indicated magnetic heading (degree)", step=90 if small else 45
-    )
+    compass_axis(axes, label="indicated magnetic heading (degree)")
     return int(heading.size)
 
 
-def _draw_curve(
-    axes: Axes, grid: Floats, fitted: Floats, half: Floats, *, trusted: bool, small: bool
-) -> None:
+def _draw_curve(axes: Axes, grid: Floats, fitted: Floats, half: Floats, *, trusted: bool) -> None:
     """Draw the fitted curve over its interval of half width `half`."""
     axes.fill_between(
         grid,
@@ -181,13 +171,13 @@ def _draw_curve(
         fitted,
         color=BLUE,
         linestyle="-" if trusted else (0, (4, 2)),
-        linewidth=1.4 if small else 2.2,
+        linewidth=2.2,
         zorder=3,
         label="fitted curve" if trusted else "fit, not to be trusted",
     )
 
 
-def _draw_table(axes: Axes, nodes: Floats, error: Floats, *, small: bool) -> None:
+def _draw_table(axes: Axes, nodes: Floats, error: Floats) -> None:
     """Draw the 8-point table and the straight lines between its points."""
     if not np.isfinite(error).all():
         return
@@ -195,7 +185,7 @@ def _draw_table(axes: Axes, nodes: Floats, error: Floats, *, small: bool) -> Non
         np.append(nodes, 360.0),
         np.append(error, error[0]),
         color=VERMILION,
-        linewidth=0.8 if small else 1.1,
+        linewidth=1.1,
         linestyle=":",
         zorder=3.4,
     )
@@ -204,9 +194,9 @@ def _draw_table(axes: Axes, nodes: Floats, error: Floats, *, small: bool) -> Non
         error,
         "D",
         color=VERMILION,
-        markersize=2.8 if small else 6.0,
+        markersize=6.0,
         markeredgecolor="white",
-        markeredgewidth=0.5 if small else 0.9,
+        markeredgewidth=0.9,
         zorder=5,
         clip_on=False,
         label="8-point table",
@@ -308,9 +298,7 @@ def _rose(axes: Axes, middle: tuple[float, float], counts: NDArray[np.int64]) ->
 
 
 @styled
-def coverage_figure(
-    headings: xr.Dataset, aircraft: list[str] | None = None, *, columns: int = 8
-) -> Figure:
+def coverage_figure(headings: xr.Dataset, aircraft: list[str] | None = None) -> Figure:
     """Rose of the magnetic headings each aircraft flew, of reports that passed screening.
 
     Parameters
@@ -319,11 +307,9 @@ def coverage_figure(
         With ``magnetic_heading``, ``screening`` (report) and ``row_size``.
     aircraft : list of str, optional
         Identifiers; all by default.
-    columns : int, optional
-        Roses in a row.
     """
     aircraft = aircraft or tails(headings)
-    columns = min(columns, max(len(aircraft), 3))
+    columns = min(8, max(len(aircraft), 3))
     rows = -(-len(aircraft) // columns)
     pitch_x, pitch_y = 2.45, 3.0
     figure = new_figure(min(9.6 / columns * pitch_y / pitch_x, 2.4) * rows + 0.1)

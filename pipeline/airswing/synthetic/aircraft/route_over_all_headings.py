@@ -24,6 +24,14 @@ Array = NDArray[np.float64]
 _GEOD = Geod(ellps="WGS84")
 # Steps of a leg before the first report.
 _SILENT = 12
+# First and last hour of flying: the run's winds end with the day.
+_HOURS = 0.3, 23.5
+# Some fifty legs a day: each of the eight compass points is flown six times.
+_LEG_MINUTES = 26.0
+# South, north, west, east of where tours start, degrees: well inside the real run's grid.
+_BOX = 35.0, 41.0, -101.0, -87.0
+# Range of the legs' levels, m.
+_ALTITUDES = 1500.0, 7600.0
 
 
 def tour(
@@ -31,10 +39,6 @@ def tour(
     *,
     aircraft: int,
     seed: int,
-    hours: tuple[float, float] = (0.3, 23.5),
-    leg_minutes: float = 26.0,
-    box: tuple[float, float, float, float] = (35.0, 41.0, -101.0, -87.0),
-    altitudes: tuple[float, float] = (1500.0, 7600.0),
 ) -> Flown:
     """Fly every aircraft through its legs.
 
@@ -44,14 +48,6 @@ def tour(
         (latitude, longitude, altitude m, hours) to the wind (2, n) in m/s.
     aircraft, seed : int
         Fleet and seed.
-    hours : (float, float)
-        First and last hour of flying.
-    leg_minutes : float
-        Length of a leg.
-    box : (float, float, float, float)
-        South, north, west, east of the places where tours start, degrees.
-    altitudes : (float, float)
-        Range of the legs' levels, m.
 
     Returns
     -------
@@ -59,10 +55,10 @@ def tour(
         One flight a leg, in order of aircraft and time.
     """
     rng = stream(seed, "tour")
-    steps = round(leg_minutes * 60.0 / STEP)
-    legs = int((hours[1] - hours[0]) * 60.0 // leg_minutes)
-    lat = rng.uniform(box[0], box[1], aircraft)
-    lon = rng.uniform(box[2], box[3], aircraft)
+    steps = round(_LEG_MINUTES * 60.0 / STEP)
+    legs = int((_HOURS[1] - _HOURS[0]) * 60.0 // _LEG_MINUTES)
+    lat = rng.uniform(*_BOX[:2], aircraft)
+    lon = rng.uniform(*_BOX[2:], aircraft)
     airspeed = rng.uniform(126.0, 142.0, aircraft)
     even = np.arange(legs) * 360.0 / legs
     courses = np.stack([rng.permutation(even + rng.uniform(0, 360.0)) for _ in range(aircraft)])
@@ -72,9 +68,9 @@ def tour(
     }
     phase = np.zeros(shape, np.int8)
     phase[:, _SILENT:steps] = CRUISE
-    start = hours[0] + np.arange(legs) * leg_minutes / 60.0
+    start = _HOURS[0] + np.arange(legs) * _LEG_MINUTES / 60.0
     for leg in range(legs):
-        level = rng.uniform(*altitudes, aircraft)
+        level = rng.uniform(*_ALTITUDES, aircraft)
         blown = wind(lat, lon, level, np.full(aircraft, start[leg]))
         turn = np.radians(courses[:, leg])
         speed = airspeed + blown[0] * np.sin(turn) + blown[1] * np.cos(turn)

@@ -67,15 +67,13 @@ def _split(directory: Path, boundary: str) -> None:
                 target.write_text(header + "".join(kept), encoding="utf-8")
 
 
-def write_quickstart(directory: str | Path, *, seed: int = _SEED) -> Path:
+def write_quickstart(directory: str | Path) -> Path:
     """Write the sample archive.
 
     Parameters
     ----------
     directory : path
         Folder for ``reports/``, ``field_test/``, ``ruc/``, ``rtfdaa/``, ``truth/``.
-    seed : int
-        The committed files have the default.
 
     Returns
     -------
@@ -88,7 +86,7 @@ def write_quickstart(directory: str | Path, *, seed: int = _SEED) -> Path:
         root,
         days=DAYS_BEFORE + DAYS_AFTER,
         aircraft=6,
-        seed=seed,
+        seed=_SEED,
         effects=EFFECTS,
         start=start,
         network="lower_lakes",

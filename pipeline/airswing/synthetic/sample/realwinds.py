@@ -48,6 +48,8 @@ from airswing.synthetic.world.true_atmosphere import stream
 __all__ = ["RealAir", "read_run", "write_archive"]
 
 Array = NDArray[np.float64]
+# Levels of lower pressure (hPa) are left out: tours fly below them.
+_LOWEST = 350
 _TRIES = 60
 
 
@@ -90,8 +92,8 @@ def _grid_of(handle: int) -> LambertGrid:
     )
 
 
-def _messages(path: Path, lowest: int) -> tuple[list[_Message], LambertGrid | None]:
-    """Return the wind messages of a file on levels above ``lowest`` hPa, and their grid."""
+def _messages(path: Path) -> tuple[list[_Message], LambertGrid | None]:
+    """Return the wind messages of a file on levels up to `_LOWEST` hPa, and their grid."""
     found, grid = [], None
     with path.open("rb") as source:
         while (handle := eccodes.codes_grib_new_from_file(source)) is not None:
@@ -99,7 +101,7 @@ def _messages(path: Path, lowest: int) -> tuple[list[_Message], LambertGrid | No
                 name = eccodes.codes_get(handle, "shortName")
                 kind = eccodes.codes_get(handle, "typeOfLevel")
                 level = int(eccodes.codes_get(handle, "level"))
-                if name not in ("u", "v") or kind != "isobaricInhPa" or level < lowest:
+                if name not in ("u", "v") or kind != "isobaricInhPa" or level < _LOWEST:
                     continue
                 grid = grid or _grid_of(handle)
                 values = eccodes.codes_get_values(handle).astype(np.float32)
@@ -123,17 +125,13 @@ def _messages(path: Path, lowest: int) -> tuple[list[_Message], LambertGrid | No
     return found, grid
 
 
-def read_run(
-    folder: Path, *, lowest: int = 350
-) -> tuple[GriddedReference, GriddedReference, datetime]:
+def read_run(folder: Path) -> tuple[GriddedReference, GriddedReference, datetime]:
     """Return a run, the error it made at one time, and when it started.
 
     Parameters
     ----------
     folder : Path
         GRIB files of two cycles.
-    lowest : int
-        Levels of lower pressure (hPa) are left out.
 
     Returns
     -------
@@ -152,7 +150,7 @@ def read_run(
     messages: list[_Message] = []
     grid = None
     for path in sorted(item for item in folder.iterdir() if item.is_file()):
-        found, here = _messages(path, lowest)
+        found, here = _messages(path)
         messages += found
         grid = here or grid
     bases = sorted({message.base for message in messages})
@@ -290,7 +288,6 @@ def write_archive(
     aircraft: int = 12,
     seed: int = 1,
     effects: Sequence[Mapping[str, Any]] | None = None,
-    seconds: float = 60.0,
     output: str | None = None,
 ) -> Path:
     """Write the reports of one day flown through a real run, and a configuration for them.
@@ -308,8 +305,6 @@ def write_archive(
         Fleet and seed.
     effects : sequence of mapping, optional
         As in `airswing.synthetic.write_archive`.
-    seconds : float
-        Between reports; a multiple of 10.
     output : str, optional
         The configuration's output folder.
 
@@ -326,7 +321,7 @@ def write_archive(
     faults = parse_faults(effects, start=start, tails=tails)
     air = RealAir(run, error, seed=seed)
     flown = tour(air.run_wind, aircraft=aircraft, seed=seed)
-    flight, step = report_steps(flown, climb_seconds=seconds, cruise_seconds=seconds)
+    flight, step = report_steps(flown, climb_seconds=60.0, cruise_seconds=60.0)
     latitude, longitude = flown.latitude[step, flight], flown.longitude[step, flight]
     air.draw(flight, latitude, longitude, flown.pressure(step, flight))
     box = (latitude.min(), latitude.max(), longitude.min(), longitude.max())

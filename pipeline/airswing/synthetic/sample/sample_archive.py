@@ -295,7 +295,6 @@ def write_reports(
     directory: Path,
     frame: pd.DataFrame,
     *,
-    true_airspeed: bool = False,
     phases: Sequence[str] = ("ascent", "cruise", "descent"),
 ) -> None:
     """Write one CSV per aircraft in canonical columns.
@@ -306,8 +305,6 @@ def write_reports(
         Folder, made where missing.
     frame : pandas.DataFrame
         From `finished`.
-    true_airspeed : bool
-        Also the indicated airspeed and heading.
     phases : sequence of str
         Phases of flight to write.
     """
@@ -329,9 +326,6 @@ def write_reports(
             "icing": frame["icing"],
         }
     )
-    if true_airspeed:
-        table["true_airspeed_kt"] = np.round(frame["airspeed"] * 3600 / 1852, 1)
-        table["heading_deg"] = np.round(np.degrees(frame["heading"]) % 360.0, 1)
     table = table[table["phase"].isin(list(phases))]
     for tail, part in table.groupby("tail", sort=True):
         part.to_csv(directory / f"{tail}.csv", index=False)

@@ -22,6 +22,8 @@ from airswing.synthetic.world.lambert import LambertGrid
 
 __all__ = ["MessageWriter", "write_reference"]
 
+# Decimals of m/s kept, as the fields themselves are rounded to.
+_DECIMALS = 1
 # Packings that take a number of bits, not of decimals: steps of 0.03-0.1 m/s for winds.
 _FIXED_BITS = {"grid_complex_spatial_differencing": 10, "grid_complex": 10, "grid_ccsds": 10}
 
@@ -72,8 +74,6 @@ class MessageWriter:
         Whether the flag says components lie along the grid.
     packing : str
         ``grid_simple``, ``grid_complex_spatial_differencing``, ``grid_jpeg``, ``grid_ccsds``.
-    decimals : int
-        Decimals kept.
     """
 
     def __init__(
@@ -83,7 +83,6 @@ class MessageWriter:
         edition: int,
         grid_relative: bool,
         packing: str = "grid_simple",
-        decimals: int = 1,
     ) -> None:
         self._edition = edition
         self._templates = []
@@ -100,12 +99,11 @@ class MessageWriter:
                 eccodes.codes_set(handle, key, value)
             if packing not in _FIXED_BITS:
                 eccodes.codes_set(handle, "bitsPerValue", 0)
-                eccodes.codes_set(handle, "decimalPrecision", decimals)
+                eccodes.codes_set(handle, "decimalPrecision", _DECIMALS)
             if packing != "grid_simple":
                 eccodes.codes_set_values(handle, np.arange(grid.rows * grid.columns, dtype=float))
                 eccodes.codes_set(handle, "packingType", packing)
             self._templates.append(handle)
-        self._decimals = decimals
         self._bits = _FIXED_BITS.get(packing)
 
     def message(
@@ -143,7 +141,7 @@ class MessageWriter:
         eccodes.codes_set(handle, "endStep", lead)
         eccodes.codes_set(handle, "level", int(level))
         if self._bits is None:
-            eccodes.codes_set(handle, "decimalPrecision", self._decimals)
+            eccodes.codes_set(handle, "decimalPrecision", _DECIMALS)
         else:  # encoding lowers the bits of the handle it leaves behind
             eccodes.codes_set(handle, "bitsPerValue", self._bits)
         eccodes.codes_set_values(handle, values.astype(np.float64).ravel())
@@ -164,7 +162,6 @@ def write_reference(
     lead_hours: int,
     packing: str = "grid_simple",
     times_per_file: int = 1,
-    decimals: int = 1,
 ) -> list[Path]:
     """Write the fields of one reference.
 
@@ -184,8 +181,6 @@ def write_reference(
         eccodes' packing type.
     times_per_file : int
         Valid times in one file.
-    decimals : int
-        Decimals kept.
 
     Returns
     -------
@@ -199,7 +194,6 @@ def write_reference(
         edition=edition,
         grid_relative=stored.grid_relative,
         packing=packing,
-        decimals=decimals,
     )
     files = []
     try:
