@@ -115,7 +115,7 @@ def diagnosis(
         If an effect to do without is unknown, or what the diagnosis starts from cannot be read.
     """
     from airswing.gap.diagnose import diagnose
-    from airswing.gap.result.effect_entries import active_effects, not_known
+    from airswing.gap.result.effect_entries import active_effects, not_known, unknown_not_known
     from airswing.gap.simulation.effects_file import write_effects
     from airswing.gap.sums.whole_archive import held_archive
     from airswing.report.gap.gap_page import write_gap_page
@@ -138,6 +138,7 @@ def diagnosis(
     report = replace(
         found.report,
         effects=effects,
+        unknown=unknown_not_known(found.report.unknown, start.known),
         reference=config.gap_reference(),
         headings_uuid=headings.attrs["uuid"],
         known=start.told or None,

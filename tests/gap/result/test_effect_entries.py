@@ -5,8 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 from airswing.gap.effects import ActiveEffect
-from airswing.gap.result.effect_entries import active_effects, not_known
-from airswing.gap.result.schema import EffectEntry, GapReport, TailEntry
+from airswing.gap.result.effect_entries import active_effects, not_known, unknown_not_known
+from airswing.gap.result.schema import (
+    CurveEntry,
+    EffectEntry,
+    GapReport,
+    PlaceEntry,
+    TailEntry,
+    UnknownEntry,
+)
 from airswing.gap.simulation.effects_file import read_effects
 
 
@@ -35,3 +42,19 @@ def test_scatter_that_was_known_is_not_named_again():
 def test_effects_of_a_report_are_those_of_its_effects_file(gap_product):
     report = GapReport.read(gap_product / "gap.json")
     assert active_effects(report) == read_effects(gap_product / "effects.yaml")
+
+
+def test_a_known_floor_of_the_speeds_is_not_told_again():
+    """No report tells what it was before: it shows again, and it was known."""
+    curve = CurveEntry(variables=["wind_speed"], labels=[], m_s=[])
+    places = [
+        PlaceEntry(component, "wind_speed", ["wind_speed"], "", [], "fleet", 30.0, 0.4, curve)
+        for component in ("reported_speed", "along_wind")
+    ]
+    unknown = UnknownEntry(True, places)
+    parameters = {"component": "reported_speed", "variables": ["wind_speed"]}
+    known = [ActiveEffect("empirical", parameters)]
+    assert unknown_not_known(unknown, known) == UnknownEntry(True, places[1:])
+    assert unknown_not_known(UnknownEntry(True, places[:1]), known) == UnknownEntry(False, [])
+    along = [ActiveEffect("empirical", parameters | {"component": "along_wind"})]
+    assert unknown_not_known(unknown, along) is unknown

@@ -20,6 +20,14 @@ from airswing.gap.simulation.known_effects import (
 from airswing.products.netcdf import write_product
 
 START = frames.START.astype("datetime64[s]").astype(float)
+
+
+def table(component, variable, edges, values, tails=None):
+    """Return a table over one variable as an effect."""
+    parameters = {"component": component, "variables": [variable], "edges": [edges]}
+    return ActiveEffect("empirical", parameters | {"values": values}, tails)
+
+
 ONE = {
     "sensors": [
         ActiveEffect("hard_iron", {"amplitude_deg": 6.0, "phase_deg": 50.0}, ("N401",)),
@@ -28,6 +36,12 @@ ONE = {
         ActiveEffect("compass_step", {"offset_deg": 3.0}, ("N403",), (START + 9 * 86400.0, None)),
     ],
     "reference": [ActiveEffect("reference_speed_bias", {"bias_percent": 8.0, "above_hPa": 600.0})],
+    "tables": [
+        table("across_heading", "latitude", [30.0, 41.0, 60.0], [0.0, 2.5], ("N401", "N402")),
+        table("wind_factor", "hour", [0.0, 6.0, 12.0, 24.0], [8.0, 0.0, -5.0]),
+        table("along_heading", "airspeed", [40.0, 120.0, 300.0], [-1.0, 1.5], ("N403",)),
+        ActiveEffect("hard_iron", {"amplitude_deg": 6.0, "phase_deg": 50.0}, ("N401",)),
+    ],
     "height": [ActiveEffect("altitude_offset", {"offset_ft": 400.0}, ("N402",))],
 }
 
@@ -38,12 +52,25 @@ def test_what_a_simulation_has_is_taken_off_to_rounding(name):
     sent = simulate(perfect, effects=ONE[name])
     assert np.hypot(*sent.residual.T).max() > 0.2
     left = take_off_known(sent, ONE[name])
-    assert np.hypot(*left.residual.T).max() < 2e-6
+    off = np.hypot(*left.residual.T)
+    assert off.max() < 2e-6
     # what the unit would have indicated without them
     turned = np.angle(np.exp(1j * (left.heading - perfect.heading)))
-    if name == "sensors":
+    if name in ("sensors", "tables"):
         assert np.abs(turned).max() < 1e-7
         assert left.airspeed == pytest.approx(perfect.airspeed, abs=1e-5)
+
+
+def test_a_table_by_the_wind_sent_is_taken_off():
+    """Winds just below the upper edge have no answer: turned they lie outside."""
+    perfect = frames.frame()
+    edges = [0.0, 250.0, 270.0, 360.0]
+    turned = [table("wind_angle", "wind_direction", edges, [0.0, 9.0, 0.0])]
+    left = take_off_known(simulate(perfect, effects=turned), turned)
+    direction = np.degrees(np.arctan2(-perfect.u_rep, -perfect.v_rep)) % 360.0
+    sure = (direction < 260.9) | (direction > 270.1)
+    assert ((direction > 242.0) & sure).sum() > 100
+    assert np.hypot(*left.residual[sure].T).max() < 2e-6
 
 
 def test_exchanged_identifiers_are_given_back():

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
@@ -17,6 +18,10 @@ from airswing.gap.effects.forms import MomentEffect
 
 #: Rounds in which a table by the reported wind meets the wind it makes.
 ROUNDS = 8
+#: Rounds in which the wind before a table is found: a change of 20 % settles to a millionth.
+ROUNDS_BACK = 12
+#: Components of which a report does not tell what it was before.
+UNTOLD = ("scatter", "reported_speed")
 
 
 class Empirical(MomentEffect):
@@ -50,29 +55,42 @@ class Empirical(MomentEffect):
         if component == "reported_speed":
             return _resent(state, values)
         grid, table = grid_of(values), np.asarray(values["values"], np.float64)
-        u, v = state.report_u, state.report_v
-        reported = {"wind_direction", "wind_speed"} & set(grid.variables)
-        rounds = ROUNDS if reported else 1
-        for _ in range(rounds):
-            air_u, air_v = frame.ground_u - state.report_u, frame.ground_v - state.report_v
-            heading, airspeed = np.arctan2(air_u, air_v), np.hypot(air_u, air_v)
-            value = table_values(grid, table, frame, u=u, v=v, heading=heading)
-            if component == "scatter":
-                drawn = value * rng.standard_normal((2, frame.size))
-                return replace(
-                    state, report_u=state.report_u + drawn[0], report_v=state.report_v + drawn[1]
-                )
-            if component in ("across_heading", "heading_angle"):
-                turn = np.radians(value)
-                if component == "across_heading":
-                    turn = -value / np.maximum(airspeed, 1.0)
-                u = frame.ground_u - airspeed * np.sin(heading + turn)
-                v = frame.ground_v - airspeed * np.cos(heading + turn)
-                continue
-            change = value[:, None] * change_of(
-                component, heading=heading, airspeed=airspeed, u=state.report_u, v=state.report_v
-            )
-            u, v = state.report_u + change[:, 0], state.report_v + change[:, 1]
+        before = u, v = state.report_u, state.report_v
+        if component == "scatter":
+            value = table_values(grid, table, frame, u=u, v=v, heading=_heading(frame, before))
+            drawn = value * rng.standard_normal((2, frame.size))
+            return replace(state, report_u=u + drawn[0], report_v=v + drawn[1])
+        for _ in range(ROUNDS if {"wind_direction", "wind_speed"} & set(grid.variables) else 1):
+            value = table_values(grid, table, frame, u=u, v=v, heading=_heading(frame, before))
+            u, v = _moved(component, value, frame, before)
+        return replace(state, report_u=u, report_v=v)
+
+    def undo(self, state: State, frame: Frame, values: Parameters) -> State:
+        """Wind before the table moved it; a table of scatter or a map of speeds leaves it as sent.
+
+        Parameters
+        ----------
+        state : State
+            The wind as sent.
+        frame : Frame
+        values : mapping
+            Complete parameters.
+
+        Returns
+        -------
+        State
+            Exact but within a hair of an edge of a variable that the table itself moves.
+        """
+        component = str(values["component"])
+        if component in UNTOLD:
+            return state
+        grid, table = grid_of(values), np.asarray(values["values"], np.float64)
+        sent = u, v = state.report_u, state.report_v
+        for _ in range(ROUNDS_BACK):
+            heading = _heading(frame, (u, v))
+            value = table_values(grid, table, frame, u=sent[0], v=sent[1], heading=heading)
+            again = _moved(component, value, frame, (u, v))
+            u, v = u + sent[0] - again[0], v + sent[1] - again[1]
         return replace(state, report_u=u, report_v=v)
 
     def complete(self, values: Mapping[str, Any]) -> Parameters:
@@ -111,6 +129,31 @@ class Empirical(MomentEffect):
             f"effect of the catalogue explains, {table.min():.2g} to {table.max():.2g} "
             f"{UNIT_OF[str(values['component'])]}"
         )
+
+
+Wind = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def _heading(frame: Frame, wind: Wind) -> NDArray[np.float64]:
+    """Heading that a wind implies, rad."""
+    return np.arctan2(frame.ground_u - wind[0], frame.ground_v - wind[1])
+
+
+def _moved(component: str, value: NDArray[np.float64], frame: Frame, wind: Wind) -> Wind:
+    """Wind moved by a table's values: heading and airspeed exactly, winds by addition."""
+    u, v = wind
+    heading = _heading(frame, wind)
+    airspeed = np.hypot(frame.ground_u - u, frame.ground_v - v)
+    if component in ("across_heading", "heading_angle"):
+        turn = np.radians(value)
+        if component == "across_heading":
+            turn = -value / np.maximum(airspeed, 1.0)
+        return (
+            frame.ground_u - airspeed * np.sin(heading + turn),
+            frame.ground_v - airspeed * np.cos(heading + turn),
+        )
+    change = value[:, None] * change_of(component, heading=heading, airspeed=airspeed, u=u, v=v)
+    return u + change[:, 0], v + change[:, 1]
 
 
 def _resent(state: State, values: Parameters) -> State:

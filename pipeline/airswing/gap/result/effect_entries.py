@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from airswing.gap.effects import CATALOGUE, ActiveEffect
-from airswing.gap.result.schema import EffectEntry, GapReport, PlaceEntry
+from airswing.gap.effects.empirical import UNTOLD
+from airswing.gap.result.schema import EffectEntry, GapReport, PlaceEntry, UnknownEntry
 from airswing.gap.result.term_tables import COMPONENT
 from airswing.gap.simulation.effects_file import parse_effects
 from airswing.products.whole_files import plain
@@ -93,3 +94,25 @@ def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -
         if left:
             out.append(replace(entry, tails=left, per_tail=each))
     return out
+
+
+def unknown_not_known(unknown: UnknownEntry, effects: Sequence[ActiveEffect]) -> UnknownEntry:
+    """Return the unknowns but for known tables that no report can be rid of.
+
+    Parameters
+    ----------
+    unknown : UnknownEntry
+    effects : sequence of ActiveEffect
+        Known; other tables were taken off the reports before they were looked at.
+
+    Returns
+    -------
+    UnknownEntry
+        Without the closure of all of them where one is left out.
+    """
+    told = [one.parameters for one in effects if one.name == "empirical"]
+    known = {str(t["component"]) for t in told} & set(UNTOLD)
+    left = [p for p in unknown.where if COMPONENT.get(p.component, p.component) not in known]
+    if len(left) == len(unknown.where):
+        return unknown
+    return UnknownEntry(bool(left), left)

@@ -277,8 +277,8 @@ def prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -
     return Work(effect, active, effect.complete(active.parameters), seed)
 
 
-def _mask(work: Work, state: State, frame: Frame) -> NDArray[np.bool_]:
-    """Whom the effect strikes: the physical airframes named, within the period."""
+def struck_by(work: Work, state: State, frame: Frame) -> NDArray[np.bool_]:
+    """Reports the effect strikes, (n,): the physical airframes named, within the period."""
     struck = np.ones(frame.size, dtype=np.bool_)
     if work.active.tails is not None:
         struck &= np.isin(state.airframe, [frame.tails.index(t) for t in work.active.tails])
@@ -311,7 +311,7 @@ def apply_stage(state: State, frame: Frame, work: Sequence[Work], stage: Stage |
     for item in work:
         if item.effect.stage != stage:
             continue
-        struck = _mask(item, state, frame)
+        struck = struck_by(item, state, frame)
         after = item.effect.apply(state, frame, item.values, item.rng())
         state = State(
             **{

@@ -5,9 +5,10 @@ with the effect taken off parts from a simulation without it. Errors of heading 
 taken off exactly: the unit indicated ``psi`` and ``V``, so it flew ``psi - d(psi)`` at the airspeed
 it would indicate as ``V``, and the wind it would have sent differs by
 ``V h(psi) - V_true h(psi - d)``. What acts on the wind met (the reference's errors, a height or a
-time that is off) is put into the reference wind; exchanged identifiers are given back. Effects of
-scatter (coding, gross errors) cannot be taken off report by report: they stay, and are not named
-again.
+time that is off) is put into the reference wind; exchanged identifiers are given back. A table of
+what nobody could name (``empirical``) is taken off the wind sent, in rounds. Effects of scatter
+(coding, gross errors, a floor of the speeds sent) cannot be taken off report by report: they stay,
+and are not told again.
 
 Units: those of `airswing.gap.archive.frame` and of the catalogue's parameters.
 
@@ -29,10 +30,10 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.flags import published
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects import ActiveEffect, State
+from airswing.gap.effects import EMPIRICAL, ActiveEffect, State
 from airswing.gap.simulation.effects_file import read_effects
-from airswing.gap.simulation.forward import Work, apply_stage, prepared
-from airswing.physics.triangle import wrap_positive
+from airswing.gap.simulation.forward import Work, apply_stage, prepared, struck_by
+from airswing.physics.triangle import bearing, wrap_positive, wrap_signed
 
 __all__ = ["effects_of_fits", "read_known", "take_off_known"]
 
@@ -179,6 +180,7 @@ def take_off_known(frame: Frame, effects: Sequence[ActiveEffect], *, seed: int =
     """
     seeds = np.random.SeedSequence(seed).spawn(len(effects))
     work = [prepared(active, frame, s) for active, s in zip(effects, seeds, strict=True)]
+    frame = _before_tables(frame, work)
     state = apply_stage(_start(frame), frame, work, "identity")
     given_back = replace(frame, aircraft=state.airframe)
     met = apply_stage(replace(_start(frame), airframe=state.airframe), frame, work, "atmosphere")
@@ -195,6 +197,33 @@ def take_off_known(frame: Frame, effects: Sequence[ActiveEffect], *, seed: int =
         heading=heading,
         airspeed=airspeed,
         magnetic_heading=wrap_positive(frame.magnetic_heading - error),
+    )
+
+
+def _before_tables(frame: Frame, work: Sequence[Work]) -> Frame:
+    """Return the reports as they would have been sent without the tables on the wind sent."""
+    tables = [w for w in work if w.active.name == EMPIRICAL.name]
+    if not tables:
+        return frame
+    state = _start(frame)
+    for one in reversed(tables):
+        struck = struck_by(one, state, frame)
+        before = EMPIRICAL.undo(state, frame, one.values)
+        u = np.where(struck, before.report_u, state.report_u)
+        v = np.where(struck, before.report_v, state.report_v)
+        state = replace(state, report_u=u, report_v=v)
+    u, v = state.report_u, state.report_v
+    # heading and airspeed move by as much as the air vector: they need not close its triangle
+    sent = np.stack([frame.ground_u - frame.u_rep, frame.ground_v - frame.v_rep])
+    air = np.stack([frame.ground_u - u, frame.ground_v - v])
+    turned = wrap_signed(bearing(*air) - bearing(*sent))
+    return replace(
+        frame,
+        u_rep=u,
+        v_rep=v,
+        heading=frame.heading + turned,
+        airspeed=frame.airspeed + np.hypot(*air) - np.hypot(*sent),
+        magnetic_heading=wrap_positive(frame.magnetic_heading + turned),
     )
 
 
