@@ -21,6 +21,8 @@ DAY = 86400.0
 """Seconds in a day."""
 EARTH_RADIUS = 6371008.8
 """Mean radius of the earth, m (IUGG 1980), where a sphere is near enough."""
+METRES_PER_DEGREE = 111195.0
+"""Of latitude on the mean sphere: good to 0.5 % of the ellipsoid's, where that is near enough."""
 MODEL_EARTH_RADIUS = 6371229.0
 """Radius of the sphere most models are computed on, m (GRIB2 code table 3.2, entry 6)."""
 NORMAL_95 = 1.959964

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from airswing.physics.atmosphere import GAS_CONSTANT, STANDARD_PRESSURE, STANDARD_TEMPERATURE
 
-__all__ = ["airspeed_from_calibrated", "airspeed_from_mach", "speed_of_sound"]
+__all__ = ["airspeed_from_calibrated", "airspeed_from_mach"]
 
 Array = NDArray[np.float64]
 
@@ -37,59 +37,24 @@ _POWER = HEAT_RATIO / (HEAT_RATIO - 1.0)  # 3.5
 
 
 def speed_of_sound(temperature: ArrayLike) -> Array:
-    """Speed of sound in dry air.
-
-    Parameters
-    ----------
-    temperature : array_like, any shape
-        K.
-
-    Returns
-    -------
-    ndarray, same shape
-        m s-1: 340.294 at 288.15 K.
-    """
+    """Speed of sound (m s-1) in dry air of a temperature (K): 340.294 at 288.15 K."""
     kelvin = np.asarray(temperature, dtype=np.float64)
     with np.errstate(invalid="ignore"):
         return np.sqrt(HEAT_RATIO * GAS_CONSTANT * np.where(kelvin > 0.0, kelvin, np.nan))
 
 
 def airspeed_from_mach(mach: ArrayLike, temperature: ArrayLike) -> Array:
-    """True airspeed of a Mach number.
-
-    Parameters
-    ----------
-    mach : array_like, any shape
-    temperature : array_like, of a shape that goes with it
-        Static, K.
-
-    Returns
-    -------
-    ndarray
-        m s-1.
-    """
+    """True airspeed (m s-1) of a Mach number at a static temperature (K)."""
     return np.asarray(np.asarray(mach, dtype=np.float64) * speed_of_sound(temperature))
 
 
 def airspeed_from_calibrated(
     calibrated: ArrayLike, pressure: ArrayLike, temperature: ArrayLike
 ) -> Array:
-    """True airspeed of a calibrated airspeed.
+    """True airspeed (m s-1) of a calibrated one, at a static pressure (Pa) and temperature (K).
 
-    Parameters
-    ----------
-    calibrated : array_like, any shape
-        m s-1.
-    pressure : array_like, of a shape that goes with it
-        Static, Pa.
-    temperature : array_like, likewise
-        Static, K.
-
-    Returns
-    -------
-    ndarray
-        m s-1. The impact pressure is that of the calibrated airspeed at sea level's standard
-        pressure and speed of sound; the Mach number that makes it at ``pressure`` follows.
+    The impact pressure is that of the calibrated airspeed at sea level's standard pressure and
+    speed of sound; the Mach number that makes it at ``pressure`` follows.
     """
     level = np.asarray(pressure, dtype=np.float64)
     level = np.where(level > 0.0, level, np.nan)

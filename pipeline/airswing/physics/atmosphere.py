@@ -50,23 +50,10 @@ TROPOPAUSE_PRESSURE = STANDARD_PRESSURE * (
 
 
 def pressure_from_altitude(altitude: ArrayLike) -> NDArray[np.float64]:
-    """Return the pressure at a pressure altitude.
-
-    Parameters
-    ----------
-    altitude : array_like, any shape
-        Pressure altitude in m.
-
-    Returns
-    -------
-    ndarray, same shape
-        Pressure in Pa.
-
-    References
-    ----------
-    ICAO Doc 7488/3, Manual of the ICAO Standard Atmosphere, equations 12 (both layers).
-    """
+    """Pressure (Pa) at pressure altitudes (m, any shape): ICAO Doc 7488/3, equations 12."""
     height = np.asarray(altitude, dtype=np.float64)
+    # The layers multiply: each term is one where the other layer holds, so no branch is
+    # needed.
     lower = np.minimum(height, TROPOPAUSE_ALTITUDE)
     upper = np.maximum(height - TROPOPAUSE_ALTITUDE, 0.0)
     ratio = 1.0 - (LAPSE_RATE / STANDARD_TEMPERATURE) * lower
@@ -74,24 +61,13 @@ def pressure_from_altitude(altitude: ArrayLike) -> NDArray[np.float64]:
 
 
 def altitude_from_pressure(pressure: ArrayLike) -> NDArray[np.float64]:
-    """Return the pressure altitude of a pressure: the inverse of `pressure_from_altitude`.
+    """Pressure altitude (m) of pressures (Pa, any shape): the inverse of `pressure_from_altitude`.
 
-    Parameters
-    ----------
-    pressure : array_like, any shape
-        Pressure in Pa. Values that are not positive have no altitude.
-
-    Returns
-    -------
-    ndarray, same shape
-        Pressure altitude in m; NaN where the pressure is not positive.
-
-    References
-    ----------
-    ICAO Doc 7488/3, Manual of the ICAO Standard Atmosphere, equations 12 (both layers).
+    A pressure that is not positive has none: NaN.
     """
     value = np.asarray(pressure, dtype=np.float64)
     value = np.where(value > 0.0, value, np.nan)
+    # As above, in logarithms: each layer adds nothing where the other holds.
     lower = np.maximum(value, TROPOPAUSE_PRESSURE)
     upper = np.minimum(value, TROPOPAUSE_PRESSURE)
     ratio = (lower / STANDARD_PRESSURE) ** (1.0 / _EXPONENT)
@@ -100,21 +76,6 @@ def altitude_from_pressure(pressure: ArrayLike) -> NDArray[np.float64]:
 
 
 def standard_temperature(altitude: ArrayLike) -> NDArray[np.float64]:
-    """Return the standard atmosphere's temperature at a pressure altitude.
-
-    Parameters
-    ----------
-    altitude : array_like, any shape
-        Pressure altitude in m.
-
-    Returns
-    -------
-    ndarray, same shape
-        Temperature in K.
-
-    References
-    ----------
-    ICAO Doc 7488/3, Manual of the ICAO Standard Atmosphere.
-    """
+    """Standard atmosphere's temperature (K) at pressure altitudes (m, any shape)."""
     height = np.asarray(altitude, dtype=np.float64)
     return np.asarray(STANDARD_TEMPERATURE - LAPSE_RATE * np.minimum(height, TROPOPAUSE_ALTITUDE))

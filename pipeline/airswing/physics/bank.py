@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from airswing.flags import ROLL
 from airswing.physics.atmosphere import GRAVITY
+from airswing.units import METRES_PER_DEGREE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -38,8 +39,6 @@ LARGEST = float(np.radians(25.0))
 """Bank of an ordinary turn at most, rad."""
 VISIBLE = float(np.radians(1.0))
 """Bank above the noise of three fixes, rad."""
-METRES_PER_DEGREE = 111195.0
-"""Of latitude on the mean sphere."""
 WIDEST = float(np.radians(150.0))
 """Turn between two chords up to which the arc is taken for a circle's, rad."""
 FEWEST = 30
@@ -81,8 +80,9 @@ def bank_at_reports(
         return bank
     lasting = _lasting(bank, flight)
     interval = _interval(flight, time)
-    chords = _chord_bank(latitude, longitude, time, interval)
+    chords = _chord_bank(latitude, longitude, interval)
     seen = np.abs(chords) > VISIBLE
+    # A report the flag calls level but that turns takes its part of the angle away.
     lesser = np.where(level, np.abs(lasting), 0.0)
     spread = np.where(flagged | (level & seen), np.abs(chords) - lesser, 0.0) * interval
     whole = np.sum(interval[flagged])
@@ -110,16 +110,8 @@ def _unseen(
     return float(np.sum(spread[2:][first]) + np.sum(spread[:-2][last]))
 
 
-def _chord_bank(latitude: Floats, longitude: Floats, time: Floats, interval: Floats) -> Floats:
-    """Bank of the turn between the chords to the fixes next before and after.
-
-    The speed is that along the arc, longer than its chords by ``(x/2) / sin(x/2)`` for a turn x.
-
-    Returns
-    -------
-    (n,) float
-        rad; 0 at a flight's ends.
-    """
+def _chord_bank(latitude: Floats, longitude: Floats, interval: Floats) -> Floats:
+    """Bank of the turn between the chords to the fixes before and after; 0 at flights' ends."""
     north = np.diff(latitude)
     east = (np.mod(np.diff(longitude) + 180.0, 360.0) - 180.0) * np.cos(
         np.radians(0.5 * (latitude[1:] + latitude[:-1]))
@@ -134,6 +126,7 @@ def _chord_bank(latitude: Floats, longitude: Floats, time: Floats, interval: Flo
     path = np.zeros(latitude.size)
     path[1:-1] = 0.5 * (length[1:] + length[:-1])
     half = 0.5 * np.minimum(np.abs(turn), WIDEST)
+    # An arc over its chord is (x/2) / sin(x/2) for a turn x; numpy's sinc has a pi of its own.
     path /= np.sinc(half / np.pi)
     speed = np.divide(path, interval, out=np.zeros_like(path), where=whole)
     rate = np.divide(turn, interval, out=np.zeros_like(turn), where=whole)
@@ -141,13 +134,8 @@ def _chord_bank(latitude: Floats, longitude: Floats, time: Floats, interval: Flo
 
 
 def _lasting(bank: Floats, flight: Integers) -> Floats:
-    """Least bank of a report and its neighbours where all turn one way, at most the flag's limit.
-
-    Returns
-    -------
-    (n,) float
-        rad; at the ends of a flight the neighbour that is missing does not count.
-    """
+    """Least bank of a report and its neighbours if all turn one way, at most the flag's limit."""
+    # At a flight's ends the report stands for the neighbour that is missing.
     before, after = bank.copy(), bank.copy()
     linked = flight[1:] == flight[:-1]
     before[1:][linked] = bank[:-1][linked]
@@ -155,6 +143,7 @@ def _lasting(bank: Floats, flight: Integers) -> Floats:
     three = np.stack([np.where(np.isfinite(v), v, bank) for v in (before, bank, after)])
     least = np.min(np.abs(three), axis=0)
     one_way = np.abs(np.sign(three).sum(axis=0)) == 3
+    # Zero times the bank, not zero: unknown stays NaN.
     return np.asarray(np.where(one_way, np.sign(bank) * np.minimum(least, LIMIT), 0.0 * bank))
 
 

@@ -122,6 +122,7 @@ class FieldLattice:
         touched = np.zeros((ROWS // TILE, COLUMNS // TILE), dtype=bool)
         for part in _blocks(lat.size):
             usable = _usable(lat[part], lon[part], when[part])
+            # Times stand in the interval that begins at or before them.
             asked[np.searchsorted(bounds, when[part][usable], side="right") - 1] = True
             _touch(touched, lat[part][usable], lon[part][usable])
         asked[-2] |= asked[-1]  # the very last instant closes the last interval
@@ -138,11 +139,11 @@ class FieldLattice:
     def at(
         self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike, seconds: ArrayLike
     ) -> GeomagneticField:
-        """Interpolate the field at points.
+        """Interpolate the field at points whose shapes broadcast.
 
         Parameters
         ----------
-        latitude, longitude : array_like, shapes that broadcast
+        latitude, longitude : array_like
             Degrees.
         height : array_like
             Metres above the ellipsoid (pressure altitude will do).
@@ -152,8 +153,7 @@ class FieldLattice:
         Returns
         -------
         GeomagneticField
-            Declination (radians), horizontal field (nT) and dip (radians), of the broadcast
-            shape; NaN where the lattice holds no nodes.
+            Of the broadcast shape; NaN where the lattice holds no nodes.
         """
         shape = np.broadcast_shapes(
             *(np.shape(value) for value in (latitude, longitude, height, seconds))
@@ -169,18 +169,7 @@ class FieldLattice:
     def components(
         self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike, seconds: ArrayLike
     ) -> tuple[Array, Array, Array]:
-        """Interpolate the components themselves.
-
-        Parameters
-        ----------
-        latitude, longitude, height, seconds : array_like
-            As for `at`.
-
-        Returns
-        -------
-        north, east, down : ndarrays, shape (point,)
-            nT, of the flattened broadcast points.
-        """
+        """North, east and down components (nT) at the flattened points, which are as for `at`."""
         lat, lon, level, when = _flat(latitude, longitude, height, seconds)
         found = np.full((3, lat.size), np.nan)
         if self.intervals.size == 0:
@@ -206,6 +195,8 @@ class FieldLattice:
                 across += node
             across *= row_weights[i][:, np.newaxis]
             total += across
+        # The first six are X, Y, Z at both heights, the last six their change over the
+        # interval.
         at_time = total[:, :6] + total[:, 6:] * elapsed[:, np.newaxis]
         upward = (height / TOP_HEIGHT)[:, np.newaxis]
         field = at_time[:, :3] + (at_time[:, 3:] - at_time[:, :3]) * upward
@@ -243,6 +234,7 @@ def _epoch_seconds() -> Array:
 def _row_stencil(latitude: Array) -> tuple[NDArray[np.int64], list[Array]]:
     """First of the four node rows around a latitude, and their weights; shifted at the poles."""
     position = (latitude - FIRST_LATITUDE) / STEP
+    # Near a pole the four nodes end there, and the point lies off their middle.
     first = np.clip(np.floor(position).astype(np.int64) - 1, 0, ROWS - 4)
     return first, _lagrange(position - first)
 
@@ -270,6 +262,8 @@ def _touch(touched: NDArray[np.bool_], latitude: Array, longitude: Array) -> Non
     """Mark the tiles that hold a node of any point's stencil."""
     row, _ = _row_stencil(latitude)
     column, _ = _column_stencil(longitude)
+    # The corners of the 4 x 4 stencil: a tile is longer than a stencil, so no tile lies
+    # between.
     for i in (0, 3):
         for j in (0, 3):
             touched[(row + i) // TILE, (column + j) % COLUMNS // TILE] = True
@@ -287,5 +281,6 @@ def _tile(row: int, column: int, year: int) -> Array:
     lat, lon, height = np.meshgrid(latitude, longitude, kilometres, indexing="ij")
     dates = [datetime(year, 1, 1), datetime(year + EPOCH_STEP, 1, 1)]
     east, north, upward = ppigrf.igrf(lon, lat, height, dates)
+    # ppigrf gives east, north, up with dates first and kilometres last.
     field = np.stack([north, east, -upward], axis=-1).reshape(2, TILE, TILE, 6)
     return np.concatenate([field[0], field[1] - field[0]], axis=-1)

@@ -47,6 +47,7 @@ from pyproj import Geod
 
 from airswing.physics.atmosphere import GRAVITY
 from airswing.physics.triangle import bearing, vector_from_bearing, wrap_signed
+from airswing.units import METRES_PER_DEGREE
 
 __all__ = ["ACCELERATION_DENSITY", "GroundTrack", "ground_track"]
 
@@ -54,8 +55,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-METRES_PER_DEGREE = 111195.0
-"""Of latitude on the mean sphere: good to 0.5 %, for standard errors alone."""
 MAX_GROUND_SPEED = 400.0
 """m s-1: above any aircraft that reports winds."""
 MAX_GAP = 1800.0
@@ -213,6 +212,7 @@ def _make_fixes(
     sound = (duration >= 0.0) & (duration <= MAX_GAP)
     sound &= distance - slack <= MAX_GROUND_SPEED * (duration + np.where(tick > 1.0, tick, 0.0))
     segment = np.concatenate([[0], np.cumsum(~sound[:-1])]) if lat.size else np.zeros(0)
+    # A step of longitude is shorter by the cosine: the mean variance of the two components.
     shrink = (1.0 + np.cos(np.radians(lat)) ** 2) / 2.0
     return _Fixes(
         lat,
@@ -361,6 +361,7 @@ def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> Groun
     east_1, north_1, climb_1, arm_1 = _chord(fixes, before, -1)
     east_2, north_2, climb_2, arm_2 = _chord(fixes, after, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
+        # Parabola through three fixes: each chord counts by the other's duration.
         share = np.where(after == 0, 1.0, arm_2 / (arm_1 + arm_2))
         share = np.where(before == 0, 0.0, share)
     east, north, climb = (
@@ -370,6 +371,7 @@ def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> Groun
     gain, wander = _variances(arm_1, arm_2, density)
     with np.errstate(invalid="ignore"):
         cross = gain * fixes.position_variance + wander
+        # An error of time moves a fix along the track by the speed, and not across it.
         along = cross + gain * (east**2 + north**2) * fixes.time_variance
     centred = (before > 0) & (after > 0)
     interval = np.where(centred, 0.5 * (arm_1 + arm_2), np.nan)
@@ -397,6 +399,7 @@ def _legs(fixes: _Fixes) -> tuple[Array, Array, Array]:
     duration = np.full(fixes.seconds.shape, np.nan)
     duration[:-1] = np.diff(fixes.seconds)
     sound = _same(fixes.segment, 1) & (duration > 0.0)
+    # a geodesic's azimuth turns on the way (convergence of meridians): the middle has half of it
     bend = wrap_signed(fixes.backward + np.pi - fixes.forward)
     with np.errstate(divide="ignore", invalid="ignore"):
         speed = np.where(sound, fixes.distance / duration, np.nan)
@@ -413,17 +416,13 @@ def _blend(share: Array, one: Array, two: Array) -> Array:
 
 
 def _chord(fixes: _Fixes, reach: Index, side: int) -> tuple[Array, Array, Array, Array]:
-    """Velocity and climb along the chord on one side, in the directions at the report itself.
+    """Velocity and climb (m s-1) along the chord on one side, in the directions at the report.
 
-    Returns
-    -------
-    eastward, northward, climb : ndarrays
-        m s-1; NaN where there is no chord.
-    duration : ndarray
-        s; 0 where there is no chord.
+    NaN where there is no chord; last comes its duration, s, then 0.
     """
     size = fixes.seconds.size
     distance, azimuth = (np.full(size, np.nan) for _ in range(2))
+    # Chords to the next fix are known; only wider windows cost a geodesic.
     here = np.flatnonzero(reach == 1)
     if side > 0:
         distance[here], azimuth[here] = fixes.distance[here], fixes.forward[here]

@@ -25,8 +25,6 @@ the TAMDAR wind computation.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -52,18 +50,7 @@ TURN = 2.0 * np.pi
 
 
 def wrap_signed(angle: ArrayLike) -> Array:
-    """Return the angle brought into (-pi, pi].
-
-    Parameters
-    ----------
-    angle : array_like, any shape
-        Radians.
-
-    Returns
-    -------
-    ndarray, same shape
-        Radians in (-pi, pi]: half a turn is positive.
-    """
+    """Angle (radians, any shape) brought into (-pi, pi]: half a turn is positive."""
     value = np.asarray(angle, dtype=np.float64)
     turned = np.pi - np.mod(np.pi - value, TURN)
     # an angle already inside keeps every bit
@@ -71,46 +58,24 @@ def wrap_signed(angle: ArrayLike) -> Array:
 
 
 def wrap_positive(angle: ArrayLike) -> Array:
-    """Return the angle brought into [0, 2 pi).
-
-    Parameters
-    ----------
-    angle : array_like, any shape
-        Radians.
-
-    Returns
-    -------
-    ndarray, same shape
-        Radians in [0, 2 pi).
-    """
+    """Angle (radians, any shape) brought into [0, 2 pi)."""
     turned = np.mod(np.asarray(angle, dtype=np.float64), TURN)
     # a tiny negative angle rounds up to the full turn
     return np.asarray(np.where(turned >= TURN, 0.0, turned))
 
 
-def wrap_degrees(angle: ArrayLike) -> NDArray[Any]:
-    """Return degrees brought into [-180, 180): longitudes, and angles the short way round.
+def wrap_degrees(angle: ArrayLike) -> NDArray[np.floating]:
+    """Degrees brought into [-180, 180): longitudes, and angles the short way round.
 
-    Parameters
-    ----------
-    angle : array_like, any shape
-        Degrees; single precision stays single.
+    Single precision stays single.
     """
     return np.asarray((np.asarray(angle) + 180.0) % 360.0 - 180.0)
 
 
 def bearing(east: ArrayLike, north: ArrayLike) -> Array:
-    """Direction a vector points to, clockwise from north.
+    """Direction a vector points to, radians clockwise from north in [0, 2 pi).
 
-    Parameters
-    ----------
-    east, north : array_like, any shapes that broadcast
-        Components.
-
-    Returns
-    -------
-    ndarray
-        Radians in [0, 2 pi); NaN for the zero vector, which has no direction.
+    NaN for the zero vector, which has no direction.
     """
     u, v = np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
     found = wrap_positive(np.arctan2(u, v))
@@ -118,75 +83,35 @@ def bearing(east: ArrayLike, north: ArrayLike) -> Array:
 
 
 def speed_of_vector(east: ArrayLike, north: ArrayLike) -> Array:
-    """Length of a vector.
-
-    Parameters
-    ----------
-    east, north : array_like, any shapes that broadcast
-        Components in m s-1.
-
-    Returns
-    -------
-    ndarray
-        m s-1.
-    """
+    """Length of a vector (m s-1)."""
     return np.asarray(np.hypot(np.asarray(east, np.float64), np.asarray(north, np.float64)))
 
 
 def vector_from_bearing(speed: ArrayLike, direction: ArrayLike) -> tuple[Array, Array]:
-    """Components of a vector of given length pointing *to* a direction.
+    """East and north components (m s-1) of a vector of given length pointing *to* a direction.
 
-    Parameters
-    ----------
-    speed : array_like
-        m s-1.
-    direction : array_like
-        Radians clockwise from north.
-
-    Returns
-    -------
-    east, north : ndarrays
-        m s-1.
+    The direction is in radians clockwise from north.
     """
     length, angle = np.asarray(speed, np.float64), np.asarray(direction, np.float64)
     return np.asarray(length * np.sin(angle)), np.asarray(length * np.cos(angle))
 
 
 def wind_components(speed: ArrayLike, direction: ArrayLike) -> tuple[Array, Array]:
-    """Eastward and northward wind from its speed and the direction it blows from.
+    """Eastward and northward wind (m s-1) from its speed and the direction it blows *from*.
 
-    Parameters
-    ----------
-    speed : array_like
-        m s-1.
-    direction : array_like
-        Radians clockwise from north, *from*. Ignored (NaN allowed) where the speed is zero.
-
-    Returns
-    -------
-    eastward, northward : ndarrays
-        m s-1.
+    Radians clockwise from north; ignored (NaN allowed) where the speed is zero.
     """
     length, angle = np.asarray(speed, np.float64), np.asarray(direction, np.float64)
     east, north = vector_from_bearing(-length, angle)
+    # NaN times zero is NaN: a calm wind is zero whatever its direction says.
     calm = np.broadcast_to(length == 0.0, east.shape)
     return np.asarray(np.where(calm, 0.0, east)), np.asarray(np.where(calm, 0.0, north))
 
 
 def wind_from_direction(eastward: ArrayLike, northward: ArrayLike) -> tuple[Array, Array]:
-    """Speed of a wind and the direction it blows from.
+    """Speed of a wind (m s-1) and the direction it blows *from*.
 
-    Parameters
-    ----------
-    eastward, northward : array_like
-        m s-1.
-
-    Returns
-    -------
-    speed : ndarray
-        m s-1.
-    direction : ndarray
-        Radians in [0, 2 pi), *from*; NaN where calm.
+    Radians in [0, 2 pi); NaN where calm.
     """
     u, v = np.asarray(eastward, np.float64), np.asarray(northward, np.float64)
     return speed_of_vector(u, v), bearing(-u, -v)
@@ -195,23 +120,9 @@ def wind_from_direction(eastward: ArrayLike, northward: ArrayLike) -> tuple[Arra
 def air_vector(
     ground_east: ArrayLike, ground_north: ArrayLike, wind_east: ArrayLike, wind_north: ArrayLike
 ) -> tuple[Array, Array]:
-    """Air vector V_A = V_G - V_W.
+    """Air vector V_A = V_G - V_W, east and north (Jacobs et al. 2010, step b).
 
-    Parameters
-    ----------
-    ground_east, ground_north : array_like
-        Ground velocity, m s-1.
-    wind_east, wind_north : array_like
-        Wind, m s-1: the unit's own gives the air vector it used, the reference's the one implied.
-
-    Returns
-    -------
-    east, north : ndarrays
-        m s-1.
-
-    References
-    ----------
-    Jacobs et al. 2010, step b.
+    The unit's own wind gives the air vector it used, the reference's the one implied; m s-1.
     """
     east = np.asarray(ground_east, np.float64) - np.asarray(wind_east, np.float64)
     north = np.asarray(ground_north, np.float64) - np.asarray(wind_north, np.float64)
@@ -221,22 +132,15 @@ def air_vector(
 def angle_of_vector(
     from_east: ArrayLike, from_north: ArrayLike, to_east: ArrayLike, to_north: ArrayLike
 ) -> Array:
-    """Signed clockwise angle that turns the first vector onto the second's direction.
+    """Signed clockwise angle, radians in (-pi, pi], that turns the first vector onto the second.
 
-    Parameters
-    ----------
-    from_east, from_north, to_east, to_north : array_like
-        Components of the two vectors.
-
-    Returns
-    -------
-    ndarray
-        Radians in (-pi, pi]; NaN where either vector is zero. Exact near zero: made from the
-        cross and dot products, not from the difference of two bearings.
+    NaN where either vector is zero. Exact near zero: made from the cross and dot products, not
+    from the difference of two bearings.
     """
     a, b = np.asarray(from_east, np.float64), np.asarray(from_north, np.float64)
     c, d = np.asarray(to_east, np.float64), np.asarray(to_north, np.float64)
     turned = np.asarray(np.arctan2(c * b - d * a, c * a + d * b))
+    # arctan2 gives -pi for a cross product of -0: half a turn is positive here.
     turned = np.where(turned == -np.pi, np.pi, turned)
     none = ((a == 0.0) & (b == 0.0)) | ((c == 0.0) & (d == 0.0))
     return np.asarray(np.where(none, np.nan, turned))
@@ -248,7 +152,7 @@ def heading_error(
     implied_east: ArrayLike,
     implied_north: ArrayLike,
 ) -> Array:
-    """Heading error psi_err = wrap(arg V_A - arg V'_A).
+    """Heading error psi_err = wrap(arg V_A - arg V'_A), radians in (-pi, pi].
 
     Parameters
     ----------
@@ -260,8 +164,7 @@ def heading_error(
     Returns
     -------
     ndarray
-        Radians in (-pi, pi], positive when the compass reads too far clockwise; NaN where either
-        vector is zero.
+        Positive when the compass reads too far clockwise; NaN where either vector is zero.
 
     References
     ----------
@@ -276,17 +179,9 @@ def airspeed_error(
     implied_east: ArrayLike,
     implied_north: ArrayLike,
 ) -> Array:
-    """Airspeed error |V_A| - |V'_A|, the along-heading partner of the heading error.
+    """Airspeed error |V_A| - |V'_A| (m s-1), the along-heading partner of the heading error.
 
-    Parameters
-    ----------
-    air_east, air_north, implied_east, implied_north : array_like
-        As for `heading_error`, m s-1.
-
-    Returns
-    -------
-    ndarray
-        m s-1, positive when the unit's airspeed is too high.
+    Arguments as for `heading_error`; positive when the unit's airspeed is too high.
     """
     used = speed_of_vector(air_east, air_north)
     return np.asarray(used - speed_of_vector(implied_east, implied_north))
@@ -295,41 +190,16 @@ def airspeed_error(
 def wind_from_triangle(
     ground_east: ArrayLike, ground_north: ArrayLike, airspeed: ArrayLike, heading: ArrayLike
 ) -> tuple[Array, Array]:
-    """Wind a unit computes from ground velocity, true airspeed and heading.
+    """Eastward and northward wind a unit computes from ground velocity, airspeed and true heading.
 
-    Parameters
-    ----------
-    ground_east, ground_north : array_like
-        Ground velocity, m s-1.
-    airspeed : array_like
-        True airspeed, m s-1.
-    heading : array_like
-        Heading relative to true north, radians.
-
-    Returns
-    -------
-    eastward, northward : ndarrays
-        m s-1.
+    m s-1; the heading in radians.
     """
     east, north = vector_from_bearing(airspeed, heading)
     return air_vector(ground_east, ground_north, east, north)
 
 
 def along_cross(east: ArrayLike, north: ArrayLike, heading: ArrayLike) -> tuple[Array, Array]:
-    """Components of a vector along a heading and to its right.
-
-    Parameters
-    ----------
-    east, north : array_like
-        Components, any unit.
-    heading : array_like
-        Radians.
-
-    Returns
-    -------
-    along, cross : ndarrays
-        Same unit; cross is positive to the right of the heading.
-    """
+    """Components of a vector along a heading (radians) and to its right, in the vector's unit."""
     u, v = np.asarray(east, np.float64), np.asarray(north, np.float64)
     angle = np.asarray(heading, np.float64)
     sine, cosine = np.sin(angle), np.cos(angle)

@@ -36,7 +36,7 @@ for ordinary turns (standard rate, bank of 15 to 25 degrees at these speeds).
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,6 @@ from numpy.typing import NDArray
 from airswing.flags import ROLL
 from airswing.physics.atmosphere import GRAVITY
 from airswing.physics.triangle import wrap_signed
-
-__all__ = ["BesideTurns", "beside_turns"]
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -208,31 +206,15 @@ def _linked(legs: _Legs) -> Index:
 
 
 class _Window(NamedTuple):
-    """The legs around some reports; leg ``REACH`` is the one that begins at the report.
+    """The legs around some reports; leg ``REACH`` is the one that begins at the report."""
 
-    Attributes
-    ----------
-    there : (m, 4) bool
-    times : (m, 5) float
-        Of the fixes from the report's own, s; where there is none, a mean leg further.
-    base : (m,) float
-        Direction of a leg beside the report, rad.
-    off : (m, 4) float
-        Directions from there, turned through the legs between, rad.
-    weight : (m, 4) float
-        One over the variance of `off`; 0 where there is no leg.
-    speed : (m, 4) float
-        m s-1; 0 where there is no leg.
-    roll : (m, 5) int
-    """
-
-    there: Mask
-    times: Array
-    base: Array
-    off: Array
-    weight: Array
-    speed: Array
-    roll: Index
+    there: Mask  # (m, 4)
+    times: Array  # of the fixes from the report's own, (m, 5) s; a mean leg further where none is
+    base: Array  # direction of a leg beside the report, (m,) rad
+    off: Array  # directions from there, turned through the legs between, (m, 4) rad
+    weight: Array  # one over the variance of `off`, (m, 4); 0 where there is no leg
+    speed: Array  # (m, 4) m s-1; 0 where there is no leg
+    roll: Index  # (m, 5)
 
     @property
     def duration(self) -> Array:
@@ -297,6 +279,8 @@ class _Turns:
         nodes = window.times[:, :-1, None] + window.duration[:, :, None] * fraction
         nodes = np.concatenate([nodes.reshape(len(nodes), -1), window.times[:, -1:]], axis=1)
         first, last = np.triu_indices(nodes.shape[1], 1)
+        # Single precision: 136 hypotheses a report are the time of this file, and a
+        # thousandth of a leg is far below what begin and end are known to.
         nodes = nodes.astype(np.float32)
         self.begin, self.end = nodes[:, first], nodes[:, last]
         self.length = self.end - self.begin
@@ -307,7 +291,7 @@ class _Turns:
         return np.asarray(np.clip((at - self.begin) / self.length, 0.0, 1.0))
 
     @cached_property
-    def sums(self) -> list[tuple[Any, Any]]:
+    def sums(self) -> list[tuple[Single, Single]]:
         """Integral up to each fix of the part made, and of its square, each (m, h) s."""
         found = []
         for k in range(2 * REACH + 1):
@@ -353,6 +337,7 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
     sy = (weight * off).sum(axis=1)[:, None].astype(np.float32)
     syy = (weight * off**2).sum(axis=1)[:, None].astype(np.float32)
     sg, sgy = np.zeros_like(turns.begin), np.zeros_like(turns.begin)
+    # The prior of the turn is one more row of the least squares.
     sgg = np.full_like(turns.begin, 1.0 / TURN**2)
     for k in range(2 * REACH):
         share, own = turns.means(k)[0], weight[:, k : k + 1].astype(np.float32)
@@ -369,9 +354,12 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
     none = -0.5 * (syy - sy * sy / s + np.log(s))[:, 0] + np.log(_odds(window))
     flags = window.roll[:, REACH - 1 : REACH + 2] == ROLL["bad"]
     none = none + WRONG_FLAG * flags.sum(axis=1)
+    # Taken off before the exponential, which would underflow.
     best = np.maximum(log.max(axis=1), none)
     chance, nothing = np.exp(log - best[:, None]), np.exp(none - best)
     total = chance.sum(axis=1) + nothing
+    # The heading at the report is course before plus the part of the turn gone; a lattice step
+    # of begin and end leaves its uniform error, step^2 / 12.
     gone = turns.gone(REACH)
     step = (window.duration.max(axis=1, keepdims=True) / NODES).astype(np.float32)
     within = (gone > 0.0) & (gone < 1.0)
@@ -433,7 +421,7 @@ def _airspeed(window: _Window, turns: _Turns, fit: _Fitted) -> tuple[Array, Arra
     """
     turned = np.maximum(1.0 - fit.straight, 1e-6)
     total, share, doubt = (np.zeros(len(turned)) for _ in range(3))
-    lengths: list[Any] = []
+    lengths: list[Array] = []
     for k in (REACH - 1, REACH):
         mean, square = turns.means(k)
         short = 1.0 - 0.5 * fit.turn**2 * np.maximum(square - mean**2, 0.0)

@@ -31,13 +31,13 @@ from airswing.reports.averaging import averaged
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.derive import derive_flight, derive_phase, seconds_since_1970
 from airswing.reports.resolution import count_on_steps, resolutions
+from airswing.units import METRES_PER_DEGREE
 from airswing.vocabulary import describe
 
 FASTEST = 350.0
 """m/s over ground; two places farther apart than this allows are not one moment of a flight."""
 REPORTS_AT_ONCE = 500_000
 """Reports whose flights and phases are derived together (more where one aircraft has more)."""
-_METRES_PER_DEGREE = 111_195.0
 _SAME_PLACE = 1e-4  # degrees
 _TREND_GAP = 1200.0  # s: farther reports do not tell a climb from a descent
 _OUTPUT = (
@@ -248,7 +248,7 @@ def _drop_conflicts(columns: Columns, audit: Audit) -> None:
         later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
         north, east, _ = _apart(columns, later, later - 1)
         east = east * np.cos(np.radians(columns["latitude"][later]))
-        metres = np.hypot(north, east) * _METRES_PER_DEGREE
+        metres = np.hypot(north, east) * METRES_PER_DEGREE
         later = later[metres > FASTEST * _clock(columns["time"][later])]
         later = later[np.r_[True, np.diff(later) > 1][: later.size]]  # one of a chain at a time
         if not later.size:
