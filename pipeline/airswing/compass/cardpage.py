@@ -23,10 +23,8 @@ from matplotlib.ticker import MaxNLocator
 
 from airswing.compass.fit.sandwich import Array
 
-SIZE = (8.27, 5.83)
-"""Inches."""
-Box = tuple[float, float, float, float]
-"""Left, bottom, width and height, shares of the page."""
+SIZE = (8.27, 5.83)  # Inches
+Box = tuple[float, float, float, float]  # Left, bottom, width and height, shares of the page
 CARD_BOX: Box = (0.015, 0.545, 0.475, 0.385)
 NODE_BOX: Box = (0.015, 0.04, 0.475, 0.46)
 PANELS: tuple[Box, Box] = ((0.585, 0.525, 0.40, 0.405), (0.585, 0.055, 0.40, 0.405))
@@ -131,14 +129,8 @@ class CardPage:
 
         Parameters
         ----------
-        title, foot : str
         rows : two sequences of rows of str
             Of the card and of the table at its nodes.
-        curves : Curves
-
-        Returns
-        -------
-        matplotlib.figure.Figure
         """
         self._title.set_text(title)
         self._foot.set_text(foot)
@@ -225,12 +217,7 @@ def _key(figure: Figure) -> None:
 
 
 def refused_page(title: str, foot: str, why: str) -> Figure:
-    """A page that says why there is no card.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """A page that says why there is no card."""
     figure = Figure(figsize=SIZE)
     axes = figure.add_axes((*NODE_BOX[:2], NODE_BOX[2], CARD_BOX[1] + CARD_BOX[3] - NODE_BOX[1]))
     axes.axis("off")

@@ -60,7 +60,6 @@ def correction_error(at: At, curve_error: ArrayLike, coding: ArrayLike = 0.0) ->
 
     Parameters
     ----------
-    at : At
     curve_error : array_like, shape (n,)
         Standard error of what is taken off the heading, rad.
     coding : array_like, shape (n,)

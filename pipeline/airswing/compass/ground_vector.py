@@ -46,13 +46,12 @@ Index = NDArray[np.int64]
 FEWEST = 20
 """Reports below which an aircraft's column is not judged."""
 MAX_HEADING_DIFFERENCE = float(np.radians(1.5))
+# Radians: half a degree is what cutting instead of rounding to whole degrees causes.
 MAX_HEADING_BIAS = float(np.radians(0.6))
-"""Radians: half a degree is what cutting instead of rounding to whole degrees causes."""
 # m/s, each beside what the errors of both explain.
 MAX_AIRSPEED_DIFFERENCE = 3.0
 MAX_VECTOR_DIFFERENCE = 15.0
-MEDIAN_OF_NORMAL = 0.6745
-"""Median absolute value of a normal variable of unit variance."""
+MEDIAN_OF_NORMAL = 0.6745  # Median absolute value of a normal variable of unit variance
 
 
 class Evidence(NamedTuple):
@@ -87,7 +86,6 @@ def group_median(values: Array, group: Index, groups: int) -> Array:
     values : ndarray, shape (n,)
     group : ndarray of int, shape (n,)
         Group of each value, 0 to ``groups - 1``.
-    groups : int
 
     Returns
     -------

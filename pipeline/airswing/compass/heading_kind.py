@@ -26,8 +26,7 @@ from airswing.products.ragged import aircraft_of_report, blocks
 
 COMMON, OWN = 1.0, 0.7
 """Degrees: mean of a fleet's offsets as a standard deviation, and scatter between aircraft."""
-EVIDENCE = float(np.log(100.0))
-"""Log odds from which on it is said."""
+EVIDENCE = float(np.log(100.0))  # Log odds from which on it is said
 # Aircraft: of one alone an offset of its own is as likely.
 FEWEST = 2
 _WORDS = {

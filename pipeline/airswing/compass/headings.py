@@ -88,8 +88,8 @@ DERIVED = (
     "airspeed_error",
 )
 """What is added to reports and winds."""
+# Standard error of a heading of which nothing is known, rad.
 LARGEST_ERROR = float(np.pi / np.sqrt(3.0))
-"""Standard error of a heading of which nothing is known, rad."""
 _WIND_NAMES = ("reference_eastward_wind", "reference_northward_wind")
 
 
@@ -183,7 +183,6 @@ def with_columns(reports: xr.Dataset, winds: xr.Dataset, columns: Mapping[str, A
 
     Parameters
     ----------
-    reports, winds : Dataset
     columns : mapping of str to DataArray, or to (dims, values)
         Of :func:`derive_columns`.
     """

@@ -39,8 +39,8 @@ from airswing.vocabulary import VARIABLES
 __all__ = ["KeptHeadings", "Pieces", "Record", "cut", "marks_of"]
 
 _LOG = logging.getLogger("airswing.compass")
+# Columns whose numbers depend on other aircraft; what they say of a piece is hashed by itself.
 _OF_THE_FLEET = {"flight", "row_size", "aircraft"}
-"""Columns whose numbers depend on other aircraft; what they say of a piece is hashed by itself."""
 
 
 class Pieces(NamedTuple):
@@ -149,7 +149,6 @@ def marks_of(reports: xr.Dataset, winds: xr.Dataset, pieces: Pieces) -> list[str
     ----------
     reports, winds : Dataset
         As for :func:`airswing.compass.headings.derive_headings`, in memory.
-    pieces : Pieces
     """
     of_report, of_aircraft = _hashed_columns(reports, winds)
     tails = reports["aircraft"].to_numpy()

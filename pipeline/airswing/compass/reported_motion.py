@@ -60,7 +60,6 @@ def motion_of(reports: xr.Dataset, *, acceleration_density: float, widen: bool) 
 
     Parameters
     ----------
-    reports : Dataset
     acceleration_density : float
         How the ground velocity wanders between fixes, m2 s-3; see `airswing.physics.track`.
     widen : bool

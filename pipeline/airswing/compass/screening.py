@@ -38,14 +38,11 @@ from airswing.vocabulary import describe
 
 __all__ = ["audit", "screen"]
 
-MAX_INNOVATION = 40.0
-"""m s-1."""
-MAX_INNOVATION_SHARE = 1.0 / 3.0
-"""Of the airspeed."""
-AIRSPEEDS = (25.0, 350.0)
-"""m s-1: outside it no aircraft that reports winds flies."""
+MAX_INNOVATION = 40.0  # m s-1
+MAX_INNOVATION_SHARE = 1.0 / 3.0  # Of the airspeed
+AIRSPEEDS = (25.0, 350.0)  # m s-1: outside it no aircraft that reports winds flies
+# Of the ground speed: a single chord of two whole minutes has 0.27, of three 0.15.
 MAX_GROUND_VELOCITY_ERROR = 0.15
-"""Of the ground speed: a single chord of two whole minutes has 0.27, of three 0.15."""
 
 
 class Limits(TypedDict, total=False):

@@ -38,8 +38,8 @@ from airswing.vocabulary import describe
 NODES = np.arange(0.0, 360.0, 45.0)
 FINE = np.arange(0.5, 360.0, 1.0)
 """Headings at which curve and table are compared: the middles of 1-degree bins."""
+# Share of the weight that is spread evenly, so that empty sectors follow the curve.
 EVEN_SHARE = 0.05
-"""Share of the weight that is spread evenly, so that empty sectors follow the curve."""
 Sign = Literal["subtract_error", "add_error"]
 SIGNS: dict[str, float] = {"subtract_error": -1.0, "add_error": 1.0}
 
@@ -151,7 +151,6 @@ def heading_histogram(headings: xr.Dataset, *, abscissa: str = "magnetic") -> ND
 
     Parameters
     ----------
-    headings : Dataset
     abscissa : {"magnetic", "true"}
 
     Returns

@@ -128,7 +128,6 @@ def swing_card(fits: xr.Dataset, *, aircraft: str, reference: str | None = None)
     ----------
     fits : Dataset
         With tables.
-    aircraft : str
     reference : str, optional
         Whose fit; the first pool, else the first reference, when not given.
 

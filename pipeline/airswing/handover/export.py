@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["as_text", "export"]
 
-SHOWN = 5
-"""Files, and aircraft, named to a person."""
+SHOWN = 5  # Files, and aircraft, named to a person
 
 
 def export(

@@ -37,8 +37,8 @@ PRESSURE = "MetaData/pressure"
 COMPONENTS = ("windEastward", "windNorthward")
 COEFFICIENTS = "deviation_coefficients.csv"
 EVERY_STATION = "_"
+# Of a layer's variance: what is at least left to an aircraft better than the rest.
 LEAST_SHARE = 0.25
-"""Of a layer's variance: what is at least left to an aircraft better than the rest."""
 
 
 def write(request: Request) -> dict[str, Any]:

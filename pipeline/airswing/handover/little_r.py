@@ -46,10 +46,8 @@ from airswing.handover.records.record_files import (
 from airswing.handover.records.registry import ExportFormat, Request, register
 from airswing.handover.records.wind import speed_and_direction
 
-SLOWEST = 0.10001
-"""m/s: OBSPROC takes slower winds as missing."""
-LEAST_DIRECTION = 0.00101
-"""Degrees: OBSPROC takes smaller ones as missing."""
+SLOWEST = 0.10001  # m/s: OBSPROC takes slower winds as missing
+LEAST_DIRECTION = 0.00101  # Degrees: OBSPROC takes smaller ones as missing
 _NO_VALUE = "-888888.00000      0"
 _HEAD = (
     f"{'':20}{'':20}{'':40}{'':40}{'':40}{'':40}{'-888888.00000':>20}"

@@ -63,15 +63,14 @@ _HEAD = (
     " -888888.000 -88 200.00 -888888.000 -88  0.200\n"
 )
 _GAP = f"{'':11}"
+# Errors of what is not the wind are those of var/obsproc/obserr.txt: 200 Pa, 1 K, 10 %.
 _LEVEL = (
     f"{'':12}{0:4} 200.00{'':12}{0:4}{'':7}{'':12}{0:4}{'':7}{_GAP}"
     f" -888888.000 -88  10.00 -888888.000 -88   1.00 -888888.000 -88   1.00{_GAP}"
     " -888888.000 -88  10.00\n"
 )
-"""Errors of what is not the wind are those of var/obsproc/obserr.txt: 200 Pa, 1 K, 10 %."""
 _PRESSURE, _SPEED, _DIRECTION, _TEMPERATURE = 1, 24, 47, 104
-_QUALITY, _ERROR = 12, 16
-"""From a value's first column to those of its quality and its error."""
+_QUALITY, _ERROR = 12, 16  # From a value's first column to those of its quality and its error
 LEAST_ERROR, LARGEST_ERROR = 0.01, 999.99
 
 

@@ -45,10 +45,8 @@ from airswing.handover.records.record_files import (
 )
 from airswing.handover.records.registry import ExportFormat, Request, register
 
-HIGHEST = 8000.0
-"""Pa: at this pressure and above WRF takes no wind."""
-CALM = 0.001
-"""m/s; the smallest component the format can tell from none."""
+HIGHEST = 8000.0  # Pa: at this pressure and above WRF takes no wind
+CALM = 0.001  # m/s; the smallest component the format can tell from none
 _EARTH_RELATIVE = 129.0
 _HEAD = (
     f" {'':14}\n"
@@ -59,8 +57,7 @@ _HEAD = (
 _TIME, _PLACE, _NAMES, _KIND = line_starts(_HEAD)
 _LEVEL = " " + 6 * "-888888.000 -888888.000 " + "\n"
 _PRESSURE, _HEIGHT, _TEMPERATURE, _EAST, _NORTH, _HUMIDITY = range(2, 146, 24)
-_QUALITY = 12
-"""From a value's first column to its quality's."""
+_QUALITY = 12  # From a value's first column to its quality's
 
 
 def _too_high(rows: NDArray[np.void]) -> dict[str, NDArray[np.bool_]]:

@@ -34,13 +34,11 @@ if TYPE_CHECKING:
 LEVELS = (10, 20, 30, 40, 50, *range(100, 1101, 50))
 """hPa of the values of a wind table; two place holders follow."""
 FILE_NAME = "obserr.txt"
-GROSS_CHECK = 5.0
-"""Errors beyond which WRFDA rejects a component (``max_error_uv``)."""
+GROSS_CHECK = 5.0  # Errors beyond which WRFDA rejects a component (``max_error_uv``)
 _SECTION = re.compile(r"\b(\w+)\s+SENSOR ERRORS")
 _ROW = re.compile(r"((?:\s*-?\d+\.\d*){7})(\s*)(.*)", re.DOTALL)
 _A_LINE, _LINES = 7, 4
-_LARGEST = 90.0
-"""Degrees: a direction that is not known any better is not known."""
+_LARGEST = 90.0  # Degrees: a direction that is not known any better is not known
 
 
 def write(request: Request) -> dict[str, Any]:

@@ -45,7 +45,6 @@ class Judged:
 
     Parameters
     ----------
-    name : str
     reports : int
         Those that could be corrected.
     winds_a_day : float
@@ -160,14 +159,8 @@ def verdict(entry: Entry, judged: Judged | None) -> tuple[bool, str]:
 
     Parameters
     ----------
-    entry : Entry
     judged : Judged or None
         None where the archive does not have it.
-
-    Returns
-    -------
-    comes_off : bool
-    why : str
     """
     others = [name for name in entry.reasons if _of_wind(name) and name not in WIND_CRITERIA]
     if judged is None:

@@ -31,8 +31,7 @@ __all__ = ["airspeed_from_calibrated", "airspeed_from_mach"]
 
 Array = NDArray[np.float64]
 
-HEAT_RATIO = 1.4
-"""Ratio of the specific heats of air (ICAO Doc 7488/3)."""
+HEAT_RATIO = 1.4  # Ratio of the specific heats of air (ICAO Doc 7488/3)
 _POWER = HEAT_RATIO / (HEAT_RATIO - 1.0)  # 3.5
 
 

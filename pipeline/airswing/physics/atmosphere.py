@@ -31,10 +31,8 @@ STANDARD_PRESSURE = 101325.0
 """Pa at zero altitude (ICAO Doc 7488/3)."""
 STANDARD_TEMPERATURE = 288.15
 """K at zero altitude (ICAO Doc 7488/3)."""
-LAPSE_RATE = 0.0065
-"""K m-1 below the tropopause (ICAO Doc 7488/3)."""
-TROPOPAUSE_ALTITUDE = 11000.0
-"""Geopotential m (ICAO Doc 7488/3)."""
+LAPSE_RATE = 0.0065  # K m-1 below the tropopause (ICAO Doc 7488/3)
+TROPOPAUSE_ALTITUDE = 11000.0  # Geopotential m (ICAO Doc 7488/3)
 GRAVITY = 9.80665
 """m s-2, standard acceleration of free fall (ICAO Doc 7488/3)."""
 GAS_CONSTANT = 287.05287
@@ -43,10 +41,10 @@ GAS_CONSTANT = 287.05287
 TROPOPAUSE_TEMPERATURE = STANDARD_TEMPERATURE - LAPSE_RATE * TROPOPAUSE_ALTITUDE
 _EXPONENT = GRAVITY / (GAS_CONSTANT * LAPSE_RATE)
 _SCALE_HEIGHT = GAS_CONSTANT * TROPOPAUSE_TEMPERATURE / GRAVITY
+# Pa at 11 km: 22632 to five figures.
 TROPOPAUSE_PRESSURE = STANDARD_PRESSURE * (
     (TROPOPAUSE_TEMPERATURE / STANDARD_TEMPERATURE) ** _EXPONENT
 )
-"""Pa at 11 km: 22632 to five figures."""
 
 
 def pressure_from_altitude(altitude: ArrayLike) -> NDArray[np.float64]:

@@ -35,12 +35,10 @@ Integers = NDArray[np.int64]
 
 LIMIT = float(np.radians(5.0))
 """Bank at which the roll flag turns bad, rad."""
-LARGEST = float(np.radians(25.0))
-"""Bank of an ordinary turn at most, rad."""
-VISIBLE = float(np.radians(1.0))
-"""Bank above the noise of three fixes, rad."""
+LARGEST = float(np.radians(25.0))  # Bank of an ordinary turn at most, rad
+VISIBLE = float(np.radians(1.0))  # Bank above the noise of three fixes, rad
+# Turn between two chords up to which the arc is taken for a circle's, rad.
 WIDEST = float(np.radians(150.0))
-"""Turn between two chords up to which the arc is taken for a circle's, rad."""
 FEWEST = 30
 """Flagged reports below which the track alone is used."""
 

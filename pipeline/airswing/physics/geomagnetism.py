@@ -46,17 +46,14 @@ Array = NDArray[np.float64]
 
 STEP = 2.0
 """Degrees between nodes."""
-FIRST_LATITUDE = -89.0
-"""Degrees: no node on a pole, where east has no direction."""
+FIRST_LATITUDE = -89.0  # Degrees: no node on a pole, where east has no direction
 FIRST_LONGITUDE = -180.0
 # Nodes two degrees apart.
 ROWS, COLUMNS = 90, 180
-TILE = 10
-"""Nodes along each side of a tile."""
-TOP_HEIGHT = 16000.0
-"""Metres: the upper of the two height nodes; the lower is zero."""
+TILE = 10  # Nodes along each side of a tile
+TOP_HEIGHT = 16000.0  # Metres: the upper of the two height nodes; the lower is zero
+# Years of IGRF-14: its Gauss coefficients are linear in time between them.
 FIRST_EPOCH, LAST_EPOCH, EPOCH_STEP = 1900, 2030, 5
-"""Years of IGRF-14: its Gauss coefficients are linear in time between them."""
 BLOCK = 32768
 """Points interpolated at once: the working arrays then stay in the processor's cache."""
 _VALUES = 12  # 3 components x 2 heights x (value at the epoch, change to the next)

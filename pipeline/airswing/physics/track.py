@@ -55,16 +55,13 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-MAX_GROUND_SPEED = 400.0
-"""m s-1: above any aircraft that reports winds."""
-MAX_GAP = 1800.0
-"""Seconds: over half an hour an aircraft may have turned and turned back."""
+MAX_GROUND_SPEED = 400.0  # m s-1: above any aircraft that reports winds
+MAX_GAP = 1800.0  # Seconds: over half an hour an aircraft may have turned and turned back
 ACCELERATION_DENSITY = 0.02
 """m2 s-3 per component."""
+# Radians: a change of track by more, beyond three standard errors, is a turn.
 BEND = np.radians(5.0)
-"""Radians: a change of track by more, beyond three standard errors, is a turn."""
-ARMS = (1, 2, 3, 4, 6, 9, 13)
-"""Fixes a window may reach, each way."""
+ARMS = (1, 2, 3, 4, 6, 9, 13)  # Fixes a window may reach, each way
 
 _WGS84 = Geod(ellps="WGS84")
 

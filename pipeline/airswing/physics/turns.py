@@ -54,24 +54,20 @@ REACH = 2
 """Legs looked at on each side."""
 NODES = 4
 """Steps of a leg at which a turn may begin or end."""
+# Error of a leg's air vector beside that of its fixes: coded winds, gusts, airspeed; m s-1.
 WANDER = 0.7
-"""Error of a leg's air vector beside that of its fixes: coded winds, gusts, airspeed; m s-1."""
+# Change of direction between two legs, beyond three standard errors, that is a turn, rad.
 SEEN = float(np.radians(2.0))
-"""Change of direction between two legs, beyond three standard errors, that is a turn, rad."""
+# Median bank of a turn, and the spread of its logarithm.
 BANK, BANK_SPREAD = float(np.radians(12.0)), 0.7
-"""Median bank of a turn, and the spread of its logarithm."""
-FLAGGED = float(np.radians(5.0))
-"""Bank at which the roll flag turns bad, rad."""
-WRONG_FLAG = -3.0
-"""Logarithm of the odds that a roll flag is wrong."""
-TURN = float(np.radians(60.0))
-"""Standard deviation of turns, rad."""
+FLAGGED = float(np.radians(5.0))  # Bank at which the roll flag turns bad, rad
+WRONG_FLAG = -3.0  # Logarithm of the odds that a roll flag is wrong
+TURN = float(np.radians(60.0))  # Standard deviation of turns, rad
+# Odds that there is no turn, before the legs are looked at, within a flight and at its ends.
 STRAIGHT, STRAIGHT_AT_END = 1.0, 0.3
-"""Odds that there is no turn, before the legs are looked at, within a flight and at its ends."""
+# Part of the turn by which a leg, and the heading, differ from those of a constant rate.
 MISFIT, SHAPE = 0.02, 0.05
-"""Part of the turn by which a leg, and the heading, differ from those of a constant rate."""
-SHORTEST = 0.3
-"""Least length of a mean vector over the airspeed."""
+SHORTEST = 0.3  # Least length of a mean vector over the airspeed
 ROWS = 128
 """Reports worked on at a time: arrays that stay in the processor's cache."""
 

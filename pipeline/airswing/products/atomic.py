@@ -51,10 +51,6 @@ def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
     ------
     Path
         Where to write; removed where the block does not end well.
-
-    Raises
-    ------
-    OSError
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.part")

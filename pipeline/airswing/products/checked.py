@@ -16,10 +16,6 @@ SEAL = 16
 def digest(*octets: Any) -> bytes:
     """Checksum of some octets.
 
-    Parameters
-    ----------
-    *octets : bytes-like
-
     Returns
     -------
     bytes
@@ -45,10 +41,6 @@ def note(content: Any) -> str:
 
 def noted(text: str) -> Any:
     """Undo :func:`note`.
-
-    Returns
-    -------
-    object
 
     Raises
     ------

@@ -88,10 +88,6 @@ def shuffled(values: NDArray[Any]) -> NDArray[np.uint8]:
 def deflated(octets: NDArray[np.uint8]) -> bytes:
     """Octets as a deflate stream.
 
-    Parameters
-    ----------
-    octets : array of uint8
-
     Returns
     -------
     bytes

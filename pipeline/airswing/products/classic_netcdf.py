@@ -20,11 +20,10 @@ from typing import BinaryIO
 
 from airswing.errors import InputError
 
+# Octets of a value by type.
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 8, 7: 1, 8: 2, 9: 4, 10: 8, 11: 8}
-"""Octets of a value by type."""
 _DIMENSION, _VARIABLE, _ATTRIBUTE = 10, 11, 12
-_MOST = 100_000
-"""Entries of a list; no file has as many."""
+_MOST = 100_000  # Entries of a list; no file has as many
 # Octets: the last variable may stand without its padding to a multiple of four.
 _PADDING = 3
 # Number of records of a file whose writer did not come to say it.
@@ -42,11 +41,6 @@ def require_whole(path: Path) -> None:
     ----------
     path : Path
         Any file; those of another kind pass.
-
-    Raises
-    ------
-    InputError
-    OSError
     """
     size = os.stat(path).st_size
     with path.open("rb") as file:

@@ -143,7 +143,6 @@ class _Runs:
 
     Parameters
     ----------
-    months : sequence of Dataset
     aircraft : array of str, optional
         Further ones.
     """
@@ -181,7 +180,6 @@ class _Joined(BackendArray):
     ----------
     parts : list of Variable, shape (..., report)
         Of each month.
-    runs : _Runs
     add : array of int, shape (month,), optional
         What is added to the values of each month.
     """

@@ -86,8 +86,8 @@ STORED_STEP = {
 unit: about a thousandth of a degree or of a metre a second, far below what they are known to. The
 bits so left zero halve the file. What was reported is written as it came."""
 
+# Those of them that run from 0 to, but not including, 360 degrees.
 DIRECTIONS = ("heading", "magnetic_heading", "track")
-"""Those of them that run from 0 to, but not including, 360 degrees."""
 
 
 def write_product(
@@ -105,8 +105,6 @@ def write_product(
     ----------
     ds : Dataset
         Every variable must be in the vocabulary.
-    path : Path
-    title : str
     config_json : str, optional
         The configuration the product was made with, as JSON.
     sources : sequence of str, optional
@@ -203,7 +201,6 @@ def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
 
     Parameters
     ----------
-    path : Path
     lazy : bool, default False
         Read a variable, or the part of it asked for, each time it is looked at, and keep nothing
         (see :mod:`airswing.products.ragged`); else read everything and close the file.
@@ -326,7 +323,6 @@ def encoding_of(variable: xr.DataArray, sizes: Mapping[Any, int] | None = None) 
 
     Parameters
     ----------
-    variable : DataArray
     sizes : mapping of str to int, optional
         Of its dimensions in the file, where it is written in parts.
 

@@ -44,11 +44,6 @@ def require_openable(path: Path) -> None:
     ----------
     path : Path
         Files of another kind pass.
-
-    Raises
-    ------
-    InputError
-    OSError
     """
     with path.open("rb") as file:
         if file.read(len(_SIGNATURE)) != _SIGNATURE:

@@ -44,7 +44,6 @@ def aircraft_groups(row_size: NDArray[Any], limit: int = BLOCK_REPORTS) -> list[
     Parameters
     ----------
     row_size : array of int, shape (aircraft,)
-    limit : int
 
     Returns
     -------
@@ -100,10 +99,6 @@ def time_span(ds: xr.Dataset) -> tuple[np.datetime64, np.datetime64]:
     ----------
     ds : Dataset
         With at least one report.
-
-    Returns
-    -------
-    first, last : datetime64
     """
     times = [part["time"].to_numpy() for part in blocks(ds, ["time"]) if part.sizes["report"]]
     return min(time.min() for time in times), max(time.max() for time in times)

@@ -41,7 +41,6 @@ def ragged_writer(
 
     Parameters
     ----------
-    path : Path
     reports, aircraft : int
         Of all blocks together.
     carried : Dataset, optional
@@ -105,8 +104,6 @@ class RaggedWriter:
 
     Parameters
     ----------
-    path : Path
-    reports, aircraft : int
     carried : Dataset, optional
         As for :func:`ragged_writer`.
 

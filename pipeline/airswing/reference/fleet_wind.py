@@ -35,16 +35,13 @@ from airswing.products.ragged import aircraft_of_report
 __all__ = ["fleet_wind", "write_fleet_wind"]
 
 Floats = NDArray[np.float64]
-STEPS = (0.7, 1.1, 0.15, 1800.0)
-"""Node distances: degrees of latitude and longitude, ln p, s."""
+STEPS = (0.7, 1.1, 0.15, 1800.0)  # Node distances: degrees of latitude and longitude, ln p, s
 # Of one fit: the equations of all nodes and aircraft are solved together.
 MOST_NODES, MOST_REPORTS = 2500, 100_000
-BEND = 6.0
-"""Weight of a bend: m/s of wind error that a second difference of 1 m/s stands for."""
+BEND = 6.0  # Weight of a bend: m/s of wind error that a second difference of 1 m/s stands for
 # What is expected of an aircraft: offset of its compass in radians, scale of its airspeed.
 OFFSET_SPREAD, SCALE_SPREAD = np.radians(2.0), 0.01
-NOISE = 4.0
-"""m/s: a report's error about the field, gusts and all."""
+NOISE = 4.0  # m/s: a report's error about the field, gusts and all
 # Standard errors from which on a report weighs less, and how often that is judged again.
 HUBER, ROUNDS = 1.5, 4
 FEWEST_AIRCRAFT = 5

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from airswing.vocabulary import describe
 
-STRETCH_REPORTS = 250_000
-"""Reports collocated at a time."""
+STRETCH_REPORTS = 250_000  # Reports collocated at a time
 PLACE = np.dtype([("time", "M8[ns]"), ("latitude", "f8"), ("longitude", "f8"), ("pressure", "f4")])
 _HOUR = 3_600_000_000_000  # ns
 
@@ -113,7 +112,6 @@ class Places:
 
         Parameters
         ----------
-        number : int
         winds : Dataset
             Dims (reference, report), reports in the order of :meth:`reports`.
         """

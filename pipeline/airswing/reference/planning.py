@@ -111,7 +111,6 @@ def schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = F
 
     Parameters
     ----------
-    points : Points
     valid : (time,) int array, ns since 1970, increasing
     max_time_gap : float
         Longest time between two bracketing valid times, s.
@@ -147,7 +146,6 @@ class Plan:
 
     Parameters
     ----------
-    reference : str
     model_times, messages, bytes : int
         Model times and messages to read; their octets as stored.
     sparse_messages : int
@@ -199,7 +197,6 @@ def plan(
     ----------
     reports : Dataset
         With `time`, `latitude`, `longitude` (degrees), `pressure` (Pa) by ``report``.
-    catalogues : mapping of str to Catalogue or Dataset
     max_time_gap : float
         Longest time between two bracketing valid times, s.
     derivatives, sparse : bool
@@ -226,7 +223,6 @@ class Need:
         Model times with reports around them.
     finished : (time,) bool array
         Those of them that need not be read again.
-    reports, matched, without_time, outside_grid, outside_levels : int
     first, last : int
         Times of the reports, ns since 1970.
     box : list of float
@@ -259,10 +255,6 @@ class Need:
 
         Parameters
         ----------
-        points : Points
-        catalogue : Catalogue
-        max_time_gap : float
-        derivatives : bool
         finished : callable, optional
             Whether a model time (with the latitudes, longitudes and pressures of the reports
             around it) was finished by an earlier run; nothing was by default.
@@ -321,10 +313,8 @@ class Need:
 
         Parameters
         ----------
-        reference : str
         catalogue : Catalogue
             The one the need was found with.
-        sparse : bool
         left : bool, default False
             Count only what is not finished.
         """

@@ -116,7 +116,6 @@ def sample_model_time(
 
     Parameters
     ----------
-    model : ModelTime
     latitude, longitude : (n,) float arrays, degrees
     pressure : (n,) float array, Pa
     sparse : bool

@@ -42,6 +42,7 @@ from airswing.reference.packing import (
 
 Floats = NDArray[np.float64]
 
+# What the values of a sample depend on.
 _MODULES = (
     grids,
     simple_packing,
@@ -60,14 +61,13 @@ _MODULES = (
     chunk_reading,
     gridded_sampling,
 )
-"""What the values of a sample depend on."""
 _BEGUN = "begun"
 _HEADER_BYTES = 256
+# What `numpy.save` writes before a table of doubles.
 _HEADER = re.compile(
     rb"\x93NUMPY.{4}\{'descr': '<f8', 'fortran_order': False, 'shape': \((\d+), (\d+)\), \} *\n",
     re.S,
 )
-"""What `numpy.save` writes before a table of doubles."""
 _LOG = logging.getLogger("airswing.reference")
 
 

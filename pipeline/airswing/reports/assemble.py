@@ -34,10 +34,10 @@ from airswing.reports.resolution import count_on_steps, resolutions
 from airswing.units import METRES_PER_DEGREE
 from airswing.vocabulary import describe
 
+# m/s over ground; two places farther apart than this allows are not one moment of a flight.
 FASTEST = 350.0
-"""m/s over ground; two places farther apart than this allows are not one moment of a flight."""
+# Reports whose flights and phases are derived together (more where one aircraft has more).
 REPORTS_AT_ONCE = 500_000
-"""Reports whose flights and phases are derived together (more where one aircraft has more)."""
 _SAME_PLACE = 1e-4  # degrees
 _TREND_GAP = 1200.0  # s: farther reports do not tell a climb from a descent
 _OUTPUT = (
@@ -71,7 +71,6 @@ class Block(NamedTuple):
         Flights numbered from 0 within the block; no resolutions yet.
     counts : dict of array
         Of :func:`airswing.reports.resolution.count_on_steps`.
-    flights : int
     """
 
     reports: xr.Dataset
@@ -178,14 +177,8 @@ def in_alphabetical_order(
 
     Parameters
     ----------
-    labels : sequence of str
     codes : array of int
         Numbers of ``labels``.
-
-    Returns
-    -------
-    labels : array of str
-    codes : array of int32
     """
     names = np.array(list(labels), dtype=object)
     order = np.argsort(names)

@@ -23,8 +23,7 @@ from airswing.reports.canonical.audit import Audit
 
 __all__ = ["STRAIGHT", "averaged"]
 
-STRAIGHT = 10.0
-"""Degrees of heading within which an interval counts as straight."""
+STRAIGHT = 10.0  # Degrees of heading within which an interval counts as straight
 _MEANS = (
     "latitude",
     "pressure",

@@ -28,20 +28,15 @@ from numpy.typing import NDArray
 from airswing.flags import PHASE
 from airswing.units import EARTH_RADIUS
 
-LABELLED_GAP = 6 * 3600.0
-"""s that one flight number may fall silent."""
-UNLABELLED_GAP = 45 * 60.0
-"""s of silence that end a flight without a number."""
-STOP_TIME, STOP_SPEED = 600.0, 40.0
-"""s and m/s: slower than this for longer is a ground stop."""
+LABELLED_GAP = 6 * 3600.0  # s that one flight number may fall silent
+UNLABELLED_GAP = 45 * 60.0  # s of silence that end a flight without a number
+STOP_TIME, STOP_SPEED = 600.0, 40.0  # s and m/s: slower than this for longer is a ground stop
+# m and m/s: farther and faster than this is another aircraft or a broken position.
 JUMP_DISTANCE, JUMP_SPEED = 50_000.0, 400.0
-"""m and m/s: farther and faster than this is another aircraft or a broken position."""
+# m/s: 300 ft/min begins an ascent or descent, 150 ft/min ends it.
 ENTER_RATE, LEAVE_RATE = 1.524, 0.762
-"""m/s: 300 ft/min begins an ascent or descent, 150 ft/min ends it."""
-NEAREST, FARTHEST = 30.0, 1200.0
-"""s: how far the neighbours of a climb rate may be."""
-LOWEST_CRUISE = 609.6
-"""m pressure altitude, 2,000 ft."""
+NEAREST, FARTHEST = 30.0, 1200.0  # s: how far the neighbours of a climb rate may be
+LOWEST_CRUISE = 609.6  # m pressure altitude, 2,000 ft
 
 
 def seconds_since_1970(time: NDArray[np.datetime64]) -> NDArray[np.float64]:

@@ -35,7 +35,6 @@ def reports_summary(
 
     Parameters
     ----------
-    path : str or path
     format : {"auto", "csv", "parquet", "madis", "bufr"}, default "auto"
     columns : mapping, optional
         As in :func:`airswing.reports.read.read_reports`.

@@ -25,6 +25,7 @@ Format = str
 """``auto``, or the name of a registered format."""
 Policy = Literal["skip", "fail"]
 
+# What libraries raise on octets that contradict each other.
 _DAMAGE = (
     ArithmeticError,
     AttributeError,
@@ -34,16 +35,10 @@ _DAMAGE = (
     TypeError,
     ValueError,
 )
-"""What libraries raise on octets that contradict each other."""
 
 
 def require_format(format: str) -> None:
-    """Refuse a format that is not known.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a format that is not known."""
     known = ("auto", *formats())
     if format not in known:
         raise InputError(
@@ -89,8 +84,6 @@ def file_frames(path: Path, format: str, mapping: Mapped, audit: Audit) -> Itera
 
     Parameters
     ----------
-    path : Path
-    format : str
     mapping : mapping
         Of :func:`airswing.reports.canonical.columns.parse_mapping`.
     audit : Audit
@@ -152,10 +145,6 @@ def _pieces(kind: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd
 
 def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
     """Paths that names and globs stand for.
-
-    Parameters
-    ----------
-    files : str, path, or iterable of them
 
     Returns
     -------

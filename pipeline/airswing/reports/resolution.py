@@ -62,8 +62,7 @@ DIRECTION_STEPS: tuple[Step, ...] = tuple(
 )
 """degrees"""
 
-SHARE = 0.9
-"""Share of values that must lie on a lattice."""
+SHARE = 0.9  # Share of values that must lie on a lattice
 FEWEST = 5
 """Values below which an aircraft's own lattice is not looked for."""
 # Reports of an aircraft, evenly over its archive: a step shows in far fewer.
@@ -86,7 +85,6 @@ def lattice_step(
         NaN is left out.
     group : array of int, shape (n,)
         Group of each value, 0 to ``groups - 1``.
-    groups : int
     steps : tuple of (step, tolerance)
         Coarse to fine, in the unit of ``values``.
     fewest : int
@@ -100,13 +98,13 @@ def lattice_step(
     return _coarsest(_on_steps(values, group, groups, steps), steps, fewest)
 
 
+# Steps looked for, and what stands in where no aircraft tells one.
 _FIELDS: dict[str, tuple[tuple[Step, ...], float]] = {
     "position_resolution": (POSITION_STEPS, 0.01),
     "time_resolution": (TIME_STEPS, 60.0),
     "wind_speed_resolution": (SPEED_STEPS, KNOT),
     "wind_direction_resolution": (DIRECTION_STEPS, 1.0),
 }
-"""Steps looked for, and what stands in where no aircraft tells one."""
 
 
 def count_on_steps(

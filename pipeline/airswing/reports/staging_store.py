@@ -76,7 +76,6 @@ class Segment(NamedTuple):
 
     Parameters
     ----------
-    rows : array of `ROW`, or Path
     tails, flights : list of str
         In alphabetical order.
     stop : list of int

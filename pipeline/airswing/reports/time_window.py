@@ -20,7 +20,6 @@ class Between(Spool):
 
     Parameters
     ----------
-    whole : Spool
     start, stop : datetime64
         The second is not in it.
 

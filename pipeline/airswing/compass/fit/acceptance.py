@@ -39,15 +39,14 @@ from airswing.compass.fleet.solution import solve_fleet
 from airswing.flags import STATUS
 
 MAX_CONDITION = 12.0
-MAX_STANDARD_ERROR = 1.5
-"""Degrees: a coefficient less certain than this is not published."""
+MAX_STANDARD_ERROR = 1.5  # Degrees: a coefficient less certain than this is not published
+# The halves of the period disagree if their curves differ by this much (degrees rms) and by this
+# much more than chance.
 HALVES_RMS, HALVES_CHI2 = 1.0, 25.0
-"""The halves of the period disagree if their curves differ by this much (degrees rms) and by this
-much more than chance."""
 REGIONS = "shared_error_regions"
 """Attribute of fits whose shared error was worked in more regions than one."""
+# Reports of trusted fits below which the reference's shared error is left alone.
 LEAST_REPORTS = 500
-"""Reports of trusted fits below which the reference's shared error is left alone."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,6 @@ def condition_number(normal: Array, harmonics: int) -> float:
     ----------
     normal : array, shape (p, p)
         Normal matrix with A, B, C, D, E first.
-    harmonics : int
 
     Returns
     -------
@@ -149,10 +147,8 @@ def publish(aircraft: list[AircraftSums], members: int, options: Options) -> xr.
 
     Parameters
     ----------
-    aircraft : list of AircraftSums
     members : int
         References in the pool.
-    options : Options
 
     Returns
     -------

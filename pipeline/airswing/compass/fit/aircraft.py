@@ -48,12 +48,12 @@ from airswing.units import Picked
 
 THIN, MIDDLE = 1000, 4000
 """Reports a start takes: first to find the place, then to be near enough for one full pass."""
+# Standard errors of the sample (reports taken as independent) that end a start: Newton's step with
+# robust weights leaves two or three hundredths of itself, less than the sample is off.
 START_STEP = 15.0
-"""Standard errors of the sample (reports taken as independent) that end a start: Newton's step with
-robust weights leaves two or three hundredths of itself, less than the sample is off."""
+# Standard errors (clustered) that end the full passes: the estimate is settled to a tenth of its
+# error or better.
 FINAL_STEP = 3.0
-"""Standard errors (clustered) that end the full passes: the estimate is settled to a tenth of its
-error or better."""
 # Bounds alone: steps on few reports and passes over all end as soon as a step is small.
 START_STEPS, PASSES = 25, 12
 ENOUGH = 2e-6

@@ -85,7 +85,6 @@ def choose_cycles(statistic: float, clusters: int) -> int:
     ----------
     statistic : float
         From :func:`cycles_statistic`.
-    clusters : int
 
     Returns
     -------
@@ -132,7 +131,6 @@ def choice_covariance(shift: Array, covariance: Array, statistic: float) -> Arra
         Two-cycle estimate minus the published one.
     covariance : array, shape (p, p)
         Of the two-cycle estimate.
-    statistic : float
 
     Returns
     -------

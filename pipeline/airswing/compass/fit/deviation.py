@@ -57,10 +57,10 @@ from airswing.products.ragged import blocks
 from airswing.vocabulary import describe
 
 COEFFICIENTS = ("A", "B", "C", "D", "E")
+# Tasks the aircraft are shared between, where there are more of them than that: a task graph costs
+# half an aircraft's fit. They run one after the other: the kernel's blocks are so short that
+# threads spend more on the interpreter's lock than they gain.
 CHUNKS = 8
-"""Tasks the aircraft are shared between, where there are more of them than that: a task graph costs
-half an aircraft's fit. They run one after the other: the kernel's blocks are so short that threads
-spend more on the interpreter's lock than they gain."""
 _NEEDED = (
     "heading",
     "magnetic_heading",
@@ -77,8 +77,7 @@ _NEEDED = (
     "pressure",
 )
 _FIRST = np.datetime64("1970-01-01", "s")
-_USEFUL = ("horizontal_field",)
-"""Read where they are there."""
+_USEFUL = ("horizontal_field",)  # Read where they are there
 FITTED_FROM = (*_NEEDED, *_USEFUL)
 """Variables a fit reads."""
 

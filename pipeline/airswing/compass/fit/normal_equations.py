@@ -48,16 +48,16 @@ from airswing.compass.fleet.flight_segments import ROWS, SLOPES
 COMPASS = 5
 """A, B, C, D, E come first in every parameter vector, then s, then b_u, b_v a reference."""
 LOCAL = COMPASS + 3
+# Tukey's constants: 95 % efficiency for a normal vector (2-D) and scalar residual.
 CUT_2D, CUT_1D = 5.0, 4.685
-"""Tukey's constants: 95 % efficiency for a normal vector (2-D) and scalar residual."""
 MEDIAN_CHI2 = 0.4549
 
+# A to E of what a block holds: 1, g sin m, g cos m, sin m cos m and sin2 m.
 _BASIS = np.array(
     [[1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 2, 0], [1, 0, 0, 0, -2.0]]
 )
-"""A to E of what a block holds: 1, g sin m, g cos m, sin m cos m and sin2 m."""
+# Every parameter of a block's rows: across; along; of its scores, along and across together.
 _CROSS, _ALONG, _SCORE = np.zeros((LOCAL, 7)), np.zeros((LOCAL, 3)), np.zeros((LOCAL, LOCAL))
-"""Every parameter of a block's rows: across; along; of its scores, along and across together."""
 _CROSS[:COMPASS, :COMPASS] = _BASIS
 _CROSS[[6, 7], [6, 5]] = 1.0, -1.0
 _ALONG[[5, 6, 7], [0, 1, 2]] = 1.0

@@ -137,7 +137,6 @@ class Reports:
 
         Parameters
         ----------
-        keep : slice
         room : array of float32, shape (8, as many reports), optional
             Where to put them: new memory costs more than the work.
         """

@@ -40,14 +40,12 @@ from airswing.compass.fit.sandwich import Array
 MIN_FLIGHTS = 5
 STRETCH = np.timedelta64(120, "s")
 """Length of a cluster within a flight where there are too few flights."""
-FEWEST_CURVES = 3
-"""Aircraft with curves that tell how large a cycle is."""
+FEWEST_CURVES = 3  # Aircraft with curves that tell how large a cycle is
+# Radians: rms amplitude of one and of two cycles, the sample fleets' and the published tables'.
 USUAL_CYCLE = (np.radians(3.0), np.radians(1.0))
-"""Radians: rms amplitude of one and of two cycles, the sample fleets' and the published tables'."""
-FEWEST_AIRCRAFT = 6
-"""Aircraft whose along-track errors tell the scatter of the reference's."""
+FEWEST_AIRCRAFT = 6  # Aircraft whose along-track errors tell the scatter of the reference's
+# m/s: scatter of a reference's bias between aircraft where the archive cannot tell it.
 USUAL_BIAS = 0.5
-"""m/s: scatter of a reference's bias between aircraft where the archive cannot tell it."""
 HALVES_APART, HALVES_CHI2 = np.radians(1.0), 18.7
 """More than this between the halves of the period is a compass that changed: as for curves, whose
 chi-square of 25 on three degrees of freedom is as rare as this on one."""

@@ -28,8 +28,8 @@ from airswing.compass.fit.aircraft import AircraftFit
 from airswing.compass.fit.normal_equations import COMPASS
 from airswing.compass.fit.sandwich import Array
 
+# Between-aircraft scatter of the reference bias that is considered, m/s.
 TAU_GRID = np.linspace(0.0, 3.0, 61)
-"""Between-aircraft scatter of the reference bias that is considered, m/s."""
 FIRST_BIAS = COMPASS + 1
 
 

@@ -54,7 +54,6 @@ class Columns:
 
         Parameters
         ----------
-        aircraft : int
         members : list of int
             References that are in use.
 

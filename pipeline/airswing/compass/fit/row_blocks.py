@@ -110,9 +110,7 @@ def fill(obs: Observations, theta: Array, joint: bool, rows: Rows) -> None:
 
     Parameters
     ----------
-    obs : Observations
     theta : array, shape (8,)
-    joint : bool
     rows : Rows
         Filled but for the products with the airspeed and the weights.
     """

@@ -34,7 +34,6 @@ def group_sums(values: Array, group: Index, groups: int) -> Array:
     values : array, shape (n, ...)
     group : array of int, shape (n,)
         0 .. groups - 1.
-    groups : int
 
     Returns
     -------
@@ -111,7 +110,6 @@ def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> A
         Weighted normal matrix of all.
     normals : array, shape (g, p, p), optional
         As in :func:`influences`.
-    clusters : int
 
     Returns
     -------

@@ -25,8 +25,8 @@ from airswing.handover.forecasts.kalman import kalman_bias, known_before, runnin
 METHODS = ("raw", "kalman", "running_mean")
 # Of the variances of model and observation; the best on past days is taken, or none at all.
 RATIOS = (0.005, 0.01, 0.02, 0.04, 0.06, 0.1, 0.2, 0.4)
+# Optimum of Delle Monache et al. 2008 (J. Geophys. Res. 113, D16310), where none can be chosen.
 USUAL_RATIO = 0.06
-"""Optimum of Delle Monache et al. 2008 (J. Geophys. Res. 113, D16310), where none can be chosen."""
 FEWEST_DAYS = 14
 """Training days below which a ratio cannot be chosen."""
 LEAST = {"wind_speed": 0.0}

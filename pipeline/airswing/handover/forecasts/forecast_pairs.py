@@ -36,6 +36,7 @@ PLACES = {
     "longitude": ("longitude", "lon"),
     "altitude": ("altitude", "elev", "elevation"),
 }
+# Short names of variables; any other name is kept.
 KNOWN = {
     "t": "air_temperature",
     "t2m": "air_temperature",
@@ -50,7 +51,6 @@ KNOWN = {
     "ff": "wind_speed",
     "ws": "wind_speed",
 }
-"""Short names of variables; any other name is kept."""
 _KEYS = ["variable", "station", TIME, "lead"]
 
 
@@ -65,7 +65,6 @@ def pairs_from_tables(
 
     Parameters
     ----------
-    files : sequence of Path
     columns : mapping of str to str, optional
         Their names to ours: ``station, start, lead (h), time (valid), variable, forecast,
         observation, latitude, longitude``; usual names are known.

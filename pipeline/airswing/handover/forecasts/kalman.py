@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+# Of the second filter: how the noise's variance wanders, and how one sample of it scatters.
 VARIANCE_OF_NOISE_CHANGE, VARIANCE_OF_NOISE_SAMPLE = 0.0005, 1.0
-"""Of the second filter: how the noise's variance wanders, and how one sample of it scatters."""
-_SERIES_AT_ONCE = 2048
-"""So many that a day's numbers stay in the processor's cache."""
+_SERIES_AT_ONCE = 2048  # So many that a day's numbers stay in the processor's cache
 
 
 def kalman_bias(errors: Floats, ratio: Floats | float) -> Floats:

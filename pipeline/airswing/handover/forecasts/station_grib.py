@@ -34,8 +34,8 @@ from airswing.reference.packing.simple_packing import UnreadableMessageError
 
 Floats = NDArray[np.float64]
 _WANTED = {("2t", 2): "air_temperature", ("10u", 10): "u", ("10v", 10): "v"}
+# Category and number of temperature, u and v in discipline 0 of GRIB2.
 _NUMBERS = {(0, 0), (2, 2), (2, 3)}
-"""Category and number of temperature, u and v in discipline 0 of GRIB2."""
 _HEADER = ["shortName", "level", "stepType", "dataDate", "dataTime", "validityDate", "validityTime"]
 _POSSIBLE = {"air_temperature": (150.0, 350.0), "u": (-150.0, 150.0), "v": (-150.0, 150.0)}
 # No model has as many: such a count is damage, and would take the memory.

@@ -29,6 +29,7 @@ from airswing.handover.forecasts.station_table import (
 )
 from airswing.units import KNOT, ZERO_CELSIUS
 
+# Our column, in lower case: variable, factor and offset to SI units.
 _COLUMNS = {
     "air_temperature_k": ("air_temperature", 1.0, 0.0),
     "temperature_k": ("air_temperature", 1.0, 0.0),
@@ -40,7 +41,6 @@ _COLUMNS = {
     "eastward_wind_m_s": ("eastward_wind", 1.0, 0.0),
     "northward_wind_m_s": ("northward_wind", 1.0, 0.0),
 }
-"""Our column, in lower case: variable, factor and offset to SI units."""
 _RANGE = {
     "air_temperature": (150.0, 350.0),
     "wind_speed": (0.0, 150.0),

@@ -29,7 +29,6 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
 
     Parameters
     ----------
-    path : Path
     columns : mapping of str to str
         Their names to ours; others keep theirs, in lower case.
 
@@ -105,8 +104,6 @@ def column(table: pd.DataFrame, names: Sequence[str], *, file: Path) -> pd.Serie
 
     Parameters
     ----------
-    table : DataFrame
-    names : sequence of str
     file : Path
         For the message.
 
@@ -127,16 +124,7 @@ def column(table: pd.DataFrame, names: Sequence[str], *, file: Path) -> pd.Serie
 
 
 def numbers(values: Iterable[object]) -> NDArray[np.float64]:
-    """Read numbers; NaN where missing, absurd or none.
-
-    Parameters
-    ----------
-    values : iterable of str
-
-    Returns
-    -------
-    array of float
-    """
+    """Read numbers; NaN where missing, absurd or none."""
     series = pd.Series(list(values), dtype=object).map(lambda text: str(text).strip())
     read = pd.to_numeric(series.where(~series.isin(_MISSING)), errors="coerce")
     found = read.to_numpy(dtype=np.float64)
@@ -145,10 +133,6 @@ def numbers(values: Iterable[object]) -> NDArray[np.float64]:
 
 def times(values: Iterable[object]) -> NDArray[np.datetime64]:
     """Read times in UTC: ISO 8601, yyyymmdd[HH[MM[SS]]] or seconds since 1970.
-
-    Parameters
-    ----------
-    values : iterable of str
 
     Returns
     -------

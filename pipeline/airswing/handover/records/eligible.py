@@ -56,19 +56,14 @@ NEEDED = (
 )
 """Variables looked at, where they are there."""
 _REQUIRED = ("time", "latitude", "longitude", "screening", "phase", "flight")
-_POLE = 89.999
-"""Degrees: nearer to a pole a wind has no direction a reader could turn."""
+_POLE = 89.999  # Degrees: nearer to a pole a wind has no direction a reader could turn
+# s since 1970: OBSPROC knows years that begin with 19 or 20.
 _CENTURIES = tuple(int(np.datetime64(year, "s").astype(np.int64)) for year in ("1900", "2100"))
-"""s since 1970: OBSPROC knows years that begin with 19 or 20."""
 _AS_CORRECTED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
 
 
 def winds_of(request: Request) -> tuple[str, str]:
     """Names of the wind components to hand over.
-
-    Returns
-    -------
-    east, north : str
 
     Raises
     ------
@@ -100,7 +95,6 @@ def eligible_rows(
     ----------
     block : Dataset
         Some whole aircraft, in memory.
-    request : Request
     first_aircraft : int
         Number of the block's first aircraft in the archive.
     left_out : Counter

@@ -27,7 +27,6 @@ def lines_of(template: str, count: int) -> Lines:
     ----------
     template : str
         ASCII; several lines with a newline each where a record has several.
-    count : int
 
     Returns
     -------
@@ -67,7 +66,6 @@ def put_number(
         Changed.
     column : int
         First column of the field, from 1.
-    width : int
     values : array_like, shape (n,)
     decimals : int, default 0
         Behind the point; 0 writes a whole number without a point.
@@ -134,7 +132,6 @@ def text_table(texts: Sequence[str], width: int) -> Lines:
     ----------
     texts : sequence of str
         ASCII, none longer than the width.
-    width : int
 
     Returns
     -------

@@ -47,7 +47,6 @@ def identifiers(corrected: xr.Dataset, settings: Handover) -> list[str]:
 
     Parameters
     ----------
-    corrected : Dataset
     settings : Handover
         ``identifiers``: ``tail`` or ``number``.
 
@@ -91,7 +90,6 @@ def platforms(corrected: xr.Dataset, settings: Handover) -> NDArray[np.int8]:
 
     Parameters
     ----------
-    corrected : Dataset
     settings : Handover
         ``platform``, and ``aircraft`` with patterns by platform, which come first.
 

@@ -321,7 +321,6 @@ def interleaved(records: Records, head: Lines, level: Lines, tail: Lines) -> byt
 
     Parameters
     ----------
-    records : Records
     head, tail : arrays of uint8, shape (report, columns)
     level : array of uint8, shape (level, columns)
     """

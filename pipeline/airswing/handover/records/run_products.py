@@ -22,7 +22,6 @@ def product_beside(request: Request, name: str, *, why: str) -> xr.Dataset:
 
     Parameters
     ----------
-    request : Request
     name : str
         Its file name.
     why : str
@@ -78,17 +77,7 @@ def correction_members(corrected: xr.Dataset) -> list[str]:
 
 
 def refuse_existing(request: Request, *targets: Path) -> None:
-    """Refuse to write over what is there, unless asked to.
-
-    Parameters
-    ----------
-    request : Request
-    targets : Path
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse to write over what is there, unless asked to."""
     for target in targets:
         if target.is_dir() or (target.exists() and not request.overwrite):
             raise InputError(

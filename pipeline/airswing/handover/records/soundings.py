@@ -16,12 +16,9 @@ from numpy.typing import NDArray
 
 from airswing.flags import PHASE
 
-LARGEST_GAP = 600
-"""s. Ascending, reports are seconds to a few minutes apart."""
-LEAST_STEP = 2.0
-"""Pa between the levels of a sounding."""
-MOST_LEVELS = 1000
-"""WRFDA cuts reports of more than 1001 levels."""
+LARGEST_GAP = 600  # s. Ascending, reports are seconds to a few minutes apart.
+LEAST_STEP = 2.0  # Pa between the levels of a sounding
+MOST_LEVELS = 1000  # WRFDA cuts reports of more than 1001 levels
 
 
 def joined_soundings(rows: NDArray[np.void], flight: NDArray[np.int64]) -> NDArray[np.void]:

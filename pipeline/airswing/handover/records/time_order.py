@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from airswing.handover.records.eligible import ROW
 
+# Few enough that their lines stay in the processor's cache while they are written.
 ROWS_AT_ONCE = 10_000
-"""Few enough that their lines stay in the processor's cache while they are written."""
 
 
 class TimeOrder:
@@ -51,12 +51,7 @@ class TimeOrder:
         self._edges = np.array(edges, dtype=np.int64)
 
     def add(self, rows: NDArray[np.void]) -> None:
-        """Take rows.
-
-        Parameters
-        ----------
-        rows : array of `ROW`
-        """
+        """Take rows."""
         number = np.searchsorted(self._edges, rows["time"], side="right")
         order = np.argsort(number, kind="stable")
         bins, begins = np.unique(number[order], return_index=True)

@@ -39,15 +39,13 @@ PRODUCT = "observation_errors.nc"
 BY_CELL, BY_AIRCRAFT = "observation_error_filled", "aircraft_observation_error"
 LEAST = 0.5
 """m/s: what coding in whole knots and degrees alone leaves of a wind of 30 m/s is 0.4 m/s."""
-LEAST_SHARE = 0.5
-"""Of its cell's error, that a report's own is at least."""
+LEAST_SHARE = 0.5  # Of its cell's error, that a report's own is at least
 TAMDARS = (
     (150, 200, 350, 400, 450, 500, 600, 650, 750, 800, 850, 900),
     (3.6, 3.2, 3.2, 3.0, 3.0, 2.9, 2.9, 2.7, 2.7, 2.5, 2.5, 2.3),
 )
 """hPa, m/s: where the table's steps begin and end; constant beyond."""
-AIREPS = 3.6
-"""m/s, at all levels."""
+AIREPS = 3.6  # m/s, at all levels
 
 
 def table_error(pressure: Array, platform: NDArray[np.int8]) -> Array:
@@ -119,7 +117,6 @@ class WindErrors:
 
         Parameters
         ----------
-        rows : array of :data:`airswing.handover.records.eligible.ROW`
         platform : array of int8, shape (n,)
             Numbers of `PLATFORMS`.
 

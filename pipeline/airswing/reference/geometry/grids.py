@@ -208,10 +208,6 @@ class Grid:
         ----------
         i, j : int arrays
             Indices along x and y from the first grid point.
-
-        Returns
-        -------
-        position : int array
         """
         if self.j_consecutive:
             if self.alternate_rows:

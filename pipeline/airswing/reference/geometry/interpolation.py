@@ -36,7 +36,6 @@ def corners(grid: Placing, fi: Floats, fj: Floats) -> Corners:
 
     Parameters
     ----------
-    grid : Placing
     fi, fj : (n,) float arrays
         Inside the grid (no NaN).
 
@@ -67,10 +66,6 @@ def bilinear(values: Floats, x: Floats, y: Floats) -> Floats:
     values : (4, ..., n) float array
         As `corners` orders them; NaN where missing.
     x, y : (n,) float arrays
-
-    Returns
-    -------
-    (..., n) float array
     """
     return weighted(values, ((1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y))
 

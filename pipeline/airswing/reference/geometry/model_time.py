@@ -36,13 +36,11 @@ class ModelTime:
         Valid time, ns since 1970.
     lead : int
         Lead time, s.
-    grid : Placing
     level_kind : int
         `ISOBARIC` or `HYBRID`.
     u, v, pressure : (level,) arrays of `fields.FIELD_DTYPE`
         One row a level, isobaric levels by increasing pressure; `pressure` is
         empty for isobaric levels. ``file`` numbers `files`.
-    files : tuple of SourceFile
     """
 
     valid: int

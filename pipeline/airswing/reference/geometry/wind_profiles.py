@@ -39,18 +39,14 @@ class Catalogue:
 
     Parameters
     ----------
-    name : str
     lead : str
         The condition on leads.
     files : tuple of SourceFile
         Every file found that could be opened.
-    grids : tuple of Grid
     valid, leads, members : (time,) int arrays
         Valid time (ns since 1970, increasing), lead (s), ensemble member.
-    grid_numbers, level_kinds : (time,) int arrays
     bounds : (time + 1,) int array
         Rows of `u`, `v`, `pressure` of each model time.
-    u, v, pressure : (level rows,) arrays of `fields.FIELD_DTYPE`
     skipped : list of {"file", "what", "reason", "count"}
     notes : list of str
         Choices made between candidates.
@@ -118,7 +114,6 @@ class Catalogue:
         ----------
         number : int
             Of the model time.
-        needed : (level,) bool array
 
         Returns
         -------
@@ -135,16 +130,7 @@ class Catalogue:
         return int(table.size), octets, int(table["sparse"].sum())
 
     def at_times(self, numbers: NDArray[np.int64]) -> Self:
-        """The catalogue of some of its model times.
-
-        Parameters
-        ----------
-        numbers : int array, increasing
-
-        Returns
-        -------
-        Catalogue
-        """
+        """The catalogue of some of its model times."""
         rows = [np.arange(self.bounds[n], self.bounds[n + 1]) for n in numbers.tolist()]
         chosen = np.concatenate([*rows, np.empty(0, dtype=np.int64)])
         sizes = [0, *(one.size for one in rows)]
@@ -223,7 +209,6 @@ def paired(
     table : structured array
         A row a field, with the columns of a profile, `level`, `kind` (0 u, 1 v, 2 pressure),
         `file`, `part` and `offset`.
-    sources : sequence of SourceFile
     skipped : list
         Takes what has no partner.
 
@@ -286,12 +271,7 @@ def _describe_time(row: np.void) -> str:
 
 
 def refuse(skipped: Skipped) -> None:
-    """Refuse damaged files and messages, grids that cannot be placed and u without v.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse damaged files and messages, grids that cannot be placed and u without v."""
     for skip in skipped:
         if skip["what"] in ("file", "message", "grid", "level"):
             raise InputError(
@@ -316,12 +296,8 @@ def selected(
     ----------
     name : str
         Of the reference.
-    wanted : Wanted
-    sources : sequence of SourceFile
-    grids : tuple of Placing
     pairs : tuple
         Of :func:`paired`.
-    skipped : list
     count : int
         Messages seen.
 

@@ -89,16 +89,11 @@ def winds_at(
 
     Parameters
     ----------
-    model : Profile
     latitude, longitude : (n,) float arrays, degrees
     pressure : (n,) float array, Pa
     derivatives : bool
         Also give derivatives by ln p, eastward and northward distance, and the
         grid's convergence.
-
-    Yields
-    ------
-    list of (row, points)
 
     Returns
     -------

@@ -30,13 +30,13 @@ _SHORTEST_LEAD, _LONGEST_LEAD = -86_400, 400 * 86_400
 # Beyond it a power of ten leaves the double precision numbers.
 _LARGEST_SCALE = 300
 _NEXT = {0: (1,), 1: (2, 3), 2: (3,), 3: (4,), 4: (5,), 5: (6,), 6: (7,), 7: (2, 3, 4)}
+# Octets of sections 4 and 5 by template.
 _LENGTHS = {
     4: {0: 34, 1: 37, 2: 36},
     5: {0: 21, 2: 47, 3: 49, 4: 12, 40: 23, 41: 21, 42: 25, 40000: 23, 40010: 21},
 }
-"""Octets of sections 4 and 5 by template."""
+# Templates whose octets 12 to 19 are reference value, binary and decimal scale.
 _SCALED = (0, 2, 3, 40, 41, 42, 40000, 40010)
-"""Templates whose octets 12 to 19 are reference value, binary and decimal scale."""
 
 
 def damaged(reason: str) -> SkippedError:

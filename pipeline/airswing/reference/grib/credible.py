@@ -30,8 +30,7 @@ from airswing.reference.packing.simple_packing import UnreadableMessageError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-MAX_SPREAD = 60.0
-"""m s-1, standard deviation."""
+MAX_SPREAD = 60.0  # m s-1, standard deviation
 # Enough to see a damaged field, nothing beside decoding it.
 _PROBES = 256
 _NONE: Ints = np.empty(0, dtype=np.int64)
@@ -47,7 +46,6 @@ def probes(row: np.void, size: int) -> Ints:
 
     Parameters
     ----------
-    row : record of `airswing.reference.grib.fields.FIELD_DTYPE`
     size : int
         Points of its grid.
 
@@ -80,10 +78,6 @@ def require_credible(kind: int, values: Floats) -> None:
         `fields.U`, `fields.V` or `fields.PRESSURE`.
     values : float array
         NaN where missing.
-
-    Raises
-    ------
-    UnreadableMessageError
     """
     known = values[~np.isnan(values)]
     if not known.size:

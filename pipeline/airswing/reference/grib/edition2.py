@@ -42,12 +42,10 @@ from airswing.reference.packing.simple_packing import MAX_BITS, PADDING
 _TIME_UNITS = {0: 60, 1: 3600, 2: 86400, 10: 10800, 11: 21600, 12: 43200, 13: 1}
 
 
-_SHORTEST = {1: 21, 3: 14, 4: 34, 5: 11, 6: 6}
-"""Octets that every section of a number has."""
+_SHORTEST = {1: 21, 3: 14, 4: 34, 5: 11, 6: 6}  # Octets that every section of a number has
+# Bits of a value under simple packing, and under those that compress.
 _WIDEST, _WIDEST_PACKED = 64, 38
-"""Bits of a value under simple packing, and under those that compress."""
-SMALLEST_NORMAL = 2.0**-126
-"""Smallest single-precision number with a full significand."""
+SMALLEST_NORMAL = 2.0**-126  # Smallest single-precision number with a full significand
 
 
 class _Part(NamedTuple):

@@ -53,12 +53,7 @@ def default_folder() -> Path:
 
 
 def identify(path: str) -> SourceFile:
-    """Identity of a file: path, size, modification time and a hash of octets here and there.
-
-    Raises
-    ------
-    OSError
-    """
+    """Identity of a file: path, size, modification time and a hash of octets here and there."""
     full = os.path.abspath(path)
     descriptor = os.open(full, os.O_RDONLY)
     try:

@@ -37,10 +37,6 @@ _PACKINGS = {
 def inspect_grib(path: str | os.PathLike[str]) -> dict[str, Any]:
     """What a GRIB file holds.
 
-    Parameters
-    ----------
-    path : path-like
-
     Returns
     -------
     dict

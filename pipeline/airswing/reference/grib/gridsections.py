@@ -58,14 +58,11 @@ _GRIB2_NAMES = {
     32768: "rotated latitude/longitude, Arakawa E staggered,",
 }
 
-MAX_POINTS = 100_000_000
-"""Points of a grid: ten times the largest that winds are published on."""
-_RADII = (6.3e6, 6.4e6)
-"""Semi-axes of every earth in use, m."""
+MAX_POINTS = 100_000_000  # Points of a grid: ten times the largest that winds are published on
+_RADII = (6.3e6, 6.4e6)  # Semi-axes of every earth in use, m
+# Grid length, and extent of a projected grid (the earth once and a half around), m.
 _SHORTEST, _LONGEST = 10.0, 6e7
-"""Grid length, and extent of a projected grid (the earth once and a half around), m."""
-_STEP_TOLERANCE = 0.02
-"""Of a step: increments are written to a few digits only."""
+_STEP_TOLERANCE = 0.02  # Of a step: increments are written to a few digits only
 
 #: (semi-major axis m, semi-minor axis m) of GRIB2 code table 3.2.
 _EARTHS = {

@@ -31,8 +31,8 @@ from airswing.reference.grib.edition2 import scan_grib2
 from airswing.reference.grib.fields import FileContents, GarbageError, Window
 from airswing.reference.packing.octets import unsigned
 
+# What octets that contradict each other lead to.
 _LYING = (GarbageError, LookupError, ValueError, ArithmeticError, struct.error)
-"""What octets that contradict each other lead to."""
 
 
 def scan_file(path: str) -> FileContents:
@@ -80,10 +80,6 @@ def whole_messages(
         The file.
     skipped : Counter
         Takes what was passed over.
-
-    Yields
-    ------
-    (int, int, int)
     """
     at = 0
     while at < window.size:

@@ -39,8 +39,9 @@ from airswing.reference.packing.simple_packing import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+# Section 1 of GRIB2: an analysis of 2009-08-01.
 _IDENTIFICATION = bytes([0, 0, 0, 21, 1, 0, 7, 0, 0, 2, 1, 1, 7, 217, 8, 1, 0, 0, 0, 0, 1])
-"""Section 1 of GRIB2: an analysis of 2009-08-01."""
+# Section 4 of GRIB2: u at 500 hPa.
 _PRODUCT = bytes(
     [
         0,
@@ -79,11 +80,11 @@ _PRODUCT = bytes(
         0,
     ]
 )
-"""Section 4 of GRIB2: u at 500 hPa."""
+# Section 1 of GRIB1: the same.
 _PRODUCT_1 = bytes(
     [0, 0, 28, 2, 7, 0, 255, 128, 33, 100, 1, 244, 9, 8, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 21, 0, 0, 0]
 )
-"""Section 1 of GRIB1: the same."""
+# Section 3 of GRIB2: a grid in longitude and latitude; values depend on its counts alone.
 _GRID = bytes(
     [
         0,
@@ -138,7 +139,7 @@ _GRID = bytes(
         0,
     ]
 )
-"""Section 3 of GRIB2: a grid in longitude and latitude; values depend on its counts alone."""
+# Section 2 of GRIB1: the same.
 _GRID_1 = bytes(
     [
         0,
@@ -175,9 +176,8 @@ _GRID_1 = bytes(
         0,
     ]
 )
-"""Section 2 of GRIB1: the same."""
+# Place of the scanning mode in section 3 of GRIB2, by template.
 _SCANNING = {0: 71, 1: 71, 10: 59, 20: 64, 30: 64}
-"""Place of the scanning mode in section 3 of GRIB2, by template."""
 _NO_BITMAP = bytes([0, 0, 0, 6, 6, 255])
 _BEGINNING = b"GRIB"
 _CHANGED = "not the message the catalogue saw"
@@ -194,7 +194,6 @@ def field_values(
     ----------
     descriptor : int
         The open file that holds the field.
-    row : record of `airswing.reference.grib.fields.FIELD_DTYPE`
     size : int
         Points of the field's grid.
     points : int array
@@ -334,7 +333,6 @@ def decode(message: bytes, *, complete: bool = False) -> Floats:
 
     Parameters
     ----------
-    message : bytes
     complete : bool
         It has no missing points.
 
@@ -342,10 +340,6 @@ def decode(message: bytes, *, complete: bool = False) -> Floats:
     -------
     values : (size,) float array
         In the order of the message; `ABSENT` at missing points.
-
-    Raises
-    ------
-    UnreadableMessageError
     """
     import eccodes
 

@@ -29,8 +29,7 @@ Octets = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
 _HEADER = struct.Struct("<4B3I")
-_STORED = 0x2
-"""Flag of a chunk that is not compressed."""
+_STORED = 0x2  # Flag of a chunk that is not compressed
 
 
 def octets_of_blocks(file: io.FileIO, size: int, wanted: Ints) -> Octets:

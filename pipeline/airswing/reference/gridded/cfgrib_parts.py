@@ -34,14 +34,6 @@ _WITHOUT_ROWS = ("reduced_gg", "reduced_ll", "sh", "unstructured_grid", "healpix
 def cfgrib_parts(path: str) -> list[xr.Dataset]:
     """Datasets of one variable each.
 
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    list of Dataset
-
     Raises
     ------
     InputError

@@ -27,8 +27,7 @@ from airswing.reference.gridded.stored import StoredField
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Chunk = tuple[str, tuple[int, ...]]
-"""Variable, and the chunk's number along each of its dimensions."""
+Chunk = tuple[str, tuple[int, ...]]  # Variable, and the chunk's number along each of its dimensions
 
 
 class _Piece(NamedTuple):
@@ -73,7 +72,6 @@ class Wants:
         ----------
         stored : StoredField
             The one that the row's `offset` numbers.
-        row : record of `ROW_DTYPE`
         points : (n,) int array
             Row after row of the grid.
         columns : int
@@ -152,7 +150,6 @@ class Wants:
 
         Parameters
         ----------
-        ds : Dataset
         account : Account
             Takes what reading took.
         """

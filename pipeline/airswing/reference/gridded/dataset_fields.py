@@ -82,14 +82,8 @@ def describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
 
     Parameters
     ----------
-    ds : Dataset
-    naming : Naming
     file : str
         For messages.
-
-    Returns
-    -------
-    Described
 
     Raises
     ------
@@ -241,7 +235,6 @@ def chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[int | tuple[in
 
     Parameters
     ----------
-    one : DataArray
     plane : tuple of str
         Dimensions of rows and columns.
 
@@ -399,15 +392,6 @@ def _is_pressure(one: xr.DataArray, winds: list[xr.DataArray]) -> bool:
 
 def describe_wrfout(ds: xr.Dataset, file: str) -> Described:
     """Winds and pressure of a wrfout.
-
-    Parameters
-    ----------
-    ds : Dataset
-    file : str
-
-    Returns
-    -------
-    Described
 
     Raises
     ------

@@ -33,9 +33,9 @@ from airswing.reference.gridded.dataset_fields import (
 from airswing.reference.gridded.stored import ROW_DTYPE, SURFACE, StoredField
 from airswing.reference.gridded.wrfout import is_wrfout
 
+# What attributes and coordinates of another kind than they should be lead to, here and in the
+# libraries that read them.
 _LYING = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
-"""What attributes and coordinates of another kind than they should be lead to, here and in the
-libraries that read them."""
 
 
 class Gathering:
@@ -43,7 +43,6 @@ class Gathering:
 
     Parameters
     ----------
-    naming : Naming
     skipped : list
         Takes what is not used.
     """

@@ -38,7 +38,6 @@ class GribField(Mapping[str, Any]):
 
     Parameters
     ----------
-    path : str
     place : (int, int, int, int)
         Offset, length and edition of its message, and its number in it.
     keys : dict
@@ -101,19 +100,10 @@ def fields_of(path: str, wanted: Any, skipped: Skipped) -> dict[int, GribField]:
 
     Parameters
     ----------
-    path : str
     wanted : function of (dict) to bool
         Whether a field is needed, by its header keys.
     skipped : Counter
         Takes what cannot be read, by reason.
-
-    Returns
-    -------
-    dict of int to GribField
-
-    Raises
-    ------
-    OSError
     """
     names = _header_keys()
     found: dict[int, GribField] = {}

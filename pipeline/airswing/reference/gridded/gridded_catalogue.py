@@ -54,7 +54,6 @@ class GriddedCatalogue(Catalogue):
     ----------
     stored : tuple of StoredField
         How the variables are read, as rows' `offset` numbers them.
-    engine : str
     """
 
     stored: tuple[StoredField, ...] = ()
@@ -131,10 +130,6 @@ def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list
     name : str
         The reference's name.
 
-    Returns
-    -------
-    list of str
-
     Raises
     ------
     InputError
@@ -205,10 +200,6 @@ def build_gridded_catalogue(
         As for GRIB, see :func:`airswing.reference.grib.catalogue.build_catalogue`.
     naming : Naming, optional
         What the files do not say themselves.
-
-    Returns
-    -------
-    GriddedCatalogue
 
     Raises
     ------

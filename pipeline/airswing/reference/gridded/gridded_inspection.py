@@ -23,10 +23,8 @@ def inspect_gridded(
 
     Parameters
     ----------
-    path : str
     engine : str, optional
         By the file's content where not given.
-    naming : Naming, optional
 
     Returns
     -------

@@ -36,26 +36,18 @@ from airswing.reference.gridded.cfgrib_parts import cfgrib_parts
 
 ENGINES = ("auto", "grib", "cfgrib", "netcdf", "zarr", "wrf")
 _KEPT_OPEN = 16
+# Octets of chunks that the NetCDF library keeps by variable; its own default is 16 to 64 MB.
 _CHUNK_CACHE = 1 << 20
-"""Octets of chunks that the NetCDF library keeps by variable; its own default is 16 to 64 MB."""
 _MAGIC = ((b"CDF", "netcdf"), (b"\x89HDF", "netcdf"), (b"GRIB", "grib"))
 
 
 def kind_of(path: str) -> str:
     """What a file is by its first octets, or a folder by its marks.
 
-    Parameters
-    ----------
-    path : str
-
     Returns
     -------
     str
         ``netcdf``, ``zarr``, ``grib``, a further kind's name, or empty.
-
-    Raises
-    ------
-    OSError
     """
     if os.path.isdir(path):
         return "zarr" if is_zarr(path) else ""
@@ -111,7 +103,6 @@ def opened(file: SourceFile, engine: str) -> list[xr.Dataset]:
 
     Parameters
     ----------
-    file : SourceFile
     engine : {"cfgrib", "netcdf", "zarr", "wrf"}
 
     Returns

@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Octets = NDArray[np.uint8]
+# Octets (n, width) of n values, counted through the chunk that begins at a place; None where no
+# chunk was written.
 Fetch = Callable[[tuple[int, ...], Ints], "Octets | None"]
-"""Octets (n, width) of n values, counted through the chunk that begins at a place; None where no
-chunk was written."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,8 @@ class RawVariable:
 
     Parameters
     ----------
-    chunks : tuple of int
     dtype : dtype
         As stored.
-    fetch : callable
-    scale, offset : float
     fills : tuple of float
         Stored values that are none.
     """
@@ -97,7 +94,6 @@ def raw_variable(ds: xr.Dataset, name: str, chunks: tuple[Any, ...]) -> RawVaria
     ----------
     ds : Dataset
         As opened from a file.
-    name : str
     chunks : tuple
         Lengths the chunks are taken to have.
 
@@ -133,8 +129,8 @@ def raw_variable(ds: xr.Dataset, name: str, chunks: tuple[Any, ...]) -> RawVaria
     )
 
 
+# File of a chunk, and which of its values are wanted, to their octets (n, width).
 _Expand = Callable[[io.FileIO, Ints], Octets]
-"""File of a chunk, and which of its values are wanted, to their octets (n, width)."""
 _Stored = tuple[tuple[int, ...], "np.dtype[Any]", Fetch]
 
 

@@ -52,7 +52,6 @@ class StoredField(NamedTuple):
         Dimensions that a row's `index` counts, with their sizes.
     level, y, x : str
         Dimensions of levels (empty without), rows and columns.
-    shape : tuple of int
     chunks : tuple of int or tuple of int
         Along each dimension, the length of a chunk or the start of every chunk and the end.
     scale : float
@@ -101,7 +100,6 @@ class GriddedTime(ModelTime):
 
     Parameters
     ----------
-    fields : tuple of StoredField
     engine : str
         How the files are opened, see :mod:`airswing.reference.gridded.opening`; ``given`` for a
         Dataset given in Python.

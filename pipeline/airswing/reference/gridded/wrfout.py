@@ -28,12 +28,10 @@ from airswing.reference.gridded.cf.projection import LONGITUDE_LATITUDE, Frame
 
 Floats = NDArray[np.float64]
 
-RADIUS = 6370000.0
-"""WRF's earth (share/module_llxy.F, EARTH_RADIUS_M), m."""
-_MET = 0.1
-"""Grid lengths by which the last point of the projection may miss the file's."""
+RADIUS = 6370000.0  # WRF's earth (share/module_llxy.F, EARTH_RADIUS_M), m
+_MET = 0.1  # Grid lengths by which the last point of the projection may miss the file's
+# Radians by which the file's direction of the grid may differ from the projection's.
 _SAME_ANGLE = 1e-3
-"""Radians by which the file's direction of the grid may differ from the projection's."""
 Y, X = "south_north", "west_east"
 
 
@@ -43,12 +41,7 @@ def is_wrfout(ds: xr.Dataset) -> bool:
 
 
 def required(ds: xr.Dataset, file: str) -> None:
-    """Refuse a wrfout without winds on their staggered grid or without pressure.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a wrfout without winds on their staggered grid or without pressure."""
     absent = [name for name in ("U", "V") if name not in ds.variables]
     if absent:
         raise InputError(
@@ -112,7 +105,6 @@ def grids_of_wrfout(ds: xr.Dataset, count: int) -> list[Placing]:
 
     Parameters
     ----------
-    ds : Dataset
     count : int
         Times.
 

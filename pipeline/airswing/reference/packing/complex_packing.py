@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from airswing.reference.packing.octets import unsigned
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
-_WIDEST = 32
-"""Bits of a group's reference or of a value's difference from it."""
+_WIDEST = 32  # Bits of a group's reference or of a value's difference from it
 
 
 def require_sound_groups(message: bytes, count: int) -> bool:
@@ -85,10 +84,8 @@ def integers(data: bytes, start: int, count: int, bits: int) -> NDArray[np.int64
 
     Parameters
     ----------
-    data : bytes
     start : int
         Octet of the first.
-    count : int
     bits : int
         0 to 32.
 

@@ -40,8 +40,8 @@ Ints = NDArray[np.int64]
 
 _TRIALS = 2
 _FAULTS = (signal.SIGABRT, signal.SIGSEGV, signal.SIGFPE, signal.SIGILL)
+# Time a message may take; the slowest packing decodes ten times as many points.
 _SECONDS, _POINTS_A_SECOND = 20, 200_000
-"""Time a message may take; the slowest packing decodes ten times as many points."""
 
 
 class _DiedError(Exception):
@@ -242,7 +242,6 @@ def array_beside(message: bytes, name: str, size: int) -> Floats:
     ----------
     message : bytes
         One field.
-    name : str
     size : int
         Points of its grid.
 

@@ -31,8 +31,7 @@ VALUES, KEYS, ARRAY, REPORTS = range(4)
 _TYPES = {"": None, "int": int, "float": float, "str": str}
 # Octets for the libraries themselves; a lying message asks for far more and is refused.
 _MEMORY = 2 << 30
-_PER_POINT = 96
-"""Octets of memory allowed beside `_MEMORY` for each point of the grid."""
+_PER_POINT = 96  # Octets of memory allowed beside `_MEMORY` for each point of the grid
 
 
 def serve() -> None:
@@ -76,7 +75,6 @@ def decoded(message: bytes, points: bytes, size: int) -> bytes:
 
     Parameters
     ----------
-    message : bytes
     points : bytes
         int64 places in the message's list of values; all where empty.
     size : int
@@ -108,7 +106,6 @@ def keys_of(message: bytes, asked: bytes, size: int) -> bytes:
 
     Parameters
     ----------
-    message : bytes
     asked : bytes
         JSON list of names, each with a type after a colon where not the key's own is wanted.
     size : int

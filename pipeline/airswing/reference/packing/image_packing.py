@@ -15,8 +15,8 @@ from airswing.reference.packing.octets import unsigned
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
+# Depth and colour type by the bits a value is stored in.
 _DEPTHS = {1: (1, 0), 2: (2, 0), 4: (4, 0), 8: (8, 0), 16: (16, 0), 24: (8, 2), 32: (8, 6)}
-"""Depth and colour type by the bits a value is stored in."""
 
 
 def require_whole_png(message: bytes, count: int) -> bool:

@@ -101,7 +101,6 @@ def sparse_values(descriptor: int, packing: SimplePacking, points: Ints) -> Floa
     ----------
     descriptor : int
         Open file.
-    packing : SimplePacking
     points : int array
         Places in the message's list of grid points, each in ``[0, size)``.
 
@@ -160,7 +159,6 @@ def present_points(descriptor: int, packing: SimplePacking) -> int:
 
     Parameters
     ----------
-    descriptor : int
     packing : SimplePacking
         With a bitmap.
     """

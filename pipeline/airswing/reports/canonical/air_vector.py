@@ -33,8 +33,7 @@ __all__ = ["Told", "true_airspeed", "true_heading", "wind_of"]
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
-Told = dict[str, Array]
-"""Columns of some reports by name, NaN where absent; all of one length."""
+Told = dict[str, Array]  # Columns of some reports by name, NaN where absent; all of one length
 
 
 def true_heading(told: Told, seconds: Array) -> Array:

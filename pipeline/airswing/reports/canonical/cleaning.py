@@ -76,12 +76,12 @@ LIMITS = {
 }
 """Lowest and highest possible value per column, in SI (degrees for angles)."""
 
+# Those of them that may be written from -180 to 180.
 ANGLES = ("wind_direction", "reported_heading", "magnetic_heading", "track")
-"""Those of them that may be written from -180 to 180."""
 
 _FLOATS = ("air_temperature", "reported_airspeed", "reported_heading")
+# What only a wind derived here needs; it is not kept.
 _DERIVED_FROM = ("magnetic_heading", "ground_speed", "track", "indicated_airspeed", "mach")
-"""What only a wind derived here needs; it is not kept."""
 _AROUND = string.whitespace + "\xa0\x00"
 _ORIGIN = 1e-6  # degrees: a position nearer to 0 N 0 E than this is an unset one
 

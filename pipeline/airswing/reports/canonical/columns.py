@@ -139,8 +139,8 @@ NO_WIND = (
 REQUIRED = ("tail", "time", "latitude", "longitude")
 HEADINGS = ("reported_heading", "magnetic_heading")
 AIRSPEEDS = ("reported_airspeed", "mach", "indicated_airspeed")
+# What a wind can be derived from: one of the first two each, and both of these.
 GROUND = ("ground_speed", "track")
-"""What a wind can be derived from: one of the first two each, and both of these."""
 
 
 @dataclass(frozen=True)
@@ -354,10 +354,6 @@ def conversion(unit: str, si_unit: str, column: str, canonical: str) -> tuple[fl
         Ours.
     column, canonical : str
         Named in the message.
-
-    Returns
-    -------
-    factor, offset : float
 
     Raises
     ------

@@ -21,7 +21,6 @@ class Dialect:
 
     Parameters
     ----------
-    name : str
     signature : frozenset of str
         Columns that are always there.
     columns : mapping
@@ -49,6 +48,7 @@ class Dialect:
         return found
 
 
+# Programs whose tables are understood as they stand.
 DIALECTS = (
     Dialect(
         "decoded Mode-S (meteo-particle-model)",
@@ -96,7 +96,6 @@ DIALECTS = (
         },
     ),
 )
-"""Programs whose tables are understood as they stand."""
 
 
 def dialect_of(names: Iterable[str]) -> Dialect | None:

@@ -60,16 +60,16 @@ _MEASURED = (*_ALTITUDES, "pressure", "windDirection", "windSpeed", "airTemperat
 COLUMNS = (*_TIME, *_TAILS, *_ALTITUDES, *_NUMBERS, *_PHASES, *_ROLLS, *_ICINGS)
 """eccodes keys asked for."""
 
+# Phase of aircraft flight: 2 unsteady, 3 and 4 level, 5 ascending, 6 descending, 7 missing.
 PHASE_008004 = {3: PHASE["cruise"], 4: PHASE["cruise"], 5: PHASE["ascent"], 6: PHASE["descent"]}
-"""Phase of aircraft flight: 2 unsteady, 3 and 4 level, 5 ascending, 6 descending, 7 missing."""
+# Detailed phase of flight: 0 and 1 level but unsteady, 2 unsteady, then as above by interval.
 PHASE_008009 = {
     **dict.fromkeys((0, 1, 3, 4), PHASE["cruise"]),
     **dict.fromkeys((5, 7, 9, 11, 13), PHASE["ascent"]),
     **dict.fromkeys((6, 8, 10, 12, 14), PHASE["descent"]),
 }
-"""Detailed phase of flight: 0 and 1 level but unsteady, 2 unsteady, then as above by interval."""
+# Codes that mean a roll angle of 5 degrees or more.
 UNSTEADY = {"phaseOfAircraftFlight": (2,), "detailedPhaseOfFlight": (0, 1, 2)}
-"""Codes that mean a roll angle of 5 degrees or more."""
 _LARGEST_ROLL = 5.0  # degrees: AMDAR's limit of a good roll angle
 _OLDEST_TABLES = 6  # master table versions below are not shipped with eccodes
 _CURRENT_TABLES = 33  # master table version, of 2019, that holds every older descriptor
@@ -122,12 +122,7 @@ def _drop(audit: Audit) -> None:
 
 
 def framed(path: Path, audit: Audit) -> Iterator[bytes]:
-    """Whole messages of a file, over anything between; what has no end is counted as dropped.
-
-    Yields
-    ------
-    bytes
-    """
+    """Whole messages of a file, over anything between; what has no end is counted as dropped."""
     with path.open("rb") as file:
         size, at = file.seek(0, os.SEEK_END), 0
         while (at := _mark(file.fileno(), at, size)) < size:

@@ -37,10 +37,8 @@ from airswing.reports.canonical.report_formats import Mapped, ReportFormat, regi
 from airswing.reports.canonical.times import parse_times
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
-INCH_OF_MERCURY = 3386.389
-"""Pa at 0 degC (NIST SP 811)."""
-LARGEST_ROLL = 5.0
-"""Degrees beyond which a report counts as banked, as the ACARS roll flag has it."""
+INCH_OF_MERCURY = 3386.389  # Pa at 0 degC (NIST SP 811)
+LARGEST_ROLL = 5.0  # Degrees beyond which a report counts as banked, as the ACARS roll flag has it
 ROWS_PER_PIECE = 100_000
 _NEEDED = ("Lcl Date", "Lcl Time", "UTCOfst", "Latitude", "Longitude", "AltB", "HDG", "TRK")
 _OWNERS = ("tail_number", "aircraft_ident", "registration", "system_id")

@@ -50,6 +50,7 @@ DIMENSION = "recNum"
 TAILS = ("en_tailNumber", "tailNumber")
 """Variables that may hold the aircraft, best first."""
 REQUIRED = ("timeObs", "latitude", "longitude", "altitude", "windDir", "windSpeed")
+# Their variable to the piece's column; units are SI and degrees already.
 NUMBERS = {
     "latitude": "latitude",
     "longitude": "longitude",
@@ -59,9 +60,9 @@ NUMBERS = {
     "temperature": "air_temperature",
     "trueAirSpeed": "reported_airspeed",
 }
-"""Their variable to the piece's column; units are SI and degrees already."""
+# Data streams by the code of ``dataSource``: the files say so in its attributes.
 SOURCES = {0.0: "ACARS", 1.0: "MDCRS", 2.0: "MDCRS", 3.0: "AMDAR", 4.0: "TAMDAR", 5.0: "AMDAR"}
-"""Data streams by the code of ``dataSource``: the files say so in its attributes."""
+# What assimilation systems know a stream by; MDCRS is ACARS as the U.S. carriers send it.
 PLATFORM_OF = {
     "TAMDAR": PLATFORM["TAMDAR"],
     "AMDAR": PLATFORM["AMDAR"],
@@ -69,7 +70,6 @@ PLATFORM_OF = {
     "MDCRS": PLATFORM["ACARS"],
     "": PLATFORM["ACARS"],
 }
-"""What assimilation systems know a stream by; MDCRS is ACARS as the U.S. carriers send it."""
 FLAG_FIELDS = (
     "dataDescriptor",
     "errorType",
@@ -101,8 +101,7 @@ FLAG_FIELDS = (
 """Fields whose codes are tallied."""
 _LATEST = 4.2e9  # s since 1970: the year 2103
 _MOST_OCTETS = 1 << 30
-_BEST_PACKING = 1100
-"""Deflate packs no better than one in 1,032."""
+_BEST_PACKING = 1100  # Deflate packs no better than one in 1,032
 _LARGEST = 99990.0  # the fill value is 99999 in every version
 _UNTESTED = (BLANK, "-", "Z")
 _DESCRIPTOR_FAILED = ("X", "Q", "B")

@@ -30,8 +30,7 @@ from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
-LARGEST_ROLL = 5.0
-"""Degrees beyond which a report counts as banked, as the ACARS roll flag has it."""
+LARGEST_ROLL = 5.0  # Degrees beyond which a report counts as banked, as the ACARS roll flag has it
 MOST_OCTETS = 1 << 28
 # Bit of a point: its position is older than its time.
 STALE = 1

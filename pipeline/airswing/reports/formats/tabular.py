@@ -35,8 +35,8 @@ _BUFFER = 2**20
 # Octets and lines: what goes on longer before a head is no table.
 _LONGEST_HEADER = 100_000
 _MOST_REMARKS = 200
+# What is added to a name that stands in a header a second time.
 _AGAIN = re.compile(r" \(column \d+\)")
-"""What is added to a name that stands in a header a second time."""
 _BLANKS = [
     "",
     " ",
@@ -115,7 +115,6 @@ def first_rows(path: Path, rows: int = 2000) -> pd.DataFrame:
     ----------
     path : Path
         CSV or Parquet.
-    rows : int
 
     Raises
     ------
@@ -312,7 +311,6 @@ def raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) ->
         With the file's own column names.
     found : mapping of str to Source
         Where each column comes from.
-    audit : Audit
 
     Returns
     -------

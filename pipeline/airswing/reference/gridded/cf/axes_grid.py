@@ -26,12 +26,9 @@ Ints = NDArray[np.int64]
 #: Points this many grid lengths outside the outermost row or column count as on it:
 #: coordinates are often stored in single precision.
 EDGE_TOLERANCE = 1e-4
-_LAID = 1e-2
-"""Grid lengths by which points may miss the rows and columns of their projection."""
-_OUTLINED = 60
-"""Points along each axis from which the outline is told."""
-_FULL_CIRCLE = 1e-2
-"""Columns by which a circle may seem to miss 360 degrees and still be one."""
+_LAID = 1e-2  # Grid lengths by which points may miss the rows and columns of their projection
+_OUTLINED = 60  # Points along each axis from which the outline is told
+_FULL_CIRCLE = 1e-2  # Columns by which a circle may seem to miss 360 degrees and still be one
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +37,6 @@ class AxesGrid:
 
     Parameters
     ----------
-    frame : Frame
     x, y : (ni,), (nj,) float arrays
         Coordinates as stored: degrees, or metres of the projection.
     wind_along_grid : bool
@@ -206,7 +202,6 @@ def through_points(frame: Frame, latitude: Floats, longitude: Floats) -> AxesGri
 
     Parameters
     ----------
-    frame : Frame
     latitude, longitude : (nj, ni) float arrays, degrees
 
     Returns

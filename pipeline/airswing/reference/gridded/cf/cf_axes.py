@@ -26,8 +26,7 @@ from airswing.errors import InputError
 from airswing.reference.gridded.cf.naming import Naming
 
 _MEMBER = re.compile(r"(number|members?|realization|ens\d*|ensemble\w*|perturbation\w*)$", re.I)
-_EITHER = "expver"
-"""ECMWF's dimension of final and preliminary data: each time is in one of them."""
+_EITHER = "expver"  # ECMWF's dimension of final and preliminary data: each time is in one of them
 _PROJECTED = re.compile(r"(projection_)?[xy](_coordinate|c)?$", re.I)
 
 
@@ -83,16 +82,10 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming, file: str) -> Axes:
 
     Parameters
     ----------
-    ds : Dataset
     name : str
         Of the variable.
-    naming : Naming
     file : str
         For messages.
-
-    Returns
-    -------
-    Axes
 
     Raises
     ------

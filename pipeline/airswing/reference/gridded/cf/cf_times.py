@@ -42,13 +42,10 @@ def times_of(
 
     Parameters
     ----------
-    ds : Dataset
     name : str
         Of the variable.
     outer : dict of str to int
         Its dimensions beside level, y and x, with their sizes, in order.
-    naming : Naming
-    file : str
 
     Returns
     -------

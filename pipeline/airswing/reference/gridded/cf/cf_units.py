@@ -50,10 +50,6 @@ def written_units(attrs: Mapping[Any, Any]) -> str | None:
     ----------
     attrs : mapping
         Of the variable.
-
-    Returns
-    -------
-    str or None
     """
     units = attrs.get("units")
     if units is not None:

@@ -25,10 +25,8 @@ from airswing.reference.gridded.cf.axes_grid import bounded, box_of
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_STEPS = 12
-"""Of Newton's method; 3 to 5 are enough in any cell that is not folded."""
-_MOVES = 6
-"""Neighbouring cells a place may be handed on to."""
+_STEPS = 12  # Of Newton's method; 3 to 5 are enough in any cell that is not folded
+_MOVES = 6  # Neighbouring cells a place may be handed on to
 
 
 class CurvilinearGrid:
@@ -39,7 +37,6 @@ class CurvilinearGrid:
     latitude, longitude : (nj, ni) float arrays, degrees
     turned : (nj, ni) float array, optional
         Angle (rad) that turns grid components to true east and north, at each point.
-    wind_along_grid : bool, default False
 
     Raises
     ------

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+# Half step (degrees) towards north by which a projected grid's direction is found.
 _NORTH_STEP = 1e-4
-"""Half step (degrees) towards north by which a projected grid's direction is found."""
 _REMEDY = (
     'Say it in the configuration as projection: a PROJ string such as "+proj=lcc +lat_1=38.5 '
     '+lat_2=38.5 +lat_0=38.5 +lon_0=-97.5 +R=6371229", or as CF grid mapping attributes'
@@ -136,10 +136,6 @@ def frame_of(mapping: Mapping[str, Any] | str, *, file: str, field: str) -> Fram
         Attributes of a grid mapping variable (CF appendix F), or what PROJ reads.
     file, field : str
         For messages.
-
-    Returns
-    -------
-    Frame
 
     Raises
     ------

@@ -28,8 +28,8 @@ from airswing.reference.gridded.cf.naming import Naming
 Floats = NDArray[np.float64]
 
 _NATIVE = ("hybrid", "sigma", "eta", "model_level", "generalvertical", "theta_level")
+# A pressure that is not the level's own, such as that above the ground.
 _RELATIVE = re.compile(r"difference|above|from ?ground|potential ?vorticity|tropopause", re.I)
-"""A pressure that is not the level's own, such as that above the ground."""
 _LIKE_PRESSURE = ("lev", "plev", "pres", "isobar")
 
 
@@ -57,17 +57,10 @@ def levels_of(ds: xr.Dataset, name: str, level: xr.DataArray, naming: Naming, fi
 
     Parameters
     ----------
-    ds : Dataset
     name : str
         Of the variable.
     level : DataArray
         One-dimensional coordinate.
-    naming : Naming
-    file : str
-
-    Returns
-    -------
-    Levels
 
     Raises
     ------

@@ -49,17 +49,7 @@ class Component(NamedTuple):
 
 
 def components(ds: xr.Dataset, naming: Naming) -> list[Component]:
-    """Variables that are wind components, best known first.
-
-    Parameters
-    ----------
-    ds : Dataset
-    naming : Naming
-
-    Returns
-    -------
-    list of Component
-    """
+    """Variables that are wind components, best known first."""
     found = []
     for number, configured in enumerate((naming.u, naming.v)):
         if configured:
@@ -103,18 +93,7 @@ def averaged(one: xr.DataArray) -> str:
 
 
 def along_grid(one: xr.DataArray, naming: Naming) -> tuple[bool | None, str]:
-    """Whether a component points along the grid, None where nothing says, and what says so.
-
-    Parameters
-    ----------
-    one : DataArray
-    naming : Naming
-
-    Returns
-    -------
-    along : bool or None
-    why : str
-    """
+    """Whether a component points along the grid, None where nothing says, and what says so."""
     if naming.winds:
         return naming.winds == "grid", "the configuration"
     flag = one.attrs.get("GRIB_uvRelativeToGrid")
