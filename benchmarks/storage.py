@@ -21,7 +21,7 @@ import xarray as xr
 from benchmarks.year import AIRCRAFT, run
 
 import airswing  # noqa: F401  (imports pyproj before eccodes can be)
-from airswing.products.chunks import deflated, shuffled
+from airswing.products.chunks import _deflated, _shuffled
 from airswing.products.netcdf import as_stored, provenance
 from airswing.products.ragged import blocks
 from airswing.products.ragged_product import ragged_writer
@@ -66,13 +66,13 @@ def variable_bytes(path: Path) -> dict[str, float]:
 
 def compressing(path: Path) -> tuple[float, float]:
     """Processor time and octets of the product's streams over those of zlib's level 1."""
-    ways = {"ours": deflated, "zlib": lambda octets: zlib.compress(octets, 1)}
+    ways = {"ours": _deflated, "zlib": lambda octets: zlib.compress(octets, 1)}
     seconds, size = dict.fromkeys(ways, 0.0), dict.fromkeys(ways, 0)
     with h5py.File(path) as file:
         for one in file.values():
             if one.chunks is None or one.shape[-1] < one.chunks[-1] or "S" in one.dtype.str:
                 continue
-            octets = shuffled(one[(*(0 for _ in one.shape[:-1]), slice(one.chunks[-1]))])
+            octets = _shuffled(one[(*(0 for _ in one.shape[:-1]), slice(one.chunks[-1]))])
             for name, way in ways.items():
                 began = time.process_time()
                 size[name] += len(way(octets))

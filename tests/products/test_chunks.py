@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airswing.products.chunks import GrowingColumn, copy_column, deflated, shuffled
+from airswing.products.chunks import GrowingColumn, _deflated, _shuffled, copy_column
 
 KINDS = ("i1", "i4", "i8", "f4", "f8")
 
@@ -73,12 +73,12 @@ def test_what_is_written_is_smaller_and_says_how_it_is_stored(tmp_path):
 
 def test_the_shuffle_worked_by_hand():
     values = np.array([0x04030201, 0x14131211], dtype="<i4")
-    assert shuffled(values).tolist() == [[0x01, 0x11], [0x02, 0x12], [0x03, 0x13], [0x04, 0x14]]
+    assert _shuffled(values).tolist() == [[0x01, 0x11], [0x02, 0x12], [0x03, 0x13], [0x04, 0x14]]
 
 
 def test_the_stream_is_one_that_zlib_takes():
     octets = np.arange(1000, dtype="u1")
-    assert zlib.decompress(deflated(octets)) == octets.tobytes()
+    assert zlib.decompress(_deflated(octets)) == octets.tobytes()
 
 
 @pytest.mark.parametrize("sizes", [(100,), (3, 100), (1,)])

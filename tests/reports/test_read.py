@@ -11,7 +11,7 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.reports import iter_frames, read_reports
-from airswing.reports.files import detect_format, expand
+from airswing.reports.files import _detect_format, expand
 from tests.reports.tables import flight, row, write
 
 
@@ -118,8 +118,8 @@ def test_format_is_told_by_content(tmp_path: Path, real: Callable[[str], Path]):
     ):
         disguised = tmp_path / f"{kind}.csv"
         shutil.copy(real(name), disguised)
-        assert detect_format(disguised) == kind
-    assert detect_format(write(tmp_path / "table.nc", flight())) == "csv"
+        assert _detect_format(disguised) == kind
+    assert _detect_format(write(tmp_path / "table.nc", flight())) == "csv"
 
 
 def test_a_table_that_mentions_a_format_is_still_a_table(tmp_path: Path):

@@ -25,6 +25,8 @@ the TAMDAR wind computation.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -64,7 +66,7 @@ def wrap_positive(angle: ArrayLike) -> Array:
     return np.asarray(np.where(turned >= TURN, 0.0, turned))
 
 
-def wrap_degrees(angle: ArrayLike) -> NDArray[np.floating]:
+def wrap_degrees(angle: ArrayLike) -> NDArray[Any]:
     """Degrees brought into [-180, 180): longitudes, and angles the short way round.
 
     Single precision stays single.

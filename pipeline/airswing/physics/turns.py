@@ -36,7 +36,7 @@ for ordinary turns (standard rate, bank of 15 to 25 degrees at these speeds).
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -287,7 +287,7 @@ class _Turns:
         return np.asarray(np.clip((at - self.begin) / self.length, 0.0, 1.0))
 
     @cached_property
-    def sums(self) -> list[tuple[Single, Single]]:
+    def sums(self) -> list[tuple[Any, Any]]:
         """Integral up to each fix of the part made, and of its square, each (m, h) s."""
         found = []
         for k in range(2 * REACH + 1):

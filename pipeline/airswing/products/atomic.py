@@ -17,13 +17,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def made_folder(folder: Path) -> Iterator[None]:
-    """Make a folder and those above it, and take away again what was made if the block fails.
-
-    Raises
-    ------
-    OSError
-        If it cannot be made.
-    """
+    """Make a folder and those above it; take away what was made if the block fails."""
     missing = [one for one in (folder, *folder.parents) if not one.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -46,17 +40,16 @@ def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
     lasting : bool, default True
         Flush the folder too. Without it the file may be gone again after a loss of power, whole
         as it was: for what costs nothing but time.
-
-    Yields
-    ------
-    Path
-        Where to write; removed where the block does not end well.
     """
     path = Path(path)
+    # Beside the target, since a rename is atomic within one file system only; hidden, so that
+    # no pattern of products takes it up.
     temporary = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.part")
     with made_folder(path.parent):
         try:
             yield temporary
+            # Before the rename: a name that outlives the power must not stand for
+            # unwritten octets.
             _flush(temporary)
             os.replace(temporary, path)
             if lasting:

@@ -13,28 +13,16 @@ SEAL = 16
 """Octets of a digest."""
 
 
-def digest(*octets: Any) -> bytes:
-    """Checksum of some octets.
-
-    Returns
-    -------
-    bytes
-        `SEAL` of them.
-    """
+def digest(*octets: bytes | memoryview) -> bytes:
+    """Checksum of some octets: `SEAL` of them."""
     found = hashlib.blake2b(digest_size=SEAL)
     for part in octets:
         found.update(part)
     return found.digest()
 
 
-def note(content: Any) -> str:
-    """Plain content as text that carries its own checksum.
-
-    Parameters
-    ----------
-    content : object
-        What JSON can hold.
-    """
+def note(content: object) -> str:
+    """Plain content (what JSON can hold) as text that carries its own checksum."""
     text = json.dumps(content)
     return json.dumps({"checksum": digest(text.encode()).hex(), "content": text})
 

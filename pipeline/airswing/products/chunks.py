@@ -11,8 +11,8 @@ made from is not even decompressed.
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
+import h5py
 import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
@@ -29,18 +29,13 @@ class GrowingColumn:
         As the file was opened to be written; empty.
     """
 
-    def __init__(self, dataset: Any) -> None:
+    def __init__(self, dataset: h5py.Dataset) -> None:
         self._dataset, self._length = dataset, (dataset.chunks or (1,))[-1]
-        self._waiting: list[NDArray[Any]] = []
+        self._waiting: list[NDArray[np.generic]] = []
         self._count = self._written = 0
 
-    def append(self, values: NDArray[Any]) -> None:
-        """Add the next reports.
-
-        Parameters
-        ----------
-        values : array, shape (..., report)
-        """
+    def append(self, values: NDArray[np.generic]) -> None:
+        """Add the next reports, (..., report)."""
         self._waiting.append(np.asarray(values, dtype=self._dataset.dtype))
         self._count += values.shape[-1]
         last = self._written + self._count == self._dataset.shape[-1]
@@ -56,53 +51,34 @@ class GrowingColumn:
         else:
             for begin in range(0, whole, self._length):
                 self._write_chunks(values[..., begin : begin + self._length], begin)
+        # A copy: a view would hold all that was written until the chunk is full.
         self._waiting = [values[..., whole:].copy()]
         self._written += whole
         self._count -= whole
 
-    def _write_chunks(self, values: NDArray[Any], begin: int) -> None:
+    def _write_chunks(self, values: NDArray[np.generic], begin: int) -> None:
         """Write one chunk for every index of the other dimensions."""
         missing = self._length - values.shape[-1]
         if missing:  # a chunk at the end is as long as the others in the file
             values = np.pad(values, [*((0, 0) for _ in values.shape[:-1]), (0, missing)])
         for index in itertools.product(*(range(size) for size in values.shape[:-1])):
             place = (*index, self._written + begin)
-            self._dataset.id.write_direct_chunk(place, deflated(shuffled(values[index])))
+            self._dataset.id.write_direct_chunk(place, _deflated(_shuffled(values[index])))
 
 
-def shuffled(values: NDArray[Any]) -> NDArray[np.uint8]:
-    """Octets of numbers in the order of HDF5's shuffle: all first ones, all second ones, ...
-
-    Parameters
-    ----------
-    values : array, shape (n,)
-
-    Returns
-    -------
-    array of uint8, shape (itemsize, n)
-    """
+def _shuffled(values: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """Octets of numbers (n,) in the order of HDF5's shuffle: all first ones, all second, ..."""
     octets = np.ascontiguousarray(values).view(np.uint8).reshape(values.size, values.itemsize)
     return np.ascontiguousarray(octets.T)
 
 
-def deflated(octets: NDArray[np.uint8]) -> bytes:
-    """Octets as a deflate stream.
-
-    Returns
-    -------
-    bytes
-        As ``zlib.decompress`` takes it.
-    """
+def _deflated(octets: NDArray[np.uint8]) -> bytes:
+    """Octets as a deflate stream, as ``zlib.decompress`` takes it."""
     return bytes(isal_zlib.compress(octets, _LEVEL))
 
 
-def copy_column(source: Any, target: Any) -> None:
-    """Copy a variable as it is stored, where it is stored alike in both files.
-
-    Parameters
-    ----------
-    source, target : h5py.Dataset, shape (..., report)
-    """
+def copy_column(source: h5py.Dataset, target: h5py.Dataset) -> None:
+    """Copy a variable (..., report) as it is stored, where it is stored alike in both files."""
     if target.chunks is None or _storage(source) != _storage(target):
         target[...] = source[...]
         return
@@ -112,7 +88,7 @@ def copy_column(source: Any, target: Any) -> None:
         target.id.write_direct_chunk(place, stored, left_out)
 
 
-def _storage(dataset: Any) -> tuple[Any, ...]:
+def _storage(dataset: h5py.Dataset) -> tuple[object, ...]:
     """All that the octets of a chunk depend on."""
     return (
         dataset.dtype,

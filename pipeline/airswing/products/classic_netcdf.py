@@ -35,12 +35,12 @@ class _ShortError(Exception):
 
 
 def require_whole(path: Path) -> None:
-    """Refuse a classic NetCDF file whose header says more than the file holds.
+    """Refuse a classic NetCDF file whose header says more than the file holds; pass other kinds.
 
-    Parameters
-    ----------
-    path : Path
-        Any file; those of another kind pass.
+    Raises
+    ------
+    InputError
+        Naming octets by the header and octets there.
     """
     size = os.stat(path).st_size
     with path.open("rb") as file:
@@ -82,13 +82,15 @@ class _Header:
         return int(struct.unpack(">I", self._octets(4))[0])
 
     def count(self) -> int:
-        """A count or a length."""
-        wide = self.version == 5
-        return int(struct.unpack(">Q" if wide else ">I", self._octets(8 if wide else 4))[0])
+        """A count or a length: of eight octets from CDF-5 on."""
+        return self._double() if self.version == 5 else self.word()
 
     def offset(self) -> int:
-        wide = self.version != 1
-        return int(struct.unpack(">Q" if wide else ">I", self._octets(8 if wide else 4))[0])
+        """Place in the file: of eight octets from CDF-2 on."""
+        return self._double() if self.version != 1 else self.word()
+
+    def _double(self) -> int:
+        return int(struct.unpack(">Q", self._octets(8))[0])
 
     def skip(self, octets: int) -> None:
         """Pass over a name or values, with their padding to four octets."""

@@ -14,7 +14,6 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from airswing.products.whole_files import plain
 from airswing.version import __version__
@@ -24,32 +23,21 @@ ZARR_MARKS = ("zarr.json", ".zmetadata", ".zgroup")
 PACKAGE = Path(__file__).parents[1]
 
 
-def fingerprint(*parts: Any) -> str:
-    """Hash of everything a product depends on, this version of airswing included.
+def fingerprint(*parts: object) -> str:
+    """Hash of everything a product depends on, this version of airswing included: 32 hex digits.
 
     Parameters
     ----------
     *parts : object
         Configuration sections (as mappings), file identities, code digests, identifiers of
         other products.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits.
     """
     text = json.dumps([__version__, plain(list(parts))], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 def file_identities(patterns: Sequence[str]) -> list[tuple[str, int, int]]:
-    """Name, size and modification time of every file (and Zarr store) the patterns match.
-
-    Returns
-    -------
-    list of (str, int, int)
-        Sorted by name.
-    """
+    """Name, size and modification time of every file and Zarr store the patterns match."""
     paths = [os.path.expanduser(pattern) for pattern in patterns]
     matches = [
         [path] if os.path.isfile(path) else glob.glob(path, recursive=True) for path in paths
@@ -77,24 +65,15 @@ def _of_store(name: str) -> tuple[int, int]:
         return -1, 0
     files = [os.path.join(at, one) for at, _, inside in os.walk(name) for one in inside]
     entries = [_of_file(one) for one in files]
+    # The count of files too: chunks of one size may come and go.
     return sum(size for size, _ in entries) + len(entries), max(last for _, last in entries)
 
 
 @functools.cache
 def code_digest(*modules: str, package: Path = PACKAGE) -> str:
-    """Hash of the source of some modules and of every module of the package they use.
+    """Hash (32 hex digits) of the source of some modules and of every module of ours they use.
 
-    Parameters
-    ----------
-    *modules : str
-        Names such as ``airswing.compass.screening``.
-    package : Path, optional
-        Folder of the package.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits; a change of a module that none of them uses leaves it as it is.
+    A change of a module that none of them uses leaves it as it is.
     """
     digest = hashlib.sha256()
     waiting, seen = set(modules), set()

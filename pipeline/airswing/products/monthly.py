@@ -32,24 +32,15 @@ def by_report(month: xr.Dataset) -> xr.Dataset:
     """A month with the name of the aircraft at every report, for ``xarray.open_mfdataset``.
 
     ``xr.open_mfdataset("headings/*.nc", preprocess=airswing.by_report, combine="nested",
-    concat_dim="report")`` gives one Dataset in order of months.
-
-    Parameters
-    ----------
-    month : Dataset
-        Of one file.
-
-    Returns
-    -------
-    Dataset
-        Without the ``aircraft`` dimension; ``aircraft`` is a coordinate of ``report``.
+    concat_dim="report")`` gives one Dataset in order of months, without the ``aircraft``
+    dimension; ``aircraft`` is a coordinate of ``report``.
     """
     names = np.repeat(month["aircraft"].to_numpy().astype(str), month["row_size"].to_numpy())
     return month.drop_dims("aircraft").assign_coords(aircraft=("report", names))
 
 
 def joined_months(
-    months: Sequence[xr.Dataset], *, aircraft: NDArray[Any] | None = None
+    months: Sequence[xr.Dataset], *, aircraft: NDArray[np.generic] | None = None
 ) -> xr.Dataset:
     """Months as one Dataset by aircraft, read lazily.
 
@@ -124,13 +115,14 @@ def _together(parts: Sequence[Any]) -> Any:
     return parts[-1]
 
 
-def _latest(months: Sequence[xr.Dataset], name: str, runs: _Runs) -> NDArray[Any]:
+def _latest(months: Sequence[xr.Dataset], name: str, runs: _Runs) -> NDArray[np.generic]:
     """Value of every aircraft in the last month it has one."""
     parts = [month[name].to_numpy() for month in months]
     axis = months[0][name].dims.index("aircraft")
     shape = [*parts[0].shape]
     shape[axis] = runs.aircraft.size
     kind = np.result_type(*parts)
+    # Later months overwrite earlier ones; an aircraft without any keeps NaN or zero.
     found = np.full(shape, np.nan if kind.kind == "f" else 0, dtype=kind)
     by_aircraft = np.moveaxis(found, axis, 0)
     for part, place in zip(parts, runs.places, strict=True):
@@ -139,15 +131,9 @@ def _latest(months: Sequence[xr.Dataset], name: str, runs: _Runs) -> NDArray[Any
 
 
 class _Runs:
-    """Where the reports of each aircraft lie: by aircraft, and of each by month.
+    """Where the reports of each aircraft lie: by aircraft, and of each by month."""
 
-    Parameters
-    ----------
-    aircraft : array of str, optional
-        Further ones.
-    """
-
-    def __init__(self, months: Sequence[xr.Dataset], aircraft: NDArray[Any] | None) -> None:
+    def __init__(self, months: Sequence[xr.Dataset], aircraft: NDArray[np.generic] | None) -> None:
         names = [month["aircraft"].to_numpy().astype(str) for month in months]
         sizes = [month["row_size"].to_numpy() for month in months]
         others = [] if aircraft is None else [aircraft.astype(str)]
@@ -156,6 +142,8 @@ class _Runs:
         owner = np.concatenate(self.places)
         month = np.repeat(np.arange(len(months)), [one.size for one in names])
         start = np.concatenate([row_bounds(size)[0] for size in sizes])
+        # By aircraft, and of each in order of months: stretches as a single file would
+        # have them.
         order = np.lexsort((month, owner))
         size = np.concatenate(sizes).astype(np.int64)
         self.row_size = np.bincount(owner, size, self.aircraft.size).astype(np.int32)
@@ -176,12 +164,7 @@ class _Runs:
 class _Joined(BackendArray):
     """One variable of reports over all months; each look reads the files.
 
-    Parameters
-    ----------
-    parts : list of Variable, shape (..., report)
-        Of each month.
-    add : array of int, shape (month,), optional
-        What is added to the values of each month.
+    ``add`` is what is added to the values of each month, (month,).
     """
 
     def __init__(
@@ -195,7 +178,7 @@ class _Joined(BackendArray):
         basic = indexing.IndexingSupport.BASIC
         return indexing.explicit_indexing_adapter(key, self.shape, basic, self._some)
 
-    def _some(self, key: tuple[Any, ...]) -> NDArray[Any]:
+    def _some(self, key: tuple[Any, ...]) -> NDArray[np.generic]:
         rows = range(self.shape[-1])[key[-1]]
         if isinstance(rows, int):
             return np.asarray(self._stretch(key[:-1], rows, rows + 1)[..., 0])
@@ -205,13 +188,15 @@ class _Joined(BackendArray):
         found = self._stretch(key[:-1], low, high + 1)
         return found if rows.step == 1 else found[..., np.asarray(rows) - low]
 
-    def _stretch(self, others: tuple[Any, ...], begin: int, end: int) -> NDArray[Any]:
+    def _stretch(self, others: tuple[Any, ...], begin: int, end: int) -> NDArray[np.generic]:
         """Reports from one to before another; of each month one stretch is read."""
         shape = np.empty(self.shape[:-1])[others].shape
         found = np.empty((*shape, end - begin), dtype=self.dtype)
         month, row, size, place = self.runs.within(begin, end)
         for number in np.unique(month[size > 0]):
             own = np.flatnonzero((month == number) & (size > 0))
+            # One read of a month for all its stretches: octets between two are cheaper
+            # than a look.
             low, high = int(row[own].min()), int((row[own] + size[own]).max())
             values = self.parts[number][(*others, slice(low, high))].to_numpy()
             if self.add is not None:

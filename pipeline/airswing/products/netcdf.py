@@ -174,13 +174,7 @@ def provenance(
     sources: Sequence[str] = (),
     source_uuids: Sequence[str] = (),
 ) -> dict[str, str]:
-    """Global attributes that say what a product is and where it came from.
-
-    Parameters
-    ----------
-    title, config_json, sources, source_uuids
-        As for :func:`write_product`.
-    """
+    """Global attributes that say what a product is and where it came from."""
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return {
         "Conventions": "CF-1.11",
@@ -288,7 +282,7 @@ def limit_chunk_cache() -> None:
     netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
 
 
-def attribute_value(value: Any) -> Any:
+def attribute_value(value: object) -> object:
     """NetCDF attributes hold no mappings: those become JSON."""
     return json.dumps(plain(value)) if isinstance(value, (Mapping, list, bool)) else value
 
@@ -319,17 +313,9 @@ def _encodings(ds: xr.Dataset) -> dict[Any, dict[str, Any]]:
 
 
 def encoding_of(variable: xr.DataArray, sizes: Mapping[Any, int] | None = None) -> dict[str, Any]:
-    """How a variable is stored.
+    """How a variable is stored: keywords of ``to_netcdf`` and ``netCDF4.Dataset.createVariable``.
 
-    Parameters
-    ----------
-    sizes : mapping of str to int, optional
-        Of its dimensions in the file, where it is written in parts.
-
-    Returns
-    -------
-    dict
-        Keywords of ``xarray.Dataset.to_netcdf`` and ``netCDF4.Dataset.createVariable``.
+    ``sizes`` are those of its dimensions in the file, where it is written in parts.
     """
     sizes = variable.sizes if sizes is None else sizes
     entry = lookup(str(variable.name), variable.dims)

@@ -38,12 +38,12 @@ def written_here(path: Path) -> None:
 
 
 def require_openable(path: Path) -> None:
-    """Refuse a NetCDF-4 file that its library cannot open, or would not survive.
+    """Refuse a NetCDF-4 file that its library cannot open, or would not survive; pass other kinds.
 
-    Parameters
-    ----------
-    path : Path
-        Files of another kind pass.
+    Raises
+    ------
+    InputError
+        Saying what the process that tried it ended of.
     """
     with path.open("rb") as file:
         if file.read(len(_SIGNATURE)) != _SIGNATURE:
@@ -91,6 +91,7 @@ def _started() -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
+        # The helper outlives a run's folders: it must not stand in one that is to be removed.
         cwd=os.path.abspath(os.sep),
         env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
     )

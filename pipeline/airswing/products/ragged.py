@@ -11,25 +11,14 @@ memory, so that one way of working serves both.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 
-def row_bounds(row_size: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First report and one past the last report of every aircraft.
-
-    Parameters
-    ----------
-    row_size : array of int, shape (aircraft,)
-        Number of reports of each aircraft.
-
-    Returns
-    -------
-    start, stop : arrays of int64, shape (aircraft,)
-    """
+def row_bounds(row_size: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First report and one past the last report (int64) of every aircraft, from their counts."""
     stop = np.cumsum(row_size, dtype=np.int64)
     return stop - np.asarray(row_size, dtype=np.int64), stop
 
@@ -38,18 +27,8 @@ BLOCK_REPORTS = 200_000
 """Reports worked on at a time, where no single aircraft has more."""
 
 
-def aircraft_groups(row_size: NDArray[Any], limit: int = BLOCK_REPORTS) -> list[slice]:
-    """Consecutive aircraft with at most so many reports together, one aircraft at least.
-
-    Parameters
-    ----------
-    row_size : array of int, shape (aircraft,)
-
-    Returns
-    -------
-    list of slice
-        On the ``aircraft`` dimension.
-    """
+def aircraft_groups(row_size: NDArray[np.integer], limit: int = BLOCK_REPORTS) -> list[slice]:
+    """Consecutive aircraft with at most so many reports together, one aircraft at least."""
     found: list[slice] = []
     total = 0
     for number, size in enumerate(np.asarray(row_size).tolist()):
@@ -93,38 +72,19 @@ def blocks(
 
 
 def time_span(ds: xr.Dataset) -> tuple[np.datetime64, np.datetime64]:
-    """First and last time of an archive's reports.
-
-    Parameters
-    ----------
-    ds : Dataset
-        With at least one report.
-    """
+    """First and last time of an archive's reports, of which there is at least one."""
     times = [part["time"].to_numpy() for part in blocks(ds, ["time"]) if part.sizes["report"]]
     return min(time.min() for time in times), max(time.max() for time in times)
 
 
 def some_reports(ds: xr.Dataset, chosen: NDArray[np.bool_]) -> xr.Dataset:
-    """Keep some reports of every aircraft; an aircraft may be left without any.
-
-    Parameters
-    ----------
-    ds : Dataset
-        Ragged, in memory.
-    chosen : array of bool, shape (report,)
-    """
+    """Keep some reports (a mask) of every aircraft, in memory; one may be left without any."""
     size = np.bincount(aircraft_of_report(ds)[chosen], minlength=ds.sizes["aircraft"])
     return ds.isel(report=np.flatnonzero(chosen)).assign(row_size=("aircraft", size))
 
 
 def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Put blocks of whole aircraft together again.
-
-    Returns
-    -------
-    Dataset
-        With the attributes of the first.
-    """
+    """Put blocks of whole aircraft together again, with the attributes of the first."""
     found = parts[0].drop_vars(
         [name for name, v in parts[0].variables.items() if {"report", "aircraft"} & set(v.dims)]
     )
@@ -138,16 +98,6 @@ def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
 
 
 def aircraft_of_report(ds: xr.Dataset) -> NDArray[np.int64]:
-    """Index of the aircraft each report belongs to.
-
-    Parameters
-    ----------
-    ds : Dataset
-        With ``row_size`` (aircraft).
-
-    Returns
-    -------
-    array of int64, shape (report,)
-    """
+    """Index of the aircraft each report belongs to, (report,) int64, from ``row_size``."""
     row_size = ds["row_size"].to_numpy()
     return np.repeat(np.arange(row_size.size, dtype=np.int64), row_size)

@@ -41,6 +41,7 @@ def ragged_writer(
 
     Parameters
     ----------
+    path : Path
     reports, aircraft : int
         Of all blocks together.
     carried : Dataset, optional
@@ -70,13 +71,7 @@ def ragged_writer(
 
 
 def write_joined(months: Path, path: Path) -> Path:
-    """Write a folder of months as one product.
-
-    Returns
-    -------
-    Path
-        The file written.
-    """
+    """Write a folder of months as one product."""
     with read_product(months, lazy=True) as ds:
         reports, aircraft = ds.sizes["report"], ds.sizes["aircraft"]
         with ragged_writer(path, reports=reports, aircraft=aircraft) as writer:
@@ -89,10 +84,7 @@ def write_joined(months: Path, path: Path) -> Path:
 def still_in_file(columns: xr.Dataset) -> bool:
     """Whether columns are those of the product they were opened from, none taken into memory.
 
-    Parameters
-    ----------
-    columns : Dataset
-        As :func:`airswing.products.netcdf.read_product` gave them, some left out.
+    They are as :func:`airswing.products.netcdf.read_product` gave them, some left out.
     """
     # no public name tells what is in memory; where a later xarray has none, nothing is carried
     held = [getattr(variable.variable, "_in_memory", True) for variable in columns.values()]
@@ -100,12 +92,7 @@ def still_in_file(columns: xr.Dataset) -> bool:
 
 
 class RaggedWriter:
-    """Appends blocks to a NetCDF file.
-
-    Parameters
-    ----------
-    carried : Dataset, optional
-        As for :func:`ragged_writer`.
+    """Appends blocks to a NetCDF file; parameters as for :func:`ragged_writer`.
 
     Attributes
     ----------
@@ -120,18 +107,12 @@ class RaggedWriter:
     ) -> None:
         self._path, self._carried = path, carried
         self._sizes = {"report": reports, "aircraft": aircraft}
-        self._file: Any = None
+        self._file: Any = None  # an h5py.File while columns are written
         self._columns: dict[str, GrowingColumn] = {}
         self._small: dict[str, list[xr.DataArray]] = {}
 
     def append(self, block: xr.Dataset) -> None:
-        """Write the next block.
-
-        Parameters
-        ----------
-        block : Dataset
-            Every variable must be in the vocabulary.
-        """
+        """Write the next block, of which every variable must be in the vocabulary."""
         known = [] if self._carried is None else self._carried.data_vars
         ready = _plain(block.drop_vars([name for name in known if name in block]))
         if self._file is None:
@@ -142,14 +123,8 @@ class RaggedWriter:
             elif "aircraft" in ready[name].dims or name not in self._small:
                 self._small.setdefault(name, []).append(ready[name])
 
-    def finish(self, attributes: Mapping[str, Any]) -> None:
-        """Copy what is carried on; write all that is not a column of reports.
-
-        Parameters
-        ----------
-        attributes : mapping
-            Global ones.
-        """
+    def finish(self, attributes: Mapping[str, object]) -> None:
+        """Copy what is carried on; write all that is not a column of reports."""
         if self._carried is not None:
             with h5py.File(self._carried.encoding["source"], "r") as source:
                 for name in map(str, self._carried.data_vars):
@@ -181,17 +156,19 @@ class RaggedWriter:
                 for name in _of_reports(described):
                     self._create(file, described[name])
                 self._small |= {str(name): [described[name]] for name in described.coords}
+        # The NetCDF library defines variables, h5py writes their chunks: it alone takes
+        # them packed.
         self._file = h5py.File(self._path, "r+")
         self._columns = {name: GrowingColumn(self._file[name]) for name in _of_reports(first)}
 
     @contextlib.contextmanager
-    def _defined(self, mode: Literal["w", "a"]) -> Iterator[Any]:
+    def _defined(self, mode: Literal["w", "a"]) -> Iterator[netCDF4.Dataset]:
         """Open the file to define variables in it and to write small ones."""
         with netCDF4.Dataset(self._path, mode, format="NETCDF4") as file:
             file.set_auto_mask(False)
             yield file
 
-    def _create(self, file: Any, variable: xr.DataArray) -> Any:
+    def _create(self, file: netCDF4.Dataset, variable: xr.DataArray) -> netCDF4.Variable[Any]:
         sizes = {dim: self._sizes.get(str(dim), size) for dim, size in variable.sizes.items()}
         options = encoding_of(variable, sizes)
         kind = np.dtype(options.pop("dtype"))
@@ -200,7 +177,7 @@ class RaggedWriter:
             file, variable, kind, {str(k): n for k, n in sizes.items()}, fill, options
         )
 
-    def _write_small(self, file: Any, parts: list[xr.DataArray]) -> None:
+    def _write_small(self, file: netCDF4.Dataset, parts: list[xr.DataArray]) -> None:
         first, made = parts[0], self._create(file, parts[0])
         axis = first.dims.index("aircraft") if "aircraft" in first.dims else None
         values = [part.to_numpy() for part in parts]
@@ -217,8 +194,9 @@ def _of_reports(block: xr.Dataset) -> list[str]:
     return [str(name) for name, variable in block.variables.items() if "report" in variable.dims]
 
 
-def _write_names(file: Any, parts: list[xr.DataArray]) -> None:
+def _write_names(file: netCDF4.Dataset, parts: list[xr.DataArray]) -> None:
     words = np.concatenate([np.char.encode(part.to_numpy().astype(str)) for part in parts])
+    # HDF5 has no text of no octets.
     words = words.astype(f"S{max(words.dtype.itemsize, 1)}")
     width = words.dtype.itemsize
     sizes = {str(parts[0].dims[0]): words.size, f"string{width}": width}
@@ -229,13 +207,13 @@ def _write_names(file: Any, parts: list[xr.DataArray]) -> None:
 
 
 def _create_array(
-    file: Any,
+    file: netCDF4.Dataset,
     variable: xr.DataArray,
     kind: np.dtype[Any],
     sizes: Mapping[str, int],
     fill: Any = None,
     options: Mapping[str, Any] | None = None,
-) -> Any:
+) -> netCDF4.Variable[Any]:
     for dim, size in sizes.items():
         if dim not in file.dimensions:
             file.createDimension(dim, size)

@@ -21,17 +21,7 @@ from airswing.products.atomic import replacing
 
 @contextlib.contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """Give a temporary name to write to, and rename it to ``path`` when the block ends well.
-
-    Parameters
-    ----------
-    path : Path
-        Where the finished file shall stand; its folder is made when absent.
-
-    Yields
-    ------
-    Path
-        Where to write.
+    """As `airswing.products.atomic.replacing`, with what cannot be written told in words.
 
     Raises
     ------
@@ -55,59 +45,28 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 def require_writable(folder: Path) -> None:
-    """Make sure products can be written to a folder, before hours are spent on them.
-
-    Parameters
-    ----------
-    folder : Path
-        Made when absent.
-
-    Raises
-    ------
-    InputError
-        If it cannot be made or written to.
-    """
+    """Make sure products can be written to a folder, before hours are spent on them."""
     with atomic(Path(folder) / ".writable") as temporary:
         temporary.touch()
     (Path(folder) / ".writable").unlink()
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write a text file atomically.
-
-    Returns
-    -------
-    Path
-        The path written.
-    """
+    """Write a text file atomically."""
     with atomic(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
 
 
-def write_json(path: Path, content: Mapping[str, Any]) -> Path:
-    """Write a JSON file atomically; NaN and infinities become null.
-
-    Returns
-    -------
-    Path
-        The path written.
-    """
+def write_json(path: Path, content: Mapping[str, object]) -> Path:
+    """Write a JSON file atomically; NaN and infinities become null."""
     return write_text(path, json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
 
 
-def plain(value: Any) -> Any:
-    """Turn numpy and pandas values into what JSON can hold.
+def plain(value: object) -> Any:
+    """Turn numpy and pandas values, nested in mappings, sequences and arrays, into what JSON holds.
 
-    Parameters
-    ----------
-    value : object
-        Nested mappings, sequences, arrays and scalars.
-
-    Returns
-    -------
-    object
-        The same with lists, floats, ints and strings; not-a-number becomes None.
+    Not-a-number becomes None; what is none of these its text.
     """
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
@@ -115,6 +74,7 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value.tolist()]
     if isinstance(value, (list, tuple, set)):
         return [plain(item) for item in value]
+    # Before float: numpy's doubles are floats too, and their item is the plain one.
     if isinstance(value, np.generic):
         return plain(value.item())
     if isinstance(value, float) and not np.isfinite(value):

@@ -63,30 +63,22 @@ Columns = dict[str, NDArray[Any]]
 
 
 class Block(NamedTuple):
-    """Reports of some aircraft, but for what the whole fleet decides.
+    """Reports of some aircraft, but for what the whole fleet decides."""
 
-    Parameters
-    ----------
-    reports : Dataset
-        Flights numbered from 0 within the block; no resolutions yet.
-    counts : dict of array
-        Of :func:`airswing.reports.resolution.count_on_steps`.
-    """
-
-    reports: xr.Dataset
-    counts: dict[str, NDArray[np.int64]]
+    reports: xr.Dataset  # flights numbered from 0 within the block; no resolutions yet
+    counts: dict[str, NDArray[np.int64]]  # of `airswing.reports.resolution.count_on_steps`
     flights: int
 
 
 def assembled(
     columns: Columns,
-    tails: NDArray[Any],
+    tails: NDArray[np.object_],
     audit: Audit,
     *,
     interval: float = 0.0,
     begins: tuple[np.datetime64, np.datetime64] | None = None,
 ) -> Block:
-    """Order, thin and lay out the reports of some aircraft.
+    """Order, thin and lay out the reports of some aircraft; those left without any are not in it.
 
     Parameters
     ----------
@@ -101,11 +93,6 @@ def assembled(
         them as they are.
     begins : (datetime64, datetime64), optional
         Only flights whose first report lies from the first to before the second stay.
-
-    Returns
-    -------
-    Block
-        Aircraft left without a report are not in it.
     """
     _take(columns, _order(columns))
     _drop_same_place(columns, audit)
@@ -116,18 +103,7 @@ def assembled(
 
 
 def completed(blocks: Sequence[Block]) -> Iterator[xr.Dataset]:
-    """Complete the blocks of a fleet with what the fleet shares.
-
-    Parameters
-    ----------
-    blocks : sequence of Block
-        All of the fleet, in order; taken up one by one.
-
-    Yields
-    ------
-    Dataset
-        The reports of each block.
-    """
+    """Complete all blocks of a fleet, in order, with what the fleet shares."""
     shared = Shared.of(blocks)
     for number, block in enumerate(blocks):
         yield shared.complete(number, block.reports)
@@ -171,15 +147,9 @@ class Shared:
 
 
 def in_alphabetical_order(
-    labels: Sequence[str], codes: NDArray[Any]
+    labels: Sequence[str], codes: NDArray[np.integer]
 ) -> tuple[NDArray[np.object_], NDArray[np.int32]]:
-    """Renumber labels alphabetically.
-
-    Parameters
-    ----------
-    codes : array of int
-        Numbers of ``labels``.
-    """
+    """Labels in alphabetical order, and codes (int32) that number them anew."""
     names = np.array(list(labels), dtype=object)
     order = np.argsort(names)
     renumbered = np.empty(names.size, dtype=np.int32)
@@ -187,13 +157,14 @@ def in_alphabetical_order(
     return names[order], renumbered[codes]
 
 
-def _take(columns: Columns, index: NDArray[Any]) -> None:
+def _take(columns: Columns, index: NDArray[np.integer]) -> None:
     for name in columns:
         columns[name] = columns[name][index]
 
 
 def _order(columns: Columns) -> NDArray[np.int64]:
     """Order by tail and time; ties by place, completeness and value, never by row or file."""
+    # All keys are costly, few reports are tied: those alone are sorted by the rest.
     order = np.lexsort((columns["time"], columns["tail"]))
     same = _same_moment(columns["tail"][order], columns["time"][order])
     tied = np.flatnonzero(same | np.r_[same[1:], False])
@@ -208,14 +179,14 @@ def _order(columns: Columns) -> NDArray[np.int64]:
     return np.asarray(order, dtype=np.int64)
 
 
-def _same_moment(tail: NDArray[Any], time: NDArray[Any]) -> NDArray[np.bool_]:
+def _same_moment(tail: NDArray[np.integer], time: NDArray[np.datetime64]) -> NDArray[np.bool_]:
     """Tell which reports share tail and time with the one before."""
     same = np.zeros(tail.size, dtype=bool)
     same[1:] = (tail[1:] == tail[:-1]) & (time[1:] == time[:-1])
     return same
 
 
-def _gaps(columns: Columns, members: NDArray[Any]) -> NDArray[np.int64]:
+def _gaps(columns: Columns, members: NDArray[np.integer]) -> NDArray[np.int64]:
     """Count what each report lacks."""
     names = ("eastward_wind", "air_temperature", "pressure")
     return np.asarray(sum(np.isnan(columns[name][members]).astype(np.int64) for name in names))
@@ -224,10 +195,12 @@ def _gaps(columns: Columns, members: NDArray[Any]) -> NDArray[np.int64]:
 def _drop_same_place(columns: Columns, audit: Audit) -> None:
     later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
     north, east, up = _apart(columns, later, later - 1)
+    # An unknown altitude (NaN) passes: `~(up >= 15)` where `up < 15` would not.
     later = later[(np.abs(north) < _SAME_PLACE) & (np.abs(east) < _SAME_PLACE) & ~(up >= 15.0)]
     exact = np.ones(later.size, dtype=bool)
     for values in columns.values():
         one, other = values[later], values[later - 1]
+        # NaN differs from itself: two absent values are equal here.
         exact &= (one == other) | ((one != one) & (other != other))
     audit.drop("exact_duplicate", int(np.count_nonzero(exact)))
     audit.drop("same_tail_and_time", int(np.count_nonzero(~exact)))
@@ -246,6 +219,7 @@ def _drop_conflicts(columns: Columns, audit: Audit) -> None:
         later = later[np.r_[True, np.diff(later) > 1][: later.size]]  # one of a chain at a time
         if not later.size:
             return
+        # A bool taken off the number: the report before goes where it lacks more.
         worse_before = _gaps(columns, later - 1) > _gaps(columns, later)
         audit.drop("conflicting_position", later.size)
         _take(columns, np.delete(np.arange(columns["tail"].size), later - worse_before))
@@ -269,12 +243,14 @@ def _along_climb(columns: Columns) -> NDArray[np.int64]:
     before = np.where(np.r_[False, close], here - 1, here)
     after = np.where(np.r_[close, False], here + 1, here)
     trend = np.nan_to_num(np.sign(mean[after] - mean[before]))[moment[tied]]
+    # Ascending in a climb, descending in a descent; without a trend all keys are zero and the
+    # sort, which is stable, leaves the order.
     order[tied] = tied[np.lexsort((trend * altitude[tied], moment[tied]))]
     return order
 
 
 def _apart(
-    columns: Columns, one: NDArray[Any], other: NDArray[Any]
+    columns: Columns, one: NDArray[np.integer], other: NDArray[np.integer]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Degrees north and east (the short way round) and metres up between reports."""
     north, east, up = (
@@ -291,7 +267,7 @@ def _clock(time: NDArray[np.datetime64]) -> NDArray[np.float64]:
 
 
 def _derived(
-    columns: Columns, row_size: NDArray[Any]
+    columns: Columns, row_size: NDArray[np.integer]
 ) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
     """Flights and phases, a few aircraft at a time: the working arrays stay small."""
     flight = np.empty(columns["tail"].size, dtype=np.int32)
@@ -299,6 +275,7 @@ def _derived(
     stops = np.cumsum(row_size)
     start, number = 0, 0
     for stop, ahead in zip(stops, [*stops[1:], np.inf], strict=True):
+        # The next aircraft still fits in: wait for it.
         if ahead - start <= REPORTS_AT_ONCE:
             continue
         part = {name: values[start:stop] for name, values in columns.items()}
@@ -311,7 +288,9 @@ def _derived(
 
 
 def _begun(
-    time: NDArray[Any], flight: NDArray[np.int32], begins: tuple[np.datetime64, np.datetime64]
+    time: NDArray[np.datetime64],
+    flight: NDArray[np.int32],
+    begins: tuple[np.datetime64, np.datetime64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Reports of the flights that begin in some time, and these flights numbered from 0."""
     _, first, number = np.unique(flight, return_index=True, return_inverse=True)
@@ -322,7 +301,7 @@ def _begun(
 
 def _layout(
     columns: Columns,
-    tails: NDArray[Any],
+    tails: NDArray[np.object_],
     audit: Audit,
     begins: tuple[np.datetime64, np.datetime64] | None = None,
 ) -> Block:

@@ -39,16 +39,10 @@ Columns = dict[str, NDArray[Any]]
 
 
 def averaged(columns: Columns, interval: float, audit: Audit) -> None:
-    """Bring sorted reports to one an interval, in place.
+    """Bring reports sorted by ``tail`` and ``time`` to one an interval (s; 0: none), in place.
 
-    Parameters
-    ----------
-    columns : dict of (report,) arrays
-        Canonical columns sorted by ``tail`` and ``time``.
-    interval : float
-        s; 0 leaves everything as it is.
-    audit : Audit
-        ``averaged`` counts the reports that went into means or stood beside the middle one.
+    ``averaged`` of the audit counts the reports that went into means or stood beside the middle
+    one.
     """
     count = columns["tail"].size
     if interval <= 0.0 or count < 2:
@@ -67,6 +61,7 @@ def averaged(columns: Columns, interval: float, audit: Audit) -> None:
         _fill(out, name, _mean(columns[name], starts), straight)
     for name in _ANGLES:
         _fill(out, name, _mean_angle(columns[name], starts), straight)
+    # Less the first: sums of seconds since 1970 would lose the milliseconds.
     mean_time = np.add.reduceat(seconds - seconds[starts].repeat(sizes), starts) / sizes
     at = (seconds[starts] + mean_time) * 1e9
     out["time"] = np.where(straight, np.round(at).astype("datetime64[ns]"), out["time"])

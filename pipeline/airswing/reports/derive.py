@@ -40,35 +40,14 @@ LOWEST_CRUISE = 609.6  # m pressure altitude, 2,000 ft
 
 
 def seconds_since_1970(time: NDArray[np.datetime64]) -> NDArray[np.float64]:
-    """Convert times to float seconds.
-
-    Parameters
-    ----------
-    time : array of datetime64, shape (report,)
-
-    Returns
-    -------
-    array of float64, shape (report,)
-        s since 1970-01-01 UTC.
-    """
+    """Times as float64 seconds since 1970-01-01 UTC."""
     return time.astype("datetime64[ns]").astype(np.int64) / 1e9
 
 
 def step_distance(
     latitude: NDArray[np.float64], longitude: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Great-circle distance from each position to the next (haversine).
-
-    Parameters
-    ----------
-    latitude, longitude : arrays, shape (n,)
-        Degrees.
-
-    Returns
-    -------
-    array, shape (n - 1,)
-        m.
-    """
+    """Great-circle distance (m) from each position (degrees) to the next, (n - 1,): haversine."""
     phi, lam = np.radians(latitude), np.radians(longitude)
     chord = (
         np.sin(np.diff(phi) / 2.0) ** 2
@@ -107,14 +86,15 @@ def derive_flight(columns: dict[str, NDArray[Any]]) -> NDArray[np.int32]:
     number[order] = np.r_[0, np.cumsum(begins)]
     _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
     rank = np.empty(first.size, dtype=np.int32)
+    # Numbered by first report: interleaved labels of one tail would else be numbered by name.
     rank[np.argsort(first)] = np.arange(first.size, dtype=np.int32)
     return np.asarray(rank[inverse], dtype=np.int32)
 
 
 def climb_rate(
-    seconds: NDArray[np.float64], altitude: NDArray[np.float64], flight: NDArray[Any]
+    seconds: NDArray[np.float64], altitude: NDArray[np.float64], flight: NDArray[np.integer]
 ) -> NDArray[np.float64]:
-    """Slope of altitude over the neighbours of each report.
+    """Slope of altitude over the neighbours of each report, m/s; NaN where it has none.
 
     Parameters
     ----------
@@ -123,11 +103,6 @@ def climb_rate(
     altitude : array, shape (n,)
         m, not NaN.
     flight : array of int, shape (n,)
-
-    Returns
-    -------
-    array, shape (n,)
-        m/s; NaN where a report has no neighbour.
     """
     begins = np.r_[True, np.diff(flight) != 0] if flight.size else np.zeros(0, dtype=bool)
     block = np.cumsum(begins) - 1
@@ -152,19 +127,14 @@ def climb_rate(
     return rate
 
 
-def derive_phase(columns: dict[str, NDArray[Any]], flight: NDArray[Any]) -> NDArray[np.int8]:
-    """Tell ascent, cruise and descent from pressure altitude.
+def derive_phase(columns: dict[str, NDArray[Any]], flight: NDArray[np.integer]) -> NDArray[np.int8]:
+    """Tell ascent, cruise and descent from pressure altitude: codes of `airswing.flags.PHASE`.
 
     Parameters
     ----------
     columns : dict of arrays, shape (report,)
         ``time`` and ``pressure_altitude`` (m).
     flight : array of int, shape (report,)
-
-    Returns
-    -------
-    array of int8, shape (report,)
-        Codes of :data:`airswing.flags.PHASE`.
     """
     phase = np.full(flight.size, PHASE["unknown"], dtype=np.int8)
     altitude = columns["pressure_altitude"].astype(np.float64)
@@ -180,7 +150,7 @@ def derive_phase(columns: dict[str, NDArray[Any]], flight: NDArray[Any]) -> NDAr
     return phase
 
 
-def _lasting(rate: NDArray[np.float64], flight: NDArray[Any]) -> NDArray[np.bool_]:
+def _lasting(rate: NDArray[np.float64], flight: NDArray[np.integer]) -> NDArray[np.bool_]:
     """Find the runs of a flight over the leaving rate that reach the entering rate somewhere."""
     moving = rate > LEAVE_RATE
     begins = np.r_[True, (np.diff(moving.astype(np.int8)) != 0) | (np.diff(flight) != 0)]

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.cleaning import FLAGS
@@ -31,13 +32,7 @@ _NUMBERS = (
 def reports_summary(
     path: str | Path, *, format: Format = "auto", columns: ColumnMapping | None = None
 ) -> dict[str, Any]:
-    """Say what a report file holds.
-
-    Parameters
-    ----------
-    format : {"auto", "csv", "parquet", "madis", "bufr"}, default "auto"
-    columns : mapping, optional
-        As in :func:`airswing.reports.read.read_reports`.
+    """Say what a report file holds; format and columns as in `airswing.reports.read.read_reports`.
 
     Returns
     -------
@@ -88,7 +83,7 @@ def _iso(time: pd.Timestamp) -> str:
     return f"{time.isoformat()}Z"
 
 
-def _box(corners: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float]:
+def _box(corners: NDArray[np.float64]) -> dict[str, float]:
     return {
         "south": float(corners[:, 0].min()),
         "north": float(corners[:, 1].max()),

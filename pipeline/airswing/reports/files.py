@@ -64,13 +64,7 @@ def none_usable(audit: Audit) -> InputError:
 
 
 def none_read(errors: list[InputError]) -> InputError:
-    """Say why no file could be read.
-
-    Parameters
-    ----------
-    errors : list of InputError
-        One a file.
-    """
+    """Say why no file could be read, from one error a file."""
     if len(errors) == 1:
         return errors[0]
     return InputError(
@@ -82,24 +76,9 @@ def none_read(errors: list[InputError]) -> InputError:
 def file_frames(path: Path, format: str, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     """Read one file as canonical frames, piece by piece.
 
-    Parameters
-    ----------
-    mapping : mapping
-        Of :func:`airswing.reports.canonical.columns.parse_mapping`.
-    audit : Audit
-        Takes the counts; not to be used where the file cannot be read to its end.
-
-    Yields
-    ------
-    DataFrame
-        As :func:`iter_frames`.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read.
+    The audit takes the counts, and is not to be used where the file cannot be read to its end.
     """
-    kind = detect_format(path) if format == "auto" else format
+    kind = _detect_format(path) if format == "auto" else format
     audit.formats[kind] += 1
     try:
         for piece in _pieces(kind, path, mapping, audit):
@@ -123,6 +102,7 @@ def _wanted(piece: pd.DataFrame, mapping: Mapped, path: Path, audit: Audit) -> p
                 remedy="Leave it out for these files",
             )
         keep &= piece[name].isin(source.wanted).to_numpy(dtype=bool)
+    # `clean` counts what it is given; what is left out here it never sees.
     audit.read += int(np.count_nonzero(~keep))
     audit.drop("not_wanted", int(np.count_nonzero(~keep)))
     return piece if keep.all() else piece.loc[keep]
@@ -144,12 +124,7 @@ def _pieces(kind: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd
 
 
 def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
-    """Paths that names and globs stand for.
-
-    Returns
-    -------
-    list of Path
-        Each once, in order of name.
+    """Paths that names and globs stand for, each once.
 
     Raises
     ------
@@ -160,6 +135,8 @@ def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
     found: dict[str, None] = {}
     for pattern in patterns:
         text = str(Path(pattern).expanduser())
+        # A file whose name holds brackets is itself first, and a pattern only where there
+        # is none.
         names = [text] if Path(text).is_file() else glob.glob(text, recursive=True)
         names = sorted(name for name in names if Path(name).is_file())
         if not names:
@@ -186,19 +163,8 @@ def _pattern(folder: Path) -> str:
     return str(below / f"*{first.suffix}")
 
 
-def detect_format(path: Path) -> str:
-    """Tell a report file's format from its first bytes.
-
-    Returns
-    -------
-    str
-        Name of a format.
-
-    Raises
-    ------
-    InputError
-        The file is empty, cannot be opened, or is none of these.
-    """
+def _detect_format(path: Path) -> str:
+    """Tell a report file's format from its first bytes."""
     start = _first_bytes(path)
     if not start:
         raise InputError("is empty", file=path)

@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
 from airswing.reports.canonical.columns import QUANTITIES, REQUIRED, compatible, split_name
+from airswing.reports.canonical.times import Column
 from airswing.reports.formats.tabular import first_rows
 
 __all__ = ["propose_mapping"]
@@ -158,17 +159,17 @@ def _time(
             remarks[found["time"]] = "seconds or milliseconds since 1970"
 
 
-def _has_clock(column: pd.Series[Any]) -> bool:
+def _has_clock(column: Column) -> bool:
     return bool(column.dropna().astype(str).str.contains(r"\d:\d\d").any())
 
 
-def _has_date(column: pd.Series[Any]) -> bool:
+def _has_date(column: Column) -> bool:
     text = column.dropna().astype(str)
     numeric = pd.api.types.is_numeric_dtype(column)
     return bool(numeric or text.str.contains(r"\d{4}-?\d\d-?\d\d|\d+/\d+/\d+").any())
 
 
-def _entry(name: str, column: str, values: pd.Series[Any], remarks: dict[str, str]) -> Any:
+def _entry(name: str, column: str, values: Column, remarks: dict[str, str]) -> Any:
     """Canonical name of a column, with the unit that its name or its values tell."""
     quantity = QUANTITIES.get(name)
     if quantity is None:
@@ -186,20 +187,24 @@ def _entry(name: str, column: str, values: pd.Series[Any], remarks: dict[str, st
     return canonical if unit is None else {"name": canonical, "unit": unit}
 
 
-def _guessed(name: str, values: np.ndarray[Any, Any]) -> tuple[str | None, str]:
+def _guessed(name: str, values: NDArray[np.float64]) -> tuple[str | None, str]:
     """Unit by the size of the values, and the remark that says so."""
     known = np.abs(values[np.isfinite(values)])
     largest = float(known.max()) if known.size else 0.0
     if name == "pressure":
+        # 1013 hPa is the largest there is, and the least at flight level still 15,000 Pa.
         return ("Pa" if largest > 2000 else "hPa"), "unit guessed from its values"
     if name == "pressure_altitude":
+        # Flight levels are hundreds of feet: no aircraft is above 60,000 ft.
         if largest <= 600 and largest > 0:
             return "hft", "flight levels guessed from its values"
+        # In metres that is above most airliners; in feet half of all flight is.
         return ("ft" if largest > 15_500 else "m"), "unit guessed from its values"
     if name == "temperature":
         return ("K" if largest > 150 else "degC"), "unit guessed from its values"
     if name in _SPEEDS:
         airborne = name in ("true_airspeed", "ground_speed", "indicated_airspeed")
+        # 340 m/s is the speed of sound: no transport flies at it, at 340 kt many do.
         unit = "kt" if not airborne or largest > 340 else "m/s"
         return unit, "kt or m/s cannot be told from the name: please check"
     return None, ""
@@ -231,7 +236,7 @@ def _as_yaml(mapping: Mapping[str, Any], remarks: Mapping[str, str]) -> str:
     return "\n".join(lines)
 
 
-def _in_yaml(value: ArrayLike) -> str:
+def _in_yaml(value: object) -> str:
     import yaml
 
     return yaml.safe_dump(value, default_flow_style=True, width=1000).split("\n")[0]

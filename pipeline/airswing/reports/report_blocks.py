@@ -25,7 +25,7 @@ from airswing.vocabulary import describe
 
 
 class Archive:
-    """Ordered reports of a fleet, block by block.
+    """Ordered reports of a fleet, block by block; ``interval`` and ``begins`` as for `assembled`.
 
     Parameters
     ----------
@@ -35,8 +35,6 @@ class Archive:
         For the blocks, which are this archive's own and not kept between runs.
     limit : int, optional
         Reports of a block; `BLOCK_REPORTS` by default.
-    interval, begins
-        As for `airswing.reports.assemble.assembled`.
 
     Attributes
     ----------

@@ -71,13 +71,13 @@ _LOOKED_AT = 2000
 
 def lattice_step(
     values: NDArray[np.float64],
-    group: NDArray[Any],
+    group: NDArray[np.integer],
     groups: int,
     steps: tuple[Step, ...],
     *,
     fewest: int = FEWEST,
 ) -> NDArray[np.float64]:
-    """Coarsest step on which the values of each group lie.
+    """Coarsest step on which the values of each group lie, (groups,).
 
     Parameters
     ----------
@@ -86,14 +86,9 @@ def lattice_step(
     group : array of int, shape (n,)
         Group of each value, 0 to ``groups - 1``.
     steps : tuple of (step, tolerance)
-        Coarse to fine, in the unit of ``values``.
+        Coarse to fine, in the unit of ``values``; the last where none fits.
     fewest : int
-        Values a group must have.
-
-    Returns
-    -------
-    array, shape (groups,)
-        The last step of the list where none fits, NaN where a group has too few values.
+        Values a group must have; with fewer it gets NaN.
     """
     return _coarsest(_on_steps(values, group, groups, steps), steps, fewest)
 
@@ -108,7 +103,7 @@ _FIELDS: dict[str, tuple[tuple[Step, ...], float]] = {
 
 
 def count_on_steps(
-    columns: dict[str, NDArray[Any]], row_size: NDArray[Any]
+    columns: dict[str, NDArray[Any]], row_size: NDArray[np.integer]
 ) -> dict[str, NDArray[np.int64]]:
     """Count how many values of each aircraft lie on each step.
 
@@ -132,6 +127,7 @@ def count_on_steps(
     seen = np.flatnonzero(place % np.maximum(stride, 1) == 0)
     group = columns["tail"][seen]
     latitude, longitude = columns["latitude"][seen], columns["longitude"][seen]
+    # Time of day: counted from a day's begin every step in use is a whole number of steps.
     day = columns["time"] - columns["time"].astype("datetime64[D]")
     values = {
         "position_resolution": (np.concatenate([latitude, longitude]), np.tile(group, 2)),
@@ -145,12 +141,7 @@ def count_on_steps(
 
 
 def resolutions(counts: dict[str, NDArray[np.int64]]) -> dict[str, NDArray[np.float64]]:
-    """Resolution of each aircraft's reports, from the counts of a whole fleet.
-
-    Parameters
-    ----------
-    counts : dict
-        Of :func:`count_on_steps`, all aircraft.
+    """Resolution of each aircraft's reports, from `count_on_steps` of a whole fleet.
 
     Returns
     -------
@@ -164,7 +155,7 @@ def resolutions(counts: dict[str, NDArray[np.int64]]) -> dict[str, NDArray[np.fl
 
 
 def _on_steps(
-    values: NDArray[np.float64], group: NDArray[Any], groups: int, steps: tuple[Step, ...]
+    values: NDArray[np.float64], group: NDArray[np.integer], groups: int, steps: tuple[Step, ...]
 ) -> NDArray[np.int64]:
     """Values of each group, and those of them that lie on each step."""
     known = np.isfinite(values)
@@ -182,6 +173,7 @@ def _coarsest(
     """First step on which enough values lie, the last where none; NaN with too few values."""
     size, on = counts[:, 0], counts[:, 1:]
     hit = on >= SHARE * size[:, np.newaxis]
+    # argmax gives the first hit: steps stand coarse to fine.
     number = np.where(hit.any(axis=1), hit.argmax(axis=1), len(steps) - 1)
     return np.where(size >= fewest, np.array([step for step, _ in steps])[number], np.nan)
 
@@ -223,5 +215,7 @@ def _steady(
     size = np.bincount(tail[pair], minlength=number)
     for aircraft in np.flatnonzero((clock >= 10.0) & (size >= 10) & (twice == 0)):
         start, stop = np.searchsorted(tail[pair], (aircraft, aircraft + 1))
+        # The median of absolute values over the normal's quartile: a deviation no outlier
+        # moves.
         steady[aircraft] = 1.4826 * float(np.median(ratio[start:stop])) < 1.0 / 3.0
     return steady

@@ -23,7 +23,7 @@ import uuid
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.products.atomic import replacing
 from airswing.products.checked import SEAL, digest, note, noted
+from airswing.products.ragged import aircraft_groups
 from airswing.reports.assemble import Columns, in_alphabetical_order
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.cleaning import FLAGS
@@ -86,14 +87,14 @@ class Segment(NamedTuple):
         Of the rows where they are in a file.
     """
 
-    rows: NDArray[Any] | Path
-    tails: list[str]
+    rows: NDArray[np.void] | Path  # of `ROW`
+    tails: list[str]  # in alphabetical order, as the flights' labels
     flights: list[str]
-    stop: list[int]
-    hours: list[tuple[int, int]]
-    checksum: str = ""
+    stop: list[int]  # one past the last row of each tail
+    hours: list[tuple[int, int]]  # hours since 1970 and how many reports fall in each
+    checksum: str = ""  # of rows in a file
 
-    def take(self, first: str, last: str) -> tuple[NDArray[Any], list[str]]:
+    def take(self, first: str, last: str) -> tuple[NDArray[np.void], list[str]]:
         """Rows of the tails from one to another, both included, and those tails."""
         names = np.array(self.tails, dtype=object)
         begin, end = np.searchsorted(names, first), np.searchsorted(names, last, side="right")
@@ -105,6 +106,7 @@ class Segment(NamedTuple):
             rows = np.fromfile(self.rows, ROW, count, offset=start * ROW.itemsize)
         else:
             rows = np.empty(0, ROW)
+        # Numbers count from the first tail taken.
         rows["tail"] -= np.int32(begin)
         return rows, self.tails[begin:end]
 
@@ -138,16 +140,7 @@ class Spool:
     ) -> None:
         """Read files and set their reports down; those set down before are not read again.
 
-        Parameters
-        ----------
-        files, format, columns, on_bad_file
-            As for :func:`airswing.reports.read.read_reports`.
-
-        Raises
-        ------
-        InputError
-            No file matches, none can be read, none holds a usable report, or (policy "fail") one
-            cannot be read.
+        Arguments and errors as of :func:`airswing.reports.read.read_reports`.
         """
         require_format(format)
         mapping = parse_mapping(columns)
@@ -206,18 +199,12 @@ class Spool:
         list of (str, str)
             First and last tail of each group.
         """
-        found: list[tuple[str, str]] = []
-        total = 0
-        for tail, number in self.counts().items():
-            total += number
-            if found and total <= limit:
-                found[-1] = (found[-1][0], tail)
-            else:
-                found.append((tail, tail))
-                total = number
-        return found
+        counts = self.counts()
+        tails, sizes = list(counts), np.fromiter(counts.values(), np.int64, len(counts))
+        groups = aircraft_groups(sizes, limit)
+        return [(tails[group.start], tails[group.stop - 1]) for group in groups]
 
-    def columns(self, first: str, last: str) -> tuple[Columns, NDArray[Any]]:
+    def columns(self, first: str, last: str) -> tuple[Columns, NDArray[np.object_]]:
         """Canonical columns of the tails from one to another, both included, and those tails."""
         parts = [(one, *one.take(first, last)) for one in self.segments]
         parts = [part for part in parts if part[1].size]
@@ -233,6 +220,7 @@ class Spool:
         names, flight = in_alphabetical_order(list(labels.known), rows["flight"])
         columns = {str(name): np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
         unlabelled = np.flatnonzero(names == "")
+        # A blank label is none.
         columns["flight"] = np.where(np.isin(flight, unlabelled), -1, flight).astype(np.int32)
         return columns, np.array(known, dtype=object)
 
@@ -255,6 +243,8 @@ class Spool:
                 Segment(self.folder / entry["rows"], *(entry[name] for name in Segment._fields[1:]))
                 for entry in content["segments"]
             ]
+            # Taken up whole or not at all: one file that changed makes all of its note
+            # be read again.
             holds = content["key"] == self.key and own.keys() <= wanted - self.files.keys()
             if not holds:
                 continue
@@ -275,7 +265,7 @@ class _Labels:
     def __init__(self) -> None:
         self.known: dict[str, int] = {}
 
-    def numbers(self, labels: Sequence[str], codes: NDArray[Any]) -> NDArray[np.int32]:
+    def numbers(self, labels: Sequence[str], codes: NDArray[np.integer]) -> NDArray[np.int32]:
         """Own numbers for codes of another list of labels."""
         used, index = np.unique(codes, return_inverse=True)
         found = [self.known.setdefault(labels[code], len(self.known)) for code in used]
@@ -320,6 +310,8 @@ class _Batch:
         self.whole += self.current
         self._begin_file()
         self.files[identity] = audit
+        # A large file's segments are on disk already: their note is written before the
+        # next begins.
         if self.segments or _size(self.whole) >= SEGMENT_REPORTS:
             self.commit()
 
@@ -372,7 +364,7 @@ class _Batch:
         )
         rows = rows[np.argsort(rows["tail"], kind="stable")]
         stop = np.cumsum(np.bincount(rows["tail"], minlength=tails.size))
-        kept: NDArray[Any] | Path = rows
+        kept: NDArray[np.void] | Path = rows
         if self.spool.folder is not None:
             kept = self.spool.folder / f"{uuid.uuid4().hex}.rows"
             _write(kept, rows.tobytes())
@@ -396,7 +388,7 @@ def _write(path: Path, content: bytes) -> None:
         ) from error
 
 
-def _hours(rows: NDArray[Any]) -> list[tuple[int, int]]:
+def _hours(rows: NDArray[np.void]) -> list[tuple[int, int]]:
     """Hours since 1970 and how many reports fall in each."""
     known, number = np.unique(rows["time"].astype("M8[h]").astype(np.int64), return_counts=True)
     return list(zip(known.tolist(), number.tolist(), strict=True))

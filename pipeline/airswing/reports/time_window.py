@@ -6,8 +6,6 @@ is told by the hours each notes; their reports are picked out some aircraft at a
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,21 +14,14 @@ from airswing.reports.staging_store import Segment, Spool
 
 
 class Between(Spool):
-    """The reports of a spool from one time to another.
+    """The reports of a spool from one time to before another.
 
-    Parameters
-    ----------
-    start, stop : datetime64
-        The second is not in it.
+    Its counts are of all reports in the segments that meet the time; it has no audit.
 
     Attributes
     ----------
     marks : list of str
-        Checksums of the segments that meet the time: the reports are the same where these are.
-
-    Notes
-    -----
-    Its counts are of all reports in these segments, and it has no audit of its own.
+        Checksums of these segments: the reports are the same where these are.
     """
 
     def __init__(self, whole: Spool, start: np.datetime64, stop: np.datetime64) -> None:
@@ -39,7 +30,7 @@ class Between(Spool):
         self.marks = sorted(one.checksum for one in self.segments)
         self._window = start, stop
 
-    def columns(self, first: str, last: str) -> tuple[Columns, NDArray[Any]]:
+    def columns(self, first: str, last: str) -> tuple[Columns, NDArray[np.object_]]:
         """Canonical columns as of a whole spool; some tails may have none."""
         columns, tails = super().columns(first, last)
         start, stop = self._window

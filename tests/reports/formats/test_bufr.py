@@ -19,7 +19,7 @@ from airswing.reference.packing import decoder
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 from airswing.reports import read_reports
 from airswing.reports.canonical.audit import Audit
-from airswing.reports.formats.bufr import bufr_pieces
+from airswing.reports.formats.bufr import _bufr_pieces
 
 eccodes = pytest.importorskip("eccodes")
 pytest.importorskip("pdbufr")
@@ -140,7 +140,7 @@ def test_the_real_file_agrees_with_eccodes_report_by_report(
 
 def test_phases_of_the_real_file(real: Callable[[str], Path], messages: list[dict[str, Any]]):
     audit = Audit()
-    (piece,) = bufr_pieces(real(AMDAR), {}, audit)
+    (piece,) = _bufr_pieces(real(AMDAR), {}, audit)
     told = [message["phaseOfAircraftFlight"] for message in messages]
     for phase, codes in {1: (5,), 2: (3, 4), 3: (6,)}.items():
         assert int((piece["phase"] == phase).sum()) == sum(code in codes for code in told)

@@ -37,7 +37,7 @@ Told = dict[str, Array]  # Columns of some reports by name, NaN where absent; al
 
 
 def true_heading(told: Told, seconds: Array) -> Array:
-    """Heading from true north: as reported, else the magnetic one turned by the declination.
+    """Heading from true north (degrees, 0 to 360): as reported, else magnetic plus the declination.
 
     Parameters
     ----------
@@ -46,11 +46,6 @@ def true_heading(told: Told, seconds: Array) -> Array:
         ``pressure_altitude`` (m).
     seconds : (n,) array
         Since 1970.
-
-    Returns
-    -------
-    (n,) array
-        Degrees, 0 to 360; NaN where neither is known.
     """
     heading, magnetic = told["reported_heading"].copy(), told["magnetic_heading"]
     wanted = np.flatnonzero(np.isnan(heading) & np.isfinite(magnetic))
@@ -93,37 +88,17 @@ def true_airspeed(told: Told) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def wind_of(told: Told, heading: Array, airspeed: Array) -> tuple[Array, Array]:
-    """Wind as ground velocity minus air velocity.
+    """Wind (eastward, northward, m s-1) as ground velocity minus air velocity; NaN where unknown.
 
-    Parameters
-    ----------
-    told : dict of (n,) arrays
-        ``ground_speed`` (m s-1) and ``track`` (degrees from true north).
-    heading, airspeed : (n,) arrays
-        Degrees from true north, m s-1.
-
-    Returns
-    -------
-    eastward, northward : (n,) arrays
-        m s-1; NaN where anything is absent.
+    ``told`` has ``ground_speed`` (m s-1) and ``track``, with ``heading`` in degrees from true
+    north.
     """
     ground = vector_from_bearing(told["ground_speed"], np.radians(told["track"]))
     return wind_from_triangle(*ground, airspeed, np.radians(heading))
 
 
 def source_codes(derived: NDArray[np.bool_], standard: NDArray[np.bool_]) -> Codes:
-    """Flag of where each wind is from.
-
-    Parameters
-    ----------
-    derived, standard : (n,) arrays of bool
-        Winds worked out here, and airspeeds at the standard atmosphere's temperature.
-
-    Returns
-    -------
-    (n,) array of int8
-        Of :data:`airswing.flags.WIND_SOURCE`.
-    """
+    """`airswing.flags.WIND_SOURCE` of each wind: whether derived here, and at which temperature."""
     exact, rough = WIND_SOURCE["derived"], WIND_SOURCE["derived_at_standard_temperature"]
     return np.where(derived, np.where(standard, rough, exact), WIND_SOURCE["reported"]).astype(
         np.int8

@@ -18,38 +18,21 @@ import numpy as np
 
 @dataclass
 class Audit:
-    """Running tally of one reading.
+    """Running tally of one reading."""
 
-    Parameters
-    ----------
-    read : int
-        Reports met, whole or broken.
-    dropped : Counter
-        Reports left out, per reason.
-    repaired : Counter
-        Values set right or set missing in reports that stay, per reason.
-    missing : Counter
-        Reports that stay without a value, per variable.
-    flags : dict of str to Counter
-        Codes met, per flag field of the source.
-    formats : Counter
-        Files read, per format.
-    files_skipped : list of dict
-        ``{"file", "reason"}`` of each file that could not be read.
-    examples : dict of str to str
-        The first value met that could not be read, per reason.
-    similar_tails : list of list of str
-        Aircraft whose identifiers differ only in case or blanks; kept apart.
-    """
-
-    read: int = 0
+    read: int = 0  # reports met, whole or broken
+    # Reports left out; values set right or set missing in reports that stay; both per reason.
     dropped: Counter[str] = field(default_factory=Counter)
     repaired: Counter[str] = field(default_factory=Counter)
+    # Reports that stay without a value, per variable.
     missing: Counter[str] = field(default_factory=Counter)
+    # Codes met, per flag field of the source.
     flags: dict[str, Counter[str]] = field(default_factory=dict)
-    formats: Counter[str] = field(default_factory=Counter)
-    files_skipped: list[dict[str, str]] = field(default_factory=list)
+    formats: Counter[str] = field(default_factory=Counter)  # files read, per format
+    files_skipped: list[dict[str, str]] = field(default_factory=list)  # each file and reason
+    # The first value met that could not be read, per reason.
     examples: dict[str, str] = field(default_factory=dict)
+    # Aircraft whose identifiers differ only in case or blanks; kept apart.
     similar_tails: list[list[str]] = field(default_factory=list)
 
     @property
@@ -73,28 +56,11 @@ class Audit:
         self.examples.setdefault(reason, repr(plain)[:60])
 
     def codes(self, name: str, tally: Mapping[str, int]) -> None:
-        """Add the codes met in one flag field.
-
-        Parameters
-        ----------
-        name : str
-            Field of the source.
-        tally : mapping of str to int
-            Number of reports per code.
-        """
-        counter = self.flags.setdefault(name, Counter())
-        for code, number in tally.items():
-            counter[code] += int(number)
+        """Add the number of reports per code met in one flag field of the source."""
+        self.flags.setdefault(name, Counter()).update(tally)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain form of the tally.
-
-        Returns
-        -------
-        dict
-            ``reports_read, reports_kept, dropped, repaired, missing, flags, formats, files,
-            files_skipped, examples, similar_tails``.
-        """
+        """Plain form of the tally."""
         return {
             "reports_read": self.read,
             "reports_kept": self.kept,
@@ -143,13 +109,7 @@ class Audit:
 
 
 def similar(tails: Iterable[str]) -> list[list[str]]:
-    """Find identifiers that differ only in case or blanks.
-
-    Returns
-    -------
-    list of list of str
-        Groups of two and more, in order of name.
-    """
+    """Identifiers that differ only in case or blanks: groups of two and more, in order of name."""
     groups: dict[str, list[str]] = {}
     for tail in sorted(tails):
         groups.setdefault("".join(tail.split()).casefold(), []).append(tail)

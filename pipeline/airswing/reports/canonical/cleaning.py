@@ -21,7 +21,6 @@ Wind up to 150 m/s, temperature 150-340 K, pressure altitude -700 to 20,000 m.
 from __future__ import annotations
 
 import string
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -45,7 +44,7 @@ from airswing.reports.canonical.air_vector import (
     wind_of,
 )
 from airswing.reports.canonical.audit import Audit
-from airswing.reports.canonical.times import EARLIEST, LATEST
+from airswing.reports.canonical.times import EARLIEST, LATEST, Column
 
 FLAGS = {
     "roll_flag": ROLL["missing"],
@@ -82,6 +81,7 @@ ANGLES = ("wind_direction", "reported_heading", "magnetic_heading", "track")
 _FLOATS = ("air_temperature", "reported_airspeed", "reported_heading")
 # What only a wind derived here needs; it is not kept.
 _DERIVED_FROM = ("magnetic_heading", "ground_speed", "track", "indicated_airspeed", "mach")
+# Names come padded with NULs (fixed-width fields) and no-break spaces (spreadsheets).
 _AROUND = string.whitespace + "\xa0\x00"
 _ORIGIN = 1e-6  # degrees: a position nearer to 0 N 0 E than this is an unset one
 
@@ -163,6 +163,7 @@ def _derive_wind(frame: pd.DataFrame, piece: pd.DataFrame, audit: Audit) -> None
     airspeed, standard = true_airspeed(told)
     eastward, northward = wind_of(told, heading, airspeed)
     fastest = LIMITS["wind_speed"][1]
+    # False for NaN: a wind that cannot be worked out is not possible.
     possible = np.hypot(eastward, northward) <= fastest
     audit.repair(
         "derived_wind_out_of_range", int(np.count_nonzero(np.isfinite(eastward) & ~possible))
@@ -190,11 +191,11 @@ def _distrust_origin(frame: pd.DataFrame, audit: Audit) -> None:
     frame.loc[unset, "wind_qc"] = np.int8(WIND_QC["fail"])
 
 
-def _stripped(values: pd.Series[Any]) -> pd.Series[Any]:
+def _stripped(values: Column) -> Column:
     return values.fillna("").astype(str).str.strip(_AROUND)
 
 
-def _flight(piece: pd.DataFrame) -> pd.Series[Any]:
+def _flight(piece: pd.DataFrame) -> Column:
     if "flight" in piece:
         return _stripped(piece["flight"])
     return pd.Series("", index=piece.index, dtype=str)
@@ -238,6 +239,7 @@ def _wind(piece: pd.DataFrame, audit: Audit) -> dict[str, NDArray[np.float64]]:
     speed = _number(piece, "wind_speed", audit)
     direction = _number(piece, "wind_direction", audit)
     audit.repair("wind_direction_360", int(np.count_nonzero(direction == 360.0)))
+    # 360 means north, 0 calm in some codings: the speed says which it is.
     direction[direction == 360.0] = 0.0
     calm = speed == 0.0
     audit.repair("calm_without_direction", int(np.count_nonzero(calm & np.isnan(direction))))

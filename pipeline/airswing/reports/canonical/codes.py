@@ -16,6 +16,7 @@ from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.reports.canonical.audit import Audit
 
 BLANK = ""
+LARGEST_ROLL = 5.0  # degrees
 
 ROLL_CODES = {
     BLANK: ROLL["missing"],
@@ -83,10 +84,16 @@ TABLES = {
 """Code table and the value that means missing, per flag column of a report table."""
 
 
+def roll_flags(roll: NDArray[np.float64]) -> NDArray[np.int8]:
+    """Flag of a roll angle (degrees, either way): bad beyond 5 as the ACARS flag has it."""
+    flags = np.where(np.abs(roll) <= LARGEST_ROLL, ROLL["good"], ROLL["bad"])
+    return np.where(np.isnan(roll), ROLL["missing"], flags).astype(np.int8)
+
+
 def decode_flags(
     values: ArrayLike, codes: Mapping[str, int], missing: int, *, name: str, audit: Audit
 ) -> NDArray[np.int8]:
-    """Turn code strings into flag values, counting each code met.
+    """Turn code strings into flag values (report,), counting each code met under the field's name.
 
     Parameters
     ----------
@@ -95,15 +102,7 @@ def decode_flags(
     codes : mapping of str to int
         Upper-case code to flag value.
     missing : int
-        Value of an unknown code.
-    name : str
-        Field of the source, for the tally.
-    audit : Audit
-        Codes are added to its tally, unknown ones to its repairs.
-
-    Returns
-    -------
-    array of int8, shape (report,)
+        Value of an unknown code, which is counted as a repair.
     """
     index, labels = pd.factorize(np.asarray(values, dtype=object), use_na_sentinel=True)
     found = np.full(len(labels) + 1, missing, dtype=np.int8)  # the last stands for NaN

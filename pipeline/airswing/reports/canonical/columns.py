@@ -12,7 +12,7 @@ mapped by the configuration, in one of these forms:
   where the third is the offset from UTC;
 * ``name: {only: [value, ...]}``: reports with another value in that column are left out.
 
-Units are converted by pint; every conversion used here is affine (factor and offset).
+Units are converted by pint; every _conversion used here is affine (factor and offset).
 """
 
 from __future__ import annotations
@@ -33,33 +33,14 @@ ONLY = "only:"
 
 @dataclass(frozen=True)
 class Quantity:
-    """A numeric column.
-
-    Parameters
-    ----------
-    variable : str
-        Column of the piece it fills.
-    si_unit : str
-        Unit there.
-    canonical : str
-        Canonical column name.
-    """
+    """A numeric column: the piece's column it fills, the unit there, its canonical name."""
 
     variable: str
     si_unit: str
     canonical: str
 
 
-TEXT = {
-    "tail": "tail",
-    "time": "time",
-    "roll_flag": "roll_flag",
-    "temperature_qc": "temperature_qc",
-    "wind_qc": "wind_qc",
-    "phase": "phase",
-    "flight": "flight",
-    "icing": "icing",
-}
+TEXT = ("tail", "time", "roll_flag", "temperature_qc", "wind_qc", "phase", "flight", "icing")
 """Columns without a unit."""
 
 _PLAIN = {"latitude": "degree", "longitude": "degree", "mach": "dimensionless"}
@@ -145,31 +126,15 @@ GROUND = ("ground_speed", "track")
 
 @dataclass(frozen=True)
 class Source:
-    """Where a column of the piece comes from.
+    """Where a column of the piece comes from."""
 
-    Parameters
-    ----------
-    column : str
-        Column in the file.
-    factor, offset : float
-        ``value * factor + offset`` is in SI (or degrees); 1 and 0 for text.
-    others : tuple of str
-        Columns that stand in, row by row, where the first holds nothing.
-    parts : tuple of str
-        Columns that follow the first in a time made of several.
-    value : str or float, optional
-        The same for every report, before factor and offset.
-    wanted : tuple of str
-        Values of which reports are wanted.
-    """
-
-    column: str
-    factor: float = 1.0
+    column: str  # in the file
+    factor: float = 1.0  # value * factor + offset is in SI (or degrees); 1 and 0 for text
     offset: float = 0.0
-    others: tuple[str, ...] = ()
-    parts: tuple[str, ...] = ()
-    value: str | float | None = None
-    wanted: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()  # stand in, row by row, where the first holds nothing
+    parts: tuple[str, ...] = ()  # follow the first in a time made of several
+    value: str | float | None = None  # the same for every report, before factor and offset
+    wanted: tuple[str, ...] = ()  # values of which reports are wanted
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -186,15 +151,10 @@ def canonical_names() -> list[str]:
 def parse_mapping(columns: ColumnMapping | None) -> dict[str, tuple[str, Source]]:
     """Check a user's column mapping before any file is opened.
 
-    Parameters
-    ----------
-    columns : mapping, optional
-        ``{theirs: canonical}`` or ``{theirs: {"name": canonical, "unit": unit}}``.
-
     Returns
     -------
     dict
-        Column of the piece to (their column, conversion).
+        Column of the piece to (their column, _conversion).
 
     Raises
     ------
@@ -220,7 +180,7 @@ def parse_mapping(columns: ColumnMapping | None) -> dict[str, tuple[str, Source]
     return found
 
 
-def _special(name: str, target: Any) -> tuple[str, Source] | None:
+def _special(name: str, target: object) -> tuple[str, Source] | None:
     """Forms in which the canonical name stands first; None for the others."""
     if isinstance(target, list | tuple) and target:
         names = [str(one) for one in target]
@@ -252,7 +212,7 @@ def _constant(name: str, value: Any) -> str | float:
         raise InputError("is no number", field=f"reports.columns.{name}", found=value) from error
 
 
-def _target(theirs: str, target: Any) -> tuple[str, str | None]:
+def _target(theirs: str, target: object) -> tuple[str, str | None]:
     if isinstance(target, str):
         return target, None
     if isinstance(target, Mapping) and "name" in target and set(target) <= {"name", "unit"}:
@@ -271,7 +231,7 @@ def _resolve(theirs: str, name: str, unit: str | None) -> tuple[str, Source]:
     if name in TEXT:
         if unit is not None:
             raise InputError(f"{name} has no unit", field=f"reports.columns.{theirs}", found=unit)
-        return TEXT[name], Source(theirs)
+        return name, Source(theirs)
     known = split_name(name)
     if known is None:
         near = difflib.get_close_matches(name, canonical_names(), n=3, cutoff=0.5)
@@ -281,23 +241,13 @@ def _resolve(theirs: str, name: str, unit: str | None) -> tuple[str, Source]:
             remedy=f"Nearest: {', '.join(near)}" if near else "See the list of columns",
         )
     quantity, own_unit = known
-    factor, offset = conversion(unit or own_unit, quantity.si_unit, theirs, quantity.canonical)
+    factor, offset = _conversion(unit or own_unit, quantity.si_unit, theirs, quantity.canonical)
     return quantity.variable, Source(theirs, factor, offset)
 
 
 def split_name(name: str) -> tuple[Quantity, str] | None:
-    """Split a column name into the quantity and the unit at its end.
-
-    Parameters
-    ----------
-    name : str
-        Such as ``wind_speed_m_s``.
-
-    Returns
-    -------
-    (Quantity, unit) or None
-        None where the name is no canonical column in any unit.
-    """
+    """Quantity and unit at the end of a name such as ``wind_speed_m_s``; None for any other."""
+    # Longest first: ``pressure_altitude_ft`` is no pressure.
     for stem in sorted(QUANTITIES, key=len, reverse=True):
         if not name.lower().startswith(stem):
             continue
@@ -329,6 +279,7 @@ def _registry() -> Any:
 def _affine(unit: str, si_unit: str) -> tuple[float, float]:
     quantity = _registry().Quantity
     unit = _ALIASES.get(unit.strip(), unit.strip())
+    # Two points tell factor and offset of any affine unit, degrees Celsius too.
     zero = quantity(0.0, unit).to(si_unit).magnitude
     one = quantity(1.0, unit).to(si_unit).magnitude
     return float(one - zero), float(zero)
@@ -343,23 +294,8 @@ def compatible(unit: str, si_unit: str) -> bool:
     return True
 
 
-def conversion(unit: str, si_unit: str, column: str, canonical: str) -> tuple[float, float]:
-    """Factor and offset from a user's unit.
-
-    Parameters
-    ----------
-    unit : str
-        The user's.
-    si_unit : str
-        Ours.
-    column, canonical : str
-        Named in the message.
-
-    Raises
-    ------
-    InputError
-        If the unit is unknown or of another kind.
-    """
+def _conversion(unit: str, si_unit: str, column: str, canonical: str) -> tuple[float, float]:
+    """Factor and offset from a user's unit to ours; a message that names their column."""
     if not compatible(unit, si_unit):
         raise InputError(
             f"unit {unit!r} cannot stand for {canonical}",
@@ -425,7 +361,7 @@ def _present(
 
 def _understood(stripped: str, name: str) -> tuple[str, Source] | None:
     if stripped.lower() in TEXT:
-        return TEXT[stripped.lower()], Source(name)
+        return stripped.lower(), Source(name)
     known = split_name(stripped)
     if known is None:
         return None
@@ -444,14 +380,14 @@ def _check_required(found: Mapping[str, Source], names: list[str], file: object)
         raise refuse(
             "pressure_altitude_ft", "neither pressure_altitude_ft nor pressure_hPa is there"
         )
-    if {"eastward_wind", "northward_wind"} <= set(found) or tells_wind(found):
+    if {"eastward_wind", "northward_wind"} <= set(found) or _tells_wind(found):
         return
     for variable in ("wind_direction", "wind_speed"):
         if variable not in found:
             raise refuse(QUANTITIES[variable].canonical, NO_WIND)
 
 
-def tells_wind(columns: Iterable[str]) -> bool:
+def _tells_wind(columns: Iterable[str]) -> bool:
     """Tell whether heading, airspeed and ground vector are among the columns of a piece."""
     present = set(columns)
     some = present.intersection(HEADINGS) and present.intersection(AIRSPEEDS)

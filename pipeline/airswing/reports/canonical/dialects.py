@@ -8,9 +8,10 @@ of register 5,0; the ``heading`` of OpenSky's state vectors is the track over gr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+
+from airswing.reports.canonical.columns import ColumnMapping
 
 __all__ = ["DIALECTS", "Dialect", "dialect_of"]
 
@@ -29,15 +30,13 @@ class Dialect:
     """
 
     name: str
-    signature: frozenset[str]
-    columns: Mapping[str, str | Sequence[str] | Mapping[str, Any]]
+    signature: frozenset[str]  # columns that are always there
+    columns: Mapping[str, str | tuple[str, ...]]
 
-    def columns_in(
-        self, names: Iterable[str]
-    ) -> dict[str, str | Sequence[str] | Mapping[str, Any]]:
+    def columns_in(self, names: Iterable[str]) -> ColumnMapping:
         """The mapping of the columns that are there."""
         there = {name.strip() for name in names}
-        found: dict[str, str | Sequence[str] | Mapping[str, Any]] = {}
+        found: dict[str, str | list[str]] = {}
         for key, target in self.columns.items():
             if isinstance(target, tuple):
                 some = [one for one in target if one in there]

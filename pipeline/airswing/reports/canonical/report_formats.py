@@ -32,22 +32,10 @@ and the audit, to which all is added that is dropped, repaired or coded.
 
 @dataclass(frozen=True)
 class ReportFormat:
-    """One format of report files.
+    """One format of report files; those of a lower rank are asked first."""
 
-    Parameters
-    ----------
-    name : str
-        As the configuration says it.
-    tells : callable
-        Whether a file that begins with these octets is one.
-    pieces : callable
-        The reader.
-    rank : int
-        Formats of a lower rank are asked first.
-    """
-
-    name: str
-    tells: Callable[[bytes], bool]
+    name: str  # as the configuration says it
+    tells: Callable[[bytes], bool]  # whether a file that begins with these octets is one
     pieces: Pieces
     rank: int = 0
 
@@ -56,18 +44,7 @@ _FORMATS: dict[str, ReportFormat] = {}
 
 
 def register(report_format: ReportFormat) -> ReportFormat:
-    """Add a format.
-
-    Returns
-    -------
-    ReportFormat
-        The same.
-
-    Raises
-    ------
-    ValueError
-        If another format has its name.
-    """
+    """Add a format; a second one of its name is a ValueError."""
     known = _FORMATS.setdefault(report_format.name, report_format)
     if known.name != report_format.name or known.pieces is not report_format.pieces:
         raise ValueError(f"two report formats are named {report_format.name!r}")

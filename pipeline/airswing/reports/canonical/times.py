@@ -8,12 +8,14 @@ Assumes ISO 8601 text (a time without an offset is UTC), whole numbers of the fo
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+Column: TypeAlias = "pd.Series[Any]"
+"""A column of a table, of whatever type its file gives it."""
 EARLIEST = np.datetime64("1970-01-02", "ns")
 """Seconds since 1970 of no value come as zero, or nearly: the first day is none."""
 LATEST = np.datetime64("2100-01-01", "ns")
@@ -21,13 +23,8 @@ _LARGEST_EPOCH = 4.2e9  # seconds: the year 2103
 _SMALLEST_MILLISECONDS = 2.11e11  # larger than any yyyymmddHHMM before the year 2110
 
 
-def parse_times(values: pd.Series[Any]) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
-    """Read a column of times.
-
-    Parameters
-    ----------
-    values : Series, shape (report,)
-        Text, numbers or timestamps.
+def parse_times(values: Column) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
+    """Read a column of text, numbers or timestamps, (report,).
 
     Returns
     -------
@@ -46,7 +43,15 @@ def parse_times(values: pd.Series[Any]) -> tuple[NDArray[np.datetime64], NDArray
     return _text(values)
 
 
-def _text(values: pd.Series[Any]) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
+def from_epoch(seconds: NDArray[np.float64]) -> NDArray[np.datetime64]:
+    """Times of seconds since 1970, to the nanosecond; NaT for NaN and outside 1970 to 2103."""
+    time = np.full(seconds.shape, np.datetime64("NaT", "ns"))
+    known = (seconds >= 0.0) & (seconds < _LARGEST_EPOCH)
+    time[known] = np.round(seconds[known] * 1e9).astype(np.int64).view("datetime64[ns]")
+    return time
+
+
+def _text(values: Column) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
     index, labels = pd.factorize(values)  # many reports share a time; each text is read once
     stripped = pd.Series(labels, dtype="object").map(lambda label: str(label).strip())
     parsed = pd.to_datetime(stripped, format="ISO8601", utc=True, errors="coerce")
@@ -60,9 +65,7 @@ def _text(values: pd.Series[Any]) -> tuple[NDArray[np.datetime64], NDArray[np.bo
 
 
 def _numbers(values: NDArray[np.float64]) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
-    time = np.full(values.shape, np.datetime64("NaT", "ns"))
-    epoch = (values >= 0) & (values < _LARGEST_EPOCH)
-    time[epoch] = np.round(values[epoch] * 1e9).astype(np.int64).view("datetime64[ns]")
+    time = from_epoch(values)
     thousandths = (values >= _SMALLEST_MILLISECONDS) & (values < 1e3 * _LARGEST_EPOCH)
     time[thousandths] = (values[thousandths] * 1e6).astype(np.int64).view("datetime64[ns]")
     for width, pattern in ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S")):

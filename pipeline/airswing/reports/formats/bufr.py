@@ -77,14 +77,8 @@ _MESSAGES_TOGETHER, _ROWS_PER_PIECE = 100, 20_000
 _START, _END = b"BUFR", b"7777"
 
 
-def bufr_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read one BUFR file, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
-
-    Raises
-    ------
-    InputError
-        pdbufr is not installed, or no message can be decoded.
-    """
+def _bufr_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Read one BUFR file."""
     if find_spec("pdbufr") is None:
         raise InputError(
             "reading BUFR needs pdbufr",
@@ -102,7 +96,7 @@ def bufr_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
 def _tables(path: Path, audit: Audit) -> Iterator[pd.DataFrame]:
     """Reports of some thousand messages at a time."""
     rows: list[dict[str, Any]] = []
-    messages = framed(path, audit)
+    messages = _framed(path, audit)
     while taken := list(itertools.islice(messages, _MESSAGES_TOGETHER)):
         # ecCodes may die of a damaged message, so that they are read in another process.
         found, failed = reports_beside(taken, COLUMNS, (_CURRENT_TABLES, 0, _OLDEST_TABLES))
@@ -121,7 +115,7 @@ def _drop(audit: Audit) -> None:
     audit.drop("undecodable_message", 1)
 
 
-def framed(path: Path, audit: Audit) -> Iterator[bytes]:
+def _framed(path: Path, audit: Audit) -> Iterator[bytes]:
     """Whole messages of a file, over anything between; what has no end is counted as dropped."""
     with path.open("rb") as file:
         size, at = file.seek(0, os.SEEK_END), 0
@@ -129,6 +123,7 @@ def framed(path: Path, audit: Audit) -> Iterator[bytes]:
             head = os.pread(file.fileno(), 8, at)
             length = int.from_bytes(head[4:7], "big")
             octets = os.pread(file.fileno(), length, at) if len(head) == 8 else b""
+            # Edition 2 on has the length of the whole message in octets 5 to 7.
             if head[7:] >= b"\x02" and length >= 12 and octets[length - 4 :] == _END:
                 yield octets
                 at += length
@@ -144,6 +139,7 @@ def _mark(descriptor: int, at: int, size: int) -> int:
         found = block.find(_START)
         if found >= 0:
             return at + found
+        # Blocks overlap by three octets: a mark may lie across their border.
         at += max(len(block) - len(_START) + 1, 1) if len(block) == 1 << 16 else size - at
     return size
 
@@ -207,8 +203,9 @@ def _times(table: pd.DataFrame) -> tuple[NDArray[np.datetime64], NDArray[np.bool
     return time, blank
 
 
-def _tails(table: pd.DataFrame) -> pd.Series[Any]:
+def _tails(table: pd.DataFrame) -> pd.Series[str]:
     tail = pd.Series("", index=table.index, dtype=object)
+    # The best last, so that it overwrites.
     for name in reversed(_TAILS):
         own = table[name].astype(object).fillna("").astype(str).str.strip()
         tail = own.where(own != "", tail)
@@ -241,11 +238,12 @@ def _icing(table: pd.DataFrame) -> NDArray[np.int8]:
     for name in reversed(_ICINGS):
         code = _column(table, name)
         icing[code == 0.0] = ICING["off"]
+        # Code tables 0 20 042 (1: icing) and 0 20 041 (1 to 14 kinds of it, 15 missing).
         largest = 1.0 if name == "airframeIcingPresent" else 14.0
         icing[(code >= 1.0) & (code <= largest)] = ICING["on"]
     return icing
 
 
 FORMAT = register(
-    ReportFormat("bufr", lambda start: b"BUFR" in start and not is_text(start), bufr_pieces)
+    ReportFormat("bufr", lambda start: b"BUFR" in start and not is_text(start), _bufr_pieces)
 )

@@ -29,31 +29,22 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.flags import ROLL
 from airswing.physics.atmosphere import altitude_from_pressure
 from airswing.physics.geomagnetism import FieldLattice
 from airswing.reports.canonical.audit import Audit
+from airswing.reports.canonical.codes import roll_flags
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, register
 from airswing.reports.canonical.times import parse_times
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 INCH_OF_MERCURY = 3386.389  # Pa at 0 degC (NIST SP 811)
-LARGEST_ROLL = 5.0  # Degrees beyond which a report counts as banked, as the ACARS roll flag has it
 ROWS_PER_PIECE = 100_000
 _NEEDED = ("Lcl Date", "Lcl Time", "UTCOfst", "Latitude", "Longitude", "AltB", "HDG", "TRK")
 _OWNERS = ("tail_number", "aircraft_ident", "registration", "system_id")
 
 
-def g1000_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read one log, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
-
-    Of the user's columns only a constant ``tail`` counts.
-
-    Raises
-    ------
-    InputError
-        A column is missing, or there are no rows.
-    """
+def _g1000_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Read one log (of the user's columns only a constant ``tail`` counts)."""
     lines = _first_lines(path)
     number = next(n for n, line in enumerate(lines) if "Lcl Date" in line and "Lcl Time" in line)
     names = [name.strip() for name in next(csv.reader([lines[number].lstrip("# ")]))]
@@ -118,12 +109,11 @@ def _piece(table: pd.DataFrame, tail: str) -> pd.DataFrame:
     latitude, longitude = number("Latitude"), number("Longitude")
     altitude = number("AltB", FOOT)
     setting = number("BaroA", INCH_OF_MERCURY)
+    # QNH to pressure altitude: the standard altitude of the setting, zero at 29.92.
     altitude = altitude + np.nan_to_num(altitude_from_pressure(setting))
     seconds = time.astype("datetime64[ns]").astype(np.int64) / 1e9
     place = (latitude, longitude, np.nan_to_num(altitude), seconds)
     declination = np.degrees(FieldLattice.covering(*place).at(*place).declination)
-    roll = np.abs(number("Roll"))
-    flags = np.where(roll <= LARGEST_ROLL, ROLL["good"], ROLL["bad"])
     return pd.DataFrame(
         {
             "tail": tail,
@@ -138,7 +128,7 @@ def _piece(table: pd.DataFrame, tail: str) -> pd.DataFrame:
             "ground_speed": number("GndSpd", KNOT),
             "reported_airspeed": number("TAS", KNOT),
             "indicated_airspeed": number("IAS", KNOT),
-            "roll_flag": np.where(np.isnan(roll), ROLL["missing"], flags).astype(np.int8),
+            "roll_flag": roll_flags(number("Roll")),
         }
     )
 
@@ -148,4 +138,4 @@ def _tells(start: bytes) -> bool:
     return b"Lcl Date" in head and b"Lcl Time" in head and b"UTCOfst" in head
 
 
-FORMAT = register(ReportFormat("g1000", _tells, g1000_pieces))
+FORMAT = register(ReportFormat("g1000", _tells, _g1000_pieces))

@@ -45,6 +45,7 @@ from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.codes import BLANK, ROLL_CODES, decode_flags
 from airswing.reports.canonical.columns import ONLY
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, register
+from airswing.reports.canonical.times import from_epoch
 
 DIMENSION = "recNum"
 TAILS = ("en_tailNumber", "tailNumber")
@@ -99,7 +100,6 @@ FLAG_FIELDS = (
     "trueAirSpeedDD",
 )
 """Fields whose codes are tallied."""
-_LATEST = 4.2e9  # s since 1970: the year 2103
 _MOST_OCTETS = 1 << 30
 _BEST_PACKING = 1100  # Deflate packs no better than one in 1,032
 _LARGEST = 99990.0  # the fill value is 99999 in every version
@@ -109,14 +109,8 @@ _DESCRIPTOR_FAILED = ("X", "Q", "B")
 Flags = dict[str, NDArray[np.str_]]
 
 
-def madis_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read one MADIS ACARS file, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
-
-    Raises
-    ------
-    InputError
-        The file is broken, is no ACARS file, or lacks a variable.
-    """
+def _madis_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Read one MADIS ACARS file."""
     try:
         require_whole(path)
         require_openable(path)
@@ -130,6 +124,7 @@ def madis_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataF
 
 def _open(path: Path) -> Any:
     with path.open("rb") as file:
+        # gzip: the hourly files are kept packed.
         if file.read(2) != b"\x1f\x8b":
             return netCDF4.Dataset(path)
     with gzip.open(path, "rb") as packed:
@@ -172,14 +167,10 @@ def _piece(file: Any, path: Path, audit: Audit) -> pd.DataFrame:
         if name in file.variables
     }
     seconds = _number(file["timeObs"], path)
-    blank = ~(seconds > 0.0)
-    time = np.full(seconds.shape, np.datetime64("NaT", "ns"))
-    told = seconds < _LATEST  # what lies beyond is unparsable, not blank
-    time[told] = np.round(seconds[told] * 1e9).astype(np.int64).view("datetime64[ns]")
     piece: dict[str, Any] = {
         "tail": _strings(file[tail]),
-        "time": time,
-        "time_blank": blank,
+        "time": from_epoch(seconds),
+        "time_blank": ~(seconds > 0.0),  # a time too late is unparsable, not blank
         **{
             ours: _number(file[name], path)
             for name, ours in NUMBERS.items()
@@ -188,12 +179,12 @@ def _piece(file: Any, path: Path, audit: Audit) -> pd.DataFrame:
     }
     if "flight" in file.variables and file["flight"].dimensions[:1] == (DIMENSION,):
         piece["flight"] = _strings(file["flight"])
-    sources = [""] * time.size
+    sources = [""] * seconds.size
     if "dataSource" in file.variables:
         codes = _number(file["dataSource"], path)
         sources = piece[f"{ONLY}source"] = [SOURCES.get(code, "") for code in codes.tolist()]
     piece["platform"] = np.array([PLATFORM_OF[source] for source in sources], dtype=np.int8)
-    return pd.DataFrame({**piece, **_decoded(flags, time.size, audit)})
+    return pd.DataFrame({**piece, **_decoded(flags, seconds.size, audit)})
 
 
 def _column(variable: Any, path: Path) -> NDArray[Any]:
@@ -217,6 +208,7 @@ def _number(variable: Any, path: Path) -> NDArray[np.float64]:
         )
     values = _column(variable, path).astype(np.float64)
     fill = getattr(variable, "_FillValue", None)
+    # Negated, so that NaN is absent too.
     absent = ~(np.abs(values) < _LARGEST) if variable.name != "timeObs" else ~(values > 0.0)
     if fill is not None:
         absent |= values == float(fill)
@@ -224,16 +216,9 @@ def _number(variable: Any, path: Path) -> NDArray[np.float64]:
 
 
 def characters(values: NDArray[Any]) -> NDArray[np.str_]:
-    """Turn bytes of ASCII codes into one-character strings.
+    """Turn bytes of ASCII codes (int8, int, S1 or str) into one-character strings.
 
-    Parameters
-    ----------
-    values : array of int8, int, S1 or str, shape (report,)
-
-    Returns
-    -------
-    array of str, shape (report,)
-        Blank where the byte is no printable character; numbers over 127 in decimal.
+    Blank where the byte is no printable character; numbers over 127 in decimal.
     """
     if values.dtype.kind == "S":
         return np.char.strip(np.char.decode(values, "ascii", "replace"))
@@ -300,4 +285,4 @@ def _quality(
 
 
 _MAGIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")
-FORMAT = register(ReportFormat("madis", lambda start: start.startswith(_MAGIC), madis_pieces))
+FORMAT = register(ReportFormat("madis", lambda start: start.startswith(_MAGIC), _madis_pieces))

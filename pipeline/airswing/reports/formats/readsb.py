@@ -25,12 +25,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.flags import ROLL
 from airswing.reports.canonical.audit import Audit
+from airswing.reports.canonical.codes import roll_flags
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
+from airswing.reports.canonical.times import from_epoch
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
-LARGEST_ROLL = 5.0  # Degrees beyond which a report counts as banked, as the ACARS roll flag has it
 MOST_OCTETS = 1 << 28
 # Bit of a point: its position is older than its time.
 STALE = 1
@@ -44,14 +44,8 @@ _NUMBERS = {
 }
 
 
-def readsb_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read one trace, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
-
-    Raises
-    ------
-    InputError
-        It is no trace, or has no points.
-    """
+def _readsb_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Read one trace."""
     content = _content(path)
     points = content.get("trace")
     begun = content.get("timestamp")
@@ -63,6 +57,7 @@ def readsb_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
             found=", ".join(map(str, content))[:200],
             remedy="Traces have icao, timestamp and trace",
         )
+    # Older writers leave the last entries out; track is the sixth and last that is needed.
     whole = [one for one in points if isinstance(one, list) and len(one) >= 6]
     audit.read += len(points) - len(whole)
     audit.drop("ragged_row", len(points) - len(whole))
@@ -101,21 +96,17 @@ def _piece(points: list[list[Any]], tail: str, begun: float) -> pd.DataFrame:
 
     extras = [_extra(point) for point in points]
     seconds = begun + column(0)
-    time = np.full(seconds.shape, np.datetime64("NaT", "ns"))
-    known = (seconds > 0.0) & (seconds < 4.2e9)
-    time[known] = np.round(seconds[known] * 1e9).astype(np.int64).view("datetime64[ns]")
-    roll = np.abs(np.array([_float(extra.get("roll")) for extra in extras]))
-    flags = np.where(roll <= LARGEST_ROLL, ROLL["good"], ROLL["bad"])
+    roll = np.array([_float(extra.get("roll")) for extra in extras])
     piece: dict[str, Any] = {
         "tail": tail,
-        "time": time,
+        "time": from_epoch(seconds),
         "latitude": column(1),
         "longitude": column(2),
         "pressure_altitude": column(3) * FOOT,
         "ground_speed": column(4) * KNOT,
         "track": column(5),
         "flight": [str(extra.get("flight") or "").strip() for extra in extras],
-        "roll_flag": np.where(np.isnan(roll), ROLL["missing"], flags).astype(np.int8),
+        "roll_flag": roll_flags(roll),
     }
     for theirs, (ours, factor, offset) in _NUMBERS.items():
         values = np.array([_float(extra.get(theirs)) for extra in extras])
@@ -141,4 +132,4 @@ def _tells(start: bytes) -> bool:
     return is_text(start) and head.startswith(b"{") and b'"icao"' in head
 
 
-FORMAT = register(ReportFormat("readsb", _tells, readsb_pieces))
+FORMAT = register(ReportFormat("readsb", _tells, _readsb_pieces))

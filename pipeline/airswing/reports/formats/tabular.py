@@ -21,6 +21,7 @@ from urllib.parse import unquote
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.reports.canonical.audit import Audit
@@ -28,7 +29,7 @@ from airswing.reports.canonical.codes import TABLES, decode_flags
 from airswing.reports.canonical.columns import ONLY, TEXT, Source, parse_mapping, sources
 from airswing.reports.canonical.dialects import dialect_of
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
-from airswing.reports.canonical.times import parse_times
+from airswing.reports.canonical.times import Column, parse_times
 
 ROWS_PER_PIECE = 250_000
 _BUFFER = 2**20
@@ -64,14 +65,8 @@ _NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
 _SKIPPED = re.compile(r"Skipping line \d+")
 
 
-def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read a CSV file, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
-
-    Raises
-    ------
-    InputError
-        No header, no rows, a missing column, or text that is not UTF-8.
-    """
+def _csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Read a CSV file."""
     head = _header(path)
     names = head.names
     found = sources(names, _with_dialect(names, mapping), path)
@@ -87,6 +82,7 @@ def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
         "sep": head.separator,
         "header": None,
         "skiprows": head.lines,
+        # One column more than the header names, to see the rows that are too long.
         "names": [*names, _EXTRA],
         "index_col": False,
         "on_bad_lines": "warn",
@@ -103,24 +99,13 @@ def csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
         rows += len(table)
         for variable in repeated:
             audit.repair(f"{variable}_column_repeated", len(table))
-        yield raw_piece(_whole_rows(table, audit), found, audit)
+        yield _raw_piece(_whole_rows(table, audit), found, audit)
     if not rows:
         raise InputError("has a header but no reports", file=path)
 
 
 def first_rows(path: Path, rows: int = 2000) -> pd.DataFrame:
-    """The beginning of a table as it stands: nothing renamed, nothing converted.
-
-    Parameters
-    ----------
-    path : Path
-        CSV or Parquet.
-
-    Raises
-    ------
-    InputError
-        The file is no table.
-    """
+    """The beginning of a CSV or Parquet table as it stands: nothing renamed, nothing converted."""
     with path.open("rb") as file:
         packed = file.read(4) == b"PAR1"
     if packed:
@@ -223,6 +208,7 @@ def _header(path: Path) -> _Head:
         )
     if not line.strip():
         raise InputError("has no header row", file=path, remedy="The first row names the columns")
+    # The one most met; a comma where none is, for a table of one column.
     separator = max(",;\t", key=line.count)
     names: list[str] = []
     for name in next(csv.reader([line.rstrip("\r\n")], delimiter=separator)):
@@ -249,14 +235,8 @@ def _not_utf8(path: Path) -> InputError:
     return InputError("is not UTF-8 text", file=path, remedy="Save it as UTF-8, or remove it")
 
 
-def parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read a Parquet file, see :data:`~airswing.reports.canonical.report_formats.Pieces`.
-
-    Raises
-    ------
-    InputError
-        pyarrow is not installed, the file is broken, has no rows, or lacks a column.
-    """
+def _parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Read a Parquet file."""
     try:
         import pyarrow.parquet as pq
     except ImportError as error:
@@ -281,7 +261,7 @@ def parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
             raise InputError("holds no reports", file=path)
         batches = file.iter_batches(batch_size=ROWS_PER_PIECE, columns=wanted)
         while (table := _next_table(batches, path)) is not None:
-            yield raw_piece(table.assign(**folders), found, audit)
+            yield _raw_piece(table.assign(**folders), found, audit)
 
 
 def _next_table(batches: Iterator[Any], path: Path) -> pd.DataFrame | None:
@@ -302,21 +282,8 @@ def _of_folders(path: Path) -> dict[str, str]:
     return {name: "" if value == _NO_VALUE else unquote(value) for name, value in pairs if name}
 
 
-def raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) -> pd.DataFrame:
-    """Bring one table to SI and decoded flags.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With the file's own column names.
-    found : mapping of str to Source
-        Where each column comes from.
-
-    Returns
-    -------
-    DataFrame
-        Raw piece.
-    """
+def _raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) -> pd.DataFrame:
+    """Bring one table, with the file's own column names, to SI and decoded flags."""
     piece: dict[str, Any] = {}
     for variable, source in found.items():
         column = _origin(table, source)
@@ -333,7 +300,7 @@ def raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) ->
     return pd.DataFrame(piece)
 
 
-def _origin(table: pd.DataFrame, source: Source) -> pd.Series[Any]:
+def _origin(table: pd.DataFrame, source: Source) -> Column:
     """The column a source names: constant, joined of parts, or filled row by row by others."""
     if source.value is not None:
         return pd.Series(source.value, index=table.index)
@@ -347,19 +314,19 @@ def _origin(table: pd.DataFrame, source: Source) -> pd.Series[Any]:
     return column
 
 
-def _first_bad(column: pd.Series[Any], bad: Any, variable: str, audit: Audit) -> None:
+def _first_bad(column: Column, bad: NDArray[np.bool_], variable: str, audit: Audit) -> None:
     if bad.any():
         audit.example(variable, column.iloc[int(np.argmax(bad))])
 
 
-def _as_text(column: pd.Series[Any]) -> Any:
+def _as_text(column: Column) -> NDArray[np.object_]:
     """Text of a column; a whole number written as 12.0 by another program is 12."""
     if pd.api.types.is_float_dtype(column.dtype) and (column.dropna() % 1 == 0).all():
         column = column.astype("Int64")
     return column.astype("string").fillna("").astype(str).to_numpy(dtype=object)
 
 
-def _as_number(column: pd.Series[Any], variable: str, audit: Audit) -> Any:
+def _as_number(column: Column, variable: str, audit: Audit) -> NDArray[np.float64]:
     if pd.api.types.is_numeric_dtype(column.dtype):
         return column.to_numpy(dtype=np.float64, na_value=np.nan)
     numbers = pd.to_numeric(column, errors="coerce")
@@ -369,5 +336,7 @@ def _as_number(column: pd.Series[Any], variable: str, audit: Audit) -> Any:
     return numbers.to_numpy(dtype=np.float64, na_value=np.nan)
 
 
-CSV = register(ReportFormat("csv", is_text, csv_pieces, rank=9))
-PARQUET = register(ReportFormat("parquet", lambda start: start.startswith(b"PAR1"), parquet_pieces))
+register(ReportFormat("csv", is_text, _csv_pieces, rank=9))
+PARQUET = register(
+    ReportFormat("parquet", lambda start: start.startswith(b"PAR1"), _parquet_pieces)
+)
