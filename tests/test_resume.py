@@ -15,6 +15,7 @@ import yaml
 from benchmarks import fault_drill
 
 from airswing import workflow
+from airswing.compass.kept_headings import Record
 from airswing.config import load_config
 from airswing.errors import InputError
 from airswing.products.workspace import LOCK, workspace
@@ -150,6 +151,9 @@ def test_a_changed_screening_keeps_the_model_winds(tmp_path, root, monkeypatch):
     job = job_of(changed, resume=True)
     again = workflow.make_headings(job)
     assert [record.name for record in job.progress.records] == ["screen"]
+    # its headings are those a later run can take up
+    kept = Record.read(job.record)
+    assert kept is not None and kept.product == again.attrs["uuid"]
     shutil.rmtree(job.output)
     scratch = workflow.make_headings(job_of(changed))
     for name in scratch.variables:

@@ -15,7 +15,11 @@ from airswing.evaluation.report_errors.observation_errors import observation_err
 from airswing.evaluation.report_errors.reported_winds import added_variance
 from airswing.evaluation.report_errors.used_errors import used_error
 from airswing.products.netcdf import read_product, write_product
-from airswing.report.run.report_errors import report_errors_section, worth_sentence
+from airswing.report.run.report_errors import (
+    report_errors_figure,
+    report_errors_section,
+    worth_sentence,
+)
 
 
 def pairs_of(latitude, longitude, pressure, time, aircraft):
@@ -318,3 +322,8 @@ def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
     assert product["state"].to_numpy().tolist() == ["reported", "corrected"]
     section = report_errors_section(product)
     assert "weighs as" in worth_sentence(product) and len(section.parts) == 3
+    figure = report_errors_figure(product)
+    shown = figure.axes[1].containers[-1].lines[0].get_ydata()
+    bottom, top = (product[f"layer_{end}_pressure"].to_numpy() for end in ("bottom", "top"))
+    # Each state lies 4 hPa beside the middle of its layer.
+    assert np.abs(shown[:, None] - (bottom + top) / 200.0).min(axis=1) == pytest.approx(4.0)

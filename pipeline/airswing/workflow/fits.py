@@ -20,7 +20,6 @@ from airswing.flags import published
 from airswing.products.atomic import replacing
 from airswing.products.checked import note, noted
 from airswing.products.fingerprint import code_digest
-from airswing.products.monthly import FLIGHTS
 from airswing.products.ragged import blocks
 from airswing.products.ragged_product import still_in_file
 from airswing.vocabulary import describe
@@ -246,7 +245,7 @@ def make_corrected(
     kept = screened[[name for name in KEPT if name in screened and "report" in screened[name].dims]]
 
     def make() -> Blocks:
-        attrs: dict[str, Any] = {k: v for k, v in screened.attrs.items() if k == FLIGHTS}
+        attrs = dict(screened.attrs)  # a month without reports has no block that brings them
         carried = kept if still_in_file(kept) else None
 
         def each(stage: StageRecord) -> Iterator[xr.Dataset]:

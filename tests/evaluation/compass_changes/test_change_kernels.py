@@ -53,6 +53,13 @@ def test_day_sums_are_the_mixed_model_solution():
     np.testing.assert_allclose(values, expected, atol=1e-8)
 
 
+def test_a_strong_deviation_hides_no_gross_error():
+    magnetic, heading, airspeed, cross, along, day = reports(2, change_deg=(0, 30, 0), at=0)
+    wrong = np.abs(np.sin(magnetic)) < 0.02  # where the fit itself is next to nothing
+    sums = day_sums(magnetic, heading, airspeed, np.where(wrong, 40.0, cross), along, day)
+    assert sums.count.sum() == (~wrong).sum()
+
+
 def test_gross_errors_leave_the_sums_alone():
     magnetic, heading, airspeed, cross, along, day = reports(2)
     wrong = np.arange(day.size) % 50 == 0

@@ -149,6 +149,7 @@ def test_points_placed_to_a_ten_thousandth_of_a_cell() -> None:
     grid = AxesGrid(frame, x[0] + 3000.0 * np.arange(300), y[0] + 3000.0 * np.arange(250))
     lat, lon = grid.frame.places(*(one.ravel() for one in np.meshgrid(grid.x, grid.y)))
     bare = CurvilinearGrid(lat.reshape(250, 300), lon.reshape(250, 300))
+    assert bare.size == 75_000
     fi, fj = RNG.uniform(0, 299, 300), RNG.uniform(0, 249, 300)
     where = grid.frame.places(x[0] + 3000 * fi, y[0] + 3000 * fj)
     found = bare.fractional_index(*where)

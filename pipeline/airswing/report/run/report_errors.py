@@ -42,7 +42,7 @@ def report_errors_section(errors: xr.Dataset | None) -> Section:
         return Section("report-errors", title, f"Not known: {why}.", [listing([why])])
     lines = [f"believed: {_WAYS[believed]} ({why})", *_worst(errors)]
     parts: list[Markup] = [
-        embedded(_report_errors_figure(errors)),
+        embedded(report_errors_figure(errors)),
         _ways_table(errors),
         listing(lines),
     ]
@@ -66,7 +66,7 @@ def worth_sentence(errors: xr.Dataset) -> str:
 
 
 @styled
-def _report_errors_figure(errors: xr.Dataset) -> Figure:
+def report_errors_figure(errors: xr.Dataset) -> Figure:
     """Draw the error by layer for each phase of flight, beside what others use."""
     figure = new_figure(4.2)
     panels = figure.subplots(1, len(_PHASES), sharey=True, sharex=True)
