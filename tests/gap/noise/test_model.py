@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from airswing.gap.noise.model import Flown, fit_noise
-from airswing.gap.noise.whitening import whiten
+from airswing.gap.noise.residual_statistics import autocovariance
+from airswing.gap.noise.whitening import flight_order, whiten
 
 
 def flown_archive(seed: int = 0, flights: int = 900) -> dict[str, np.ndarray]:
@@ -61,3 +62,21 @@ def test_large_deviation_of_one_aircraft_does_not_pass_for_noise():
     fit = fitted(data)
     assert fit.model.correlated_sd == pytest.approx(2.3, rel=0.07)
     assert fit.gross.mean() < 1e-3
+
+
+def test_the_model_meets_pairs_that_climbed_as_they_did():
+    """Correlation of the model over a pair: by the way flown and by all the levels passed."""
+    flight, time = np.zeros(3, int), np.arange(3.0)
+    residual = np.array([[1.0, 0.0], [2.0, 0.0], [4.0, 2.0]])
+    distance, step = np.array([np.inf, 30e3, 40e3]), np.array([np.inf, 0.1, 0.2])
+    _, covariance, correlation, count = autocovariance(
+        residual,
+        distance,
+        step,
+        flight_order(flight, time),
+        decay=lambda way, climb: np.exp(-way / 100e3 - climb / 0.5),
+    )
+    np.testing.assert_array_equal(count[[0, 3, 4]], [3, 2, 1])
+    assert covariance[3] == pytest.approx((0.5 * 2.0 + 0.5 * 8.0) / 2)
+    assert correlation[3] == pytest.approx((np.exp(-0.5) + np.exp(-0.8)) / 2)
+    assert correlation[4] == pytest.approx(np.exp(-0.7 - 0.6))

@@ -37,6 +37,7 @@ from airswing.report.gap.words import (
     period_text,
     slice_words,
     small_text,
+    value_words,
     verdict,
     who_text,
 )
@@ -363,3 +364,13 @@ def test_the_aircraft_of_a_swap_are_told_once_and_not_as_a_list() -> None:
     assert effect_sentence(swap) == (
         "N402 and N406: two aircraft exchanged identifiers, from 2009-03-10"
     )
+
+
+def test_values_of_slices_are_said_with_their_units():
+    assert value_words("temperature", "283.1") == "10 °C"
+    assert value_words("altitude", "0.6931") == "500 hPa"
+    assert value_words("longitude", "-87.47") == "87.5°W"
+    assert value_words("magnetic_heading", "cos2") == "cos 2 × heading"
+    assert value_words("phase", "ascent sin1") == "ascent sin heading"
+    assert value_words("phase", "descent") == "descent"
+    assert value_words("turned", "across wind") == "across wind"

@@ -200,12 +200,14 @@ def fit_noise(
     model = _maximise(values, chosen, reports.flight, reports.time, distance, step, ~gross)
     model = replace(model, level_nodes=nodes, level_factors=factors)
     gains = _gains(model, order, distance, step, log_pressure, ~gross, reports.doubt)
-    centre, covariance, count = autocovariance(
+    centre, covariance, correlation, count = autocovariance(
         np.where(gross[chosen, None], 0.0, values[chosen]),
         distance[chosen],
+        step[chosen],
         flight_order(reports.flight[chosen], reports.time[chosen]),
+        decay=model.decay,
     )
-    fitted = model.correlated_sd**2 * np.exp(-centre / model.length)
+    fitted = model.correlated_sd**2 * correlation
     fitted[0] = model.correlated_sd**2 + model.white_sd**2
     return NoiseFit(model, order, gains, centre / 1e3, covariance, fitted, count, gross)
 

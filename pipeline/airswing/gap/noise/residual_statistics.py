@@ -7,6 +7,8 @@ the very effects that are looked for.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -162,9 +164,15 @@ def level_factors(
 
 
 def autocovariance(
-    residual: Floats, distance: Floats, order: FlightOrder, *, most_lags: int = 30
-) -> tuple[Floats, Floats, Floats]:
-    """Autocovariance along flights against the distance flown.
+    residual: Floats,
+    distance: Floats,
+    step: Floats,
+    order: FlightOrder,
+    *,
+    decay: Callable[[Floats, Floats], Floats],
+    most_lags: int = 30,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Autocovariance along flights against the distance flown, and the correlation of a model.
 
     Parameters
     ----------
@@ -172,25 +180,33 @@ def autocovariance(
         m s-1.
     distance : (n,) float
         Distance since the previous report, m; infinite at the first of a flight.
+    step : (n,) float
+        Absolute change of ln p since then.
     order : FlightOrder
+    decay : callable
+        Correlation over a distance and a change of ln p. Pairs some way apart have mostly
+        climbed or descended too: a model's mean over the pairs is what the measured one meets.
     most_lags : int
         Largest difference of position considered.
 
     Returns
     -------
-    centre, covariance, count : (m,) float
-        Mean distance of the pairs (m), mean product of the two components (m2 s-2), pairs. The
-        first entry is distance zero.
+    centre, covariance, correlation, count : (m,) float
+        Mean distance of the pairs (m), mean product of the two components (m2 s-2), the model's
+        mean correlation, pairs. The first entry is distance zero.
     """
-    along = np.zeros(residual.shape[0])
+    along, climbed = np.zeros((2, residual.shape[0]))
     blocks = [
         order.index[order.starts[j] : order.starts[j + 1]] for j in range(order.starts.size - 1)
     ]
     for j in range(1, len(blocks)):
-        along[blocks[j]] = along[blocks[j - 1][: blocks[j].size]] + distance[blocks[j]]
+        now, last = blocks[j], blocks[j - 1][: blocks[j].size]
+        along[now] = along[last] + distance[now]
+        climbed[now] = climbed[last] + step[now]
     bins = DISTANCE_EDGES.size - 1
-    total, reach, count = np.zeros(bins + 1), np.zeros(bins + 1), np.zeros(bins + 1)
-    total[0], count[0] = 0.5 * float((residual**2).sum()), float(residual.shape[0])
+    total, reach, alike, count = np.zeros((4, bins + 1))
+    alike[0] = count[0] = float(residual.shape[0])
+    total[0] = 0.5 * float((residual**2).sum())
     for j in range(1, len(blocks)):
         for lag in range(1, min(j, most_lags) + 1):
             now, last = blocks[j], blocks[j - lag][: blocks[j].size]
@@ -199,7 +215,9 @@ def autocovariance(
             ok = (where >= 0) & (where < bins)
             product = 0.5 * (residual[now] * residual[last]).sum(axis=1)
             total[1:] += np.bincount(where[ok], product[ok], minlength=bins)
+            correlation = decay(gap[ok], (climbed[now] - climbed[last])[ok])
+            alike[1:] += np.bincount(where[ok], correlation, minlength=bins)
             reach[1:] += np.bincount(where[ok], gap[ok], minlength=bins)
             count[1:] += np.bincount(where[ok], minlength=bins)
     with np.errstate(invalid="ignore"):
-        return reach / count, total / count, count
+        return reach / count, total / count, alike / count, count

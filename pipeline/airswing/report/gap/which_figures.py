@@ -49,7 +49,7 @@ def evidence_figure(gap: GapReport) -> Figure:
     axes.xaxis.set_major_formatter(LogFormatter(linthresh=10.0))
     for row, value in enumerate(best.values()):
         axes.annotate(
-            f"{value:,.0f}",
+            f"{round(value):,}",
             (positive[row], row),
             xytext=(4, 0),
             va="center",

@@ -6,7 +6,8 @@ in 0 to 1, parameter names that end in their unit.  ``±`` is one standard error
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -308,12 +309,51 @@ COMPONENTS = {
 }
 
 
+#: How the dictionary's variables (`airswing.gap.design.basis.variable`) are said.
+SAID: Mapping[str, Callable[[float], str]] = {
+    "altitude": lambda x: f"{1000.0 * np.exp(-x):.0f} hPa",
+    "temperature": lambda x: f"{x - 273.15:.0f} °C",
+    "airspeed": lambda x: f"{x:.0f} m/s",
+    "wind_speed": lambda x: f"{x:.0f} m/s",
+    "acceleration": lambda x: f"{x:.2f} m/s²",
+    "hour": lambda x: f"{x:.0f} UTC",
+    "date": lambda x: f"day {x:.0f}",
+    "latitude": lambda x: f"{abs(x):.1f}°{'N' if x >= 0 else 'S'}",
+    "longitude": lambda x: f"{abs(x):.1f}°{'E' if x >= 0 else 'W'}",
+    "bank": lambda x: f"{x:.1f}°",
+    "drift": lambda x: f"{x:.1f}°",
+}
+_WAVE = re.compile(r"(?:(?P<where>\w+) )?(?P<wave>sin|cos)(?P<cycles>\d)")
+
+
+def value_words(variable: str, value: str) -> str:
+    """Return a column of a slice in words: ``10 °C``, ``cos 2 × heading``.
+
+    Parameters
+    ----------
+    variable : str
+    value : str
+        A value of the variable where its curve bends, a wave of the magnetic heading, or a name.
+    """
+    wave = _WAVE.fullmatch(value)
+    if wave:
+        times = "" if wave["cycles"] == "1" else f"{wave['cycles']} × "
+        of = f"{wave['wave']} {times}heading"
+        return f"{wave['where']} {of}" if wave["where"] else of
+    try:
+        number = float(value)
+    except ValueError:
+        return value
+    return SAID[variable](number) if variable in SAID else value
+
+
 def slice_words(entry: SliceEntry | PlaceEntry, *, most: int = 4) -> str:
     """Return a slice of the archive in words: variable, component and at most a few values."""
     if isinstance(entry, PlaceEntry):
         variables, values = entry.variables, entry.tails
     else:
-        variables, values = [entry.variable], entry.values
+        variables = [entry.variable]
+        values = [value_words(entry.variable, value) for value in entry.values]
     of_wind = entry.component == "wind"
     names = [name.replace("_", " ") for name in (variables[:1] if of_wind else variables)]
     text = ("the reference's wind, " if of_wind else "") + " by ".join(names)
