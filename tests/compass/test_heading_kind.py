@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from airswing import workflow
-from airswing.compass.heading_kind import taken_for
+from airswing.compass.heading_kind import _taken_for
 from airswing.config import load_config
 from airswing.products.netcdf import read_product
 from airswing.synthetic.sample.mode_s_sample import START, write_mode_s
@@ -24,7 +24,7 @@ def test_offsets_that_are_the_declination_are_told(sign, expected):
     for _ in range(50):
         declination = rng.uniform(-14, -7) + rng.normal(0, 1, 8)
         offset = rng.normal(0, 0.7) + rng.normal(0, 0.7, 8) + sign * declination
-        assert taken_for(offset, np.full(8, 0.3), declination) == expected
+        assert _taken_for(offset, np.full(8, 0.3), declination) == expected
 
 
 def test_a_small_declination_or_one_aircraft_tells_nothing():
@@ -32,8 +32,8 @@ def test_a_small_declination_or_one_aircraft_tells_nothing():
     rng = np.random.default_rng(5)
     for _ in range(50):
         offset = rng.normal(0, 1.0) + rng.normal(0, 0.7, 50)
-        assert not taken_for(offset, np.full(50, 0.2), np.full(50, 0.9))
-    assert not taken_for([12.0], [0.1], [-12.0])
+        assert not _taken_for(offset, np.full(50, 0.2), np.full(50, 0.9))
+    assert not _taken_for([12.0], [0.1], [-12.0])
 
 
 @pytest.fixture(scope="module")

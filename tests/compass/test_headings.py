@@ -16,8 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Geod
 
-from airswing.compass.ground_vector import group_median
-from airswing.compass.headings import derive_headings, heading_error_sensitivity
+from airswing.compass.ground_vector import _group_median
+from airswing.compass.headings import _heading_error_sensitivity, derive_headings
 from airswing.errors import InputError
 from airswing.physics.triangle import (
     air_vector,
@@ -248,7 +248,7 @@ def test_sensitivity_is_the_derivative(speed: float, track: float, u: float, v: 
         used = air_vector(ground[0] + east, ground[1] + north, 8.0, 3.0)
         return float(heading_error(*used, *air_vector(ground[0] + east, ground[1] + north, u, v)))
 
-    slope = heading_error_sensitivity(*air_vector(*ground, 8.0, 3.0), *air_vector(*ground, u, v))
+    slope = _heading_error_sensitivity(*air_vector(*ground, 8.0, 3.0), *air_vector(*ground, u, v))
     numeric = (
         (error(step, 0.0) - error(-step, 0.0)) / (2 * step),
         (error(0.0, step) - error(0.0, -step)) / (2 * step),
@@ -336,7 +336,7 @@ def test_group_median(pairs: list[tuple[int, float]]) -> None:
     group = np.array([pair[0] for pair in pairs], dtype=np.int64)
     values = np.array([pair[1] for pair in pairs], dtype=float)
     expected = pd.Series(values).groupby(group).median().reindex(range(4))
-    np.testing.assert_allclose(group_median(values, group, 4), expected)
+    np.testing.assert_allclose(_group_median(values, group, 4), expected)
 
 
 def test_input_that_does_not_fit_is_told() -> None:

@@ -11,7 +11,7 @@ import xarray as xr
 
 from airswing.compass import kept_headings as pieces
 from airswing.compass.headings import DERIVED, derive_columns, derive_headings
-from airswing.compass.kept_headings import KeptHeadings, Record, cut, marks_of
+from airswing.compass.kept_headings import KeptHeadings, Record, _marks_of, cut
 from tests.compass.test_headings import flown, model, with_own
 
 FIXES = 9
@@ -70,33 +70,33 @@ def test_no_report_no_piece(reports):
 
 def test_numbers_of_the_fleet_do_not_count(reports):
     winds = model(reports, names=NAMES)
-    known = marks_of(reports, winds, cut(reports))
+    known = _marks_of(reports, winds, cut(reports))
     later = reports.isel(report=slice(30 * FIXES, None), aircraft=slice(1, None))
     later = later.assign(flight=later["flight"] + 77)
     own_winds = winds.isel(report=slice(30 * FIXES, None))
-    assert marks_of(later, own_winds, cut(later)) == known[2:]
+    assert _marks_of(later, own_winds, cut(later)) == known[2:]
     assert len(set(known)) == 4
 
 
 @pytest.mark.parametrize("name", ["time", "latitude", "pressure", "phase", "eastward_wind"])
 def test_a_value_of_a_report_changes_its_piece_alone(reports, name):
     winds = model(reports, names=NAMES)
-    before = marks_of(reports, winds, cut(reports))
+    before = _marks_of(reports, winds, cut(reports))
     changed = reports.copy(deep=True)
     values = changed[name].to_numpy()
     octets = values.view(f"u{values.dtype.itemsize}")
     octets[18 * FIXES + 4] ^= 1  # the last bit of one value of the second piece
-    after = marks_of(changed, winds, cut(changed))
+    after = _marks_of(changed, winds, cut(changed))
     assert [one == other for one, other in zip(before, after, strict=True)] == [1, 0, 1, 1]
 
 
 def test_winds_resolutions_names_references_and_code_count(reports, monkeypatch):
     winds = model(reports, names=NAMES)
     found = cut(reports)
-    before = marks_of(reports, winds, found)
+    before = _marks_of(reports, winds, found)
 
     def changed(reports: xr.Dataset, winds: xr.Dataset) -> list[bool]:
-        after = marks_of(reports, winds, found)
+        after = _marks_of(reports, winds, found)
         return [one != other for one, other in zip(before, after, strict=True)]
 
     other = winds.copy(deep=True)

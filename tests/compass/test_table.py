@@ -8,12 +8,12 @@ import airswing  # noqa: F401
 from airswing.compass.table import (
     FINE,
     NODES,
+    _project_curve,
+    _round_to,
     add_tables,
     deviation_curve,
     error_from_table,
     heading_histogram,
-    project_curve,
-    round_to,
     unit_interpolation,
 )
 from airswing.errors import InputError
@@ -64,7 +64,7 @@ def test_interpolation_is_numpys_periodic_one(table, heading):
 @given(st.lists(st.floats(-20, 20), min_size=8, max_size=8), st.integers(0, 2**32 - 1))
 def test_a_curve_in_the_span_comes_back(nodes, seed):
     histogram = np.random.default_rng(seed).poisson(1.0, 360) * (np.arange(360) < 200)
-    found, _ = project_curve(unit_interpolation(nodes, FINE), histogram)
+    found, _ = _project_curve(unit_interpolation(nodes, FINE), histogram)
     assert np.abs(found - nodes).max() < 1e-6
 
 
@@ -72,7 +72,7 @@ def test_a_curve_in_the_span_comes_back(nodes, seed):
 def test_projection_has_the_known_gain_and_residual(cycles, gain, residual):
     # the nodes sample sin at 45 degrees (one cycle) and at its tops (two cycles)
     error = np.sin(np.radians(cycles * FINE))
-    nodes, weight = project_curve(error)
+    nodes, weight = _project_curve(error)
     assert nodes == pytest.approx(gain * np.sin(np.radians(cycles * NODES)), abs=2e-3)
     left = np.sqrt(np.sum(weight * (unit_interpolation(nodes, FINE) - error) ** 2) * 2)
     assert left == pytest.approx(residual, abs=2e-3)
@@ -81,23 +81,23 @@ def test_projection_has_the_known_gain_and_residual(cycles, gain, residual):
 def test_projection_is_better_than_sampling_and_follows_the_histogram():
     curve = deviation_curve([1, 3, -2, 1, 0.5], FINE)
     busy = np.where((FINE > 60) & (FINE < 120), 100, 0)
-    even, weight = project_curve(curve)
+    even, weight = _project_curve(curve)
     sampled = deviation_curve([1, 3, -2, 1, 0.5], NODES)
 
     def rms(nodes, part):
         return np.sqrt(np.average((unit_interpolation(nodes, FINE) - curve) ** 2, weights=part))
 
     assert rms(even, weight) < 0.75 * rms(sampled, weight)
-    lobed, _ = project_curve(curve, busy)
+    lobed, _ = _project_curve(curve, busy)
     assert rms(lobed, busy) < rms(even, busy)
     assert rms(lobed, None) < 3 * rms(even, None)  # empty sectors follow the curve
 
 
 def test_rounding_to_the_unit():
-    assert round_to([0.14, -0.04, 2.26, -1.0], 0.1).tolist() == [0.1, 0.0, 2.3, -1.0]
-    assert round_to([0.3, 0.8], 0.5).tolist() == [0.5, 1.0]
-    assert round_to([0.123], 0.0)[0] == 0.123
-    assert not np.signbit(round_to([-0.01], 0.1))[0]
+    assert _round_to([0.14, -0.04, 2.26, -1.0], 0.1).tolist() == [0.1, 0.0, 2.3, -1.0]
+    assert _round_to([0.3, 0.8], 0.5).tolist() == [0.5, 1.0]
+    assert _round_to([0.123], 0.0)[0] == 0.123
+    assert not np.signbit(_round_to([-0.01], 0.1))[0]
 
 
 @pytest.mark.parametrize("sign", ["subtract_error", "add_error"])

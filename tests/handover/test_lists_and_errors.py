@@ -13,7 +13,7 @@ from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.evaluation.error_profiles import LEVEL_EDGES_HPA
 from airswing.handover.export import export
-from airswing.handover.obs_errors import LEVELS, changed_table
+from airswing.handover.obs_errors import LEVELS, _changed_table
 from airswing.handover.records.gsi_list import read_reject_list
 from airswing.products.netcdf import write_product
 from tests.handover.archives import corrected
@@ -266,7 +266,7 @@ def test_what_is_no_error_table_is_refused(tmp_path):
         export(product, to="obs_errors", path=tmp_path / "x", settings=Handover(base=base))
     assert not (tmp_path / "x").exists()
     with pytest.raises(InputError, match="no rows of UV AIREPS"):
-        changed_table("1.0 \n", {"UV": {500: 1.0}}, ["AIREPS"])
+        _changed_table("1.0 \n", {"UV": {500: 1.0}}, ["AIREPS"])
 
 
 def test_missing_products_are_told(tmp_path):

@@ -19,6 +19,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
 from airswing.compass.fit.sandwich import Array
@@ -33,36 +34,19 @@ FIRST = (270.0, 90.0)
 
 
 class Curves(NamedTuple):
-    """What the panels show against the turn from their first heading; degrees.
+    """What the panels show against the turn from their first heading: two arrays (181,) each."""
 
-    Parameters
-    ----------
-    low, high, fit, table : lists of two arrays, shape (181,)
-        Band, curve and table in each panel, a degree apart.
-    """
-
-    low: list[Array]
+    low: list[Array]  # degrees, a degree apart
     high: list[Array]
     fit: list[Array]
     table: list[Array]
 
 
 class Words(Artist):
-    """Words at places of the page, of one size, their baselines level.
+    """Words at places of the page, of one size (points), their baselines level.
 
-    Parameters
-    ----------
-    size : float
-        Points.
-    places : array, shape (n, 2)
-        Of each word's middle, or of its right or left end: shares of the page.
-    ha : {"center", "right", "left"}
-    rotation : float
-        Degrees.
-
-    Attributes
-    ----------
-    words : list of str
+    ``places`` (n, 2) are shares of the page: each word's middle, or its right or left end by
+    ``ha``; ``rotation`` is in degrees.
     """
 
     def __init__(
@@ -81,6 +65,7 @@ class Words(Artist):
             return
         context = renderer.new_gc()
         context.set_foreground("black")
+        # Places as complex numbers: turning a word is one product.
         turned = np.exp(1j * np.radians(self._rotation))
         # as high as figures are: words with descenders stand on the same line as those without
         _, above, below = renderer.get_text_width_height_descent("0", self._font, False)
@@ -97,16 +82,8 @@ class Words(Artist):
 class CardPage:
     """A page that shows one aircraft after the other.
 
-    Parameters
-    ----------
-    heads : two sequences of str
-        Heads of the columns of the card and of the table at its nodes.
-    rows : (int, int)
-        Rows of each below its head.
-
-    Attributes
-    ----------
-    figure : matplotlib.figure.Figure
+    ``heads`` are those of the columns of the card and of the table at its nodes, ``rows`` how many
+    rows each has below its head.
     """
 
     def __init__(self, heads: tuple[Sequence[str], Sequence[str]], rows: tuple[int, int]) -> None:
@@ -125,13 +102,7 @@ class CardPage:
     def show(
         self, title: str, foot: str, rows: tuple[Sequence[Sequence[str]], ...], curves: Curves
     ) -> Figure:
-        """Put an aircraft on the page in place of the one before.
-
-        Parameters
-        ----------
-        rows : two sequences of rows of str
-            Of the card and of the table at its nodes.
-        """
+        """Put an aircraft on the page in place of the one before; rows as they were announced."""
         self._title.set_text(title)
         self._foot.set_text(foot)
         self._cells.words = [
@@ -155,6 +126,7 @@ class _Panel:
         left, bottom, width, height = self._box = box
         self.axes: Axes = figure.add_axes(box)
         self.axes.axis("off")
+        # Half a turn with a twentieth of room on each side, as matplotlib leaves it.
         self.axes.set_xlim(-9.0, 189.0)
         self.axes.axhline(0.0, color="0.6", lw=0.6)
         self._band = self.axes.fill_between([], [], [], color="C0", alpha=0.3, lw=0)
@@ -216,18 +188,7 @@ def _key(figure: Figure) -> None:
     figure.add_artist(words)
 
 
-def refused_page(title: str, foot: str, why: str) -> Figure:
-    """A page that says why there is no card."""
-    figure = Figure(figsize=SIZE)
-    axes = figure.add_axes((*NODE_BOX[:2], NODE_BOX[2], CARD_BOX[1] + CARD_BOX[3] - NODE_BOX[1]))
-    axes.axis("off")
-    axes.text(0.5, 0.6, "NO CARD", ha="center", fontsize=20)
-    axes.text(0.5, 0.5, why, ha="center")
-    _title_and_foot(figure, title, foot)
-    return figure
-
-
-def _title_and_foot(figure: Figure, title: str, foot: str) -> tuple[Any, Any]:
+def _title_and_foot(figure: Figure, title: str, foot: str) -> tuple[Text, Text]:
     plain: dict[str, Any] = {"ha": "center", "parse_math": False}  # a name may hold any letter
     return (
         figure.text(0.5, 0.985, title, fontsize=12, fontweight="bold", va="top", **plain),

@@ -26,7 +26,7 @@ Jacobs et al. 2010 (seed paper), step f.
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -97,7 +97,7 @@ def corrected_wind(
     error: ArrayLike,
     scale: ArrayLike = 0.0,
 ) -> tuple[Array, Array]:
-    """Wind that the unit would have computed along the corrected heading.
+    """Wind (m/s) that the unit would have computed along the corrected heading.
 
     Parameters
     ----------
@@ -109,11 +109,6 @@ def corrected_wind(
         Indicated true heading and heading error, radians.
     scale : array_like, default 0
         Relative error of the airspeed, to be removed.
-
-    Returns
-    -------
-    u, v : arrays, shape (n,)
-        m/s.
     """
     east, north, speed, psi, turn = (
         np.asarray(part, dtype=np.float64) for part in (u, v, airspeed, heading, error)
@@ -126,21 +121,15 @@ def corrected_wind(
 
 
 def curve_standard_error(covariance: ArrayLike, heading: ArrayLike, gain: ArrayLike = 1.0) -> Array:
-    """Standard error of the deviation curve at given headings.
+    """Standard error of the deviation curve (degrees) at given headings (degrees).
 
     Parameters
     ----------
     covariance : array_like, shape (n, 5, 5) or (5, 5)
         degree2.
     heading : array_like, shape (n,)
-        Degrees.
     gain : array_like, shape (n,), default 1
         What the one cycle (B, C) is multiplied by there.
-
-    Returns
-    -------
-    array, shape (n,)
-        Degrees.
     """
     angle = np.radians(np.asarray(heading, dtype=np.float64))
     sine, cosine = gain * np.sin(angle), gain * np.cos(angle)
@@ -206,6 +195,7 @@ def correct(
     fit = _chosen(fits, reference, method)
     row = _aircraft_rows(headings, fit)
     known = row >= 0
+    # Row -1 is the last aircraft: `known` takes it out again.
     ok = known & published(fit["status"].to_numpy())[row]
     column = {
         name: headings[name].to_numpy().astype(np.float64)
@@ -219,6 +209,7 @@ def correct(
     by_unit = np.zeros(m.size, dtype=bool)
     if "screening" in headings:
         by_unit = (headings["screening"].to_numpy() & SCREENING["field_test"]) > 0
+    # The first reason that holds, the least mendable first.
     flag = np.select(
         [~has_wind, by_unit, ~ok, ~has_heading],
         [CORRECTION[why] for why in ("missing_wind", "already_corrected", "no_fit", "no_heading")],
@@ -237,7 +228,8 @@ def correct(
     return describe(ds)
 
 
-def _chosen(fits: xr.Dataset, reference: str | None, method: str) -> xr.Dataset:
+def chosen_reference(fits: xr.Dataset, reference: str | None) -> int:
+    """Place of a reference; of the first pool, else the first reference, where none is named."""
     names = [str(name) for name in fits["reference"].to_numpy()]
     single = int(fits.attrs.get("reference_count", len(names)))
     wanted = names[single if single < len(names) else 0] if reference is None else reference
@@ -248,13 +240,18 @@ def _chosen(fits: xr.Dataset, reference: str | None, method: str) -> xr.Dataset:
             found=wanted,
             remedy=f"Fitted: {', '.join(names)}",
         )
+    return names.index(wanted)
+
+
+def _chosen(fits: xr.Dataset, reference: str | None, method: str) -> xr.Dataset:
+    place = chosen_reference(fits, reference)
     if method == "table" and "table_correction" not in fits:
         raise InputError(
             "the fits hold no tables",
             field="table_correction",
             remedy="Call add_tables first, or use method='curve'",
         )
-    fit = fits.isel(reference=names.index(wanted))
+    fit = fits.isel(reference=place)
     return fit.assign(table_error=error_from_table(fit)) if "table_correction" in fit else fit
 
 
@@ -281,6 +278,7 @@ def _doubts(headings: xr.Dataset, column: dict[str, Array]) -> dict[str, Array]:
     speed = column["airspeed"]
     heading_error = np.radians(_known(headings, "heading_standard_error", speed))
     ground = _known(headings, "ground_velocity_error", speed)
+    # The product has the mean of both components: what is not across the heading is along it.
     along = np.maximum(2.0 * ground**2 - (speed * heading_error) ** 2, 0.0)
     own = aircraft_of_report(headings)
     steps = [
@@ -294,14 +292,14 @@ def _doubts(headings: xr.Dataset, column: dict[str, Array]) -> dict[str, Array]:
     }
 
 
-def _known(headings: xr.Dataset, name: str, like: NDArray[Any]) -> Array:
+def _known(headings: xr.Dataset, name: str, like: NDArray[np.generic]) -> Array:
     if name not in headings:
         return np.zeros(like.size)
     return np.nan_to_num(headings[name].to_numpy().astype(np.float64))
 
 
 def _corrected(
-    column: dict[str, Any],
+    column: dict[str, Array],
     m: Array,
     fit: xr.Dataset,
     row: NDArray[np.int64],
@@ -319,6 +317,8 @@ def _corrected(
     if method == "table":
         table = fit["table_error"].to_numpy()[own]
         by_table = unit_interpolation(table, at)
+        # What the table is off the curve here is known, sign and all, but is not taken
+        # off: the unit would not.
         known, error, slope = np.hypot(known, by_table - error), by_table, table_slope(table, at)
     scale, scale_error = np.zeros(own.size), np.zeros(own.size)
     if apply_scale:  # an offset alone comes without one

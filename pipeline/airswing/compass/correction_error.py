@@ -34,29 +34,17 @@ Array = NDArray[np.float64]
 
 
 class At(NamedTuple):
-    """What is known of each corrected report; arrays of shape (n,).
+    """What is known of each corrected report; arrays of shape (n,)."""
 
-    Attributes
-    ----------
-    airspeed, airspeed_error : ndarray
-        m s-1.
-    heading_error : ndarray
-        Standard error of the indicated heading, rad.
-    deviation : ndarray
-        What is taken off the heading, rad.
-    slope : ndarray
-        Its derivative by the heading.
-    """
-
-    airspeed: Array
-    airspeed_error: Array
-    heading_error: Array
-    deviation: Array
-    slope: Array
+    airspeed: Array  # m s-1
+    airspeed_error: Array  # m s-1
+    heading_error: Array  # standard error of the indicated heading, rad
+    deviation: Array  # what is taken off the heading, rad
+    slope: Array  # its derivative by the heading
 
 
 def correction_error(at: At, curve_error: ArrayLike, coding: ArrayLike = 0.0) -> Array:
-    """Standard error of the corrected wind, both components together.
+    """Standard error of the corrected wind (m s-1), both components together.
 
     Parameters
     ----------
@@ -64,11 +52,6 @@ def correction_error(at: At, curve_error: ArrayLike, coding: ArrayLike = 0.0) ->
         Standard error of what is taken off the heading, rad.
     coding : array_like, shape (n,)
         Variance of what coding leaves, m2 s-2; see :func:`coding_variance`.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        m s-1.
     """
     chord = 2.0 * (1.0 - np.exp(-0.5 * at.heading_error**2))
     turned = (at.deviation**2 + at.slope**2) * chord
@@ -78,39 +61,18 @@ def correction_error(at: At, curve_error: ArrayLike, coding: ArrayLike = 0.0) ->
 
 
 def coding_variance(speed: ArrayLike, speed_step: ArrayLike, direction_step: ArrayLike) -> Array:
-    """Variance that coding leaves between a corrected report and a right one.
+    """Variance (m2 s-2) that coding leaves between a corrected report and a right one.
 
-    Parameters
-    ----------
-    speed : array_like, shape (n,)
-        Of the wind, m s-1.
-    speed_step, direction_step : array_like, shape (n,)
-        m s-1 and rad; 0 where unknown.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Of both components together and of both reports, m2 s-2.
+    Of both components together and of both reports; winds and steps of speed in m s-1, steps of
+    direction in rad, 0 where unknown.
     """
     arc = np.asarray(speed) * np.asarray(direction_step)
+    # A uniform error has a twelfth of its step squared; twice, for two reports.
     return np.asarray((np.asarray(speed_step) ** 2 + arc**2) / 6.0)
 
 
 def table_slope(table: ArrayLike, heading: ArrayLike) -> Array:
-    """Slope of a table between the nodes a heading stands between.
-
-    Parameters
-    ----------
-    table : array_like, shape (n, node)
-        Degrees, nodes evenly spaced from 0.
-    heading : array_like, shape (n,)
-        Degrees.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Degrees per degree.
-    """
+    """Slope (degrees per degree) of tables (n, node), even from 0 degrees, at headings (n,)."""
     values = np.asarray(table, dtype=np.float64)
     nodes = values.shape[-1]
     step = 360.0 / nodes
@@ -120,19 +82,9 @@ def table_slope(table: ArrayLike, heading: ArrayLike) -> Array:
 
 
 def curve_slope(coefficients: ArrayLike, heading: ArrayLike) -> Array:
-    """Slope of the curve A + B sin m + C cos m + D sin 2m + E cos 2m.
+    """Slope (degrees per degree) of the curve A + B sin m + C cos m + D sin 2m + E cos 2m.
 
-    Parameters
-    ----------
-    coefficients : array_like, shape (n, 5)
-        Degrees.
-    heading : array_like, shape (n,)
-        m, degrees.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Degrees per degree.
+    Coefficients (n, 5) and headings m (n,) in degrees.
     """
     _, b, c, d, e = np.radians(np.asarray(coefficients, dtype=np.float64)).T
     angle = np.radians(np.asarray(heading, dtype=np.float64))

@@ -28,6 +28,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from airswing.physics.triangle import (
@@ -37,8 +38,6 @@ from airswing.physics.triangle import (
     speed_of_vector,
     vector_from_bearing,
 )
-
-__all__ = ["Evidence", "choose_ground_vector", "group_median"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -55,15 +54,13 @@ MEDIAN_OF_NORMAL = 0.6745  # Median absolute value of a normal variable of unit 
 
 
 class Evidence(NamedTuple):
-    """The ground vector believed at each report.
+    """The ground vector believed at each report, (report,), m s-1.
 
     Attributes
     ----------
-    eastward, northward : ndarray, shape (report,)
-        Ground velocity, m s-1.
-    along_error, cross_error : ndarray, shape (report,)
-        Its standard errors along and across itself, m s-1.
-    own : ndarray of bool, shape (report,)
+    along_error, cross_error : ndarray
+        Its standard errors along and across itself.
+    own : ndarray of bool
         Whether it is the unit's own.
     reason : ndarray of str, shape (aircraft,)
         ``own`` where the unit's own vector is believed, else why not: ``absent``,
@@ -78,31 +75,10 @@ class Evidence(NamedTuple):
     reason: NDArray[np.str_]
 
 
-def group_median(values: Array, group: Index, groups: int) -> Array:
-    """Median of each group, NaN left out.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-    group : ndarray of int, shape (n,)
-        Group of each value, 0 to ``groups - 1``.
-
-    Returns
-    -------
-    ndarray, shape (groups,)
-        NaN where a group has no value.
-    """
-    known = np.isfinite(values)
-    number = group[known]
-    order = np.lexsort((values[known], number))
-    sorted_values = values[known][order]
-    size = np.bincount(number, minlength=groups)
-    start = np.cumsum(size) - size
-    found = np.full(groups, np.nan)
-    some = size > 0
-    low, high = start + (size - 1) // 2, start + size // 2
-    found[some] = 0.5 * (sorted_values[low[some]] + sorted_values[high[some]])
-    return found
+def _group_median(values: Array, group: Index, groups: int) -> Array:
+    """Median of each group, NaN left out; NaN where a group has no value."""
+    found = pd.Series(values).groupby(group).median().reindex(range(groups))
+    return np.asarray(found, dtype=np.float64)
 
 
 def choose_ground_vector(
@@ -146,6 +122,7 @@ def choose_ground_vector(
     far = apart > MAX_VECTOR_DIFFERENCE + 5.0 * explained
     use = (reason == "own")[aircraft] & ~far
     if derived is not None:
+        # Such a wind was made with this vector, judged or not.
         use |= derived
     use &= np.isfinite(own[0] + own[1])
     return Evidence(
@@ -177,8 +154,9 @@ def _judge(
     both = np.isfinite(off_air)
 
     def middle(values: ArrayLike) -> Array:
-        return group_median(np.where(both, values, np.nan), aircraft, number)
+        return _group_median(np.where(both, values, np.nan), aircraft, number)
 
+    # Two standard errors of what rounding explains, as a median of absolute values.
     noise = MEDIAN_OF_NORMAL * 2.0
     with np.errstate(divide="ignore", invalid="ignore"):
         angle_noise = middle(chord[3] / speed)
@@ -188,6 +166,7 @@ def _judge(
     judged = np.bincount(aircraft, weights=both, minlength=number)
     # a median's standard error is 1.25 sigma / sqrt(n); a few of them for correlated noise
     bias_allowed = MAX_HEADING_BIAS + 5.0 * angle_noise / np.sqrt(np.maximum(judged, 1.0))
+    # Negated, so that NaN is biased; likewise below.
     biased = ~(np.abs(middle(turned)) <= bias_allowed)
     return np.asarray(
         np.select(

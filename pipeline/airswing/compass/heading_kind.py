@@ -45,35 +45,14 @@ _WORDS = {
 
 
 def mean_declination(headings: xr.Dataset) -> Array:
-    """Mean declination over the reports of every aircraft that count.
-
-    Parameters
-    ----------
-    headings : Dataset
-        With ``declination`` and ``screening``.
-
-    Returns
-    -------
-    array, shape (aircraft,)
-        Degrees; NaN without a report.
-    """
+    """Mean declination (aircraft,) of the reports that count, degrees; NaN without a report."""
     total, count = declination_sums(headings)
     found: Array = np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0)
     return found
 
 
 def declination_sums(headings: xr.Dataset) -> tuple[Array, Array]:
-    """Sum of the declination over the reports of every aircraft that count, and how many.
-
-    Parameters
-    ----------
-    headings : Dataset
-        With ``declination`` and ``screening``.
-
-    Returns
-    -------
-    total, count : array, shape (aircraft,)
-    """
+    """Sum of the declination over each aircraft's reports that count, and how many they are."""
     found = []
     for block in blocks(headings, ["declination", "screening"]):
         value = block["declination"].to_numpy().astype(np.float64)
@@ -86,26 +65,20 @@ def declination_sums(headings: xr.Dataset) -> tuple[Array, Array]:
     return np.concatenate(totals), np.concatenate(counts)
 
 
-def taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLike) -> str:
-    """Tell what the headings of a fleet were taken for, from offsets and declination.
+def _taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLike) -> str:
+    """What a fleet's headings were taken for, by offsets, their errors and declinations (degrees).
 
-    Parameters
-    ----------
-    offset, standard_error, declination : array_like, shape (aircraft,)
-        Degrees; finite.
-
-    Returns
-    -------
-    str
-        ``magnetic_for_true``, ``true_for_magnetic``, or empty: as they should be, or not known.
+    ``magnetic_for_true``, ``true_for_magnetic``, or empty: as they should be, or not known.
     """
     error, wide, angle = (
         np.asarray(one, dtype=np.float64) for one in (offset, standard_error, declination)
     )
     if error.size < FEWEST:
         return ""
+    # Offsets share a mean of variance COMMON^2 and scatter by OWN^2 about it.
     inverse = np.linalg.inv(np.diag(OWN**2 + wide**2) + COMMON**2)
     odds = {
+        # Log likelihood ratio: the same covariance with the declination taken off.
         name: 0.5 * float(error @ inverse @ error - rest @ inverse @ rest)
         for name, rest in (
             ("magnetic_for_true", error + angle),
@@ -117,26 +90,13 @@ def taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLi
 
 
 def heading_kind_warnings(fits: xr.Dataset, reference: str) -> list[str]:
-    """Say where a fleet's offsets are those of headings of the other kind.
-
-    Parameters
-    ----------
-    fits : Dataset
-        With ``mean_declination``; without it there is nothing to say.
-    reference : str
-        Whose fits.
-
-    Returns
-    -------
-    list of str
-        One sentence, or none.
-    """
+    """One sentence where a fleet's offsets are those of headings of the other kind, or none."""
     if "mean_declination" not in fits:
         return []
     fit = fits.sel(reference=reference)
     offset, angle = fit["offset"].to_numpy(), fit["mean_declination"].to_numpy()
     good = published(fit["status"]) & np.isfinite(offset) & np.isfinite(angle)
-    kind = taken_for(offset[good], fit["offset_standard_error"].to_numpy()[good], angle[good])
+    kind = _taken_for(offset[good], fit["offset_standard_error"].to_numpy()[good], angle[good])
     if not kind:
         return []
     like, what, remedy = _WORDS[kind]

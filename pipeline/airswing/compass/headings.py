@@ -52,7 +52,7 @@ from airswing.physics.geomagnetism import FieldLattice
 from airswing.physics.track import ACCELERATION_DENSITY
 from airswing.vocabulary import VARIABLES, describe
 
-__all__ = ["derive_columns", "derive_headings", "heading_error_sensitivity", "with_columns"]
+__all__ = ["derive_columns", "derive_headings", "with_columns"]
 
 Array = NDArray[np.float64]
 
@@ -149,12 +149,7 @@ def derive_columns(
     acceleration_density: float = ACCELERATION_DENSITY,
     widen: bool = True,
 ) -> tuple[dict[str, xr.DataArray], list[dict[str, Any]]]:
-    """What :func:`derive_headings` adds to the reports and the winds, alone.
-
-    Parameters
-    ----------
-    reports, winds, acceleration_density, widen
-        As for :func:`derive_headings`, the reports in memory.
+    """What :func:`derive_headings` adds to the reports (in memory) and the winds, alone.
 
     Returns
     -------
@@ -163,11 +158,6 @@ def derive_columns(
         product gives the same bits.
     accounts : list of dict
         Of ``ground_vector_evidence``, one an aircraft.
-
-    Raises
-    ------
-    InputError
-        As for :func:`derive_headings`.
     """
     _check(reports, winds)
     motion = motion_of(reports, acceleration_density=acceleration_density, widen=widen)
@@ -179,34 +169,20 @@ def derive_columns(
 
 
 def with_columns(reports: xr.Dataset, winds: xr.Dataset, columns: Mapping[str, Any]) -> xr.Dataset:
-    """Reports, winds and what is derived of them as one described Dataset.
-
-    Parameters
-    ----------
-    columns : mapping of str to DataArray, or to (dims, values)
-        Of :func:`derive_columns`.
-    """
+    """Reports, winds and columns of :func:`derive_columns` as one described Dataset."""
     found = reports.merge(winds, compat="override", combine_attrs="override")
     found = found.assign(columns)
     found.attrs = {**winds.attrs, **reports.attrs}
     return describe(found)
 
 
-def heading_error_sensitivity(
+def _heading_error_sensitivity(
     air_east: Array, air_north: Array, implied_east: Array, implied_north: Array
 ) -> tuple[Array, Array]:
-    """Derivative of the heading error by the ground velocity.
+    """Derivative of the heading error by the ground velocity, east and north, radians per m s-1.
 
-    Parameters
-    ----------
-    air_east, air_north, implied_east, implied_north : ndarrays
-        Both air vectors, m s-1.
-
-    Returns
-    -------
-    by_east, by_north : ndarrays
-        Radians per m s-1. The heading of a vector V turns by n.dV/|V|, n its right-hand normal;
-        the same dV enters both vectors, so what is left is the difference of the two n/|V|.
+    The heading of a vector V turns by n.dV/|V|, n its right-hand normal; the same dV enters both
+    vectors, so what is left is the difference of the two n/|V|.
     """
     used = air_east**2 + air_north**2
     implied = implied_east**2 + implied_north**2
@@ -324,7 +300,7 @@ def _compare(
     """Heading error and its standard error (degrees), airspeed error; m s-1 in."""
     implied = triangle.air_vector(ground_east, ground_north, wind_east, wind_north)
     error = triangle.heading_error(air_east, air_north, *implied)
-    slope = heading_error_sensitivity(air_east, air_north, *implied)
+    slope = _heading_error_sensitivity(air_east, air_north, *implied)
     along, cross = triangle.along_cross(*slope, triangle.bearing(ground_east, ground_north))
     standard_error = np.hypot(along * along_error, cross * cross_error)
     speed_error = triangle.airspeed_error(air_east, air_north, *implied)

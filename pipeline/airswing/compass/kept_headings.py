@@ -36,27 +36,17 @@ from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.ragged import aircraft_of_report
 from airswing.vocabulary import VARIABLES
 
-__all__ = ["KeptHeadings", "Pieces", "Record", "cut", "marks_of"]
-
 _LOG = logging.getLogger("airswing.compass")
 # Columns whose numbers depend on other aircraft; what they say of a piece is hashed by itself.
 _OF_THE_FLEET = {"flight", "row_size", "aircraft"}
 
 
 class Pieces(NamedTuple):
-    """Consecutive pieces of a ragged Dataset, all its reports.
+    """Consecutive pieces of a ragged Dataset, all its reports."""
 
-    Parameters
-    ----------
-    start, stop : array of int, shape (piece,)
-        First report of each and one past its last.
-    aircraft : array of int, shape (piece,)
-        Row of its aircraft.
-    """
-
-    start: NDArray[np.int64]
-    stop: NDArray[np.int64]
-    aircraft: NDArray[np.int64]
+    start: NDArray[np.int64]  # first report of each, (piece,)
+    stop: NDArray[np.int64]  # one past its last
+    aircraft: NDArray[np.int64]  # row of its aircraft
 
     def rows(self, chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Reports of some of the pieces, in order."""
@@ -72,24 +62,12 @@ class Pieces(NamedTuple):
 
 
 class Record(NamedTuple):
-    """Which piece lies where in a product.
+    """Which piece lies where in a product."""
 
-    Parameters
-    ----------
-    product : str
-        Its ``uuid``.
-    marks : list of str
-        Of :func:`marks_of`, in the order of the product.
-    sizes : list of int
-        Reports of each piece.
-    evidence : list of dict
-        ``ground_vector_evidence`` of each piece.
-    """
-
-    product: str
-    marks: list[str]
-    sizes: list[int]
-    evidence: list[dict[str, Any]]
+    product: str  # its ``uuid``
+    marks: list[str]  # in the order of the product
+    sizes: list[int]  # reports of each piece
+    evidence: list[dict[str, Any]]  # ``ground_vector_evidence`` of each piece
 
     @classmethod
     def read(cls, path: Path) -> Record | None:
@@ -110,23 +88,13 @@ class Record(NamedTuple):
 
 
 def cut(reports: xr.Dataset) -> Pieces:
-    """Cut reports into pieces.
-
-    Parameters
-    ----------
-    reports : Dataset
-        Canonical, in memory.
-
-    Returns
-    -------
-    Pieces
-        Those of an aircraft depend on its own reports alone.
-    """
+    """Cut canonical reports into pieces; those of an aircraft depend on its own reports alone."""
     aircraft, flight = aircraft_of_report(reports), reports["flight"].to_numpy()
     other = (np.diff(flight) != 0) | (np.diff(aircraft) != 0)
     begins = np.flatnonzero(np.r_[True, other][: flight.size])
     owner = aircraft[begins]
     month = reports["time"].to_numpy()[begins].astype("M8[M]").astype(np.int64)
+    # One month for all: such an aircraft is one piece.
     month[_judged_as_one(reports, aircraft)[owner]] = 0
     first = np.r_[True, (np.diff(month) != 0) | (np.diff(owner) != 0)][: begins.size]
     start = begins[first]
@@ -142,14 +110,8 @@ def _judged_as_one(reports: xr.Dataset, aircraft: NDArray[np.int64]) -> NDArray[
     return np.bincount(aircraft[told], minlength=reports.sizes["aircraft"]) > 0
 
 
-def marks_of(reports: xr.Dataset, winds: xr.Dataset, pieces: Pieces) -> list[str]:
-    """Hash of all that the headings of each piece follow from.
-
-    Parameters
-    ----------
-    reports, winds : Dataset
-        As for :func:`airswing.compass.headings.derive_headings`, in memory.
-    """
+def _marks_of(reports: xr.Dataset, winds: xr.Dataset, pieces: Pieces) -> list[str]:
+    """Hash of all that the headings of each piece follow from."""
     of_report, of_aircraft = _hashed_columns(reports, winds)
     tails = reports["aircraft"].to_numpy()
     common = fingerprint(
@@ -161,6 +123,7 @@ def marks_of(reports: xr.Dataset, winds: xr.Dataset, pieces: Pieces) -> list[str
     for start, stop, row in zip(*pieces, strict=True):
         digest = hashlib.blake2b(f"{common}\0{tails[row]}\0{stop - start}\0".encode())
         for _, values in of_aircraft:
+            # Names and types are in `common`: what follows is octets of a known order.
             digest.update(values[row : row + 1].data)
         for _, values in of_report:
             digest.update(values[start:stop].data)
@@ -224,20 +187,12 @@ class KeptHeadings:
                 self._known[mark] = (end - size, end, told)
 
     def derive(self, reports: xr.Dataset, winds: xr.Dataset) -> xr.Dataset:
-        """Headings of the next block.
+        """Headings of the next block, as :func:`airswing.compass.headings.derive_headings` gives.
 
-        Parameters
-        ----------
-        reports, winds : Dataset
-            As for :func:`airswing.compass.headings.derive_headings`, in memory.
-
-        Returns
-        -------
-        Dataset
-            As of it, once it is written; without ``ground_vector_evidence``.
+        As they are once written, and without ``ground_vector_evidence``.
         """
         pieces = cut(reports)
-        marks = marks_of(reports, winds, pieces)
+        marks = _marks_of(reports, winds, pieces)
         taken = self._taken(marks)
         known = np.array([mark in self._known for mark in marks], dtype=bool)
         derived: dict[str, xr.DataArray] = {}
@@ -264,13 +219,7 @@ class KeptHeadings:
         return sum_of_accounts(self._evidence)
 
     def record(self, product: str) -> Record:
-        """Which piece lies where, once all blocks are written.
-
-        Parameters
-        ----------
-        product : str
-            The ``uuid`` they were written under.
-        """
+        """Which piece lies where, once all blocks are written under a ``uuid``."""
         return Record(product, self._marks, self._sizes, self._evidence)
 
     def _taken(self, marks: Sequence[str]) -> dict[str, NDArray[Any]]:

@@ -56,15 +56,7 @@ def _per_report(reports: xr.Dataset, name: str, aircraft: NDArray[np.int64]) -> 
 
 
 def motion_of(reports: xr.Dataset, *, acceleration_density: float, widen: bool) -> Motion:
-    """Motion of reports in memory.
-
-    Parameters
-    ----------
-    acceleration_density : float
-        How the ground velocity wanders between fixes, m2 s-3; see `airswing.physics.track`.
-    widen : bool
-        Whether ground vectors may reach past the neighbouring fixes.
-    """
+    """Motion of reports in memory; options as for `airswing.physics.track.ground_track`."""
     aircraft = aircraft_of_report(reports)
     path = ground_track(
         column_of(reports, "latitude"),
@@ -103,6 +95,7 @@ def _beside_turns(
         air[0] + wind[0][found.report],
         air[1] + wind[1][found.report],
         found.airspeed_error,
+        # An error of the heading is one of the ground vector across it.
         found.airspeed * found.heading_error,
     )
     out = tuple(values.copy() for values in chord)
@@ -172,13 +165,7 @@ def accounts_of(reports: xr.Dataset, motion: Motion) -> list[dict[str, Any]]:
 
 
 def sum_of_accounts(accounts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Account of a fleet from those of its parts.
-
-    Parameters
-    ----------
-    accounts : sequence of mapping
-        Of ``ground_vector_evidence``, parts of the fleet in order.
-    """
+    """Account of a fleet from those of its parts, in order."""
     total: dict[str, Any] = {}
     for account in accounts:
         for name, value in account.items():

@@ -140,19 +140,8 @@ def mark_corrected_units(
 ) -> xr.Dataset:
     """Mark reports of units that applied their own correction: another compass, not to be fitted.
 
-    Parameters
-    ----------
-    headings : Dataset
-        Screened.
-    aircraft : collection of str
-        Aircraft whose unit was corrected.
-    start, end : datetime64
-        When; no end is the end of the archive.
-
-    Returns
-    -------
-    Dataset
-        The same with the bit ``field_test`` of ``screening`` set on those reports.
+    They get the bit ``field_test`` of ``screening``, from ``start`` to before ``end``, or to the
+    archive's end.
     """
     tail = headings["aircraft"].to_numpy().astype(str)[aircraft_of_report(headings)]
     time = headings["time"].to_numpy()
@@ -162,6 +151,7 @@ def mark_corrected_units(
     bit = marked.astype(np.int32) * np.int32(SCREENING["field_test"])
     attrs = headings["screening"].attrs
     headings = headings.assign(screening=headings["screening"] | xr.DataArray(bit, dims="report"))
+    # xarray drops attributes in arithmetic.
     headings["screening"].attrs = attrs
     return headings
 

@@ -45,7 +45,7 @@ SIGNS: dict[str, float] = {"subtract_error": -1.0, "add_error": 1.0}
 
 
 def deviation_curve(coefficients: ArrayLike, heading: ArrayLike) -> Array:
-    """Heading error A + B sin m + C cos m + D sin 2m + E cos 2m.
+    """Heading error A + B sin m + C cos m + D sin 2m + E cos 2m, (..., m), degrees.
 
     Parameters
     ----------
@@ -53,11 +53,6 @@ def deviation_curve(coefficients: ArrayLike, heading: ArrayLike) -> Array:
         Degrees.
     heading : array_like, shape (m,) or broadcastable to (..., m)
         Indicated magnetic heading, degrees.
-
-    Returns
-    -------
-    array, shape (..., m)
-        Degrees.
     """
     angle = np.radians(np.asarray(heading, dtype=np.float64))
     a, b, c, d, e = np.moveaxis(np.asarray(coefficients, dtype=np.float64), -1, 0)[..., np.newaxis]
@@ -67,7 +62,7 @@ def deviation_curve(coefficients: ArrayLike, heading: ArrayLike) -> Array:
 
 
 def unit_interpolation(table: ArrayLike, heading: ArrayLike) -> Array:
-    """Look a heading up in a table exactly as the unit does.
+    """Look headings (n,) up in a table exactly as the unit does; degrees, NaN where any is NaN.
 
     Parameters
     ----------
@@ -75,16 +70,12 @@ def unit_interpolation(table: ArrayLike, heading: ArrayLike) -> Array:
         One table, or one for each heading; nodes evenly spaced from 0 degrees.
     heading : array_like, shape (n,)
         Indicated magnetic heading, degrees, any turn.
-
-    Returns
-    -------
-    array, shape (n,)
-        Degrees; NaN where the heading or a node is NaN.
     """
     values = np.asarray(table, dtype=np.float64)
     nodes = values.shape[-1]
     place = np.mod(np.asarray(heading, dtype=np.float64), 360.0) * (nodes / 360.0)
     known = np.isfinite(place)
+    # NaN has no place; its share is NaN all the same.
     lower = np.where(known, np.floor(place), 0).astype(np.int64) % nodes
     share = place - np.floor(place)
     upper = (lower + 1) % nodes
@@ -94,22 +85,10 @@ def unit_interpolation(table: ArrayLike, heading: ArrayLike) -> Array:
     return np.asarray(values[row, lower] * (1 - share) + values[row, upper] * share)
 
 
-def project_curve(error: ArrayLike, histogram: ArrayLike | None = None) -> tuple[Array, Array]:
-    """Least-squares projection of a curve on the periodic piecewise-linear basis.
+def _project_curve(error: ArrayLike, histogram: ArrayLike | None = None) -> tuple[Array, Array]:
+    """Least-squares projection (8,) of a curve (360,) on the periodic piecewise-linear basis.
 
-    Parameters
-    ----------
-    error : array_like, shape (360,)
-        The curve at the middles of the 1-degree bins (:data:`FINE`), degrees.
-    histogram : array_like, shape (360,), optional
-        Reports in each bin; even without it.
-
-    Returns
-    -------
-    nodes : array, shape (8,)
-        Degrees.
-    weight : array, shape (360,)
-        What was used, summing to one.
+    Also the weight (360,) used, by the reports in each bin of `FINE`; even without a histogram.
     """
     weight = np.full(FINE.size, 1.0 / FINE.size)
     total = 0.0 if histogram is None else float(np.sum(histogram))
@@ -122,41 +101,20 @@ def project_curve(error: ArrayLike, histogram: ArrayLike | None = None) -> tuple
     return np.asarray(nodes), weight
 
 
-def round_to(values: ArrayLike, resolution: float) -> Array:
-    """Round to the nearest multiple of a resolution.
-
-    Parameters
-    ----------
-    values : array_like
-        Degrees.
-    resolution : float
-        Degrees; 0 leaves the values as they are.
-
-    Returns
-    -------
-    array
-        A negative zero becomes zero.
-    """
+def _round_to(values: ArrayLike, resolution: float) -> Array:
+    """Round to the nearest multiple of a resolution, 0 for none; a negative zero becomes zero."""
     found = np.asarray(values, dtype=np.float64)
     if resolution <= 0:
         return found
     steps = np.rint(found / resolution)
+    # Division by a whole number gives 0.3 where three times 0.1 gives 0.30000000000000004.
     inverse = round(1.0 / resolution)
     exact = abs(inverse * resolution - 1.0) < 1e-9
     return np.asarray((steps / inverse if exact else steps * resolution) + 0.0)
 
 
 def heading_histogram(headings: xr.Dataset, *, abscissa: str = "magnetic") -> NDArray[np.int64]:
-    """Count each aircraft's used reports by 1-degree bin of heading.
-
-    Parameters
-    ----------
-    abscissa : {"magnetic", "true"}
-
-    Returns
-    -------
-    array of int, shape (aircraft, 360)
-    """
+    """Used reports of each aircraft by 1-degree bin of heading, (aircraft, 360)."""
     name = "magnetic_heading" if abscissa == "magnetic" else "heading"
     counts = []
     for block in blocks(headings, [name, "screening"]):
@@ -215,8 +173,8 @@ def add_tables(
     residual = np.full(deviation.shape[:2], np.nan)
     for place in zip(*np.nonzero(np.isfinite(deviation).all(axis=-1)), strict=True):
         error = deviation_curve(deviation[place], FINE)
-        nodes, weight = project_curve(error, histogram[place[1]])
-        tables[place] = round_to(nodes, resolution)
+        nodes, weight = _project_curve(error, histogram[place[1]])
+        tables[place] = _round_to(nodes, resolution)
         residual[place] = np.sqrt(
             np.sum(weight * (unit_interpolation(tables[place], FINE) - error) ** 2)
         )
@@ -232,17 +190,6 @@ def add_tables(
 
 
 def error_from_table(fits: xr.Dataset) -> xr.DataArray:
-    """Heading error that the tables stand for, whatever their sign.
-
-    Parameters
-    ----------
-    fits : Dataset
-        From :func:`add_tables`.
-
-    Returns
-    -------
-    DataArray, dims (reference, aircraft, node)
-        Degrees, indicated minus true.
-    """
+    """Heading error (reference, aircraft, node) the tables stand for, indicated minus true."""
     sign = SIGNS[fits.attrs.get("table_sign", "subtract_error")]
     return sign * fits["table_correction"]

@@ -19,7 +19,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from airswing.compass.cardpage import FIRST, CardPage, Curves, refused_page
+from airswing.compass.cardpage import FIRST, CardPage, Curves
+from airswing.compass.correction import chosen_reference, curve_standard_error
 from airswing.compass.fit.sandwich import Array
 from airswing.compass.table import (
     FINE,
@@ -48,20 +49,10 @@ _STATUS_TEXT = {code: name for name, code in STATUS.items()}
 
 
 def steer(table_error: ArrayLike, wanted: ArrayLike) -> Array:
-    """Compass heading to steer for a magnetic heading wanted.
+    """Compass heading to steer (degrees) for magnetic headings wanted (degrees).
 
-    Parameters
-    ----------
-    table_error : array_like, shape (8,)
-        Heading error at the nodes, degrees; every slope below 1 (no error of 45 degrees between
-        neighbours), or there is no single answer.
-    wanted : array_like, shape (n,)
-        Magnetic heading, degrees.
-
-    Returns
-    -------
-    array, shape (n,)
-        Degrees, 0 to 360.
+    Every slope of the table error (8,) is below 1 (no error of 45 degrees between neighbours), or
+    there is no single answer.
     """
     aim = np.asarray(wanted, dtype=np.float64)
     nodes = np.asarray(table_error, dtype=np.float64)
@@ -72,15 +63,7 @@ def steer(table_error: ArrayLike, wanted: ArrayLike) -> Array:
 
 
 def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
-    """Write every aircraft's table, one row a node; a refused fit keeps its row and reason.
-
-    Parameters
-    ----------
-    fits : Dataset
-        With tables.
-    path : path-like
-        File to write.
-    """
+    """Write every aircraft's table, one row a node; a refused fit keeps its row and reason."""
     _need_tables(fits)
     target = Path(path)
     with (
@@ -112,36 +95,11 @@ def _table_rows(one: xr.Dataset, sign: str) -> list[tuple[str, ...]]:
 
 
 def _node_errors(one: xr.Dataset) -> Array:
-    from airswing.compass.correction import curve_standard_error
-
     return np.asarray(curve_standard_error(one["deviation_covariance"].to_numpy(), NODES))
 
 
 def _number(value: float, places: int) -> str:
     return "" if not np.isfinite(value) else f"{value + 0.0:.{places}f}"
-
-
-def swing_card(fits: xr.Dataset, *, aircraft: str, reference: str | None = None) -> Figure:
-    """Draw the one-page swing card of an aircraft.
-
-    Parameters
-    ----------
-    fits : Dataset
-        With tables.
-    reference : str, optional
-        Whose fit; the first pool, else the first reference, when not given.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A5 landscape; save it as PDF, PNG or SVG.
-
-    Raises
-    ------
-    InputError
-        If the aircraft or reference is not there, or there are no tables.
-    """
-    return _Drawing().of(_select(fits, aircraft, reference))
 
 
 def write_swing_cards(
@@ -156,12 +114,8 @@ def write_swing_cards(
 
     Parameters
     ----------
-    fits : Dataset
-        With tables.
-    folder : path-like
-        Made where it is not there.
     reference : str, optional
-        As for :func:`swing_card`.
+        Whose fit; the first pool, else the first reference, when not given.
     suffix : str
         pdf, png or svg.
     stand : mapping of str to str, optional
@@ -175,7 +129,7 @@ def write_swing_cards(
     """
     _need_tables(fits)
     place, drawing = Path(folder), _Drawing()
-    chosen = fits.isel(reference=_reference_number(fits, reference))
+    chosen = fits.isel(reference=chosen_reference(fits, reference))
     status = chosen["status"].to_numpy()
     shape = [chosen[key].to_numpy() for key in ("offset", "amplitude", "phase")]
     cards, rows, known = [], [], stand or {}
@@ -225,44 +179,12 @@ def _need_tables(fits: xr.Dataset) -> None:
         )
 
 
-def _select(fits: xr.Dataset, aircraft: str, reference: str | None) -> xr.Dataset:
-    _need_tables(fits)
-    number = _reference_number(fits, reference)
-    place = _place("aircraft", aircraft, [str(value) for value in fits["aircraft"].to_numpy()])
-    return _with_error(fits.isel(aircraft=place, reference=number))
-
-
-def _reference_number(fits: xr.Dataset, reference: str | None) -> int:
-    """Place of a reference; of the first pool, else the first reference, where none is named."""
-    names = [str(value) for value in fits["reference"].to_numpy()]
-    single = int(fits.attrs.get("reference_count", len(names)))
-    wanted = names[single if single < len(names) else 0] if reference is None else reference
-    return _place("reference", wanted, names)
-
-
-def _place(kind: str, value: str, known: list[str]) -> int:
-    if value not in known:
-        raise InputError(f"no fit for this {kind}", field=kind, found=value)
-    return known.index(value)
-
-
 def _with_error(one: xr.Dataset) -> xr.Dataset:
     return one.assign(table_error=error_from_table(one))
 
 
-def card_rows(table_error: ArrayLike) -> list[tuple[str, str]]:
-    """Rows of the deviation card: for a magnetic heading every 30 degrees, the one to steer.
-
-    Parameters
-    ----------
-    table_error : array_like, shape (8,)
-        Heading error at the nodes, degrees.
-
-    Returns
-    -------
-    list of (str, str)
-        Three-digit headings; N, E, S and W named.
-    """
+def _card_rows(table_error: ArrayLike) -> list[tuple[str, str]]:
+    """Rows of the deviation card: for a magnetic heading every 30 degrees, the one to steer."""
     names = {0: "N", 90: "E", 180: "S", 270: "W"}
     aims = steer(table_error, CARD_HEADINGS)
     return [
@@ -285,12 +207,9 @@ class _Drawing:
             f"against {one['reference'].item()}; {int(one['report_count'])} reports, "
             f"{int(one['flight_count'])} flights, {int(one['compass_points'])} of 8 compass points"
         )
-        status = _STATUS_TEXT[int(one["status"])]
-        if status == "offset_only":
+        if int(one["status"]) == STATUS["offset_only"]:
             foot += "; offset alone"
-        elif status != "ok":
-            return refused_page(title, foot, f"fit refused: {status.replace('_', ' ')}")
-        rows = card_rows(one["table_error"].to_numpy())
+        rows = _card_rows(one["table_error"].to_numpy())
         cells = [[*rows[k], *rows[k + 6]] for k in range(6)]
         return self._page.show(title, foot, (cells, _node_cells(one)), _curves(one))
 
@@ -304,8 +223,6 @@ def _node_cells(one: xr.Dataset) -> list[list[str]]:
 
 
 def _curves(one: xr.Dataset) -> Curves:
-    from airswing.compass.correction import curve_standard_error
-
     curve = deviation_curve(one["deviation"].to_numpy(), FINE)
     wide = NORMAL_95 * curve_standard_error(one["deviation_covariance"].to_numpy(), FINE)
     nodes = one["table_error"].to_numpy()

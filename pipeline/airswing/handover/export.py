@@ -124,13 +124,7 @@ def _seconds(window: str | None) -> float | None:
 
 
 def as_text(result: dict[str, Any]) -> str:
-    """Tell a person what was written.
-
-    Parameters
-    ----------
-    result : dict
-        Of :func:`export`.
-    """
+    """Tell a person what :func:`export` wrote."""
     files = result["files"]
     places = [str(file["path"]) for file in files[:SHOWN]]
     more = [f"and {len(files) - SHOWN:,} more"] if len(files) > SHOWN else []

@@ -26,7 +26,12 @@ from airswing.errors import InputError
 from airswing.flags import published
 from airswing.handover.records.platforms import identifiers
 from airswing.handover.records.registry import ExportFormat, Request, register
-from airswing.handover.records.run_products import product_beside, refuse_existing
+from airswing.handover.records.run_products import (
+    errors_beside,
+    none_known,
+    product_beside,
+    refuse_existing,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,18 +47,7 @@ LEAST_SHARE = 0.25
 
 
 def write(request: Request) -> dict[str, Any]:
-    """Write the tables into a folder.
-
-    Returns
-    -------
-    dict
-        ``files`` with their ``rows``, ``notes``.
-
-    Raises
-    ------
-    InputError
-        If no error is known, or the folder is a file.
-    """
+    """Write the tables into a folder."""
     from airswing.products.whole_files import write_text
 
     if request.path.is_file():
@@ -67,66 +61,39 @@ def write(request: Request) -> dict[str, Any]:
     targets = {name: request.path / f"wind_error_{name}.csv" for name in COMPONENTS}
     coefficients = request.path / COEFFICIENTS
     refuse_existing(request, *targets.values(), coefficients)
-    with product_beside(
-        request, "observation_errors.nc", why="it holds the errors to write"
-    ) as product:
-        errors = product.load()
-    rows = error_rows(errors, request.winds, called)
-    fits = _fits(request)
+    rows = _error_rows(errors_beside(request), request.winds, called)
+    with product_beside(request, "fits.nc", why="it holds the coefficients") as product:
+        fits = product.load()
     files = []
     for component, target in targets.items():
         head = [f"{STATION},{PRESSURE},ErrorVariance/{component}", "string,float,float"]
         write_text(target, "\n".join([*head, *rows]) + "\n")
         files.append({"path": str(target), "rows": len(rows)})
     reference = str(request.corrected.attrs.get("correction_reference", ""))
-    table = coefficient_rows(fits, reference, called)
+    table = _coefficient_rows(fits, reference, called)
     write_text(coefficients, "\n".join(table) + "\n")
     files.append({"path": str(coefficients), "rows": len(table) - 2})
     return {"files": files, "notes": _notes()}
 
 
-def _fits(request: Request) -> xr.Dataset:
-    with product_beside(request, "fits.nc", why="it holds the coefficients") as fits:
-        return fits.load()
+def _error_rows(errors: xr.Dataset, winds: str, called: Mapping[str, str]) -> list[str]:
+    """Rows of station, pressure and error variance from ``observation_errors.nc``.
 
-
-def error_rows(errors: xr.Dataset, winds: str, called: Mapping[str, str]) -> list[str]:
-    """Rows of station, pressure and error variance.
-
-    Parameters
-    ----------
-    errors : Dataset
-        ``observation_errors.nc``.
-    winds : {"corrected", "reported"}
-    called : mapping of str to str
-        Identifier of each aircraft.
-
-    Returns
-    -------
-    list of str
-        Those of all other stations first, then the archive's; pressures increasing.
-
-    Raises
-    ------
-    InputError
-        If no error is known.
+    Those of all other stations first, then the archive's; pressures increasing.
     """
     own = errors.sel(state=winds)
     layer = own["observation_error_filled"].sel(flight_phase="all").to_numpy() ** 2
     fleet = float(own["fleet_observation_error"]) ** 2
     if not np.isfinite(fleet):
-        raise InputError(
-            "no error of the reports is known",
-            field="observation_error",
-            found=errors.attrs.get("believed_because"),
-            remedy="It takes two references, or aircraft that meet, on some days",
-        )
+        raise none_known(errors)
     pressure = 0.5 * (own["layer_bottom_pressure"] + own["layer_top_pressure"]).to_numpy()
     order = np.argsort(pressure)
     aircraft = own["aircraft_observation_error"].to_numpy() ** 2
     rows = _station(EVERY_STATION, layer[order], pressure[order])
     for place in np.argsort(names := [str(name) for name in own["aircraft"].to_numpy()]):
         if np.isfinite(aircraft[place]):
+            # The profile of the fleet, moved by what this aircraft's variance differs:
+            # no aircraft has reports enough for a profile of its own.
             variance = np.maximum(layer + aircraft[place] - fleet, LEAST_SHARE * layer)
             rows += _station(
                 called.get(names[place], names[place]), variance[order], pressure[order]
@@ -138,22 +105,10 @@ def _station(name: str, variance: Floats, pressure: Floats) -> list[str]:
     return [f"{name},{at:.0f},{one:.4f}" for at, one in zip(pressure, variance, strict=True)]
 
 
-def coefficient_rows(fits: xr.Dataset, reference: str, called: Mapping[str, str]) -> list[str]:
-    """Lines of the table of coefficients.
+def _coefficient_rows(fits: xr.Dataset, reference: str, called: Mapping[str, str]) -> list[str]:
+    """Lines of the table of coefficients: names, types, and a row for every trusted fit.
 
-    Parameters
-    ----------
-    fits : Dataset
-        ``fits.nc``.
-    reference : str
-        The fit the correction was made with; the first where it is not told.
-    called : mapping of str to str
-        Identifier of each aircraft.
-
-    Returns
-    -------
-    list of str
-        Names, types, and a row for every aircraft whose fit is to be trusted.
+    ``reference`` is the fit the correction was made with; the first where it is not told.
     """
     names = [str(name) for name in fits["reference"].to_numpy()]
     own = fits.sel(reference=reference if reference in names else names[0])

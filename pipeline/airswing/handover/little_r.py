@@ -49,12 +49,16 @@ from airswing.handover.records.wind import speed_and_direction
 SLOWEST = 0.10001  # m/s: OBSPROC takes slower winds as missing
 LEAST_DIRECTION = 0.00101  # Degrees: OBSPROC takes smaller ones as missing
 _NO_VALUE = "-888888.00000      0"
+# Latitude, longitude, identifier, name, platform, source, elevation; counts of fields, errors,
+# warnings, order, duplicates; sounding, bogus, discarded; seconds since a date and a Julian day
+# that nobody reads, the date, 13 surface values.
 _HEAD = (
     f"{'':20}{'':20}{'':40}{'':40}{'':40}{'':40}{'-888888.00000':>20}"
     f"{'':10}{0:10}{0:10}{'':10}{0:10}{'T':>10}{'F':>10}{'F':>10}{-888888:10}{-888888:10}"
     f"{'':20}{_NO_VALUE * 13}\n"
 )
 _LEVEL = f"{_NO_VALUE * 10}\n"
+# First columns in a level: ten pairs of a value (F13.5) and its quality (I7).
 _PRESSURE, _HEIGHT_QUALITY, _TEMPERATURE, _SPEED, _DIRECTION = 1, 34, 41, 81, 101
 _TAIL = f"{'-777777.00000      0' * 2}{'':13}      0{_NO_VALUE * 7}\n{'':7}{0:7}{0:7}\n"
 _END, _TRAILER = line_starts(_TAIL)
@@ -95,14 +99,8 @@ def _levels(rows: NDArray[np.void]) -> Lines:
     return lines
 
 
-def write_little_r(request: Request) -> dict[str, Any]:
-    """Write reports for OBSPROC.
-
-    Returns
-    -------
-    dict
-        Of :func:`~airswing.handover.records.record_files.write_records`.
-    """
+def _write(request: Request) -> dict[str, Any]:
+    """Write reports for OBSPROC."""
     told = write_records(request, Layout("obs.little_r", partial(_encode, winds=request.winds)))
     most = max(file["reports"] for file in told["files"])
     told["notes"] = [
@@ -112,4 +110,4 @@ def write_little_r(request: Request) -> dict[str, Any]:
     return told
 
 
-FORMAT = register(ExportFormat("little_r", "reports for OBSPROC, to WRFDA", write_little_r))
+register(ExportFormat("little_r", "reports for OBSPROC, to WRFDA", _write))

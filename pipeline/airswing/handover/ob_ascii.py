@@ -69,6 +69,8 @@ _LEVEL = (
     f" -888888.000 -88  10.00 -888888.000 -88   1.00 -888888.000 -88   1.00{_GAP}"
     " -888888.000 -88  10.00\n"
 )
+# First columns in a level's line, by EACH_FMT below the header: a value takes 12, its quality 4,
+# its error 7, with 11 blanks after every third.
 _PRESSURE, _SPEED, _DIRECTION, _TEMPERATURE = 1, 24, 47, 104
 _QUALITY, _ERROR = 12, 16  # From a value's first column to those of its quality and its error
 LEAST_ERROR, LARGEST_ERROR = 0.01, 999.99
@@ -76,6 +78,7 @@ LEAST_ERROR, LARGEST_ERROR = 0.01, 999.99
 
 def _header(counts: Mapping[str, int]) -> bytes:
     kinds = {name: counts.get(name, 0) for name in PLATFORMS}
+    # WRFDA counts by what it takes a report for, and FM-97 is its airep.
     kinds["AIREP"] += kinds.pop("ACARS")
     lines = [
         "".join(f"{kind:<6}={kinds.get(kind, 0):7}, " for kind in line.split()) for line in _KINDS
@@ -101,6 +104,7 @@ def _encode(records: Records, *, errors: WindErrors) -> bytes | memoryview:
 
 def _levels(rows: NDArray[np.void], error: NDArray[np.float64]) -> Lines:
     lines = lines_of(_LEVEL, rows.size)
+    # Less would be written as 0.000.
     speed, direction = speed_and_direction(rows["u"], rows["v"], least=0.0005)
     put_number(lines, _PRESSURE, 12, rows["pressure"], decimals=3)
     put_number(lines, _SPEED, 12, speed, decimals=3)
@@ -124,14 +128,8 @@ def _direction_error(speed: NDArray[np.float64], error: NDArray[np.float64]) -> 
     return np.degrees(np.arctan2(error, speed))
 
 
-def write_ob_ascii(request: Request) -> dict[str, Any]:
-    """Write reports for WRFDA.
-
-    Returns
-    -------
-    dict
-        Of :func:`~airswing.handover.records.record_files.write_records`, with ``errors_from``.
-    """
+def _write(request: Request) -> dict[str, Any]:
+    """Write reports for WRFDA."""
     known = known_errors(request.products)
     aircraft = request.corrected["aircraft"].to_numpy().astype(str)
     errors = WindErrors(known, request.winds, aircraft.tolist())
@@ -146,6 +144,4 @@ def write_ob_ascii(request: Request) -> dict[str, Any]:
     return told
 
 
-FORMAT = register(
-    ExportFormat("ob_ascii", "reports for WRFDA, each with its error", write_ob_ascii)
-)
+register(ExportFormat("ob_ascii", "reports for WRFDA, each with its error", _write))

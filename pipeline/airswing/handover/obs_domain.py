@@ -56,11 +56,13 @@ _HEAD = (
 )
 _TIME, _PLACE, _NAMES, _KIND = line_starts(_HEAD)
 _LEVEL = " " + 6 * "-888888.000 -888888.000 " + "\n"
+# Format 104: a blank, then pairs of value and quality (F11.3) with a blank after each.
 _PRESSURE, _HEIGHT, _TEMPERATURE, _EAST, _NORTH, _HUMIDITY = range(2, 146, 24)
 _QUALITY = 12  # From a value's first column to its quality's
 
 
 def _too_high(rows: NDArray[np.void]) -> dict[str, NDArray[np.bool_]]:
+    # Rounded as it will be written: WRF compares what it reads.
     return {"above_80_hPa": np.round(rows["pressure"], 3) <= HIGHEST}
 
 
@@ -87,6 +89,7 @@ def _heads(records: Records) -> Lines:
 
 def _levels(rows: NDArray[np.void]) -> Lines:
     lines = lines_of(_LEVEL, rows.size)
+    # Rounded to the three decimals of the format: what it cannot hold is calm to the reader.
     calm = np.hypot(np.round(rows["u"], 3), np.round(rows["v"], 3)) == 0.0
     _put_pair(lines, _PRESSURE, rows["pressure"], 0.0)
     known = np.isfinite(rows["temperature"])
@@ -106,14 +109,10 @@ def _put_pair(lines: Lines, column: int, values: ArrayLike, quality: ArrayLike) 
     put_number(lines, column + _QUALITY, 11, quality, decimals=3)
 
 
-def write_obs_domain(request: Request) -> dict[str, Any]:
+def _write(request: Request) -> dict[str, Any]:
     """Write reports for WRF's observation nudging.
 
-    Returns
-    -------
-    dict
-        Of :func:`~airswing.handover.records.record_files.write_records`, with ``max_obs``: what
-        the namelist needs at most, since WRF stops where it holds more levels.
+    ``max_obs`` is what the namelist needs at most, since WRF stops where it holds more levels.
     """
     domain = request.settings.domain
     _check_name(request.path, domain, folder=request.folder)
@@ -125,6 +124,7 @@ def write_obs_domain(request: Request) -> dict[str, Any]:
 
 def _check_name(path: Path, domain: int, *, folder: bool) -> None:
     """Refuse a name that another nest would read."""
+    # WRF opens OBS_DOMAINd01 by the number of each nest.
     match = re.fullmatch(r"OBS_DOMAIN(\d)01", path.name)
     if match and not folder and int(match[1]) != domain:
         raise InputError(
@@ -135,6 +135,4 @@ def _check_name(path: Path, domain: int, *, folder: bool) -> None:
         )
 
 
-FORMAT = register(
-    ExportFormat("obs_domain", "reports for WRF's observation nudging", write_obs_domain)
-)
+register(ExportFormat("obs_domain", "reports for WRF's observation nudging", _write))

@@ -25,7 +25,7 @@ import numpy as np
 from airswing.errors import InputError
 from airswing.handover.records.platforms import PLATFORMS, platforms
 from airswing.handover.records.registry import ExportFormat, Request, register
-from airswing.handover.records.run_products import product_beside, refuse_existing
+from airswing.handover.records.run_products import errors_beside, none_known, refuse_existing
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,27 +42,12 @@ _LARGEST = 90.0  # Degrees: a direction that is not known any better is not know
 
 
 def write(request: Request) -> dict[str, Any]:
-    """Write the error table, and one for each phase of flight where it is a folder.
-
-    Returns
-    -------
-    dict
-        ``files`` with the ``errors`` by pressure written into them, ``types``, ``notes``.
-
-    Raises
-    ------
-    InputError
-        If there are no errors to write, or the table begun from is none.
-    """
+    """Write the error table, and one for each phase of flight where it is a folder."""
     from airswing.products.whole_files import write_text
 
     base = _base(request)
-    with product_beside(
-        request, "observation_errors.nc", why="it holds the errors to write"
-    ) as product:
-        errors = product.load()
-    types = report_types(request)
-    own = errors.sel(state=request.winds)
+    types = _report_types(request)
+    own = errors_beside(request).sel(state=request.winds)
     targets = {
         phase: request.path / name if request.folder else request.path
         for phase, name in _names(own, folder=request.folder).items()
@@ -70,8 +55,8 @@ def write(request: Request) -> dict[str, Any]:
     refuse_existing(request, *targets.values())
     written = []
     for phase, target in targets.items():
-        tables = wind_tables(own, phase)
-        write_text(target, changed_table(base, tables, types))
+        tables = _wind_tables(own, phase)
+        write_text(target, _changed_table(base, tables, types))
         levels = {str(level): round(value, 2) for level, value in tables["UV"].items()}
         written.append({"path": str(target), "flight_phase": phase, "errors": levels})
     return {"files": written, "types": types, "notes": _notes(own, request.winds)}
@@ -83,12 +68,14 @@ def _base(request: Request) -> str:
     if given is None:
         return (files("airswing.handover") / "data" / FILE_NAME).read_text(encoding="ascii")
     try:
+        # Any octets come through latin-1 as they were; names of authors stand in such
+        # tables.
         return Path(given).read_bytes().decode("latin-1")
     except OSError as err:
         raise InputError("cannot be read", file=given, found=err.strerror) from err
 
 
-def report_types(request: Request) -> list[str]:
+def _report_types(request: Request) -> list[str]:
     """Types of report in OBSPROC's table that the archive's aircraft are."""
     found = set(platforms(request.corrected, request.settings).tolist())
     tamdar = PLATFORMS.index("TAMDAR")
@@ -99,33 +86,17 @@ def _names(own: xr.Dataset, *, folder: bool) -> dict[str, str]:
     """File of each phase of flight whose errors are known."""
     known = own["observation_error"].notnull().any("layer")
     if not bool(known.sel(flight_phase="all")):
-        raise InputError(
-            "no error of the reports is known",
-            field="observation_error",
-            found=own.attrs.get("believed_because"),
-            remedy="It takes two references, or aircraft that meet, on some days",
-        )
+        raise none_known(own)
     phases = [str(name) for name in own["flight_phase"].to_numpy()[known.to_numpy()]]
     names = {phase: f"obserr_{phase}.txt" for phase in phases if phase != "all"}
     return {"all": FILE_NAME, **(names if folder else {})}
 
 
-def wind_tables(own: xr.Dataset, phase: str) -> dict[str, dict[int, float]]:
-    """Errors at the pressures of a wind table that measured layers cover.
+def _wind_tables(own: xr.Dataset, phase: str) -> dict[str, dict[int, float]]:
+    """Errors at the pressures (hPa) of a wind table that measured layers cover, by section.
 
-    Parameters
-    ----------
-    own : Dataset
-        ``observation_errors.nc`` of one state of the wind.
-    phase : str
-        On ``flight_phase``.
-
-    Returns
-    -------
-    dict
-        By section ``UV``, ``SPD`` (m/s) and ``DIR`` (degrees), error by pressure in hPa. The
-        error of speed is that of a component; that of direction the angle it has at the layer's
-        median speed.
+    ``UV`` and ``SPD`` (m/s) are the error of a component; ``DIR`` (degrees) is the angle it has at
+    the layer's median speed.
     """
     error = own["observation_error"].sel(flight_phase=phase).to_numpy()
     bottom, top = (own[f"layer_{end}_pressure"].to_numpy() / 100.0 for end in ("bottom", "top"))
@@ -143,22 +114,8 @@ def wind_tables(own: xr.Dataset, phase: str) -> dict[str, dict[int, float]]:
     return found
 
 
-def changed_table(base: str, tables: dict[str, dict[int, float]], types: list[str]) -> str:
-    """The table with the errors of some types of report changed.
-
-    Parameters
-    ----------
-    base : str
-        An ``obserr.txt``.
-    tables : dict
-        Of :func:`wind_tables`.
-    types : list of str
-        ``TAMDARS``, ``AIREPS``.
-
-    Returns
-    -------
-    str
-        Every other value, line and blank as it was.
+def _changed_table(base: str, tables: dict[str, dict[int, float]], types: list[str]) -> str:
+    """The table with the errors of some types of report changed; all else as it was.
 
     Raises
     ------
@@ -175,6 +132,7 @@ def changed_table(base: str, tables: dict[str, dict[int, float]], types: list[st
         section = named[1] if named else section
         words = row[3].split()
         if section in tables and words and words[0] in types:
+            # The type stands on the first of its four lines.
             lines[place : place + _LINES] = _block(lines[place : place + _LINES], tables[section])
             done.add((section, words[0]))
     missing = [f"{one} {kind}" for one in tables for kind in types if (one, kind) not in done]

@@ -41,44 +41,19 @@ _SHOWN = 12
 
 @dataclass(frozen=True)
 class Judged:
-    """One aircraft of the archive against a list's criteria.
-
-    Parameters
-    ----------
-    reports : int
-        Those that could be corrected.
-    winds_a_day : float
-        Winds that could be used, were they right.
-    reported, corrected : dict of str to float
-        Statistics by criterion.
-    reported_fails, corrected_fails : tuple of str
-        Criteria exceeded.
-    """
+    """One aircraft of the archive against a list's criteria."""
 
     name: str
-    reports: int
-    winds_a_day: float
-    reported: dict[str, float]
+    reports: int  # those that could be corrected
+    winds_a_day: float  # winds that could be used, were they right
+    reported: dict[str, float]  # statistics by criterion
     corrected: dict[str, float]
-    reported_fails: tuple[str, ...]
+    reported_fails: tuple[str, ...]  # criteria exceeded
     corrected_fails: tuple[str, ...]
 
 
 def write(request: Request) -> dict[str, Any]:
-    """Write the list as it could be.
-
-    Returns
-    -------
-    dict
-        ``files``, ``criteria``, ``taken_off`` and ``stay`` (aircraft with their reasons and
-        statistics), ``not_listed``, ``winds_a_day_gained``, ``blank_identifiers_filled``,
-        ``notes``.
-
-    Raises
-    ------
-    InputError
-        If there is no list to begin from, or it is none.
-    """
+    """Write the list as it could be."""
     from airswing.products.whole_files import atomic
 
     if request.settings.base is None:
@@ -91,7 +66,7 @@ def write(request: Request) -> dict[str, Any]:
     target = request.path / FILE_NAME if request.folder else request.path
     refuse_existing(request, target)
     fleet = {judged.name: judged for judged in judge(request, current.criteria)}
-    lines, taken_off, stay = rescued(current, fleet)
+    lines, taken_off, stay = _rescued(current, fleet)
     with atomic(target) as temporary:
         temporary.write_bytes(current.header + b"".join(lines))
     return _account(target, current, fleet, taken_off, stay)
@@ -122,16 +97,12 @@ def judge(request: Request, criteria: dict[str, float]) -> list[Judged]:
     return judged
 
 
-def rescued(
+def _rescued(
     current: RejectList, fleet: dict[str, Judged]
 ) -> tuple[list[bytes], list[dict[str, Any]], list[dict[str, Any]]]:
     """The lines of the list as it could be, who comes off and who stays.
 
-    Returns
-    -------
-    lines : list of bytes
-    taken_off, stay : list of dict
-        Of aircraft whose wind is rejected: ``aircraft``, ``why``, and what the archive says.
+    Of each aircraft whose wind is rejected: ``aircraft``, ``why``, and what the archive says.
     """
     known = {_plain(name): judged for name, judged in fleet.items()}
     lines: list[bytes] = []
@@ -157,10 +128,7 @@ def rescued(
 def verdict(entry: Entry, judged: Judged | None) -> tuple[bool, str]:
     """Whether an aircraft's wind comes off the list, and why or why not.
 
-    Parameters
-    ----------
-    judged : Judged or None
-        None where the archive does not have it.
+    ``judged`` is None where the archive does not have it.
     """
     others = [name for name in entry.reasons if _of_wind(name) and name not in WIND_CRITERIA]
     if judged is None:
@@ -251,4 +219,4 @@ def _account(
     }
 
 
-register(ExportFormat("reject_list", "a GSI reject list without the aircraft rescued", write))
+register(ExportFormat("reject_list", "a GSI reject list without the aircraft _rescued", write))

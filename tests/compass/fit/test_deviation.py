@@ -14,7 +14,7 @@ from airswing.compass.fit.cycles import (
     t_inflation,
 )
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.fit.pooled_bias import between_scatter, day_ratio
+from airswing.compass.fit.pooled_bias import _between_scatter, day_ratio
 from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.products.ragged import aircraft_of_report
@@ -195,11 +195,11 @@ def test_small_helpers_by_hand():
 def test_between_scatter_finds_the_fleets_own():
     rng = np.random.default_rng(1)
     known = np.tile(0.04 * np.eye(2), (60, 1, 1))
-    assert between_scatter(rng.normal(0, np.hypot(0.5, 0.2), (60, 2)), known) == pytest.approx(
+    assert _between_scatter(rng.normal(0, np.hypot(0.5, 0.2), (60, 2)), known) == pytest.approx(
         0.5, abs=0.12
     )
-    assert between_scatter(rng.normal(0, 0.2, (60, 2)), known) < 0.15
-    assert between_scatter(np.zeros((1, 2)), known[:1]) == np.inf
+    assert _between_scatter(rng.normal(0, 0.2, (60, 2)), known) < 0.15
+    assert _between_scatter(np.zeros((1, 2)), known[:1]) == np.inf
 
 
 def test_cycles_by_evidence():

@@ -8,8 +8,8 @@ import airswing  # noqa: F401
 from airswing.compass.fit.normal_equations import (
     LOCAL,
     Scatter,
+    _robust_scatter,
     accumulate,
-    robust_scatter,
 )
 from airswing.compass.fit.observations import Reports
 from airswing.compass.fit.row_blocks import fill, rows_for
@@ -166,7 +166,7 @@ def test_scatter_tells_known_from_unknown_variance():
         reports.flight,
     )
     obs = made.take(slice(None))
-    scatter = robust_scatter(*residuals(obs, np.zeros(8), True), obs.variance)
+    scatter = _robust_scatter(*residuals(obs, np.zeros(8), True), obs.variance)
     assert scatter.part == pytest.approx(1.0, abs=0.1)
     assert scatter.cross == pytest.approx(4.0, rel=0.15)
     assert scatter.along == pytest.approx(4.0 - 1.0, rel=0.15)  # the known part is in both

@@ -87,28 +87,15 @@ class Asked(TypedDict, total=False):
 
 @dataclass
 class AircraftSums:
-    """What is known of one aircraft before the fleet.
-
-    Attributes
-    ----------
-    reports, flights, compass_points : int
-    fit : AircraftFit or None
-        Its own fit, with the sums of its blocks.
-    status : int
-        Code of :data:`airswing.flags.STATUS`.
-    field : float
-        Mean horizontal field of the reports that count, nT; NaN where none is known.
-    constant : AircraftFit or None
-        The fit of the constant alone, where there is no curve.
-    """
+    """What is known of one aircraft before the fleet."""
 
     reports: int
     flights: int
     compass_points: int
-    fit: AircraftFit | None
-    status: int
-    field: float
-    constant: AircraftFit | None = None
+    fit: AircraftFit | None  # its own fit, with the sums of its blocks
+    status: int  # code of `airswing.flags.STATUS`
+    field: float  # mean horizontal field of the reports that count, nT; NaN where unknown
+    constant: AircraftFit | None = None  # the fit of the constant alone, where there is no curve
 
 
 @dataclass(frozen=True)
@@ -126,35 +113,21 @@ class _Estimate:
 def condition_number(normal: Array, harmonics: int) -> float:
     """Condition number of the heading design, its columns scaled to unit mean square.
 
-    Parameters
-    ----------
-    normal : array, shape (p, p)
-        Normal matrix with A, B, C, D, E first.
-
-    Returns
-    -------
-    float
-        1 for headings spread evenly; infinite where a column cannot be told from the others.
+    The normal matrix (p, p) has A, B, C, D, E first. 1 for headings spread evenly; infinite where
+    a column cannot be told from the others.
     """
     size = 1 + 2 * harmonics
+    # Sines and cosines spread evenly have half the mean square of the constant.
     scale = np.array([1.0, *[np.sqrt(2.0)] * (size - 1)])
     values = np.linalg.eigvalsh(normal[:size, :size] * np.outer(scale, scale))
     return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")
 
 
-def publish(aircraft: list[AircraftSums], members: int, options: Options) -> xr.Dataset:
+def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
     """Fits of a fleet against one reference or pool.
 
-    Parameters
-    ----------
-    members : int
-        References in the pool.
-
-    Returns
-    -------
-    Dataset
-        Dimensions ``aircraft``, ``coefficient``, ``coefficient_2``, ``component``; attribute
-        ``shared_error_regions`` where the shared error was worked in more than one.
+    Dimensions ``aircraft``, ``coefficient``, ``coefficient_2``, ``component``; attribute
+    ``shared_error_regions`` where the shared error was worked in more than one.
     """
     table = _empty(len(aircraft))
     for k, one in enumerate(aircraft):
@@ -163,10 +136,11 @@ def publish(aircraft: list[AircraftSums], members: int, options: Options) -> xr.
         table["mean_horizontal_field"][k] = one.field
         if one.fit is not None:
             table["condition_number"][k] = condition_number(one.fit.normal, _cycles(one.fit))
+    # `ok` here means not refused yet: an aircraft's own fit is judged next.
     chosen, regions = np.flatnonzero(table["status"] == STATUS["ok"]), 1
     if chosen.size:
         fits = [_fit_of(aircraft[k]) for k in chosen]
-        regions = _publish_fits(table, chosen, fits, members, options)
+        regions = _publish_fits(table, chosen, fits, options)
     _publish_offsets(table, aircraft, options)
     found = _dataset(table)
     return found.assign_attrs({REGIONS: regions}) if regions > 1 else found
@@ -186,7 +160,6 @@ def _publish_fits(
     table: dict[str, NDArray[Any]],
     chosen: NDArray[np.int64],
     fits: list[AircraftFit],
-    members: int,
     options: Options,
 ) -> int:
     """Fill the table; return in how many regions the shared error was worked."""

@@ -62,49 +62,22 @@ ENOUGH = 2e-6
 
 @dataclass(frozen=True)
 class AircraftFit:
-    """One aircraft's fit before the fleet is looked at; radians and m/s.
+    """One aircraft's fit before the fleet is looked at; radians and m/s."""
 
-    Attributes
-    ----------
-    theta : array, shape (p,)
-        A, B, C, D, E, s, then b_u, b_v of every member.
-    free : array of int
-        Which of them were fitted; the others are zero.
-    normal : array, shape (p, p)
-        Normal matrix of all p.
-    kappa : float
-        Mean slope of the robust score (Huber), by which steps and spreads are divided.
-    flight, day : array, shape (flights | days, p)
-        Influence of every cluster.
-    day_number : array of int, shape (days,)
-        Days since 1970 of the rows of ``day``.
-    freedom : array, shape (p,)
-        Degrees of freedom of every coefficient's standard error.
-    converged : bool
-    rms_before, rms_after : float
-        Robust rms of the heading error before and after the curve, radians.
-    flight_order : array of int, shape (flights,)
-        Order of the flights in ``flight``.
-    blocks : list of Blocks
-        One for each reference, where their places were given.
-    scatters : list of Scatter
-        One for each reference, as the last pass took it.
-    durations : list of int
-        Seconds a block of the reports against each reference lasts.
-    """
-
-    theta: Array
-    free: Index
-    normal: Array
-    kappa: float
-    flight: Array
-    day: Array
-    day_number: Index
-    freedom: Array
+    theta: Array  # A, B, C, D, E, s, then b_u, b_v of every member, (p,)
+    free: Index  # which of them were fitted; the others are zero
+    normal: Array  # of all p, (p, p)
+    kappa: float  # mean slope of the robust score (Huber): steps and spreads are divided by it
+    flight: Array  # influence of every flight, (flights, p)
+    day: Array  # and of every day, (days, p)
+    day_number: Index  # days since 1970, (days,)
+    freedom: Array  # degrees of freedom of every coefficient's standard error, (p,)
     converged: bool
-    rms_before: float
+    rms_before: float  # robust rms of the heading error without and with the curve, radians
     rms_after: float
-    flight_order: Index = field(repr=False)
+    flight_order: Index = field(repr=False)  # order in time of the rows of ``flight``
+    # One for each reference: sums by block where their places were given, its scatter as the last
+    # pass took it, seconds a block of its reports lasts.
     blocks: list[Blocks] = field(repr=False, default_factory=list)
     scatters: list[Scatter] = field(repr=False, default_factory=list)
     durations: list[int] = field(repr=False, default_factory=list)
@@ -180,6 +153,8 @@ def fit_aircraft(
             for k, obs in enumerate(members)
         ]
         normal, score, kappa = joined(parts, size)
+        # Newton's step with robust weights: the mean slope of the score in place of each
+        # report's.
         step = solve(normal[np.ix_(free, free)], score[free]) / kappa
         theta[free] += step
         converged = bool(
@@ -255,7 +230,7 @@ def _flight_score(parts: list[PassSums], size: int) -> Array:
         return parts[0].flight_score
     score = np.zeros((parts[0].flight_score.shape[0], size))
     for k, part in enumerate(parts):
-        score[:, place_of(k)] += part.flight_score
+        score[:, _place_of(k)] += part.flight_score
     return score
 
 
@@ -269,7 +244,7 @@ def bias_of(member: int) -> Index:
     return COMPASS + 1 + 2 * member + np.arange(2)
 
 
-def place_of(member: int) -> Index:
+def _place_of(member: int) -> Index:
     """Places of a member's parameters among all."""
     return np.concatenate([np.arange(COMPASS + 1), bias_of(member)])
 
@@ -304,11 +279,12 @@ def joined(parts: list[PassSums], size: int) -> tuple[Array, Array, float]:
     if len(parts) > 1:
         normal, score = np.zeros((size, size)), np.zeros(size)
         for k, part in enumerate(parts):
-            place = place_of(k)
+            place = _place_of(k)
             normal[np.ix_(place, place)] += part.normal
             score[place] += part.score
     weight = sum(part.weight for part in parts)
     slope = sum(part.slope for part in parts)
+    # normal errors give about 0.8; where nearly all reports are gross it would pass through zero
     return normal, score, max(slope / weight, 0.2) if weight > 0 else 1.0
 
 
@@ -337,11 +313,12 @@ def finish(
     score = _flight_score(parts, size)
     normals = np.zeros((flights, size, size)) if by_flight else None
     for k, part in enumerate(parts):
-        place = place_of(k)
+        place = _place_of(k)
         if normals is not None and part.flight_normal is not None:
             normals[:, place[:, np.newaxis], place] += part.flight_normal
     square = normal[np.ix_(free, free)]
     kept = _kept(free, size)
+    # At the solution scores sum to zero but for the last step: their mean is taken off.
     score = score[:, kept] - score[:, kept].mean(axis=0)
     root = inverse_root(square)
     if normals is not None:

@@ -17,17 +17,11 @@ from airswing.units import NORMAL_95
 def t_inflation(freedom: Array) -> Array:
     """Make a standard error so much wider that +-1.96 of it is Student's 95 % interval.
 
-    Parameters
-    ----------
-    freedom : array
-        Degrees of freedom; infinity gives 1.
-
-    Returns
-    -------
-    array, same shape
+    Infinite degrees of freedom give 1.
     """
     from scipy.special import stdtrit
 
+    # scipy gives NaN at infinity; a million are as good.
     finite = np.minimum(np.maximum(freedom, 1.0), 1e6)
     return np.asarray(stdtrit(finite, 0.975) / NORMAL_95)
 
@@ -67,47 +61,18 @@ def sinusoid(coefficients: Array, covariance: Array) -> tuple[Array, Array]:
 
 
 def cycles_statistic(theta: Array, covariance: Array) -> float:
-    """Wald's statistic of the second cycle, on two degrees of freedom.
-
-    Parameters
-    ----------
-    theta : array, shape (p,)
-    covariance : array, shape (p, p)
-        Clustered covariance of ``theta``.
-    """
+    """Wald's statistic of the second cycle, on two degrees of freedom; covariance clustered."""
     return float(theta[3:5] @ np.linalg.solve(covariance[3:5, 3:5], theta[3:5]))
 
 
 def choose_cycles(statistic: float, clusters: int) -> int:
-    """Number of cycles by evidence: a quasi-BIC that counts independent clusters, not reports.
-
-    Parameters
-    ----------
-    statistic : float
-        From :func:`cycles_statistic`.
-
-    Returns
-    -------
-    int
-        1 or 2.
-    """
+    """Number of cycles by evidence: a quasi-BIC that counts independent clusters, not reports."""
+    # BIC's price of two parameters.
     return 2 if statistic > 2.0 * np.log(max(clusters, 3)) else 1
 
 
 def one_cycle_map(normal: Array, free: NDArray[np.int64]) -> Array:
-    """Linear map from the two-cycle estimate to the one with D = E = 0.
-
-    Parameters
-    ----------
-    normal : array, shape (p, p)
-        Normal matrix of the two-cycle fit.
-    free : array of int
-        Fitted parameters.
-
-    Returns
-    -------
-    array, shape (p, p)
-    """
+    """Map (p, p) from the two-cycle estimate to that with D = E = 0, by its normal matrix."""
     kept = free[(free != 3) & (free != 4)]
     found = np.eye(normal.shape[0])
     found[3:5, 3:5] = 0.0
@@ -118,23 +83,13 @@ def one_cycle_map(normal: Array, free: NDArray[np.int64]) -> Array:
 
 
 def choice_covariance(shift: Array, covariance: Array, statistic: float) -> Array:
-    """Covariance to add where one cycle was chosen: what D = E = 0 may have cost.
+    """Covariance (p, p) to add where one cycle was chosen: what D = E = 0 may have cost.
 
-    The shift of the other coefficients holds their possible bias and its own noise; the positive
-    part of Stein's factor, 1 - 2 / statistic, leaves the bias. D and E, published as zero, keep
-    their two-cycle covariance and the square of what was put to zero, so that their interval
-    still holds a small second cycle that the data could not show.
-
-    Parameters
-    ----------
-    shift : array, shape (p,)
-        Two-cycle estimate minus the published one.
-    covariance : array, shape (p, p)
-        Of the two-cycle estimate.
-
-    Returns
-    -------
-    array, shape (p, p)
+    The shift (two-cycle estimate minus the published one) of the other coefficients holds their
+    possible bias and its own noise; the positive part of Stein's factor, 1 - 2 / statistic, leaves
+    the bias. D and E, published as zero, keep their two-cycle covariance and the square of what was
+    put to zero, so that their interval still holds a small second cycle that the data could not
+    show.
     """
     factor = max(0.0, 1.0 - 2.0 / statistic) if statistic > 0 else 0.0
     added = factor * np.outer(shift, shift)

@@ -84,25 +84,13 @@ FITTED_FROM = (*_NEEDED, *_USEFUL)
 
 @dataclass(frozen=True)
 class FleetSums:
-    """What the fit of a fleet needs of some of its aircraft: their own fits and block sums.
+    """What the fit of a fleet needs of some of its aircraft: their own fits and block sums."""
 
-    Attributes
-    ----------
-    aircraft : array of str, shape (aircraft,)
-    groups : dict of str to list of AircraftSums
-        Per reference and pool, one an aircraft.
-    members : dict of str to int
-        References in each.
-    options : Options
-    attributes : dict
-        What the fits say about themselves.
-    """
-
-    aircraft: NDArray[Any]
-    groups: dict[str, list[AircraftSums]]
-    members: dict[str, int]
+    aircraft: NDArray[np.object_]
+    groups: dict[str, list[AircraftSums]]  # by reference and pool, one an aircraft
+    members: dict[str, int]  # references in each
     options: Options
-    attributes: dict[str, Any]
+    attributes: dict[str, Any]  # what the fits say about themselves
 
 
 def fit_deviation(
@@ -204,22 +192,14 @@ def sum_aircraft(
 
 
 def fit_sums(parts: Sequence[FleetSums]) -> xr.Dataset:
-    """Fit the fleet on the sums of its aircraft.
+    """Fit the fleet on the sums of its aircraft, as :func:`fit_deviation` does.
 
-    Parameters
-    ----------
-    parts : list of FleetSums
-        Of different aircraft, made with the same options.
-
-    Returns
-    -------
-    Dataset
-        As of :func:`fit_deviation`.
+    The parts are of different aircraft, made with the same options.
     """
     first = parts[0]
     found = [
-        publish([one for part in parts for one in part.groups[name]], members, first.options)
-        for name, members in first.members.items()
+        publish([one for part in parts for one in part.groups[name]], first.options)
+        for name in first.members
     ]
     fits = xr.concat(found, dim="reference", join="override", combine_attrs="drop")
     if regions := [one.attrs[REGIONS] for one in found if REGIONS in one.attrs]:
@@ -263,7 +243,7 @@ class _Fitter:
     def __init__(self, columns: Columns, members: list[int], options: Options) -> None:
         self.columns, self.members, self.options = columns, members, options
 
-    def __call__(self, aircraft: NDArray[Any]) -> NDArray[Any]:
+    def __call__(self, aircraft: NDArray[np.int64]) -> NDArray[np.object_]:
         found = np.empty(aircraft.shape, dtype=object)
         for k, number in enumerate(aircraft):
             found[k] = _fit_one(self.columns, int(number), self.members, self.options)
@@ -284,7 +264,7 @@ def _sum_reference(columns: Columns, members: list[int], options: Options) -> li
     return list(found.to_numpy())
 
 
-def compass_points(angle: NDArray[np.floating[Any]]) -> int:
+def compass_points(angle: NDArray[np.floating]) -> int:
     """Compass points that angles (degrees) are nearest to: three of them, or one in 500."""
     least = max(3, 0.002 * angle.size)
     counts = np.zeros(8, dtype=np.int64)
@@ -317,6 +297,7 @@ def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Optio
     elif points < options.min_compass_points:
         found.status = STATUS["poor_heading_coverage"]
     cycles = 1 if options.harmonics == 1 else 2
+    # Also where a curve will not be published: what is known of it is told all the same.
     if points >= 3 and flight_day.size >= 2 and abscissa.size >= 20:
         found.fit = fit(harmonics=cycles)
         if (
@@ -341,6 +322,7 @@ def _of_stretches(
     sets: list[Reports], places: list[Places], options: Options
 ) -> AircraftFit | None:
     """Constant of an aircraft with too few flights, stretches of them its clusters."""
+    # A flight and a stretch of it as one number: stretches since 1970 stay far below 10^9.
     numbers = [
         reports.flight * 10**9 + (place.time.astype("datetime64[s]") - _FIRST) // STRETCH
         for reports, place in zip(sets, places, strict=True)

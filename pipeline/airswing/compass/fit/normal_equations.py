@@ -50,7 +50,7 @@ COMPASS = 5
 LOCAL = COMPASS + 3
 # Tukey's constants: 95 % efficiency for a normal vector (2-D) and scalar residual.
 CUT_2D, CUT_1D = 5.0, 4.685
-MEDIAN_CHI2 = 0.4549
+MEDIAN_CHI2 = 0.4549  # median of the square of a standard normal variable
 
 # A to E of what a block holds: 1, g sin m, g cos m, sin m cos m and sin2 m.
 _BASIS = np.array(
@@ -90,13 +90,6 @@ class PassSums:
     square: float = 0.0
     scatter: Scatter | None = None
 
-    @property
-    def kappa(self) -> float:
-        """Mean derivative of the robust score over the mean weight."""
-        # normal errors give about 0.8; where nearly all reports are gross it would pass through
-        # zero
-        return max(self.slope / self.weight, 0.2) if self.weight > 0 else 1.0
-
 
 def accumulate(
     obs: Observations | Reports,
@@ -118,13 +111,13 @@ def accumulate(
     theta : array, shape (8,)
         A, B, C, D, E (radians), s, b_u, b_v (m/s).
     scatter : Scatter, optional
-        By default what the reports of the first block show at ``theta`` (`robust_scatter`).
+        By default what the reports of the first block show at ``theta`` (`_robust_scatter`).
     flights : int
         Number of the aircraft's flights; 0 for no sums by flight.
     joint : bool
         False: the cross-track row alone, without s and b.
     parted : bool
-        As for `robust_scatter`.
+        As for `_robust_scatter`.
     by_flight : bool
         Keep the normal matrix of every flight too (needed where flights are few).
     starts : array of int, optional
@@ -136,6 +129,7 @@ def accumulate(
     if starts is not None:
         sums.block = np.zeros((ROWS, starts.size))
     cross, along = np.zeros((8, 8)), np.zeros((4, 4))
+    # Blocks of one length, as many as need be: the last is not a scrap.
     length = -(-obs.size // max(-(-obs.size // BLOCK), 1))
     begins = np.arange(0, obs.size, max(length, 1))
     opens = obs.opens if flights else np.zeros(0, dtype=np.int64)
@@ -147,7 +141,7 @@ def accumulate(
         place, first = runs[k]
         fill(part, theta, joint, rows)
         if scatter is None:
-            scatter = robust_scatter(rows.along[0], rows.cross[7], part.variance, parted=parted)
+            scatter = _robust_scatter(rows.along[0], rows.cross[7], part.variance, parted=parted)
         _weigh(part, scatter, joint, rows, sums)
         np.multiply(rows.cross, rows.weight[0], out=rows.weighted_cross)
         np.multiply(rows.along, rows.weight[1], out=rows.weighted_along)
@@ -199,11 +193,13 @@ def _weigh(obs: Observations, scatter: Scatter, joint: bool, rows: Rows, sums: P
     np.multiply(rows.residual, rows.residual, out=part)
     part *= weight
     u = np.add(part[0], part[1], out=part[0])
+    # Tukey's weight is (1 - r2/c2)^2 below the cut: u is its root, and u squared the weight.
     u *= -1 / (CUT_2D if joint else CUT_1D) ** 2
     u += 1
     np.maximum(u, 0, out=u)
     total, plain = float(np.dot(u, u)), float(u.sum())
     sums.weight += total
+    # Mean derivative of w(r) r over its plane (two components) or line.
     sums.slope += total - (2 if joint else 4) * (plain - total)
     u *= u
     weight *= u
@@ -257,25 +253,15 @@ def _add_by_flight(rows: Rows, flight: Index, starts: Index, cross: Array, along
         along[number] += weighted_along[:, one] @ own_along[one]
 
 
-def robust_scatter(
+def _robust_scatter(
     r_along: Single, r_cross: Single, variance: Single, *, parted: bool = True
 ) -> Scatter:
     """Find the residual's variance a component from medians, so that gross errors do not count.
 
-    Parameters
-    ----------
-    r_along, r_cross : array, shape (n,)
-        Residuals, m/s.
-    variance : array, shape (n,)
-        Known variance, m2/s2.
-    parted : bool
-        False: one variance for all reports (``part`` 0), enough for a start.
-
-    Returns
-    -------
-    Scatter
-        ``part`` is the share of the known variance that the residuals show (it may cancel in the
-        difference of the two air vectors), found from the halves of low and high known variance.
+    Residuals (n,) in m/s, known variance in m2/s2. ``part`` is the share of the known variance
+    that the residuals show (it may cancel in the difference of the two air vectors), found from
+    the halves of low and high known variance; not ``parted``: 0, one variance for all reports,
+    enough for a start.
     """
     along, cross = r_along * r_along, r_cross * r_cross
     part, known = 0.0, 0.0

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Index = NDArray[np.int64]
-Values = NDArray[np.floating[Any]]
+Values = NDArray[np.floating]
 ROOM = 8
 """Numbers of a report made ready, but for its flight's."""
 
@@ -29,32 +28,16 @@ def _changes(values: Index) -> Index:
 
 @dataclass(frozen=True)
 class Observations:
-    """Reports of one aircraft against one reference, made ready for the passes.
+    """Reports of one aircraft against one reference, made ready for the passes; all (n,)."""
 
-    Attributes
-    ----------
-    turned : array, shape (2, n)
-        Sine and cosine of the abscissa.
-    heading, error : array, shape (n,)
-        Indicated true heading and its error, radians.
-    airspeed, implied : array, shape (n,)
-        |V_A| and |V'_A|, m/s.
-    variance : array, shape (n,)
-        Known variance of each component, m2/s2.
-    flight : array of int, shape (n,)
-        Number of the flight within the aircraft, never falling.
-    gain : array, shape (n,)
-        What the one-cycle part of the deviation is multiplied by.
-    """
-
-    turned: Single
-    heading: Single
-    error: Single
-    airspeed: Single
-    implied: Single
-    variance: Single
-    flight: Index
-    gain: Single
+    turned: Single  # sine and cosine of the abscissa, (2, n)
+    heading: Single  # indicated true heading, radians
+    error: Single  # its error, radians
+    airspeed: Single  # |V_A|, m/s
+    implied: Single  # |V'_A|, m/s
+    variance: Single  # known variance of each component, m2/s2
+    flight: Index  # number of the flight within the aircraft, never falling
+    gain: Single  # what the one-cycle part of the deviation is multiplied by
 
     @property
     def size(self) -> int:
@@ -73,32 +56,17 @@ class Observations:
 
 @dataclass(frozen=True)
 class Reports:
-    """Reports of one aircraft against one reference as they stand in the Datasets.
+    """Reports of one aircraft against one reference as they stand in the Datasets; all (n,)."""
 
-    Attributes
-    ----------
-    heading, abscissa : array, shape (n,)
-        Indicated true heading psi and the argument m of the deviation, degrees.
-    airspeed : array, shape (n,)
-        |V_A|, m/s.
-    heading_error, standard_error : array, shape (n,)
-        arg V_A - arg V'_A and what is known of its standard error, degrees.
-    airspeed_error : array, shape (n,)
-        |V_A| - |V'_A|, m/s.
-    flight : array of int, shape (n,)
-        0, 1, 2 ... within the aircraft; reports of one flight need not stand together.
-    gain : array, shape (n,), optional
-        Mean horizontal field over the report's: iron's one cycle of deviation grows as the field
-        that turns the compass weakens. One where it is not known.
-    """
-
-    heading: Values
-    abscissa: Values
-    airspeed: Values
-    heading_error: Values
-    airspeed_error: Values
-    standard_error: Values
-    flight: Index
+    heading: Values  # indicated true heading psi, degrees
+    abscissa: Values  # the argument m of the deviation, degrees
+    airspeed: Values  # |V_A|, m/s
+    heading_error: Values  # arg V_A - arg V'_A, degrees
+    airspeed_error: Values  # |V_A| - |V'_A|, m/s
+    standard_error: Values  # what is known of that of the heading error, degrees
+    flight: Index  # 0, 1, 2 ... within the aircraft; those of one need not stand together
+    # Mean horizontal field over the report's: iron's one cycle of deviation grows as the field
+    # that turns the compass weakens. One where it is not known.
     gain: Values = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
@@ -135,10 +103,8 @@ class Reports:
     def take(self, keep: slice, room: Single | None = None) -> Observations:
         """Make part of the reports ready; they must be sorted by flight.
 
-        Parameters
-        ----------
-        room : array of float32, shape (8, as many reports), optional
-            Where to put them: new memory costs more than the work.
+        ``room``, (8, as many reports) of float32, is where to put them: new memory costs more than
+        the work.
         """
         flight = self.flight[keep]
         if room is None:
@@ -156,6 +122,7 @@ class Reports:
         np.subtract(airspeed, implied, out=implied)
         known *= airspeed
         known *= known
+        # A sum is finite where every term is: NaN is looked for only where one is.
         if not np.isfinite(known.sum()):
             np.nan_to_num(known, copy=False, posinf=0.0)
         gain[:] = self.gain[keep]

@@ -97,7 +97,7 @@ def offsets(
     if not fits:
         return []
     found: list[Offset | None] = [None] * len(fits)
-    cycles = usual_cycles(curves)
+    cycles = _usual_cycles(curves)
     for kind in (False, True):
         own = [k for k, one in enumerate(few) if one == kind]
         group = [fits[k] for k in own]
@@ -114,19 +114,8 @@ def offsets(
     return found
 
 
-def usual_cycles(curves: list[AircraftFit]) -> Array:
-    """Variance of B, C, D and E over a fleet.
-
-    Parameters
-    ----------
-    curves : list of AircraftFit
-        Of the aircraft with curves.
-
-    Returns
-    -------
-    array, shape (4,)
-        Radians squared.
-    """
+def _usual_cycles(curves: list[AircraftFit]) -> Array:
+    """Variance of B, C, D and E over a fleet, (4,), radians squared."""
     mean = np.square(USUAL_CYCLE)
     if len(curves) >= FEWEST_CURVES:
         square = np.array([fit.theta[1:COMPASS] ** 2 for fit in curves])
@@ -136,21 +125,11 @@ def usual_cycles(curves: list[AircraftFit]) -> Array:
     return np.asarray(np.repeat(mean / 2.0, 2))
 
 
-def curve_covariance(variance: float, flown: Array, cycles: Array) -> Array:
-    """Covariance of A to E where their mean over the headings flown is known and no more.
+def _curve_covariance(variance: float, flown: Array, cycles: Array) -> Array:
+    """Covariance (5, 5) of A to E where their mean over the headings flown is known and no more.
 
-    Parameters
-    ----------
-    variance : float
-        Of that mean.
-    flown : array, shape (4,)
-        Mean over the headings flown of what B to E are multiplied by.
-    cycles : array, shape (4,)
-        Variance of B to E.
-
-    Returns
-    -------
-    array, shape (5, 5)
+    ``flown`` (4,) is the mean over these headings of what B to E are multiplied by, ``cycles``
+    (4,) their variance.
     """
     found = np.diag(np.concatenate([[variance + flown**2 @ cycles], cycles]))
     found[0, 1:] = found[1:, 0] = -flown * cycles
@@ -169,7 +148,7 @@ def _offset(fit: AircraftFit, bias: _Bias, ratio: float, cycles: Array) -> Offse
         float(fit.theta[0] - slope @ bias.mean),
         variance,
         fit.converged and not changed,
-        curve_covariance(variance, flown, cycles),
+        _curve_covariance(variance, flown, cycles),
     )
 
 

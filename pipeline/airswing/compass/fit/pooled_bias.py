@@ -35,24 +35,13 @@ FIRST_BIAS = COMPASS + 1
 
 @dataclass(frozen=True)
 class Fleet:
-    """Estimates after pooling.
+    """Estimates after pooling."""
 
-    Attributes
-    ----------
-    theta : array, shape (aircraft, p)
-    covariance : array, shape (aircraft, p, p)
-    bias : array, shape (2 * members,)
-        Fleet mean mu of the reference bias, m/s.
-    bias_covariance : array, shape (2 * members, 2 * members)
-    tau : array, shape (members,)
-        Between-aircraft scatter, m/s.
-    """
-
-    theta: Array
-    covariance: Array
-    bias: Array
+    theta: Array  # (aircraft, p)
+    covariance: Array  # (aircraft, p, p)
+    bias: Array  # fleet mean mu of the reference bias, (2 * members,) m/s
     bias_covariance: Array
-    tau: Array
+    tau: Array  # between-aircraft scatter, (members,) m/s
 
 
 def day_ratio(flight: list[Array], day: list[Array], freedom: list[int]) -> Array:
@@ -68,7 +57,7 @@ def day_ratio(flight: list[Array], day: list[Array], freedom: list[int]) -> Arra
     Returns
     -------
     array, shape (p,)
-        A and C share one value each with their pair (B with C, D with E, b_u with b_v).
+        A and s stand alone; B with C, D with E, b_u with b_v share one value each.
     """
     above = np.zeros(flight[0].size)
     below = np.zeros(flight[0].size)
@@ -89,19 +78,10 @@ def widened(covariance: Array, ratio: Array) -> Array:
     return np.asarray(covariance * np.outer(root, root))
 
 
-def between_scatter(estimate: Array, covariance: Array) -> float:
-    """Root mean of tau^2 under its restricted likelihood.
+def _between_scatter(estimate: Array, covariance: Array) -> float:
+    """Root mean of tau^2 (m/s) under its restricted likelihood, from biases (aircraft, 2).
 
-    Parameters
-    ----------
-    estimate : array, shape (aircraft, 2)
-        Bias estimates, m/s.
-    covariance : array, shape (aircraft, 2, 2)
-
-    Returns
-    -------
-    float
-        m/s; infinite for fewer than two aircraft (nothing to pool).
+    Infinite for fewer than two aircraft: nothing to pool.
     """
     if estimate.shape[0] < 2:
         return float("inf")
@@ -123,14 +103,9 @@ def between_scatter(estimate: Array, covariance: Array) -> float:
 
 
 def pool(fits: list[AircraftFit], *, joint: bool) -> Fleet:
-    """Second pass over the fleet.
+    """Second pass over the fleet: fits of one reference or pool after the choice of cycles.
 
-    Parameters
-    ----------
-    fits : list of AircraftFit
-        Of one reference or pool, after the choice of cycles; at least one.
-    joint : bool
-        False: there is no bias; only the day's widening is done.
+    Not ``joint``: there is no bias; only the day's widening is done.
     """
     freedom = [max(fit.day_number.size - 1, 1) for fit in fits]
     raw = [fit.covariance for fit in fits]
@@ -150,7 +125,7 @@ def pool(fits: list[AircraftFit], *, joint: bool) -> Fleet:
     spread = np.array([one[b, b] for one in wide])
     tau = np.array(
         [
-            between_scatter(estimate[:, k : k + 2], spread[:, k : k + 2, k : k + 2])
+            _between_scatter(estimate[:, k : k + 2], spread[:, k : k + 2, k : k + 2])
             for k in range(0, size - FIRST_BIAS, 2)
         ]
     )

@@ -50,12 +50,7 @@ class Columns:
     def observations(
         self, aircraft: int, members: list[int]
     ) -> tuple[list[Reports], NDArray[np.int64], NDArray[Any], list[Places], float]:
-        """Reports of one aircraft against some references.
-
-        Parameters
-        ----------
-        members : list of int
-            References that are in use.
+        """Reports of one aircraft against some references that are in use.
 
         Returns
         -------
@@ -104,7 +99,7 @@ class Columns:
         places = [place.at(mask) for mask in masks]
         return sets, _days(self.time[row][some][first]), common[1][some], places, field
 
-    def _gain(self, row: slice, counted: Picked) -> tuple[NDArray[np.floating[Any]], float]:
+    def _gain(self, row: slice, counted: Picked) -> tuple[NDArray[np.floating], float]:
         """Mean horizontal field of the reports that count over that of every report; the mean."""
         if self.field is None:
             return np.broadcast_to(np.float32(1.0), self.flight[row].shape), np.nan
@@ -127,16 +122,16 @@ def _reports(
     common: list[NDArray[Any]],
     errors: list[NDArray[Any]],
     flight: NDArray[np.int64],
-    gain: NDArray[np.floating[Any]],
+    gain: NDArray[np.floating],
 ) -> Reports:
     return Reports(common[0], common[1], common[2], errors[0], errors[1], errors[2], flight, gain)
 
 
-def _days(time: NDArray[Any]) -> NDArray[np.int64]:
+def _days(time: NDArray[np.datetime64]) -> NDArray[np.int64]:
     return time.astype("datetime64[D]").astype(np.int64)
 
 
-def _numbered(flight: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _numbered(flight: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """First report of every flight, and the flights numbered 0, 1, 2 ..."""
     if np.any(flight[1:] < flight[:-1]):
         _, first, number = np.unique(flight, return_index=True, return_inverse=True)

@@ -27,18 +27,7 @@ MANY = 150
 
 
 def group_sums(values: Array, group: Index, groups: int) -> Array:
-    """Sum rows by group.
-
-    Parameters
-    ----------
-    values : array, shape (n, ...)
-    group : array of int, shape (n,)
-        0 .. groups - 1.
-
-    Returns
-    -------
-    array, shape (groups, ...)
-    """
+    """Sum rows (n, ...) by group, 0 to ``groups - 1``."""
     if not group.size:
         return np.zeros((groups, *values.shape[1:]))
     if np.any(group[1:] < group[:-1]):
@@ -54,22 +43,13 @@ def group_sums(values: Array, group: Index, groups: int) -> Array:
 
 
 def inverse_root(normal: Array) -> Array:
-    """Matrix whose product with its own transpose is the inverse of a normal matrix.
-
-    Parameters
-    ----------
-    normal : array, shape (p, p)
-
-    Returns
-    -------
-    array, shape (p, p)
-    """
+    """Matrix whose product with its own transpose is the inverse of a normal matrix."""
     values, vectors = np.linalg.eigh(normal)
     return np.asarray(vectors / np.sqrt(np.maximum(values, values[-1] * 1e-14)))
 
 
 def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: float) -> Array:
-    """Share of every cluster in the parameter error.
+    """Share of every cluster in the parameter error, (g, p): outer products sum to the covariance.
 
     Parameters
     ----------
@@ -81,11 +61,6 @@ def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: 
         That of every cluster; without it a common factor g / (g - p) stands for the leverage.
     kappa : float
         Slope of the robust score over the mean weight: M = (kappa N)^-1.
-
-    Returns
-    -------
-    array, shape (g, p)
-        Rows whose outer products sum to the covariance.
     """
     clusters, size = score.shape
     if normals is None:
@@ -102,18 +77,9 @@ def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: 
 
 
 def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> Array:
-    """Find how many independent pieces of information stand behind each parameter.
+    """Independent pieces of information behind each parameter, (p,).
 
-    Parameters
-    ----------
-    normal : array, shape (p, p)
-        Weighted normal matrix of all.
-    normals : array, shape (g, p, p), optional
-        As in :func:`influences`.
-
-    Returns
-    -------
-    array, shape (p,)
+    ``normal`` is the weighted normal matrix of all, ``normals`` (g, p, p) as in `influences`.
     """
     if normals is None:
         # flights weigh unequally: many of them are worth a third of their number, the cautious side

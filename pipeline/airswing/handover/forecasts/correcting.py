@@ -105,15 +105,19 @@ def _ratios(
     table = np.array(
         [((part - _known_bias(part, kalman_bias, one)) ** 2).mean(rest) for one in RATIOS]
     )
+    # First the forecast as it is: of equal errors argmin takes it.
     table = np.vstack([(part**2).mean(rest).to_numpy()[None], table])
     told = np.isfinite(table).all(axis=0)
     best = np.array((0.0, *RATIOS))[np.where(told[None], table, 0.0).argmin(axis=0)]
     return like * np.where(told, best, USUAL_RATIO), told
 
 
-def _known_bias(errors: xr.DataArray, kernel: Callable[..., Floats], setting: Any) -> xr.DataArray:
+def _known_bias(
+    errors: xr.DataArray, kernel: Callable[..., Floats], setting: xr.DataArray | float
+) -> xr.DataArray:
     """Bias of each forecast as it was known when it started, 0 where nothing was."""
     starts = errors[TIME].to_numpy()
+    # A lead of 24 h is one day: a hair less, so that rounding makes it no second one.
     days_ahead = np.maximum(np.ceil(errors["lead"].to_numpy() / 24.0 - 1e-9), 1.0)
     ahead = xr.DataArray(days_ahead.astype(np.int64), dims="lead")
     core: dict[str, Any] = {"output_core_dims": [[TIME]], "dask": "parallelized"}

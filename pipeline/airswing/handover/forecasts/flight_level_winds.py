@@ -22,6 +22,7 @@ from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import blocks
 
 VARIABLES = ("eastward_wind", "northward_wind")
+# A day's bias is known on the next.
 LEAD_HOURS = 24.0
 _NEEDED = (
     "latitude",
@@ -88,7 +89,7 @@ def flight_level_pairs(
     found = on_axes(_lines(means, region))
     few = int((summed["reports"] < fewest).sum())
     found.attrs["lines_left_out"] = {f"box, layer and day with under {fewest} winds": few}
-    return _placed(found)
+    return found.rename(altitude="pressure")  # what `on_axes` knows a place's level by
 
 
 def _reports(
@@ -146,8 +147,3 @@ def _lines(means: pd.DataFrame, region: float) -> pd.DataFrame:
         for name in VARIABLES
     ]
     return pd.concat(parts, ignore_index=True)
-
-
-def _placed(found: xr.Dataset) -> xr.Dataset:
-    """The layer's pressure under its own name."""
-    return found.rename(altitude="pressure")

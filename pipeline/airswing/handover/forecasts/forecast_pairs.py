@@ -165,11 +165,8 @@ def _plain_units(text: str) -> str:
 def on_axes(table: pd.DataFrame) -> xr.Dataset:
     """Lay lines of forecasts on the axes of `DIMS`.
 
-    Parameters
-    ----------
-    table : DataFrame
-        ``variable, station, forecast_reference_time, lead, units, forecast, observation``; the
-        places of stations where known.
+    The table has ``variable, station, forecast_reference_time, lead, units, forecast,
+    observation`` and the places of stations where known.
     """
     codes, axes = zip(*(pd.factorize(table[key], sort=True) for key in _KEYS), strict=True)
     shape = tuple(len(axis) for axis in axes)

@@ -86,24 +86,12 @@ def _gain(spread: Floats, noise: Floats) -> Floats:
 
 
 def running_mean(errors: Floats, days: int) -> Floats:
-    """Mean of the errors known of the last days.
-
-    Parameters
-    ----------
-    errors : array, shape (..., day)
-        NaN where missing.
-    days : int
-        Length of the window, which ends with the day itself.
-
-    Returns
-    -------
-    array, shape (..., day)
-        NaN where the window holds no error.
-    """
+    """Mean of the errors (..., day) known of the last days, this one among them; NaN: none."""
     known = np.isfinite(errors)
     total = np.cumsum(np.where(known, errors, 0.0), axis=-1)
     number = np.cumsum(known, axis=-1)
     for sums in (total, number):
+        # A copy: numpy would else take off what it has just changed.
         sums[..., days:] -= sums[..., :-days].copy()
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(number > 0, total / number, np.nan)

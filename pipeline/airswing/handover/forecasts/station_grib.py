@@ -161,8 +161,11 @@ def _fields_of(
 def _may_be_wanted(sections: dict[int, bytes], edition: int) -> bool:
     """Whether a field stands at a height above ground on a grid of its own."""
     if edition == 1:
+        # Octet 10 of section 1: 105 is a height above ground (GRIB1 table 3).
         return 2 in sections and sections[1][9] == 105
     product = sections[4]
+    # Octets 10, 11 and 23 of section 4: category, number, and 103 for a height above ground
+    # (GRIB2 code table 4.5).
     return (product[9], product[10]) in _NUMBERS and product[22] == 103
 
 

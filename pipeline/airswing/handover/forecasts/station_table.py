@@ -10,7 +10,7 @@ forecast data of any network.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,18 +25,9 @@ _FIRST, _LAST = pd.Timestamp("1900-01-01"), pd.Timestamp("2200-01-01")
 
 
 def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Read one table, every value as text.
+    """Read one table, every value as text, and what its comments say of ``variable`` and ``units``.
 
-    Parameters
-    ----------
-    columns : mapping of str to str
-        Their names to ours; others keep theirs, in lower case.
-
-    Returns
-    -------
-    DataFrame
-    dict of str to str
-        ``variable`` and ``units`` where the comments give them.
+    ``columns`` are their names to ours; others keep theirs, in lower case.
 
     Raises
     ------
@@ -57,6 +48,7 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
     names = [_plain(name) for name in split(body[0])]
     rows = [split(line) for line in body[1:]]
     whole = [row for row in rows if len(row) == len(names)]
+    # A few broken lines are left out; where most are, it is no such table.
     if 2 * len(whole) < len(rows) or len(names) < 2:
         raise InputError(
             "not a table: most lines have another number of columns than the first",
@@ -86,7 +78,7 @@ def _plain(name: str) -> str:
     return name.strip().strip('"').lower()
 
 
-def _splitter(line: str):  # type: ignore[no-untyped-def]
+def _splitter(line: str) -> Callable[[str], list[str]]:
     """How the line of names is divided."""
     for mark in (",", ";", "\t"):
         if mark in line:
@@ -100,12 +92,7 @@ def optional_column(table: pd.DataFrame, names: Sequence[str]) -> pd.Series | No
 
 
 def column(table: pd.DataFrame, names: Sequence[str], *, file: Path) -> pd.Series:
-    """The first column of several names that is there.
-
-    Parameters
-    ----------
-    file : Path
-        For the message.
+    """The first column of several names that is there; ``file`` is for the message.
 
     Raises
     ------
@@ -132,13 +119,7 @@ def numbers(values: Iterable[object]) -> NDArray[np.float64]:
 
 
 def times(values: Iterable[object]) -> NDArray[np.datetime64]:
-    """Read times in UTC: ISO 8601, yyyymmdd[HH[MM[SS]]] or seconds since 1970.
-
-    Returns
-    -------
-    array of datetime64[ns]
-        NaT where it is none.
-    """
+    """Read times in UTC: ISO 8601, yyyymmdd[HH[MM[SS]]] or seconds since 1970; NaT where none."""
     codes, labels = pd.factorize(pd.Series(list(values), dtype=object))
     read = [_time(str(label).strip()) for label in labels]
     known = np.array([*read, np.datetime64("NaT")], dtype="datetime64[ns]")
@@ -149,6 +130,8 @@ def _time(text: str) -> np.datetime64:
     digits = text.removesuffix(".0")
     layout = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
     try:
+        # Of 10 digits both are possible: a date begins with its century, and seconds since
+        # 1970 that begin with 19 or 20 are of 2030 and later.
         if digits.isdigit() and len(digits) in layout and digits[:2] in ("19", "20"):
             stamp = pd.to_datetime(digits, format=layout[len(digits)])
         elif digits.isdigit():

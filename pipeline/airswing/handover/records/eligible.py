@@ -89,12 +89,10 @@ def winds_of(request: Request) -> tuple[str, str]:
 def eligible_rows(
     block: xr.Dataset, request: Request, *, first_aircraft: int, left_out: Counter[str]
 ) -> tuple[NDArray[np.void], NDArray[np.int64]]:
-    """Reports of a block that are handed over.
+    """Reports of a block of whole aircraft, in memory, that are handed over.
 
     Parameters
     ----------
-    block : Dataset
-        Some whole aircraft, in memory.
     first_aircraft : int
         Number of the block's first aircraft in the archive.
     left_out : Counter
@@ -112,6 +110,7 @@ def eligible_rows(
 
     rows = _all_rows(block, request)
     reasons = _reasons(rows, block, request)
+    # The first reason that holds: one report is one count.
     code = np.select([bad for _, bad in reasons], list(range(1, len(reasons) + 1)), 0)
     for number, count in enumerate(np.bincount(code, minlength=len(reasons) + 1)[1:]):
         if count:
@@ -121,6 +120,7 @@ def eligible_rows(
     rows["aircraft"] = aircraft_of_report(block)[chosen] + first_aircraft
     rows["report"] = np.arange(rows.size)
     low, high = LIMITS["air_temperature"]
+    # Negated, so that NaN is unlikely too; the wind beside it stays.
     unlikely = ~((rows["temperature"] >= low) & (rows["temperature"] <= high))
     rows["temperature"][unlikely] = np.nan
     return rows, chosen
@@ -131,6 +131,7 @@ def _all_rows(block: xr.Dataset, request: Request) -> NDArray[np.void]:
     rows = np.zeros(block.sizes["report"], dtype=ROW)
     time = block["time"].to_numpy().astype("datetime64[ms]").astype(np.int64)
     unknown = time == np.iinfo(np.int64).min
+    # To the nearest second: no format holds parts of one.
     rows["time"] = np.where(unknown, time, (time + 500) // 1000)
     columns = {
         "latitude": "latitude",

@@ -21,17 +21,7 @@ _ZERO, _SPACE, _MINUS, _POINT = 48, 32, 45, 46
 
 
 def lines_of(template: str, count: int) -> Lines:
-    """Equal lines.
-
-    Parameters
-    ----------
-    template : str
-        ASCII; several lines with a newline each where a record has several.
-
-    Returns
-    -------
-    array of uint8, shape (count, len(template))
-    """
+    """Equal lines (count, octets) of an ASCII template, of one or several lines itself."""
     octets = np.frombuffer(template.encode("ascii"), dtype=np.uint8)
     lines = np.empty((count, octets.size), dtype=np.uint8)
     lines[:] = octets
@@ -39,18 +29,7 @@ def lines_of(template: str, count: int) -> Lines:
 
 
 def line_starts(template: str) -> list[int]:
-    """Where the lines of a record begin.
-
-    Parameters
-    ----------
-    template : str
-        Of :func:`lines_of`.
-
-    Returns
-    -------
-    list of int
-        Octets before each line: add them to a column to find it in the record.
-    """
+    """Octets before each line of a record's template, to be added to a column."""
     lengths = [len(line) for line in template.splitlines(keepends=True)]
     return [sum(lengths[:number]) for number in range(len(lengths))]
 
@@ -58,15 +37,12 @@ def line_starts(template: str) -> list[int]:
 def put_number(
     lines: Lines, column: int, width: int, values: ArrayLike, *, decimals: int = 0
 ) -> None:
-    """Write numbers right-justified, as F or I of a Fortran format.
+    """Write numbers (n,) right-justified, as F or I of a Fortran format, into lines (n, columns).
 
     Parameters
     ----------
-    lines : array of uint8, shape (n, columns)
-        Changed.
     column : int
         First column of the field, from 1.
-    values : array_like, shape (n,)
     decimals : int, default 0
         Behind the point; 0 writes a whole number without a point.
 
@@ -79,6 +55,7 @@ def put_number(
     if not np.isfinite(numbers).all() or (np.abs(numbers) >= 10.0**width).any():
         raise ValueError(f"a number cannot stand in {width} columns")
     rest = np.rint(np.abs(numbers) * 10.0**decimals).astype(np.int64)
+    # What rounds to zero has no sign: some readers stop at -0.
     sign = (numbers < 0) & (rest > 0)
     field = np.empty((width, rest.size), dtype=np.uint8)  # a row a column: written in one piece
     place = width - 1
@@ -89,6 +66,7 @@ def put_number(
         field[place] = _POINT
         place -= 1
     rest = _put_digit(field[place], rest)
+    # Left of the first digit stands the sign, then blanks.
     for row in field[:place][::-1]:
         if rest.any():
             here = rest > 0
@@ -111,52 +89,24 @@ def _put_digit(row: NDArray[np.uint8], rest: NDArray[np.int64]) -> NDArray[np.in
 
 
 def put_text(lines: Lines, column: int, texts: Lines) -> None:
-    """Write texts of one width.
-
-    Parameters
-    ----------
-    lines : array of uint8, shape (n, columns)
-        Changed.
-    column : int
-        First column, from 1.
-    texts : array of uint8, shape (n, width)
-        Of :func:`text_table`, one row chosen for each line.
-    """
+    """Write texts (n, width), rows of a `text_table`, from a first column (counted from 1)."""
     lines[:, column - 1 : column - 1 + texts.shape[1]] = texts
 
 
 def text_table(texts: Sequence[str], width: int) -> Lines:
-    """Texts as rows of octets, padded with blanks.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        ASCII, none longer than the width.
-
-    Returns
-    -------
-    array of uint8, shape (len(texts), width)
-    """
+    """ASCII texts as rows of octets (texts, width), padded with blanks."""
     padded = b"".join(text.ljust(width).encode("ascii") for text in texts)
     return np.frombuffer(padded, dtype=np.uint8).reshape(len(texts), width)
 
 
 def put_time(lines: Lines, column: int, seconds: NDArray[np.int64], *, pattern: str) -> None:
-    """Write dates.
+    """Write dates: seconds since 1970 (UTC) from a first column, counted from 1.
 
-    Parameters
-    ----------
-    lines : array of uint8, shape (n, columns)
-        Changed.
-    column : int
-        First column, from 1.
-    seconds : array of int64, shape (n,)
-        Since 1970, UTC.
-    pattern : str
-        Such as ``yyyymmddhhmmss``: letters stand for digits, marks for themselves.
+    ``pattern`` is such as ``yyyymmddhhmmss``: letters stand for digits, marks for themselves.
     """
     text = np.datetime_as_string(seconds.astype("datetime64[s]")).astype("S19")
     octets = text.view(np.uint8).reshape(-1, 19)
+    # Places of the digits in yyyy-mm-ddThh:mm:ss.
     source = iter([0, 1, 2, 3, 5, 6, 8, 9, 11, 12, 14, 15, 17, 18])
     for place, mark in enumerate(pattern, start=column - 1):
         lines[:, place] = octets[:, next(source)] if mark.isalpha() else ord(mark)

@@ -30,27 +30,13 @@ _SECOND = slice(21, 29)
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the list.
+    """A line of the list; one without identifier is no entry."""
 
-    Parameters
-    ----------
-    line : bytes
-        With its end of line.
-    identifier : str
-        Empty where the line is no entry.
-    second : str
-        MDCRS identifier; empty where there is none.
-    flags : str
-        Those of ``T``, ``W``, ``R`` that are set.
-    reasons : tuple of str
-        What stands in brackets.
-    """
-
-    line: bytes
+    line: bytes  # with its end of line
     identifier: str = ""
-    second: str = ""
-    flags: str = ""
-    reasons: tuple[str, ...] = ()
+    second: str = ""  # MDCRS identifier; empty where there is none
+    flags: str = ""  # those of T, W, R that are set
+    reasons: tuple[str, ...] = ()  # what stands in brackets
 
     def without_wind(self) -> Entry | None:
         """The entry with its wind no longer rejected; None where nothing is left to reject."""
@@ -61,24 +47,12 @@ class Entry:
 
 @dataclass(frozen=True)
 class RejectList:
-    """A list as it was read.
+    """A list as it was read."""
 
-    Parameters
-    ----------
-    header : bytes
-        The lines that are skipped.
-    entries : list of Entry
-        Every line after it, entry or not.
-    criteria : dict of str to float
-        By name, what is rejected beyond.
-    filled : int
-        Lines whose blank second identifier would have matched every report without one.
-    """
-
-    header: bytes
-    entries: list[Entry]
-    criteria: dict[str, float]
-    filled: int
+    header: bytes  # the lines that are skipped
+    entries: list[Entry]  # every line after it, entry or not
+    criteria: dict[str, float]  # by name, what is rejected beyond
+    filled: int  # lines whose blank second identifier would have matched every report without one
 
 
 def read_reject_list(path: Path) -> RejectList:

@@ -39,14 +39,7 @@ _APPLIED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
 def list_statistics(
     headings: xr.Dataset, corrected: xr.Dataset, members: Sequence[str]
 ) -> dict[str, Floats]:
-    """Statistics of every aircraft.
-
-    Parameters
-    ----------
-    headings, corrected : Dataset
-        In memory or opened lazily.
-    members : sequence of str
-        References whose mean the reports are held against.
+    """Statistics of every aircraft; reports are held against the mean of the ``members``.
 
     Returns
     -------

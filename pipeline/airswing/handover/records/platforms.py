@@ -43,17 +43,7 @@ _WORDS = {code: name for name, code in PLATFORM.items()} | {PLATFORM["unknown"]:
 
 
 def identifiers(corrected: xr.Dataset, settings: Handover) -> list[str]:
-    """Identifiers of all aircraft, as every format holds them.
-
-    Parameters
-    ----------
-    settings : Handover
-        ``identifiers``: ``tail`` or ``number``.
-
-    Returns
-    -------
-    list of str
-        In the order of the aircraft, up to 40 characters each.
+    """Identifiers of all aircraft, in their order, as every format holds them: up to 40 characters.
 
     Raises
     ------
@@ -86,17 +76,10 @@ def _numbers(names: Sequence[str]) -> list[str]:
 
 
 def platforms(corrected: xr.Dataset, settings: Handover) -> NDArray[np.int8]:
-    """Platform of every aircraft.
+    """Platform of every aircraft, as numbers (aircraft,) of `PLATFORMS`.
 
-    Parameters
-    ----------
-    settings : Handover
-        ``platform``, and ``aircraft`` with patterns by platform, which come first.
-
-    Returns
-    -------
-    array of int8, shape (aircraft,)
-        Numbers of `PLATFORMS`.
+    Patterns of the configuration's ``aircraft`` go before its ``platform``, that before the
+    reports.
     """
     names = _names(corrected)
     told = np.full(len(names), PLATFORM["unknown"])

@@ -44,27 +44,14 @@ from airswing.products.atomic import made_folder
 
 @dataclass(frozen=True)
 class Records:
-    """Some reports in the order they are written.
+    """Some reports in the order they are written."""
 
-    Parameters
-    ----------
-    levels : array of `airswing.handover.records.eligible.ROW`
-        Of all reports, one after the other, each by descending pressure.
-    first, size : arrays of int64, shape (report,)
-        First level of each report, and how many it has.
-    number : array of int64, shape (report,)
-        Counts the reports of the export from 1.
-    identifiers : array of uint8, shape (aircraft, 40)
-    platform : array of int8, shape (aircraft,)
-        Numbers of `PLATFORMS`.
-    """
-
-    levels: NDArray[np.void]
-    first: NDArray[np.int64]
-    size: NDArray[np.int64]
-    number: NDArray[np.int64]
-    identifiers: Lines
-    platform: NDArray[np.int8]
+    levels: NDArray[np.void]  # rows of all reports, each report's by descending pressure
+    first: NDArray[np.int64]  # first level of each report
+    size: NDArray[np.int64]  # and how many it has
+    number: NDArray[np.int64]  # counts the reports of the export from 1
+    identifiers: Lines  # (aircraft, 40)
+    platform: NDArray[np.int8]  # (aircraft,), numbers of `PLATFORMS`
 
     @cached_property
     def heads(self) -> NDArray[np.void]:
@@ -72,33 +59,18 @@ class Records:
         return self.levels[self.first]
 
 
-def _no_header(counts: Mapping[str, int]) -> bytes:
-    return b""
-
-
 @dataclass(frozen=True)
 class Layout:
-    """How one format writes reports.
+    """How one format writes reports."""
 
-    Parameters
-    ----------
-    file_name : str
-        As its reader expects it.
-    encode : callable
-        Takes :class:`Records`, gives octets.
-    header : callable
-        Takes the reports by platform and gives what stands before them: as many octets whatever
-        the counts.
-    barred : callable
-        Takes rows and gives, by reason, those the reader would not take.
-    look : callable
-        Sees all rows that are written, before the first of them is encoded.
-    """
-
-    file_name: str
+    file_name: str  # as its reader expects it
     encode: Callable[[Records], bytes | memoryview]
-    header: Callable[[Mapping[str, int]], bytes] = _no_header
+    # What stands before the reports, by their number of each platform: as many octets whatever
+    # the counts, since it is written first and again when they are known.
+    header: Callable[[Mapping[str, int]], bytes] = lambda counts: b""
+    # By reason, rows that the reader would not take.
     barred: Callable[[NDArray[np.void]], Mapping[str, NDArray[np.bool_]]] = lambda rows: {}
+    # Sees all rows that are written, before the first of them is encoded.
     look: Callable[[NDArray[np.void]], None] = lambda rows: None
 
 
@@ -234,6 +206,7 @@ def _target(request: Request, layout: Layout, window: int) -> Path:
         return request.path / layout.file_name
     begin = np.datetime64(_begin(request) + window * int(request.window), "s")
     digits = "".join(mark for mark in str(begin) if mark.isdigit())
+    # Seconds are named where they are not zero.
     return request.path / digits.removesuffix("00") / layout.file_name
 
 
@@ -296,19 +269,16 @@ def _count(file: _Written, records: Records) -> None:
 def _publish(file: _Written) -> None:
     file.target.parent.mkdir(parents=True, exist_ok=True)
     with file.made.open("rb") as stream:
+        # Before the rename: a name must not outlive what it stands for.
         os.fsync(stream.fileno())
     os.replace(file.made, file.target)
 
 
 def names(records: Records) -> Lines:
-    """A name for every report, unlike any other's: readers merge or drop reports named alike.
+    """A name for every report, (report, 40), unlike any other's: readers merge or drop equal names.
 
     It begins with a word that no reader takes for a kind of report (WRF looks for ``ACARS`` and
     others at the beginning of names).
-
-    Returns
-    -------
-    array of uint8, shape (report, 40)
     """
     lines = lines_of(f"{'airswing':<40}", records.first.size)
     put_number(lines, 10, 10, records.number)
@@ -317,15 +287,10 @@ def names(records: Records) -> Lines:
 
 
 def interleaved(records: Records, head: Lines, level: Lines, tail: Lines) -> bytes | memoryview:
-    """Octets of reports: each its head, its levels, its tail.
-
-    Parameters
-    ----------
-    head, tail : arrays of uint8, shape (report, columns)
-    level : array of uint8, shape (level, columns)
-    """
+    """Octets of reports: each its head, its levels, its tail, all (lines, columns)."""
     if (records.size == 1).all():
         return np.concatenate([head, level, tail], axis=1).reshape(-1).data
+    # Reports of one size at a time: each such batch is one array.
     pieces = np.empty(records.size.size, dtype=object)
     for size in np.unique(records.size).tolist():
         own = np.flatnonzero(records.size == size)

@@ -26,59 +26,27 @@ WINDS: tuple[Winds, ...] = ("corrected", "reported")
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be handed over, where to and how.
+    """What is to be handed over, where to and how."""
 
-    Parameters
-    ----------
-    corrected : Dataset
-        ``corrected.nc``, in memory or opened lazily.
-    path : Path
-        File or folder to write.
-    folder : bool
-        Whether it is a folder.
-    settings : Handover
-        Section ``handover`` of the configuration, with what the command line said over it.
-    winds : {"corrected", "reported"}
-        Which winds to write.
-    window : float, optional
-        Length of the time windows that get a file each, s; one file for all when not given.
-    soundings : bool
-        Join every ascent and descent into one report.
-    overwrite : bool
-        Replace files that are there.
-    products : Path, optional
-        Folder of the run's other products.
-    """
-
-    corrected: xr.Dataset
-    path: Path
-    folder: bool
-    settings: Handover
+    corrected: xr.Dataset  # ``corrected.nc``, in memory or opened lazily
+    path: Path  # file or folder to write
+    folder: bool  # whether it is a folder
+    settings: Handover  # of the configuration, with what the command line said over it
     winds: Winds = "corrected"
-    window: float | None = None
-    soundings: bool = False
+    window: float | None = None  # s; each such stretch of time gets a file of its own
+    soundings: bool = False  # join every ascent and descent into one report
     overwrite: bool = False
-    products: Path | None = None
+    products: Path | None = None  # folder of the run's other products
 
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """One format reports or what is known of them can be written in.
+    """One format reports or what is known of them can be written in."""
 
-    Parameters
-    ----------
-    name : str
-        As given to ``--to``.
-    summary : str
-        One line for a person: what it is and who reads it.
-    write : callable
-        Takes a :class:`Request`, writes, and returns the account of what was written:
-        ``files`` (list of ``{"path": ..., ...}``), ``left_out`` (counts by reason) and what
-        else there is to tell; ``notes`` are lines for a person.
-    """
-
-    name: str
-    summary: str
+    name: str  # as given to ``--to``
+    summary: str  # one line for a person: what it is and who reads it
+    # Gives the account of what was written: ``files`` (list of ``{"path": ..., ...}``),
+    # ``left_out`` (counts by reason), what else there is to tell, and ``notes`` for a person.
     write: Callable[[Request], dict[str, Any]]
 
 
@@ -86,18 +54,7 @@ _FORMATS: dict[str, ExportFormat] = {}
 
 
 def register(export_format: ExportFormat) -> ExportFormat:
-    """Add a format.
-
-    Returns
-    -------
-    ExportFormat
-        The same.
-
-    Raises
-    ------
-    ValueError
-        If another format has its name.
-    """
+    """Add a format; a second one of its name is a ValueError."""
     known = _FORMATS.setdefault(export_format.name, export_format)
     if known is not export_format:
         raise ValueError(f"two export formats are named {export_format.name!r}")
@@ -109,17 +66,11 @@ def unregister(name: str) -> None:
     del _FORMATS[name]
 
 
-def formats(package: str = "airswing.handover") -> Mapping[str, ExportFormat]:
-    """Every format by name, all modules of the package imported.
-
-    Returns
-    -------
-    mapping of str to ExportFormat
-        In alphabetical order.
-    """
-    folder = importlib.import_module(package)
-    for found in pkgutil.iter_modules(folder.__path__):
-        importlib.import_module(f"{package}.{found.name}")
+def formats() -> Mapping[str, ExportFormat]:
+    """Every format by name, in alphabetical order, all modules of the room imported."""
+    room = importlib.import_module("airswing.handover")
+    for found in pkgutil.iter_modules(room.__path__):
+        importlib.import_module(f"airswing.handover.{found.name}")
     return dict(sorted(_FORMATS.items()))
 
 

@@ -18,19 +18,7 @@ if TYPE_CHECKING:
 
 
 def product_beside(request: Request, name: str, *, why: str) -> xr.Dataset:
-    """Open a product of the same run.
-
-    Parameters
-    ----------
-    name : str
-        Its file name.
-    why : str
-        What it is needed for, for the message.
-
-    Returns
-    -------
-    Dataset
-        Read lazily.
+    """Open a product of the same run lazily; ``why`` it is needed goes into the message.
 
     Raises
     ------
@@ -55,18 +43,27 @@ def product_beside(request: Request, name: str, *, why: str) -> xr.Dataset:
     return read_product(path, lazy=True)
 
 
+def errors_beside(request: Request) -> xr.Dataset:
+    """``observation_errors.nc`` of the same run, in memory."""
+    name, why = "observation_errors.nc", "it holds the errors to write"
+    with product_beside(request, name, why=why) as product:
+        return product.load()
+
+
+def none_known(errors: xr.Dataset) -> InputError:
+    """Say that a run could tell no error of its reports."""
+    return InputError(
+        "no error of the reports is known",
+        field="observation_error",
+        found=errors.attrs.get("believed_because"),
+        remedy="It takes two references, or aircraft that meet, on some days",
+    )
+
+
 def correction_members(corrected: xr.Dataset) -> list[str]:
-    """References behind the correction: members of the pool the fits were made against.
+    """References behind the correction of ``corrected.nc``: members of the pool fitted against.
 
-    Parameters
-    ----------
-    corrected : Dataset
-        ``corrected.nc``.
-
-    Returns
-    -------
-    list of str
-        Empty where the product does not tell.
+    Empty where the product does not tell.
     """
     told = str(corrected.attrs.get("airswing_config", "") or "{}")
     config = json.loads(told)

@@ -24,20 +24,12 @@ MOST_LEVELS = 1000  # WRFDA cuts reports of more than 1001 levels
 def joined_soundings(rows: NDArray[np.void], flight: NDArray[np.int64]) -> NDArray[np.void]:
     """Give the levels of a sounding one number, one place and one time.
 
-    Parameters
-    ----------
-    rows : array of :data:`airswing.handover.records.eligible.ROW`
-        Of whole aircraft, in the order of aircraft and time, ``report`` counting them.
-    flight : array of int, shape (report,)
-
-    Returns
-    -------
-    array of the same
-        In the same order.
+    Rows are of whole aircraft, in the order of aircraft and time, ``report`` counting them.
     """
     if not rows.size:
         return rows
     run = _runs(rows, flight)
+    # By descending pressure within a run; of equal ones the earlier.
     order = np.lexsort((np.arange(rows.size), -rows["pressure"], run))
     level = rows["pressure"][order]
     repeated = np.zeros(rows.size, dtype=bool)

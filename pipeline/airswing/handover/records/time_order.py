@@ -60,13 +60,7 @@ class TimeOrder:
                 part.tofile(file)
 
     def __iter__(self) -> Iterator[NDArray[np.void]]:
-        """All rows, some at a time: by time, then by report, the levels of one by pressure.
-
-        Yields
-        ------
-        array of `ROW`
-            Never parts of one report.
-        """
+        """All rows, some at a time, never parts of one report: by time, report and pressure."""
         for number in range(self._edges.size + 1):
             path = self._path(number)
             if path.exists():

@@ -13,21 +13,9 @@ Array = NDArray[np.float64]
 
 
 def speed_and_direction(u: ArrayLike, v: ArrayLike, *, least: float = 0.0) -> tuple[Array, Array]:
-    """Turn components into speed and direction.
+    """Speed (m/s) and direction a wind comes from (degrees, in (0, 360]) of components (m/s).
 
-    Parameters
-    ----------
-    u, v : array_like, shape (n,)
-        m/s.
-    least : float, default 0
-        Degrees: what is no larger is north.
-
-    Returns
-    -------
-    speed : array, shape (n,)
-        m/s.
-    direction : array, shape (n,)
-        Degrees from true north the wind comes from, in (0, 360].
+    A direction no larger than ``least`` degrees is north.
     """
     east, north = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
     speed = np.hypot(east, north)

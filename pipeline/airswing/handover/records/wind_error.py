@@ -49,19 +49,9 @@ AIREPS = 3.6  # m/s, at all levels
 
 
 def table_error(pressure: Array, platform: NDArray[np.int8]) -> Array:
-    """Error of a wind component by WRFDA's table.
+    """Error of a wind component (m/s) by WRFDA's table, at pressures (Pa), by platform number.
 
-    Parameters
-    ----------
-    pressure : array, shape (n,)
-        Pa.
-    platform : array of int8, shape (n,)
-        Numbers of `PLATFORMS`; AMDAR and ACARS count as AIREPS, as WRFDA takes them.
-
-    Returns
-    -------
-    array, shape (n,)
-        m/s.
+    AMDAR and ACARS count as AIREPS, as WRFDA takes them.
     """
     tamdar = np.interp(pressure / 100.0, *TAMDARS)
     return np.where(platform == PLATFORMS.index("TAMDAR"), tamdar, AIREPS)
@@ -74,7 +64,6 @@ class WindErrors:
     ----------
     known : Dataset, optional
         Of :func:`known_errors`.
-    winds : {"corrected", "reported"}
     aircraft : sequence of str
         Names of all aircraft, as ``aircraft`` of the rows numbers them.
     """
@@ -93,6 +82,7 @@ class WindErrors:
     def _take(self, known: xr.Dataset, aircraft: list[str]) -> None:
         known = known.isel(layer=np.argsort(-known["layer_bottom_pressure"].to_numpy()))
         table = known[BY_CELL].transpose("flight_phase", "layer").to_pandas()
+        # A phase without a profile of its own has that of all.
         rows = [name if name in table.index else "all" for name in PHASE]
         self._cells = np.square(table.loc[rows].to_numpy(dtype=np.float64))
         self._tops = known["layer_top_pressure"].to_numpy().astype(np.float64)
@@ -102,10 +92,7 @@ class WindErrors:
     def look(self, rows: NDArray[np.void]) -> None:
         """Take note of what each aircraft flew and of how certain corrections are.
 
-        Parameters
-        ----------
-        rows : array of :data:`airswing.handover.records.eligible.ROW`
-            All reports have to come by before errors are asked for.
+        All rows have to come by before errors are asked for.
         """
         own, cell = _own(rows), self._cell(rows)
         self._own_of_cell.add(cell, own)
@@ -113,18 +100,7 @@ class WindErrors:
         self._cells_of_aircraft.add(rows["aircraft"], self._cells.ravel()[cell])
 
     def of(self, rows: NDArray[np.void], platform: NDArray[np.int8]) -> Array:
-        """Error of a wind component of every report.
-
-        Parameters
-        ----------
-        platform : array of int8, shape (n,)
-            Numbers of `PLATFORMS`.
-
-        Returns
-        -------
-        array, shape (n,)
-            m/s.
-        """
+        """Error of a wind component of every report (m/s); platforms as numbers of `PLATFORMS`."""
         own, cell = _own(rows), self._cell(rows)
         base, aircraft = self._cells.ravel()[cell], self._aircraft[rows["aircraft"]]
         flown = self._cells_of_aircraft.of(rows["aircraft"])
@@ -143,6 +119,8 @@ class WindErrors:
 
     def _cell(self, rows: NDArray[np.void]) -> NDArray[np.int64]:
         """Number of every report's leg and layer."""
+        # Tops stand from the ground up: as many as are above the report's pressure lie
+        # below it.
         layer = np.sum(rows["pressure"][:, np.newaxis] <= self._tops, axis=1)
         layer = np.minimum(layer, self._tops.size - 1)
         return np.asarray(rows["phase"] * np.int64(self._tops.size) + layer, dtype=np.int64)
@@ -170,17 +148,7 @@ def _own(rows: NDArray[np.void]) -> Array:
 
 
 def known_errors(folder: Path | None) -> xr.Dataset | None:
-    """Errors by leg and layer that an earlier stage wrote.
-
-    Parameters
-    ----------
-    folder : Path or None
-        Of the run's products.
-
-    Returns
-    -------
-    Dataset or None
-        ``observation_errors.nc``; None where there is none.
+    """``observation_errors.nc`` of a run's folder, by leg and layer; None where there is none.
 
     Raises
     ------

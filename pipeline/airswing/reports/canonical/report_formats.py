@@ -56,11 +56,11 @@ def unregister(name: str) -> None:
     del _FORMATS[name]
 
 
-def formats(package: str = "airswing.reports.formats") -> dict[str, ReportFormat]:
+def formats() -> dict[str, ReportFormat]:
     """Every format by name, in the order in which they are asked."""
-    folder = importlib.import_module(package)
-    for found in pkgutil.iter_modules(folder.__path__):
-        importlib.import_module(f"{package}.{found.name}")
+    room = importlib.import_module("airswing.reports.formats")
+    for found in pkgutil.iter_modules(room.__path__):
+        importlib.import_module(f"airswing.reports.formats.{found.name}")
     return dict(sorted(_FORMATS.items(), key=lambda item: (item[1].rank, item[0])))
 
 
