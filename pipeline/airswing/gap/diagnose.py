@@ -36,6 +36,7 @@ from airswing.gap.evidence.terms import given_terms
 from airswing.gap.held_out.attenuation import readout_factors
 from airswing.gap.held_out.days_left_out import folds_of_days, term_coefficients
 from airswing.gap.held_out.linearised import FoundFirst
+from airswing.gap.held_out.name_or_table import explains
 from airswing.gap.held_out.reduction import close, whole_coefficients
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.passes import Pass, Progress, Search, of_view, search_twice
@@ -43,8 +44,10 @@ from airswing.gap.result.assembled import Findings, aircraft_probability, assemb
 from airswing.gap.result.schema import EffectEntry, GapReport
 from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
+from airswing.gap.search.belief import STATED, beside_table
 from airswing.gap.search.coding_and_outliers import MomentVerdict, second_moments
 from airswing.gap.search.confirmation import LEAST_PARTS
+from airswing.gap.search.cross_validated import Doubtful
 from airswing.gap.search.excess_scatter import Scattering, scattering
 from airswing.gap.search.stepwise import Found, Rules
 from airswing.gap.search.testability import absorbed, too_short
@@ -203,8 +206,12 @@ def diagnose(
         unknown = _next_unknown(final, witness)
         if unknown is None or is_remainder(unknown[0], taken):
             break
-        taken.append(unknown[0])
-        archive = of_view(archive, unknown[1])
+        name = _name_of(final, *unknown)
+        if name is None:
+            taken.append(unknown[0])
+            archive = of_view(archive, unknown[1])
+        else:
+            search = replace(search, named=(*search.named, name))
         final, again, more = search_twice(archive, search, swaps=swaps and swap is None)
         swap = swap or more
     found = final.standing.found
@@ -255,6 +262,18 @@ def _next_unknown(final: Pass, witness: LearnedWitness) -> tuple[Taken, Frame] |
         rest = about(problem.archive, problem.context)[0]
     fold = folds_of_days(problem.base.stats)
     return next_unknown(Setting.of(problem), problem.effects, rest, fold, witness)
+
+
+def _name_of(final: Pass, taken: Taken, left: Frame) -> Doubtful | None:
+    """Find the doubtful name that explains what a table does, with the probability it then has."""
+    problem, standing = final.problem, final.standing
+    stand = [term for term in standing.found.terms if term.candidate.known]
+    table = problem.archive.residual - left.residual, taken.unknown.tails
+    for one in sorted(standing.doubtful, key=lambda one: -one.probability):
+        chance = beside_table(one.probability)
+        if chance >= STATED and explains(problem, stand, one.term, table):
+            return replace(one, probability=chance)
+    return None
 
 
 def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str]) -> Findings:

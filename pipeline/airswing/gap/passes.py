@@ -19,12 +19,13 @@ from airswing.gap.design.candidates import Candidate, candidates
 from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.design.layout import make_layout
 from airswing.gap.effects.base import Effect
+from airswing.gap.evidence.shortened_airspeed import of_columns
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.held_out.days_left_out import term_coefficients
 from airswing.gap.held_out.level_or_other import goes_by
 from airswing.gap.held_out.linearised import FoundFirst
 from airswing.gap.noise.model import fit_noise, flown
-from airswing.gap.search.cross_validated import Doubtful, Standing, settle
+from airswing.gap.search.cross_validated import Doubtful, Standing, settle, with_name
 from airswing.gap.search.stepwise import Rules, with_background
 from airswing.gap.search.tail_swaps import Swap, beside, exchange, find_swap
 from airswing.gap.sums.accumulate import SumColumns
@@ -51,13 +52,14 @@ class Pass:
 
 @dataclass(frozen=True)
 class Search:
-    """What is looked for, and how."""
+    """What is looked for, and how; ``named``: names that tables confirmed, stated in any case."""
 
     effects: Mapping[str, Effect]
     rules: Rules
     dictionary: bool
     seed: int
     tell: Progress
+    named: tuple[Doubtful, ...] = ()
 
 
 def search_twice(
@@ -154,10 +156,14 @@ def run_pass(
     variances = shared_variances(stats, shared_prior(columns.layout, effects))
     pool = candidates(columns.layout, effects, dictionary=search.dictionary)
     base = with_background(eliminate_days(stats, variances), pool)
+    base = replace(base, shortened=of_columns(frame, columns.layout, effects))
     problem = Problem(
         frame, context, effects, plan, noise, base, archive.reports, archive.flights, search.seed
     )
-    return Pass(problem, _settled(problem, pool, search.rules, start))
+    standing = _settled(problem, pool, search.rules, start)
+    for one in search.named:
+        standing = with_name(base, pool, standing, one)
+    return Pass(problem, standing)
 
 
 def _settled(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from tests.gap.toy import make_frame
 
 from airswing.gap.design.candidates import Candidate
@@ -35,6 +36,31 @@ def test_a_lasting_offset_is_not_named_a_drift():
 def test_a_drift_is_named():
     named, tail = found(lambda c: np.radians(0.2) * (c["time"] - c["time"].min()) / 86400, DRIFTING)
     assert named == [("compass_drift", [tail])]
+
+
+def test_a_little_that_the_whole_fleet_has_is_named():
+    """0.1 degrees of all, 0.2 m/s: under what a single aircraft may have of its own."""
+    frame = make_frame(
+        seed=3,
+        aircraft=6,
+        days=16,
+        noise=0.3,
+        model_error=0.5,
+        heading_error=lambda c: np.full(c["aircraft"].size, np.radians(0.1)),
+    )
+    report = diagnose(frame, catalogue=DRIFTING, maps=False, dictionary=False).report
+    (effect,) = report.effects
+    assert effect.name == "compass_offset"
+    assert effect.parameters["offset_deg"] == pytest.approx(0.1, abs=0.02)
+
+
+def test_what_some_aircraft_leave_is_met_by_the_fleet_in_their_share():
+    rules = Rules()
+    some = np.array([0.4, 0.0])
+    whole = Candidate("declination_error", np.array([0]), "fleet", np.ones(1), True)
+    alike = replace(score("declination_error", True, 9.0, 0.25), candidate=whole)
+    assert struck(replace(alike, remainder=some), rules).size == 2  # the mean, 0.2: 0.22 in all
+    assert struck(replace(alike, remainder=some + 0.1), rules).size == 0
 
 
 def score(name, known, tempered, size):

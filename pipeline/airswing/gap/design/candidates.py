@@ -127,7 +127,7 @@ def candidates(
                     isinstance(effect, HeadingEffect),
                 )
             )
-            if scope == "aircraft" and effect.kind == "mean":
+            if scope == "aircraft" and effect.kind in ("mean", "drift"):
                 out.append(replace(out[-1], scope="fleet"))
     if not dictionary:
         return out

@@ -127,7 +127,8 @@ def fleet_allowance(given: Conditional | Base, columns: Integers) -> float:
 
     What the climatology does not hold of the persistent error has its structure: it is met by a
     column in the measure in which the climatology itself takes the column up. An effect that
-    changes sign with the heading or with the passing of weather averages it out.
+    changes sign with the heading or with the passing of weather averages it out. An error of the
+    airspeed is met by what the scatter of headings takes away as well.
 
     Parameters
     ----------
@@ -137,9 +138,11 @@ def fleet_allowance(given: Conditional | Base, columns: Integers) -> float:
     Returns
     -------
     float
-        :data:`FLEET_ALLOWANCE` times the root of the share of the columns' X'X taken.
+        :data:`FLEET_ALLOWANCE` times the root of the share of the columns' X'X taken, and that.
     """
-    return FLEET_ALLOWANCE * float(np.sqrt(given.lasting_share[columns].mean()))
+    lasting = FLEET_ALLOWANCE * float(np.sqrt(given.lasting_share[columns].mean()))
+    lost = 0.0 if given.shortened is None else float(given.shortened[columns].max())
+    return float(np.hypot(lasting, lost))
 
 
 def _stacked(pool: Sequence[Candidate]) -> tuple[Integers, Floats]:

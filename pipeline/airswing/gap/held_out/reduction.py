@@ -196,6 +196,52 @@ def is_sensor(term: Term, effects: Mapping[str, Effect]) -> bool:
     return not term.candidate.name.startswith("wind:")
 
 
+def held_out_errors(
+    problem: Problem,
+    terms: Sequence[Term],
+    fold: Integers,
+    *,
+    factors: Mapping[str, float] | None = None,
+) -> list[Floats]:
+    """Wind error of each term at every report, fitted without the report's fold.
+
+    Parameters
+    ----------
+    problem : Problem
+    terms : sequence of Term
+    fold : (D,) int
+        Fold of every day.
+    factors : mapping, optional
+        Effect name -> share of its coefficient that is fitted.
+
+    Returns
+    -------
+    list over terms of (n, 2) float
+        m s-1.
+    """
+    frame, base = problem.archive, problem.base
+    if not terms:
+        return []
+    by_fold = [whole_coefficients(c, terms, factors) for c in fold_coefficients(base, terms, fold)]
+    errors, of_report = [], fold[problem.day]
+    for k, term in enumerate(terms):
+        fields = term_fields(frame, term, effects=problem.effects, plan=problem.plan)
+        errors.append(
+            term_error(
+                fields,
+                term,
+                [c[k] for c in by_fold],
+                aircraft=frame.aircraft,
+                day=problem.day,
+                fold=of_report,
+                shape=problem.shape,
+            )
+        )
+        if term.candidate.name == "reference_time_offset":
+            errors[-1] = retimed(frame.residual, errors[-1], of_report)
+    return errors
+
+
 def close(
     problem: Problem,
     terms: Sequence[Term],
@@ -226,25 +272,8 @@ def close(
         mean = float(before.mean()) / KNOT
         ci = day_interval(before / KNOT, day, seed, draws)
         return Closure(mean, mean, (0.0, 0.0), ci, (), (), frame.residual)
-    shape = base.stats.day_count.shape
     fold = folds_of_days(base.stats)
-    by_fold = [whole_coefficients(c, terms, factors) for c in fold_coefficients(base, terms, fold)]
-    errors = []
-    for k, term in enumerate(terms):
-        fields = term_fields(frame, term, effects=effects, plan=problem.plan)
-        errors.append(
-            term_error(
-                fields,
-                term,
-                [c[k] for c in by_fold],
-                aircraft=frame.aircraft,
-                day=day,
-                fold=fold[day],
-                shape=shape,
-            )
-        )
-        if term.candidate.name == "reference_time_offset":
-            errors[-1] = retimed(frame.residual, errors[-1], fold[day])
+    errors = held_out_errors(problem, terms, fold, factors=factors)
     sensor = [is_sensor(t, effects) for t in terms]
     left, steps, alone = before, [], []
     residual = frame.residual

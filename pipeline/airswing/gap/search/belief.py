@@ -34,6 +34,9 @@ FEATURES = ("log_nats", "deviations", "nameless", "named", "change")
 WEIGHTS_FILE = Path(__file__).with_name("claim_weights.json")
 #: Probability from which a name is stated.
 STATED = 0.9
+#: Odds that a table beside a doubtful name, confirmed by sums of its own, adds to those of the name
+#: which explains as much: on archives without effect one in twenty has a table, or fewer.
+TABLE_ODDS = 20.0
 #: Deviations beyond which a claim does not become surer.
 MOST_DEVIATIONS = 6.0
 
@@ -90,6 +93,12 @@ def probabilities(weighed: Floats, confirmation: Confirmation) -> Floats:
     logit = constant + weighed @ weights
     out = 1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0)))
     return np.asarray(np.where(confirmation.tested, out, 0.0))
+
+
+def beside_table(probability: float) -> float:
+    """Probability of a doubtful name that explains what a table does which stands by itself."""
+    odds = TABLE_ODDS * probability / max(1.0 - probability, 1e-9)
+    return odds / (1.0 + odds)
 
 
 @lru_cache(maxsize=1)

@@ -147,6 +147,8 @@ def _where_it_changes(base: Base, given: Conditional, score: Score, allowed: Mas
     gain, whole = (score.raw - lasting.raw) / score.factor, score.raw / score.factor
     if gain > max(DRIFT_GAIN, GAIN_SHARE * whole):
         changes |= own > steady
+    if candidate.scope == "fleet" and not changes.any():
+        return replace(score, tempered=0.0, raw=0.0, aircraft_evidence=np.zeros_like(own))
     return evaluate(base.stats, given, candidate, allowed=allowed & changes)
 
 

@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import Candidate
-from airswing.gap.evidence.terms import Term
+from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.search.absorbed_by_unknown import folded
 from airswing.gap.search.belief import features, probabilities
+from airswing.gap.search.candidate_ranking import evaluate_named
 from airswing.gap.search.confirmation import LEAST_PARTS, confirm, confirm_lasting
 from airswing.gap.search.nested_forms import widened
 from airswing.gap.search.stepwise import Found, Rules, found_of, search
@@ -116,6 +117,44 @@ def settle(
         key = found.terms[min(weak, key=lambda k: energy[k])].key
         pool = [c for c in pool if (c.name, c.scope) != key]
         start = [term for term in start if term.key != key]
+
+
+def with_name(
+    base: Base, pool: Sequence[Candidate], standing: Standing, named: Doubtful
+) -> Standing:
+    """State a name that a table confirmed.
+
+    Parameters
+    ----------
+    base : Base
+    pool : sequence of Candidate
+    standing : Standing
+        Of a search, maybe on other residuals than those the name was found on.
+    named : Doubtful
+        With the probability it has now.
+
+    Returns
+    -------
+    Standing
+    """
+    terms, candidate = list(standing.found.terms), named.term.candidate
+    there = any(candidate.key == term.candidate.key for term in terms)
+    if there or all(candidate.key != one.key for one in pool):
+        return standing
+    allowed = np.isin(np.arange(len(base.stats.tails)), named.term.tails)
+    given = given_terms(base, terms)
+    score = evaluate_named(base, given, candidate, allowed, named.term.period)
+    new = replace(named.term, score=replace(score, probability=named.probability))
+    found = found_of(base, pool, [*terms, new])
+    tests = confirm(base, found.terms)
+    return Standing(
+        found,
+        tests.energy,
+        tests.error,
+        np.append(standing.probability, named.probability),
+        features(found.terms, tests),
+        tuple(x for x in standing.doubtful if x.term.candidate.name != candidate.name),
+    )
 
 
 def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules) -> Standing:

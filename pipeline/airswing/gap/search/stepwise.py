@@ -55,6 +55,9 @@ class Rules:
     size : float
         Smallest rms where it acts, m s-1. Real fleets have a little of every effect everywhere;
         what is smaller than this is left to them.
+    fleet_size : float
+        The same of an effect that all aircraft share: the little that each has of its own averages
+        out over them.
     curve_size : float
         The same of a dictionary group on single aircraft. Its curve is sized over all reports, the
         quiet ones as well, and flattened where its variable is inferred.
@@ -69,6 +72,7 @@ class Rules:
 
     evidence: float = 3.0
     size: float = 0.2
+    fleet_size: float = 0.1
     curve_size: float = 0.1
     unknown_margin: float = 3.0
     most_terms: int = 12
@@ -76,8 +80,10 @@ class Rules:
 
     def least(self, candidate: Candidate) -> float:
         """Smallest size of a candidate that may enter, m s-1."""
-        curve = not candidate.known and candidate.scope == "aircraft"
-        return self.curve_size if curve else self.size
+        fleet = candidate.scope == "fleet"
+        if candidate.known:
+            return self.fleet_size if fleet else self.size
+        return self.size if fleet else self.curve_size
 
 
 @dataclass(frozen=True)
@@ -143,7 +149,9 @@ def struck(score: Score, rules: Rules) -> NDArray[np.int64]:
     under a share :data:`LEAK` of the largest wait until it is conditioned on.
     """
     if score.candidate.scope == "fleet":
-        least = np.hypot(rules.size, np.max(score.remainder))
+        # one set of coefficients takes up the mean of what is left on each aircraft
+        left = np.broadcast_to(score.remainder, score.acting.shape)
+        least = np.hypot(rules.least(score.candidate), np.average(left, weights=score.acting + 1e-9))
         return np.arange(score.posterior.size if score.size.max() > least else 0)
     ok = _likely(score, rules)
     ok &= score.aircraft_evidence > LEAK * score.aircraft_evidence.max(initial=0.0)

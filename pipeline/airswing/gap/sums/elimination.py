@@ -70,6 +70,9 @@ class Base:
         Log probability of the sizes of an aircraft's background
         (:mod:`airswing.gap.evidence.between_aircraft_variance`), in effects of the heading (second
         row) and in the others.
+    shortened : (p,) float or None
+        What the scatter of headings looks like in each column, m/s
+        (:mod:`airswing.gap.evidence.shortened_airspeed`).
     rows : dict
         What :func:`included_cross` computed already, by column and digest of its weights.
     """
@@ -80,6 +83,7 @@ class Base:
     cross: Floats
     score: Floats
     background: Floats | None = None
+    shortened: Floats | None = None
     rows: dict[Key, Floats] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -134,6 +138,7 @@ class Conditional:
     lasting_share : (p,)
         See :attr:`Base.lasting_share`.
     background : (2, T) or None
+    shortened : (p,) or None
         See :class:`Base`.
     fleet_score_override : (D, p) or None
         Fleet scores where they are not the sum over aircraft.
@@ -151,6 +156,7 @@ class Conditional:
     included_score: Floats
     lasting_share: Floats
     background: Floats | None = None
+    shortened: Floats | None = None
     fleet_score_override: Floats | None = None
     derived: dict[str, Floats] = field(default_factory=dict, repr=False)
 
@@ -235,6 +241,7 @@ def condition(base: Base, included: list[Included]) -> Conditional:
         fit.score,
         base.lasting_share,
         base.background,
+        base.shortened,
     )
 
 
