@@ -1,4 +1,4 @@
-"""A doubtful name beside a table that stands: the name where it explains as much, else the table."""
+"""A doubtful name beside a table: the name where it explains as much, else the table."""
 
 from __future__ import annotations
 

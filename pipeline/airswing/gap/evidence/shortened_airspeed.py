@@ -1,12 +1,12 @@
 """Airspeed that the scatter of headings takes away: what looks like an error of it, and is none.
 
-Assumptions: a heading off by d turns the air vector V, and leaves V (1 - cos d) too little along it:
-V var(d) / 2 on average, of second order, in no column of the heading. Errors of the reference are
-alike in all directions, so headings scatter by what the residual varies more across the heading than
-along it, var(across) - var(along) = V^2 var(d).
+Assumptions: a heading off by d turns the air vector V, and leaves V (1 - cos d) too little along
+it: V var(d) / 2 on average, of second order, in no column of the heading. Errors of the reference
+are alike in all directions, so headings scatter by what the residual varies more across the heading
+than along it, var(across) - var(along) = V^2 var(d).
 
-Validity: scatter of tens of degrees at most; a unit with a real flux valve's irregular errors of one
-or two degrees loses 0.05 m/s.
+Validity: scatter of tens of degrees at most; a unit with a real flux valve's irregular errors of
+one or two degrees loses 0.05 m/s.
 """
 
 from __future__ import annotations

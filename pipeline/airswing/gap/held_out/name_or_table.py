@@ -1,4 +1,4 @@
-"""Whether a name explains what a table does: a doubtful effect beside a table that stands by itself.
+"""Whether a doubtful name explains what a table does that stands by itself.
 
 Assumptions: a table that stands was confirmed on weeks left out by its own sums, so something is
 there. An effect of the catalogue that the search had found, but not surely enough to be stated, is

@@ -151,7 +151,8 @@ def struck(score: Score, rules: Rules) -> NDArray[np.int64]:
     if score.candidate.scope == "fleet":
         # one set of coefficients takes up the mean of what is left on each aircraft
         left = np.broadcast_to(score.remainder, score.acting.shape)
-        least = np.hypot(rules.least(score.candidate), np.average(left, weights=score.acting + 1e-9))
+        mean = np.average(left, weights=score.acting + 1e-9)
+        least = np.hypot(rules.least(score.candidate), mean)
         return np.arange(score.posterior.size if score.size.max() > least else 0)
     ok = _likely(score, rules)
     ok &= score.aircraft_evidence > LEAK * score.aircraft_evidence.max(initial=0.0)
