@@ -72,14 +72,10 @@ def test_without_a_prediction_there_is_nothing_to_compare():
     assert found == {"by_aircraft": [], "predicted_gain_kt": None, "realised_gain_kt": None}
 
 
-def test_the_curve_is_judged_by_the_field_of_each_report():
+def test_blocks_are_judged_as_the_whole():
     headings = fleet(3, Setting(aircraft=2, days=20), amplitude=5.0)[0]
-    field = np.random.default_rng(0).uniform(14e3, 26e3, headings.sizes["report"])
-    headings["horizontal_field"] = ("report", field.astype(np.float32))
-    pools = {"ruc": ["ruc"]}
-    fits = fitted(headings, pools, "ruc", joint=False)
-    told = [Apart.of(block, fits, ["ruc"], "ruc", "curve") for block, _ in judged_blocks(headings)]
-    whole = Apart.of(headings, fits, ["ruc"], "ruc", "curve")
+    fits = fitted(headings, {"ruc": ["ruc"]}, "ruc", joint=False)
+    told = [Apart.of(block, fits, ["ruc"], "ruc") for block, _ in judged_blocks(headings)]
+    whole = Apart.of(headings, fits, ["ruc"], "ruc")
     assert np.concatenate([one.after for one in told]) == pytest.approx(whole.after, nan_ok=True)
-    bare = Apart.of(headings.drop_vars("horizontal_field"), fits, ["ruc"], "ruc", "curve")
-    assert np.abs(bare.after - whole.after)[whole.done].max() > 0.1
+    assert whole.done.any()

@@ -88,7 +88,6 @@ def test_the_prediction_for_a_field_test_uses_the_corrected_aircraft_only(headin
         ({"learned_until": date(2001, 1, 1)}, ["2001-01-01", "2008-07-01"]),
         ({"learned_until": date(2020, 1, 1)}, ["no screened report from"]),
         ({"reference": "nam"}, ["nam", "ruc"]),
-        ({"method": "spline"}, ["spline", "table"]),
     ],
 )
 def test_bad_input_is_named(headings, options, words):

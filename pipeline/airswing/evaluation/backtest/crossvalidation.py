@@ -27,7 +27,6 @@ def cross_validate(
     pools: Mapping[str, list[str]],
     reference: str,
     folds: int = 5,
-    method: str = "table",
     whole: tuple[xr.Dataset, list[dict[str, Any]]] | None = None,
     draws: int = 1000,
     seed: int = 0,
@@ -44,7 +43,6 @@ def cross_validate(
         Key of ``pools``.
     folds : int, default 5
         Parts the flights are dealt into, day by day and aircraft by aircraft.
-    method : {"table", "curve"}
     whole : (Dataset, list of dict), optional
         Fits of all reports with the same options, with their tables, and the ranking of
         :func:`airswing.evaluation.backtest.ranking.rank_aircraft` by them; made when not given.
@@ -81,8 +79,8 @@ def cross_validate(
     fits, ranking = whole
     gains, own_gains = [], []
     for block, _ in judged_blocks(headings):
-        before, after, done = _held_out(block, dealt, apart, pools[reference], reference, method)
-        own = Apart.of(block, fits, pools[reference], reference, method)
+        before, after, done = _held_out(block, dealt, apart, pools[reference], reference)
+        own = Apart.of(block, fits, pools[reference], reference)
         judged = (block["screening"].to_numpy() == 0) & np.isfinite(before + after) & done
         gains += gains_of(block, before - after, judged)
         own_gains += gains_of(block, own.before - own.after, judged)
@@ -97,7 +95,7 @@ def cross_validate(
     result = {
         "reference": reference,
         "folds": folds,
-        "method": method,
+        "method": "table",
         "in_sample_gain_kt": sum(float(gain.total.sum()) for gain in own_gains) / reports,
     }
     return result | compared(headings, gains, ranking, draws=draws, seed=seed)
@@ -109,14 +107,13 @@ def _held_out(
     fits: list[xr.Dataset],
     members: list[str],
     reference: str,
-    method: str,
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Each report corrected by the fit that never saw its flight."""
     number = dealt.of(block)
     before = after = np.full(number.size, np.nan)
     done = np.zeros(number.size, dtype=bool)
     for fold, fit in enumerate(fits):
-        own = Apart.of(block, fit, members, reference, method)
+        own = Apart.of(block, fit, members, reference)
         held = number == fold
         before = own.before
         after = np.where(held, own.after, after)

@@ -13,7 +13,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.correction import correct
-from airswing.errors import InputError
 from airswing.evaluation.day_sums import day_weights, interval_95
 from airswing.evaluation.disagreement import reference_mean, vector_difference
 from airswing.flags import mended as was_mended
@@ -39,21 +38,9 @@ class Apart(NamedTuple):
     done: NDArray[np.bool_]
 
     @classmethod
-    def of(
-        cls, reports: xr.Dataset, fits: xr.Dataset, members: list[str], reference: str, method: str
-    ) -> Apart:
-        """Correct some reports by some fits and measure them.
-
-        Parameters
-        ----------
-        reports, fits : Dataset
-        members : list of str
-            References they are measured against.
-        reference : str
-            Fit that is used.
-        method : {"table", "curve"}
-        """
-        mended = correct(reports, fits, reference=reference, method=_way(method))
+    def of(cls, reports: xr.Dataset, fits: xr.Dataset, members: list[str], reference: str) -> Apart:
+        """Correct some reports by the tables of a reference, and measure them against some."""
+        mended = correct(reports, fits, reference=reference)
         winds = reference_mean(reports, members)
         model = (
             winds["reference_eastward_wind"].to_numpy(),
@@ -69,14 +56,6 @@ class Apart(NamedTuple):
         )
         done = was_mended(mended["correction_applied"].to_numpy())
         return cls(before, after, done)
-
-
-def _way(name: str) -> Any:
-    if name not in ("table", "curve"):
-        raise InputError(
-            "no such way to correct", field="method", found=name, remedy="table or curve"
-        )
-    return name
 
 
 class Gain(NamedTuple):

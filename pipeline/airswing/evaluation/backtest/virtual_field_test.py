@@ -33,7 +33,6 @@ def virtual_field_test(
     reference: str,
     corrected: list[str] | None = None,
     fits: xr.Dataset | None = None,
-    method: str = "table",
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Any,
@@ -56,8 +55,6 @@ def virtual_field_test(
     fits : Dataset, optional
         Of the reports before the date, with tables, where ``headings`` has but the last of them;
         made when not given.
-    method : {"table", "curve"}
-        What is applied: the unit's table or the curve itself.
     draws : int, default 1000
     seed : int, default 0
     **fit_options
@@ -91,7 +88,7 @@ def virtual_field_test(
     ranking = rank_aircraft(part, fits, pools=pools, reference=reference, seed=seed)
     windows, gains = [], []
     for block, aircraft in judged_blocks(headings):
-        apart = Apart.of(block, fits, pools[reference], reference, method)
+        apart = Apart.of(block, fits, pools[reference], reference)
         corrected_here = treated[aircraft][aircraft_of_report(block)]
         after = np.where(corrected_here, apart.after, apart.before)
         kept = (block["screening"].to_numpy() == 0) & np.isfinite(apart.before + apart.after)
@@ -102,7 +99,7 @@ def virtual_field_test(
     result: dict[str, Any] = {
         "reference": reference,
         "learned_until": str(learned_until),
-        "method": method,
+        "method": "table",
         "groups": _groups(np.concatenate(windows, axis=1), treated),
     }
     return result | compared(headings, gains, ranking, draws=draws, seed=seed)
