@@ -90,12 +90,6 @@ class _SampleTask:
     ) -> None:
         self.models, self.places, self.options, self.store = models, places, options, store
 
-    def __getstate__(self) -> tuple[Any, ...]:
-        return (self.models, self.places, self.options, self.store)
-
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
-        self.models, self.places, self.options, self.store = state
-
     def run(self, given: Mapping[str, xr.Dataset]) -> list[Sample]:
         """Sample, or take the finished samples of an earlier run."""
         store = None if self.store is None else SampleStore(Path(self.store))

@@ -178,6 +178,7 @@ def _field(data: _Winds, axes: list[Floats]) -> Floats:
         [[basis, None, own[0][0], own[1][0]], [None, basis, own[0][1], own[1][1]]], format="csr"
     )
     bend = _bends([axis.size for axis in axes])
+    # The identity keeps nodes that no report is near from being undetermined.
     smooth = (bend.T @ bend) * (BEND / NOISE) ** 2 + sparse.identity(nodes) * 1e-6
     spread = np.repeat([(NOISE / OFFSET_SPREAD) ** 2, (NOISE / SCALE_SPREAD) ** 2], owners)
     prior = sparse.block_diag([smooth, smooth, sparse.diags(spread)], format="csr")
@@ -190,6 +191,7 @@ def _field(data: _Winds, axes: list[Floats]) -> Floats:
     for _ in range(ROUNDS):
         normal = (design.T @ sparse.diags(weight) @ design + prior).tocsc()
         found = spsolve(normal, design.T @ (weight * right))
+        # Huber's weights by the median of what is left, which outliers do not move.
         rest = np.abs(right - design @ found)
         limit = HUBER * max(float(np.median(rest)) / 0.6745, 1e-6)
         weight = plain * np.minimum(1.0, limit / np.maximum(rest, 1e-9))

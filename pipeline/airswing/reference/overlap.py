@@ -13,13 +13,7 @@ from airswing.reference.planning import Plan
 
 
 def require_overlap(plans: Mapping[str, Plan]) -> None:
-    """Refuse a run in which a reference serves no report at all.
-
-    Raises
-    ------
-    InputError
-        Naming both spans: in time, or in space.
-    """
+    """Refuse a run in which a reference serves no report at all; names both spans."""
     for name, one in plans.items():
         if one.matched:
             continue

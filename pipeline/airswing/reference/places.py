@@ -30,19 +30,10 @@ _HOUR = 3_600_000_000_000  # ns
 
 
 def stretches(hours: Mapping[int, int], limit: int | None = None) -> NDArray[np.int64]:
-    """Cut an archive into stretches of time.
+    """Cut an archive into stretches of time: their starts, hours since 1970.
 
-    Parameters
-    ----------
-    hours : mapping of int to int
-        Reports in each hour since 1970, in order of time.
-    limit : int, optional
-        `STRETCH_REPORTS` by default.
-
-    Returns
-    -------
-    array of int64, shape (stretch,)
-        Start of each stretch, hours since 1970; it ends where the next one starts.
+    ``hours`` are the reports in each hour since 1970, in order of time; a stretch ends where the
+    next one starts.
     """
     numbers = np.array(list(hours), dtype=np.int64)
     months = numbers.astype("M8[h]").astype("M8[M]").astype(np.int64)
@@ -59,12 +50,8 @@ def stretches(hours: Mapping[int, int], limit: int | None = None) -> NDArray[np.
 class Places:
     """Where and when the reports are, by stretches of time, and the winds found there.
 
-    Parameters
-    ----------
-    folder : Path
-        For the files of this run; made, and emptied of its own.
-    starts : array of int64, shape (stretch,)
-        Of :func:`stretches`.
+    ``folder`` is for the files of this run: made, and emptied of its own; ``starts`` of
+    :func:`stretches`.
     """
 
     def __init__(self, folder: Path, starts: NDArray[np.int64]) -> None:
@@ -80,13 +67,7 @@ class Places:
         return int(self.starts.size)
 
     def add(self, reports: xr.Dataset) -> None:
-        """Set down the places of the next block of aircraft.
-
-        Parameters
-        ----------
-        reports : Dataset
-            With ``time``, ``latitude``, ``longitude`` and ``pressure``.
-        """
+        """Set down times and places of the next block of aircraft."""
         rows = np.empty(reports.sizes["report"], PLACE)
         for name in PLACE.names or ():
             rows[name] = reports[name].to_numpy()
@@ -108,35 +89,18 @@ class Places:
         )
 
     def put(self, number: int, winds: xr.Dataset) -> None:
-        """Set down the winds of one stretch.
-
-        Parameters
-        ----------
-        winds : Dataset
-            Dims (reference, report), reports in the order of :meth:`reports`.
-        """
+        """Set down the winds (reference, report) of one stretch, ordered as :meth:`reports`."""
         self._names = [str(name) for name in winds.data_vars]
         self._references = winds["reference"].to_numpy()
         values = [winds[name].transpose("reference", "report").to_numpy() for name in self._names]
         with self._file(number, "winds").open("wb") as file:
+            # Report by report: a block's winds in a stretch are then one piece of its
+            # file.
             file.write(np.concatenate(values).T.astype(np.float64).tobytes())
         self._file(number, "places").unlink(missing_ok=True)
 
     def winds(self, block: int, reports: xr.Dataset) -> xr.Dataset:
-        """Winds of one block of aircraft, from every stretch.
-
-        Parameters
-        ----------
-        block : int
-            Number of the block, in the order of :meth:`add`.
-        reports : Dataset
-            The block's reports, as they were added.
-
-        Returns
-        -------
-        Dataset
-            Dims (reference, report).
-        """
+        """Winds (reference, report) of one block of aircraft, from every stretch."""
         order = np.argsort(self._stretch(reports["time"].to_numpy()), kind="stable")
         width, start = len(self._names) * self._references.size, 0
         found = np.empty((order.size, width))

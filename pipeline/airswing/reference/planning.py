@@ -38,26 +38,14 @@ COLUMNS = ("time", "latitude", "longitude", "pressure")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """Where and when the reports are, in order of time.
+    """Where and when the reports are, in order of time, without those that have none."""
 
-    Parameters
-    ----------
-    order : (n,) int array
-        Place of each in the Dataset.
-    time : (n,) int array, ns since 1970
-        Missing times are left out of all four arrays.
-    latitude, longitude : (n,) float arrays, degrees
-    pressure : (n,) float array, Pa
-    size : int
-        Reports in the Dataset.
-    """
-
-    order: Ints
-    time: Ints
-    latitude: Floats
+    order: Ints  # place of each in the Dataset
+    time: Ints  # ns since 1970
+    latitude: Floats  # degrees
     longitude: Floats
-    pressure: Floats
-    size: int
+    pressure: Floats  # Pa
+    size: int  # reports in the Dataset
 
 
 def points_of(reports: xr.Dataset) -> Points:
@@ -85,33 +73,20 @@ def points_of(reports: xr.Dataset) -> Points:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
-    """Which reports each model time serves, and with which weights.
+    """Which reports each model time serves, and with which weights."""
 
-    Parameters
-    ----------
-    earlier : (n,) int array
-        Number of the model time at or before each report, -1 where it has no model.
-    weight : (n,) float array
-        Weight of the model time after, 0 to 1; 0 exactly at a valid time.
-    later : (n,) bool array
-        Whether the model time after is needed.
-    start, stop : (time,) int arrays
-        Run of reports that each model time serves.
-    """
-
-    earlier: Ints
-    weight: Floats
-    later: NDArray[np.bool_]
-    start: Ints
+    earlier: Ints  # model time at or before each report, -1 where it has no model
+    weight: Floats  # of the model time after, 0 to 1; 0 exactly at a valid time
+    later: NDArray[np.bool_]  # whether the model time after is needed
+    start: Ints  # run of reports that each model time serves
     stop: Ints
 
 
 def schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = False) -> Schedule:
-    """Assign reports to model times.
+    """Assign reports to model times, whose valid times (ns since 1970) increase.
 
     Parameters
     ----------
-    valid : (time,) int array, ns since 1970, increasing
     max_time_gap : float
         Longest time between two bracketing valid times, s.
     both : bool
@@ -142,40 +117,24 @@ def schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = F
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What collocating against one reference will take.
-
-    Parameters
-    ----------
-    model_times, messages, bytes : int
-        Model times and messages to read; their octets as stored.
-    sparse_messages : int
-        Messages read in place rather than decoded whole.
-    reports, matched : int
-        Reports, and those inside the reference's time, grid and levels.
-    without_time, outside_grid, outside_levels : int
-        Reports without a model, by the first reason that applies.
-    report_times, model_span : tuple of str
-        First and last time of each.
-    report_box, model_box : tuple of float
-        South, north, west, east, degrees (of the grids' outlines for the model).
-    model_levels : tuple of float
-        Highest and lowest pressure level, hPa; empty for native levels.
-    """
+    """What collocating against one reference will take."""
 
     reference: str
-    model_times: int
+    model_times: int  # to read, as the messages; their octets as stored
     messages: int
     bytes: int
-    sparse_messages: int
+    sparse_messages: int  # read in place rather than decoded whole
     reports: int
-    matched: int
-    without_time: int
+    matched: int  # inside the reference's time, grid and levels
+    without_time: int  # reports without a model, by the first reason that applies
     outside_grid: int
     outside_levels: int
-    report_times: tuple[str, str]
+    report_times: tuple[str, str]  # first and last
     model_span: tuple[str, str]
+    # South, north, west, east, degrees; of the grids' outlines for the model.
     report_box: tuple[float, float, float, float]
     model_box: tuple[float, float, float, float]
+    # Highest and lowest pressure level, hPa; empty for native levels.
     model_levels: tuple[float, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
@@ -213,33 +172,19 @@ def plan(
 
 @dataclass(eq=False)
 class Need:
-    """What some reports need of one reference; those of several parts of an archive add up.
+    """What some reports need of one reference; those of several parts of an archive add up."""
 
-    Parameters
-    ----------
-    rows : (level rows,) bool array
-        Levels of model times that are needed, as the catalogue numbers them.
-    times : (time,) bool array
-        Model times with reports around them.
-    finished : (time,) bool array
-        Those of them that need not be read again.
-    first, last : int
-        Times of the reports, ns since 1970.
-    box : list of float
-        South, north, west, east of the reports, degrees; NaN without any.
-    """
-
-    rows: NDArray[np.bool_]
-    times: NDArray[np.bool_]
-    finished: NDArray[np.bool_]
+    rows: NDArray[np.bool_]  # levels of model times that are needed, as the catalogue has them
+    times: NDArray[np.bool_]  # model times with reports around them
+    finished: NDArray[np.bool_]  # those of them that need not be read again
     reports: int
     matched: int
     without_time: int
     outside_grid: int
     outside_levels: int
-    first: int
+    first: int  # times of the reports, ns since 1970
     last: int
-    box: Floats
+    box: Floats  # south, north, west, east of the reports, degrees; NaN without any
 
     @classmethod
     def of(
@@ -253,11 +198,8 @@ class Need:
     ) -> Need:
         """Find what reports need.
 
-        Parameters
-        ----------
-        finished : callable, optional
-            Whether a model time (with the latitudes, longitudes and pressures of the reports
-            around it) was finished by an earlier run; nothing was by default.
+        ``finished`` tells whether a model time (with the latitudes, longitudes and pressures of the
+        reports around it) was finished by an earlier run; nothing was by default.
         """
         times = schedule(points, catalogue.valid, max_time_gap=max_time_gap, both=derivatives)
         timed = times.earlier >= 0

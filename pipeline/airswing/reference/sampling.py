@@ -112,17 +112,14 @@ def sample_model_time(
     sparse: bool = True,
     derivatives: bool = False,
 ) -> Sample:
-    """Winds of one model time at reports.
+    """Winds of one model time at reports (degrees, Pa).
 
     Parameters
     ----------
-    latitude, longitude : (n,) float arrays, degrees
-    pressure : (n,) float array, Pa
     sparse : bool
         Read simply packed fields in place instead of decoding them whole.
     derivatives : bool
-        Also give derivatives by ln p, eastward and northward distance, and the
-        grid's convergence.
+        Also give derivatives by ln p, eastward and northward distance, and the grid's convergence.
     """
     reader = _Reader(model, sparse=sparse)
     work = winds_at(model, latitude, longitude, pressure, derivatives=derivatives)

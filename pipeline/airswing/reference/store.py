@@ -80,13 +80,7 @@ def _code_version() -> bytes:
 
 
 class SampleStore:
-    """A folder of finished samples.
-
-    Parameters
-    ----------
-    folder : Path
-        Made where it is absent.
-    """
+    """A folder of finished samples; made where it is absent."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -180,9 +174,8 @@ def _read_table(file: BinaryIO) -> Floats:
 
 def _save(path: Path, table: Floats) -> None:
     whole = io.BytesIO()
-    np.save(
-        whole, np.ascontiguousarray(table, np.float64)
-    )  # to a file it does not say why it cannot be written
+    # In memory first: to a file numpy does not say why it cannot be written.
+    np.save(whole, np.ascontiguousarray(table, np.float64))
     try:
         with replacing(path, lasting=False) as temporary:
             temporary.write_bytes(b"".join([whole.getvalue(), digest(whole.getbuffer())]))

@@ -209,7 +209,7 @@ def test_new_code_reads_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     looked = []
     scan = filecache.messages.scan_file
     monkeypatch.setattr(filecache.messages, "scan_file", lambda p: (looked.append(p), scan(p))[1])
-    monkeypatch.setattr(filecache, "code_version", lambda: "another")
+    monkeypatch.setattr(filecache, "_code_version", lambda: "another")
     build_catalogue(path, name="x", cache_dir=tmp_path / "c")
     assert looked == [path]
 

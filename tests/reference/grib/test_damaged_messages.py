@@ -17,7 +17,7 @@ from airswing.errors import InputError
 from airswing.reference.collocate import collocate
 from airswing.reference.grib.catalogue import Catalogue, build_catalogue
 from airswing.reference.grib.messages import scan_file
-from airswing.reference.grib.values import field_values, message_bytes
+from airswing.reference.grib.values import _message_bytes, field_values
 from airswing.reference.packing import decoder
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
@@ -220,7 +220,7 @@ def test_every_packing_is_decoded_wherever_it_is(
     descriptor = os.open(path, os.O_RDONLY)
     try:
         here = field_values(descriptor, row, PLANE.size, every, sparse=False)
-        single = message_bytes(descriptor, row)
+        single = _message_bytes(descriptor, row)
     finally:
         os.close(descriptor)
     beside = decoder.decode_beside(single, PLANE.size, every)
@@ -234,7 +234,7 @@ def test_a_decoder_that_dies_is_started_anew(tmp_path: Path) -> None:
     path = write(tmp_path / "m.grib", message)
     (row,) = scan_file(path).table()
     descriptor = os.open(path, os.O_RDONLY)
-    sound = message_bytes(descriptor, row)
+    sound = _message_bytes(descriptor, row)
     os.close(descriptor)
     points = np.arange(5)
     first = decoder.decode_beside(sound, SIZE, points)

@@ -38,8 +38,6 @@ _WANTED = {("2t", 2): "air_temperature", ("10u", 10): "u", ("10v", 10): "v"}
 _NUMBERS = {(0, 0), (2, 2), (2, 3)}
 _HEADER = ["shortName", "level", "stepType", "dataDate", "dataTime", "validityDate", "validityTime"]
 _POSSIBLE = {"air_temperature": (150.0, 350.0), "u": (-150.0, 150.0), "v": (-150.0, 150.0)}
-# No model has as many: such a count is damage, and would take the memory.
-MOST_POINTS = 100_000_000
 UNITS = {
     "air_temperature": "K",
     "eastward_wind": "m s-1",
@@ -199,8 +197,6 @@ def _at_stations(
         return None
     start, valid = (_stamp(keys, kind) for kind in ("data", "validity"))
     grid = read_grid(edition, section)
-    if grid.size > MOST_POINTS:
-        raise UnreadableMessageError(f"damaged: a grid of {grid.size:,} points")
     values = decode_beside(message, grid.size)
     values[values == ABSENT] = np.nan
     least, most = _POSSIBLE[name]

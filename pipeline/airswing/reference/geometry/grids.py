@@ -47,55 +47,27 @@ class UnplaceableGridError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Everything needed to place points on one grid.
+    """Everything needed to place points on one grid."""
 
-    Parameters
-    ----------
-    kind : {"lambert", "polar_stereographic", "mercator", "regular_ll", "rotated_ll"}
-    ni, nj : int
-        Points along x (i) and y (j).
-    latitude_first, longitude_first : float
-        First grid point, degrees (in rotated coordinates for ``rotated_ll``).
-    di, dj : float
-        Step from one index to the next, signed: metres in the projection plane, or degrees.
-    radius, eccentricity : float
-        Semi-major axis (m) and first eccentricity of the earth used.
-    orientation : float
-        Longitude parallel to the y axis (LoV), degrees.
-    true_latitude : float
-        LaD, degrees.
-    latin1, latin2 : float
-        Standard parallels of a Lambert cone, degrees.
-    south : bool
-        South pole at the centre of a polar stereographic projection.
-    pole_latitude, pole_longitude : float
-        Southern pole of a rotated grid, degrees.
-    periodic : bool
-        The column after the last is the first.
-    wind_along_grid : bool
-        The message's uvRelativeToGrid flag.
-    j_consecutive, alternate_rows : bool
-        Order of storage: points run along j first; every other row runs backwards.
-    """
-
-    kind: str
-    ni: int
+    kind: str  # lambert, polar_stereographic, mercator, regular_ll or rotated_ll
+    ni: int  # points along x (i) and y (j)
     nj: int
-    latitude_first: float
+    latitude_first: float  # first grid point, degrees (in rotated coordinates for rotated_ll)
     longitude_first: float
-    di: float
+    di: float  # step from one index to the next, signed: metres in the plane, or degrees
     dj: float
-    radius: float = MODEL_EARTH_RADIUS
-    eccentricity: float = 0.0
-    orientation: float = 0.0
-    true_latitude: float = 0.0
-    latin1: float = 0.0
+    radius: float = MODEL_EARTH_RADIUS  # semi-major axis, m
+    eccentricity: float = 0.0  # first eccentricity of the earth used
+    orientation: float = 0.0  # longitude parallel to the y axis (LoV), degrees
+    true_latitude: float = 0.0  # LaD, degrees
+    latin1: float = 0.0  # standard parallels of a Lambert cone, degrees
     latin2: float = 0.0
-    south: bool = False
-    pole_latitude: float = -90.0
+    south: bool = False  # south pole at the centre of a polar stereographic projection
+    pole_latitude: float = -90.0  # southern pole of a rotated grid, degrees
     pole_longitude: float = 0.0
-    periodic: bool = False
-    wind_along_grid: bool = False
+    periodic: bool = False  # the column after the last is the first
+    wind_along_grid: bool = False  # the message's uvRelativeToGrid flag
+    # Order of storage: points run along j first; every other row runs backwards.
     j_consecutive: bool = False
     alternate_rows: bool = False
 
@@ -110,17 +82,7 @@ class Grid:
         return hashlib.sha256(repr(self).encode()).hexdigest()[:16]
 
     def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
-        """Index coordinates without a boundary check.
-
-        Parameters
-        ----------
-        latitude, longitude : (n,) float array, degrees
-
-        Returns
-        -------
-        fi, fj : (n,) float arrays
-            Fractional indices; they may lie outside the grid.
-        """
+        """Fractional indices of places (n,) in degrees, inside the grid or not."""
         x, y = _project(self, latitude, longitude)
         x0, y0 = _project(
             self, np.array([self.latitude_first]), np.array([self.longitude_first]), on_grid=True
@@ -142,19 +104,7 @@ class Grid:
         return 0.0
 
     def fractional_index(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
-        """Place points on the grid.
-
-        Parameters
-        ----------
-        latitude, longitude : array_like, degrees
-            Any longitude convention.
-
-        Returns
-        -------
-        fi, fj : float arrays
-            Fractional index from the first grid point along x and y;
-            NaN outside the grid.
-        """
+        """Fractional indices from the first point along x and y; NaN outside the grid."""
         fi, fj = self.plane(_floats(latitude), _floats(longitude))
         with np.errstate(invalid="ignore"):
             inside = (fj >= -EDGE_TOLERANCE) & (fj <= self.nj - 1 + EDGE_TOLERANCE)
@@ -165,17 +115,9 @@ class Grid:
         return np.where(inside, fi, np.nan), np.where(inside, fj, np.nan)
 
     def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
-        """Angle that turns grid components to true east and north.
+        """Angle (rad) that turns grid components to true east and north.
 
         ``u_e = cos(a) u_g + sin(a) v_g``, ``v_e = -sin(a) u_g + cos(a) v_g``.
-
-        Parameters
-        ----------
-        latitude, longitude : array_like, degrees
-
-        Returns
-        -------
-        angle : float array, radians
         """
         lat, lon = _floats(latitude), _floats(longitude)
         if self.kind == "lambert":
@@ -196,19 +138,14 @@ class Grid:
         fi, fj = self.fractional_index(lat, lon)
         inside = np.isfinite(fi) & np.isfinite(fj)
         if not inside.any():
+            # A grid between whole degrees: its first point stands for it.
             lat, lon = _floats(self.latitude_first), _floats(self.longitude_first)
             inside = np.ones(1, dtype=bool)
         lat, lon = lat[inside], lon[inside]
         return float(lat.min()), float(lat.max()), float(lon.min()), float(lon.max())
 
     def position(self, i: Ints, j: Ints) -> Ints:
-        """Place of the point (i, j) in the message's list of values.
-
-        Parameters
-        ----------
-        i, j : int arrays
-            Indices along x and y from the first grid point.
-        """
+        """Place of the point (i, j), from the first point, in the message's list of values."""
         if self.j_consecutive:
             if self.alternate_rows:
                 j = np.where(i % 2 == 1, self.nj - 1 - j, j)

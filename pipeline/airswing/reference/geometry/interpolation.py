@@ -32,19 +32,9 @@ class Corners(NamedTuple):
 
 
 def corners(grid: Placing, fi: Floats, fj: Floats) -> Corners:
-    """Corner points and cell coordinates of fractional indices.
+    """Corner points and place in the cell of fractional indices inside the grid (no NaN).
 
-    Parameters
-    ----------
-    fi, fj : (n,) float arrays
-        Inside the grid (no NaN).
-
-    Returns
-    -------
-    points : (4, n) int array
-        Places of (i, j), (i+1, j), (i, j+1), (i+1, j+1) in the message.
-    x, y : (n,) float arrays
-        Distance from the first corner, 0 to 1.
+    Points (4, n) are places of (i, j), (i+1, j), (i, j+1), (i+1, j+1) in the message.
     """
     i = np.floor(fi).astype(np.int64)
     if not grid.periodic:
@@ -59,14 +49,7 @@ def corners(grid: Placing, fi: Floats, fj: Floats) -> Corners:
 
 
 def bilinear(values: Floats, x: Floats, y: Floats) -> Floats:
-    """Interpolate corner values; corners without weight are not looked at.
-
-    Parameters
-    ----------
-    values : (4, ..., n) float array
-        As `corners` orders them; NaN where missing.
-    x, y : (n,) float arrays
-    """
+    """Interpolate corner values (4, ..., n); those without weight are not looked at."""
     return weighted(values, ((1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y))
 
 
@@ -108,21 +91,16 @@ def level_brackets(levels: Floats, pressure: Floats, *, both: bool = False) -> B
         Increasing along the first axis.
     pressure : (n,) float array, Pa
     both : bool
-        Always name two levels (derivatives need them), even on a level.
-
-    Returns
-    -------
-    k, weight, inside, upper, lower
-        `weight` is 0 on level `k` itself; `k + 1` is then not needed unless `both`.
+        Always name two levels (derivatives need them), even on a level; else `weight` is 0 on
+        level `k` itself, and `k + 1` is not needed.
     """
     count = levels.shape[0]
     with np.errstate(invalid="ignore", divide="ignore"):
         if levels.ndim == 1:
             k = np.searchsorted(levels, pressure, side="right") - 1
-            inside = (pressure >= levels[0]) & (pressure <= levels[-1])
         else:
             k = (levels <= pressure).sum(axis=0) - 1
-            inside = (pressure >= levels[0]) & (pressure <= levels[-1])
+        inside = (pressure >= levels[0]) & (pressure <= levels[-1])
         highest = count - 2 if both and count > 1 else count - 1
         k = np.clip(k, 0, highest)
         below = np.minimum(k + 1, count - 1)

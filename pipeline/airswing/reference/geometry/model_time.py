@@ -6,7 +6,7 @@ Assumes files that keep their size and time of modification keep their content.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,27 +30,17 @@ class SourceFile(NamedTuple):
 class ModelTime:
     """One reference's wind profile at one valid time: where it lies, nothing decoded.
 
-    Parameters
-    ----------
-    valid : int
-        Valid time, ns since 1970.
-    lead : int
-        Lead time, s.
-    level_kind : int
-        `ISOBARIC` or `HYBRID`.
-    u, v, pressure : (level,) arrays of `fields.FIELD_DTYPE`
-        One row a level, isobaric levels by increasing pressure; `pressure` is
-        empty for isobaric levels. ``file`` numbers `files`.
+    Rows are of `fields.FIELD_DTYPE`, one a level, isobaric ones by increasing pressure.
     """
 
-    valid: int
-    lead: int
+    valid: int  # ns since 1970
+    lead: int  # s
     grid: Placing
-    level_kind: int
-    u: NDArray[Any]
-    v: NDArray[Any]
-    pressure: NDArray[Any]
-    files: tuple[SourceFile, ...]
+    level_kind: int  # `ISOBARIC` or `HYBRID`
+    u: NDArray[np.void]
+    v: NDArray[np.void]
+    pressure: NDArray[np.void]  # empty for isobaric levels
+    files: tuple[SourceFile, ...]  # as the rows' ``file`` numbers them
 
     @property
     def native(self) -> bool:
@@ -85,14 +75,6 @@ NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"
 def of_a_lost_file(reason: str) -> bool:
     """Whether a problem is of a file that vanished or changed, not of what stands in it.
 
-    Parameters
-    ----------
-    reason : str
-        Of `Sample.problems`.
-
-    Returns
-    -------
-    bool
-        Such a problem may be gone when the file is there again, though nothing tells it is another.
+    Such a problem may be gone when the file is there again, though nothing tells it is another.
     """
     return reason.startswith((NOT_OPENED, REPLACED))

@@ -29,50 +29,31 @@ from airswing.lead_times import Wanted
 from airswing.reference.geometry.model_time import HYBRID, ModelTime, SourceFile
 from airswing.reference.geometry.placing import Placing
 
-Table = NDArray[Any]
+Table = NDArray[np.void]
 Skipped = list[dict[str, Any]]
 
 
 @dataclass(eq=False)
 class Catalogue:
-    """Wind profiles of one reference, by valid time.
-
-    Parameters
-    ----------
-    lead : str
-        The condition on leads.
-    files : tuple of SourceFile
-        Every file found that could be opened.
-    valid, leads, members : (time,) int arrays
-        Valid time (ns since 1970, increasing), lead (s), ensemble member.
-    bounds : (time + 1,) int array
-        Rows of `u`, `v`, `pressure` of each model time.
-    skipped : list of {"file", "what", "reason", "count"}
-    notes : list of str
-        Choices made between candidates.
-    messages : int
-        Messages seen.
-    given : dict of str to Dataset
-        Datasets given in Python, by the path in `files`.
-    """
+    """Wind profiles of one reference, by valid time."""
 
     name: str
-    lead: str
-    files: tuple[SourceFile, ...]
+    lead: str  # the condition on leads
+    files: tuple[SourceFile, ...]  # every file found that could be opened
     grids: tuple[Placing, ...]
-    valid: NDArray[np.int64]
-    leads: NDArray[np.int64]
-    members: NDArray[np.int64]
+    valid: NDArray[np.int64]  # ns since 1970, increasing, (time,) as all that follow
+    leads: NDArray[np.int64]  # s
+    members: NDArray[np.int64]  # ensemble member
     grid_numbers: NDArray[np.int64]
     level_kinds: NDArray[np.int64]
-    bounds: NDArray[np.int64]
+    bounds: NDArray[np.int64]  # rows of each model time below, (time + 1,)
     u: Table
     v: Table
     pressure: Table
-    skipped: Skipped = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    messages: int = 0
-    given: dict[str, xr.Dataset] = field(default_factory=dict)
+    skipped: Skipped = field(default_factory=list)  # of `skip`
+    notes: list[str] = field(default_factory=list)  # choices made between candidates
+    messages: int = 0  # seen
+    given: dict[str, xr.Dataset] = field(default_factory=dict)  # by the path in `files`
 
     def __len__(self) -> int:
         return int(self.valid.size)
@@ -108,18 +89,9 @@ class Catalogue:
         return np.asarray(self.u["level"][rows], dtype=np.float64)
 
     def reading(self, number: int, needed: NDArray[np.bool_]) -> tuple[int, int, int]:
-        """What sampling some levels of a model time reads.
+        """What sampling some levels of a model time reads: fields, octets, fields read in place.
 
-        Parameters
-        ----------
-        number : int
-            Of the model time.
-
-        Returns
-        -------
-        fields, octets, sparse : int
-            Fields, their octets as stored (a message of many fields counts once), and how many of
-            them are read in place.
+        Octets are as stored; a message of many fields counts once.
         """
         rows = slice(int(self.bounds[number]), int(self.bounds[number + 1]))
         tables = [self.u[rows][needed], self.v[rows][needed]]
@@ -186,6 +158,7 @@ FIELD = (*_PROFILE, "level", "kind")
 
 def ordered(table: Table) -> Table:
     """Rows by profile, level and kind; of one field by file and place in it."""
+    # lexsort takes its last key first.
     return table[np.lexsort([table[c] for c in ("part", "offset", "file", *reversed(FIELD))])]
 
 
@@ -202,24 +175,14 @@ def changes(table: Table, names: Sequence[str]) -> NDArray[np.bool_]:
 def paired(
     table: Table, sources: Sequence[SourceFile], skipped: Skipped
 ) -> tuple[Table, Table, Table, list[str]]:
-    """Levels with both u and v (and pressure where hybrid), sorted by profile and level.
+    """Levels with both u and v (and pressure where hybrid), by profile and level, and notes.
 
-    Parameters
-    ----------
-    table : structured array
-        A row a field, with the columns of a profile, `level`, `kind` (0 u, 1 v, 2 pressure),
-        `file`, `part` and `offset`.
-    skipped : list
-        Takes what has no partner.
-
-    Returns
-    -------
-    u, v, pressure : structured arrays
-        A row a level.
-    notes : list of str
+    The table has a row a field, with the columns of a profile, `level`, `kind` (0 u, 1 v, 2
+    pressure), `file`, `part` and `offset`; what has no partner goes into ``skipped``.
     """
     table = ordered(table)
     notes = _duplicates(table, FIELD, sources)
+    # Of rows of one field the last counts.
     last = np.append(changes(table, FIELD)[1:], True)[: table.size]
     table = table[last]
     level = np.cumsum(changes(table, (*_PROFILE, "level"))) - 1
@@ -290,16 +253,7 @@ def selected(
     skipped: Skipped,
     count: int,
 ) -> Catalogue:
-    """One profile a valid time.
-
-    Parameters
-    ----------
-    name : str
-        Of the reference.
-    pairs : tuple
-        Of :func:`paired`.
-    count : int
-        Messages seen.
+    """One profile a valid time, of the pairs of :func:`paired` from so many messages.
 
     Raises
     ------
@@ -315,6 +269,7 @@ def selected(
         _no_winds(name, wanted, heads, skipped, sources)
     starts, sizes, heads = starts[meeting], sizes[meeting], heads[meeting]
     preference = ("level_kind", "member", "lead", "valid")
+    # Best first within each valid time: isobaric, low member, short lead, most levels.
     order = np.lexsort([heads["grid"], -sizes, *(heads[c] for c in preference)])
     first = changes(heads[order], ("valid",))
     chosen = order[first]

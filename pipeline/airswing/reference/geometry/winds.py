@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Generator
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,19 +41,15 @@ from airswing.units import MODEL_EARTH_RADIUS
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Asked = list[tuple[Any, Ints]]
+Asked = list[tuple[np.void, Ints]]
 """Rows of fields and the points (any shape) at which their values are wanted."""
 Winds = Generator[Asked, list[Floats], Floats]
 
 MAX_WIND = 150.0
 """m s-1: the limit reports have, too; the fastest jet streams measured reach 110 to 120."""
-
 #: Rows of a sample's table, without and with derivatives.
 WINDS = ("u", "v")
 DERIVATIVES = ("u_lnp", "v_lnp", "u_x", "v_x", "u_y", "v_y", "convergence")
-
-#: The limit reports have, too, m s-1.
-MAX_WIND = 150.0
 #: Half step of the central differences that give the grid's metric (degrees).
 _METRIC_STEP = 1e-3
 
@@ -70,30 +66,25 @@ class Profile(Protocol):
         """Levels have a pressure field; else `level` of the rows is the pressure, Pa."""
 
     @property
-    def u(self) -> NDArray[Any]:
+    def u(self) -> NDArray[np.void]:
         """A row a level."""
 
     @property
-    def v(self) -> NDArray[Any]:
+    def v(self) -> NDArray[np.void]:
         """A row a level."""
 
     @property
-    def pressure(self) -> NDArray[Any]:
+    def pressure(self) -> NDArray[np.void]:
         """A row a level of native levels, else empty."""
 
 
 def winds_at(
     model: Profile, latitude: Floats, longitude: Floats, pressure: Floats, *, derivatives: bool
 ) -> Winds:
-    """Ask for what the winds at some reports need, and make them of it.
+    """Ask for what the winds at some reports (degrees, Pa) need, and make them of it.
 
-    Parameters
-    ----------
-    latitude, longitude : (n,) float arrays, degrees
-    pressure : (n,) float array, Pa
-    derivatives : bool
-        Also give derivatives by ln p, eastward and northward distance, and the
-        grid's convergence.
+    With ``derivatives`` also those by ln p, eastward and northward distance, and the grid's
+    convergence.
 
     Returns
     -------
@@ -109,6 +100,7 @@ def winds_at(
     cell = corners(model.grid, fi[place], fj[place])
     at, nodes = pressure[place], cell.points
     if model.native:  # levels lie otherwise in each column
+        # Four columns a report, each a place of its own until the levels are found.
         at, nodes = np.tile(at, 4), nodes.reshape(1, -1)
         asked = [(row, nodes[0]) for row in model.pressure]
         levels, top_down = _from_the_top(np.stack((yield asked)))
@@ -136,7 +128,7 @@ def _from_the_top(levels: Floats) -> tuple[Floats, bool]:
 
 
 def _between_levels(
-    u: NDArray[Any], v: NDArray[Any], points: Ints, brackets: Brackets, *, both: bool
+    u: NDArray[np.void], v: NDArray[np.void], points: Ints, brackets: Brackets, *, both: bool
 ) -> Generator[Asked, list[Floats], Floats]:
     """(2, 2, c, n): u and v on the level above and below, at the c columns of each bracket."""
     columns = points.shape[0]
@@ -220,6 +212,7 @@ def _true_slopes(
     """
     result: list[Floats] = []
     for step_lat, step_lon in ((0.0, _METRIC_STEP), (_METRIC_STEP, 0.0)):
+        # A degree of longitude is shorter by the cosine of latitude.
         stretch = np.cos(np.radians(lat)) if step_lon else np.ones_like(lat)
         distance = 2.0 * np.radians(_METRIC_STEP) * MODEL_EARTH_RADIUS * stretch
         one = (lat + step_lat, lon + step_lon)
@@ -229,6 +222,7 @@ def _true_slopes(
         turning = np.zeros_like(lat)
         if grid.wind_along_grid:
             turned = grid.convergence(*one) - grid.convergence(*two)
+            # The short way round: directions may differ by a whole turn.
             turning = np.arctan2(np.sin(turned), np.cos(turned)) / distance
         u, v = _turned(mixed[2] * di + mixed[4] * dj, mixed[3] * di + mixed[5] * dj, angle)
         result += [u + wind[1] * turning, v - wind[0] * turning]

@@ -2,12 +2,7 @@
 
 Assumptions and validity
 ------------------------
-* A level with u but no v (or v but no u) on the same grid is no wind.
-* Among several leads for one valid time the shortest that meets the condition
-  is used; among ensemble members the lowest number; isobaric levels before
-  hybrid ones; the grid with most levels where there are several.
-* Where two files hold the same field of the same valid time and lead, the file
-  whose full path sorts last is used, and `Catalogue.notes` says so.
+* Which of several candidates counts: :mod:`airswing.reference.geometry.wind_profiles`.
 * Valid time is base time plus lead; only instantaneous fields count.
 """
 
@@ -52,21 +47,8 @@ def build_catalogue(
 ) -> Catalogue:
     """Catalogue the winds of a folder of GRIB files.
 
-    Parameters
-    ----------
-    files : str or sequence of str
-        Paths or glob patterns; they only find files, what a message is comes from the message.
-    name : str
-        The reference's name.
-    lead : str
-        ``any``, ``analysis`` or a comparison such as ``>= 1 h``.
-    member : int, optional
-        Number of the ensemble member whose winds count; any where not given.
-    cache_dir : path-like, optional
-        Folder for the header cache; default the user's cache folder.
-    on_bad_file : {"skip", "fail"}
-        Whether truncated or garbage files and messages, grids that cannot be placed and u
-        without v are skipped (named and counted) or refused.
+    Arguments as of :func:`airswing.reference.catalogues.build_catalogue`; patterns only find
+    files, what a message is comes from the message.
 
     Raises
     ------

@@ -45,19 +45,7 @@ def damaged(reason: str) -> SkippedError:
 
 
 def valid_time(base: int, lead: int) -> int:
-    """Valid time of a field.
-
-    Parameters
-    ----------
-    base : int
-        ns since 1970.
-    lead : int
-        s.
-
-    Returns
-    -------
-    int
-        ns since 1970.
+    """Valid time (ns since 1970) of a base time (ns since 1970) and a lead (s).
 
     Raises
     ------
@@ -110,22 +98,17 @@ def check_room(octets: int, bits: int, size: int) -> None:
         raise damaged("data section longer than its grid and its bits a value need")
 
 
-def check_lowest(kind: int, reference: float, binary_scale: int, decimal_scale: int) -> None:
-    """Refuse a field whose lowest value, by its header alone, no field of its kind has.
+def limits(kind: int) -> tuple[float, float]:
+    """Lowest and highest value of a field of a kind: m s-1, or Pa."""
+    return (0.0, MAX_PRESSURE) if kind == PRESSURE else (-MAX_WIND, MAX_WIND)
 
-    Parameters
-    ----------
-    kind : int
-        `fields.U`, `fields.V` or `fields.PRESSURE`.
-    reference : float
-        R.
-    binary_scale, decimal_scale : int
-        E and D.
-    """
+
+def check_lowest(kind: int, reference: float, binary_scale: int, decimal_scale: int) -> None:
+    """Refuse a field whose lowest value, R 10^-D by its header alone, none of its kind has."""
     if abs(binary_scale) > _LARGEST_SCALE or abs(decimal_scale) > _LARGEST_SCALE:
         raise damaged("scale factors no field has")
     lowest = reference * 10.0**-decimal_scale
-    low, high = (0.0, MAX_PRESSURE) if kind == PRESSURE else (-MAX_WIND, MAX_WIND)
+    low, high = limits(kind)
     if not (math.isfinite(lowest) and low <= lowest <= high):
         unit = "Pa" if kind == PRESSURE else "m/s"
         raise damaged(f"lowest value of a field outside {low:g} to {high:g} {unit}")

@@ -22,8 +22,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.geometry.winds import MAX_WIND
-from airswing.reference.grib.consistency import MAX_PRESSURE
+from airswing.reference.grib.consistency import limits
 from airswing.reference.grib.fields import PRESSURE
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
@@ -36,23 +35,10 @@ _PROBES = 256
 _NONE: Ints = np.empty(0, dtype=np.int64)
 
 
-def limits(kind: int) -> tuple[float, float]:
-    """Lowest and highest value of a field of a kind: m s-1, or Pa."""
-    return (0.0, MAX_PRESSURE) if kind == PRESSURE else (-MAX_WIND, MAX_WIND)
-
-
 def probes(row: np.void, size: int) -> Ints:
-    """Places of a grid at which to judge a field.
+    """Places of a grid of so many points at which to judge a field.
 
-    Parameters
-    ----------
-    size : int
-        Points of its grid.
-
-    Returns
-    -------
-    array of int64, shape (n,)
-        None where the field's header allows no value that would be refused.
+    None where its header allows no value that would be refused.
     """
     if row["sparse"]:
         step = 2.0 ** int(row["binary_scale"]) * 10.0 ** -int(row["decimal_scale"])
@@ -70,15 +56,7 @@ def _spread(size: int) -> Ints:
 
 
 def require_credible(kind: int, values: Floats) -> None:
-    """Refuse a message by its values at :func:`probes`.
-
-    Parameters
-    ----------
-    kind : int
-        `fields.U`, `fields.V` or `fields.PRESSURE`.
-    values : float array
-        NaN where missing.
-    """
+    """Refuse a message by its values at :func:`probes`, NaN where missing."""
     known = values[~np.isnan(values)]
     if not known.size:
         return

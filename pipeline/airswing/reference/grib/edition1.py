@@ -38,6 +38,7 @@ from airswing.reference.packing.simple_packing import MAX_BITS, PADDING
 LARGE = 0x800000
 """Octets from which on a message's length is written in another unit."""
 LARGE_UNIT, _WIDEST = 120, 64
+# Seconds in a unit of time (code table 4).
 _TIME_UNITS = {
     0: 60,
     1: 3600,
@@ -63,6 +64,7 @@ def _kind_grib1(product: bytes) -> int | None:
 def _level_grib1(product: bytes, kind: int) -> tuple[int, float]:
     surface, value = product[9], unsigned(product, 10, 2)
     if surface == 100 and kind != PRESSURE:
+        # hPa in edition 1.
         return ISOBARIC, value * 100.0
     if surface == 109:
         return HYBRID, float(value)
@@ -76,6 +78,7 @@ def _lead_grib1(product: bytes) -> int:
         raise SkippedError("wind", f"not instantaneous: {name} (indicator {indicator})")
     if unit not in _TIME_UNITS:
         raise SkippedError("wind", f"forecast time unit {unit}")
+    # Time range 10 takes both octets for one number.
     steps = {0: first, 1: 0, 10: first * 256 + second}[indicator]
     return steps * _TIME_UNITS[unit]
 
@@ -103,6 +106,7 @@ def _field_grib1(
         check_level(level)
     lead = _lead_grib1(product)
     century, year = product[24], product[12]
+    # Year 100 of a century is its last: 2000 is year 100 of the twentieth.
     valid = valid_time(reference_time((century - 1) * 100 + year, *product[13:17], 0), lead)
     at, end = start + 8, start + length - 4
     at += len(_section(window, at, end, 28))
@@ -123,28 +127,16 @@ def _field_grib1(
         at,
         end,
         Field(
-            file=0,
             offset=start,
             length=length,
-            part=0,
             edition=1,
             kind=kind,
             level_kind=level_kind,
             level=level,
             valid=valid,
             lead=lead,
-            member=0,
             grid=grid,
-            packing=0,
-            sparse=False,
-            coded=-1,
-            bits=0,
-            binary_scale=0,
             decimal_scale=signed(product, 26, 2),
-            reference_value=0.0,
-            data_start=0,
-            data_end=0,
-            section_identification=-1,
             section_grid=grid_at,
             section_product=start + 8,
             section_packing=start + 8,

@@ -39,9 +39,8 @@ from airswing.reference.grib.gridsections import read_grid
 from airswing.reference.packing.octets import ieee_float, missing, signed, unsigned
 from airswing.reference.packing.simple_packing import MAX_BITS, PADDING
 
+# Seconds in a forecast time unit (code table 4.4).
 _TIME_UNITS = {0: 60, 1: 3600, 2: 86400, 10: 10800, 11: 21600, 12: 43200, 13: 1}
-
-
 _SHORTEST = {1: 21, 3: 14, 4: 34, 5: 11, 6: 6}  # Octets that every section of a number has
 # Bits of a value under simple packing, and under those that compress.
 _WIDEST, _WIDEST_PACKED = 64, 38
@@ -68,6 +67,7 @@ def scan_grib2(window: Window, start: int, length: int, contents: FileContents) 
             raise GarbageError
         check_order(before, number)
         sections[number], before = at, number
+        # Indicator 0: a bitmap of its own, which 254 means again later.
         if number == 6 and head[5] == 0:
             bitmap = at
         if number == 7:
@@ -104,6 +104,8 @@ def _scan_part(
 
 def _level_grib2(product: bytes, kind: int) -> tuple[int, float]:
     surface, second = product[22], product[28]
+    # A fixed surface is a scaled value and its decimal scale; 255 says that there is no
+    # second.
     value = signed(product, 24, 4) * 10.0 ** -signed(product, 23, 1)
     if surface == 100 and second == 255 and kind != PRESSURE:
         return ISOBARIC, value
@@ -114,6 +116,7 @@ def _level_grib2(product: bytes, kind: int) -> tuple[int, float]:
 
 def _lead_grib2(product: bytes) -> int:
     template, unit = unsigned(product, 7, 2), product[17]
+    # Templates over a time interval: statistics, not a state.
     if template in range(8, 15) or template in (42, 43, 46, 47, 61, 91):
         raise SkippedError("wind", f"not instantaneous (product template 4.{template})")
     if template not in (0, 1, 2):
@@ -150,11 +153,11 @@ def _field_grib2(
     if unsigned(section, 6, 4) != size:
         raise damaged(f"{unsigned(section, 6, 4):,} data points on a grid of {size:,}")
     bitmap_at = _bitmap(window, sections[6], bitmap, size)
+    # Perturbation number of an ensemble's template 4.1.
     member = product[35] if unsigned(product, 7, 2) == 1 and not missing(product, 35, 1) else 0
     return _packed(
         window,
         Field(
-            file=0,
             offset=place.start,
             length=place.length,
             part=place.part,
@@ -166,13 +169,6 @@ def _field_grib2(
             lead=lead,
             member=member,
             grid=grid,
-            packing=0,
-            sparse=False,
-            coded=0,
-            bits=0,
-            binary_scale=0,
-            decimal_scale=0,
-            reference_value=0.0,
             data_start=sections[7] + 5,
             data_end=sections[7] + unsigned(window.get(sections[7], 4), 0, 4),
             section_identification=sections[1],

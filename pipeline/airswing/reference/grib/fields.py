@@ -11,7 +11,7 @@ import os
 from collections import Counter
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,41 +20,6 @@ from airswing.reference.grib.gridsections import read_grid
 
 #: Kinds of field: eastward (along x) wind, northward (along y) wind, pressure.
 U, V, PRESSURE = 0, 1, 2
-
-#: One row a field. `coded` is the count of values that section 5 of GRIB2 states (-1: not stated);
-#: `bits`, the scales, `reference_value` and `data_start`, `data_end` (offsets of packed values)
-#: describe simple packing; `section_*` are offsets of whole sections (-1: none).
-FIELD_DTYPE = np.dtype(
-    [
-        ("file", "i4"),
-        ("offset", "i8"),
-        ("length", "i8"),
-        ("part", "i2"),
-        ("edition", "i1"),
-        ("kind", "i1"),
-        ("level_kind", "i1"),
-        ("level", "f8"),
-        ("valid", "i8"),
-        ("lead", "i8"),
-        ("member", "i4"),
-        ("grid", "i4"),
-        ("packing", "i4"),
-        ("sparse", "?"),
-        ("coded", "i8"),
-        ("bits", "i2"),
-        ("binary_scale", "i4"),
-        ("decimal_scale", "i4"),
-        ("reference_value", "f8"),
-        ("data_start", "i8"),
-        ("data_end", "i8"),
-        ("section_identification", "i8"),
-        ("section_grid", "i8"),
-        ("section_product", "i8"),
-        ("section_packing", "i8"),
-        ("section_bitmap", "i8"),
-        ("section_data", "i8"),
-    ]
-)
 
 #: Octets read at once where a message begins.
 HEAD = 512
@@ -66,57 +31,59 @@ SPEED_ALONE = "wind", "wind speed or direction, not u and v"
 
 
 class Field(NamedTuple):
-    """One row of `FIELD_DTYPE`; `grid` numbers `FileContents.grids`."""
+    """One field of a file, a row of `FIELD_DTYPE`; -1 where an offset or a count is not there."""
 
-    file: int
-    offset: int
+    offset: int  # of the message
     length: int
-    part: int
     edition: int
     kind: int
     level_kind: int
     level: float
     valid: int
     lead: int
-    member: int
-    grid: int
-    packing: int
-    sparse: bool
-    coded: int
-    bits: int
-    binary_scale: int
-    decimal_scale: int
-    reference_value: float
-    data_start: int
-    data_end: int
-    section_identification: int
-    section_grid: int
+    grid: int  # numbers `FileContents.grids`
+    section_grid: int  # offsets of whole sections
     section_product: int
     section_packing: int
     section_bitmap: int
     section_data: int
+    section_identification: int = -1
+    file: int = 0
+    part: int = 0  # which field of its message
+    member: int = 0
+    packing: int = 0
+    sparse: bool = False  # can be read in place
+    coded: int = -1  # count of values that section 5 of GRIB2 states
+    # Of packings that have them: bits a value, E, D and R, offsets of the packed values.
+    bits: int = 0
+    binary_scale: int = 0
+    decimal_scale: int = 0
+    reference_value: float = 0.0
+    data_start: int = 0
+    data_end: int = 0
+
+
+# Columns that need less than eight octets, or are no integers.
+_TYPES = {
+    **dict.fromkeys(("edition", "kind", "level_kind"), "i1"),
+    **dict.fromkeys(("part", "bits"), "i2"),
+    **dict.fromkeys(("file", "member", "grid", "packing", "binary_scale", "decimal_scale"), "i4"),
+    **dict.fromkeys(("level", "reference_value"), "f8"),
+    "sparse": "?",
+}
+FIELD_DTYPE = np.dtype([(name, _TYPES.get(name, "i8")) for name in Field._fields])
 
 
 @dataclass(slots=True)
 class FileContents:
-    """What one file holds.
+    """What one file holds."""
 
-    Parameters
-    ----------
-    fields : list of Field
-        Usable wind and pressure fields.
-    grids : list of (edition, section bytes)
-        Distinct grid sections, in order of appearance.
-    skipped : Counter of (what, reason)
-        What cannot be used and why, with counts.
-    messages, parts : int
-        Messages and fields of any kind.
-    """
-
-    fields: list[Field] = field(default_factory=list)
+    fields: list[Field] = field(default_factory=list)  # usable winds and pressures
+    # Distinct grid sections and their editions, in order of appearance.
     grids: list[tuple[int, bytes]] = field(default_factory=list)
+    # What cannot be used and why, with counts.
     skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
-    messages: int = 0
+    messages: int = 0  # and fields, of any kind
     parts: int = 0
     _known: dict[tuple[int, bytes], int] = field(default_factory=dict)
 
@@ -129,7 +96,7 @@ class FileContents:
             self.grids.append(key)
         return self._known[key]
 
-    def table(self) -> NDArray[Any]:
+    def table(self) -> NDArray[np.void]:
         """Fields as an array of `FIELD_DTYPE`."""
         return np.array(self.fields, dtype=FIELD_DTYPE)
 

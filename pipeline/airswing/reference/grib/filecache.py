@@ -19,7 +19,6 @@ from collections import Counter
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
@@ -41,7 +40,7 @@ _SAMPLE = 256
 _NAME = "grib-headers.sqlite"
 
 
-def default_folder() -> Path:
+def _default_folder() -> Path:
     """Folder for caches of this user: `AIRSWING_CACHE`, else the system's custom."""
     named = os.environ.get("AIRSWING_CACHE")
     if named:
@@ -67,7 +66,7 @@ def identify(path: str) -> SourceFile:
 
 
 @lru_cache(maxsize=1)
-def code_version() -> str:
+def _code_version() -> str:
     """Hash of the source that reads headers."""
     digest = hashlib.blake2b(digest_size=12)
     for module in (octets, grids, gridsections, fields, consistency, edition1, edition2, messages):
@@ -76,16 +75,10 @@ def code_version() -> str:
 
 
 class FileCache:
-    """A small database of file contents; use as a context manager.
-
-    Parameters
-    ----------
-    folder : path-like, optional
-        Default: `default_folder`.
-    """
+    """A small database of file contents; use as a context manager."""
 
     def __init__(self, folder: str | os.PathLike[str] | None = None) -> None:
-        self.folder = Path(folder) if folder is not None else default_folder()
+        self.folder = Path(folder) if folder is not None else _default_folder()
         self._database: sqlite3.Connection | None = None
         self._pending: list[tuple[str, bytes, bytes]] = []
         self._writable = True
@@ -100,12 +93,7 @@ class FileCache:
             self._open_readonly(path)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.flush()
         if self._database is not None:
             self._database.close()
@@ -113,6 +101,7 @@ class FileCache:
 
     def _open_readonly(self, path: Path) -> None:
         try:
+            # immutable: a folder that cannot be written takes no lock file either.
             uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
             self._database = sqlite3.connect(uri, uri=True)
             self._database.execute("SELECT key FROM contents LIMIT 1")
@@ -147,6 +136,7 @@ class FileCache:
         """Remember a file's contents."""
         if self._database is not None and self._writable:
             self._pending.append((_key(file), *_pack(contents)))
+            # One transaction for many files: each costs a write to the disk.
             if len(self._pending) >= 500:
                 self.flush()
 
@@ -202,6 +192,7 @@ def _anew(path: Path, error: sqlite3.DatabaseError) -> sqlite3.Connection:
 
 def _prepared(path: Path) -> sqlite3.Connection:
     database = sqlite3.connect(path, timeout=30.0)
+    # Nothing here cannot be read again: not worth waiting for the disk.
     database.execute("PRAGMA synchronous=OFF")
     # A journal on disk: a kill in the middle of a write leaves the database whole.
     database.execute("PRAGMA journal_mode=TRUNCATE")
@@ -212,7 +203,7 @@ def _prepared(path: Path) -> sqlite3.Connection:
 
 
 def _key(file: SourceFile) -> str:
-    text = "\0".join([*map(str, file), code_version()])
+    text = "\0".join([*map(str, file), _code_version()])
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 

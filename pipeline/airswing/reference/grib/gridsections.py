@@ -78,13 +78,7 @@ _EARTHS = {
 
 @lru_cache(maxsize=512)
 def read_grid(edition: int, section: bytes) -> Grid:
-    """Grid parameters of a grid section.
-
-    Parameters
-    ----------
-    edition : {1, 2}
-    section : bytes
-        The whole GDS (edition 1) or section 3 (edition 2).
+    """Grid parameters of a whole grid section: GDS (edition 1) or section 3 (edition 2).
 
     Raises
     ------
@@ -125,6 +119,7 @@ def _eccentricity(major: float, minor: float) -> float:
 
 
 def _scanning(flags: int) -> dict[str, bool]:
+    # Bits 5 to 8: rows or columns set off by half a step.
     if flags & 0x0F:
         raise UnplaceableGridError(f"grid with staggered rows (scanning mode {flags})")
     return {"j_consecutive": bool(flags & 0x20), "alternate_rows": bool(flags & 0x10)}
@@ -140,6 +135,7 @@ def _counts(section: bytes, start: int, width: int) -> tuple[int, int]:
 
 
 def _signs(scan: int) -> tuple[float, float]:
+    # Bit 1 set: towards -i; bit 2 set: towards +j (GRIB1 table 8, GRIB2 table 3.4).
     return (-1.0 if scan & 0x80 else 1.0), (1.0 if scan & 0x40 else -1.0)
 
 
@@ -159,6 +155,7 @@ def _steps(
     if not (abs(last[0]) <= 90.0 + unit and abs(last[1]) <= 720.0):
         raise UnplaceableGridError("grid off the earth")
     extent = (si * (last[1] - first[1])) % 360.0
+    # First and last column on one meridian: once around.
     if ni > 1 and (extent < unit or 360.0 - extent < unit):
         extent = 360.0
     di = si * extent / (ni - 1) if ni > 1 else si
@@ -194,6 +191,7 @@ def _grib1(section: bytes) -> Grid:
         raise UnplaceableGridError(f"{name} grid (GRIB1 representation type {kind})")
     ni, nj = _counts(section, 6, 2)
     scan, flags = section[27], section[16]
+    # Bit 2 of the resolution flags: the IAU 1965 ellipsoid, else a sphere (GRIB1 table 7).
     major, minor = (6378160.0, 6356775.0) if flags & 0x40 else (6367470.0, 6367470.0)
     shared: dict[str, Any] = {
         "ni": ni,
@@ -297,6 +295,7 @@ def _grib2(section: bytes) -> Grid:
 
 def _grib2_degrees(section: bytes, kind: int, shared: dict[str, Any]) -> Grid:
     basic, parts = unsigned(section, 38, 4), unsigned(section, 42, 4)
+    # Basic angle and its subdivisions: degrees are in millionths where they are not given.
     usual = basic in (0, 0xFFFFFFFF) or parts in (0, 0xFFFFFFFF)
     unit = 1e-6 if usual else basic / parts
     scale = 1e6 if usual else parts / basic

@@ -74,12 +74,7 @@ def whole_messages(
 ) -> Iterator[tuple[int, int, int]]:
     """Offset, edition and length of each whole message, over any garbage between.
 
-    Parameters
-    ----------
-    window : Window
-        The file.
-    skipped : Counter
-        Takes what was passed over.
+    What was passed over goes into ``skipped``.
     """
     at = 0
     while at < window.size:
@@ -103,6 +98,7 @@ def _next_mark(window: Window, at: int) -> int:
     block = 1 << 16
     while at < window.size:
         at = _data(window, at)
+        # Three octets more than a block: the mark may lie across its end.
         data = os.pread(window.descriptor, block + 3, at)
         found = data.find(b"GRIB")
         if found >= 0:

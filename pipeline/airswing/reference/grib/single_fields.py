@@ -17,20 +17,9 @@ _NEEDED = {1, 3, 4, 5, 6}
 
 
 def single_fields(message: bytes, edition: int) -> Iterator[tuple[bytes, dict[int, bytes]]]:
-    """Each field of a message.
+    """Each field of a message as a message that holds it alone, and its sections by number.
 
-    Parameters
-    ----------
-    message : bytes
-        A whole message.
-    edition : {1, 2}
-
-    Yields
-    ------
-    bytes
-        A message that holds the field alone.
-    dict of int to bytes
-        Its sections by number: of GRIB1 the product's (1) and the grid's (2) where it has one.
+    Of GRIB1 these are the product's (1) and the grid's (2) where it has one.
 
     Raises
     ------

@@ -39,142 +39,26 @@ from airswing.reference.packing.simple_packing import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+# Sections of a message of our own, octet by octet. Values depend on none of them but the counts and
+# the scanning mode of the grid, which are those of the field's.
 # Section 1 of GRIB2: an analysis of 2009-08-01.
-_IDENTIFICATION = bytes([0, 0, 0, 21, 1, 0, 7, 0, 0, 2, 1, 1, 7, 217, 8, 1, 0, 0, 0, 0, 1])
+_IDENTIFICATION = bytes.fromhex("00000015 01 0007 0000 02 01 01 07d9 08 01 00 00 00 00 01")
 # Section 4 of GRIB2: u at 500 hPa.
-_PRODUCT = bytes(
-    [
-        0,
-        0,
-        0,
-        34,
-        4,
-        0,
-        0,
-        0,
-        0,
-        2,
-        2,
-        2,
-        0,
-        96,
-        0,
-        0,
-        0,
-        1,
-        0,
-        0,
-        0,
-        0,
-        100,
-        0,
-        0,
-        0,
-        195,
-        80,
-        255,
-        0,
-        0,
-        0,
-        0,
-        0,
-    ]
+_PRODUCT = bytes.fromhex(
+    "00000022 04 0000 0000 02 02 02 00 60 0000 00 01 00000000 64 00 0000c350 ff 00 00000000"
 )
 # Section 1 of GRIB1: the same.
-_PRODUCT_1 = bytes(
-    [0, 0, 28, 2, 7, 0, 255, 128, 33, 100, 1, 244, 9, 8, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 21, 0, 0, 0]
+_PRODUCT_1 = bytes.fromhex(
+    "00001c 02 07 00 ff 80 21 64 01f4 09 08 01 00 00 01 00 00 00 0000 00 15 00 0000"
 )
-# Section 3 of GRIB2: a grid in longitude and latitude; values depend on its counts alone.
-_GRID = bytes(
-    [
-        0,
-        0,
-        0,
-        72,
-        3,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        6,
-        *[0] * 23,
-        0,
-        0,
-        0,
-        0,
-        255,
-        255,
-        255,
-        255,
-        2,
-        98,
-        90,
-        0,
-        0,
-        0,
-        0,
-        0,
-        48,
-        2,
-        98,
-        90,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        15,
-        66,
-        64,
-        0,
-        15,
-        66,
-        64,
-        0,
-    ]
+# Section 3 of GRIB2: a grid in longitude and latitude.
+_GRID = bytes.fromhex(
+    "00000048 03 00 00000000 00 00 0000 06" + 23 * " 00" + "00000000 ffffffff 02625a00 00000000 30"
+    "02625a00 00000000 000f4240 000f4240 00"
 )
 # Section 2 of GRIB1: the same.
-_GRID_1 = bytes(
-    [
-        0,
-        0,
-        32,
-        0,
-        255,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        156,
-        64,
-        0,
-        0,
-        0,
-        128,
-        0,
-        156,
-        64,
-        0,
-        156,
-        64,
-        3,
-        232,
-        3,
-        232,
-        0,
-        0,
-        0,
-        0,
-        0,
-    ]
+_GRID_1 = bytes.fromhex(
+    "000020 00 ff 00 0000 0000 009c40 000000 80 009c40 009c40 03e8 03e8 00 00000000"
 )
 # Place of the scanning mode in section 3 of GRIB2, by template.
 _SCANNING = {0: 71, 1: 71, 10: 59, 20: 64, 30: 64}
@@ -188,7 +72,7 @@ _IEEE, _PNG = 4, (41, 40010)
 def field_values(
     descriptor: int, row: np.void, size: int, points: Ints, *, sparse: bool = True
 ) -> Floats:
-    """Values of a field at chosen points.
+    """Values of a field at chosen points, NaN where missing.
 
     Parameters
     ----------
@@ -201,11 +85,6 @@ def field_values(
     sparse : bool
         Read simple packing in place; otherwise decode every field whole.
 
-    Returns
-    -------
-    values : float array of the shape of `points`
-        NaN at missing points.
-
     Raises
     ------
     UnreadableMessageError
@@ -216,7 +95,7 @@ def field_values(
         if os.pread(descriptor, 4, int(row["offset"])) != _BEGINNING:
             raise UnreadableMessageError(_CHANGED)
         return sparse_values(descriptor, packed, points)
-    message = message_bytes(descriptor, row)
+    message = _message_bytes(descriptor, row)
     if _certain(row, message, packed, descriptor):
         # Setting the value of missing points takes 9 us, and most messages have none.
         complete = int(row["packing"]) == 0 and packed.bitmap < 0
@@ -231,13 +110,7 @@ def field_values(
 
 
 def _certain(row: np.void, message: bytes, packed: SimplePacking, descriptor: int) -> bool:
-    """Whether eccodes can find nothing to assert in a message.
-
-    Raises
-    ------
-    UnreadableMessageError
-        Where it certainly would, or would read what is not there.
-    """
+    """Whether eccodes can find nothing to assert in a message; refuses where it certainly would."""
     edition, packing = int(row["edition"]), int(row["packing"])
     present = packed.size if packed.bitmap < 0 else present_points(descriptor, packed)
     if edition == 2 and int(row["coded"]) != present:
@@ -273,7 +146,7 @@ def simple_packing(row: np.void, size: int) -> SimplePacking:
     )
 
 
-def message_bytes(descriptor: int, row: np.void) -> bytes:
+def _message_bytes(descriptor: int, row: np.void) -> bytes:
     """The field as a complete GRIB message that holds nothing else, on a grid of our own.
 
     Its grid has the counts and the scanning mode of the field's, by which eccodes orders values.
@@ -284,6 +157,7 @@ def message_bytes(descriptor: int, row: np.void) -> bytes:
         raise UnreadableMessageError(_CHANGED)
     own = _section(descriptor, row, "grid", 3)
     grid = bytearray(_GRID)
+    # Number of data points; Ni and Nj.
     grid[6:10], grid[30:38] = own[6:10], own[30:38]
     scanning = _SCANNING.get(unsigned(own, 12, 2), len(own))
     if scanning >= len(own):
@@ -307,6 +181,7 @@ def _message_1(descriptor: int, row: np.void) -> bytes:
         raise UnreadableMessageError(_CHANGED)
     own, said = int(row["section_grid"]) - offset, int(row["section_product"]) - offset
     product, grid = bytearray(_PRODUCT_1), bytearray(_GRID_1)
+    # Flag that a bitmap section follows; below, the decimal scale factor.
     product[7] |= 0x40 if bitmap >= 0 else 0
     product[26:28] = message[said + 26 : said + 28]
     grid[6:10], grid[27] = message[own + 6 : own + 10], message[own + 27]
@@ -329,17 +204,9 @@ def _section(descriptor: int, row: np.void, name: str, number: int) -> bytes:
 
 
 def decode(message: bytes, *, complete: bool = False) -> Floats:
-    """Decode a single-field message by eccodes, in this process.
+    """Values of a single-field message by eccodes, in this process and in the order of the message.
 
-    Parameters
-    ----------
-    complete : bool
-        It has no missing points.
-
-    Returns
-    -------
-    values : (size,) float array
-        In the order of the message; `ABSENT` at missing points.
+    `ABSENT` at missing points; ``complete``: there are none.
     """
     import eccodes
 

@@ -33,20 +33,7 @@ _STORED = 0x2  # Flag of a chunk that is not compressed
 
 
 def octets_of_blocks(file: io.FileIO, size: int, wanted: Ints) -> Octets:
-    """Some octets of a Blosc chunk.
-
-    Parameters
-    ----------
-    file : raw binary file
-        The chunk.
-    size : int
-        Octets of the expanded chunk.
-    wanted : (n,) int array, n > 0
-        Which of them are wanted, in any order.
-
-    Returns
-    -------
-    (n,) uint8 array
+    """Some octets of a Blosc chunk of so many octets when expanded, in the order they are wanted.
 
     Raises
     ------
@@ -67,6 +54,7 @@ def octets_of_blocks(file: io.FileIO, size: int, wanted: Ints) -> Octets:
     begins = np.frombuffer(_part(file, _HEADER.size, 4 * count), "<u4").astype(np.int64)
     if begins.min() < _HEADER.size + 4 * count or begins.max() >= stored:
         raise ValueError("a Blosc chunk whose blocks do not lie in it")
+    # Blocks may lie in any order: one ends where the next in the file begins.
     ends = np.append(np.sort(begins), stored)
     ends = ends[np.searchsorted(ends, begins, side="right")]
     found = np.empty(wanted.size, dtype=np.uint8)

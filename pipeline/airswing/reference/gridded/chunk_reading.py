@@ -31,18 +31,14 @@ Chunk = tuple[str, tuple[int, ...]]  # Variable, and the chunk's number along ea
 
 
 class _Piece(NamedTuple):
-    """Part of what one request wants of one chunk: where it lies, and where it goes.
+    """Part of what one request wants of one chunk: where it lies, and where it goes."""
 
-    `at`: index along each dimension that is not rows or columns; `j`, `i`: rows and columns;
-    `into`: the request's array and the places in it; `weight`: of the value in the sum.
-    """
-
-    at: dict[str, int]
-    j: Ints
+    at: dict[str, int]  # index along each dimension that is not rows or columns
+    j: Ints  # rows and columns
     i: Ints
-    target: Floats
+    target: Floats  # the request's array, and the places in it
     places: Ints | slice
-    weight: float
+    weight: float  # of the value in the sum
 
 
 @dataclass
@@ -65,22 +61,10 @@ class Wants:
         self._sorted: dict[Any, list[tuple[int, int, Ints, Ints, Ints]]] = {}
         self._kept: list[Ints] = []
 
-    def add(self, stored: StoredField, row: Any, points: Ints, columns: int) -> Floats:
-        """Want the values of a field at points.
+    def add(self, stored: StoredField, row: np.void, points: Ints, columns: int) -> Floats:
+        """Want the values of a field at points, row after row of a grid with so many columns.
 
-        Parameters
-        ----------
-        stored : StoredField
-            The one that the row's `offset` numbers.
-        points : (n,) int array
-            Row after row of the grid.
-        columns : int
-            Points along x of the grid.
-
-        Returns
-        -------
-        (n,) float array
-            Zeros; takes the values in :meth:`read`.
+        The array given, zeros, takes the values in :meth:`read`.
         """
         target, number = np.zeros(points.shape), int(row["offset"])
         self._fields[number] = stored
@@ -92,6 +76,7 @@ class Wants:
         }
         if stored.level:
             at[stored.level] = int(row["level_index"])
+        # Staggered points lie between: the mean of two neighbours counts.
         shifts = {"": [(0, 0)], "x": [(0, 0), (0, 1)], "y": [(0, 0), (1, 0)]}[stored.stagger]
         for down, along in shifts:
             for cj, ci, j, i, places in self._by_chunk(number, points, columns, down, along):
@@ -146,13 +131,7 @@ class Wants:
                 piece.target[piece.places] = np.nan
 
     def read(self, ds: xr.Dataset, account: Account) -> None:
-        """Read every chunk that is wanted, and put the values where they go.
-
-        Parameters
-        ----------
-        account : Account
-            Takes what reading took.
-        """
+        """Read every chunk that is wanted, put the values where they go, and account for it."""
         known: dict[tuple[int, str], RawVariable | None] = {}
         for (number, (name, chunk)), pieces in self._pieces.items():
             stored, key = self._fields[number], (number, name)
@@ -192,6 +171,7 @@ def _as_stored(
     if raw is None:
         return 0
     begins = tuple(n * length for n, length in zip(chunk, raw.chunks, strict=True))
+    # Values that one step along each dimension passes over, in C order.
     steps = np.append(np.cumprod(raw.chunks[:0:-1])[::-1], 1).astype(np.int64)
     flats: list[Ints] = []
     for piece in pieces:

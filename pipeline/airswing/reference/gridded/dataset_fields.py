@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -52,7 +52,7 @@ from airswing.reference.gridded.wrfout import (
     times_of_wrfout,
 )
 
-Table = NDArray[Any]
+Table = NDArray[np.void]
 
 
 class Rows(NamedTuple):
@@ -80,15 +80,10 @@ class Described:
 def describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
     """Find the wind fields of a CF Dataset, and what gives their pressure.
 
-    Parameters
-    ----------
-    file : str
-        For messages.
-
     Raises
     ------
     InputError
-        Where something needed is missing or ambiguous.
+        Where something needed is missing or ambiguous, naming the file.
     """
     found = Described(skipped=Counter(ds.encoding.get(SKIPPED, {})))
     chosen: dict[tuple[int, bool], tuple[int, str]] = {}
@@ -223,25 +218,17 @@ def _stored(
         y=axes.y_dim,
         x=axes.x_dim,
         shape=tuple(one.shape),
-        chunks=chunks_of(one, (axes.y_dim, axes.x_dim)),
+        chunks=_chunks_of(one, (axes.y_dim, axes.x_dim)),
         scale=scale,
         exponential=exponential,
         either=axes.either,
     )
 
 
-def chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[int | tuple[int, ...], ...]:
-    """Chunk lengths of a variable; fields stored in one piece are read level by level.
+def _chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[int | tuple[int, ...], ...]:
+    """Chunk lengths of a variable, as `StoredField.chunks`.
 
-    Parameters
-    ----------
-    plane : tuple of str
-        Dimensions of rows and columns.
-
-    Returns
-    -------
-    tuple of int or tuple of int
-        As `StoredField.chunks`.
+    Fields stored in one piece are read level by level of their plane of rows and columns.
     """
     if one.chunks is not None:
         starts = [np.concatenate([[0], np.cumsum(lengths)]) for lengths in one.chunks]
@@ -327,7 +314,7 @@ def _points(ds: xr.Dataset, name: str, axes: Axes) -> CurvilinearGrid | None:
         for place in ("latitude", "longitude"):
             letter = {"latitude": "n", "longitude": "e"}[place]
             if one.dims == dims and (
-                standard == place or re_degrees(units) == letter or str(key).lower() == place
+                standard == place or _compass_letter(units) == letter or str(key).lower() == place
             ):
                 found[place] = np.asarray(one.values, dtype=np.float64)
     if len(found) < 2:
@@ -335,7 +322,7 @@ def _points(ds: xr.Dataset, name: str, axes: Axes) -> CurvilinearGrid | None:
     return CurvilinearGrid(found["latitude"], found["longitude"])
 
 
-def re_degrees(units: str) -> str:
+def _compass_letter(units: str) -> str:
     """``n`` or ``e`` of ``degrees_north`` or ``degrees_east``, else empty."""
     words = units.lower().replace("degrees", "degree").replace(" ", "_")
     return {"degree_north": "n", "degree_n": "n", "degree_east": "e", "degree_e": "e"}.get(
@@ -419,7 +406,7 @@ def describe_wrfout(ds: xr.Dataset, file: str) -> Described:
             y=y,
             x=x,
             shape=tuple(one.shape),
-            chunks=chunks_of(one, (y, x)),
+            chunks=_chunks_of(one, (y, x)),
             stagger=stagger,
         )
         table = _table(kind, levels, valid, lead, np.zeros_like(valid))

@@ -39,13 +39,7 @@ _LYING = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError,
 
 
 class Gathering:
-    """Rows of all files, with grids and stored fields numbered over them.
-
-    Parameters
-    ----------
-    skipped : list
-        Takes what is not used.
-    """
+    """Rows of all files, with grids and stored fields numbered over them; takes what is skipped."""
 
     def __init__(self, naming: Naming, skipped: Skipped) -> None:
         self.naming, self.skipped = naming, skipped
@@ -98,7 +92,7 @@ class Gathering:
 
     def table(self) -> Table:
         """All rows, with a pressure for each native level that a formula gives one."""
-        return with_formula_pressures(np.concatenate(self._tables))
+        return _with_formula_pressures(np.concatenate(self._tables))
 
     def grids(self) -> tuple[Placing, ...]:
         """Grids, with the direction of the winds on them."""
@@ -151,18 +145,10 @@ def _directed(grid: Placing, along: bool) -> Placing:
     return replace(grid, wind_along_grid=along)
 
 
-def with_formula_pressures(table: Table) -> Table:
+def _with_formula_pressures(table: Table) -> Table:
     """Turn surface pressures into a pressure of every native level: ``a + b ps``.
 
-    Parameters
-    ----------
-    table : structured array of `ROW_DTYPE`
-        Rows of u have `a` and `b` of their level.
-
-    Returns
-    -------
-    structured array
-        Without rows of surface pressure.
+    Rows of u have `a` and `b` of their level; rows of surface pressure are gone.
     """
     surface = table[table["kind"] == SURFACE]
     rest: Table = table[table["kind"] != SURFACE]

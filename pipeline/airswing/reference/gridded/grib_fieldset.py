@@ -8,7 +8,7 @@ Assumptions and validity
 ------------------------
 * Messages are framed and split by their octets; values are read from the file when asked for.
 * Header keys of all fields are kept, some 30 a field; coordinates are asked for as needed.
-* Grids of at most `MOST_POINTS` points: a count that lies would take the memory.
+* Grids of at most `MAX_POINTS` points: a count that lies would take the memory.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.reference.grib.fields import GarbageError, Window
+from airswing.reference.grib.gridsections import MAX_POINTS
 from airswing.reference.grib.messages import whole_messages
 from airswing.reference.grib.single_fields import single_fields
 from airswing.reference.packing.decoder import array_beside, decode_beside, keys_beside
 from airswing.reference.packing.decoder_process import ABSENT
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
-MOST_POINTS = 100_000_000
 _PLACES = ("latitudes", "longitudes", "distinctLatitudes", "distinctLongitudes")
 Skipped = Counter[tuple[str, str]]
 
@@ -132,7 +132,7 @@ def fields_of(path: str, wanted: Any, skipped: Skipped) -> dict[int, GribField]:
 def _is_possible(keys: dict[str, Any]) -> bool:
     """Whether a grid can be; counted where not."""
     points = keys.get("numberOfPoints", 0)
-    if not 0 < points <= MOST_POINTS:
+    if not 0 < points <= MAX_POINTS:
         raise UnreadableMessageError(f"damaged: a grid of {points:,} points")
     return True
 

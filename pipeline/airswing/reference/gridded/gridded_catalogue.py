@@ -50,10 +50,7 @@ from airswing.reference.gridded.wrfout import is_wrfout
 class GriddedCatalogue(Catalogue):
     """Wind profiles of a reference that comes as Datasets.
 
-    Parameters
-    ----------
-    stored : tuple of StoredField
-        How the variables are read, as rows' `offset` numbers them.
+    ``stored`` says how the variables are read, as rows' `offset` numbers them.
     """
 
     stored: tuple[StoredField, ...] = ()
@@ -123,17 +120,10 @@ class GriddedCatalogue(Catalogue):
 def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list[str]:
     """Files and Zarr stores that patterns name, sorted.
 
-    Parameters
-    ----------
-    files : str or sequence of str
-        Paths or glob patterns.
-    name : str
-        The reference's name.
-
     Raises
     ------
     InputError
-        Where a pattern finds none.
+        Where a pattern finds none; names the reference.
     """
     patterns = [files] if isinstance(files, str | os.PathLike) else list(files)
     found: set[str] = set()
@@ -188,18 +178,8 @@ def build_gridded_catalogue(
 ) -> GriddedCatalogue:
     """Catalogue the winds of files that are opened as Datasets, or of a Dataset.
 
-    Parameters
-    ----------
-    files : str, sequence of str, or Dataset
-        Paths or glob patterns of files and Zarr stores.
-    name : str
-        The reference's name.
-    engine : {"cfgrib", "netcdf", "zarr", "wrf"}
-        How files are opened; of no meaning for a Dataset.
-    lead, member, on_bad_file
-        As for GRIB, see :func:`airswing.reference.grib.catalogue.build_catalogue`.
-    naming : Naming, optional
-        What the files do not say themselves.
+    Arguments as of :func:`airswing.reference.catalogues.build_catalogue`; the engine, which is
+    none of GRIB's octets, has no meaning for a Dataset.
 
     Raises
     ------

@@ -19,17 +19,7 @@ from airswing.reference.gridded.gridded_catalogue import (
 def inspect_gridded(
     path: str, *, engine: str | None = None, naming: Naming | None = None
 ) -> dict[str, Any]:
-    """What the model winds of a file are, for people.
-
-    Parameters
-    ----------
-    engine : str, optional
-        By the file's content where not given.
-
-    Returns
-    -------
-    dict
-        Ready for JSON.
+    """What the model winds of a file are, for people, ready for JSON; opened by its content.
 
     Raises
     ------

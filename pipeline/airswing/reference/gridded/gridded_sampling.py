@@ -115,12 +115,10 @@ def sample_gridded(
     derivatives: bool = False,
     given: Mapping[str, xr.Dataset] | None = None,
 ) -> list[Sample]:
-    """Winds of some model times at their reports.
+    """Winds of some model times of one reference at their reports.
 
     Parameters
     ----------
-    models : sequence of GriddedTime
-        Of one reference.
     places : sequence of (latitude, longitude, pressure)
         Degrees and Pa, of each model time.
     derivatives : bool

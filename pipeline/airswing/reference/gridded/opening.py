@@ -44,10 +44,7 @@ _MAGIC = ((b"CDF", "netcdf"), (b"\x89HDF", "netcdf"), (b"GRIB", "grib"))
 def kind_of(path: str) -> str:
     """What a file is by its first octets, or a folder by its marks.
 
-    Returns
-    -------
-    str
-        ``netcdf``, ``zarr``, ``grib``, a further kind's name, or empty.
+    ``netcdf``, ``zarr``, ``grib``, a further kind's name, or empty.
     """
     if os.path.isdir(path):
         return "zarr" if is_zarr(path) else ""
@@ -82,13 +79,7 @@ def identify_store(path: str) -> SourceFile:
 
 
 def is_same(file: SourceFile) -> bool:
-    """Whether a file still has the size and time it was catalogued with.
-
-    Raises
-    ------
-    OSError
-        Where it is gone.
-    """
+    """Whether a file still has the size and time it was catalogued with; `OSError` where gone."""
     path = file.path
     if os.path.isdir(path):
         path = next(
@@ -99,16 +90,7 @@ def is_same(file: SourceFile) -> bool:
 
 
 def opened(file: SourceFile, engine: str) -> list[xr.Dataset]:
-    """Datasets of a file, from this process's store of open ones.
-
-    Parameters
-    ----------
-    engine : {"cfgrib", "netcdf", "zarr", "wrf"}
-
-    Returns
-    -------
-    list of Dataset
-        One, or of GRIB one a variable; nothing is loaded.
+    """Datasets of a file, from this process's store of open ones: one, or of GRIB one a variable.
 
     Raises
     ------

@@ -38,37 +38,17 @@ Fetch = Callable[[tuple[int, ...], Ints], "Octets | None"]
 
 @dataclass(frozen=True)
 class RawVariable:
-    """A variable whose chunks are read as they are stored.
-
-    Parameters
-    ----------
-    dtype : dtype
-        As stored.
-    fills : tuple of float
-        Stored values that are none.
-    """
+    """A variable whose chunks are read as they are stored."""
 
     chunks: tuple[int, ...]
-    dtype: np.dtype[Any]
+    dtype: np.dtype[Any]  # as stored
     fetch: Fetch
     scale: float
     offset: float
-    fills: tuple[float, ...]
+    fills: tuple[float, ...]  # stored values that are none
 
     def values(self, place: tuple[int, ...], flat: Ints) -> Floats | None:
-        """Some values of one chunk.
-
-        Parameters
-        ----------
-        place : tuple of int
-            Where the chunk begins.
-        flat : (n,) int array
-            Which values, counted through the chunk.
-
-        Returns
-        -------
-        (n,) float array or None
-            None where the chunk was never written.
+        """Some values, counted through the chunk that begins at a place; None where not written.
 
         Raises
         ------
@@ -88,19 +68,9 @@ class RawVariable:
 
 
 def raw_variable(ds: xr.Dataset, name: str, chunks: tuple[Any, ...]) -> RawVariable | None:
-    """A variable's chunks, where they can be read as they are stored.
+    """A variable's chunks, of the lengths they are taken to have, where they can be read as stored.
 
-    Parameters
-    ----------
-    ds : Dataset
-        As opened from a file.
-    chunks : tuple
-        Lengths the chunks are taken to have.
-
-    Returns
-    -------
-    RawVariable or None
-        None where they must be left to xarray.
+    None where they must be left to xarray.
     """
     variable = ds.variables[name]
     source = str(variable.encoding.get("source") or ds.encoding.get("source") or "")

@@ -7,7 +7,7 @@ one variable are read: dimensions, chunks, units, staggering. Neither holds valu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,43 +40,23 @@ ROW_DTYPE = np.dtype(
 
 
 class StoredField(NamedTuple):
-    """How the fields of one variable are read.
+    """How the fields of one variable are read."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Variables, summed.
-    dims : tuple of str
-        Dimensions of the variable as stored.
-    outer : tuple of (str, int)
-        Dimensions that a row's `index` counts, with their sizes.
-    level, y, x : str
-        Dimensions of levels (empty without), rows and columns.
-    chunks : tuple of int or tuple of int
-        Along each dimension, the length of a chunk or the start of every chunk and the end.
-    scale : float
-        To SI units.
-    stagger : {"", "x", "y"}
-        Points lie half a grid length before the grid's along this axis, and one more follows
-        the last: the mean of two neighbours counts.
-    exponential : bool
-        The logarithm is stored.
-    either : str
-        Dimension along which the first value that is not missing counts.
-    """
-
-    names: tuple[str, ...]
-    dims: tuple[str, ...]
-    outer: tuple[tuple[str, int], ...]
-    level: str
+    names: tuple[str, ...]  # variables, summed
+    dims: tuple[str, ...]  # of the variable as stored
+    outer: tuple[tuple[str, int], ...]  # dimensions that a row's `index` counts, and their sizes
+    level: str  # dimensions of levels (empty without), rows and columns
     y: str
     x: str
     shape: tuple[int, ...]
+    # Along each dimension, the length of a chunk or the start of every chunk and the end.
     chunks: tuple[int | tuple[int, ...], ...]
-    scale: float = 1.0
+    scale: float = 1.0  # to SI units
+    # Axis (x or y) along which points lie half a grid length before the grid's, and one more
+    # follows the last: the mean of two neighbours counts.
     stagger: str = ""
-    exponential: bool = False
-    either: str = ""
+    exponential: bool = False  # the logarithm is stored
+    either: str = ""  # dimension along which the first value that is not missing counts
 
     def starts(self, dim: str) -> NDArray[np.int64]:
         """Start of every chunk along a dimension, and the end of the last."""
@@ -86,7 +66,7 @@ class StoredField(NamedTuple):
             return np.array(length, dtype=np.int64)
         return np.append(np.arange(0, size, max(length, 1)), size).astype(np.int64)
 
-    def outer_places(self, index: Any) -> tuple[NDArray[np.int64], ...]:
+    def outer_places(self, index: int | NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
         """Index along each outer dimension of rows' `index`."""
         shape = tuple(size for _, size in self.outer)
         if not shape:
@@ -96,17 +76,10 @@ class StoredField(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GriddedTime(ModelTime):
-    """One model time of a Dataset: its rows are of `ROW_DTYPE`, ``offset`` numbers `fields`.
-
-    Parameters
-    ----------
-    engine : str
-        How the files are opened, see :mod:`airswing.reference.gridded.opening`; ``given`` for a
-        Dataset given in Python.
-    """
+    """One model time of a Dataset: its rows are of `ROW_DTYPE`, ``offset`` numbers `fields`."""
 
     fields: tuple[StoredField, ...] = ()
-    engine: str = ""
+    engine: str = ""  # how the files are opened; ``given`` for a Dataset given in Python
 
     @property
     def storage(self) -> str:

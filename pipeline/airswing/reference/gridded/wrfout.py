@@ -101,18 +101,7 @@ def _stamp(text: Any) -> np.datetime64:
 
 
 def grids_of_wrfout(ds: xr.Dataset, count: int) -> list[Placing]:
-    """The grid of each time.
-
-    Parameters
-    ----------
-    count : int
-        Times.
-
-    Returns
-    -------
-    list of Placing
-        The same object where the grid has not moved.
-    """
+    """The grid of each of so many times; the same object where the grid has not moved."""
     lat, lon = ds["XLAT"], ds["XLONG"]
     if lat.ndim == 2:
         return [_grid(ds, lat, lon, None)] * count
@@ -174,6 +163,7 @@ def _frame(attrs: dict[str, Any]) -> Frame | None:
     one, two, stand = of("TRUELAT1"), of("TRUELAT2"), of("STAND_LON")
     sphere = f"+lon_0={stand!r} +R={RADIUS!r} +units=m +no_defs"
     if kind == 1:
+        # WRF writes 1e20 for a second parallel that is not there.
         two = two if abs(two) <= 90.0 else one
         return Frame(
             "projected", f"+proj=lcc +lat_1={one!r} +lat_2={two!r} +lat_0={one!r} {sphere}"

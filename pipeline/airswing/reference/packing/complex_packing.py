@@ -14,33 +14,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.packing.octets import unsigned
+from airswing.reference.packing.octets import sections_of, unsigned
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
 _WIDEST = 32  # Bits of a group's reference or of a value's difference from it
 
 
 def require_sound_groups(message: bytes, count: int) -> bool:
-    """Hold the groups of a message against the count of its values.
+    """Hold the groups of a message of one field (template 5.2 or 5.3) against its count of values.
 
-    Parameters
-    ----------
-    message : bytes
-        GRIB2 message of one field under template 5.2 or 5.3.
-    count : int
-        Values it should hold.
-
-    Returns
-    -------
-    bool
-        True where decoding can go wrong in no way; False where that cannot be told.
+    True where decoding can go wrong in no way; False where that cannot be told.
 
     Raises
     ------
     UnreadableMessageError
         Where the groups do not hold so many values, or reach past the section.
     """
-    sections = _sections(message)
+    sections = sections_of(message)
     about, data = sections[5], sections[7]
     template = unsigned(about, 9, 2)
     groups, bits = unsigned(about, 31, 4), about[19]
@@ -49,6 +39,8 @@ def require_sound_groups(message: bytes, count: int) -> bool:
     if template == 3:
         order, octets = about[47], about[48]
         usual &= order in (1, 2) and 1 <= octets <= 4 and count > order
+        # Spatial differencing: first values and the least difference stand before the
+        # groups.
         extra = (order + 1) * octets
     if not usual:
         return False
@@ -56,10 +48,11 @@ def require_sound_groups(message: bytes, count: int) -> bool:
     if max(width_bits, length_bits) > _WIDEST:
         raise UnreadableMessageError("group widths or lengths of more bits than a field can need")
     at = 5 + extra + (groups * bits + 7) // 8
-    widths = integers(data, at, groups, width_bits) + about[35]
+    widths = _integers(data, at, groups, width_bits) + about[35]
     at += (groups * width_bits + 7) // 8
-    lengths = integers(data, at, groups, length_bits) * about[41] + unsigned(about, 37, 4)
+    lengths = _integers(data, at, groups, length_bits) * about[41] + unsigned(about, 37, 4)
     at += (groups * length_bits + 7) // 8
+    # The last group's length is stated by itself.
     lengths[-1] = unsigned(about, 42, 4)
     if int(lengths.sum()) != count:
         raise UnreadableMessageError(f"groups of {int(lengths.sum())} values for {count}")
@@ -70,33 +63,13 @@ def require_sound_groups(message: bytes, count: int) -> bool:
     return True
 
 
-def _sections(message: bytes) -> dict[int, bytes]:
-    found, at = {}, 16
-    while at < len(message) - 4:
-        length = unsigned(message, at, 4)
-        found[message[at + 4]] = message[at : at + length]
-        at += max(length, 5)
-    return found
-
-
-def integers(data: bytes, start: int, count: int, bits: int) -> NDArray[np.int64]:
-    """Unsigned integers of a fixed width from a row of octets.
-
-    Parameters
-    ----------
-    start : int
-        Octet of the first.
-    bits : int
-        0 to 32.
-
-    Returns
-    -------
-    array of int64, shape (count,)
+def _integers(data: bytes, start: int, count: int, bits: int) -> NDArray[np.int64]:
+    """Unsigned integers of a fixed width (0 to 32 bits) from the octets that begin at a place.
 
     Raises
     ------
     UnreadableMessageError
-        Where the row ends before.
+        Where the octets end before.
     """
     if bits == 0:
         return np.zeros(count, dtype=np.int64)
@@ -104,6 +77,7 @@ def integers(data: bytes, start: int, count: int, bits: int) -> NDArray[np.int64
     if start + octets > len(data):
         raise UnreadableMessageError("groups that reach past the data section")
     window = data[start : start + octets] + bytes(8)
+    # At every octet the eight that follow, as one number: any field of 32 bits lies in it.
     words: NDArray[np.uint64] = np.ndarray((octets,), dtype=">u8", buffer=window, strides=(1,))
     place = np.arange(count, dtype=np.int64) * bits
     word = words[place >> 3].astype(np.uint64) << (place & 7).astype(np.uint64)

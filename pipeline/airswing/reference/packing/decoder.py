@@ -179,26 +179,14 @@ if hasattr(os, "register_at_fork"):
 
 
 def decode_beside(message: bytes, size: int, points: Ints | None = None) -> Floats:
-    """Values of a message, decoded in another process.
+    """Values of a message of one field, decoded in another process.
 
-    Parameters
-    ----------
-    message : bytes
-        One field.
-    size : int
-        Points of its grid.
-    points : int array, optional
-        Places in the message's list of values; all where not given.
-
-    Returns
-    -------
-    values : float array of the shape of `points`, or (size,)
-        `decoder_process.ABSENT` at missing points.
+    All (size,), or those at places in its list of values; `decoder_process.ABSENT` where missing.
 
     Raises
     ------
     UnreadableMessageError
-        Where it cannot be decoded, or the decoder dies of it.
+        Where there is none, or the decoder dies of it.
     """
     if points is None:
         return np.frombuffer(_POOL.ask(VALUES, message, size, b""), dtype=np.float64).copy()
@@ -210,24 +198,14 @@ def decode_beside(message: bytes, size: int, points: Ints | None = None) -> Floa
 
 
 def keys_beside(message: bytes, names: Sequence[str]) -> dict[str, Any]:
-    """Values that ecCodes gives keys of a message, asked for in another process.
+    """Values that ecCodes gives keys of a message of one field, without those it has not.
 
-    Parameters
-    ----------
-    message : bytes
-        One field.
-    names : sequence of str
-        As cfgrib writes them: with ``:int``, ``:float`` or ``:str`` for another type.
-
-    Returns
-    -------
-    dict of str to int, float, str or list of float
-        Without those it has not.
+    Names as cfgrib writes them: with ``:int``, ``:float`` or ``:str`` for another type.
 
     Raises
     ------
     UnreadableMessageError
-        Where it is no message, or the decoder dies of it.
+        Where there is none, or the decoder dies of it.
     """
     found: dict[str, Any] = json.loads(
         _POOL.ask(KEYS, message, 0, json.dumps(list(names)).encode())
@@ -236,18 +214,7 @@ def keys_beside(message: bytes, names: Sequence[str]) -> dict[str, Any]:
 
 
 def array_beside(message: bytes, name: str, size: int) -> Floats:
-    """A key of a message as an array, such as its latitudes, from another process.
-
-    Parameters
-    ----------
-    message : bytes
-        One field.
-    size : int
-        Points of its grid.
-
-    Returns
-    -------
-    (n,) float array
+    """A key of a message of one field as an array, such as its latitudes, from another process.
 
     Raises
     ------
@@ -260,24 +227,11 @@ def array_beside(message: bytes, name: str, size: int) -> Floats:
 def reports_beside(
     messages: Sequence[bytes], columns: Sequence[str], tables: tuple[int, int, int]
 ) -> tuple[list[dict[str, Any]], int]:
-    """Reports of BUFR messages, read by pdbufr in another process.
+    """Reports of framed BUFR messages, read by pdbufr in another process; how many give none.
 
-    Parameters
-    ----------
-    messages : sequence of bytes
-        Framed; where the process does not survive one it is found by asking for each alone.
-    columns : sequence of str
-        Keys wanted.
-    tables : (int, int, int)
-        Versions of master and local tables to try where a message's own are not known, and the
-        oldest master table that is.
-
-    Returns
-    -------
-    list of dict
-        A report each, with the columns it has, in order.
-    int
-        Messages that cannot be decoded.
+    Where the process does not survive a message it is found by asking for each alone. ``tables``
+    are versions of master and local tables to try where a message's own are not known, and the
+    oldest master table that is.
     """
     asked = json.dumps([list(columns), *tables]).encode()
     try:

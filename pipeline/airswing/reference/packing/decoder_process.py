@@ -34,7 +34,7 @@ _MEMORY = 2 << 30
 _PER_POINT = 96  # Octets of memory allowed beside `_MEMORY` for each point of the grid
 
 
-def serve() -> None:
+def _serve() -> None:
     """Answer requests until there are no more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one decides
     given, answers = sys.stdin.buffer, sys.stdout.buffer
@@ -67,24 +67,12 @@ def _limit(size: int, seconds: int) -> None:
         most = min(most, hard)
     with contextlib.suppress(ValueError, OSError):
         resource.setrlimit(resource.RLIMIT_AS, (most, hard))
+        # A decoder that dies is expected: no core file.
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def decoded(message: bytes, points: bytes, size: int) -> bytes:
-    """Values of a message at some points.
-
-    Parameters
-    ----------
-    points : bytes
-        int64 places in the message's list of values; all where empty.
-    size : int
-        Points of its grid.
-
-    Returns
-    -------
-    bytes
-        float64 values.
-    """
+def _decoded(message: bytes, points: bytes, size: int) -> bytes:
+    """Values (float64) of a message at some points (int64 places), or all where none are given."""
     import eccodes
     import numpy as np
 
@@ -101,20 +89,10 @@ def decoded(message: bytes, points: bytes, size: int) -> bytes:
     return (values[np.frombuffer(points, dtype=np.int64)] if points else values).tobytes()
 
 
-def keys_of(message: bytes, asked: bytes, size: int) -> bytes:
-    """Values of some keys of a message, JSON; those it has not are left out.
+def _keys_of(message: bytes, asked: bytes, size: int) -> bytes:
+    """Values of some keys of a message, JSON both ways; those it has not are left out.
 
-    Parameters
-    ----------
-    asked : bytes
-        JSON list of names, each with a type after a colon where not the key's own is wanted.
-    size : int
-        Of no meaning.
-
-    Returns
-    -------
-    bytes
-        JSON.
+    Names have a type after a colon where not the key's own is wanted.
     """
     import eccodes
 
@@ -136,21 +114,8 @@ def _value(eccodes: Any, handle: int, name: str) -> Any:
     return eccodes.codes_get(handle, key, _TYPES[kind])
 
 
-def array_of(message: bytes, asked: bytes, size: int) -> bytes:
-    """A key of a message as an array.
-
-    Parameters
-    ----------
-    message, asked : bytes
-        The message, the name of the key.
-    size : int
-        Of no meaning.
-
-    Returns
-    -------
-    bytes
-        float64 values.
-    """
+def _array_of(message: bytes, asked: bytes, size: int) -> bytes:
+    """A key of a message as an array of float64."""
     import eccodes
     import numpy as np
 
@@ -161,21 +126,12 @@ def array_of(message: bytes, asked: bytes, size: int) -> bytes:
         eccodes.codes_release(handle)
 
 
-def reports_of(messages: bytes, asked: bytes, size: int) -> bytes:
+def _reports_of(messages: bytes, asked: bytes, size: int) -> bytes:
     """Reports of BUFR messages by pdbufr, each unpacked by its own tables or by current ones.
 
-    Parameters
-    ----------
-    messages, asked : bytes
-        Messages one after the other; JSON: the columns wanted, numbers of current master and local
-        tables, and of the oldest master table that is at hand.
-    size : int
-        Of no meaning.
-
-    Returns
-    -------
-    bytes
-        JSON: a list of reports (those columns they have), and how many messages gave none.
+    Asked for are the columns wanted, numbers of current master and local tables, and of the
+    oldest master table that is at hand; the answer is a list of reports and how many messages
+    gave none, JSON both ways.
     """
     import pdbufr
 
@@ -198,6 +154,7 @@ def _unpackable(
     while at < len(messages):
         length = int.from_bytes(messages[at + 4 : at + 7], "big")
         for current in (False, True):
+            # Its own constructor reads from a file.
             message = object.__new__(BufrMessage)
             message.codes_file = None
             message.codes_id = eccodes.codes_new_from_message(messages[at : at + length])
@@ -217,7 +174,7 @@ def _unpackable(
         at += length
 
 
-JOBS = {VALUES: decoded, KEYS: keys_of, ARRAY: array_of, REPORTS: reports_of}
+JOBS = {VALUES: _decoded, KEYS: _keys_of, ARRAY: _array_of, REPORTS: _reports_of}
 
 if __name__ == "__main__":
-    serve()
+    _serve()

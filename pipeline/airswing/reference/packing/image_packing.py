@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import zlib
 
-from airswing.reference.packing.octets import unsigned
+from airswing.reference.packing.octets import sections_of, unsigned
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -20,31 +20,16 @@ _DEPTHS = {1: (1, 0), 2: (2, 0), 4: (4, 0), 8: (8, 0), 16: (16, 0), 24: (8, 2), 
 
 
 def require_whole_png(message: bytes, count: int) -> bool:
-    """Check the stream of a message of one field.
+    """Hold the PNG stream of a message of one field against its count of values.
 
-    Parameters
-    ----------
-    message : bytes
-        As `airswing.reference.grib.values.message_bytes` makes it.
-    count : int
-        Values it should hold.
-
-    Returns
-    -------
-    bool
-        True where decoding can go wrong in no way; False where that cannot be told.
+    True where decoding can go wrong in no way; False where that cannot be told.
 
     Raises
     ------
     UnreadableMessageError
         Where the stream is damaged or of another size.
     """
-    at = 16
-    sections: dict[int, bytes] = {}
-    while at < len(message) - 4:
-        length = unsigned(message, at, 4)
-        sections[message[at + 4]] = message[at : at + length]
-        at += max(length, 5)
+    sections = sections_of(message)
     bits, stream = sections[5][19], sections[7][5:]
     if bits == 0:
         return False

@@ -26,6 +26,16 @@ def missing(data: bytes, start: int, width: int) -> bool:
     return data[start : start + width] == b"\xff" * width
 
 
+def sections_of(message: bytes) -> dict[int, bytes]:
+    """Sections of a GRIB2 message of one field, by number."""
+    found, at = {}, 16
+    while at < len(message) - 4:
+        length = unsigned(message, at, 4)
+        found[message[at + 4]] = message[at : at + length]
+        at += max(length, 5)  # a section of no length would never end
+    return found
+
+
 def ibm_float(data: bytes, start: int) -> float:
     """IBM single-precision float: sign, exponent of 16 (excess 64), 24-bit fraction."""
     word = unsigned(data, start, 4)

@@ -41,34 +41,16 @@ class UnreadableMessageError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class SimplePacking:
-    """Where and how the values of one simply packed field lie in a file.
+    """Where and how the values of one simply packed field lie in a file."""
 
-    Parameters
-    ----------
-    reference : float
-        R, as stored (IBM or IEEE single precision).
-    binary_scale, decimal_scale : int
-        E and D.
-    bits : int
-        Width of a packed integer.
-    start : int
-        Offset in the file of the first octet of packed integers.
-    end : int
-        Offset in the file of the end of the data section.
-    bitmap : int
-        Offset in the file of the first octet of the bitmap, -1 where every point is present.
-    size : int
-        Number of grid points.
-    """
-
-    reference: float
-    binary_scale: int
-    decimal_scale: int
-    bits: int
-    start: int
-    end: int
-    bitmap: int
-    size: int
+    reference: float  # R, as stored (IBM or IEEE single precision)
+    binary_scale: int  # E
+    decimal_scale: int  # D
+    bits: int  # width of a packed integer
+    start: int  # offset in the file of the first octet of packed integers
+    end: int  # offset of the end of the data section
+    bitmap: int  # offset of the first octet of the bitmap, -1 where every point is present
+    size: int  # number of grid points
 
 
 def power(base: int, exponent: int) -> float:
@@ -95,19 +77,7 @@ def read_bytes(descriptor: int, start: int, length: int, *, spare: int = 0) -> b
 
 
 def sparse_values(descriptor: int, packing: SimplePacking, points: Ints) -> Floats:
-    """Values at chosen points of a simply packed field.
-
-    Parameters
-    ----------
-    descriptor : int
-        Open file.
-    points : int array
-        Places in the message's list of grid points, each in ``[0, size)``.
-
-    Returns
-    -------
-    values : float array of the same shape
-        NaN where the bitmap marks a point as missing.
+    """Values at chosen places of a simply packed field's list, NaN where the bitmap says missing.
 
     Raises
     ------
@@ -139,6 +109,8 @@ def _unpack(descriptor: int, packing: SimplePacking, order: Ints) -> Floats:
     if packing.start + last > packing.end:
         raise UnreadableMessageError("data section shorter than its grid and bitmap promise")
     window = read_bytes(descriptor, packing.start + first, last - first, spare=8)
+    # At every octet the eight that follow as one number, without copying; the spare octets let
+    # the last begin.
     words: NDArray[np.uint64] = np.ndarray(
         shape=(last - first,), dtype=">u8", buffer=window, strides=(1,)
     )
@@ -155,13 +127,7 @@ def _constant(packing: SimplePacking) -> float:
 
 
 def present_points(descriptor: int, packing: SimplePacking) -> int:
-    """Points that a field's bitmap says are there.
-
-    Parameters
-    ----------
-    packing : SimplePacking
-        With a bitmap.
-    """
+    """Points that a field's bitmap says are there."""
     return _present(_bitmap(descriptor, packing), packing.size)
 
 
@@ -190,5 +156,6 @@ def _rank(bitmap: bytes, points: Ints) -> tuple[NDArray[np.bool_], Ints]:
     place, bit = points >> 3, (points & 7).astype(np.uint8)
     octet = octets[place]
     present = (octet >> (np.uint8(7) - bit)) & np.uint8(1)
+    # Bits of the octet before this one: the first point is the highest bit.
     earlier = octet & ~(np.uint8(0xFF) >> bit)
     return present.astype(bool), before[place] + np.bitwise_count(earlier)

@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from airswing.physics.triangle import wrap_degrees
 from airswing.reference.gridded.cf.projection import Frame
 
 Floats = NDArray[np.float64]
@@ -33,15 +34,7 @@ _FULL_CIRCLE = 1e-2  # Columns by which a circle may seem to miss 360 degrees an
 
 @dataclass(frozen=True, eq=False)
 class AxesGrid:
-    """Where points lie on a grid of two axes.
-
-    Parameters
-    ----------
-    x, y : (ni,), (nj,) float arrays
-        Coordinates as stored: degrees, or metres of the projection.
-    wind_along_grid : bool
-        Wind components point along the grid, not east and north.
-    """
+    """Where points lie on a grid of two axes, whose coordinates are as stored."""
 
     frame: Frame
     x: Floats
@@ -101,40 +94,20 @@ class AxesGrid:
         return 360.0 * (self.ni - 1) / abs(float(self._columns[-1] - self._columns[0]))
 
     def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
-        """Index coordinates without a boundary check.
-
-        Parameters
-        ----------
-        latitude, longitude : (n,) float arrays, degrees
-
-        Returns
-        -------
-        fi, fj : (n,) float arrays
-            Fractional indices; they may lie outside the grid.
-        """
+        """Fractional indices of places (n,) in degrees, inside the grid or not."""
         x, y = self.frame.xy(latitude, longitude)
         columns = self._columns
         if self.frame.meridional:
             x = _near(x, columns)
             if self.periodic:
+                # Between the last column and the first, a turn further on.
                 columns = np.append(
                     columns, columns[0] + np.copysign(360.0, columns[1] - columns[0])
                 )
-        return index_along(columns, x), index_along(self.y, y)
+        return _index_along(columns, x), _index_along(self.y, y)
 
     def fractional_index(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
-        """Place points on the grid.
-
-        Parameters
-        ----------
-        latitude, longitude : array_like, degrees
-            Any longitude convention.
-
-        Returns
-        -------
-        fi, fj : float arrays
-            Fractional index along x and y; NaN outside the grid.
-        """
+        """Fractional indices along x and y; NaN outside the grid."""
         fi, fj = self.plane(_floats(latitude), _floats(longitude))
         return bounded(fi, fj, self.ni, self.nj, periodic=self.periodic)
 
@@ -168,18 +141,8 @@ def _near(longitude: Floats, columns: Floats) -> Floats:
     return np.asarray(columns[0] + along * past)
 
 
-def index_along(axis: Floats, values: Floats) -> Floats:
-    """Fractional index of values on an axis that increases or decreases, extended at its ends.
-
-    Parameters
-    ----------
-    axis : (m,) float array, m at least 2
-    values : (n,) float array
-
-    Returns
-    -------
-    (n,) float array
-    """
+def _index_along(axis: Floats, values: Floats) -> Floats:
+    """Fractional index of values on an axis of two or more, either way, extended at its ends."""
     if axis[-1] < axis[0]:
         axis, values = -axis, -values
     k = np.clip(np.searchsorted(axis, values, side="right") - 1, 0, axis.size - 2)
@@ -198,16 +161,9 @@ def bounded(fi: Floats, fj: Floats, ni: int, nj: int, *, periodic: bool) -> tupl
 
 
 def through_points(frame: Frame, latitude: Floats, longitude: Floats) -> AxesGrid | None:
-    """The grid of a projection whose points are known and its axes are not.
+    """The grid of a projection whose points (nj, ni), degrees, are known and its axes are not.
 
-    Parameters
-    ----------
-    latitude, longitude : (nj, ni) float arrays, degrees
-
-    Returns
-    -------
-    AxesGrid or None
-        None where the points are not rows and columns of the projection.
+    None where the points are not rows and columns of the projection.
     """
     x, y = (one.reshape(latitude.shape) for one in frame.xy(latitude.ravel(), longitude.ravel()))
     if min(latitude.shape) < 2:
@@ -223,7 +179,7 @@ def through_points(frame: Frame, latitude: Floats, longitude: Floats) -> AxesGri
 
 def box_of(latitude: Floats, longitude: Floats) -> tuple[float, float, float, float]:
     """South, north, west and east of places, degrees; longitudes from -180 to 180."""
-    east = np.mod(longitude + 180.0, 360.0) - 180.0
+    east = wrap_degrees(longitude)
     return (
         float(np.nanmin(latitude)),
         float(np.nanmax(latitude)),

@@ -31,21 +31,15 @@ _PROJECTED = re.compile(r"(projection_)?[xy](_coordinate|c)?$", re.I)
 
 
 class Axes(NamedTuple):
-    """Dimensions of a variable.
+    """Dimensions of a variable."""
 
-    `y`, `x`: the coordinates, one-dimensional or both two-dimensional; `vertical`: the
-    coordinate of the levels, None without; `outer`: dimensions of time and member, in order;
-    `member`, `either`: the ensemble's and the alternatives' dimension, empty without;
-    `crs`: attributes of the grid mapping, None where there is none.
-    """
-
-    y: xr.DataArray
+    y: xr.DataArray  # coordinates, one-dimensional or both two-dimensional
     x: xr.DataArray
-    vertical: xr.DataArray | None
-    outer: tuple[str, ...]
-    member: str
+    vertical: xr.DataArray | None  # coordinate of the levels, None without
+    outer: tuple[str, ...]  # dimensions of time and member, in order
+    member: str  # the ensemble's and the alternatives' dimension, empty without
     either: str
-    crs: dict[str, Any] | None
+    crs: dict[str, Any] | None  # attributes of the grid mapping, None where there is none
 
     @property
     def y_dim(self) -> str:
@@ -79,13 +73,6 @@ def _silent() -> Iterator[None]:
 
 def axes_of(ds: xr.Dataset, name: str, naming: Naming, file: str) -> Axes:
     """Tell the dimensions of a variable.
-
-    Parameters
-    ----------
-    name : str
-        Of the variable.
-    file : str
-        For messages.
 
     Raises
     ------
@@ -230,7 +217,7 @@ def _vertical(
         if d not in times
         and d != _EITHER
         and not _is_member(ds, d)
-        and not is_time(ds.get(d))
+        and not _is_time(ds.get(d))
         and parsed.sizes[d] > 1
     ]
     if len(unexplained) > 1:
@@ -249,7 +236,7 @@ def _is_member(ds: xr.Dataset, dim: str) -> bool:
     return attrs.get("standard_name") == "realization" or bool(_MEMBER.match(dim))
 
 
-def is_time(coordinate: xr.DataArray | xr.Variable | None) -> bool:
+def _is_time(coordinate: xr.DataArray | xr.Variable | None) -> bool:
     """Whether a coordinate holds times or leads."""
     if coordinate is None:
         return False

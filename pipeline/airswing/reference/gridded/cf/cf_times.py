@@ -38,20 +38,10 @@ _LEAD = re.compile(
 def times_of(
     ds: xr.Dataset, name: str, outer: dict[str, int], naming: Naming, file: str
 ) -> tuple[Ints, Ints]:
-    """Valid times and leads of a variable's fields.
+    """Valid times (ns since 1970) and leads (s) of a variable's fields.
 
-    Parameters
-    ----------
-    name : str
-        Of the variable.
-    outer : dict of str to int
-        Its dimensions beside level, y and x, with their sizes, in order.
-
-    Returns
-    -------
-    valid, lead : (n,) int arrays
-        ns since 1970 and s, for the fields in order of `outer`, the last varying first.
-        A time that is missing is the least integer.
+    In order of `outer`, its dimensions beside level, y and x with their sizes, the last varying
+    first; a time that is missing is the least integer.
 
     Raises
     ------

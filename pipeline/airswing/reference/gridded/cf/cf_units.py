@@ -19,16 +19,8 @@ _KINDS = {"wind": "m/s", "pressure": "Pa", "length": "m", "angle": "degree", "ti
 def factor_of(text: str | None, kind: str) -> float | None:
     """Factor from a unit to the SI unit (angles: degrees) of a kind of quantity.
 
-    Parameters
-    ----------
-    text : str or None
-        As a file writes it.
-    kind : {"wind", "pressure", "length", "angle", "time"}
-
-    Returns
-    -------
-    float or None
-        None where the unit is absent, unknown or of another kind.
+    Kinds are wind, pressure, length, angle and time; None where the unit is absent, unknown or of
+    another kind.
     """
     if not text or not str(text).strip():
         return None
@@ -44,13 +36,7 @@ def factor_of(text: str | None, kind: str) -> float | None:
 
 
 def written_units(attrs: Mapping[Any, Any]) -> str | None:
-    """Units of a variable: as CF has them, else in brackets at the end of its long name (GrADS).
-
-    Parameters
-    ----------
-    attrs : mapping
-        Of the variable.
-    """
+    """Units by a variable's attributes, else in brackets at the end of its long name (GrADS)."""
     units = attrs.get("units")
     if units is not None:
         return str(units)

@@ -119,16 +119,9 @@ class CurvilinearGrid:
         return cKDTree(self._vectors.reshape(-1, 3))
 
     def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
-        """Index coordinates without a boundary check.
+        """Fractional indices of places (n,) in degrees.
 
-        Parameters
-        ----------
-        latitude, longitude : (n,) float arrays, degrees
-
-        Returns
-        -------
-        fi, fj : (n,) float arrays
-            Fractional indices; outside the grid those of the nearest cell, carried on.
+        Outside the grid those of the nearest cell, carried on.
         """
         known = np.isfinite(latitude) & np.isfinite(longitude)
         fi, fj = np.full(latitude.size, np.nan), np.full(latitude.size, np.nan)

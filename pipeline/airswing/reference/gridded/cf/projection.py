@@ -39,22 +39,13 @@ _REMEDY = (
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A system of horizontal coordinates.
+    """A system of horizontal coordinates."""
 
-    Parameters
-    ----------
-    kind : {"longitude_latitude", "rotated_longitude_latitude", "projected"}
-    proj : str
-        PROJ string of a projection.
-    pole_latitude, pole_longitude, turned : float
-        North pole of a rotated frame, and the true north pole's longitude in it, degrees.
-    """
-
-    kind: str
-    proj: str = ""
-    pole_latitude: float = 90.0
+    kind: str  # longitude_latitude, rotated_longitude_latitude or projected
+    proj: str = ""  # PROJ string of a projection
+    pole_latitude: float = 90.0  # north pole of a rotated frame, degrees
     pole_longitude: float = 180.0
-    turned: float = 0.0
+    turned: float = 0.0  # the true north pole's longitude in it, degrees
 
     @property
     def meridional(self) -> bool:
@@ -76,17 +67,7 @@ class Frame:
         )
 
     def xy(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
-        """Coordinates of places.
-
-        Parameters
-        ----------
-        latitude, longitude : (n,) float arrays, degrees
-
-        Returns
-        -------
-        x, y : (n,) float arrays
-            Degrees, or metres of a projection; NaN where it has no image.
-        """
+        """Coordinates of places: degrees, or metres of a projection; NaN where it has no image."""
         if self.kind == "longitude_latitude":
             return longitude, latitude
         if self.kind == "rotated_longitude_latitude":
@@ -128,19 +109,12 @@ LONGITUDE_LATITUDE = Frame("longitude_latitude")
 
 
 def frame_of(mapping: Mapping[str, Any] | str, *, file: str, field: str) -> Frame:
-    """Turn a CF grid mapping, or a PROJ or WKT string, into a frame.
-
-    Parameters
-    ----------
-    mapping : mapping or str
-        Attributes of a grid mapping variable (CF appendix F), or what PROJ reads.
-    file, field : str
-        For messages.
+    """Turn a CF grid mapping (appendix F), or a PROJ or WKT string, into a frame.
 
     Raises
     ------
     InputError
-        Where the projection is not known.
+        Where the projection is not known, naming file and field.
     """
     try:
         if isinstance(mapping, str):
@@ -181,16 +155,8 @@ def _frame(text: str) -> Frame:
 def grib_projection(attrs: Mapping[str, Any]) -> str | None:
     """PROJ string of the grid a GRIB decoder noted in a variable's attributes.
 
-    Parameters
-    ----------
-    attrs : mapping
-        ``GRIB_gridType`` and the keys of that grid, as cfgrib writes them.
-
-    Returns
-    -------
-    str or None
-        On a sphere of any size: what it is laid through settles the scale. None where the grid is
-        not a projection, or its keys are not there.
+    On a sphere of any size: what it is laid through settles the scale. None where the grid is
+    not a projection, or its keys are not there.
     """
     kind = attrs.get("GRIB_gridType")
     try:

@@ -34,18 +34,13 @@ _LIKE_PRESSURE = ("lev", "plev", "pres", "isobar")
 
 
 class Levels(NamedTuple):
-    """Levels of a variable.
+    """Levels of a variable."""
 
-    `values`: Pa of isobaric levels, else numbers in the order of the file; `native`;
-    `a` (Pa), `b`: coefficients by level, NaN where pressure is a variable; `surface`: name of
-    the surface pressure in the formula, empty where it is to be found.
-    """
-
-    values: Floats
+    values: Floats  # Pa of isobaric levels, else numbers in the order of the file
     native: bool
-    a: Floats
+    a: Floats  # Pa; coefficients by level, NaN where pressure is a variable
     b: Floats
-    surface: str = ""
+    surface: str = ""  # the surface pressure in the formula, empty where it is to be found
 
 
 class OtherLevelsError(Exception):
@@ -53,14 +48,7 @@ class OtherLevelsError(Exception):
 
 
 def levels_of(ds: xr.Dataset, name: str, level: xr.DataArray, naming: Naming, file: str) -> Levels:
-    """Tell the levels of a variable.
-
-    Parameters
-    ----------
-    name : str
-        Of the variable.
-    level : DataArray
-        One-dimensional coordinate.
+    """Tell the levels of a variable from their one-dimensional coordinate.
 
     Raises
     ------
@@ -87,7 +75,7 @@ def levels_of(ds: xr.Dataset, name: str, level: xr.DataArray, naming: Naming, fi
         if factor is not None:
             return _isobaric(np.asarray(level.values, dtype=np.float64) * factor)
     if "GRIB_pv" in ds[name].attrs and np.size(ds[name].attrs["GRIB_pv"]) > 2:
-        a, b = half_levels(np.asarray(ds[name].attrs["GRIB_pv"]), np.asarray(level.values))
+        a, b = _half_levels(np.asarray(ds[name].attrs["GRIB_pv"]), np.asarray(level.values))
         return Levels(np.asarray(level.values, dtype=np.float64), True, a, b)
     if native or naming.pressure or _same_levels(ds, name):
         return Levels(numbers, True, unknown, unknown)
@@ -160,22 +148,9 @@ def _term(ds: xr.Dataset, terms: dict[str, str], term: str, kind: str | None, fi
     return values
 
 
-def half_levels(pv: Floats, numbers: NDArray[np.float64]) -> tuple[Floats, Floats]:
-    """A and b of full levels, from a GRIB's coefficients of the half levels around them.
+def _half_levels(pv: Floats, numbers: NDArray[np.float64]) -> tuple[Floats, Floats]:
+    """A and b (n,) of full levels, 1 the topmost, from a GRIB's coefficients of half levels (2 m,).
 
-    Parameters
-    ----------
-    pv : (2 m,) float array
-        a (Pa) of all half levels from the top, then b.
-    numbers : (n,) array
-        Level numbers, 1 the topmost.
-
-    Returns
-    -------
-    a, b : (n,) float arrays
-
-    Notes
-    -----
     Simmons and Burridge (1981), ECMWF IFS documentation part III: the pressure of a full level is
     the mean of those of the half levels above and below it.
     """
