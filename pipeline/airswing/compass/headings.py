@@ -39,6 +39,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.reported_motion import (
+    Account,
     Motion,
     accounts_of,
     column_of,
@@ -148,7 +149,7 @@ def derive_columns(
     *,
     acceleration_density: float = ACCELERATION_DENSITY,
     widen: bool = True,
-) -> tuple[dict[str, xr.DataArray], list[dict[str, Any]]]:
+) -> tuple[dict[str, xr.DataArray], list[Account]]:
     """What :func:`derive_headings` adds to the reports (in memory) and the winds, alone.
 
     Returns

@@ -29,7 +29,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.headings import DERIVED, derive_columns, with_columns
-from airswing.compass.reported_motion import sum_of_accounts
+from airswing.compass.reported_motion import Account, sum_of_accounts
 from airswing.products.atomic import replacing
 from airswing.products.checked import note, noted
 from airswing.products.fingerprint import code_digest, fingerprint
@@ -67,7 +67,7 @@ class Record(NamedTuple):
     product: str  # its ``uuid``
     marks: list[str]  # in the order of the product
     sizes: list[int]  # reports of each piece
-    evidence: list[dict[str, Any]]  # ``ground_vector_evidence`` of each piece
+    evidence: list[Account]  # ``ground_vector_evidence`` of each piece
 
     @classmethod
     def read(cls, path: Path) -> Record | None:
@@ -175,10 +175,10 @@ class KeptHeadings:
 
     def __init__(self, product: xr.Dataset | None = None, record: Record | None = None) -> None:
         self._product, self.taken_up = product, 0
-        self._known: dict[str, tuple[int, int, dict[str, Any]]] = {}
+        self._known: dict[str, tuple[int, int, Account]] = {}
         self._marks: list[str] = []
         self._sizes: list[int] = []
-        self._evidence: list[dict[str, Any]] = []
+        self._evidence: list[Account] = []
         if product is not None and record is not None and record.product == product.attrs["uuid"]:
             stop = np.cumsum(record.sizes).tolist()
             for mark, size, end, told in zip(
@@ -196,7 +196,7 @@ class KeptHeadings:
         taken = self._taken(marks)
         known = np.array([mark in self._known for mark in marks], dtype=bool)
         derived: dict[str, xr.DataArray] = {}
-        told: list[dict[str, Any]] = []
+        told: list[Account] = []
         if not known.all():
             derived, told = derive_columns(
                 pieces.apart(reports, ~known), pieces.apart(winds, ~known)
@@ -214,7 +214,7 @@ class KeptHeadings:
         return with_columns(reports, winds, columns)
 
     @property
-    def evidence(self) -> dict[str, Any]:
+    def evidence(self) -> Account:
         """``ground_vector_evidence`` of all blocks so far."""
         return sum_of_accounts(self._evidence)
 

@@ -8,7 +8,7 @@ its fixes these are believed before the chords (`airswing.compass.ground_vector`
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +23,10 @@ from airswing.products.ragged import aircraft_of_report
 from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
 
 Array = NDArray[np.float64]
+
+
+Account = dict[str, Any]
+"""Which ground vectors were believed: counts, and reasons by aircraft, ready for JSON."""
 
 
 class Motion(NamedTuple):
@@ -135,7 +139,7 @@ def _believed(
     )
 
 
-def accounts_of(reports: xr.Dataset, motion: Motion) -> list[dict[str, Any]]:
+def accounts_of(reports: xr.Dataset, motion: Motion) -> list[Account]:
     """Which ground vector was believed, and how the chords reached, aircraft by aircraft."""
     ground, path = motion.ground, motion.path
     known = np.isfinite(ground.eastward)
@@ -164,9 +168,9 @@ def accounts_of(reports: xr.Dataset, motion: Motion) -> list[dict[str, Any]]:
     ]
 
 
-def sum_of_accounts(accounts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def sum_of_accounts(accounts: Sequence[Account]) -> Account:
     """Account of a fleet from those of its parts, in order."""
-    total: dict[str, Any] = {}
+    total: Account = {}
     for account in accounts:
         for name, value in account.items():
             known = total.get(name, {} if isinstance(value, dict) else 0)

@@ -7,10 +7,10 @@ Assumes ``corrected.nc`` or its Dataset; formats are those of
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from airswing.errors import InputError
-from airswing.handover.records.registry import WINDS, Request, Winds, format_of
+from airswing.handover.records.registry import WINDS, Account, Request, Winds, format_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,7 +32,7 @@ def export(
     soundings: bool = False,
     overwrite: bool = False,
     settings: Handover | None = None,
-) -> dict[str, Any]:
+) -> Account:
     """Write corrected winds for an assimilation system.
 
     Parameters
@@ -123,7 +123,7 @@ def _seconds(window: str | None) -> float | None:
     return seconds
 
 
-def as_text(result: dict[str, Any]) -> str:
+def as_text(result: Account) -> str:
     """Tell a person what :func:`export` wrote."""
     files = result["files"]
     places = [str(file["path"]) for file in files[:SHOWN]]

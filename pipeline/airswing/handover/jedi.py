@@ -17,7 +17,7 @@ magnetic heading), in the same layout but with several columns.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.flags import published
 from airswing.handover.records.platforms import identifiers
-from airswing.handover.records.registry import ExportFormat, Request, register
+from airswing.handover.records.registry import Account, ExportFormat, Request, register
 from airswing.handover.records.run_products import (
     errors_beside,
     none_known,
@@ -46,7 +46,7 @@ EVERY_STATION = "_"
 LEAST_SHARE = 0.25
 
 
-def write(request: Request) -> dict[str, Any]:
+def write(request: Request) -> Account:
     """Write the tables into a folder."""
     from airswing.products.whole_files import write_text
 

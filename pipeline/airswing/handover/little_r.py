@@ -21,7 +21,6 @@ is written:
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,7 @@ from airswing.handover.records.record_files import (
     names,
     write_records,
 )
-from airswing.handover.records.registry import ExportFormat, Request, register
+from airswing.handover.records.registry import Account, ExportFormat, Request, register
 from airswing.handover.records.wind import speed_and_direction
 
 SLOWEST = 0.10001  # m/s: OBSPROC takes slower winds as missing
@@ -99,7 +98,7 @@ def _levels(rows: NDArray[np.void]) -> Lines:
     return lines
 
 
-def _write(request: Request) -> dict[str, Any]:
+def _write(request: Request) -> Account:
     """Write reports for OBSPROC."""
     told = write_records(request, Layout("obs.little_r", partial(_encode, winds=request.winds)))
     most = max(file["reports"] for file in told["files"])

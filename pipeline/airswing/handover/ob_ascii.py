@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +37,7 @@ from airswing.handover.records.record_files import (
     names,
     write_records,
 )
-from airswing.handover.records.registry import ExportFormat, Request, register
+from airswing.handover.records.registry import Account, ExportFormat, Request, register
 from airswing.handover.records.wind import speed_and_direction
 from airswing.handover.records.wind_error import PRODUCT, WindErrors, known_errors
 
@@ -128,7 +127,7 @@ def _direction_error(speed: NDArray[np.float64], error: NDArray[np.float64]) -> 
     return np.degrees(np.arctan2(error, speed))
 
 
-def _write(request: Request) -> dict[str, Any]:
+def _write(request: Request) -> Account:
     """Write reports for WRFDA."""
     known = known_errors(request.products)
     aircraft = request.corrected["aircraft"].to_numpy().astype(str)

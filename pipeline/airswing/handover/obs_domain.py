@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,7 +42,7 @@ from airswing.handover.records.record_files import (
     names,
     write_records,
 )
-from airswing.handover.records.registry import ExportFormat, Request, register
+from airswing.handover.records.registry import Account, ExportFormat, Request, register
 
 HIGHEST = 8000.0  # Pa: at this pressure and above WRF takes no wind
 CALM = 0.001  # m/s; the smallest component the format can tell from none
@@ -109,7 +108,7 @@ def _put_pair(lines: Lines, column: int, values: ArrayLike, quality: ArrayLike) 
     put_number(lines, column + _QUALITY, 11, quality, decimals=3)
 
 
-def _write(request: Request) -> dict[str, Any]:
+def _write(request: Request) -> Account:
     """Write reports for WRF's observation nudging.
 
     ``max_obs`` is what the namelist needs at most, since WRF stops where it holds more levels.

@@ -18,13 +18,13 @@ from __future__ import annotations
 import re
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from airswing.errors import InputError
 from airswing.handover.records.platforms import PLATFORMS, platforms
-from airswing.handover.records.registry import ExportFormat, Request, register
+from airswing.handover.records.registry import Account, ExportFormat, Request, register
 from airswing.handover.records.run_products import errors_beside, none_known, refuse_existing
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ _A_LINE, _LINES = 7, 4
 _LARGEST = 90.0  # Degrees: a direction that is not known any better is not known
 
 
-def write(request: Request) -> dict[str, Any]:
+def write(request: Request) -> Account:
     """Write the error table, and one for each phase of flight where it is a folder."""
     from airswing.products.whole_files import write_text
 

@@ -14,13 +14,13 @@ Identifiers are compared without leading zeros, with the second (MDCRS) identifi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from airswing.errors import InputError
 from airswing.handover.records.gsi_list import WIND_CRITERIA, Entry, RejectList, read_reject_list
-from airswing.handover.records.registry import ExportFormat, Request, register
+from airswing.handover.records.registry import Account, ExportFormat, Request, register
 from airswing.handover.records.run_products import (
     correction_members,
     product_beside,
@@ -52,7 +52,7 @@ class Judged:
     corrected_fails: tuple[str, ...]
 
 
-def write(request: Request) -> dict[str, Any]:
+def write(request: Request) -> Account:
     """Write the list as it could be."""
     from airswing.products.whole_files import atomic
 
@@ -99,15 +99,15 @@ def judge(request: Request, criteria: dict[str, float]) -> list[Judged]:
 
 def _rescued(
     current: RejectList, fleet: dict[str, Judged]
-) -> tuple[list[bytes], list[dict[str, Any]], list[dict[str, Any]]]:
+) -> tuple[list[bytes], list[Account], list[Account]]:
     """The lines of the list as it could be, who comes off and who stays.
 
     Of each aircraft whose wind is rejected: ``aircraft``, ``why``, and what the archive says.
     """
     known = {_plain(name): judged for name, judged in fleet.items()}
     lines: list[bytes] = []
-    taken_off: list[dict[str, Any]] = []
-    stay: list[dict[str, Any]] = []
+    taken_off: list[Account] = []
+    stay: list[Account] = []
     for entry in current.entries:
         if "W" not in entry.flags:
             lines.append(entry.line)
@@ -157,7 +157,7 @@ def _plain(identifier: str) -> str:
     return identifier.strip().lstrip("0") or identifier.strip()
 
 
-def _told(judged: Judged | None) -> dict[str, Any]:
+def _told(judged: Judged | None) -> Account:
     if judged is None:
         return {}
     return {
@@ -175,9 +175,9 @@ def _account(
     target: Path,
     current: RejectList,
     fleet: dict[str, Judged],
-    taken_off: list[dict[str, Any]],
-    stay: list[dict[str, Any]],
-) -> dict[str, Any]:
+    taken_off: list[Account],
+    stay: list[Account],
+) -> Account:
     """What there is to tell."""
     listed = {one.get("name") for one in [*taken_off, *stay]}
     failing = [

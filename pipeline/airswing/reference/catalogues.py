@@ -23,7 +23,7 @@ from airswing.reference.gridded.cf.naming import Naming
 from airswing.reference.gridded.gridded_catalogue import (
     build_gridded_catalogue,
     engine_of,
-    find_files,
+    find_stored,
 )
 from airswing.reference.gridded.opening import ENGINES, kind_of
 
@@ -84,8 +84,9 @@ def build_catalogue(
     if isinstance(files, xr.Dataset):
         used, patterns = "", files
     else:
-        patterns = os.fspath(files) if isinstance(files, str | os.PathLike) else files
-        used = _told(find_files(patterns, name), name) if engine == "auto" else engine
+        named: str | Sequence[str] = files if isinstance(files, Sequence) else os.fspath(files)
+        patterns = named
+        used = _told(find_stored(named, name), name) if engine == "auto" else engine
     if used != "grib":
         return build_gridded_catalogue(
             patterns,

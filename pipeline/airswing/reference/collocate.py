@@ -297,7 +297,12 @@ class _Options(NamedTuple):
 
 
 def _lazy(
-    base: str, graph: dict[Any, Any], name: str, keys: dict[Any, Any], chunks: Any, dtype: Any
+    base: str,
+    graph: dict[Any, Any],
+    name: str,
+    keys: dict[Any, Any],
+    chunks: tuple[tuple[int, ...], ...],
+    dtype: np.dtype[Any],
 ) -> da.Array:
     """A lazy array over the samples and joins that all variables share."""
     layers = HighLevelGraph({base: graph, name: keys}, {base: set(), name: {base}})

@@ -29,7 +29,7 @@ from airswing.flags import PLATFORM
 from airswing.physics.triangle import wrap_degrees
 from airswing.reports.averaging import averaged
 from airswing.reports.canonical.audit import Audit
-from airswing.reports.derive import derive_flight, derive_phase, seconds_since_1970
+from airswing.reports.derive import Columns, derive_flight, derive_phase, seconds_since_1970
 from airswing.reports.resolution import count_on_steps, resolutions
 from airswing.units import METRES_PER_DEGREE
 from airswing.vocabulary import describe
@@ -58,8 +58,6 @@ _OUTPUT = (
     "reported_heading",
 )
 _MAY_BE_MISSING = ("pressure", "eastward_wind", "air_temperature")
-
-Columns = dict[str, NDArray[Any]]
 
 
 class Block(NamedTuple):

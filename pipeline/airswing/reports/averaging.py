@@ -13,13 +13,12 @@ at the antimeridian; at the poles means of longitude are meaningless, of latitud
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.physics.triangle import wrap_degrees
 from airswing.reports.canonical.audit import Audit
+from airswing.reports.derive import Columns
 
 __all__ = ["STRAIGHT", "averaged"]
 
@@ -34,8 +33,6 @@ _MEANS = (
     "reported_airspeed",
 )
 _ANGLES = ("longitude", "reported_heading")
-
-Columns = dict[str, NDArray[Any]]
 
 
 def averaged(columns: Columns, interval: float, audit: Audit) -> None:
@@ -75,7 +72,7 @@ def _fill(out: Columns, name: str, means: NDArray[np.float64], where: NDArray[np
     out[name] = np.where(where, means, out[name])
 
 
-def _mean(values: NDArray[Any], starts: NDArray[np.int64]) -> NDArray[np.float64]:
+def _mean(values: NDArray[np.floating], starts: NDArray[np.int64]) -> NDArray[np.float64]:
     """Mean of each interval, NaN left out."""
     known = np.isfinite(values)
     total = np.add.reduceat(np.where(known, values, 0.0).astype(np.float64), starts)
@@ -84,7 +81,7 @@ def _mean(values: NDArray[Any], starts: NDArray[np.int64]) -> NDArray[np.float64
         return np.asarray(np.where(number > 0, total / number, np.nan))
 
 
-def _mean_angle(degrees: NDArray[Any], starts: NDArray[np.int64]) -> NDArray[np.float64]:
+def _mean_angle(degrees: NDArray[np.floating], starts: NDArray[np.int64]) -> NDArray[np.float64]:
     """Mean about the first value of each interval, the short way round, in its own range."""
     sizes = np.diff(np.r_[starts, degrees.size])
     first = degrees[starts].repeat(sizes).astype(np.float64)

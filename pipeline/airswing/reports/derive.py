@@ -28,6 +28,9 @@ from numpy.typing import NDArray
 from airswing.flags import PHASE
 from airswing.units import EARTH_RADIUS
 
+Columns = dict[str, NDArray[Any]]
+"""Columns of reports by name, all of one length."""
+
 LABELLED_GAP = 6 * 3600.0  # s that one flight number may fall silent
 UNLABELLED_GAP = 45 * 60.0  # s of silence that end a flight without a number
 STOP_TIME, STOP_SPEED = 600.0, 40.0  # s and m/s: slower than this for longer is a ground stop
@@ -56,7 +59,7 @@ def step_distance(
     return np.asarray(2.0 * EARTH_RADIUS * np.arcsin(np.sqrt(np.clip(chord, 0.0, 1.0))))
 
 
-def derive_flight(columns: dict[str, NDArray[Any]]) -> NDArray[np.int32]:
+def derive_flight(columns: Columns) -> NDArray[np.int32]:
     """Give every flight of an archive a number.
 
     Parameters
@@ -127,7 +130,7 @@ def climb_rate(
     return rate
 
 
-def derive_phase(columns: dict[str, NDArray[Any]], flight: NDArray[np.integer]) -> NDArray[np.int8]:
+def derive_phase(columns: Columns, flight: NDArray[np.integer]) -> NDArray[np.int8]:
     """Tell ascent, cruise and descent from pressure altitude: codes of `airswing.flags.PHASE`.
 
     Parameters

@@ -13,12 +13,10 @@ steadier than such a clock allows and no minute holds two; then its clock is goo
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reports.derive import seconds_since_1970, step_distance
+from airswing.reports.derive import Columns, seconds_since_1970, step_distance
 from airswing.units import KNOT
 
 ARC_MINUTE = 1.0 / 60.0
@@ -102,9 +100,7 @@ _FIELDS: dict[str, tuple[tuple[Step, ...], float]] = {
 }
 
 
-def count_on_steps(
-    columns: dict[str, NDArray[Any]], row_size: NDArray[np.integer]
-) -> dict[str, NDArray[np.int64]]:
+def count_on_steps(columns: Columns, row_size: NDArray[np.integer]) -> dict[str, NDArray[np.int64]]:
     """Count how many values of each aircraft lie on each step.
 
     Parameters
@@ -191,9 +187,7 @@ def _filled(
     return found
 
 
-def _steady(
-    columns: dict[str, NDArray[Any]], clock: NDArray[np.float64], number: int
-) -> NDArray[np.bool_]:
+def _steady(columns: Columns, clock: NDArray[np.float64], number: int) -> NDArray[np.bool_]:
     """Aircraft on whole minutes whose ground speeds are too steady for a cut clock.
 
     Times cut to c seconds have an error of variance c^2/12, so that the difference of the

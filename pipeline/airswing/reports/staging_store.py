@@ -33,10 +33,11 @@ from airswing.errors import InputError
 from airswing.products.atomic import replacing
 from airswing.products.checked import SEAL, digest, note, noted
 from airswing.products.ragged import aircraft_groups
-from airswing.reports.assemble import Columns, in_alphabetical_order
+from airswing.reports.assemble import in_alphabetical_order
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.cleaning import FLAGS
 from airswing.reports.canonical.columns import ColumnMapping, parse_mapping
+from airswing.reports.derive import Columns
 from airswing.reports.files import (
     Format,
     Policy,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reports.assemble import Columns
+from airswing.reports.derive import Columns
 from airswing.reports.staging_store import Segment, Spool
 
 

@@ -47,6 +47,8 @@ REGIONS = "shared_error_regions"
 """Attribute of fits whose shared error was worked in more regions than one."""
 # Reports of trusted fits below which the reference's shared error is left alone.
 LEAST_REPORTS = 500
+# Columns of the fits by name: numbers, counts and codes.
+_Table = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,7 @@ def _cycles(fit: AircraftFit) -> int:
 
 
 def _publish_fits(
-    table: dict[str, NDArray[Any]],
+    table: _Table,
     chosen: NDArray[np.int64],
     fits: list[AircraftFit],
     options: Options,
@@ -190,9 +192,7 @@ def _publish_fits(
     return found.regions
 
 
-def _publish_offsets(
-    table: dict[str, NDArray[Any]], aircraft: list[AircraftSums], options: Options
-) -> None:
+def _publish_offsets(table: _Table, aircraft: list[AircraftSums], options: Options) -> None:
     """The constant of every aircraft that has no curve."""
     own = [k for k, one in enumerate(aircraft) if one.constant is not None]
     alone = [one.constant for one in aircraft if one.constant is not None]
@@ -291,7 +291,7 @@ def _choice(
     return 1, to_one, choice_covariance(theta - to_one @ theta, covariance, statistic)
 
 
-def _judge(table: dict[str, NDArray[Any]], k: int, fit: AircraftFit, covariance: Array) -> None:
+def _judge(table: _Table, k: int, fit: AircraftFit, covariance: Array) -> None:
     rms, chi2 = halves_apart(fit.flight, fit.flight_order, covariance)
     apart = np.degrees(rms) > HALVES_RMS and chi2 > HALVES_CHI2
     if apart or not fit.converged:
@@ -299,7 +299,7 @@ def _judge(table: dict[str, NDArray[Any]], k: int, fit: AircraftFit, covariance:
 
 
 def _fill(
-    table: dict[str, NDArray[Any]],
+    table: _Table,
     k: int,
     fit: AircraftFit,
     found: _Estimate,
@@ -342,8 +342,8 @@ _PER_AIRCRAFT = (
 _COUNTS = ("report_count", "flight_count", "compass_points", "status", "harmonics")
 
 
-def _empty(aircraft: int) -> dict[str, NDArray[Any]]:
-    table: dict[str, NDArray[Any]] = {name: np.full(aircraft, np.nan) for name in _PER_AIRCRAFT}
+def _empty(aircraft: int) -> _Table:
+    table: _Table = {name: np.full(aircraft, np.nan) for name in _PER_AIRCRAFT}
     table |= {name: np.zeros(aircraft, dtype=np.int32) for name in _COUNTS}
     table["deviation"] = np.full((aircraft, COMPASS), np.nan)
     table["deviation_covariance"] = np.full((aircraft, COMPASS, COMPASS), np.nan)
@@ -352,7 +352,7 @@ def _empty(aircraft: int) -> dict[str, NDArray[Any]]:
     return table
 
 
-def _dataset(table: dict[str, NDArray[Any]]) -> xr.Dataset:
+def _dataset(table: _Table) -> xr.Dataset:
     dims = {name: ("aircraft",) for name in (*_PER_AIRCRAFT, *_COUNTS)}
     extra = {
         "deviation": ("aircraft", "coefficient"),

@@ -6,13 +6,11 @@ errors of one group of references at a time, and nothing is copied where every r
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.fit.observations import Reports
+from airswing.compass.fit.observations import Reports, Values
 from airswing.compass.fleet.flight_segments import Places
 from airswing.products.ragged import row_bounds
 from airswing.units import Picked
@@ -39,7 +37,7 @@ class Columns:
         self.field = (
             headings["horizontal_field"].to_numpy() if "horizontal_field" in headings else None
         )
-        self.read: dict[int, list[NDArray[Any]]] = {}
+        self.read: dict[int, list[Values]] = {}
 
     def use(self, members: list[int]) -> None:
         """Read the errors against these references; forget the others."""
@@ -49,7 +47,7 @@ class Columns:
 
     def observations(
         self, aircraft: int, members: list[int]
-    ) -> tuple[list[Reports], NDArray[np.int64], NDArray[Any], list[Places], float]:
+    ) -> tuple[list[Reports], NDArray[np.int64], Values, list[Places], float]:
         """Reports of one aircraft against some references that are in use.
 
         Returns
@@ -99,7 +97,7 @@ class Columns:
         places = [place.at(mask) for mask in masks]
         return sets, _days(self.time[row][some][first]), common[1][some], places, field
 
-    def _gain(self, row: slice, counted: Picked) -> tuple[NDArray[np.floating], float]:
+    def _gain(self, row: slice, counted: Picked) -> tuple[Values, float]:
         """Mean horizontal field of the reports that count over that of every report; the mean."""
         if self.field is None:
             return np.broadcast_to(np.float32(1.0), self.flight[row].shape), np.nan
@@ -113,16 +111,16 @@ class Columns:
         np.divide(mean, field, out=gain, where=known, casting="unsafe")
         return gain, float(mean)
 
-    def _all_good(self, row: slice, parts: list[NDArray[Any]]) -> bool:
+    def _all_good(self, row: slice, parts: list[Values]) -> bool:
         """Whether every report counts: a sum is finite only where every term is."""
         return not self.screening[row].any() and all(np.isfinite(part.sum()) for part in parts)
 
 
 def _reports(
-    common: list[NDArray[Any]],
-    errors: list[NDArray[Any]],
+    common: list[Values],
+    errors: list[Values],
     flight: NDArray[np.int64],
-    gain: NDArray[np.floating],
+    gain: Values,
 ) -> Reports:
     return Reports(common[0], common[1], common[2], errors[0], errors[1], errors[2], flight, gain)
 

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,7 @@ from airswing.handover.records.platforms import (
     identifiers,
     platforms,
 )
-from airswing.handover.records.registry import Request
+from airswing.handover.records.registry import Account, Request
 from airswing.handover.records.run_products import refuse_existing
 from airswing.handover.records.soundings import joined_soundings
 from airswing.handover.records.time_order import TimeOrder
@@ -85,7 +84,7 @@ class _Written:
     platforms: Counter[str] = field(default_factory=Counter)
     span: tuple[int, int] = (0, 0)
 
-    def told(self) -> dict[str, Any]:
+    def told(self) -> Account:
         first, last = (f"{np.datetime64(moment, 's')}Z" for moment in self.span)
         return {
             "path": str(self.target),
@@ -96,7 +95,7 @@ class _Written:
         }
 
 
-def write_records(request: Request, layout: Layout) -> dict[str, Any]:
+def write_records(request: Request, layout: Layout) -> Account:
     """Write the reports of an archive.
 
     Returns
@@ -127,7 +126,7 @@ def write_records(request: Request, layout: Layout) -> dict[str, Any]:
         ) from err
 
 
-def _write(request: Request, layout: Layout, folder: Path) -> dict[str, Any]:
+def _write(request: Request, layout: Layout, folder: Path) -> Account:
     from airswing.products.ragged import blocks
 
     ds = request.corrected

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from airswing.config import Handover
 
+Account = dict[str, Any]
+"""What an export wrote and left out, ready for JSON."""
 Winds = Literal["corrected", "reported"]
 WINDS: tuple[Winds, ...] = ("corrected", "reported")
 
@@ -47,7 +49,7 @@ class ExportFormat:
     summary: str  # one line for a person: what it is and who reads it
     # Gives the account of what was written: ``files`` (list of ``{"path": ..., ...}``),
     # ``left_out`` (counts by reason), what else there is to tell, and ``notes`` for a person.
-    write: Callable[[Request], dict[str, Any]]
+    write: Callable[[Request], Account]
 
 
 _FORMATS: dict[str, ExportFormat] = {}

@@ -11,7 +11,7 @@ from __future__ import annotations
 import glob
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -59,7 +59,7 @@ def build_catalogue(
         raise InputError("must be skip or fail", field="on_bad_file", found=on_bad_file)
     lead_condition(lead)  # a fault of it is told before any file is read
     skipped: Skipped = []
-    sources = _identified(_find(files, name), skipped)
+    sources = identified(find_files(files, name), skipped, by=identify)
     table, grids, count = _read_all(sources, cache_dir, skipped)
     pairs = paired(_without_contradictions(table, sources, skipped), sources, skipped)
     if on_bad_file == "fail":
@@ -67,37 +67,55 @@ def build_catalogue(
     return selected(name, Wanted(lead, member), sources, grids, pairs, skipped, count)
 
 
-def _find(files: str | Sequence[str], name: str) -> list[str]:
+def find_files(
+    files: str | Sequence[str], name: str, *, is_one: Callable[[str], bool] = os.path.isfile
+) -> list[str]:
+    """Whole paths of what patterns name, sorted.
+
+    Parameters
+    ----------
+    files : str or sequence of str
+        Paths or glob patterns.
+    name : str
+        The reference's.
+    is_one : callable
+        Whether a path is one of the files looked for; a store may be a folder.
+
+    Raises
+    ------
+    InputError
+        Where a pattern finds none.
+    """
     patterns = [files] if isinstance(files, str | os.PathLike) else list(files)
     found: set[str] = set()
     for pattern in (os.path.expanduser(os.fspath(one)) for one in patterns):
-        matches = [pattern] if os.path.isfile(pattern) else glob.glob(pattern, recursive=True)
-        files_there = [os.path.abspath(path) for path in matches if os.path.isfile(path)]
-        if not files_there:
-            raise _none_found(pattern, name)
-        found.update(files_there)
+        # A path that is there is itself, whatever brackets its name holds.
+        matches = [pattern] if os.path.exists(pattern) else glob.glob(pattern, recursive=True)
+        there = [os.path.abspath(path) for path in matches if is_one(path)]
+        if not there:
+            folder = os.path.isdir(pattern)
+            raise InputError(
+                "is a folder" if folder else "no file found",
+                field=f"references.{name}.files",
+                found=f"pattern {pattern!r} in folder {os.getcwd()}",
+                remedy=f"Name the files in it, such as {os.path.join(pattern, '*')}"
+                if folder
+                else "Check the pattern; relative paths start at the current directory",
+            )
+        found.update(there)
     if not found:
         raise InputError("names no file", field=f"references.{name}.files")
     return sorted(found)
 
 
-def _none_found(pattern: str, name: str) -> InputError:
-    folder = os.path.isdir(pattern)
-    return InputError(
-        "is a folder" if folder else "no GRIB file found",
-        field=f"references.{name}.files",
-        found=f"pattern {pattern!r} in folder {os.getcwd()}",
-        remedy=f"Name the files in it, such as {os.path.join(pattern, '*')}"
-        if folder
-        else "Check the pattern; relative paths start at the current directory",
-    )
-
-
-def _identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:
+def identified(
+    paths: Sequence[str], skipped: Skipped, *, by: Callable[[str], SourceFile]
+) -> list[SourceFile]:
+    """Identities of files; what cannot be opened is skipped and named."""
     sources = []
     for path in paths:
         try:
-            sources.append(identify(path))
+            sources.append(by(path))
         except OSError as error:
             skipped.append(skip(path, "file", f"cannot be opened: {error.strerror}"))
     return sources

@@ -79,12 +79,12 @@ def _parts(kinds: list[dict[int, GribField]], skipped: Skipped) -> list[xr.Datas
     return found
 
 
-def _may_matter(keys: Mapping[str, Any]) -> bool:
+def _may_matter(keys: Mapping[str, object]) -> bool:
     """Whether a field is a wind or can give one its pressure."""
     return all(key in keys for key in _KEYS) and _is_wanted(keys, native=True)
 
 
-def _is_wanted(one: Mapping[str, Any], *, native: bool) -> bool:
+def _is_wanted(one: Mapping[str, object], *, native: bool) -> bool:
     if one["stepType"] != "instant":
         return False
     if one["typeOfLevel"] in ISOBARIC + NATIVE and one["shortName"] in ("u", "v"):

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -95,7 +95,9 @@ class GribField(Mapping[str, Any]):
         return values
 
 
-def fields_of(path: str, wanted: Any, skipped: Skipped) -> dict[int, GribField]:
+def fields_of(
+    path: str, wanted: Callable[[Mapping[str, object]], bool], skipped: Skipped
+) -> dict[int, GribField]:
     """Fields of a file by their number.
 
     Parameters

@@ -10,7 +10,6 @@ Assumptions and validity
 
 from __future__ import annotations
 
-import glob
 import hashlib
 import os
 from collections.abc import Sequence
@@ -31,6 +30,7 @@ from airswing.reference.geometry.wind_profiles import (
     selected,
     skip,
 )
+from airswing.reference.grib.catalogue import find_files, identified
 from airswing.reference.grib.filecache import identify
 from airswing.reference.gridded.cf.naming import Naming
 from airswing.reference.gridded.gathering import Gathering
@@ -117,30 +117,9 @@ class GriddedCatalogue(Catalogue):
         return result
 
 
-def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list[str]:
-    """Files and Zarr stores that patterns name, sorted.
-
-    Raises
-    ------
-    InputError
-        Where a pattern finds none; names the reference.
-    """
-    patterns = [files] if isinstance(files, str | os.PathLike) else list(files)
-    found: set[str] = set()
-    for pattern in (os.path.expanduser(os.fspath(one)) for one in patterns):
-        matches = [pattern] if os.path.exists(pattern) else glob.glob(pattern, recursive=True)
-        there = [os.path.abspath(p) for p in matches if os.path.isfile(p) or is_zarr(p)]
-        if not there:
-            raise InputError(
-                "is a folder" if os.path.isdir(pattern) else "no file found",
-                field=f"references.{name}.files",
-                found=f"pattern {pattern!r} in folder {os.getcwd()}",
-                remedy=f"Name the files in it, such as {os.path.join(pattern, '*')}"
-                if os.path.isdir(pattern)
-                else "Check the pattern; relative paths start at the current directory",
-            )
-        found.update(there)
-    return sorted(found)
+def find_stored(files: str | Sequence[str], name: str) -> list[str]:
+    """Files and Zarr stores that patterns name, as :func:`find_files` gives files."""
+    return find_files(files, name, is_one=lambda path: os.path.isfile(path) or is_zarr(path))
 
 
 def engine_of(path: str) -> str:
@@ -167,7 +146,7 @@ def engine_of(path: str) -> str:
 
 
 def build_gridded_catalogue(
-    files: str | os.PathLike[str] | Sequence[str] | xr.Dataset,
+    files: str | Sequence[str] | xr.Dataset,
     *,
     name: str,
     engine: str,
@@ -197,7 +176,7 @@ def build_gridded_catalogue(
         sources = [SourceFile(path, 0, 0, _token(files))]
         making.add(0, [files], path)
     else:
-        sources = _identified(find_files(files, name), skipped)
+        sources = identified(find_stored(files, name), skipped, by=_identity)
         for number, source in enumerate(sources):
             try:
                 making.add(number, opened(source, engine), source.path)
@@ -223,16 +202,10 @@ def _token(ds: xr.Dataset) -> str:
     return str(tokenize(ds))
 
 
+def _identity(path: str) -> SourceFile:
+    return identify_store(path) if os.path.isdir(path) else identify(path)
+
+
 def _of_one_file(error: InputError, sources: Sequence[SourceFile]) -> bool:
     """Whether a fault is of one damaged file among several, not of the kind of files."""
     return len(sources) > 1 and error.what.startswith("cannot be ")
-
-
-def _identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:
-    found = []
-    for path in paths:
-        try:
-            found.append(identify_store(path) if os.path.isdir(path) else identify(path))
-        except OSError as error:
-            skipped.append(skip(path, "file", f"cannot be opened: {error.strerror}"))
-    return found

@@ -67,7 +67,7 @@ class _Reader:
     def answer(self, models: Sequence[GriddedTime], asked: Sequence[Asked]) -> list[list[Floats]]:
         """Values of all that several model times ask for."""
         wants: dict[tuple[SourceFile, int], Wants] = {}
-        targets: list[list[tuple[Any, StoredField, Floats]]] = []
+        targets: list[list[tuple[np.void, StoredField, Floats]]] = []
         seen: dict[Any, Floats] = {}
         for model, wanted in zip(models, asked, strict=True):
             own = []
@@ -97,7 +97,7 @@ class _Reader:
         self.account.problems.clear()
 
 
-def _finished(row: Any, stored: StoredField, values: Floats) -> Floats:
+def _finished(row: np.void, stored: StoredField, values: Floats) -> Floats:
     """Values in SI units; of a pressure by its level's formula."""
     values = values * stored.scale if stored.scale != 1.0 else values
     if stored.exponential:

@@ -244,6 +244,4 @@ def _icing(table: pd.DataFrame) -> NDArray[np.int8]:
     return icing
 
 
-FORMAT = register(
-    ReportFormat("bufr", lambda start: b"BUFR" in start and not is_text(start), _bufr_pieces)
-)
+register(ReportFormat("bufr", lambda start: b"BUFR" in start and not is_text(start), _bufr_pieces))

@@ -138,4 +138,4 @@ def _tells(start: bytes) -> bool:
     return b"Lcl Date" in head and b"Lcl Time" in head and b"UTCOfst" in head
 
 
-FORMAT = register(ReportFormat("g1000", _tells, _g1000_pieces))
+register(ReportFormat("g1000", _tells, _g1000_pieces))

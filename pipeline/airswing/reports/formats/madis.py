@@ -122,7 +122,7 @@ def _madis_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
         raise InputError(f"cannot be read as NetCDF: {error}", file=path) from error
 
 
-def _open(path: Path) -> Any:
+def _open(path: Path) -> netCDF4.Dataset:
     with path.open("rb") as file:
         # gzip: the hourly files are kept packed.
         if file.read(2) != b"\x1f\x8b":
@@ -134,7 +134,7 @@ def _open(path: Path) -> Any:
     return netCDF4.Dataset(path.name, memory=octets)
 
 
-def _require_size(file: Any, path: Path) -> None:
+def _require_size(file: netCDF4.Dataset, path: Path) -> None:
     """Refuse variables far larger than what could be packed into the file: a damaged header."""
     most = max(_MOST_OCTETS, _BEST_PACKING * path.stat().st_size)
     for name, variable in file.variables.items():
@@ -147,7 +147,7 @@ def _require_size(file: Any, path: Path) -> None:
             )
 
 
-def _piece(file: Any, path: Path, audit: Audit) -> pd.DataFrame:
+def _piece(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
     tail = next((name for name in TAILS if name in file.variables), None)
     absent = [name for name in REQUIRED if name not in file.variables]
     if DIMENSION not in file.dimensions or absent or tail is None:
@@ -285,4 +285,4 @@ def _quality(
 
 
 _MAGIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")
-FORMAT = register(ReportFormat("madis", lambda start: start.startswith(_MAGIC), _madis_pieces))
+register(ReportFormat("madis", lambda start: start.startswith(_MAGIC), _madis_pieces))

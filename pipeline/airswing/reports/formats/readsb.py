@@ -118,7 +118,7 @@ def _extra(point: list[Any]) -> dict[str, Any]:
     return point[8] if len(point) > 8 and isinstance(point[8], dict) else {}
 
 
-def _float(value: Any) -> float:
+def _float(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return float("nan")
     try:
@@ -132,4 +132,4 @@ def _tells(start: bytes) -> bool:
     return is_text(start) and head.startswith(b"{") and b'"icao"' in head
 
 
-FORMAT = register(ReportFormat("readsb", _tells, _readsb_pieces))
+register(ReportFormat("readsb", _tells, _readsb_pieces))

@@ -16,7 +16,7 @@ import warnings
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TextIO
 from urllib.parse import unquote
 
 import numpy as np
@@ -216,7 +216,7 @@ def _header(path: Path) -> _Head:
     return _Head(names, separator, "gzip" if packed else None, lines)
 
 
-def _naming_line(file: Any) -> tuple[str, int]:
+def _naming_line(file: TextIO) -> tuple[str, int]:
     """The line that names the columns, and how many lines end with it.
 
     Lines that begin with ``#`` are remarks; but where what follows them is no header (its first
@@ -337,6 +337,4 @@ def _as_number(column: Column, variable: str, audit: Audit) -> NDArray[np.float6
 
 
 register(ReportFormat("csv", is_text, _csv_pieces, rank=9))
-PARQUET = register(
-    ReportFormat("parquet", lambda start: start.startswith(b"PAR1"), _parquet_pieces)
-)
+register(ReportFormat("parquet", lambda start: start.startswith(b"PAR1"), _parquet_pieces))
