@@ -21,6 +21,7 @@ SHORT = {
     "fit": ["--days", "120", "--repeats", "3"],
     "storage": ["--reports", "1000000"],
     "export": ["--reports", "1000000"],
+    "page_share": ["--days", "20"],
     "fault_drill": ["--kills", "6", "--days", "8", "--aircraft", "3"],
     "year": ["--share", "0.05"],
     "adding": ["--share", "0.02", "--main"],

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import errno
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 from typer.core import TyperCommand
@@ -26,6 +27,11 @@ from airswing.cli_options import (
     Scheduler,
     takes,
 )
+
+if TYPE_CHECKING:
+    from airswing.workflow import Job
+
+T = TypeVar("T")
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -67,7 +73,7 @@ def _job(
     resume: bool = False,
     quiet: bool = False,
     scheduler: str | None = None,
-) -> Any:
+) -> Job:
     from airswing.config import load_config
     from airswing.workflow import Job
     from airswing.workflow.progress import Progress
@@ -79,7 +85,7 @@ def _job(
     return Job(loaded, Progress(quiet=quiet), resume)
 
 
-def _inside(job: Any, stage: Any) -> Any:
+def _inside(job: Job, stage: Callable[[Job], T]) -> T:
     """Run a stage on the scheduler the configuration asks for."""
     from airswing.workflow.compute import scheduler
 
@@ -87,7 +93,7 @@ def _inside(job: Any, stage: Any) -> Any:
         return stage(job)
 
 
-def _alone(job: Any, stage: Any) -> Any:
+def _alone(job: Job, stage: Callable[[Job], T]) -> T:
     """Run a stage likewise, with no other run in its output folder."""
     from airswing.products.workspace import workspace
 
@@ -95,7 +101,7 @@ def _alone(job: Any, stage: Any) -> Any:
         return _inside(job, stage)
 
 
-def _print(content: Any, *, as_json: bool, text: str) -> None:
+def _print(content: object, *, as_json: bool, text: str) -> None:
     import json
 
     from airswing.products.whole_files import plain

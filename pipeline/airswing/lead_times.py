@@ -9,7 +9,7 @@ from __future__ import annotations
 import operator
 import re
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.units import DAY
 
-_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
+_OPERATORS: dict[str, Callable[[NDArray[np.float64], float], NDArray[np.bool_]]] = {
     ">=": operator.ge,
     ">": operator.gt,
     "<=": operator.le,
@@ -27,7 +27,7 @@ _OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
 _TIME_UNITS = {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "min": 60.0, "s": 1.0, "d": DAY}
 
 
-def lead_condition(text: str) -> Callable[[NDArray[Any]], NDArray[np.bool_]]:
+def lead_condition(text: str) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
     """Turn ``any``, ``analysis`` or a comparison such as ``>= 1 h`` into a test of leads in s.
 
     Returns
@@ -71,7 +71,7 @@ class Wanted(NamedTuple):
     lead: str = "any"
     member: int | None = None
 
-    def of(self, heads: NDArray[Any]) -> NDArray[np.bool_]:
+    def of(self, heads: NDArray[np.void]) -> NDArray[np.bool_]:
         """Tell them apart.
 
         Parameters
@@ -86,7 +86,7 @@ class Wanted(NamedTuple):
         meets = lead_condition(self.lead)(heads["lead"])
         return meets if self.member is None else meets & (heads["member"] == self.member)
 
-    def none_met(self, heads: NDArray[Any], where: str) -> InputError:
+    def none_met(self, heads: NDArray[np.void], where: str) -> InputError:
         """Say that no profile is one of them.
 
         Parameters

@@ -9,7 +9,7 @@ Valid for the Datasets of the stages and for the NetCDF products (CF-1.11).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -605,7 +605,7 @@ VARIABLES: dict[str, Variable] = {entry.name: entry for entry in reversed(_EVERY
 """Every variable by name; where one name serves several dimensions, its first meaning."""
 
 
-def lookup(name: str, dims: tuple[Any, ...] = ()) -> Variable:
+def lookup(name: str, dims: tuple[Hashable, ...] = ()) -> Variable:
     """Entry of a variable.
 
     Parameters

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from airswing.blind_check.check_summary import (
     baseline_rows,
@@ -20,6 +20,9 @@ from airswing.blind_check.check_summary import (
     targets,
 )
 from airswing.blind_check.reliability_table import reliability_rows
+
+if TYPE_CHECKING:
+    from airswing.blind_check.check_run import Check
 
 __all__ = ["as_markdown", "short_text", "write_reports"]
 
@@ -103,7 +106,7 @@ def _target_rows(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     return rows
 
 
-def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None = None) -> str:
+def as_markdown(check: Check, *, command: str, proof: Mapping[str, float] | None = None) -> str:
     """Return the record of a check.
 
     Parameters
@@ -162,7 +165,7 @@ def as_markdown(check: Any, *, command: str, proof: Mapping[str, float] | None =
     return "\n\n".join(parts) + "\n"
 
 
-def _of_all(check: Any) -> str:
+def _of_all(check: Check) -> str:
     sealed, done = check.settings.get("sealed"), len(check.scores)
     return str(done) if sealed in (None, done) else f"{done} of {sealed}"
 
@@ -171,7 +174,7 @@ def _one_line(found: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {_text(found[key], form)}" for key, name, form in _COLUMNS) + "."
 
 
-def _baseline_table(check: Any) -> str:
+def _baseline_table(check: Check) -> str:
     rows = [
         [
             row["method"],
@@ -321,7 +324,7 @@ def _unknown_text(score: Mapping[str, Any]) -> str:
     return " (unknown of the record)" if score.get("of_background") else ""
 
 
-def _case_table(check: Any) -> str:
+def _case_table(check: Check) -> str:
     rows = []
     for label, score in zip(check.labels, check.scores, strict=True):
         told = score.get("failure") or (
@@ -361,11 +364,11 @@ def _case_table(check: Any) -> str:
     )
 
 
-def _yes(value: Any) -> str:
+def _yes(value: bool | None) -> str:
     return "yes" if value else "no"
 
 
-def short_text(check: Any) -> str:
+def short_text(check: Check) -> str:
     """Return the targets as lines for a terminal."""
     return "\n".join(
         f"{row[4]:>8}  {row[0]}: {row[2]} (target {row[1]}; {row[3]} cases; every rung "
@@ -375,7 +378,7 @@ def short_text(check: Any) -> str:
 
 
 def write_reports(
-    output: Path, check: Any, *, command: str, proof: Mapping[str, float] | None = None
+    output: Path, check: Check, *, command: str, proof: Mapping[str, float] | None = None
 ) -> Path:
     """Write ``gap_check.md``, ``gap_check.html`` and ``gap_check.png``.
 

@@ -128,7 +128,7 @@ def make_headings(job: Job, given: Sources | None = None) -> xr.Dataset:
     return headings
 
 
-def depends_on(config: Config, given: Sources | None = None) -> tuple[Any, ...]:
+def depends_on(config: Config, given: Sources | None = None) -> tuple[str, *tuple[object, ...]]:
     """All that ``headings.nc`` depends on.
 
     Parameters

@@ -200,7 +200,7 @@ def product(
     make: Callable[[], xr.Dataset],
     *,
     title: str,
-    depends: tuple[Any, ...],
+    depends: tuple[object, ...],
     sources: tuple[xr.Dataset, ...] = (),
 ) -> xr.Dataset:
     """Read a product that still holds, or make it and write it.
@@ -240,7 +240,7 @@ def ragged_product(
     make: Callable[[], Blocks],
     *,
     title: str,
-    depends: tuple[Any, ...],
+    depends: tuple[object, ...],
     sources: tuple[xr.Dataset, ...] = (),
     whole: bool = True,
 ) -> xr.Dataset:

@@ -13,11 +13,16 @@ import ctypes
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dask.callbacks import Callback
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+    from rich.progress import TaskID
 
 # Seconds between two looks at how far the tasks are.
 _REFRESH = 0.5
@@ -238,7 +243,7 @@ class Progress:
             with follow_tasks() as tasks, _repeated(lambda: self._show(bar, task, record, tasks)):
                 yield
 
-    def _show(self, bar: Any, task: Any, record: StageRecord, tasks: Tasks) -> None:
+    def _show(self, bar: Bar, task: TaskID, record: StageRecord, tasks: Tasks) -> None:
         tasks = Tasks(tasks.done, max(tasks.total, record.tasks))
         left = self.remaining(record.name, bar.tasks[0].elapsed or 0.0, tasks)
         bar.update(
@@ -292,10 +297,12 @@ class _FollowTasks(Callback):
         self._tasks = tasks
         super().__init__(start_state=self._begin, posttask=self._finished)
 
-    def _begin(self, dsk: Any, state: Any) -> None:
+    def _begin(self, dsk: object, state: dict[str, Any]) -> None:
         self._tasks.total += len(state["ready"]) + len(state["waiting"])
 
-    def _finished(self, key: Any, result: Any, dsk: Any, state: Any, worker_id: Any) -> None:
+    def _finished(
+        self, key: object, result: object, dsk: object, state: object, worker_id: object
+    ) -> None:
         self._tasks.done += 1
 
 
@@ -323,7 +330,7 @@ def count_tasks(dask_scheduler: Any) -> tuple[int, int]:
 
 
 @contextlib.contextmanager
-def _repeated(act: Any) -> Iterator[None]:
+def _repeated(act: Callable[[], object]) -> Iterator[None]:
     """Act every so often, from another thread, while the block runs; a failed act is let go."""
     ended = threading.Event()
 
@@ -341,7 +348,7 @@ def _repeated(act: Any) -> Iterator[None]:
         thread.join(timeout=5.0)
 
 
-def _console() -> Any:
+def _console() -> Console:
     from rich.console import Console
 
     return Console(stderr=True)

@@ -11,7 +11,7 @@ import io
 import math
 from collections.abc import Callable
 from datetime import date
-from typing import Any
+from typing import Any, Literal
 
 import xarray as xr
 
@@ -43,7 +43,7 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str
     with job.progress.stage("stability") as stage:
         first, last = (day.astype("datetime64[D]") for day in time_span(headings))
         days = (last - first).astype(int)
-        window: Any = "month" if days <= 400 else "quarter"
+        window: Literal["month", "quarter"] = "month" if days <= 400 else "quarter"
         windows = fit_by_window(
             headings, pools=pools, reference=reference, window=window, **config.fit.model_dump()
         )

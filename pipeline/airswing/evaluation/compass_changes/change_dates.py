@@ -214,10 +214,10 @@ def _judged(
     for k, part in enumerate(parts):
         order = np.argsort(keys[:, part.day - first], axis=1)
         score, share = scores(part)
-        limits: Any = {"trim": _TRIM, "fewest": FEWEST_DAYS}
-        table[k, :1] = largest_statistic(score, share, order[:1], **limits)
-        rest = score if table[k, 0] < _OBVIOUS else without_changes(score, share, most=2, **limits)
-        table[k, 1:] = largest_statistic(rest, share, order[1:], **limits)
+        table[k, :1] = largest_statistic(score, share, order[:1], trim=_TRIM, fewest=FEWEST_DAYS)
+        if table[k, 0] >= _OBVIOUS:
+            score = without_changes(score, share, most=2, trim=_TRIM, fewest=FEWEST_DAYS)
+        table[k, 1:] = largest_statistic(score, share, order[1:], trim=_TRIM, fewest=FEWEST_DAYS)
     # Aircraft with few days have heavier tails: each is held against its own permutations first.
     scale = np.median(table[:, 1:], axis=1, keepdims=True)
     table = table / np.where(scale > 0, scale, 1.0)

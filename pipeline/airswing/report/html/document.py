@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -38,7 +37,7 @@ class Column:
 class Row:
     """A table's row; a row in doubt is set in grey italics."""
 
-    cells: Sequence[Any]
+    cells: Sequence[object]
     doubt: bool = False
 
 
@@ -95,7 +94,7 @@ def drawing(panels: Iterable[Markup], caption: str, *, columns: int = 0) -> Mark
     return Markup('<figure class="panels"{}>{}{}</figure>').format(Markup(shape), inside, words)
 
 
-def listing(items: Iterable[Any]) -> Markup:
+def listing(items: Iterable[object]) -> Markup:
     """Return a bulleted list."""
     inside = Markup("").join(Markup("<li>{}</li>").format(item) for item in items)
     return Markup('<ul class="plain">{}</ul>').format(inside)

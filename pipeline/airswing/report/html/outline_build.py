@@ -18,15 +18,18 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 _HUNDREDTHS = 100.0
 _GREAT_LAKES = (-93.0, -75.5, 41.2, 49.1)
 _THINNING = {"coast": 0.04, "border": 0.03, "state": 0.02, "lake": 0.02}
+
+# Numbers of arcs; negative ones are run through backwards.
+Nested: TypeAlias = "int | Sequence[Nested]"
 
 
 def _decoded_arcs(topology: dict[str, Any]) -> list[np.ndarray]:
@@ -36,7 +39,7 @@ def _decoded_arcs(topology: dict[str, Any]) -> list[np.ndarray]:
     return [np.cumsum(np.array(arc), axis=0) * scale + shift for arc in topology["arcs"]]
 
 
-def _flat(indices: Any) -> Iterator[int]:
+def _flat(indices: Nested) -> Iterator[int]:
     if isinstance(indices, int):
         yield indices if indices >= 0 else ~indices
         return

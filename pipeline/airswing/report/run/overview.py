@@ -207,7 +207,12 @@ def before_after_figure(
 
 
 def _bars(
-    axes: Axes, names: Sequence[str], numbers: Sequence[int], colour: Any, total: int, room: int
+    axes: Axes,
+    names: Sequence[str],
+    numbers: Sequence[int],
+    colour: str | list[str],
+    total: int,
+    room: int,
 ) -> None:
     y = np.arange(len(names))
     axes.barh(y, numbers, color=colour, height=0.7, label="by this rule")

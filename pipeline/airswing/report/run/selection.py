@@ -8,7 +8,7 @@ pool's heading error is the mean over its members.  Angles are degrees.
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import SupportsInt
 
 import numpy as np
 import xarray as xr
@@ -132,7 +132,7 @@ def one_fit(fits: xr.Dataset, aircraft: str | int, reference: str) -> xr.Dataset
     return fits.isel(reference=names.index(reference), aircraft=_aircraft_index(fits, aircraft))
 
 
-def status_words(code: Any) -> str:
+def status_words(code: SupportsInt) -> str:
     """Return a fit's status in words."""
     names = {value: name.replace("_", " ") for name, value in STATUS.items()}
     return names.get(int(code), f"status {int(code)}")

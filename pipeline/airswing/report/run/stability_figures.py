@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.report.html.style import (
     BLUE,
@@ -101,11 +102,12 @@ def _dates(axes: Axes, changes: Sequence[Mapping[str, Any]]) -> None:
     for change in changes:
         low, high = (np.datetime64(day, "D") for day in change["date_ci"])
         end = high + np.timedelta64(1, "D")
-        axes.axvspan(_place(low), _place(end), color=VERMILION, alpha=0.18, linewidth=0)
-        axes.axvline(_place(np.datetime64(change["date"], "D")), color=VERMILION, linewidth=1.4)
+        first, last, found = _place([low, end, np.datetime64(change["date"], "D")]).tolist()
+        axes.axvspan(first, last, color=VERMILION, alpha=0.18, linewidth=0)
+        axes.axvline(found, color=VERMILION, linewidth=1.4)
 
 
-def _place(days: Any) -> Any:
+def _place(days: ArrayLike) -> NDArray[np.float64]:
     """Places of days on an axis of dates: days since 1970."""
     return np.asarray(days).astype("datetime64[D]").astype(np.float64)
 

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.synthetic.aircraft.instrument import coded, compute_wind
 from airswing.synthetic.sealed.cases import World
+from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
 from airswing.synthetic.world.true_atmosphere import stream
 
 __all__ = ["SensorRecord", "real_sensor", "sensor_record", "with_real_sensor", "write_model_case"]
@@ -266,10 +267,9 @@ def write_model_case(
     return closure
 
 
-def _read_disagreement(folder: Path, run: Any, start: np.datetime64) -> float:
+def _read_disagreement(folder: Path, run: GriddedReference, start: np.datetime64) -> float:
     """Return the mean disagreement of written reports with a run's winds, kt."""
     from airswing.physics.atmosphere import pressure_from_altitude
-    from airswing.synthetic.world.gridded_fields import sample_reference
 
     table = pd.concat([pd.read_csv(path) for path in sorted(folder.glob("*.csv"))])
     table = table[table["temperature_qc"] == "pass"]
