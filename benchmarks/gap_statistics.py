@@ -2,13 +2,14 @@
 
     python -m benchmarks.gap_statistics --reports 10000000 --aircraft 60 [--days 365]
 
-The products of the main job are written first, to a folder that is removed at the end: headings
-of toy flights under new days as collocation leaves them, one aircraft after the other, and the
-derivatives of the model wind beside them. Then the command itself is run, with two threads, and its
-own table of stages printed. The bars are those of ten million reports of sixty aircraft: 240 s of
-processor time in proportion to the reports, 600 s more for the witness of what has no name and its
-simulated archives (on the reports held in memory, so the same for any archive), 4 GiB. Exit status
-1 where a bar is missed.
+The products of the main job are written first, to a folder that is removed at the end: headings of
+toy flights under new days and in new weather, as collocation leaves them, one aircraft after the
+other, and the derivatives of the model wind beside them. Every aircraft has a hard iron of a degree
+or so, and nothing else is amiss: that is what the diagnosis should say. Then the command itself is
+run, with two threads, and its own table of stages printed. The bars are those of ten million
+reports of sixty aircraft: 240 s of processor time in proportion to the reports, 600 s more for the
+witness of what has no name and its simulated archives (on the reports held in memory, so the same
+for any archive), 4 GiB. Exit status 1 where a bar is missed.
 """
 
 from __future__ import annotations
@@ -21,16 +22,18 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 import yaml
+from numpy.typing import NDArray
 
 from airswing.config import Config, load_config
 from airswing.gap.archive import headings_columns as columns
+from airswing.gap.archive.frame import Frame
 from airswing.physics.triangle import wrap_signed
 from airswing.products.fingerprint import fingerprint
 from airswing.products.netcdf import as_stored, provenance
@@ -40,22 +43,35 @@ from airswing.workflow.gap_inputs import MARK
 from airswing.workflow.headings_stage import depends_on
 from airswing.workflow.job import GAP_INPUTS, HEADINGS
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from tests.gap.toy import Waves, make_frame
+
 SECONDS, MEMORY, REPORTS = 240.0, 4.0, 10_000_000
 FIXED = 20.0
 """Seconds that an archive of any size may take: imports, fits, figures."""
 WITNESS = 600.0
 """Seconds the phases of the witness may take beside, whatever the archive's size."""
+FORTNIGHT = 14 * 86400.0
+"""Seconds that the toy flights cover, and for which one weather holds that the model misses."""
+DEVIATION = 1.0
+"""Standard deviation of the coefficients of the aircraft's hard iron, degrees."""
 OF_THE_WITNESS = ("witness", "sent winds")
 
 
-def toy_aircraft(number: int, reports: int, days: int) -> xr.Dataset:
-    """Headings of one aircraft: a fortnight of toy flights repeated until the days are through."""
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-    from tests.gap.toy import make_frame
+def toy_flights(number: int) -> Frame:
+    """Toy flights of one aircraft over a fortnight."""
+    return make_frame(seed=number, aircraft=1, days=14)
 
-    fortnight = make_frame(seed=number, aircraft=1, days=14)
+
+def copies_of(flights: Frame, reports: int) -> int:
+    """How often the flights are repeated for about so many reports."""
+    return max(1, round(reports / flights.size))
+
+
+def toy_aircraft(number: int, fortnight: Frame, copies: int, days: int) -> xr.Dataset:
+    """Headings of one aircraft: its flights repeated until the days are through, in new weather."""
     flights = np.unique(fortnight.flight)
-    copies = max(1, round(reports / fortnight.size))
     start = np.arange(copies) * max(days - 14, 0) * 86400.0 / max(copies - 1, 1)
     which = np.repeat(np.arange(copies), fortnight.size)
     moved = np.tile(fortnight.time, copies) + np.floor(start[which] / 60.0) * 60.0
@@ -64,9 +80,12 @@ def toy_aircraft(number: int, reports: int, days: int) -> xr.Dataset:
     np.minimum.at(first, flight, moved)
     place = np.argsort(np.argsort(first, kind="stable"))[flight]
     order = np.lexsort((moved, place))
+    repeated = fortnight.take(np.tile(np.arange(fortnight.size), copies)[order])
+    weather = (first[flight[order]] // FORTNIGHT).astype(int)
+    made = in_new_weather(replace(repeated, time=moved[order]), weather, number)
     data: dict[str, Any] = {}
     for field, (name, angle) in (columns._PER_REPORT | columns._PER_REFERENCE).items():
-        values = np.tile(getattr(fortnight, field), copies)[order]
+        values = getattr(made, field)
         values = np.degrees(values) if angle else values
         if name in (
             "reference_eastward_wind",
@@ -77,53 +96,99 @@ def toy_aircraft(number: int, reports: int, days: int) -> xr.Dataset:
             data[name] = (("reference", "report"), values[None])
         else:
             data[name] = ("report", values)
-    air, implied = (
-        (fortnight.ground_u - u, fortnight.ground_v - v)
-        for u, v in ((fortnight.u_rep, fortnight.v_rep), (fortnight.u_ref, fortnight.v_ref))
-    )
+    implied = made.ground_u - made.u_ref, made.ground_v - made.v_ref
     errors = {  # what a refit of the deviation asks for, where effects beside it were found
-        "heading_error": np.degrees(wrap_signed(np.arctan2(*air) - np.arctan2(*implied))),
-        "heading_error_standard_error": np.ones(fortnight.size),
-        "airspeed_error": np.hypot(*air) - np.hypot(*implied),
+        "heading_error": np.degrees(wrap_signed(made.heading - np.arctan2(*implied))),
+        "heading_error_standard_error": np.ones(made.size),
+        "airspeed_error": made.airspeed - np.hypot(*implied),
     }
     for name, values in errors.items():
-        data[name] = (("reference", "report"), np.tile(values, copies)[order][None])
-    data["time"] = ("report", (moved[order] * 1e3).astype("M8[ms]").astype("M8[ns]"))
+        data[name] = (("reference", "report"), values[None])
+    data["time"] = ("report", (made.time * 1e3).astype("M8[ms]").astype("M8[ns]"))
     data["flight"] = ("report", place[order])
     for name in ("phase", "icing"):
-        data[name] = ("report", np.tile(getattr(fortnight, name), copies)[order])
+        data[name] = ("report", getattr(made, name))
     data["screening"] = ("report", np.zeros(order.size, np.int32))
     data["row_size"] = ("aircraft", [order.size])
     return xr.Dataset(data, coords={"reference": ["toy"], "aircraft": [f"N{number + 1:03d}"]})
 
 
-def blocks(reports: int, aircraft: int, days: int) -> Iterator[xr.Dataset]:
-    """Give every aircraft, flights numbered over the archive."""
-    flights = 0
-    for number in range(aircraft):
-        made = toy_aircraft(number, reports // aircraft, days)
-        made["flight"] = made["flight"] + flights
-        flights = int(made["flight"].max()) + 1
-        yield as_stored(made)
+def in_new_weather(flights: Frame, weather: NDArray[np.int64], number: int) -> Frame:
+    """Give flights the winds of their fortnight, what the model misses of them, and a deviation.
+
+    The fleet flies through one weather. Errors that came back with the flights would last, and an
+    effect that lasts be found in them. What there is to be found is a hard iron of every aircraft.
+    """
+    points = np.stack(
+        [
+            (flights.longitude + 90) * 85,
+            (flights.latitude - 40) * 111,
+            np.log(flights.pressure / 5e4),
+            flights.time / 3600,
+        ],
+        -1,
+    )
+    height = 1 - np.log(flights.pressure / 9e4)[:, None]
+    wind = [9.0, 0.0] * height
+    lasting = Waves(np.random.default_rng(0), sd=0.4, length=1500, hours=1e5, count=20)
+    missed = lasting(points)
+    for one in np.unique(weather):
+        own, rng = weather == one, np.random.default_rng([1, one])
+        wind[own] += Waves(rng, sd=6.0, length=2500, hours=60, count=20)(points[own]) * height[own]
+        missed[own] += Waves(rng, sd=2.0, length=700, hours=18, count=20)(points[own])
+    true = wind + missed
+    course = np.arctan2(flights.ground_u, flights.ground_v)  # held, whatever the wind
+    across = true[:, 0] * np.cos(course) - true[:, 1] * np.sin(course)
+    heading = course - np.arcsin(np.clip(across / flights.airspeed, -0.7, 0.7))
+    pointer = np.stack([np.sin(heading), np.cos(heading)], -1)
+    ground = flights.airspeed[:, None] * pointer + true
+    rng = np.random.default_rng([2, number])
+    magnetic, iron = heading - flights.declination, np.radians(rng.normal(0, DEVIATION, 2))
+    heading = heading + iron[0] * np.sin(magnetic) + iron[1] * np.cos(magnetic)
+    pointer = np.stack([np.sin(heading), np.cos(heading)], -1)
+    reported = ground - flights.airspeed[:, None] * pointer + rng.normal(size=true.shape)
+    air = (ground - reported).T
+    indicated = np.arctan2(*air)
+    return replace(
+        flights,
+        u_rep=reported[:, 0],
+        v_rep=reported[:, 1],
+        u_ref=wind[:, 0],
+        v_ref=wind[:, 1],
+        dudlnp=-wind[:, 0],
+        dvdlnp=-wind[:, 1],
+        ground_u=ground[:, 0],
+        ground_v=ground[:, 1],
+        heading=indicated,
+        magnetic_heading=indicated - flights.declination,
+        airspeed=np.hypot(*air),
+    )
 
 
 def write_products(config: Config, reports: int, aircraft: int, days: int) -> int:
     """Write what the main job would have; say how many reports."""
     unscreened, *screened = depends_on(config)
-    sizes = [made.sizes["report"] for made in blocks(reports, aircraft, days)]
+    fleet = [toy_flights(number) for number in range(aircraft)]
+    copies = [copies_of(flights, reports // aircraft) for flights in fleet]
+    total = sum(own.size * times for own, times in zip(fleet, copies, strict=True))
     paths = [config.output / HEADINGS, config.output / GAP_INPUTS]
     with (
-        ragged_writer(paths[0], reports=sum(sizes), aircraft=aircraft) as headings,
-        ragged_writer(paths[1], reports=sum(sizes), aircraft=aircraft) as inputs,
+        ragged_writer(paths[0], reports=total, aircraft=aircraft) as headings,
+        ragged_writer(paths[1], reports=total, aircraft=aircraft) as inputs,
     ):
-        for made in blocks(reports, aircraft, days):
+        flights = 0
+        for number, (own, times) in enumerate(zip(fleet, copies, strict=True)):
+            toy = toy_aircraft(number, own, times, days)
+            toy["flight"] = toy["flight"] + flights
+            flights = int(toy["flight"].max()) + 1
+            made = as_stored(toy)
             headings.append(made.drop_vars(DERIVATIVES))
             inputs.append(made[[*DERIVATIVES, "row_size"]])
         told = provenance("toy flights")
         mark = fingerprint(HEADINGS, unscreened, *screened)
         headings.finish({MARK: unscreened, "fingerprint": mark, **told})
         inputs.finish({MARK: unscreened, **provenance("toy flights")})
-    return sum(sizes)
+    return total
 
 
 def configuration(folder: Path) -> Path:
