@@ -260,10 +260,18 @@ def _level(excess: Floats, weight: Floats) -> tuple[Floats, Floats]:
     return curve, level
 
 
+def _own_level(excess: Floats, weight: Floats) -> Floats:
+    """Curve of mean 0 that fits the cells of each aircraft by itself best, (aircraft, cells)."""
+    whole = np.maximum(weight, 1e-9)
+    level = (weight * excess).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
+    curve = weight * (excess - level[:, None]) / whole
+    return np.asarray(curve - ((whole * curve).sum(axis=1) / whole.sum(axis=1))[:, None])
+
+
 def _struck(excess: Floats, count: Floats, natural: float) -> NDArray[np.bool_]:
     """Aircraft that show one curve rather than a level one: a mixture of the two, (aircraft,)."""
     variance = LOG_VARIANCE / np.maximum(count, 1e-3) + natural**2
-    level = [_level(excess[a : a + 1], count[a : a + 1])[0] for a in range(excess.shape[0])]
+    level = _own_level(excess, count)
     own = np.array([_against_level(v, np.sqrt(s)) for v, s in zip(level, variance, strict=True)])
     known = count.sum(axis=1) > 0
     share = known / (1 + np.exp(-np.clip(own, -30, 30)))
@@ -271,10 +279,8 @@ def _struck(excess: Floats, count: Floats, natural: float) -> NDArray[np.bool_]:
         share = known.astype(float)
     for _ in range(20):
         curve, _ = _level(excess, count * share[:, None])
-        rest = np.array(
-            [_level(excess[a : a + 1] - curve, count[a : a + 1])[0] for a in range(share.size)]
-        )
-        apart = 0.5 * ((np.array(level) ** 2 - rest**2) / variance).sum(axis=1)
+        rest = _own_level(excess - curve, count)
+        apart = 0.5 * ((level**2 - rest**2) / variance).sum(axis=1)
         usual = np.clip(share[known].mean(), 0.02, 0.98)
         odds = apart + np.log(usual / (1 - usual))
         share = known / (1 + np.exp(-np.clip(odds, -30, 30)))
