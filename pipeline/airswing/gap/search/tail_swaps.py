@@ -124,32 +124,30 @@ def find_swap(
     prior = 0.5 * np.concatenate([np.asarray(effects[n].column_scales, float) for n in names])
     cuts = np.arange(shortest, days - shortest + 1)
     scores = residual_scores(base, given)[:, :, columns]
-    before, after = [], []
+    # running sums of every aircraft, from none to all days
+    gram = np.zeros((aircraft, days + 1, prior.size, prior.size))
+    score = np.zeros((aircraft, days + 1, prior.size))
     for a in range(aircraft):
-        gram = np.concatenate(
-            [
-                np.zeros((1, prior.size, prior.size)),
-                np.cumsum(own_day_grams(base, a, columns), axis=0),
-            ]
-        )
-        score = np.concatenate([np.zeros((1, prior.size)), np.cumsum(scores[a], axis=0)])
-        before.append((gram[cuts], score[cuts]))
-        after.append((gram[-1] - gram[cuts], score[-1] - score[cuts]))
-    own = [_own_evidence(b, e, prior, factor) for b, e in zip(before, after, strict=True)]
+        np.cumsum(own_day_grams(base, a, columns), axis=0, out=gram[a, 1:])
+        np.cumsum(scores[a], axis=0, out=score[a, 1:])
+    before = gram[:, cuts], score[:, cuts]
+    after = gram[:, -1:] - before[0], score[:, -1:] - before[1]
+    own = [
+        _own_evidence((before[0][a], before[1][a]), (after[0][a], after[1][a]), prior, factor)
+        for a in range(aircraft)
+    ]
     best, values = None, []
-    for a in range(aircraft):
-        for b in range(a + 1, aircraft):
-            crossed = _evidence(
-                before[a][0] + after[b][0], before[a][1] + after[b][1], prior, factor
-            )
-            crossed += _evidence(
-                before[b][0] + after[a][0], before[b][1] + after[a][1], prior, factor
-            )
-            gain = crossed - own[a] - own[b]
-            values.append(gain)
-            top = int(np.argmax(gain))
-            if best is None or gain[top] > best[2]:
-                best = ((a, b), int(cuts[top]), float(gain[top]))
+    for a in range(aircraft - 1):
+        rest = slice(a + 1, aircraft)
+        pair = ((before, after), (after, before))
+        crossed = [
+            _evidence(x[0][a] + y[0][rest], x[1][a] + y[1][rest], prior, factor) for x, y in pair
+        ]
+        gain = crossed[0] + crossed[1] - own[a] - np.array(own[rest])[:, None]
+        values.append(gain.ravel())
+        b, top = np.unravel_index(int(np.argmax(gain)), gain.shape)
+        if best is None or gain[b, top] > best[2]:
+            best = ((a, a + 1 + int(b)), int(cuts[top]), float(gain[b, top]))
     whole = np.concatenate(values)
     evidence = float(np.logaddexp.reduce(whole) - np.log(whole.size))
     if best is None or evidence < threshold:
