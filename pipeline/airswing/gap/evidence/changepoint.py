@@ -69,25 +69,39 @@ def residual_scores(base: Base, given: Conditional) -> Floats:
     -------
     (A, D, c) float
     """
-    stats = base.stats
-    core = stats.layout.core
-    fitted = np.zeros((*stats.day_count.shape, core))
-    raw = stats.day_score[:, :, :core].copy()
+    every = range(len(base.stats.tails))
+    return np.stack([_remains_of(base, given, a) for a in every])
+
+
+def _remains_of(base: Base, given: Conditional, aircraft: int) -> Floats:
+    """Residual scores (D, c) of one aircraft, computed once."""
+    made, core = given.derived, slice(0, base.stats.layout.core)
+    if "shared" not in made:
+        made["fitted"] = fitted = np.zeros((*base.stats.day_count.shape, core.stop))
+        for x, value in zip(given.included, given.coefficients, strict=True):
+            if x.column < core.stop:
+                fitted[:, :, x.column] += x.weights * value
+        fields = base.stats.layout.blocks["day_fields"]
+        each = (_taken_off(base, given, a, fields) for a in range(len(fitted)))
+        made["shared"] = np.einsum("dij,dj->di", base.root, sum(each))
+    if (name := f"remains {aircraft}") not in made:
+        cross = base.cross[aircraft][:, :, core]
+        left = _taken_off(base, given, aircraft, core)
+        made[name] = left - np.matmul(made["shared"][:, None], cross)[:, 0]
+    return made[name]
+
+
+def _taken_off(base: Base, given: Conditional, aircraft: int, columns: slice) -> Floats:
+    """Scores (D, k) of some core columns of an aircraft less what the included ones explain."""
+    stats, own = base.stats, given.derived["fitted"][aircraft]
+    left = stats.day_score[aircraft][:, columns].copy()
     for x, value in zip(given.included, given.coefficients, strict=True):
-        if x.column < core:
-            fitted[:, :, x.column] += x.weights * value
-        else:
-            for a in np.flatnonzero(x.weights.any(axis=1)):
-                rows = stats.week_gram[a, :, x.column, :core][stats.week_of_day]
-                raw[a] -= rows * (x.weights[a] * stats.day_share[a] * value)[:, None]
-    for own, gram, left in zip(fitted, stats.day_gram, raw, strict=True):  # in turn, for memory
-        live = np.flatnonzero(own.any(axis=0))
-        left -= np.matmul(own[:, None, live], gram[:, live].astype(float))[:, 0]
-    fields = stats.layout.blocks["day_fields"]
-    shared = np.einsum("dij,dj->di", base.root, raw[:, :, fields].sum(axis=0))
-    for cross, left in zip(base.cross, raw, strict=True):
-        left -= np.matmul(shared[:, None], cross[:, :, :core])[:, 0]
-    return raw
+        if x.column >= stats.layout.core and x.weights[aircraft].any():
+            rows = stats.week_gram[aircraft, :, x.column, columns][stats.week_of_day]
+            left -= rows * (x.weights[aircraft] * stats.day_share[aircraft] * value)[:, None]
+    live = np.flatnonzero(own.any(axis=0))
+    gram = stats.day_gram[aircraft][:, live, columns].astype(float)
+    return np.asarray(left - np.matmul(own[:, None, live], gram)[:, 0])
 
 
 def own_day_grams(base: Base, aircraft: int, columns: NDArray[np.int64]) -> Floats:
@@ -138,7 +152,6 @@ def evaluate_step(
     """
     stats = base.stats
     tried, prior = _tried(stats.days.size, period)
-    remains = _remains(base, given)
     acting = stats.acting[:, candidate.columns].max(axis=1)
     asked = np.zeros(acting.size, bool) if len(tried) == 0 else acting >= LEAST_ACTING
     if allowed is not None:
@@ -149,7 +162,7 @@ def evaluate_step(
     # the last window is that of the columns at work all the time
     whole = np.concatenate([tried, [[0, stats.days.size]]])
     sums = {
-        int(a): _window_sums(base, given, int(a), candidate.columns, whole, remains)
+        int(a): _window_sums(base, given, int(a), candidate.columns, whole)
         for a in np.flatnonzero(asked)
     }
     fits = {a: own_fit(*own, candidate.scales) for a, own in sums.items()}
@@ -213,15 +226,8 @@ def raw_of_one_step(base: Base, given: Conditional, candidate: Candidate, one: i
     tried, prior = _tried(base.stats.days.size, None)
     if not len(tried):
         return 0.0
-    sums = _window_sums(base, given, one, candidate.columns, tried, _remains(base, given))
+    sums = _window_sums(base, given, one, candidate.columns, tried)
     return _pooled([raw_evidence(own_fit(*sums, candidate.scales))], prior)
-
-
-def _remains(base: Base, given: Conditional) -> Floats:
-    """Residual scores, computed once."""
-    if "remains" not in given.derived:
-        given.derived["remains"] = residual_scores(base, given)
-    return given.derived["remains"]
 
 
 @dataclass(frozen=True)
@@ -363,10 +369,9 @@ def _window_sums(
     aircraft: int,
     columns: NDArray[np.int64],
     tried: NDArray[np.int64],
-    remains: Floats,
 ) -> tuple[Floats, Floats]:
     """Information (w, k, k) and score (w, k) of the columns in every window."""
-    core = base.stats.layout.core
+    core, remains = base.stats.layout.core, _remains_of(base, given, aircraft)
     included = [
         x
         for x in given.included
@@ -383,7 +388,7 @@ def _window_sums(
         cross_total += np.diag([x.precision for x in included])
         inverse = np.linalg.inv(cross_total + 1e-9 * np.trace(cross_total) * np.eye(others.size))
     running = np.concatenate([np.zeros((1, *grams.shape[1:])), np.cumsum(grams, axis=0)])
-    score = np.concatenate([np.zeros((1, k)), np.cumsum(remains[aircraft][:, columns], axis=0)])
+    score = np.concatenate([np.zeros((1, k)), np.cumsum(remains[:, columns], axis=0)])
     window = running[tried[:, 1]] - running[tried[:, 0]]
     information = window[:, :k, :k]
     if others.size:

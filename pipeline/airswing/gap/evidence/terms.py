@@ -86,9 +86,15 @@ def term_columns(term: Term, shape: tuple[int, int]) -> list[Included]:
     return out
 
 
-def given_terms(base: Base, terms: Sequence[Term]) -> Conditional:
-    """Sums conditioned on the climatology and some terms."""
-    return condition(base, all_columns(base, terms))
+def given_terms(
+    base: Base,
+    terms: Sequence[Term],
+    *,
+    columns: NDArray[np.int64] | None = None,
+    aircraft: int | None = None,
+) -> Conditional:
+    """Sums conditioned on the climatology and some terms; of what is asked for, as `condition`."""
+    return condition(base, all_columns(base, terms), columns=columns, aircraft=aircraft)
 
 
 def fit_terms(base: Base, terms: Sequence[Term]) -> Fit:

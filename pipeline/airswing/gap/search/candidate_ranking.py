@@ -22,7 +22,7 @@ from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.changepoint import GAIN_SHARE, evaluate_step, raw_of_one_step
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.of_candidate import evaluate, evaluate_each, raw_of_one
-from airswing.gap.evidence.terms import Term
+from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.sums.elimination import Base, Conditional, beyond
 
 Floats = NDArray[np.float64]
@@ -187,7 +187,7 @@ def _lasting(candidate: Candidate) -> Candidate:
 
 
 def better_for(
-    base: Base, given: Conditional, pool: Sequence[Candidate], one: int, current: Term
+    base: Base, others: Sequence[Term], pool: Sequence[Candidate], one: int, current: Term
 ) -> Score | None:
     """Find the best candidate for one aircraft where it beats the term it is in clearly.
 
@@ -197,7 +197,8 @@ def better_for(
     Parameters
     ----------
     base : Base
-    given : Conditional
+    others : sequence of Term
+        What is given.
     pool : sequence of Candidate
         Known ones of aircraft scope.
     one : int
@@ -209,10 +210,14 @@ def better_for(
     Score or None
     """
     allowed = np.arange(len(base.stats.tails)) == one
+    given = given_terms(base, others, columns=current.candidate.columns, aircraft=one)
     own = ranked_by(evaluate_named(base, given, current.candidate, allowed, current.period))
     # cluster factors are 1 at least, and no evaluation finds more raw evidence than this
     most = _most(base, given, pool, one)
     likely = [c for c, raw in zip(pool, most, strict=True) if raw > own + CLEARLY]
+    if not likely:
+        return None
+    given = given_terms(base, others)
     scores = evaluate_all_known(base, given, likely, [allowed] * len(likely))
     best = max(scores, key=ranked_by, default=None)
     clear = best is not None and ranked_by(best) - own > CLEARLY * best.factor

@@ -132,7 +132,10 @@ def with_background(base: Base, pool: Sequence[Candidate]) -> Base:
         )
         for h in (False, True)
     ]
-    return replace(base, background=np.stack(rows))
+    made = replace(base, background=np.stack(rows))
+    # what has been worked out of the sums stays: none of it depends on the background
+    vars(made).update({name: value for name, value in vars(base).items() if name not in vars(made)})
+    return made
 
 
 def passes(score: Score, rules: Rules) -> bool:
@@ -401,8 +404,7 @@ def _reassign(base: Base, pool: Sequence[Candidate], terms: list[Term]) -> list[
             if not rest.tails:
                 break
             others = [*terms[:k], rest, *terms[k + 1 :]]
-            given = given_terms(base, others)
-            best = better_for(base, given, own_pool, a, term)
+            best = better_for(base, others, own_pool, a, term)
             if best is not None and best.candidate.key != term.candidate.key:
                 terms = _merge(others, Term(best.candidate, (a,), best.period, best))
     return terms
@@ -420,7 +422,8 @@ def _completed(base: Base, terms: Sequence[Term], k: int, rules: Rules) -> Term:
         return term
     taken = {a for t in terms if t.key == term.key for a in t.tails}
     allowed = np.array([a not in taken for a in range(aircraft)])
-    score = evaluate_named(base, given_terms(base, terms), term.candidate, allowed, None)
+    given = given_terms(base, terms, columns=term.candidate.columns)
+    score = evaluate_named(base, given, term.candidate, allowed, None)
     # all but one of fourteen: of a fleet this small no share is certain
     odds = score.aircraft_evidence + np.log(min(share, 0.93) / (1 - min(share, 0.93)))
     likely = allowed & (score.aircraft_evidence > 0) & (odds > 1) & (score.size > rules.size)
@@ -441,7 +444,8 @@ def _prune_tails(base: Base, term: Term, others: list[Term], rules: Rules) -> Te
         rest = tuple(t for t in kept if t != a)
         if not rest:
             break
-        given = given_terms(base, [*others, replace(term, tails=rest)])
+        left = [*others, replace(term, tails=rest)]
+        given = given_terms(base, left, columns=candidate.columns)
         allowed = np.arange(aircraft) == a
         score = evaluate_named(base, given, candidate, allowed, term.period)
         # one of fourteen to all but one, as above: the prior alone must not decide

@@ -73,8 +73,9 @@ class Base:
     shortened : (p,) float or None
         What the scatter of headings looks like in each column, m/s
         (:mod:`airswing.gap.evidence.shortened_airspeed`).
-    rows : dict
-        What :func:`included_cross` computed already, by column and digest of its weights.
+    rows, daily, blocks : dict
+        What was computed already of weighted columns, by column and digest of the weights: X'Y with
+        every column, coupling and X'r by day, X'X of an aircraft's own by fold.
     """
 
     stats: Statistics
@@ -85,6 +86,8 @@ class Base:
     background: Floats | None = None
     shortened: Floats | None = None
     rows: dict[Key, Floats] = field(default_factory=dict, repr=False)
+    daily: dict[Key, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
+    blocks: dict[tuple[object, ...], Floats] = field(default_factory=dict, repr=False)
 
     @cached_property
     def _flat(self) -> Floats:
@@ -109,10 +112,15 @@ class Base:
         return np.asarray(whole - total.T @ total)
 
     @cached_property
+    def fleet_score(self) -> Floats:
+        """X'r of the fleet-wide columns by day, (D, p)."""
+        return np.asarray(self.score.sum(axis=0))
+
+    @cached_property
     def lasting_share(self) -> Floats:
         """Share of each fleet-wide column's X'X that the climatology and the slope take, (p,)."""
         lasting = climatology(self)
-        cross = included_cross(self, *_stacked(lasting)).sum(axis=0)
+        cross = np.stack([row.sum(axis=0) for row in _cross_rows(self, lasting)])
         taken = ((fit_included(self, lasting).half @ cross) ** 2).sum(axis=0)
         own = np.diagonal(self.fleet_gram)
         share = np.divide(taken, own, out=np.zeros_like(taken), where=own > 1e-9)
@@ -133,6 +141,7 @@ class Conditional:
     gram : (A, p, p)
     score : (A, D, p)
     fleet_gram : (p, p)
+    fleet_score : (D, p)
     included_gram : (m, m)
     included_score : (D, m)
     lasting_share : (p,)
@@ -140,8 +149,6 @@ class Conditional:
     background : (2, T) or None
     shortened : (p,) or None
         See :class:`Base`.
-    fleet_score_override : (D, p) or None
-        Fleet scores where they are not the sum over aircraft.
     derived : dict
         What has been computed from these sums already.
     """
@@ -152,20 +159,13 @@ class Conditional:
     gram: Floats
     score: Floats
     fleet_gram: Floats
+    fleet_score: Floats
     included_gram: Floats
     included_score: Floats
     lasting_share: Floats
     background: Floats | None = None
     shortened: Floats | None = None
-    fleet_score_override: Floats | None = None
     derived: dict[str, Floats] = field(default_factory=dict, repr=False)
-
-    @cached_property
-    def fleet_score(self) -> Floats:
-        """Score of the fleet-wide columns by day, (D, p)."""
-        if self.fleet_score_override is not None:
-            return self.fleet_score_override
-        return np.asarray(self.score.sum(axis=0))
 
 
 def eliminate_days(stats: Statistics, variances: Variances | None = None) -> Base:
@@ -210,26 +210,42 @@ def climatology(base: Base) -> list[Included]:
     return [Included(int(column), ones, float(precision)) for column, precision in pairs]
 
 
-def condition(base: Base, included: list[Included]) -> Conditional:
-    """Condition all sums on a set of columns.
+def condition(
+    base: Base,
+    included: list[Included],
+    *,
+    columns: Integers | None = None,
+    aircraft: int | None = None,
+) -> Conditional:
+    """Condition sums on a set of columns.
 
     Parameters
     ----------
     base : Base
     included : list of Included
+    columns : (k,) int, optional
+        Where the aircraft's own sums are asked for of these only: those of others stay 0.
+    aircraft : int, optional
+        One whose own sums are then asked for of all columns.
 
     Returns
     -------
     Conditional
     """
     fit = fit_included(base, included)
-    columns, weights = _stacked(included)
-    cross = included_cross(base, columns, weights)
-    reduced = np.einsum("ij,ajp->aip", fit.half, cross, optimize=True)
-    gram = base.gram - np.matmul(reduced.transpose(0, 2, 1), reduced)
-    total = reduced.sum(axis=0)
-    share = fit.score @ fit.covariance
-    score = base.score - np.einsum("dm,amp->adp", share, cross, optimize=True)
+    rows = _cross_rows(base, included)
+    everything = slice(None)
+    if columns is None:
+        gram, score = _own_sums(base, fit, rows, everything, everything)
+    else:
+        gram, score = np.zeros(base.gram.shape), np.zeros(base.score.shape)
+        square = everything, columns[:, None], columns
+        gram[square], score[..., columns] = _own_sums(base, fit, rows, everything, columns)
+    if aircraft is not None:
+        one = slice(aircraft, aircraft + 1)
+        gram[one], score[one] = _own_sums(base, fit, rows, one, everything)
+    fleet = np.stack([row.sum(axis=0) for row in rows])
+    total = fit.half @ fleet
     return Conditional(
         tuple(included),
         fit.coefficients,
@@ -237,12 +253,23 @@ def condition(base: Base, included: list[Included]) -> Conditional:
         gram,
         score,
         base.fleet_gram - total.T @ total,
+        base.fleet_score - fit.score @ fit.covariance @ fleet,
         fit.gram,
         fit.score,
         base.lasting_share,
         base.background,
         base.shortened,
     )
+
+
+def _own_sums(
+    base: Base, fit: Fit, rows: list[Floats], own: slice, some: slice | Integers
+) -> tuple[Floats, Floats]:
+    """X'X (n, k, k) and X'r (n, D, k) of some columns of some aircraft given what is fitted."""
+    cross = np.stack([row[own, some] for row in rows], axis=1)
+    reduced = fit.half @ cross
+    gram = base.gram[own][:, some][:, :, some] - reduced.transpose(0, 2, 1) @ reduced
+    return gram, base.score[own][:, :, some] - (fit.score @ fit.covariance) @ cross
 
 
 @dataclass(frozen=True)
@@ -370,22 +397,32 @@ def _daily_sums(
     by_day = np.empty((stats.days.size, columns.size))
     coupled[even] = np.moveaxis(base.fleet_cross[:, :, columns[even]], -1, 0)
     by_day[:, even] = base.score[:, :, columns[even]].sum(axis=0)
-    for k in np.flatnonzero(~even):
-        active = np.flatnonzero(weights[k].any(axis=1))
-        own, column = weights[k][active], columns[k]
-        coupled[k] = np.einsum("ad,adi->di", own, base.cross[active, :, :, column])
-        by_day[:, k] = (own * base.score[active, :, column]).sum(axis=0)
+    keys = {k: _key(columns[k], weights[k]) for k in np.flatnonzero(~even).tolist()}
+    for k, key in keys.items():
+        if key not in base.daily:
+            active = np.flatnonzero(weights[k].any(axis=1))
+            own, column = weights[k][active], columns[k]
+            base.daily[key] = (
+                np.einsum("ad,adi->di", own, base.cross[active, :, :, column]),
+                (own * base.score[active, :, column]).sum(axis=0),
+            )
+        coupled[k], by_day[:, k] = base.daily[key]
     core = columns < stats.layout.core
     always, others = np.flatnonzero(core & even), np.flatnonzero(core & ~even)
     gram = np.zeros((belongs.shape[0], columns.size, columns.size))
     sums = stats.fleet_day_gram[:, columns[always][:, None], columns[always]]
     gram[:, always[:, None], always] = np.tensordot(belongs, sums, 1)
-    for a in np.flatnonzero(weights[others].any(axis=(0, 2))):
-        own = others[weights[others, a].any(axis=1)]
+    acting = np.asarray(weights[others].any(axis=2))
+    for a in np.flatnonzero(acting.any(axis=0)).tolist():
+        own = others[acting[:, a]]
         beside = np.r_[always, own]
-        sums = stats.day_gram[a][:, columns[own][:, None], columns[beside]]
-        factor = weights[own, a].T[:, :, None] * weights[beside, a].T[:, None, :]
-        gram[:, own[:, None], beside] += np.tensordot(belongs, factor * sums, 1)
+        # from one set of terms to the next most aircraft keep theirs
+        key = a, belongs.tobytes(), columns[always].tobytes(), *(keys[k] for k in own.tolist())
+        if key not in base.blocks:
+            sums = stats.day_gram[a][:, columns[own][:, None], columns[beside]]
+            factor = weights[own, a].T[:, :, None] * weights[beside, a].T[:, None, :]
+            base.blocks[key] = np.tensordot(belongs, factor * sums, 1)
+        gram[:, own[:, None], beside] += base.blocks[key]
     gram[:, always[:, None], others] = gram[:, others[:, None], always].swapaxes(1, 2)
     for f in range(belongs.shape[0]):
         flat = coupled[:, fold == f].reshape(columns.size, -1)
@@ -393,34 +430,29 @@ def _daily_sums(
     return gram, by_day
 
 
-def _digest(weights: Floats) -> bytes:
-    return blake2b(weights.tobytes(), digest_size=16).digest()
+def _key(column: int, weights: Floats) -> Key:
+    """What tells a weighted column from others; most weights are 0, and are not gone through."""
+    where = np.flatnonzero(weights)
+    told = where.tobytes() + weights.ravel()[where].tobytes()
+    return int(column), blake2b(told, digest_size=16).digest()
 
 
-def included_cross(base: Base, columns: Integers, weights: Floats) -> Floats:
-    """X'Y between weighted core columns and each aircraft's every column.
-
-    Parameters
-    ----------
-    base : Base
-    columns : (m,) int
-    weights : (m, A, D) float
-
-    Returns
-    -------
-    (A, m, p) float
-    """
-    keys = [(int(j), _digest(w)) for j, w in zip(columns, weights, strict=True)]
+def _cross_rows(base: Base, included: list[Included]) -> list[Floats]:
+    """X'Y between each included column and each aircraft's every column, (A, p) each."""
+    keys = [_key(x.column, x.weights) for x in included]
     new = [k for k, key in enumerate(keys) if key not in base.rows]
     if new:
         shared = [
-            np.einsum("bd,bdi->di", weights[k], base.cross[:, :, :, columns[k]]).ravel()
+            np.einsum(
+                "bd,bdi->di", included[k].weights, base.cross[:, :, :, included[k].column]
+            ).ravel()
             for k in new
         ]
         coupled = np.stack(shared) @ base._flat  # all at once: the whole cross is gone through
         for i, k in enumerate(new):
-            base.rows[keys[k]] = own_row(base.stats, keys[k][0], weights[k]) - coupled[:, i]
-    return np.stack([base.rows[key] for key in keys], axis=1)
+            own = own_row(base.stats, included[k].column, included[k].weights)
+            base.rows[keys[k]] = own - coupled[:, i]
+    return [base.rows[key] for key in keys]
 
 
 def beyond(given: Conditional, columns: Integers) -> Conditional:
@@ -440,9 +472,7 @@ def beyond(given: Conditional, columns: Integers) -> Conditional:
     for a in range(gram.shape[0]):
         gram[a], score[a] = _project(given.gram[a], given.score[a], columns)
     fleet, fleet_score = _project(given.fleet_gram, given.fleet_score, columns)
-    return replace(
-        given, gram=gram, score=score, fleet_gram=fleet, fleet_score_override=fleet_score
-    )
+    return replace(given, gram=gram, score=score, fleet_gram=fleet, fleet_score=fleet_score)
 
 
 def _project(gram: Floats, score: Floats, columns: Integers) -> tuple[Floats, Floats]:
