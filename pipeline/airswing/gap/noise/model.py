@@ -36,7 +36,7 @@ from airswing.gap.noise.whitening import (
     flight_order,
     flight_steps,
     kalman_gains,
-    whiten,
+    whiten_blocks,
 )
 
 Floats = NDArray[np.float64]
@@ -107,16 +107,21 @@ def _likelihood(
     keep: NDArray[np.bool_],
     parameters: Floats,
 ) -> float:
-    """Minus log likelihood of standardised residuals, squared innovations winsorised at 4 sd."""
+    """Minus log likelihood of standardised residuals, squared innovations winsorised at 4 sd.
+
+    Of reports that lie in the order of their flights already, values (2, n).
+    """
     signal, white, length, height = np.exp(parameters)
     decay = np.exp(-distance / length - step / height)
     gains = kalman_gains(
         order, decay, np.ones(distance.size), keep, correlated_sd=signal, white_sd=white
     )
-    innovation = whiten(values, order, gains)
+    innovation = values.copy()
+    whiten_blocks(innovation, order.starts, gains)
     weight = gains.weight[keep]
     return float(
-        0.5 * np.minimum(innovation[keep] ** 2, 16.0).sum() - values.shape[1] * np.log(weight).sum()
+        0.5 * np.minimum(innovation[:, keep] ** 2, 16.0).sum()
+        - values.shape[0] * np.log(weight).sum()
     )
 
 
@@ -302,7 +307,9 @@ def _maximise(
     bounds = np.log(
         [[0.1 * spread, 5 * spread], [0.05 * spread, 2 * spread], [10e3, 2000e3], [0.05, 20.0]]
     )
-    own = values[chosen], order, distance[chosen], step[chosen], keep[chosen]
+    # laid out in the order once, not at each of some hundred likelihoods
+    laid, place = chosen[order.index], replace(order, index=np.arange(chosen.size))
+    own = values[laid].T.copy(), place, distance[laid], step[laid], keep[laid]
 
     def cost(parameters: Floats) -> float:
         # the simplex knows no bounds: beyond them the cost is that of the edge and a wall

@@ -180,28 +180,28 @@ def kalman_gains(
     -------
     Gains
     """
-    n = decay.size
-    gain, weight = np.zeros(n), np.zeros(n)
+    n, index = decay.size, order.index
     used = np.where(np.isfinite(decay), decay, 0.0).astype(float)
     signal, white = correlated_sd**2, np.full(n, white_sd**2)
     if doubt is not None:
         white += (doubt / level_factor) ** 2
+    # a flight's first report has nothing before it: the process starts from its own variance
+    used[index[: order.starts[1]] if n else index] = 0.0
+    phi2, white, kept = used[index] ** 2, white[index], keep[index]  # blocks are then slices
+    before, total = np.empty(n), np.empty(n)
     variance = np.zeros(0)
-    for j in range(order.starts.size - 1):
-        now = order.index[order.starts[j] : order.starts[j + 1]]
-        if j == 0:
-            # a flight's first report has nothing before it: the process starts from its own
-            # variance
-            used[now] = 0.0
-            variance = np.full(now.size, signal)
+    for first, stop in zip(order.starts[:-1].tolist(), order.starts[1:].tolist(), strict=True):
+        now = slice(first, stop)
+        if first:
+            variance = phi2[now] * variance[: stop - first] + signal * (1 - phi2[now])
         else:
-            phi2 = used[now] ** 2
-            variance = phi2 * variance[: now.size] + signal * (1 - phi2)
-        total = variance + white[now]
-        kept = keep[now]
-        gain[now] = np.where(kept, variance / total, 0.0)
-        weight[now] = np.where(kept, 1 / np.sqrt(total), 0.0)
-        variance = variance * (1 - gain[now])
+            variance = np.full(stop, signal)
+        before[now] = variance
+        np.add(variance, white[now], out=total[now])
+        variance = variance * (1 - np.where(kept[now], variance / total[now], 0.0))
+    gain, weight = np.zeros(n), np.zeros(n)
+    gain[index] = np.where(kept, before / total, 0.0)
+    weight[index] = np.where(kept, 1 / np.sqrt(total), 0.0)
     return Gains(used, gain, weight, 1.0 / level_factor)
 
 
