@@ -371,11 +371,9 @@ def _window_sums(
     tried: NDArray[np.int64],
 ) -> tuple[Floats, Floats]:
     """Information (w, k, k) and score (w, k) of the columns in every window."""
-    core, remains = base.stats.layout.core, _remains_of(base, given, aircraft)
+    remains = _remains_of(base, given, aircraft)
     included = [
-        x
-        for x in given.included
-        if x.column < core and 0 < x.weights[aircraft].sum() == x.weights.sum()
+        x for x, own in zip(given.included, _owner(base, given), strict=True) if own == aircraft
     ]
     others = np.array([x.column for x in included], np.int64)
     both = np.r_[columns, others]
@@ -397,6 +395,15 @@ def _window_sums(
         least = 1e-4 * information * np.eye(k)
         information = information - side @ inverse @ side.transpose(0, 2, 1) + least
     return information, score[tried[:, 1]] - score[tried[:, 0]]
+
+
+def _owner(base: Base, given: Conditional) -> Floats:
+    """Aircraft (m,) that alone has each included core column; -1 where none or several have it."""
+    if "owner" not in given.derived:
+        has = np.stack([x.weights.any(axis=1) for x in given.included])
+        core = np.array([x.column < base.stats.layout.core for x in given.included])
+        given.derived["owner"] = np.where(core & (has.sum(axis=1) == 1), has.argmax(axis=1), -1.0)
+    return given.derived["owner"]
 
 
 def _window_evidence(

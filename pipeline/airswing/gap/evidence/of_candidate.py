@@ -206,7 +206,7 @@ def _evaluate_aircraft(
             Score(
                 candidate,
                 mixed.total,
-                mixture(found.raw).total,
+                log_mean(by_share(found.raw).sum(axis=-1)),
                 found.factor,
                 mixed.posterior,
                 found.tempered[mixed.best],
