@@ -155,8 +155,8 @@ def run_pass(
     tell("search", 0.0)
     variances = shared_variances(stats, shared_prior(columns.layout, effects))
     pool = candidates(columns.layout, effects, dictionary=search.dictionary)
-    base = with_background(eliminate_days(stats, variances), pool)
-    base = replace(base, shortened=of_columns(frame, columns.layout, effects))
+    lost = of_columns(frame, columns.layout, effects)
+    base = with_background(replace(eliminate_days(stats, variances), shortened=lost), pool)
     problem = Problem(
         frame, context, effects, plan, noise, base, archive.reports, archive.flights, search.seed
     )
