@@ -28,8 +28,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["At", "coding_variance", "correction_error", "curve_slope", "table_slope"]
-
 Array = NDArray[np.float64]
 
 

@@ -53,8 +53,6 @@ from airswing.physics.geomagnetism import FieldLattice
 from airswing.physics.track import ACCELERATION_DENSITY
 from airswing.vocabulary import VARIABLES, describe
 
-__all__ = ["derive_columns", "derive_headings", "with_columns"]
-
 Array = NDArray[np.float64]
 
 _NEEDED = (
@@ -171,6 +169,7 @@ def derive_columns(
 
 def with_columns(reports: xr.Dataset, winds: xr.Dataset, columns: Mapping[str, Any]) -> xr.Dataset:
     """Reports, winds and columns of :func:`derive_columns` as one described Dataset."""
+    # Both hold the reports' coordinates; comparing them would load what is lazy.
     found = reports.merge(winds, compat="override", combine_attrs="override")
     found = found.assign(columns)
     found.attrs = {**winds.attrs, **reports.attrs}

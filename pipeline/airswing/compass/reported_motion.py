@@ -119,6 +119,7 @@ def _believed(
         column_of(reports, "reported_airspeed"),
         column_of(reports, "reported_heading"),
     )
+    # Zero is how some columns say that they have none.
     airspeed = np.where(airspeed > 0.0, airspeed, np.nan)
     speed_step, heading_step = (
         np.nan_to_num(lattice_step(values, aircraft, number, steps))[aircraft]

@@ -36,8 +36,6 @@ from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.units import KNOT
 from airswing.vocabulary import describe
 
-__all__ = ["audit", "screen"]
-
 MAX_INNOVATION = 40.0  # m s-1
 MAX_INNOVATION_SHARE = 1.0 / 3.0  # Of the airspeed
 AIRSPEEDS = (25.0, 350.0)  # m s-1: outside it no aircraft that reports winds flies

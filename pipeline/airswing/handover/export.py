@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from airswing.config import Handover
 
-__all__ = ["as_text", "export"]
-
 SHOWN = 5  # Files, and aircraft, named to a person
 
 

@@ -27,8 +27,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from airswing.physics.atmosphere import GAS_CONSTANT, STANDARD_PRESSURE, STANDARD_TEMPERATURE
 
-__all__ = ["airspeed_from_calibrated", "airspeed_from_mach"]
-
 Array = NDArray[np.float64]
 
 HEAT_RATIO = 1.4  # Ratio of the specific heats of air (ICAO Doc 7488/3)

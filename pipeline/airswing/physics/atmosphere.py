@@ -21,12 +21,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "altitude_from_pressure",
-    "pressure_from_altitude",
-    "standard_temperature",
-]
-
 STANDARD_PRESSURE = 101325.0
 """Pa at zero altitude (ICAO Doc 7488/3)."""
 STANDARD_TEMPERATURE = 288.15

@@ -52,7 +52,7 @@ def bank_at_reports(
     latitude: Floats,
     longitude: Floats,
 ) -> Floats:
-    """Bank in which the reports were made.
+    """Bank in which the reports were made, (n,) rad; NaN where `bank` is.
 
     Parameters
     ----------
@@ -66,11 +66,6 @@ def bank_at_reports(
         s.
     latitude, longitude : (n,) float
         Degrees.
-
-    Returns
-    -------
-    (n,) float
-        rad; NaN where `bank` is.
     """
     flagged = (roll_flag == ROLL["bad"]) & np.isfinite(bank)
     level = (roll_flag == ROLL["good"]) & np.isfinite(bank)

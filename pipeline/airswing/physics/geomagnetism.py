@@ -40,8 +40,6 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["FieldLattice", "GeomagneticField"]
-
 Array = NDArray[np.float64]
 
 STEP = 2.0
@@ -60,21 +58,11 @@ _VALUES = 12  # 3 components x 2 heights x (value at the epoch, change to the ne
 
 
 class GeomagneticField(NamedTuple):
-    """The field at each point.
+    """The field at each point."""
 
-    Attributes
-    ----------
-    declination : ndarray
-        Angle from true north to magnetic north, radians, positive east.
-    horizontal : ndarray
-        Horizontal field, nT.
-    dip : ndarray
-        Angle of the field below the horizontal, radians, positive down (north of the dip equator).
-    """
-
-    declination: Array
-    horizontal: Array
-    dip: Array
+    declination: Array  # angle from true to magnetic north, radians, positive east
+    horizontal: Array  # horizontal field, nT
+    dip: Array  # below the horizontal, radians, positive down (north of the dip equator)
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,8 +49,6 @@ from airswing.physics.atmosphere import GRAVITY
 from airswing.physics.triangle import bearing, vector_from_bearing, wrap_signed
 from airswing.units import METRES_PER_DEGREE
 
-__all__ = ["ACCELERATION_DENSITY", "GroundTrack", "ground_track"]
-
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -67,46 +65,29 @@ _WGS84 = Geod(ellps="WGS84")
 
 
 class GroundTrack(NamedTuple):
-    """Motion over ground at each report; every array has shape (report,), NaN where unknown.
+    """Motion over ground at each report; every array has shape (report,), NaN where unknown."""
 
-    Attributes
-    ----------
-    eastward, northward : ndarray
-        Ground velocity, m s-1.
-    along_error, cross_error : ndarray
-        Standard errors along and across the track, m s-1: rounding of positions (both) and times
-        (along), and the wandering of the velocity inside the window.
-    error : ndarray
-        Root mean square of the two: the standard error of one component, m s-1.
-    turn : ndarray
-        Change of track between the two chords, radians, positive to the right.
-    longitudinal_acceleration : ndarray
-        Change of speed between the two chords over the time between their middles, m s-2.
-    climb_rate : ndarray
-        m s-1.
-    bank : ndarray
-        Bank of a coordinated turn at that rate of turn, radians, positive to the right.
-    before, after : ndarray of int8
-        How many fixes back and forward the window reaches; 0 on the missing side of a flight's
-        end, and both 0 where there is no value.
-    leg_eastward, leg_northward : ndarray
-        Mean ground velocity from each report to the next of its flight, in the directions at the
-        middle of that leg, m s-1; NaN where there is no sound chord.
-    leg_error : ndarray
-        Standard error of a component of it across the leg, from the rounding of positions, m s-1.
-    """
-
-    eastward: Array
+    eastward: Array  # ground velocity, m s-1
     northward: Array
+    # Standard errors along and across the track, m s-1: rounding of positions (both) and times
+    # (along), and the wandering of the velocity inside the window; root mean square of the two,
+    # the standard error of one component.
     along_error: Array
     cross_error: Array
     error: Array
+    # Change of track between the two chords, radians, positive to the right; of speed, over the
+    # time between their middles, m s-2.
     turn: Array
     longitudinal_acceleration: Array
-    climb_rate: Array
-    bank: Array
+    climb_rate: Array  # m s-1
+    bank: Array  # of a coordinated turn at that rate of turn, radians, positive to the right
+    # How many fixes back and forward the window reaches; 0 on the missing side of a flight's
+    # end, and both 0 where there is no value.
     before: NDArray[np.int8]
     after: NDArray[np.int8]
+    # Mean ground velocity from each report to the next of its flight, in the directions at the
+    # middle of that leg, m s-1; NaN where there is no sound chord; and the standard error of a
+    # component across the leg, from the rounding of positions.
     leg_eastward: Array
     leg_northward: Array
     leg_error: Array

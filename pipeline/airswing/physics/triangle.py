@@ -30,23 +30,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "air_vector",
-    "airspeed_error",
-    "along_cross",
-    "angle_of_vector",
-    "bearing",
-    "heading_error",
-    "speed_of_vector",
-    "vector_from_bearing",
-    "wind_components",
-    "wind_from_direction",
-    "wind_from_triangle",
-    "wrap_degrees",
-    "wrap_positive",
-    "wrap_signed",
-]
-
 Array = NDArray[np.float64]
 TURN = 2.0 * np.pi
 

@@ -73,21 +73,11 @@ ROWS = 128
 
 
 class BesideTurns(NamedTuple):
-    """Headings and airspeeds found; arrays of shape (found,).
+    """Headings and airspeeds found, with their standard errors; arrays of shape (found,)."""
 
-    Attributes
-    ----------
-    report : ndarray of int
-        Where they are: reports with a turn in sight, and those at a flight's ends.
-    heading, airspeed : ndarray
-        Direction (from north, clockwise) and length of the air vector, rad and m s-1.
-    heading_error, airspeed_error : ndarray
-        Their standard errors.
-    """
-
-    report: Index
-    heading: Array
-    airspeed: Array
+    report: Index  # with a turn in sight, and those at a flight's ends
+    heading: Array  # direction of the air vector, from north clockwise, rad
+    airspeed: Array  # its length, m s-1
     heading_error: Array
     airspeed_error: Array
 

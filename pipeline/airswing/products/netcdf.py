@@ -223,6 +223,7 @@ def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
         raise InputError(
             "not a product airswing can read", file=path, found=err, remedy="Make it again"
         ) from err
+    # Every product has one; a file of the same name may be another program's.
     if "uuid" not in ds.attrs:
         ds.close()
         raise InputError(

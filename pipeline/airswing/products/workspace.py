@@ -43,6 +43,8 @@ def workspace(folder: Path) -> Iterator[None]:
         ) from err
     try:
         if _hold(descriptor, folder):
+            # Only with the lock held: a temporary file of a run under way looks the
+            # same.
             for left in folder.rglob(HALF_WRITTEN):
                 left.unlink(missing_ok=True)
         try:

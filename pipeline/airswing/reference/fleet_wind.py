@@ -32,8 +32,6 @@ from scipy.sparse.linalg import spsolve
 from airswing.errors import InputError
 from airswing.products.ragged import aircraft_of_report
 
-__all__ = ["fleet_wind", "write_fleet_wind"]
-
 Floats = NDArray[np.float64]
 STEPS = (0.7, 1.1, 0.15, 1800.0)  # Node distances: degrees of latitude and longitude, ln p, s
 # Of one fit: the equations of all nodes and aircraft are solved together.

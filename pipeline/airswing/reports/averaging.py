@@ -20,8 +20,6 @@ from airswing.physics.triangle import wrap_degrees
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.derive import Columns
 
-__all__ = ["STRAIGHT", "averaged"]
-
 STRAIGHT = 10.0  # Degrees of heading within which an interval counts as straight
 _MEANS = (
     "latitude",

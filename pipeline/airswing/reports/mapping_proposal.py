@@ -21,8 +21,6 @@ from airswing.reports.canonical.columns import QUANTITIES, REQUIRED, compatible,
 from airswing.reports.canonical.times import Column
 from airswing.reports.formats.tabular import first_rows
 
-__all__ = ["propose_mapping"]
-
 _NAMES = (
     (
         "tail",

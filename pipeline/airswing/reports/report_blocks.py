@@ -100,13 +100,7 @@ class Archive:
         return (self.block(number) for number in range(len(self)))
 
     def block(self, number: int) -> xr.Dataset:
-        """Reports of one block.
-
-        Returns
-        -------
-        Dataset
-            As of :func:`airswing.reports.read.read_reports`, without ``reading_audit``.
-        """
+        """One block as :func:`airswing.reports.read.read_reports` gives, without its audit."""
         with np.load(self._path(number), allow_pickle=False) as stored:
             columns = {name: stored[name] for name in stored.files}
         per_aircraft = {"aircraft", "row_size", "platform"}

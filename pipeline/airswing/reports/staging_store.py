@@ -74,19 +74,7 @@ _LOG = logging.getLogger("airswing.reports")
 
 
 class Segment(NamedTuple):
-    """Some reports sorted by tail: rows in memory or in a file, and what their numbers stand for.
-
-    Parameters
-    ----------
-    tails, flights : list of str
-        In alphabetical order.
-    stop : list of int
-        One past the last row of each tail.
-    hours : list of (int, int)
-        Hours since 1970 and how many reports fall in each.
-    checksum : str
-        Of the rows where they are in a file.
-    """
+    """Some reports sorted by tail: rows, and what their numbers stand for."""
 
     rows: NDArray[np.void] | Path  # of `ROW`
     tails: list[str]  # in alphabetical order, as the flights' labels
@@ -193,13 +181,7 @@ class Spool:
         return dict(sorted(total.items()))
 
     def groups(self, limit: int) -> list[tuple[str, str]]:
-        """Consecutive tails with at most so many reports together, one tail at least.
-
-        Returns
-        -------
-        list of (str, str)
-            First and last tail of each group.
-        """
+        """First and last of consecutive tails with at most so many reports, or of one tail."""
         counts = self.counts()
         tails, sizes = list(counts), np.fromiter(counts.values(), np.int64, len(counts))
         groups = aircraft_groups(sizes, limit)

@@ -24,33 +24,6 @@ class Rows:
 
     What is weighted, and then what is summed by blocks, takes the place of ``obs``, ``turn`` and
     ``trig``, which are not needed any more: fewer rows stay in the cache.
-
-    Attributes
-    ----------
-    obs : array, shape (8, n)
-        Room for the reports made ready.
-    unit : array, shape (5, n)
-        1, g sin m, g cos m, sin m cos m, sin2 m.
-    both : array, shape (12, n)
-        ``cross`` and, under it, ``along``: the two residuals stand together.
-    cross : array, shape (8, n)
-        ``unit`` times the airspeed, sin and cos of the fitted true heading, the residual.
-    along : array, shape (4, n)
-        The residual, the airspeed, sin and cos of the fitted true heading.
-    residual : array, shape (2, n)
-        Across and along.
-    weighted_cross, weighted_along : array
-        ``cross`` and ``along`` times the weights.
-    turn : array, shape (2, n)
-        Fitted true heading; delta(m) less the heading error, radians.
-    trig : array, shape (2, 2, n)
-        Sine and cosine of ``turn``.
-    weight, part : array, shape (2, n)
-        Across and along.
-    speed : array, shape (n,)
-        Fitted airspeed.
-    sums : array, shape (15, n)
-        What the blocks of a flight are summed from.
     """
 
     def __init__(self, size: int) -> None:
@@ -64,11 +37,18 @@ class Rows:
             return
         self.size, self.taken = size, 0
         shared = self._next(ROWS)
+        # Room for the reports made ready; fitted true heading, and delta(m) less the heading
+        # error, radians; sine and cosine of both.
         self.obs, self.turn = shared[:ROOM], shared[ROOM : ROOM + 2]
         self.trig = shared[ROOM + 2 : ROOM + 6].reshape(2, 2, size)
+        # `cross` and `along` times the weights; what the blocks of a flight are summed from.
         self.weighted_cross, self.weighted_along, self.sums = shared[:8], shared[8:12], shared
+        # 1, g sin m, g cos m, sin m cos m, sin2 m; `cross` and, under it, `along`.
         self.unit, self.both = self._next(5), self._next(12)
+        # Across: `unit` times the airspeed, sine and cosine of the fitted true heading, the
+        # residual. Along: the residual, the airspeed, sine and cosine. The residuals touch.
         self.cross, self.along, self.residual = self.both[:8], self.both[8:], self.both[7:9]
+        # Across and along, twice; fitted airspeed.
         self.weight, self.part, self.speed = self._next(2), self._next(2), self._next(1)[0]
         self.unit[0] = 1.0
 
@@ -95,29 +75,21 @@ _SCRATCH = _Scratch()
 
 
 def rows_for(size: int) -> Rows:
-    """Rows of this thread for so many reports.
-
-    Returns
-    -------
-    Rows
-        Valid until the thread asks for others.
-    """
+    """Rows of this thread for so many reports, valid until the thread asks for others."""
     return _SCRATCH.of(size)
 
 
 def fill(obs: Observations, theta: Array, joint: bool, rows: Rows) -> None:
-    """Find what the rows hold at these parameters.
+    """Find what the rows hold at the parameters theta (8,).
 
-    Parameters
-    ----------
-    theta : array, shape (8,)
-    rows : Rows
-        Filled but for the products with the airspeed and the weights.
+    All but the products with the airspeed and the weights.
     """
     a, b, c, d, e, s, b_u, b_v = theta.tolist()
     unit, turn, trig = rows.unit, rows.turn, rows.trig
     np.multiply(obs.turned, obs.gain, out=unit[1:3])
+    # Backwards, so that sin m cos m comes before sin2 m.
     np.multiply(obs.turned[0], obs.turned, out=unit[4:2:-1])
+    # cos 2m = 1 - 2 sin2 m and sin 2m = 2 sin m cos m: no further sines.
     np.dot(np.array([a + e, b, c, 2 * d, -2 * e], dtype=np.float32), unit, out=turn[1])
     np.subtract(obs.heading, turn[1], out=turn[0])
     turn[1] -= obs.error
@@ -128,5 +100,7 @@ def fill(obs: Observations, theta: Array, joint: bool, rows: Rows) -> None:
     rows.along[0] -= rows.speed
     rows.cross[5:7] = rows.along[2:] = trig[:, 0]
     if joint and (b_u or b_v):
+        # The reference's bias turned across and along by sine and cosine of the true
+        # heading.
         bias = np.array([[-b_v, b_u], [b_u, b_v]], dtype=np.float32)
         rows.residual += np.dot(bias, rows.along[2:], out=rows.part)

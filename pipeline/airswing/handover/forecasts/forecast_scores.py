@@ -27,14 +27,7 @@ FEWEST_DAYS = 5
 
 
 def score_forecasts(corrected: xr.Dataset, *, seed: int = 0) -> xr.Dataset:
-    """Score each method by variable, over all leads and for each.
-
-    Parameters
-    ----------
-    corrected : Dataset
-        Of :func:`airswing.handover.forecasts.correcting.correct_forecasts`.
-    seed : int, default 0
-        Of the bootstrap.
+    """Score each method by variable, over all leads and for each; the seed is the bootstrap's.
 
     Returns
     -------
@@ -103,6 +96,7 @@ def _with_intervals(sums: xr.DataArray, *, seed: int) -> dict[str, tuple[Floats,
     days, index = np.unique(day, return_inverse=True)
     table = sums.transpose(TIME, ...).to_numpy()
     by_day = np.zeros((days.size, *table.shape[1:]))
+    # Several starts of a day are one day: they are drawn together.
     np.add.at(by_day, index, table)
     whole = _scores(by_day.sum(axis=0))
     weights = block_weights(days.size, draws=_DRAWS, seed=seed)

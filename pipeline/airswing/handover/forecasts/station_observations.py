@@ -164,6 +164,7 @@ def _derive(table: pd.DataFrame) -> None:
     """Components from speed and direction, and the speed from components."""
     if {"wind_speed", "wind_direction"} <= set(table):
         speed = table["wind_speed"].to_numpy()
+        # A calm has any direction beside it, or none.
         angle = np.radians(np.where(speed == 0.0, 0.0, table["wind_direction"].to_numpy()))
         table["eastward_wind"] = -speed * np.sin(angle)
         table["northward_wind"] = -speed * np.cos(angle)

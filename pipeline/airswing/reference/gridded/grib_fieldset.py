@@ -116,6 +116,8 @@ def fields_of(
             try:
                 for number, (single, sections) in enumerate(single_fields(message, edition)):
                     keys = keys_beside(single, names)
+                    # ecCodes gives every message a name, be it unknown: one
+                    # without was not read.
                     if "shortName" not in keys:
                         raise UnreadableMessageError("garbage: nothing says what it is")
                     if wanted(keys) and _is_possible(keys):

@@ -88,6 +88,7 @@ def raw_variable(ds: xr.Dataset, name: str, chunks: tuple[Any, ...]) -> RawVaria
         return None
     length, dtype, fetch = stored
     encoding = variable.encoding
+    # Only values that equal themselves are compared: NaN marks itself.
     fills = [encoding[key] for key in ("_FillValue", "missing_value") if key in encoding]
     return RawVariable(
         length,

@@ -29,8 +29,6 @@ from airswing.physics.atmosphere import standard_temperature
 from airswing.physics.geomagnetism import FieldLattice
 from airswing.physics.triangle import vector_from_bearing, wind_from_triangle
 
-__all__ = ["Told", "true_airspeed", "true_heading", "wind_of"]
-
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
 Told = dict[str, Array]  # Columns of some reports by name, NaN where absent; all of one length

@@ -149,12 +149,7 @@ def canonical_names() -> list[str]:
 
 
 def parse_mapping(columns: ColumnMapping | None) -> dict[str, tuple[str, Source]]:
-    """Check a user's column mapping before any file is opened.
-
-    Returns
-    -------
-    dict
-        Column of the piece to (their column, _conversion).
+    """Check a user's column mapping before any file is opened: the piece's column to theirs.
 
     Raises
     ------

@@ -13,21 +13,10 @@ from dataclasses import dataclass
 
 from airswing.reports.canonical.columns import ColumnMapping
 
-__all__ = ["DIALECTS", "Dialect", "dialect_of"]
-
 
 @dataclass(frozen=True)
 class Dialect:
-    """One program's names.
-
-    Parameters
-    ----------
-    signature : frozenset of str
-        Columns that are always there.
-    columns : mapping
-        As `airswing.reports.canonical.columns.parse_mapping` takes it; columns that a table lacks
-        are left out of it.
-    """
+    """One program's names, mapped as `columns.parse_mapping` takes them."""
 
     name: str
     signature: frozenset[str]  # columns that are always there

@@ -17,8 +17,6 @@ import pandas as pd
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.columns import Source
 
-__all__ = ["Mapped", "Pieces", "ReportFormat", "formats", "is_text", "register", "unregister"]
-
 Mapped = Mapping[str, tuple[str, Source]]
 """Column of the piece to the user's name and source; of `parse_mapping`."""
 Pieces = Callable[[Path, Mapped, Audit], Iterator[pd.DataFrame]]

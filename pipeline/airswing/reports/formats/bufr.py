@@ -216,6 +216,7 @@ def _phases(table: pd.DataFrame) -> NDArray[np.int8]:
     phase = np.zeros(len(table), dtype=np.int8)
     for name, codes in zip(_PHASES, (PHASE_008004, PHASE_008009), strict=True):
         own = table[name].map(codes).fillna(0).to_numpy(dtype=np.int8)
+        # The detailed table comes last and goes before where it knows.
         phase = np.where(own != 0, own, phase)
     return phase
 

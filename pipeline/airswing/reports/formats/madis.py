@@ -279,6 +279,7 @@ def _quality(
     kind = flags.get("errorType", np.full(number, BLANK))
     failed |= np.isin(kind, (own, "B"))
     if "dataDescriptor" in flags:
+        # X alone does not say what failed: both, then.
         failed |= (flags["dataDescriptor"] == "X") & ~np.isin(kind, ("T", "W", "B"))
     quality = np.where(passed, TEMPERATURE_QC["pass"], TEMPERATURE_QC["missing"])
     return np.where(failed, TEMPERATURE_QC["fail"], quality).astype(np.int8)

@@ -103,6 +103,7 @@ def _roles(
     name: str,
 ) -> tuple[xr.DataArray | None, xr.DataArray | None, xr.DataArray | None]:
     """Which coordinate is the valid time, which the run's, which the lead."""
+    # A lead that varies goes before one that is the same for all.
     lead = next((one for one in leads.values() if one.ndim), next(iter(leads.values()), None))
     runs: list[xr.DataArray] = []
     valids: list[xr.DataArray] = []

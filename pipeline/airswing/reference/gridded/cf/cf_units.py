@@ -31,6 +31,7 @@ def factor_of(text: str | None, kind: str) -> float | None:
     try:
         unit: Any = units(_ALIASES.get(written.lower(), written))
         return float((1.0 * unit).to(_KINDS[kind]).magnitude)
+    # What pint's parser raises on strings that are no units.
     except (pint.PintError, AssertionError, AttributeError, TypeError, ValueError, SyntaxError):
         return None
 

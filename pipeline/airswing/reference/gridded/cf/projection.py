@@ -173,6 +173,7 @@ def grib_projection(attrs: Mapping[str, Any]) -> str | None:
         if kind == "mercator":
             middle = float(attrs["GRIB_longitudeOfFirstGridPointInDegrees"])
             lad = float(attrs["GRIB_LaDInDegrees"])
+            # Any meridian will do: one east of the first column keeps all clear of the seam.
             return f"+proj=merc +lat_ts={lad} +lon_0={middle + 90.0} +R=6371229"
     except (KeyError, TypeError, ValueError):
         pass

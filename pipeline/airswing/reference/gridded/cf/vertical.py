@@ -114,6 +114,7 @@ def _formula(
         sigma = np.asarray(level.values, dtype=np.float64)
         if terms.get("sigma") in ds.variables:
             sigma = _term(ds, terms, "sigma", None, file)
+        # p = ptop + sigma (ps - ptop), as a + b ps.
         return (1.0 - sigma) * top, sigma
     if "b" not in terms or not {"a", "ap"} & set(terms):
         return None
