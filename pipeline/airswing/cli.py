@@ -40,6 +40,7 @@ app = typer.Typer(
     help="Swing the compass of an aircraft from its archive of wind reports and model winds.",
 )
 
+# What shells give for a command that SIGINT ended: 128 + 2.
 _INTERRUPTED = 130
 # Faults of the disk or the folders that no code of ours can mend: bad input, not a defect.
 _NOT_OURS = (

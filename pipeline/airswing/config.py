@@ -79,6 +79,7 @@ def quantity(text: object, unit: str) -> float:
 _QUANTITY = re.compile(
     r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d][\w /*^-]*|°|)\s*", re.ASCII
 )
+# Powers of powers, or of three digits: pint would work them out before they could be refused.
 _LONGEST_QUANTITY, _TOWER = 60, re.compile(r"(\*\*|\^).*(\*\*|\^)|(\*\*|\^)\s*-?\d{3}")
 # Unit to show where one is missing.
 _EXAMPLE = {"second": "min", "radian": "deg", "meter / second": "kt"}

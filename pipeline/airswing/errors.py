@@ -13,6 +13,7 @@ import reprlib
 
 LONGEST = 2_000
 """Characters of a message."""
+# File 400, field 250, what 550, found 450 and remedy 250 stay together under LONGEST.
 _LONGEST_PART, _MOST_BITS = 450, 512
 
 _REPR = reprlib.Repr()

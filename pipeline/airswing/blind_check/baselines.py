@@ -40,6 +40,7 @@ __all__ = ["classifier", "least_squares_bic", "run_baselines", "slice_tree"]
 
 Array = NDArray[np.float64]
 Claim = dict[str, Any]
+# Archives hold two effects and a background: what enters later is noise.
 _MOST_TERMS = 6
 _LEAF = 400
 _DEPTH = 4
@@ -312,6 +313,7 @@ def classifier(frame: Frame, without: Sequence[str] = ()) -> Claim:
     held = np.concatenate([real[test], simulated[test]])
     area = float(roc_auc_score(np.repeat([1.0, 0.0], test.sum()), model.decision_function(held)))
     flights = np.unique(frame.flight[test]).size
+    # An area by chance scatters by sqrt((1 / m + 1 / n) / 12), m = n flights on either side.
     error = 0.29 * np.sqrt(2.0 / max(flights, 1))
     return {"names": [], "detected": bool(area > 0.5 + 3.0 * error), "area": area}
 

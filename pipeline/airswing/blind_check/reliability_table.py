@@ -20,6 +20,7 @@ from airswing.blind_check.unknown_scores import of_background
 
 __all__ = ["EDGES", "LEAST", "reliability_rows", "stated_claims", "worst_gap"]
 
+# Finer above: most claims are stated at 0.9 and more.
 EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 LEAST = 20
 

@@ -30,6 +30,7 @@ __all__ = [
 
 Label = Mapping[str, Any]
 Gap = Mapping[str, Any]
+# Variables go together (pressure and temperature): one that tells nearly as much is no error.
 CARRIES = 0.8
 
 SAME: dict[str, tuple[str, ...]] = {

@@ -55,6 +55,7 @@ def permutation_test(
     shuffled = np.vstack([during, fitted + residual[order]])
     group = corrected.astype(float) - hat @ corrected.astype(float)
     information = float(group @ group)
+    # The level before tells the group: nothing is left to test it by.
     if information < 1e-9 * number:
         return float("nan"), float("nan"), np.empty(0)
     left = shuffled - shuffled @ hat.T
@@ -63,6 +64,7 @@ def permutation_test(
     error = np.sqrt((rest**2).sum(1) / max(number - 3, 1) / information)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.abs(effects / error)
+    # Draws that change nothing count as large; rounding must not make them smaller.
     p_value = (1.0 + (t[1:] >= t[0] * (1 - 1e-12)).sum()) / (draws + 1.0)
     return float(effects[0]), float(p_value), effects[1:]
 

@@ -21,6 +21,7 @@ from airswing.products.whole_files import write_json, write_text
 from airswing.workflow.job import Job, main_reference
 
 STABILITY, RANKING, VIRTUAL = "stability.json", "ranking.csv", "virtual_field_test.json"
+# Each fit still has four fifths of the flights.
 FOLDS = 5
 # Share of the archive's days that is learned from where no field test gives a date.
 _LEARNED_SHARE = 2.0 / 3.0
@@ -43,6 +44,7 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str
     with job.progress.stage("stability") as stage:
         first, last = (day.astype("datetime64[D]") for day in time_span(headings))
         days = (last - first).astype(int)
+        # Months of several years would be more than anyone looks at.
         window: Literal["month", "quarter"] = "month" if days <= 400 else "quarter"
         windows = fit_by_window(
             headings, pools=pools, reference=reference, window=window, **config.fit.model_dump()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 Floats = NDArray[np.float64]
+# A to E; airspeed scale and bias are each fit's own affair.
 COEFFICIENTS = 5
 # Days a weather situation, and with it a model's error, lasts.
 _LAG = 3

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+# Corners of the hat that each difference lies between.
 _PAIRS = ((0, 1), (0, 2), (1, 2))
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from airswing.reference.collocate import collocate
 from airswing.reference.geometry.wind_profiles import Catalogue
 
+# Steps at which archives of models keep their winds.
 _INTERVALS_H = (3, 6)
 DAYS = 10
 REPORTS = 20_000

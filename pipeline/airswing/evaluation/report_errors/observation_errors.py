@@ -52,6 +52,7 @@ Floats = NDArray[np.float64]
 
 METHODS = ("separation", "three_cornered_hat")
 FLIGHT_PHASES = ("all", "ascent", "cruise", "descent")
+# Either end of a 95 % interval then rests on ten draws.
 DRAWS = 400
 # Of a cell, below which the hat says nothing of it.
 _FEWEST_REPORTS = 100

@@ -65,6 +65,7 @@ def digits_for(error: float) -> int:
     """Return the decimals that show a standard error with one or two figures."""
     if not np.isfinite(error) or error <= 0:
         return 2
+    # 1.05: an error of 0.096 is shown as 0.1, not as 0.10.
     return int(np.clip(np.ceil(-np.log10(error * 1.05)), 0, 4))
 
 

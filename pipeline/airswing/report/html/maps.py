@@ -114,6 +114,7 @@ def _draw_places(
             rasterized=True,
         )
     else:
+        # The more points, the fainter: it still shows where most lie over each other.
         alpha = float(np.clip(1500.0 / max(x.size, 1), 0.15, 0.8))
         axes.scatter(x, y, s=size, color=BLUE, alpha=alpha, linewidths=0, rasterized=True)
     draw_map(axes, view, ticks=6 if cells > 60 else 3)

@@ -57,6 +57,7 @@ class View:
     @property
     def aspect(self) -> float:
         """Length of a degree of latitude over one of longitude, as drawn."""
+        # Poleward of 78 degrees a map is not stretched any further.
         return 1 / max(float(np.cos(np.radians((self.south + self.north) / 2))), 0.2)
 
     @property

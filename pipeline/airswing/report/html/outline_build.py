@@ -24,8 +24,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+# 180 degrees in hundredths fit int16, and no map shows finer.
 _HUNDREDTHS = 100.0
+# West, east, south, north, degrees.
 _GREAT_LAKES = (-93.0, -75.5, 41.2, 49.1)
+# Degrees a line may move; states and lakes are looked at from nearer.
 _THINNING = {"coast": 0.04, "border": 0.03, "state": 0.02, "lake": 0.02}
 
 # Numbers of arcs; negative ones are run through backwards.

@@ -95,6 +95,7 @@ def binned_medians(heading: Floats, value: Floats, *, width: float = BIN_WIDTH) 
 
 def error_limit(error: Floats, fitted: Floats) -> float:
     """Half height of a heading error panel, degrees: holds the curve and most reports."""
+    # One report in forty may lie outside; beyond 60 degrees a panel would show no curve.
     spread = np.percentile(np.abs(error), 97.5) if error.size else 5.0
     least = float(np.max(np.abs(fitted))) * 1.15 if fitted.size else 0.0
     return float(np.clip(max(spread, least, 3.0), 3.0, 60.0))

@@ -45,6 +45,7 @@ Floats = NDArray[np.float64]
 DRAWN, DRAWN_SMALL = 1500, 300
 # Degrees: one wild aircraft does not flatten the others.
 WIDEST = 25.0
+# Every four degrees: two cycles look smooth.
 _GRID = np.linspace(0.0, 360.0, 91)
 _LOOK = (
     "Grey: reports; black: medians in bins of {width:.0f} degrees with 95 % intervals; blue: "

@@ -17,6 +17,7 @@ from typing import Any
 import xarray as xr
 
 _GROUPS_SHOWN = 5
+# An attribute stays small, however much is broken.
 _ENTRIES_KEPT = 200
 _REPEATED = "_column_repeated"
 _PLACE = re.compile(r"^message at \d+: ")

@@ -31,6 +31,7 @@ from airswing.report.html.style import (
 )
 from airswing.units import NORMAL_95
 
+# What a screen holds.
 MOST_ROWS = 10
 _MOST_BARS = 40
 PARTS = (("offset", "offset (degree)", BLUE), ("amplitude", "amplitude (degree)", ORANGE))

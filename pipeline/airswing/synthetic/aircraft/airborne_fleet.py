@@ -31,8 +31,10 @@ Array = NDArray[np.float64]
 STEP = 10.0
 """Time step of the steering, s."""
 ASCENT, CRUISE, DESCENT = 1, 2, 3
+# m/s2, standard gravity.
 _G = 9.80665
 _MAX_BANK = np.radians(14.0)
+# m/s: 1,200 and 1,300 feet a minute.
 _CLIMB, _DESCENT = 6.0, 6.5
 
 

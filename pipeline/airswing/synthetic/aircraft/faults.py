@@ -46,6 +46,7 @@ __all__ = ["UNIT_FAULTS", "Fault", "Setting", "apply_unit_faults", "parse_faults
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+# m/s2, standard gravity.
 _G = 9.80665
 # What an error by phase takes for the acceleration of a climb, in units of gravity.
 _USUAL_ACCELERATION = 0.03

@@ -25,6 +25,7 @@ __all__ = ["AIRCRAFT", "write_mode_s"]
 Array = NDArray[np.float64]
 START = np.datetime64("2017-01-11T00:00", "ns")
 LEVELS = (500.0, 400.0, 300.0, 250.0, 200.0)
+# Standard altitudes of the levels that are flown.
 _ALTITUDE_FT = {300.0: 30065.0, 250.0: 33999.0}
 EARTH = 6_371_000.0
 STEP_S, REPORTS = 10, 150

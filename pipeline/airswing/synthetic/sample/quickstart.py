@@ -19,7 +19,9 @@ from airswing.synthetic.sample.sample_archive import write_archive
 
 __all__ = ["EFFECTS", "write_quickstart"]
 
+# The committed files have it.
 _SEED = 2012
+# Five weeks to learn six curves from; the test is the last eight days.
 DAYS_BEFORE, DAYS_AFTER = 34, 8
 CORRECTED = ("N401", "N404")
 

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.synthetic.aircraft.instrument import coded, compute_wind
+from airswing.synthetic.aircraft.outside_effects import KNOT
 from airswing.synthetic.sealed.cases import World
 from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
 from airswing.synthetic.world.true_atmosphere import stream
@@ -37,8 +38,9 @@ from airswing.synthetic.world.true_atmosphere import stream
 __all__ = ["SensorRecord", "real_sensor", "sensor_record", "with_real_sensor", "write_model_case"]
 
 Array = NDArray[np.float64]
-KNOT = 1852.0 / 3600.0
+# What changes over five minutes is the wind's, what changes faster the sensor's.
 _WIND_KNOT_SECONDS = 300.0
+# Of ten degrees: a flux valve errs by the heading.
 _HEADING_BINS = 36
 _MODEL_FOLDER = "wrf_ruc13_g212"
 

@@ -21,6 +21,7 @@ from airswing.synthetic.aircraft.outside_effects import CYCLIC, FLAGS
 __all__ = ["carried_by", "named_share", "signed_size"]
 
 Array = NDArray[np.float64]
+# Of ten degrees where the variable is an angle, of equal numbers elsewhere.
 BINS = 36
 
 

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from airswing.synthetic.aircraft.faults import UNIT_FAULTS
 from airswing.synthetic.aircraft.observe import Coding
+from airswing.synthetic.aircraft.outside_effects import KNOT
 from airswing.synthetic.sample import sample_archive as archive
 from airswing.synthetic.sample.sample_archive import Scenario, simulate_arrays, write_reports
 from airswing.synthetic.sealed.cases import START, Case, World
@@ -46,13 +47,14 @@ __all__ = ["Archivist", "strength_of", "twin_closure"]
 
 Array = NDArray[np.float64]
 Effects = Sequence[Mapping[str, Any]]
-KNOT = 1852.0 / 3600.0
 # Edition and suffix of the references' GRIB files.
 _EDITIONS = {"ruc": (1, "grb"), "rtfdaa": (2, "grb2")}
 REFERENCES = tuple(_EDITIONS)
+# Strength is a mean over flights: a few days of them tell it.
 _CALIBRATION_DAYS = 5
 # Components by which a diagnosis tells an irregular error of the heading.
 _ACROSS = ("across_heading", "heading_angle", "cross", "scatter")
+# Rounding is no part of an effect's strength.
 _EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
 _COARSE_FIELDS: dict[str, Any] = {
     "columns": 32,
