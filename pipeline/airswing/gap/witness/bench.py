@@ -99,13 +99,23 @@ class Setting:
         return cls(frame, quiet, noise, plan, variances, problem.day, errors, followed, share)
 
     @property
-    def cell_model(self) -> CellModel:
-        """Days and climatology beside which the values of tables are fitted."""
-        if "cell_model" not in self.made:
-            self.made["cell_model"] = CellModel.of(
-                self.quiet, self.plan, noise=self.noise, variances=self.variances, day=self.day
+    def half_day(self) -> Integers:
+        """Number of each report's half of its day, (n,): every other flight."""
+        # by turns, so that the way out is not in one half and the way back in the other
+        return np.asarray(2 * self.day + (self.frame.flight + self.day) % 2)
+
+    def cell_model_of(self, halves: bool) -> CellModel:
+        """Fields of days, or of each half's own, and climatology beside which tables are fitted."""
+        key = f"cell_model {halves}"
+        if key not in self.made:
+            self.made[key] = CellModel.of(
+                self.quiet,
+                self.plan,
+                noise=self.noise,
+                variances=self.variances,
+                day=self.half_day if halves else self.day,
             )
-        model: CellModel = self.made["cell_model"]
+        model: CellModel = self.made[key]
         return model
 
     @property
@@ -199,7 +209,7 @@ class Bench:
         return self.setting.ground.solved(self.residuals[:1])
 
     @cached_property
-    def weighed_residuals(self) -> dict[int, Weights]:
+    def weighed_residuals(self) -> dict[tuple[int, bool], Weights]:
         """Sums of residuals beside the days and the climatology, once they were asked for."""
         return {}
 
@@ -288,6 +298,14 @@ class Bench:
         apart = score - found.day_diagonal * common[:, None, None]
         return replace(found, score=score, apart=apart), 1 + 1 / count
 
+    def beside_others(self, grid: Grid, own: Sequence[int]) -> bool:
+        """Whether a table by date is set beside other aircraft of the same days.
+
+        Its flights can then be left out in place of whole days: what is common to the aircraft of a
+        day is not in it, and no other day would tell what a cell between two jumps holds.
+        """
+        return "date" in grid.variables and len(own) < len(self.setting.frame.tails)
+
     def cell_sums(self, grid: Grid, component: str, own: Sequence[int], fold: Integers) -> CellSums:
         """Sums of the values of a table of some aircraft, every report counting alike.
 
@@ -297,21 +315,25 @@ class Bench:
         component : str
         own : sequence of int
             Aircraft.
-        fold : (D,) int
+        fold : (D,) or (2 D,) int
+            Of the days, or of their halves (:meth:`beside_others`).
 
         Returns
         -------
         CellSums
         """
         here = np.isin(self.setting.frame.aircraft, own)
-        model, whole_days = self.setting.cell_model, "date" in grid.variables
+        beside_others = self.beside_others(grid, own)
+        whole_days = "date" in grid.variables and not beside_others
+        model = self.setting.cell_model_of(beside_others)
 
         def of(k: int) -> CellSums:
             cells = self.cells(grid) if k == 0 else grid.cells(self.told(grid, k - 1))
             direction = self.direction(component, k if stands_on_report(grid) else None)
-            if k not in self.weighed_residuals:
-                self.weighed_residuals[k] = model.weigh(self.residuals[k])
-            weights = self.weighed_residuals[k]
+            key = k, beside_others
+            if key not in self.weighed_residuals:
+                self.weighed_residuals[key] = model.weigh(self.residuals[k])
+            weights = self.weighed_residuals[key]
             return model.sums(
                 np.where(here, cells, -1),
                 grid.size,

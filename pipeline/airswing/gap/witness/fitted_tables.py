@@ -146,10 +146,10 @@ def struck(candidate: Candidate) -> tuple[int, ...]:
 
 def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None:
     """Fit a table on the whole archive and without each fold."""
-    fold = left_out(candidate.grid, fold)
     tails = struck(candidate)
     if not tails:
         return None
+    fold = left_out(candidate.grid, fold, halves=bench.beside_others(candidate.grid, tails))
     sums, found = candidate.sums, candidate.weighed
     # the mean of a table is the table's, not a steady error beside it
     prior = (candidate.grid.prior() + MEAN) / bench.scale(candidate.component) ** 2
@@ -161,18 +161,20 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
     together, _ = evidence(gram, score.sum(axis=0)[None], prior, error=0.0, factor=factor)
     shared = bool(together[0] >= found.by_aircraft[0][own].sum() or whole)
     groups = [own] if shared else [[a] for a in own]
-    energy = _confirmed(candidate, prior, groups, fold)
-    values, by_fold = np.zeros((aircraft, k)), np.zeros((energy.size, aircraft, k))
-    roots, plain = [], np.zeros(energy.size)
+    folds = int(fold.max()) + 1
+    values, by_fold = np.zeros((aircraft, k)), np.zeros((folds, aircraft, k))
+    roots, energy = [], np.zeros(folds)
     for group in groups:
         means = bench.cell_sums(candidate.grid, candidate.component, group, fold)
         values[group], root = cell_values(means, prior)
         roots.append(root)
-        for f in range(energy.size):
+        for f in range(folds):
             by_fold[f, group], _ = cell_values(means, prior, without=f)
-            plain[f] += means.explained(by_fold[f, group[0]], f)
-    if candidate.by_means or stands_on_report(candidate.grid):
-        energy = plain
+            energy[f] += means.explained(by_fold[f, group[0]], f)
+    # days left out hold other cells of a table by date, not the same share of all of them
+    by_means = candidate.by_means or "date" in candidate.grid.variables
+    if not by_means and not stands_on_report(candidate.grid):
+        energy = _confirmed(candidate, prior, groups, fold)
     size, peak = sizes(bench, candidate, values, own)
     return Unknown(
         candidate.component,
@@ -190,15 +192,16 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
     )
 
 
-def left_out(grid: Grid, fold: Integers) -> Integers:
+def left_out(grid: Grid, fold: Integers, *, halves: bool = False) -> Integers:
     """Folds in which a table is judged: weeks; of a short archive some days each.
 
     Of a table by date days are dealt in turn: a week that is left out would leave nothing to tell
-    what its own cells hold.
+    what its own cells hold. Of some aircraft beside others, half of the flights of these days.
     """
     days, number = fold.size, int(fold.max()) + 1
     if "date" in grid.variables:
-        return np.asarray(np.arange(days) // DATE_BLOCK % max(number, LEAST_FOLDS))
+        dealt = np.arange(days) // DATE_BLOCK % max(number, LEAST_FOLDS)
+        return np.asarray((2 * dealt[:, None] + np.arange(2)).ravel() if halves else dealt)
     if number < LEAST_FOLDS <= days:
         return np.asarray(np.arange(days) * LEAST_FOLDS // days)
     return fold
@@ -315,8 +318,10 @@ def field_of(bench: Bench, unknown: Unknown, fold: Integers | None = None) -> Fl
     if fold is None:
         value = unknown.values[aircraft, safe]
     else:
-        day_fold = left_out(unknown.grid, fold)
-        value = unknown.by_fold[day_fold[bench.setting.day], aircraft, safe]
+        halves = bench.beside_others(unknown.grid, unknown.tails)
+        unit = bench.setting.half_day if halves else bench.setting.day
+        own = left_out(unknown.grid, fold, halves=halves)[unit]
+        value = unknown.by_fold[own, aircraft, safe]
     value = np.where(cells >= 0, value, 0.0)
     return np.asarray(value[:, None] * bench.direction_for(unknown.grid, unknown.component))
 

@@ -34,6 +34,7 @@ from airswing.gap.witness.fitted_tables import (
 )
 from airswing.gap.witness.jumps import jumps
 from airswing.gap.witness.learned import Heard
+from airswing.gap.witness.periods import periods
 
 Integers = NDArray[np.int64]
 
@@ -77,10 +78,10 @@ def curves(bench: Bench) -> list[Candidate]:
 
 
 def edged(bench: Bench) -> list[Candidate]:
-    """Tables whose edges are jumps of the residual, most evidence first."""
+    """Tables cut where the residual jumps or a period begins and ends, most evidence first."""
     made = [
         _by_jumps(weighed(bench, found.grid(bench), found.component), found.nats)
-        for found in jumps(bench)[:MOST_JUMPING]
+        for found in (*jumps(bench)[:MOST_JUMPING], *periods(bench)[:1])
         if found.nats >= LEAST_EVIDENCE
     ]
     return sorted(made, key=lambda c: -c.strength)
