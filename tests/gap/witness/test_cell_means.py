@@ -61,6 +61,25 @@ def test_values_are_those_of_one_mixed_model(some):
     assert sums.explained(values, 1) == pytest.approx(gained / sums.factor, rel=1e-5)
 
 
+def test_scores_of_reports_are_those_of_the_same_model(some):
+    made, noise, fields, lasting, day = model_of(some)
+    m = noise.model
+    variance = reports_to_one(noise) * (m.correlated_sd**2 + m.white_sd**2)
+    use = noise.gains.weight > 0
+    weight = np.where(use, noise.gains.scale**2 / variance, 0.0).repeat(2)
+    prior = np.sqrt(np.r_[np.full(lasting.shape[-1] - 2, 0.05), np.square(SLOPE_SD)])
+    parts = [
+        lasting * prior,
+        *(fields * (day == d)[:, None, None] * np.sqrt(0.3) for d in range(3)),
+    ]
+    known = np.concatenate(parts, axis=-1).reshape(2 * some.size, -1)
+    inside = np.eye(known.shape[1]) + known.T @ (weight[:, None] * known)
+    r = weight * some.residual.ravel()
+    expected = r - weight * (known @ np.linalg.solve(inside, known.T @ r))
+    told = made.score(made.weigh(some.residual))
+    np.testing.assert_allclose(told.ravel(), expected, rtol=1e-4, atol=1e-5)
+
+
 def test_a_table_of_whole_days_is_least_squares_with_its_own_covariance(some):
     """Days scatter the scores instead of being fitted beside the table."""
     made, noise, fields, lasting, day = model_of(some)

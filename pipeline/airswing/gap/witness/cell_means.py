@@ -198,6 +198,26 @@ class CellModel:
         sums = np.einsum("nc,ncj->nj", values.astype(np.float32), self.columns)
         return Weights(values, self._by_day(sums, self.day, self.root.shape[0]))
 
+    def score(self, weights: Weights) -> Floats:
+        """Residual times weight, days and what lasts taken out: V^-1 r of every report, (n, 2)."""
+        q = self.root.shape[1]
+        whole = np.diag(self.prior)
+        told = np.zeros(self.prior.size)
+        for root, gram, own in zip(self.root, self.gram, weights.beside, strict=True):
+            shared = root @ gram[:q, q:]
+            whole += gram[q:, q:] - shared.T @ shared
+            told += own[q:] - shared.T @ (root @ own[:q])
+        lasting = np.linalg.solve(whole, told)
+        fields = [
+            root.T @ (root @ (own[:q] - gram[:q, q:] @ lasting))
+            for root, gram, own in zip(self.root, self.gram, weights.beside, strict=True)
+        ]
+        out = weights.values - self.weight[:, None] * (self.columns[..., q:] @ lasting)
+        daily = np.stack(fields)[self.day]
+        return np.asarray(
+            out - self.weight[:, None] * np.einsum("ncj,nj->nc", self.columns[..., :q], daily)
+        )
+
     def sums(
         self,
         cells: Integers,

@@ -86,7 +86,7 @@ def _starts(bench: Bench) -> Floats:
     first, last = np.full(days, np.inf), np.full(days, -np.inf)
     np.minimum.at(first, day, date)
     np.maximum.at(last, day, date)
-    return np.r_[first[0], 0.5 * (first[1:] + last[:-1]), last[-1]]
+    return np.asarray(np.r_[first[0], 0.5 * (first[1:] + last[:-1]), last[-1]], np.float64)
 
 
 def _likeliest(component: str, gram: Floats, score: Floats, factor: float) -> Period:

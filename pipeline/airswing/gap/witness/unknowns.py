@@ -7,7 +7,8 @@ table explains is judged on weeks left out.
 
 Validity: that of :mod:`airswing.gap.witness.fitted_tables`. What two variables carry and neither of
 them alone is seen by the learned witness, which names the pair
-(:mod:`airswing.gap.witness.learned`).
+(:mod:`airswing.gap.witness.learned`), and of the whole fleet in products of their shapes
+(:mod:`airswing.gap.witness.products`).
 
 Units: nats, m/s.
 """
@@ -32,9 +33,10 @@ from airswing.gap.witness.fitted_tables import (
     fitted,
     merged,
 )
-from airswing.gap.witness.jumps import jumps
+from airswing.gap.witness.jumps import Jumps, jumps
 from airswing.gap.witness.learned import Heard
-from airswing.gap.witness.periods import periods
+from airswing.gap.witness.periods import Period, periods
+from airswing.gap.witness.products import products
 
 Integers = NDArray[np.int64]
 
@@ -79,9 +81,10 @@ def curves(bench: Bench) -> list[Candidate]:
 
 def edged(bench: Bench) -> list[Candidate]:
     """Tables cut where the residual jumps or a period begins and ends, most evidence first."""
+    told: list[Jumps | Period] = [*jumps(bench)[:MOST_JUMPING], *periods(bench)[:1]]
     made = [
         _by_jumps(weighed(bench, found.grid(bench), found.component), found.nats)
-        for found in (*jumps(bench)[:MOST_JUMPING], *periods(bench)[:1])
+        for found in told
         if found.nats >= LEAST_EVIDENCE
     ]
     return sorted(made, key=lambda c: -c.strength)
@@ -94,11 +97,15 @@ def _by_jumps(candidate: Candidate, nats: float) -> Candidate:
 
 
 def pairs_of(bench: Bench, heard: Heard) -> list[Candidate]:
-    """Tables of the pairs of variables that the learned witness names, most evidence first."""
+    """Tables of pairs of variables, most evidence first.
+
+    Those that the learned witness names, and whose products tell.
+    """
+    named = [(component, pair) for component in heard.components[:1] for pair in heard.pairs]
+    named += [(component, pair) for _, component, pair in products(bench, LIKES)]
     out = [
         weighed(bench, Grid(tuple(_pair_axis(bench, name) for name in pair)), component)
-        for component in heard.components[:1]
-        for pair in heard.pairs
+        for component, pair in dict.fromkeys(named)
     ]
     return sorted(out, key=lambda c: -c.nats)
 
