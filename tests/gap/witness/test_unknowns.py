@@ -21,7 +21,7 @@ from airswing.gap.witness.bench import Bench
 from airswing.gap.witness.fitted_tables import LEAST_EVIDENCE, fitted, left_out, stands
 from airswing.gap.witness.ground import BACKGROUND, plain_sums, prepare, steady_columns
 from airswing.gap.witness.scan import SIZES, evidence
-from airswing.gap.witness.taken_off import without
+from airswing.gap.witness.taken_off import small_beside, without
 from airswing.gap.witness.unknowns import weighed
 
 SMALL = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "tas_scale")}
@@ -196,6 +196,12 @@ def test_kinds_have_cells_of_their_own():
         grid = Grid((axis_of(variable, KINDS[name][1]),))
         cells = grid.cells((variable.values,))
         assert cells.min() >= 0 and cells.max() < grid.size
+
+
+def test_a_fifth_of_what_names_explain_is_their_remainder():
+    errors = np.tile([[3.0, 4.0]], (8, 1))
+    assert small_beside(errors, 0.99) and not small_beside(errors, 1.01)
+    assert not small_beside(0 * errors, 0.01)
 
 
 def test_cells_merged_are_means_of_their_reports():

@@ -157,7 +157,9 @@ def next_unknown(
         if first is not None and _leads(plain, first, errors, fold):
             return _taken(setting, plain, first, alone, effects, fold)
     unknown = _best(bench, ranked, fold)
-    if unknown is None or (named and _remainder(frame, unknown, errors)):
+    if unknown is None:
+        return None
+    if named and small_beside(errors[np.isin(frame.aircraft, unknown.tails)], unknown.size):
         return None
     return _taken(setting, bench, unknown, ranked, effects, fold)
 
@@ -260,11 +262,9 @@ def _leads(bench: Bench, unknown: Unknown, errors: Floats, fold: Integers) -> bo
     return own > LEADS * explained(bench, errors)
 
 
-def _remainder(frame: Frame, unknown: Unknown, errors: Floats) -> bool:
-    """Whether an unknown is small beside what names explain on the same aircraft."""
-    own = np.isin(frame.aircraft, unknown.tails)
-    size = float(np.sqrt((errors[own] ** 2).sum(axis=1).mean()))
-    return unknown.size < REMAINDER * size
+def small_beside(errors: Floats, size: float) -> bool:
+    """Whether a size, m/s rms, is small beside what names explain of the same reports, (m, 2)."""
+    return size < REMAINDER * float(np.sqrt((errors**2).sum(axis=1).mean()))
 
 
 def is_remainder(new: Taken, earlier: Sequence[Taken]) -> bool:
