@@ -103,11 +103,13 @@ Strings = Annotated[
 ]
 Phase = Literal["ascent", "cruise", "descent", "unknown"]
 Platform = Literal["TAMDAR", "AMDAR", "ACARS", "AIREP"]
+# A time; UTC where no zone is given.
 Moment = Annotated[
     datetime,
     AfterValidator(lambda time: time.astimezone(UTC) if time.tzinfo else time.replace(tzinfo=UTC)),
 ]
-"""A time; UTC where no zone is given."""
+# Screening rules whose reports may be handed over all the same, and winds corrected by an offset
+# alone.
 Screened = Literal[
     "phase",
     "turn",
@@ -118,8 +120,6 @@ Screened = Literal[
     "field_test",
     "offset_only",
 ]
-"""Screening rules whose reports may be handed over all the same, and winds corrected by an offset
-alone."""
 
 
 class _Section(BaseModel):

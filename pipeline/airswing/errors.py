@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import reprlib
 
-LONGEST = 2_000
-"""Characters of a message."""
+LONGEST = 2_000  # Characters of a message
 # File 400, field 250, what 550, found 450 and remedy 250 stay together under LONGEST.
 _LONGEST_PART, _MOST_BITS = 450, 512
 

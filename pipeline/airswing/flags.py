@@ -18,6 +18,7 @@ WIND_QC = {"missing": 0, "pass": 1, "fail": 2}
 WIND_SOURCE = {"reported": 0, "derived": 1, "derived_at_standard_temperature": 2}
 PLATFORM = {"unknown": 0, "TAMDAR": 1, "AMDAR": 2, "ACARS": 3, "AIREP": 4}
 ICING = {"missing": -1, "off": 0, "on": 1}
+# ``ok``: a curve; ``offset_only``: one constant, for the headings flown; the others: nothing.
 STATUS = {
     "ok": 0,
     "too_few_reports": 1,
@@ -26,7 +27,7 @@ STATUS = {
     "offset_only": 4,
     "too_few_flights": 5,
 }
-"""``ok``: a curve; ``offset_only``: one constant, for the headings flown; the others: nothing."""
+# ``offset_only``: corrected by one constant, which leaves whatever turns with the heading.
 CORRECTION = {
     "corrected": 0,
     "no_fit": 1,
@@ -35,7 +36,7 @@ CORRECTION = {
     "already_corrected": 4,
     "offset_only": 5,
 }
-"""``offset_only``: corrected by one constant, which leaves whatever turns with the heading."""
+# Bits of ``screening``; their names are the rules of the audit table.
 SCREENING = {
     "phase": 1,
     "roll": 2,
@@ -49,7 +50,6 @@ SCREENING = {
     "gross_error": 512,
     "field_test": 1024,
 }
-"""Bits of ``screening``; their names are the rules of the audit table."""
 
 
 def published(status: ArrayLike) -> NDArray[np.bool_]:

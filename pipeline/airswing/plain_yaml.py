@@ -29,7 +29,6 @@ def load_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
 
     Parameters
     ----------
-    path : Path
     kind : type, optional
         Of the error raised.
 

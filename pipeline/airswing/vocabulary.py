@@ -601,8 +601,8 @@ _EVERY = [
     *_OBSERVATION_ERRORS,
 ]
 
+# Every variable by name; where one name serves several dimensions, its first meaning.
 VARIABLES: dict[str, Variable] = {entry.name: entry for entry in reversed(_EVERY)}
-"""Every variable by name; where one name serves several dimensions, its first meaning."""
 
 
 def lookup(name: str, dims: tuple[Hashable, ...] = ()) -> Variable:
@@ -610,7 +610,6 @@ def lookup(name: str, dims: tuple[Hashable, ...] = ()) -> Variable:
 
     Parameters
     ----------
-    name : str
     dims : tuple of str, optional
         Tells the phase of a fit (reference, aircraft) from the phase of flight (report), and a
         report's latitude from a map's.

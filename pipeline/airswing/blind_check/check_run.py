@@ -32,8 +32,8 @@ from airswing.synthetic.sealed.sealing import open_seal, seal
 __all__ = ["Check", "Plan", "gap_check", "run_public_command"]
 
 Say = Callable[[str], None]
+# (configuration, output folder, effects to do without) to the content of gap.json.
 Diagnoser = Callable[[Path, Path, Sequence[str]], dict[str, Any]]
-"""(configuration, output folder, effects to do without) to the content of gap.json."""
 # Seconds: one diagnosis that hangs must not hold up the check; they take a minute or two.
 _TIMEOUT = 1800.0
 

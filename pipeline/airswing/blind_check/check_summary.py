@@ -84,13 +84,13 @@ def summarise(scores: Sequence[Score]) -> dict[str, Any]:
     }
 
 
+# Ways to split the cases.
 BY: dict[str, Callable[[Score], Any]] = {
     "effect": lambda score: " + ".join(score["focus"]) or "nothing",
     "variant": lambda score: score["variant"],
     "size": lambda score: score["size"],
     "rung": lambda score: score["rung"],
 }
-"""Ways to split the cases."""
 
 
 def grouped(scores: Sequence[Score], by: str) -> dict[Any, dict[str, Any]]:
@@ -179,6 +179,7 @@ def _reliability(scores: Sequence[Score]) -> Reached:
 
 
 TARGETS: tuple[tuple[str, str, Target, Callable[[Sequence[Score]], Reached]], ...]
+# What is measured, which way is good, the target, how it is computed (and from how many cases).
 TARGETS = (
     (
         "outside, 0.4 m/s and more: unknown raised, no false name ahead",
@@ -268,7 +269,6 @@ TARGETS = (
     ),
     ("date error, median, days", "<=", 3.0, lambda s: _median(_named_singles(s), "date_error")),
 )
-"""What is measured, which way is good, the target, how it is computed (and from how many cases)."""
 
 
 def hard_and_real(scores: Sequence[Score]) -> Reached:

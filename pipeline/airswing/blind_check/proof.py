@@ -24,8 +24,7 @@ from airswing.synthetic.sealed.sealed_archives import Archivist, generator_optio
 
 __all__ = ["SMALLEST", "prove_generator"]
 
-SMALLEST = 0.2
-"""Smallest effect drawn, m/s; the generator's error must stay under 5 % of it."""
+SMALLEST = 0.2  # Smallest effect drawn, m/s; the generator's error must stay under 5 % of it
 
 
 def prove_generator(folder: Path, *, seed: int) -> dict[str, float]:

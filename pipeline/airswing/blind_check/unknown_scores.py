@@ -33,6 +33,7 @@ Gap = Mapping[str, Any]
 # Variables go together (pressure and temperature): one that tells nearly as much is no error.
 CARRIES = 0.8
 
+# Other names of a variable.
 SAME: dict[str, tuple[str, ...]] = {
     "magnetic_heading": ("heading", "true_heading", "indicated_heading"),
     "heading": ("magnetic_heading", "true_heading", "indicated_heading"),
@@ -51,7 +52,6 @@ SAME: dict[str, tuple[str, ...]] = {
     "longitude": ("region",),
     "latitude": ("region",),
 }
-"""Other names of a variable."""
 
 
 def same_variable(told: str, true: str) -> bool:

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SUMS = 6
-"""Reports, their sum, clusters; and over clusters of sum S and size n: S^2, S n, n^2."""
+SUMS = 6  # Reports, their sum, clusters; and over clusters of sum S and size n: S^2, S n, n^2
 
 
 def cluster_sums(values: Floats, group: Ints, cluster: Ints, groups: int) -> Floats:
@@ -31,7 +30,6 @@ def cluster_sums(values: Floats, group: Ints, cluster: Ints, groups: int) -> Flo
         Below ``groups``.
     cluster : array of int, shape (report,)
         Flight of each report; it may take part in several groups.
-    groups : int
 
     Returns
     -------

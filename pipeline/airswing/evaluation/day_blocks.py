@@ -18,11 +18,6 @@ Floats = NDArray[np.float64]
 def block_weights(days: int, *, draws: int, seed: int) -> Floats:
     """How often each day is drawn, spread out a little for the few blocks there are.
 
-    Parameters
-    ----------
-    days : int
-    draws, seed : int
-
     Returns
     -------
     array, shape (draw, day)
@@ -51,7 +46,6 @@ def widened(drawn: Floats, days: int) -> Floats:
     ----------
     drawn : array, shape (1 + draw, ...)
         What was found, then the draws.
-    days : int
 
     Returns
     -------

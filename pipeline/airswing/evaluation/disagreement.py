@@ -86,7 +86,6 @@ def disagreement_sums(
         As for :func:`disagreement`.
     group : array of int, shape (report,)
         Group of each report, such as its aircraft.
-    groups : int
 
     Returns
     -------

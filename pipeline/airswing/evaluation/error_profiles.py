@@ -20,10 +20,9 @@ from airswing.flags import PHASE, SCREENING
 from airswing.products.ragged import aircraft_of_report, blocks
 
 STATES = ("reported", "corrected")
+# Edges of the layers, hPa, from the ground up (those of the WRFDA error table, merged).
 LEVEL_EDGES_HPA = (1100.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0)
-"""Edges of the layers, hPa, from the ground up (those of the WRFDA error table, merged)."""
-CELLS = len(PHASE) * (len(LEVEL_EDGES_HPA) - 1)
-"""Phases of flight times layers."""
+CELLS = len(PHASE) * (len(LEVEL_EDGES_HPA) - 1)  # Phases of flight times layers
 _UNUSABLE = ("no_reference", "missing_wind", "wind_qc", "gross_error", "no_ground_vector")
 _COLUMNS = (
     "eastward_wind",
@@ -35,8 +34,7 @@ _COLUMNS = (
     "flight",
     "screening",
 )
-MIN_DIRECTION_WIND = 5.0
-"""Reference wind, m/s, below which a direction says little."""
+MIN_DIRECTION_WIND = 5.0  # Reference wind, m/s, below which a direction says little
 
 
 def _cell_sums(

@@ -31,8 +31,6 @@ def permutation_test(
     ----------
     before, during : arrays of float, shape (aircraft,)
     corrected : array of bool, shape (aircraft,)
-    draws : int, default 2000
-    seed : int, default 0
 
     Returns
     -------
@@ -78,8 +76,6 @@ def unconditional_p_value(
     ----------
     change : array of float, shape (aircraft,)
     corrected : array of bool, shape (aircraft,)
-    draws : int
-    seed : int
     """
     if corrected.all() or not corrected.any():
         return float("nan")

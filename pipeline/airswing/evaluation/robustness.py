@@ -25,9 +25,7 @@ def scrutinise(sums: DaySums, names: NDArray[Any], *, draws: int, seed: int) -> 
 
     Parameters
     ----------
-    sums : DaySums
     names : array of str, shape (aircraft,)
-    draws, seed : int
 
     Returns
     -------

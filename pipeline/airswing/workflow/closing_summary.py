@@ -29,7 +29,6 @@ def summarise(
 
     Parameters
     ----------
-    config : Config
     headings, fits, corrected : Dataset
         Products of the run.
 

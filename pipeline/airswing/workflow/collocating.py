@@ -55,7 +55,6 @@ def read(job: Job, folder: Path) -> Archive:
 
     Parameters
     ----------
-    job : Job
     folder : Path
         Where; cleaned reports of files that are still the same are taken up from there.
     """
@@ -78,7 +77,6 @@ def filled(job: Job, folder: Path) -> Spool:
 
     Parameters
     ----------
-    job : Job
     folder : Path
         As for :func:`read`.
     """
@@ -108,8 +106,6 @@ def catalogues(
 
     Parameters
     ----------
-    job : Job
-    names : list of str
     archive : Archive, optional
         What a wind of the fleet itself is made of.
     folder : Path, optional
@@ -188,9 +184,6 @@ def needs_of(
 
     Parameters
     ----------
-    job : Job
-    places : Places
-    models : dict of str to Catalogue
     kept : SampleStore, optional
         Of an earlier run: says what need not be read again.
     """
@@ -240,11 +233,8 @@ def collocate_places(
 
     Parameters
     ----------
-    job : Job
     places : Places
         Takes the winds.
-    models : dict of str to Catalogue
-    plans : dict of str to Plan
     folder : Path
         For the finished model times; those of it that are no longer used are removed.
 
@@ -302,7 +292,6 @@ def collocated_blocks(
 
     Parameters
     ----------
-    job : Job
     names : list of str
         References to sample.
     kept : KeptHeadings, optional

@@ -22,15 +22,13 @@ from airswing.errors import InputError
 from airswing.products.fingerprint import code_digest
 from airswing.workflow.progress import Progress
 
+# What workers run; its source must be the same everywhere.
 WORKERS_CODE = "airswing.reference.collocate"
-"""What workers run; its source must be the same everywhere."""
 CONNECT_TIMEOUT = "15s"
-PATIENCE = 60.0
-"""How long every worker may wait for memory, s."""
+PATIENCE = 60.0  # How long every worker may wait for memory, s
 # Size of a task graph that is not worth a warning.
 _GRAPH = "200MB"
-LOGGED = 10
-"""Messages and transitions dask keeps for whoever looks for a fault in dask."""
+LOGGED = 10  # Messages and transitions dask keeps for whoever looks for a fault in dask
 
 
 @contextlib.contextmanager

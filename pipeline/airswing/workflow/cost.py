@@ -39,8 +39,7 @@ _SECONDS_PER_AIRCRAFT = {
     "virtual field test": 0.15,
     "page": 0.5e-3,
 }
-SECONDS_PER_PANEL, PANELS = 0.04, 96
-"""Of the page, for as many aircraft at most."""
+SECONDS_PER_PANEL, PANELS = 0.04, 96  # Of the page, for as many aircraft at most
 # The fleet's equations, which the fit keeps in parts (2,400 aircraft: 20 s and 0.4 GB).
 _BYTES_PER_AIRCRAFT = 200_000
 # Peak memory for each report of the largest block of aircraft, with up to two references.
@@ -48,12 +47,12 @@ _BYTES_IN_BLOCK = 1500
 # For each report of the archive: the sums over stretches of flight that the fleet's part of the
 # fit solves together.
 _BYTES_PER_REPORT = 37
+# For each report while its winds are found: as read, by aircraft, by time, and ``headings.nc``.
 BYTES_ON_DISK, BYTES_ON_DISK_PER_REFERENCE = 180, 62
-"""For each report while its winds are found: as read, by aircraft, by time, and ``headings.nc``."""
+# For each report at the end: ``headings.nc`` and ``corrected.nc``.
 BYTES_OF_PRODUCTS, BYTES_OF_PRODUCTS_PER_REFERENCE = 60, 22
-"""For each report at the end: ``headings.nc`` and ``corrected.nc``."""
+# For each report, of what a later run goes on with: cleaned reports and finished model times.
 BYTES_KEPT, BYTES_KEPT_PER_REFERENCE = 73, 32
-"""For each report, of what a later run goes on with: cleaned reports and finished model times."""
 # The interpreter with the libraries loaded.
 _BASE_BYTES = 400_000_000
 
@@ -65,8 +64,6 @@ def stage_seconds(
 
     Parameters
     ----------
-    reports, aircraft : int
-    plans : mapping of str to Plan
     threads : int, default 1
         Threads that decode at a time.
     kept : float, default 0
@@ -106,8 +103,6 @@ def estimate(
 
     Parameters
     ----------
-    reports, aircraft : int
-    plans : mapping of str to Plan
     block : int
         Reports of the largest block of aircraft.
     left : mapping of str to Plan, optional

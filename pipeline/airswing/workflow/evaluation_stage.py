@@ -95,7 +95,6 @@ def make_field_test(
 
     Parameters
     ----------
-    job : Job
     headings : Dataset, optional
         Read from the output folder when not given.
     expected : dict, optional
@@ -166,7 +165,6 @@ def make_sensitivity(
 
     Parameters
     ----------
-    job : Job
     headings : Dataset, optional
         Read from the output folder when not given.
     intervals : bool, default False

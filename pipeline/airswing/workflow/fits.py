@@ -91,7 +91,6 @@ def make_fits(
 
     Parameters
     ----------
-    job : Job
     headings : Dataset, optional
         Read from the output folder when not given.
     look : callable, optional
@@ -141,7 +140,6 @@ def draw_cards(job: Job, fits: xr.Dataset, *, near: float = 0.0) -> None:
 
     Parameters
     ----------
-    job : Job
     fits : Dataset
         With tables.
     near : float, default 0.0
@@ -234,7 +232,6 @@ def make_corrected(
 
     Parameters
     ----------
-    job : Job
     headings, fits : Dataset, optional
         Read from the output folder when not given.
     """

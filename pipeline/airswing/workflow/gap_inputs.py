@@ -24,8 +24,8 @@ from airswing.workflow.job import GAP_INPUTS, Blocks, Job, earlier
 if TYPE_CHECKING:
     from airswing.workflow.progress import StageRecord
 
+# Attribute of both products: hash of the reports, the references and how they were collocated.
 MARK = "unscreened_fingerprint"
-"""Attribute of both products: hash of the reports, the references and how they were collocated."""
 
 
 def set_apart(job: Job, made: Blocks, mark: str) -> Blocks:
@@ -33,7 +33,6 @@ def set_apart(job: Job, made: Blocks, mark: str) -> Blocks:
 
     Parameters
     ----------
-    job : Job
     made : Blocks
         Collocated, with the derivatives of the reference wind.
     mark : str

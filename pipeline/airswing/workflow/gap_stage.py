@@ -59,12 +59,10 @@ def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -
 
     Parameters
     ----------
-    job : Job
     effects : Path, optional
         Effects file; none is the perfect instrument.
     output : Path
         ``.csv`` or ``.parquet``.
-    seed : int, default 0
 
     Returns
     -------
@@ -95,7 +93,6 @@ def diagnosis(
 
     Parameters
     ----------
-    job : Job
     without : sequence of str, optional
         Effects of the catalogue to do without, as if nobody knew them.
     known : Path, optional

@@ -91,7 +91,6 @@ def read_start(job: Job, *, known: Path | None = None, simulated: str | None = N
 
     Parameters
     ----------
-    job : Job
     known : Path, optional
         ``effects.yaml`` or ``fits.nc``: what the simulation has.
     simulated : str, optional
@@ -120,7 +119,6 @@ def starting_point(
 
     Parameters
     ----------
-    job : Job
     frame : Frame
         Reports of the archive against the reference.
     asked : Asked

@@ -93,7 +93,6 @@ def make_headings(job: Job, given: Sources | None = None) -> xr.Dataset:
 
     Parameters
     ----------
-    job : Job
     given : Sources, optional
         Reports and models; by default what the configuration names, read and catalogued.
 
@@ -133,7 +132,6 @@ def depends_on(config: Config, given: Sources | None = None) -> tuple[str, *tupl
 
     Parameters
     ----------
-    config : Config
     given : Sources, optional
         As for :func:`make_headings`.
 

@@ -139,7 +139,6 @@ def as_text(found: dict[str, Any], *, indent: str = "") -> str:
     ----------
     found : dict
         Of :func:`inspect_file`.
-    indent : str, optional
     """
     lines = []
     for key, value in found.items():

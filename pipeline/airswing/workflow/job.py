@@ -35,13 +35,13 @@ COLLOCATING = (
     "airswing.reference.collocate",
     "airswing.compass.headings",
 )
+# Modules whose source, with all they use, a product depends on.
 FITTING = (
     "airswing.compass.fit.deviation",
     "airswing.compass.table",
     "airswing.evaluation.compass_changes.change_dates",
     "airswing.evaluation.compass_changes.change_notes",
 )
-"""Modules whose source, with all they use, a product depends on."""
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,6 @@ def ready(job: Job, given: xr.Dataset | None, name: str) -> xr.Dataset:
 
     Parameters
     ----------
-    job : Job
-    given : Dataset or None
     name : str
         File name of the product, or of a folder of its months.
     """
@@ -159,7 +157,6 @@ def where_it_stands(job: Job, name: str) -> Path:
 
     Parameters
     ----------
-    job : Job
     name : str
         File name of the product.
     """
@@ -207,12 +204,10 @@ def product(
 
     Parameters
     ----------
-    job : Job
     name : str
         File name.
     make : callable
         Makes the Dataset.
-    title : str
     depends : tuple
         All it depends on beside its name; see :func:`airswing.products.fingerprint.fingerprint`.
     sources : tuple of Dataset

@@ -53,8 +53,6 @@ def make_page(
 
     Parameters
     ----------
-    job : Job
-    headings, fits, corrected : Dataset
     summary : dict
         Of :func:`airswing.workflow.closing_summary.summarise`.
     evaluation : Evaluation

@@ -161,7 +161,6 @@ class Progress:
             Stage under way.
         elapsed : float
             Seconds since its start.
-        tasks : Tasks
 
         Returns
         -------

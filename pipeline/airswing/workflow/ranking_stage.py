@@ -60,9 +60,6 @@ def written_stability(
 
     Parameters
     ----------
-    job : Job
-    fits : Dataset
-    window : str
     windows : list of dict
         Of :func:`airswing.evaluation.compass_changes.window_fits.fit_by_window`.
     """
@@ -146,8 +143,6 @@ def make_virtual(
 
     Parameters
     ----------
-    job : Job
-    headings, fits : Dataset
     ranking : list of dict
         Of :func:`make_ranking`.
 
@@ -190,7 +185,6 @@ def written_virtual(job: Job, result: dict[str, Any]) -> str:
 
     Parameters
     ----------
-    job : Job
     result : dict
         As of :func:`make_virtual`.
     """

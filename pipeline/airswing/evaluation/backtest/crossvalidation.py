@@ -38,7 +38,6 @@ def cross_validate(
     ----------
     headings : Dataset
         Screened headings.
-    pools : mapping of str to list of str
     reference : str
         Key of ``pools``.
     folds : int, default 5
@@ -46,8 +45,6 @@ def cross_validate(
     whole : (Dataset, list of dict), optional
         Fits of all reports with the same options, with their tables, and the ranking of
         :func:`airswing.evaluation.backtest.ranking.rank_aircraft` by them; made when not given.
-    draws : int, default 1000
-    seed : int, default 0
     **fit_options
         As for :func:`airswing.evaluation.backtest.learning.fitted`.
 

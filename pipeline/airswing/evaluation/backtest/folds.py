@@ -20,8 +20,8 @@ from airswing.errors import InputError
 from airswing.flags import SCREENING
 from airswing.products.ragged import blocks, row_bounds
 
+# From some reports (their columns and ``aircraft_number``) to whether each is chosen.
 Choice = Callable[[xr.Dataset], NDArray[np.bool_]]
-"""From some reports (their columns and ``aircraft_number``) to whether each is chosen."""
 
 
 @dataclass(frozen=True)

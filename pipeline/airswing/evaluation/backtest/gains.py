@@ -86,7 +86,6 @@ def gains_of(block: xr.Dataset, gain: Floats, judged: NDArray[np.bool_]) -> list
 
     Parameters
     ----------
-    block : Dataset
     gain : array, shape (report,)
         Knots.
     judged : array of bool, shape (report,)
@@ -126,7 +125,6 @@ def compared(
         One an aircraft.
     ranking : list of dict
         Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
-    draws, seed : int
 
     Returns
     -------

@@ -46,7 +46,6 @@ def fitted(
     ----------
     headings : Dataset
         Screened; what is marked is not learned from.
-    pools : mapping of str to list of str
     reference : str
         Key of ``pools``.
     resolution : float, default 0.1

@@ -41,8 +41,8 @@ _FLOWN = (
     "time",
     "screening",
 )
+# Reports of an aircraft that the intervals are drawn over; the gain itself uses all.
 MOST_REPORTS = 4000
-"""Reports of an aircraft that the intervals are drawn over; the gain itself uses all."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,6 @@ def expected_gain(
     covariance : array, shape (5, 5), degrees squared
     draws : int
         Draws of the coefficients behind the interval.
-    seed : int
 
     Returns
     -------
@@ -189,7 +188,6 @@ def flown_reports(
 
     Parameters
     ----------
-    headings : Dataset
     members : list of str
         References whose mean is held against.
     abscissa : {"magnetic", "true"}
@@ -245,8 +243,6 @@ def rank_aircraft(
         Members of each reference and pool.
     reference : str
         Whose fit is judged.
-    draws : int, default 300
-    seed : int, default 0
 
     Returns
     -------

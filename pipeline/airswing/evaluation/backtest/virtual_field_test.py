@@ -55,8 +55,6 @@ def virtual_field_test(
     fits : Dataset, optional
         Of the reports before the date, with tables, where ``headings`` has but the last of them;
         made when not given.
-    draws : int, default 1000
-    seed : int, default 0
     **fit_options
         As for :func:`airswing.evaluation.backtest.learning.fitted`.
 
@@ -125,10 +123,8 @@ def predicted_reduction(
         First day of the test: nothing from it on is looked at.
     corrected : list of str
         Aircraft corrected in the test.
-    pools : mapping of str to list of str
     reference : str
         Key of ``pools``.
-    seed : int, default 0
     **fit_options
         As for :func:`airswing.compass.fit.deviation.fit_deviation`.
 

@@ -30,8 +30,7 @@ from airswing.products.ragged import blocks, row_bounds
 _BLOCK = 4
 # Probability of any false change in the fleet.
 _FALSE_ALARMS = 0.02
-FEWEST_DAYS = 5
-"""Days with reports on either side of a change."""
+FEWEST_DAYS = 5  # Days with reports on either side of a change
 # Share of the information on either side of a change: nearer the ends a date is not to be told.
 _TRIM = 0.05
 # Statistic beyond which a change is taken out of the days that are permuted; chance seldom
@@ -39,6 +38,7 @@ _TRIM = 0.05
 _OBVIOUS = 28.0
 # Depth of the search, each part being cut in two at its own date.
 _MOST_CHANGES = 4
+# What the daily sums are made from, beside the deviation's argument.
 SUMMED_FROM = (
     "heading_error",
     "airspeed_error",
@@ -47,7 +47,6 @@ SUMMED_FROM = (
     "time",
     "screening",
 )
-"""What the daily sums are made from, beside the deviation's argument."""
 
 
 def find_changes(
@@ -100,10 +99,8 @@ def changes_of(
 
     Parameters
     ----------
-    names : list of str
     sums : list of DaySums or None
         One an aircraft; None where there are too few days.
-    draws : int, default 999
     """
     segments = [(k, one) for k, one in enumerate(sums) if one is not None]
     entries: list[dict[str, Any]] = [

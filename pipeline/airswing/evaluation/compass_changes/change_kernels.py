@@ -26,16 +26,14 @@ from airswing.evaluation.reference_comparison.pairs import paired_design
 
 Floats = NDArray[np.float64]
 
-FREE = 6
-"""A, B, C, D, E and the airspeed scale come before the day's own bias b_u, b_v."""
-CHANGING = 3
-"""A, B, C may change."""
+FREE = 6  # A, B, C, D, E and the airspeed scale come before the day's own bias b_u, b_v
+CHANGING = 3  # A, B, C may change
+# Report's error variance over the variance of a day's model bias, a component.
 DAY_BIAS_PRECISION = 2.0
-"""Report's error variance over the variance of a day's model bias, a component."""
 # Robust standard deviations beyond which a report is left out.
 _CUT = 8.0
+# -2 ln(1 - sqrt(0.95)): 95 % point of the likelihood ratio of a date (Eo & Morley 2015).
 LIKELIHOOD_RATIO_95 = 7.35
-"""-2 ln(1 - sqrt(0.95)): 95 % point of the likelihood ratio of a date (Eo & Morley 2015)."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +137,6 @@ def coefficients(sums: DaySums, weight: Floats | None = None) -> tuple[Floats, F
 
     Parameters
     ----------
-    sums : DaySums
     weight : array, shape (d, q), optional
         Adds a change of A, B, C for each column: 1 on the days it acts.
 
@@ -271,11 +268,8 @@ def block_orders(days: int, *, block: int, draws: int, rng: np.random.Generator)
 
     Parameters
     ----------
-    days : int
     block : int
         Days that stay together.
-    draws : int
-    rng : Generator
 
     Returns
     -------
@@ -298,7 +292,6 @@ def date_of_change(
 
     Parameters
     ----------
-    sums : DaySums
     fewest : int
         Days on either side.
 

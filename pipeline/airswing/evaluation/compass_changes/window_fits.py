@@ -32,7 +32,6 @@ def fit_by_window(
     ----------
     headings : Dataset
         Screened headings.
-    pools : mapping of str to list of str
     reference : str
         Key of ``pools``.
     window : {"month", "quarter"}

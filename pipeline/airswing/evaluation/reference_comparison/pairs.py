@@ -146,7 +146,6 @@ def wald(values: Floats, covariance: Floats, clusters: int) -> float:
     ----------
     values : array of float, shape (q,)
     covariance : array of float, shape (q, q)
-    clusters : int
 
     Returns
     -------
@@ -216,7 +215,6 @@ def region_sums(
     du, dv : arrays of float, shape (report,), m/s
     region, day : arrays of int, shape (report,)
         From 0.
-    regions, days : int
 
     Returns
     -------

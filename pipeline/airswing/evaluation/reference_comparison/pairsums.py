@@ -29,13 +29,11 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 REGIONS = 9
-STEP = 0.01
-"""degrees"""
-LEAST_REPORTS = 50
-"""Reports below which an aircraft says nothing of a difference."""
+STEP = 0.01  # degrees
+LEAST_REPORTS = 50  # Reports below which an aircraft says nothing of a difference
+# Days below which an aircraft cannot tell how far its own difference is to be trusted: eight
+# coefficients leave no scatter to so few, and one day none at all.
 LEAST_DAYS = 10
-"""Days below which an aircraft cannot tell how far its own difference is to be trusted: eight
-coefficients leave no scatter to so few, and one day none at all."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +116,6 @@ class PairSums:
 
         Parameters
         ----------
-        rows : Rows
         chosen : array of bool, shape (report,)
         """
         if not chosen.any():

@@ -27,7 +27,6 @@ def hat_sums(
     u, v : arrays of float, shape (reference, report), m/s
     day : array of int, shape (report,)
         From 0.
-    days : int
 
     Returns
     -------
@@ -54,7 +53,6 @@ def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[dict[str, Any]]
     ----------
     sums : array, shape (triple, 4, day)
         Of :func:`hat_sums`, added up.
-    names : list of str, length reference
 
     Returns
     -------

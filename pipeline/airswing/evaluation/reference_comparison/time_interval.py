@@ -19,8 +19,7 @@ from airswing.reference.geometry.wind_profiles import Catalogue
 # Steps at which archives of models keep their winds.
 _INTERVALS_H = (3, 6)
 DAYS = 10
-REPORTS = 20_000
-"""Taken of those days at most."""
+REPORTS = 20_000  # Taken of those days at most
 _HOUR = 3_600_000_000_000  # ns
 # Reports so near the middle of an interval count as at it.
 _MIDDLE = _HOUR // 2

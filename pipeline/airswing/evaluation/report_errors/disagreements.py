@@ -290,7 +290,6 @@ def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
 
     Parameters
     ----------
-    found : Disagreements
     classes : array of int, shape (aircraft,)
     """
     table = found.reports

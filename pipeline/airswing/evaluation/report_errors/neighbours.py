@@ -23,8 +23,7 @@ from airswing.units import MODEL_EARTH_RADIUS
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-REACH = (30_000.0, 0.06, 1350.0)
-"""Separation at which a pair is no longer near: m, ln p, s."""
+REACH = (30_000.0, 0.06, 1350.0)  # Separation at which a pair is no longer near: m, ln p, s
 TERMS = 4
 # Reports of a day looked at together; of more, some are drawn.
 _MOST_AT_ONCE = 20_000
@@ -111,7 +110,6 @@ def half_squares(east: Floats, north: Floats, pairs: Pairs) -> Floats:
     ----------
     east, north : arrays, shape (report,)
         Report minus reference, m/s.
-    pairs : Pairs
 
     Returns
     -------

@@ -27,7 +27,6 @@ def added_variance(found: Disagreements, weights: Floats, *, seed: int) -> Float
 
     Parameters
     ----------
-    found : Disagreements
     weights : array, shape (1 + draw, day)
         How often each day counts; the first row is ones.
     seed : int

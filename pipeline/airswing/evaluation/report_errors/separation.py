@@ -72,7 +72,6 @@ def separate(
 
     Parameters
     ----------
-    table : PairTable
     number : array, shape (cell, class)
         Reports, by which cells and classes are weighted.
     amplitude : array, shape (cell,)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+# Pressures, hPa, and errors.
 USED = {
     "wrfda_tamdar": (
         (150, 200, 250, 300, 350, 400, 450, 500, 550, 600, 650, 700, 750, 800, 850, 900),
@@ -19,7 +20,6 @@ USED = {
     "nam_tamdar": ((300, 400, 500, 700, 850, 1000), (5.30, 5.12, 4.93, 4.80, 4.33, 3.75)),
     "nam_mdcrs": ((300, 400, 500, 700, 850, 1000), (3.41, 2.87, 2.62, 2.73, 2.79, 2.39)),
 }
-"""Pressures, hPa, and errors."""
 
 
 def used_error(name: str, pressure: ArrayLike) -> NDArray[np.float64]:

@@ -39,7 +39,6 @@ def by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
     scored : Dataset
         Of :func:`airswing.handover.forecasts.forecast_scores.score_forecasts`, with
         ``variable_units``.
-    variable : str
     """
     own = scored.sel(variable=variable, period="held_out")
     figure = new_figure(3.4)
@@ -81,7 +80,6 @@ def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figu
     ----------
     corrected : Dataset
         Of :func:`airswing.handover.forecasts.correcting.correct_forecasts`.
-    variable, station : str
     """
     own = corrected.sel(variable=variable, station=station).isel({TIME: slice(-_LONGEST, None)})
     figure = new_figure(2.8)

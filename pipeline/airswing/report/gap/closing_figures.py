@@ -32,12 +32,7 @@ from airswing.report.html.style import (
 
 @styled
 def waterfall_figure(gap: GapReport) -> Figure:
-    """Waterfall of the disagreement: the real gap, after each effect, the noise floor.
-
-    Parameters
-    ----------
-    gap : GapReport
-    """
+    """Waterfall of the disagreement: the real gap, after each effect, the noise floor."""
     before, floor = gap.closure.before, gap.gap.noise_floor_kt
     end, end_interval = gap.closure.after, gap.closure.ci
     names, levels = ["as simulated\nso far"], [before]
@@ -128,12 +123,7 @@ def _level(axes: Axes, row: int, value: float, edge: float) -> None:
 
 @styled
 def autocorrelation_figure(gap: GapReport) -> Figure:
-    """Autocovariance of residuals along flights against distance, and the fitted noise.
-
-    Parameters
-    ----------
-    gap : GapReport
-    """
+    """Autocovariance of residuals along flights against distance, and the fitted noise."""
     noise = gap.noise
     figure = new_figure(3.2)
     axes = figure.add_subplot()

@@ -32,10 +32,6 @@ def slices_figure(where: Sequence[SliceEntry]) -> Figure:
     """Bars of the slices of the archive that hold the gap, by share of its energy.
 
     At most 15 of them; the rest is in the table.
-
-    Parameters
-    ----------
-    where : sequence of SliceEntry
     """
     known = sorted(where, key=lambda entry: -entry.share_of_gap)[:15]
     rows = [entry for entry in known if entry.share_of_gap >= _LEAST] or known[:3]

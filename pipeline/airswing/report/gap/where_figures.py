@@ -70,7 +70,6 @@ def aircraft_heading_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
     ----------
     maps : Dataset
         ``gap.nc``: ``heading_map`` and its standard error (aircraft, octant), degrees.
-    gap : GapReport
     """
     centres = np.asarray(maps["octant"].to_numpy(), float)
     shown = _cells(maps, "heading_map", "aircraft", "octant")
@@ -99,7 +98,6 @@ def aircraft_time_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
     ----------
     maps : Dataset
         ``gap.nc``: ``time_line`` (aircraft, week), degrees, and ``day``.
-    gap : GapReport
     """
     weeks = week_starts(maps)
     shown = _cells(maps, "time_line", "aircraft", "week")
@@ -175,7 +173,6 @@ def phase_level_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
     ----------
     maps : Dataset
         ``gap.nc``: ``level_map_along`` and ``level_map_cross`` (phase, level), m/s.
-    gap : GapReport
     """
     across = _cells(maps, "level_map_cross", "phase", "level")
     along = _cells(maps, "level_map_along", "phase", "level")
@@ -212,7 +209,6 @@ def gap_map_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
     ----------
     maps : Dataset
         ``gap.nc``: ``region_map_u`` and ``region_map_v`` (latitude, longitude), m/s.
-    gap : GapReport
     """
     lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
     u, v = (_cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")

@@ -28,12 +28,7 @@ from airswing.report.html.style import (
 
 @styled
 def evidence_figure(gap: GapReport) -> Figure:
-    """Bars of the best evidence for each effect of the catalogue against none, the 20 largest.
-
-    Parameters
-    ----------
-    gap : GapReport
-    """
+    """Bars of the best evidence for each effect of the catalogue against none, the 20 largest."""
     best = best_evidence(gap.evidence)
     if not best:
         return empty_figure("No effect of the catalogue could be tried")

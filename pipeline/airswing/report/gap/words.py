@@ -99,7 +99,6 @@ def parameters_text(effect: EffectEntry | TailEntry, *, brief: bool = False) -> 
 
     Parameters
     ----------
-    effect : EffectEntry or TailEntry
     brief : bool, optional
         Leave out the conditions a parameter is stated at (``at_...``).
     """
@@ -221,10 +220,6 @@ def verdict(gap: GapReport) -> str:
     """Return the verdict: what is missing, how much of the gap it is, what adding it buys.
 
     What the diagnosis started from stands before it where that is not the perfect instrument.
-
-    Parameters
-    ----------
-    gap : GapReport
     """
     return start_words(gap.known, gap.simulation) + _what_is_missing(gap)
 
@@ -332,7 +327,6 @@ def value_words(variable: str, value: str) -> str:
 
     Parameters
     ----------
-    variable : str
     value : str
         A value of the variable where its curve bends, a wave of the magnetic heading, or a name.
     """

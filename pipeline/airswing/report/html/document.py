@@ -62,7 +62,6 @@ def table(
     Parameters
     ----------
     columns : sequence of Column
-    rows : iterable of Row
     caption : str, optional
         What the table holds, in words.
     sortable : bool, optional
@@ -134,7 +133,6 @@ def document(
         The line above the headline: what this is a page about.
     headline : str
         The result, in a sentence.
-    sections : sequence of Section
     facts : sequence of (number, words), optional
         The few numbers that matter most.
     warnings : sequence of str, optional

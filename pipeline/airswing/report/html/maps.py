@@ -38,8 +38,7 @@ from airswing.report.html.style import (
 # Top and bottom of each layer.
 _LEVELS_HPA = ((0, 400), (400, 600), (600, 800), (800, 1100))
 
-MOST_DRAWN = 500_000
-"""Reports a map draws at most."""
+MOST_DRAWN = 500_000  # Reports a map draws at most
 
 
 class _Places(NamedTuple):

@@ -33,8 +33,7 @@ LAYERS: dict[str, dict[str, Any]] = {
 }
 
 
-TALLEST, FLATTEST = 0.66, 0.42
-"""Limits of a window's drawn height over its width."""
+TALLEST, FLATTEST = 0.66, 0.42  # Limits of a window's drawn height over its width
 
 
 @dataclass(frozen=True)

@@ -34,14 +34,11 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DENSITY = "viridis_r"
 DIVERGING = "PuOr_r"
 
-FULL_WIDTH = 9.6
-"""Width of a page-wide figure, inches."""
+FULL_WIDTH = 9.6  # Width of a page-wide figure, inches
 
-MANY = 20_000
-"""Points beyond which a scatter becomes a density."""
+MANY = 20_000  # Points beyond which a scatter becomes a density
 
-RASTER_DPI = 150
-"""Of what is drawn as an image inside a page."""
+RASTER_DPI = 150  # Of what is drawn as an image inside a page
 
 RC: Any = {
     "font.family": "DejaVu Sans",

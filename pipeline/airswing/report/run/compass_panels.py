@@ -108,10 +108,8 @@ def large_panel(one: Shown, fits: xr.Dataset, reference: str) -> Markup:
 
     Parameters
     ----------
-    one : Shown
     fits : Dataset
         Of the fleet, for the reference's bias.
-    reference : str
     """
     panel = Panel((920, 380), (58, 16, 30, 48), x=(0.0, 360.0), y=(-one.limit, one.limit))
     panel.scales([(at, f"{at}") for at in range(0, 361, 45)])

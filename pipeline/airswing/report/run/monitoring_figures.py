@@ -28,8 +28,7 @@ from airswing.report.html.style import (
 )
 
 MOST_ROWS = 24
-SHORTEST = 30
-"""Days the line of time shows at least."""
+SHORTEST = 30  # Days the line of time shows at least
 FLEET = "all at once"
 KINDS = {
     "compass_changed": ("compass changed", VERMILION, "D"),

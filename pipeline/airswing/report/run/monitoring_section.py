@@ -20,8 +20,7 @@ from airswing.report.run.page_numbers import number_text
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
-MOST_EVENTS, MOST_STATES = 60, 200
-"""Rows of the tables; the file has all."""
+MOST_EVENTS, MOST_STATES = 60, 200  # Rows of the tables; the file has all
 
 
 def monitoring_section(watched: Mapping[str, Any] | None) -> Section:
@@ -42,7 +41,6 @@ def write_monitoring_page(path: Path, watched: Mapping[str, Any]) -> Path:
 
     Parameters
     ----------
-    path : Path
     watched : mapping
         Content of ``events.json``.
     """

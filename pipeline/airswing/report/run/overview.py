@@ -41,8 +41,7 @@ from airswing.report.run.reading_warnings import tally
 from airswing.report.run.selection import headline_reference, tails
 from airswing.units import NORMAL_95
 
-PAGE_OF_AIRCRAFT = 40
-"""Aircraft in one overview figure; larger fleets get several."""
+PAGE_OF_AIRCRAFT = 40  # Aircraft in one overview figure; larger fleets get several
 
 
 def by_amplitude(fits: xr.Dataset, reference: str) -> list[str]:

@@ -66,8 +66,8 @@ from airswing.report.run.selection import adds_error, headline_reference, tails
 from airswing.report.run.stability_sections import ranking_section, stability_section
 from airswing.version import __version__
 
+# Aircraft that have a small panel, panels side by side, and aircraft that have a large one.
 SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS = 96, 12, 40
-"""Aircraft that have a small panel, panels side by side, and aircraft that have a large one."""
 # Report files left out that are named one by one; the product names all.
 _FILES_NAMED = 20
 
@@ -93,7 +93,6 @@ def write_page(
     summary : mapping, optional
         ``reference``: the fit the page leads with; ``links``: more (label, address relative to
         the page); ``warnings``: list of str; other plain values are listed under "This run".
-    evaluation : Evaluation, optional
 
     Returns
     -------

@@ -225,8 +225,6 @@ def correction_rows(
 
     Parameters
     ----------
-    fits : Dataset
-    reference : str
     aircraft : sequence of str
         In the order of the rows.
 

@@ -30,7 +30,6 @@ def tally(ds: xr.Dataset, name: str) -> dict[str, Any]:
 
     Parameters
     ----------
-    ds : Dataset
     name : str
         ``reading_audit`` or ``reference_audit``.
 

@@ -28,8 +28,7 @@ from airswing.synthetic.world.true_atmosphere import stream
 __all__ = ["ASCENT", "CRUISE", "DESCENT", "STEP", "Flown", "fly"]
 
 Array = NDArray[np.float64]
-STEP = 10.0
-"""Time step of the steering, s."""
+STEP = 10.0  # Time step of the steering, s
 ASCENT, CRUISE, DESCENT = 1, 2, 3
 # m/s2, standard gravity.
 _G = 9.80665

@@ -223,6 +223,7 @@ def _three_cycle(setting: Setting, fault: Fault, where: Mask) -> None:
     setting.unit.third_cosine[where] += cosine
 
 
+# Faults of the unit itself.
 UNIT_FAULTS: dict[str, Callable[[Setting, Fault, Mask], None]] = {
     "compass_offset": _offset,
     "hard_iron": _hard_iron,
@@ -238,7 +239,6 @@ UNIT_FAULTS: dict[str, Callable[[Setting, Fault, Mask], None]] = {
     "heading_by_temperature": _by_temperature,
     "three_cycle": _three_cycle,
 }
-"""Faults of the unit itself."""
 
 _REFERENCE = ("reference_speed_bias", "reference_time_offset", "reference_grid_relative")
 _REPORTING = (

@@ -34,8 +34,8 @@ from airswing.synthetic.world.waves import WaveKind, random_waves
 __all__ = ["Coding", "Correction", "observe"]
 
 Array = NDArray[np.float64]
+# (flight, latitude, longitude, pressure Pa, hours) to the true wind (2, n) in m/s.
 Wind = Callable[[NDArray[np.int64], Array, Array, Array, Array], Array]
-"""(flight, latitude, longitude, pressure Pa, hours) to the true wind (2, n) in m/s."""
 
 
 @dataclass(frozen=True)
@@ -278,6 +278,7 @@ _SET_BY = (
     "acceleration",
     "bank",
 )
+# Columns of the exact state, and their names in it.
 TRUTH = {
     "true_u": "u",
     "true_v": "v",
@@ -293,7 +294,6 @@ TRUTH = {
     "declination": "declination",
     "horizontal": "horizontal",
 }
-"""Columns of the exact state, and their names in it."""
 
 
 def _outside(

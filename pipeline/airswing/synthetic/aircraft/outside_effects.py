@@ -44,9 +44,9 @@ Mask = NDArray[np.bool_]
 Value = Mapping[str, Any]
 Winds = tuple[Array, Array]
 KNOT = 1852.0 / 3600.0
-LEAST_SHARE = 0.05
-"""An effect acts where its shape exceeds this share of its largest size."""
+LEAST_SHARE = 0.05  # An effect acts where its shape exceeds this share of its largest size
 
+# What is moved: body axes and wind axes in m/s, the wind's speed in parts, its direction.
 COMPONENTS = (
     "across_heading",
     "along_heading",
@@ -55,7 +55,7 @@ COMPONENTS = (
     "speed",
     "direction",
 )
-"""What is moved: body axes and wind axes in m/s, the wind's speed in parts, its direction."""
+# Variables that turn, and their turn.
 CYCLIC: dict[str, float] = {
     "magnetic_heading": 2 * np.pi,
     "heading": 2 * np.pi,
@@ -63,9 +63,8 @@ CYCLIC: dict[str, float] = {
     "wind_direction": 2 * np.pi,
     "hour": 24.0,
 }
-"""Variables that turn, and their turn."""
-FLAGS = ("icing", "phase")
-"""Variables with a few values: an effect acts on one of them."""
+FLAGS = ("icing", "phase")  # Variables with a few values: an effect acts on one of them
+# Everything a report records or that follows from it without a model.
 VARIABLES = (
     *CYCLIC,
     *FLAGS,
@@ -81,9 +80,8 @@ VARIABLES = (
     "wind_speed",
     "drift",
 )
-"""Everything a report records or that follows from it without a model."""
+# Forms of one variable; products and thresholds are made of two parts.
 SHAPES = ("step", "sector", "hinge", "bump", "saw")
-"""Forms of one variable; products and thresholds are made of two parts."""
 
 
 def report_variables(
@@ -374,6 +372,7 @@ def _gross(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generato
     return np.where(hit, speed * np.sin(turn), u), np.where(hit, speed * np.cos(turn), v)
 
 
+# Effects of scatter: what becomes of a wind where they act.
 SCATTER: dict[str, Callable[[Array, Array, Mask, Value, np.random.Generator], Winds]] = {
     "floor": _floor,
     "ceiling": _ceiling,
@@ -382,7 +381,6 @@ SCATTER: dict[str, Callable[[Array, Array, Mask, Value, np.random.Generator], Wi
     "jitter": _jitter,
     "gross": _gross,
 }
-"""Effects of scatter: what becomes of a wind where they act."""
 
 
 def scatter_change(

@@ -67,8 +67,8 @@ def fleet_deviations(tails: Sequence[str], seed: int) -> list[dict[str, Any]]:
     return effects
 
 
+# Least and largest strength of a background effect, m/s root mean square where it acts.
 LITTLE = (0.05, 0.15)
-"""Least and largest strength of a background effect, m/s root mean square where it acts."""
 
 # Parameter of each background effect, and the change of wind (m/s root mean square where it acts)
 # that one unit of it makes on the archive's network; a drift's rate times the archive's days.
@@ -134,7 +134,6 @@ def unit_of(
     ----------
     index : int
         Of the aircraft.
-    faults : sequence of Fault
     tails : sequence of str
         The fleet.
     horizontal, down : float

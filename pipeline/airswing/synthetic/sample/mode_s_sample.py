@@ -31,6 +31,7 @@ EARTH = 6_371_000.0
 STEP_S, REPORTS = 10, 150
 # Degrees: resolution of heading and track in registers 6,0 and 5,0.
 _ANGLE_STEP = 90.0 / 512.0
+# Deviation A, B, C in degrees, and the one true heading of those that fly no other.
 AIRCRAFT = {
     "a00001": (1.2, 2.0, -1.5, None),
     "a00002": (-0.8, -1.0, 2.5, None),
@@ -39,7 +40,6 @@ AIRCRAFT = {
     "a00005": (-1.4, 0.0, 0.0, 40.0),
     "a00006": (0.9, 0.0, 0.0, 110.0),
 }
-"""Deviation A, B, C in degrees, and the one true heading of those that fly no other."""
 
 
 def _model_wind(latitude: Array, longitude: Array, pressure: Array, hour: Array) -> Array:
@@ -68,7 +68,6 @@ def write_mode_s(
         Corner of a region of 8 by 12 degrees.
     flights : int
         Of each aircraft.
-    seed : int
 
     Returns
     -------

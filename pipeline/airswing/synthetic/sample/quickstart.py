@@ -38,6 +38,7 @@ def _compass(
     return [{"name": name, "tails": [tail], "parameters": sizes[name]} for name in sizes]
 
 
+# What is wrong with the six units.
 EFFECTS: list[dict[str, Any]] = [
     *_compass("N401", 0.8, 5.8, 35.0, 0.4),
     *_compass("N402", -1.2, 1.4, -110.0, -0.3),
@@ -51,7 +52,6 @@ EFFECTS: list[dict[str, Any]] = [
     *_compass("N405", 0.3, 0.8, 80.0, 0.3),
     *_compass("N406", 1.0, 3.0, 10.0, 0.0),
 ]
-"""What is wrong with the six units."""
 
 
 def _split(directory: Path, boundary: str) -> None:

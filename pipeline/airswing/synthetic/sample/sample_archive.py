@@ -48,8 +48,7 @@ __all__ = ["Scenario", "simulate_arrays", "write_archive"]
 Array = NDArray[np.float64]
 Effects = Sequence[Mapping[str, Any]]
 
-LEVELS = (1000, 950, 900, 850, 800, 750, 700, 650, 600, 550, 500, 450, 400, 350)
-"""hPa."""
+LEVELS = (1000, 950, 900, 850, 800, 750, 700, 650, 600, 550, 500, 450, 400, 350)  # hPa
 # Both editions, so that every made run reads both.
 _EDITION = {"ruc": 1, "rtfdaa": 2, "rr": 2}
 _GRID_RELATIVE = {"ruc": True, "rtfdaa": True, "rr": False}

@@ -32,12 +32,12 @@ from airswing.synthetic.sealed.outside_draws import OUTSIDE_SHAPES, draw_outside
 
 __all__ = ["RUNGS", "Case", "Size", "World", "plan_cases"]
 
+# Share of the cases on each rung.
 RUNGS: dict[int, float] = {1: 0.35, 2: 0.1, 3: 0.15, 4: 0.3, 5: 0.1}
-"""Share of the cases on each rung."""
 # Winds are costly and made once a world.
 _CASES_PER_WORLD = 8
+# Rungs of which every fourth world is of two weeks: what seems to last is weather there.
 SHORT_RUNGS, SHORT_DAYS = (1, 4), (14, 15)
-"""Rungs of which every fourth world is of two weeks: what seems to last is weather there."""
 # Draws an outside effect is dealt as.
 _MOST_DRAWS = 24
 START = datetime(2009, 3, 1)

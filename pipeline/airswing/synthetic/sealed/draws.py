@@ -47,8 +47,7 @@ Mask = NDArray[np.bool_]
 Unit = Callable[[np.random.Generator], dict[str, Any]]
 Acts = Callable[["pd.DataFrame", Parameters], Mask]
 Realised = Callable[["Setting", "Fault", Mask], None]
-SIZES = (0.2, 0.4, 0.8, 1.6)
-"""Strengths where an effect acts, m/s root mean square."""
+SIZES = (0.2, 0.4, 0.8, 1.6)  # Strengths where an effect acts, m/s root mean square
 
 
 def sign(rng: np.random.Generator) -> float:

@@ -33,16 +33,16 @@ from airswing.synthetic.aircraft.outside_effects import (
 __all__ = ["ALIKE", "OUTSIDE_SHAPES", "SCOPES", "draw_outside"]
 
 Effect = dict[str, Any]
+# Shapes dealt: of one variable, of two, and what moves no mean.
 OUTSIDE_SHAPES = (*SHAPES, "product", "threshold", "scatter")
-"""Shapes dealt: of one variable, of two, and what moves no mean."""
 SCOPES = ("one", "some", "all")
+# Variables that tell much the same: never multiplied with each other.
 ALIKE: tuple[frozenset[str], ...] = (
     frozenset({"magnetic_heading", "heading", "track"}),
     frozenset({"altitude", "temperature"}),
     frozenset({"airspeed", "ground_speed"}),
     frozenset({"wind_speed", "drift"}),
 )
-"""Variables that tell much the same: never multiplied with each other."""
 _PHASES = (1.0, 2.0, 3.0)
 # Widths drawn, as fractions of the turn or of the range.
 _SPREAD = {"sector": (0.04, 0.125), "bump": (0.05, 0.12), "saw": (0.26, 0.52)}

@@ -37,14 +37,10 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-LEAST_ENERGY = 400.0
-"""(m/s)^2, the least sum of squares of the change."""
-LEAST_SIZE = 0.3
-"""m/s, root mean square where the effect acts."""
-WORTH_KT = 0.1
-"""A closure that must not be missed, kt."""
-MOST_NAMED = 0.35
-"""Largest share of the energy that what has a name may take up."""
+LEAST_ENERGY = 400.0  # (m/s)^2, the least sum of squares of the change
+LEAST_SIZE = 0.3  # m/s, root mean square where the effect acts
+WORTH_KT = 0.1  # A closure that must not be missed, kt
+MOST_NAMED = 0.35  # Largest share of the energy that what has a name may take up
 
 
 def _chosen(frame: pd.DataFrame, effect: Mapping[str, Any]) -> NDArray[np.bool_]:

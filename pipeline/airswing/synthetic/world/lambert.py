@@ -18,10 +18,9 @@ __all__ = ["LambertGrid", "centred_grid"]
 
 Array = NDArray[np.float64]
 
+# Earth radius of GRIB1 in m (WMO Manual on Codes, code table 7, bit 2 unset).
 GRIB1_RADIUS = 6367470.0
-"""Earth radius of GRIB1 in m (WMO Manual on Codes, code table 7, bit 2 unset)."""
-GRIB2_RADIUS = 6371229.0
-"""Earth radius of GRIB2 in m (WMO code table 3.2, value 6)."""
+GRIB2_RADIUS = 6371229.0  # Earth radius of GRIB2 in m (WMO code table 3.2, value 6)
 
 
 @dataclass(frozen=True)

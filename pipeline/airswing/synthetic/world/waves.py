@@ -187,7 +187,6 @@ def random_waves(rng: np.random.Generator, kind: WaveKind, *, start: float, end:
     ----------
     rng : numpy.random.Generator
         Source of every number drawn.
-    kind : WaveKind
     start, end : float
         Hours the amplitudes must cover.
 

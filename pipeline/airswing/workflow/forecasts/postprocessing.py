@@ -30,7 +30,6 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
         With a section ``postprocess``; that of the main job or one of its own.
     output : Path, optional
         Replaces the configuration's folder.
-    quiet : bool, default False
 
     Returns
     -------
