@@ -19,7 +19,7 @@ from airswing.gap.design.candidates import Candidate, candidates
 from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.design.layout import make_layout
 from airswing.gap.effects.base import Effect
-from airswing.gap.evidence.shortened_airspeed import of_columns
+from airswing.gap.evidence.scattered_headings import of_columns
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.held_out.days_left_out import term_coefficients
 from airswing.gap.held_out.level_or_other import goes_by
@@ -155,8 +155,8 @@ def run_pass(
     tell("search", 0.0)
     variances = shared_variances(stats, shared_prior(columns.layout, effects))
     pool = candidates(columns.layout, effects, dictionary=search.dictionary)
-    lost = of_columns(frame, columns.layout, effects)
-    base = with_background(replace(eliminate_days(stats, variances), shortened=lost), pool)
+    like = of_columns(frame, columns.layout, effects)
+    base = with_background(replace(eliminate_days(stats, variances), scattered=like), pool)
     problem = Problem(
         frame, context, effects, plan, noise, base, archive.reports, archive.flights, search.seed
     )

@@ -136,6 +136,27 @@ def test_changes_of_two_aircraft_join_on_one_date():
     assert one.explained + one.fixed > two.explained + two.fixed
 
 
+def test_a_step_told_as_a_drift_joins_the_step_and_a_drift_stays_one():
+    def swung(context):
+        day = context["time"] / 86400
+        stepped = np.where((context["aircraft"] == 3) | (context["aircraft"] == 1), day > 9, 0)
+        return np.radians(1.2 * stepped + np.where(context["aircraft"] == 5, 0.1 * day, 0.0))
+
+    frame = make_frame(seed=8, aircraft=6, days=20, noise=0.3, heading_error=swung)
+    effects = SMALL | {"compass_drift": CATALOGUE["compass_drift"]}
+    made = run_pass(held_archive(frame), Search(effects, Rules(), False, 0, lambda *_: None))
+    base = made.problem.base
+    pool = candidates(base.stats.layout, effects, dictionary=False)
+    own = {term.candidate.name: term for term in made.standing.found.terms}
+    step, drift = own["compass_step"], own["compass_drift"]
+    assert (step.tails, drift.tails) == ((1, 3), (5,))
+    mixed = [replace(drift, tails=(3, 5)), replace(step, tails=(1,))]
+    told = {term.candidate.name: term.tails for term in fewest(base, pool, mixed)}
+    assert told == {"compass_step": (1, 3), "compass_drift": (5,)}
+    (one,) = fewest(base, pool, [replace(drift, tails=(3,)), replace(step, tails=(1,))])
+    assert (one.candidate.name, one.tails, one.period) == ("compass_step", (1, 3), step.period)
+
+
 def test_what_has_no_name_makes_a_claim_less_likely(late):
     _, _, term = late
     score = replace(term.score, tempered=20.0)

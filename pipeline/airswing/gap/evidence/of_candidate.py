@@ -127,8 +127,9 @@ def fleet_allowance(given: Conditional | Base, columns: Integers) -> float:
 
     What the climatology does not hold of the persistent error has its structure: it is met by a
     column in the measure in which the climatology itself takes the column up. An effect that
-    changes sign with the heading or with the passing of weather averages it out. An error of the
-    airspeed is met by what the scatter of headings takes away as well.
+    changes sign with the heading or with the passing of weather averages it out. Errors of
+    heading and airspeed are met by what the scatter of headings looks like as well
+    (:mod:`airswing.gap.evidence.scattered_headings`).
 
     Parameters
     ----------
@@ -141,8 +142,8 @@ def fleet_allowance(given: Conditional | Base, columns: Integers) -> float:
         :data:`FLEET_ALLOWANCE` times the root of the share of the columns' X'X taken, and that.
     """
     lasting = FLEET_ALLOWANCE * float(np.sqrt(given.lasting_share[columns].mean()))
-    lost = 0.0 if given.shortened is None else float(given.shortened[columns].max())
-    return float(np.hypot(lasting, lost))
+    like = 0.0 if given.scattered is None else float(given.scattered[columns].max())
+    return float(np.hypot(lasting, like))
 
 
 def _stacked(pool: Sequence[Candidate]) -> tuple[Integers, Floats]:

@@ -4,7 +4,9 @@ Assumptions: the residual is the sum of the terms, each coefficient normal about
 prior of its column; the evidence of the whole is then known in closed form. The search puts terms
 in one by one, so a change of two aircraft on one day may come in as two changes a day apart. Here
 the terms are weighed together: those of one kind are tried as one, on either's dates and with the
-form that holds both, and the best exchange is made until none gains. Every date costs what it was
+form that holds both, and the best exchange is made until none gains. A drift and a step are each
+other's likeness where the record is short beside the noise: one on some aircraft and one on others
+are tried as one of them on all, and aircraft by aircraft. Every date costs what it was
 picked from, the days of the archive. Whether a term, or an aircraft of it, is needed at all is no
 question here: its evidence given all the others says so (`airswing.gap.search.stepwise`), with a
 prior that is averaged over sizes; the wide one of a fit would price out what acts for a few days.
@@ -112,8 +114,26 @@ def _exchanges(pool: Sequence[Candidate], terms: list[Term]) -> Iterator[tuple[l
             continue
         for j in range(k):
             both = max(0.5 * (term.score.factor + terms[j].score.factor), 1.0)
+            left = [*terms[:j], *terms[j + 1 : k], *terms[k + 1 :]]
             for joined in _joined(pool, terms[j], term):
-                yield [*terms[:j], joined, *terms[j + 1 : k], *terms[k + 1 :]], both
+                yield [*left[:j], joined, *left[j:]], both
+            for told in _other_kind(pool, terms[j], term):
+                yield [*left, *told], both
+
+
+def _other_kind(pool: Sequence[Candidate], one: Term, other: Term) -> Iterator[list[Term]]:
+    """A drift and a step as one of them, on all their aircraft or with one aircraft moved."""
+    kinds = {term.candidate.kind: term for term in (one, other)}
+    if set(kinds) != {"drift", "step"} or "fleet" in (one.candidate.scope, other.candidate.scope):
+        return
+    for term, giver in ((kinds["step"], kinds["drift"]), (kinds["drift"], kinds["step"])):
+        forms = [c for c in pool if (c.name, c.scope) == term.key]
+        whole = tuple(sorted({*term.tails, *giver.tails}))
+        for form in forms:
+            yield [replace(term, candidate=form, tails=whole)]
+        for a in giver.tails if len(giver.tails) > 1 else ():
+            kept = replace(giver, tails=tuple(t for t in giver.tails if t != a))
+            yield [replace(term, tails=tuple(sorted({*term.tails, a}))), kept]
 
 
 def _joined(pool: Sequence[Candidate], one: Term, other: Term) -> list[Term]:

@@ -70,9 +70,9 @@ class Base:
         Log probability of the sizes of an aircraft's background
         (:mod:`airswing.gap.evidence.between_aircraft_variance`), in effects of the heading (second
         row) and in the others.
-    shortened : (p,) float or None
+    scattered : (p,) float or None
         What the scatter of headings looks like in each column, m/s
-        (:mod:`airswing.gap.evidence.shortened_airspeed`).
+        (:mod:`airswing.gap.evidence.scattered_headings`).
     rows, daily, blocks : dict
         What was computed already of weighted columns, by column and digest of the weights: X'Y with
         every column, coupling and X'r by day, X'X of an aircraft's own by fold.
@@ -84,7 +84,7 @@ class Base:
     cross: Floats
     score: Floats
     background: Floats | None = None
-    shortened: Floats | None = None
+    scattered: Floats | None = None
     rows: dict[Key, Floats] = field(default_factory=dict, repr=False)
     daily: dict[Key, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
     blocks: dict[tuple[object, ...], Floats] = field(default_factory=dict, repr=False)
@@ -147,7 +147,7 @@ class Conditional:
     lasting_share : (p,)
         See :attr:`Base.lasting_share`.
     background : (2, T) or None
-    shortened : (p,) or None
+    scattered : (p,) or None
         See :class:`Base`.
     derived : dict
         What has been computed from these sums already.
@@ -164,7 +164,7 @@ class Conditional:
     included_score: Floats
     lasting_share: Floats
     background: Floats | None = None
-    shortened: Floats | None = None
+    scattered: Floats | None = None
     derived: dict[str, Floats] = field(default_factory=dict, repr=False)
 
 
@@ -258,7 +258,7 @@ def condition(
         fit.score,
         base.lasting_share,
         base.background,
-        base.shortened,
+        base.scattered,
     )
 
 

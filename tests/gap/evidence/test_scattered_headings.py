@@ -11,7 +11,7 @@ from tests.gap.toy import make_frame
 
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.of_candidate import FLEET_ALLOWANCE, fleet_allowance
-from airswing.gap.evidence.shortened_airspeed import of_columns, shortening
+from airswing.gap.evidence.scattered_headings import REGULAR, excess, of_columns
 
 
 @pytest.fixture(scope="module")
@@ -30,20 +30,28 @@ def scattered(frame, degrees):
 
 
 def test_half_the_square_of_the_scatter_times_the_airspeed(frame):
-    assert shortening(frame) < 0.03
-    by_hand = 0.5 * np.mean(frame.airspeed) * np.radians(2.0) ** 2
-    assert shortening(scattered(frame, 2.0)) == pytest.approx(by_hand, rel=0.15)
+    own, airspeed = excess(frame), np.mean(frame.airspeed)
+    by_hand = np.mean((frame.airspeed * np.radians(2.0)) ** 2)
+    more = excess(scattered(frame, 2.0)) - own
+    assert own < 0.1 * by_hand
+    assert more == pytest.approx(by_hand, rel=0.15)
+    lost = (scattered(frame, 2.0).residual - frame.residual) * np.stack(
+        [np.sin(frame.heading), np.cos(frame.heading)], -1
+    )
+    assert lost.sum(axis=1).mean() == pytest.approx(more / (2 * airspeed), rel=0.15)
 
 
-def test_it_is_allowed_for_in_the_airspeed_alone(frame):
+def test_it_is_allowed_for_in_headings_and_airspeeds_not_in_winds(frame):
     names = ("compass_offset", "tas_offset", "altitude_offset")
     effects = {name: CATALOGUE[name] for name in names}
     layout = SimpleNamespace(
         size=3, effects=names, columns=lambda name: np.array([names.index(name)])
     )
-    lost = of_columns(frame, layout, effects)
-    assert lost.tolist() == [0.0, shortening(frame), 0.0]
-    given = SimpleNamespace(lasting_share=np.full(3, 0.25), shortened=np.array([0.0, 0.08, 0.0]))
+    turned = scattered(frame, 2.0)
+    lost = excess(turned) / (2 * np.mean(turned.airspeed))
+    expected = [REGULAR * np.sqrt(excess(turned)), lost, 0.0]
+    assert of_columns(turned, layout, effects) == pytest.approx(expected)
+    given = SimpleNamespace(lasting_share=np.full(3, 0.25), scattered=np.array([0.0, 0.08, 0.0]))
     allowed = [fleet_allowance(given, np.array([k])) for k in range(3)]
     own = 0.5 * FLEET_ALLOWANCE
     assert allowed == pytest.approx([own, np.hypot(own, 0.08), own])
