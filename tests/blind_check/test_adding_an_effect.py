@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from airswing.blind_check import Plan, gap_check
 from airswing.blind_check.check_report import as_markdown
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE, Parameter, register, separated_by, unregister
-from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
+from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient
 from airswing.gap.simulation.effects_file import read_effects
 from airswing.gap.simulation.forward import simulate
 from airswing.gap.simulation.known_effects import take_off_known
@@ -62,9 +62,6 @@ class ColdSoak(OneCoefficient, HeadingEffect):
 
     def basis(self, frame):
         return np.asarray((273.15 - frame.temperature) / 10.0)[None]
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        return f"{told(values, errors, 'rate_deg')} degrees for every 10 K of cold"
 
 
 @pytest.fixture(scope="module")

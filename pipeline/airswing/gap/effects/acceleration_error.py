@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from airswing.flags import PHASE
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
-from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error, told
+from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error
 from airswing.physics.atmosphere import GRAVITY
 from airswing.synthetic.sealed.draws import Draw, Signed, sign
 
@@ -126,15 +126,6 @@ class AccelerationError(HeadingEffect):
         if reason is None and not np.any(self.basis(frame)[:, steep]):
             return "no climb or descent in these reports"
         return reason
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        how = "by phase, " if values.get("by_phase") else ""
-        return (
-            f"heading error from longitudinal acceleration, {how}opposite in climb and descent, "
-            "amplitude "
-            f"{told(values, errors, 'amplitude_deg')} degrees per g where the dip is 45 degrees"
-        )
 
 
 EFFECT = AccelerationError()

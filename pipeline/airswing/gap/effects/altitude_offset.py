@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse, sided
+from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
@@ -56,11 +53,6 @@ class AltitudeOffset(OneCoefficient, WindEffect):
         """See `Effect.columns`: shear by ln p times the lapse of ln p with height."""
         shear = np.stack([frame.dudlnp, frame.dvdlnp], axis=-1)
         return known(shear * log_pressure_lapse(frame)[:, None])[None]
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        size, side = sided(values, errors, "offset_ft", ("high", "low"))
-        return f"reported altitude too {side} by {size} ft"
 
 
 EFFECT = AltitudeOffset()

@@ -271,10 +271,6 @@ class Effect(ABC):
     def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
         """Coefficients (k,) of parameters: the inverse of `to_parameters`."""
 
-    @abstractmethod
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """One plain-English sentence about the effect with these parameters."""
-
     def testable(self, frame: Frame) -> str | None:
         """Say why the effect cannot be looked for in these reports; None where it can."""
         for name in self.needs:

@@ -9,7 +9,7 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
-from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error, told
+from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error
 from airswing.synthetic.sealed.draws import Draw, Signed
 from airswing.units import DAY
 
@@ -78,11 +78,6 @@ class CompassDrift(HeadingEffect):
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         return np.array([float(full[p.name]) * p.si for p in self.parameters])
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        rate = told(values, errors, "rate_deg_per_day")
-        return f"heading error that grows by {rate} degrees a day"
 
 
 EFFECT = CompassDrift()

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
+from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
@@ -47,10 +44,6 @@ class CompassOffset(OneCoefficient, HeadingEffect):
     def basis(self, frame: Frame) -> FloatArray:
         """Return one for every report, (1, n)."""
         return np.ones((1, frame.size))
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        return f"constant heading error of {told(values, errors, 'offset_deg')} degrees"
 
 
 EFFECT = CompassOffset()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from airswing.gap.effects.forms import OffsetAndCycle, told
+from airswing.gap.effects.forms import OffsetAndCycle
 from airswing.synthetic.sealed.draws import Both, Draw
 
 
@@ -44,16 +44,6 @@ class CompassStep(OffsetAndCycle):
         "compass_offset, hard_iron: where the date lies near an end of the record",
         "tail_swap: where the other aircraft changes by the opposite at the same date",
     )
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        parts = []
-        if float(values.get("offset_deg", 0.0)) != 0.0:
-            parts.append(f"a constant part of {told(values, errors, 'offset_deg')} degrees")
-        if float(values.get("amplitude_deg", 0.0)) != 0.0:
-            cycle = f"one cycle of amplitude {told(values, errors, 'amplitude_deg')} degrees"
-            parts.append(f"{cycle}, phase {told(values, errors, 'phase_deg')} degrees")
-        return "heading error that changes at a date: " + (" and ".join(parts) or "nothing")
 
 
 EFFECT = CompassStep()

@@ -10,7 +10,7 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State
-from airswing.gap.effects.forms import HeadingEffect, known, standard_error, told
+from airswing.gap.effects.forms import HeadingEffect, known, standard_error
 from airswing.gap.effects.secular import (
     declination_change,
     project,
@@ -112,18 +112,6 @@ class DeclinationError(HeadingEffect):
         mean = float(np.mean(known(self.basis(frame)[0])))
         wanted = np.radians(float(full["mean_deg"] or 0.0))
         return np.array([wanted / mean if mean != 0.0 else 0.0, 0.0, 0.0])
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        mean = ""
-        if values.get("mean_deg") is not None:
-            mean = f", a mean heading error of {told(values, errors, 'mean_deg')} degrees"
-        if values.get("factor") is not None:
-            factor = told(values, errors, "factor")
-            return f"magnetic variation in use is {factor} times the right one{mean}"
-        if values.get("epoch_year") is not None:
-            return f"magnetic variation in use dates from {float(values['epoch_year']):.0f}{mean}"
-        return f"magnetic variation in use is out of date{mean}"
 
 
 EFFECT = DeclinationError()

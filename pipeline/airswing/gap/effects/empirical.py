@@ -120,16 +120,6 @@ class Empirical(MomentEffect):
             )
         return out
 
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        table = np.asarray(values["values"], np.float64)
-        what = str(values["component"]).replace("_", " ")
-        return (
-            f"an error of the {what} by {' and '.join(map(str, values['variables']))} that no "
-            f"effect of the catalogue explains, {table.min():.2g} to {table.max():.2g} "
-            f"{UNIT_OF[str(values['component'])]}"
-        )
-
 
 Wind = tuple[NDArray[np.float64], NDArray[np.float64]]
 

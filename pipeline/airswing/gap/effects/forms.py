@@ -239,27 +239,3 @@ def sine_cosine(amplitude: float, phase: float) -> FloatArray:
 def standard_error(covariance: FloatArray, index: int = 0) -> float:
     """Return the standard error of one coefficient."""
     return float(np.sqrt(max(0.0, float(np.asarray(covariance)[index, index]))))
-
-
-def told(values: Mapping[str, Any], errors: Mapping[str, float] | None, name: str) -> str:
-    """Give a parameter as text, "3.9 ± 0.2" where its standard error is known."""
-    value = float(values[name])
-    error = None if errors is None else errors.get(name)
-    if error is None or not np.isfinite(error):
-        return f"{value:.3g}"
-    if error <= 0.0:
-        return f"{value:.3g} ± 0"
-    power = int(np.floor(np.log10(error)))
-    digits = int(np.clip(-power + (error < 2.0 * 10.0**power), 0, 5))
-    return f"{value:.{digits}f} ± {error:.{digits}f}"
-
-
-def sided(
-    values: Mapping[str, Any],
-    errors: Mapping[str, float] | None,
-    name: str,
-    sides: tuple[str, str],
-) -> tuple[str, str]:
-    """Give the size of a signed parameter as text, and the word for its sign."""
-    value = float(values[name])
-    return told({name: abs(value)}, errors, name), sides[0] if value >= 0.0 else sides[1]

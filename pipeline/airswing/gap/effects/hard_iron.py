@@ -9,7 +9,7 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
-from airswing.gap.effects.forms import HeadingEffect, amplitude_phase, cycles, sine_cosine, told
+from airswing.gap.effects.forms import HeadingEffect, amplitude_phase, cycles, sine_cosine
 from airswing.synthetic.sealed.draws import Cycle, Draw
 
 
@@ -88,16 +88,6 @@ class HardIron(HeadingEffect):
         stated = full["at_horizontal_field_nT"]
         growth = 1.0 if stated is None else float(stated) / frame.reference_field
         return growth * sine_cosine(float(full["amplitude_deg"]), float(full["phase_deg"]))
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        where = values.get("at_horizontal_field_nT")
-        at = "" if where is None else f" where H is {float(where):.0f} nT"
-        return (
-            "heading error of one cycle, amplitude "
-            f"{told(values, errors, 'amplitude_deg')} degrees, "
-            f"phase {told(values, errors, 'phase_deg')} degrees{at}"
-        )
 
 
 EFFECT = HardIron()

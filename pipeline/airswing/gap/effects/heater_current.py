@@ -20,7 +20,7 @@ from airswing.gap.effects.base import (
     State,
     absent_context,
 )
-from airswing.gap.effects.forms import OffsetAndCycle, cycles, known, told
+from airswing.gap.effects.forms import OffsetAndCycle, cycles, known
 from airswing.synthetic.sealed.draws import Both, Draw
 
 if TYPE_CHECKING:
@@ -185,19 +185,6 @@ class HeaterCurrent(OffsetAndCycle):
         if low > 2.0 * EDGES[-1]:
             out[1 + _nearest(low)] -= one
         return out.ravel()
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        when = "while icing protection is on"
-        if values.get("between_degC") is not None:
-            low, high = _edges(values)
-            when = f"between {low:.0f} and {high:.0f} degC"
-            if low <= 2.0 * EDGES[-1]:
-                when = f"where it is colder than {high:.0f} degC"
-        text = f"extra heading error {when}: {told(values, errors, 'offset_deg')} degrees"
-        if float(values.get("amplitude_deg", 0.0)) == 0.0:
-            return text
-        return f"{text} and one cycle of amplitude {told(values, errors, 'amplitude_deg')} degrees"
 
 
 def _colder(frame: Frame, edge: float) -> FloatArray:

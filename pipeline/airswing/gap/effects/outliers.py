@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -43,13 +41,6 @@ class Outliers(MomentEffect):
         return replace(
             state, report_u=state.report_u + error[0], report_v=state.report_v + error[1]
         )
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        share = 100.0 * float(values["fraction"])
-        spread = 100.0 * float((errors or {}).get("fraction", 0.0))
-        pm = f" ± {spread:.2g}" if spread else ""
-        return f"gross errors in {share:.2g}{pm} percent of the reports"
 
 
 EFFECT = Outliers()

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Parameter, Parameters, State
-from airswing.gap.effects.forms import MomentEffect, told
+from airswing.gap.effects.forms import MomentEffect
 from airswing.synthetic.sealed.draws import Draw
 
 
@@ -46,10 +44,6 @@ class PositionCoding(MomentEffect):
             latitude=np.clip(np.round(state.latitude / step) * step, -90.0, 90.0),
             longitude=np.round(state.longitude / step) * step,
         )
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        return f"positions coded in steps of {told(values, errors, 'step')} minutes of arc"
 
 
 EFFECT = PositionCoding()

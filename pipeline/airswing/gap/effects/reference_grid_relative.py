@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
-from airswing.gap.effects.forms import OneCoefficient, known, told
+from airswing.gap.effects.forms import OneCoefficient, known
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
@@ -66,13 +64,6 @@ class ReferenceGridRelative(OneCoefficient):
             state,
             wind_u=cosine * state.wind_u + sine * state.wind_v,
             wind_v=cosine * state.wind_v - sine * state.wind_u,
-        )
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        return (
-            "model winds lack the rotation from grid to earth, by "
-            f"{told(values, errors, 'fraction')} times the grid's convergence angle"
         )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Effect, Errors, FloatArray, Parameter, Parameters, State
-from airswing.gap.effects.forms import sided, standard_error
+from airswing.gap.effects.forms import standard_error
 from airswing.synthetic.sealed.draws import Draw, sign
 
 if TYPE_CHECKING:
@@ -142,15 +142,6 @@ class ReferenceSpeedBias(Effect):
         out = np.zeros(len(self.column_names))
         out[k] = bias / (1.0 + bias)
         return out
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        where = "at all levels"
-        for side in ("above", "below"):
-            if values.get(f"{side}_hPa") is not None:
-                where = f"{side} {float(values[f'{side}_hPa']):.0f} hPa"
-        size, side = sided(values, errors, "bias_percent", ("strong", "weak"))
-        return f"model wind too {side} by {size} percent {where}"
 
 
 EFFECT = ReferenceSpeedBias()

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, sided
+from airswing.gap.effects.forms import OneCoefficient, WindEffect, known
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
@@ -57,11 +54,6 @@ class ReferenceTimeOffset(OneCoefficient, WindEffect):
     def columns(self, frame: Frame) -> FloatArray:
         """See `Effect.columns`: minus the tendency."""
         return known(-np.stack([frame.dudt, frame.dvdt], axis=-1))[None]
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        size, side = sided(values, errors, "offset_h", ("later", "earlier"))
-        return f"model winds show a time {size} hours {side} than stamped"
 
 
 EFFECT = ReferenceTimeOffset()

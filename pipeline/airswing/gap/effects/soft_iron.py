@@ -15,7 +15,6 @@ from airswing.gap.effects.forms import (
     amplitude_phase,
     cycles,
     sine_cosine,
-    told,
 )
 from airswing.synthetic.sealed.draws import Cycle, Draw
 
@@ -71,13 +70,6 @@ class SoftIron(HeadingEffect):
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         return sine_cosine(float(full["amplitude_deg"]), float(full["phase_deg"]))
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        return (
-            f"heading error of two cycles, amplitude {told(values, errors, 'amplitude_deg')} "
-            f"degrees, phase {told(values, errors, 'phase_deg')} degrees"
-        )
 
 
 EFFECT = SoftIron()

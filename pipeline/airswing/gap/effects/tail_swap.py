@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -58,11 +56,6 @@ class TailSwap(MomentEffect):
         airframe[state.airframe == first] = second
         airframe[state.airframe == second] = first
         return replace(state, airframe=airframe)
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        first, second = values["pair"]
-        return f"{first} and {second} exchange identifiers"
 
 
 EFFECT = TailSwap()

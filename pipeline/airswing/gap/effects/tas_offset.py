@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
-from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, sided
+from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
@@ -44,11 +44,6 @@ class TasOffset(OneCoefficient):
     ) -> State:
         """See `Effect.apply`."""
         return replace(state, airspeed=state.airspeed + float(values["offset_m_s"]))
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        size, side = sided(values, errors, "offset_m_s", ("high", "low"))
-        return f"airspeed too {side} by {size} m/s"
 
 
 EFFECT = TasOffset()

@@ -10,7 +10,7 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State
-from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, sided, standard_error
+from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, standard_error
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
@@ -65,11 +65,6 @@ class TasScale(OneCoefficient):
         """See `Effect.from_parameters`: scale / (1 + scale)."""
         scale = float(self.complete(values)["scale_percent"]) / 100.0
         return np.array([scale / (1.0 + scale)])
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        size, side = sided(values, errors, "scale_percent", ("high", "low"))
-        return f"airspeed too {side} by {size} percent"
 
 
 EFFECT = TasScale()

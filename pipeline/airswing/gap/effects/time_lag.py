@@ -9,7 +9,7 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse, sided
+from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse
 from airswing.synthetic.sealed.draws import Draw
 
 
@@ -61,11 +61,6 @@ class TimeLag(OneCoefficient, WindEffect):
             )
         ]
         return -np.stack(along, axis=-1)[None]
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        size, side = sided(values, errors, "offset_s", ("older", "younger"))
-        return f"wind {side} than position and time by {size} s"
 
 
 EFFECT = TimeLag()

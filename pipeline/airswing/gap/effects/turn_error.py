@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient, told
+from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 if TYPE_CHECKING:
@@ -66,13 +66,6 @@ class TurnError(OneCoefficient, HeadingEffect):
     def acts(self, frame: Frame) -> NDArray[np.bool_]:
         """See `Effect.acts`: in a bank one can speak of."""
         return np.asarray(np.abs(frame.bank) > BANKED)
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        return (
-            f"heading error in turns, amplitude {told(values, errors, 'amplitude_deg')} degrees "
-            "per radian of bank where the dip is 45 degrees"
-        )
 
 
 EFFECT = TurnError()

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Parameter, Parameters, State
-from airswing.gap.effects.forms import MomentEffect, told
+from airswing.gap.effects.forms import MomentEffect
 from airswing.physics.triangle import wind_components, wind_from_direction
 from airswing.synthetic.sealed.draws import Draw
 from airswing.units import KNOT
@@ -52,13 +50,6 @@ class WindCoding(MomentEffect):
         direction = np.round(direction / angle) * angle if angle > 0.0 else direction
         report_u, report_v = wind_components(speed, direction)
         return replace(state, report_u=report_u, report_v=report_v)
-
-    def wording(self, values: Mapping[str, Any], errors: Mapping[str, float] | None = None) -> str:
-        """See `Effect.wording`."""
-        text = f"wind speed coded in steps of {told(values, errors, 'step')} kt"
-        if float(values.get("direction_step_deg") or 0.0) == 0.0:
-            return text
-        return f"{text}, direction in steps of {told(values, errors, 'direction_step_deg')} degrees"
 
 
 EFFECT = WindCoding()
