@@ -2,12 +2,13 @@
 
     python -m benchmarks.monitoring [--years 500] [--fleets 6]
 
-Made fleets as sums of days (tests/evaluation/daily_fleets.py), none of them one that the thresholds
-were chosen on (seeds 100 and 300, the first two worlds). Printed: false alarms of every kind in 100
-aircraft-years, with the 95 % Poisson interval of all together; the share of changes noticed by the
-1st, 2nd, 3rd and 5th day with reports after it, by rms size over all headings and reports a day.
+Made fleets as sums of days (tests/evaluation/daily_fleets.py), with the default seed none of them
+one that the test was chosen on (seeds 100 to 102 and 33000 to 44002; changes of 20000 and 31000).
+Printed: false alarms of every kind in 100 aircraft-years, with the 95 % Poisson interval of all
+together; the share of changes noticed by the 1st, 2nd, 3rd and 5th day with reports after it, by rms
+size over all headings and reports a day.
 Exit status 1 where a quiet world has more than one alarm in 100 aircraft-years beyond chance, or
-fewer than 90 % of the changes of 2 degrees are noticed within 3 days of 40 reports.
+fewer than 90 % of the changes of 2 degrees of a shape are noticed within 3 days of 40 reports.
 """
 
 from __future__ import annotations
@@ -110,7 +111,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--years", type=int, default=500, help="aircraft-years of every world")
     parser.add_argument("--fleets", type=int, default=6, help="of ten changes each, a cell")
-    parser.add_argument("--seed", type=int, default=7000)
+    parser.add_argument("--seed", type=int, default=50000)
     given = parser.parse_args()
     missed = False
     print(f"false alarms in 100 aircraft-years ({given.years} aircraft-years of each world)")
@@ -138,7 +139,7 @@ def main() -> int:
                 shares.append([(late <= limit).mean() for limit in NOTICED])
                 told = "".join(f"{100 * share:5.0f}%" for share in shares[-1])
                 print(f"{size:11.0f}  {reports:13}  {shape:10}  {told}", flush=True)
-            missed |= bool(size == 2.0 and reports == 40 and np.mean(shares, axis=0)[2] < 0.9)
+            missed |= bool(size == 2.0 and reports == 40 and np.min(shares, axis=0)[2] < 0.9)
     return int(missed)
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from airswing.evaluation.compass_changes.change_kernels import without_flight_bias
 from airswing.evaluation.reference_comparison.pairs import paired_design
 
 
@@ -80,8 +81,11 @@ def daily_sums(world: World, *, aircraft: int, days: int, seed: int, change=None
         y_along = error[..., 0] * sine + error[..., 1] * cosine
         rows = np.stack([cross, along]).reshape(2, of.size, -1, 8)
         y = np.stack([y_cross, y_along])
-        normal = count * np.einsum("knli,knlj->nij", rows, rows, optimize=True)
-        right = count * np.einsum("knli,knl->ni", rows, y, optimize=True)
+        flown = (2, of.size, w.flights, w.legs)
+        x, error = rows.reshape(*flown, 8), y.reshape(flown)
+        normal = count * np.einsum("knfli,knflj->nfij", x, x, optimize=True)
+        right = count * np.einsum("knfli,knfl->nfi", x, error, optimize=True)
+        normal, right = (part.sum(1) for part in without_flight_bias(normal, right))
         logarithm = count * np.log(np.hypot(*y)).sum(-1)
         total = np.full(of.size, float(w.reports))
         found.append((of, np.full(of.size, day), normal, right, total, logarithm))

@@ -7,6 +7,7 @@ import pytest
 
 from airswing.evaluation.compass_changes.change_kernels import (
     DAY_BIAS_PRECISION,
+    FLIGHT_BIAS_PRECISION,
     FREE,
     block_orders,
     coefficients,
@@ -58,6 +59,22 @@ def test_a_strong_deviation_hides_no_gross_error():
     wrong = np.abs(np.sin(magnetic)) < 0.02  # where the fit itself is next to nothing
     sums = day_sums(magnetic, heading, airspeed, np.where(wrong, 40.0, cross), along, day)
     assert sums.count.sum() == (~wrong).sum()
+
+
+def test_sums_by_flight_are_weighed_by_the_covariance_of_a_flights_reports():
+    """A day of two flights: X' S^-1 X with the covariance S of reports that share a bias."""
+    magnetic, heading, airspeed, cross, along, _ = (column[:7] for column in reports(8))
+    flight, day = np.array([4, 9, 4, 9, 4, 4, 9]), np.array([0, 0, 0, 0, 0, 1, 1])
+    found = day_sums(magnetic, heading, airspeed, cross, along, day, flight=flight)
+    x = np.vstack(paired_design(magnetic, heading, airspeed))
+    y, bias = np.r_[cross, along], x[:, FREE:]
+    group = np.tile(10 * day + flight, 2)
+    shared = (bias @ bias.T) * (group[:, None] == group) / FLIGHT_BIAS_PRECISION
+    for number, rows in enumerate((np.r_[0:5, 7:12], np.r_[5:7, 12:14])):
+        precision = np.linalg.inv(np.eye(rows.size) + shared[np.ix_(rows, rows)])
+        np.testing.assert_allclose(found.normal[number], x[rows].T @ precision @ x[rows], atol=1e-6)
+        np.testing.assert_allclose(found.right[number], x[rows].T @ precision @ y[rows], atol=1e-6)
+    assert found.count.tolist() == [5.0, 2.0] and found.day.tolist() == [0, 1]
 
 
 def test_gross_errors_leave_the_sums_alone():

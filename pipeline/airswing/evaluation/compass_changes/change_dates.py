@@ -139,22 +139,23 @@ def block_day_sums(
     argument: str,
     *,
     fewest: int,
-    keep_bias: bool = False,
+    by_flight: bool = False,
 ) -> list[DaySums | None]:
     """Daily sums of every aircraft of one block.
 
     Parameters
     ----------
     headings : Dataset
-        Whole aircraft in memory, with :data:`SUMMED_FROM` and the argument.
+        Whole aircraft in memory, with :data:`SUMMED_FROM` and the argument (``flight`` too if
+        by flight).
     members : list of str
         References whose mean error is used.
     argument : str
         Variable that is the deviation's argument.
     fewest : int
         Days with reports below which an aircraft is left out.
-    keep_bias : bool, default False
-        As for :func:`airswing.evaluation.compass_changes.change_kernels.day_sums`.
+    by_flight : bool, default False
+        Give :func:`airswing.evaluation.compass_changes.change_kernels.day_sums` the flights.
 
     Returns
     -------
@@ -170,6 +171,7 @@ def block_day_sums(
     heading = np.radians(headings["heading"].to_numpy().astype(np.float64))
     magnetic = np.radians(headings[argument].to_numpy().astype(np.float64))
     day = headings["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
+    flight = headings["flight"].to_numpy().astype(np.int64) if by_flight else None
     good = (headings["screening"].to_numpy() == 0) & np.isfinite(
         error + speed_error + airspeed + heading + magnetic
     )
@@ -188,7 +190,7 @@ def block_day_sums(
                 cross,
                 speed_error[rows],
                 day[rows],
-                keep_bias=keep_bias,
+                flight=None if flight is None else flight[rows],
             )
         )
     return found

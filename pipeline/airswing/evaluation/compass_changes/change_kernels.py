@@ -30,6 +30,8 @@ FREE = 6  # A, B, C, D, E and the airspeed scale come before the day's own bias 
 CHANGING = 3  # A, B, C may change
 # Report's error variance over the variance of a day's model bias, a component.
 DAY_BIAS_PRECISION = 2.0
+# As that, of a flight's bias: errors of a flight's reports correlated by a half.
+FLIGHT_BIAS_PRECISION = 1.0
 # Robust standard deviations beyond which a report is left out.
 _CUT = 8.0
 # -2 ln(1 - sqrt(0.95)): 95 % point of the likelihood ratio of a date (Eo & Morley 2015).
@@ -71,7 +73,7 @@ def day_sums(
     along: Floats,
     day: NDArray[np.int64],
     *,
-    keep_bias: bool = False,
+    flight: NDArray[np.int64] | None = None,
 ) -> DaySums:
     """Sum one aircraft's reports by day.
 
@@ -83,25 +85,63 @@ def day_sums(
     cross, along : array, shape (n,), m/s
         Airspeed times heading error, and airspeed error.
     day : array of int, shape (n,)
-    keep_bias : bool, default False
-        Keep the days' biases b_u, b_v (m/s) among the unknowns, eight of them then.
+    flight : array of int, shape (n,), optional
+        Eliminate each flight's own bias of the reference, and keep the days' biases b_u, b_v (m/s)
+        among the unknowns, eight of them then.
     """
     rows_cross, rows_along = paired_design(magnetic, heading, airspeed)
     kept = np.flatnonzero(_not_gross(rows_cross, rows_along, cross, along))
-    order = kept[np.argsort(day[kept], kind="stable")]
-    rows_cross, rows_along = rows_cross[order], rows_along[order]
-    cross, along, day = cross[order], along[order], day[order]
-    days, start = np.unique(day, return_index=True)
-    stop = np.append(start[1:], day.size)
-    size = rows_cross.shape[1]
-    normal, right = np.empty((days.size, size, size)), np.empty((days.size, size))
-    for k, (a, b) in enumerate(zip(start, stop, strict=True)):
-        one, two = rows_cross[a:b], rows_along[a:b]
-        normal[k] = one.T @ one + two.T @ two
-        right[k] = one.T @ cross[a:b] + two.T @ along[a:b]
-    count = (stop - start).astype(np.float64)
-    sums = (normal, right) if keep_bias else _without_bias(normal, right)
-    return DaySums(days.astype(np.int64), *sums, count)
+    flown = np.zeros_like(day) if flight is None else flight
+    order = kept[np.lexsort((flown[kept], day[kept]))]
+    # a flight past midnight is one of each day
+    new = (np.diff(day[order]) != 0) | (np.diff(flown[order]) != 0)
+    start = np.flatnonzero(np.append(True, new))
+    one, two = rows_cross[order], rows_along[order]
+    normal, right = _sums_from(one, two, cross[order], along[order], start)
+    days, first, count = np.unique(day[order], return_index=True, return_counts=True)
+    if flight is None:
+        sums = _without_bias(normal, right)
+    else:
+        freed = without_flight_bias(normal, right)
+        whole = np.searchsorted(start, first)
+        sums = np.add.reduceat(freed[0], whole), np.add.reduceat(freed[1], whole)
+    return DaySums(days.astype(np.int64), *sums, count.astype(np.float64))
+
+
+def _sums_from(
+    one: Floats, two: Floats, cross: Floats, along: Floats, start: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """Normal matrices and right sides of the rows from each start to the next."""
+    size = one.shape[1]
+    normal, right = np.empty((start.size, size, size)), np.empty((start.size, size))
+    # by pairs of columns: no loop over flights, and no matrix a report
+    for i in range(size):
+        right[:, i] = np.add.reduceat(one[:, i] * cross + two[:, i] * along, start)
+        for j in range(i, size):
+            products = one[:, i] * one[:, j] + two[:, i] * two[:, j]
+            normal[:, i, j] = normal[:, j, i] = np.add.reduceat(products, start)
+    return normal, right
+
+
+def without_flight_bias(normal: Floats, right: Floats) -> tuple[Floats, Floats]:
+    """Eliminate each flight's own bias of the reference, a random effect beside its day's b_u, b_v.
+
+    Parameters
+    ----------
+    normal, right : array, shape (..., 8, 8) and (..., 8)
+        Of a flight each.
+
+    Returns
+    -------
+    normal, right : array, shape (..., 8, 8) and (..., 8)
+    """
+    side = normal[..., FREE:]
+    inside = side[..., FREE:, :] + FLIGHT_BIAS_PRECISION * np.eye(normal.shape[-1] - FREE)
+    gain = np.swapaxes(np.linalg.solve(inside, np.swapaxes(side, -1, -2)), -1, -2)
+    return (
+        normal - gain @ np.swapaxes(side, -1, -2),
+        right - np.einsum("...ij,...j->...i", gain, right[..., FREE:]),
+    )
 
 
 def _not_gross(

@@ -5,7 +5,8 @@ at a time, so that what is held is one row an aircraft and day, whatever the num
 
 The compass's rows are the daily sums of
 :mod:`airswing.evaluation.compass_changes.change_kernels`: normal matrix and right side of A to E
-(radians), the airspeed scale and the reference's bias (m/s). The disagreement's row is the
+(radians), the airspeed scale and the reference's bias (m/s), each flight's own bias eliminated:
+what a flight's reports share is no report's own error. The disagreement's row is the
 mean of the logarithm of the wind vector difference (m/s), so that a rise is a factor, with the
 number of reports for a normal matrix.
 """
@@ -124,7 +125,7 @@ def daily_rows(
     parts: list[Rows] = []
     mended_blocks = None if corrected is None else blocks(corrected, CORRECTED)
     first = 0
-    for block in blocks(headings, [*SUMMED_FROM, *WINDS, argument]):
+    for block in blocks(headings, [*SUMMED_FROM, "flight", *WINDS, argument]):
         winds = None if mended_blocks is None else next(mended_blocks)
         parts += _block_rows(block, winds, members, argument, first)
         first += block.sizes["aircraft"]
@@ -141,7 +142,7 @@ def _block_rows(
     columns = [used * 1.0, np.log(np.maximum(difference, LEAST)), difference]
     columns = [np.where(used, column, 0.0) for column in columns]
     day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
-    sums = block_day_sums(block, members, argument, fewest=1, keep_bias=True)
+    sums = block_day_sums(block, members, argument, fewest=1, by_flight=True)
     found = []
     for k, bounds in enumerate(zip(*row_bounds(block["row_size"].to_numpy()), strict=True)):
         own = slice(*bounds)

@@ -30,7 +30,7 @@ _ANGLES = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 _SCALE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
 _WINDS = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0])
 COMPASS = Law(
-    shapes=2.0
+    shapes=1.4
     * DEGREE
     * np.array(
         [
@@ -40,12 +40,15 @@ COMPASS = Law(
         ]
     ),
     level=DEGREE * np.array([10.0, 10, 10, 5, 5, 0, 0, 0]) + 0.05 * _SCALE + 0.7 * _WINDS,
-    drift=0.15 * DEGREE * _ANGLES + 0.005 * _SCALE + 0.15 * _WINDS,
-    farthest=23.0,
-    threshold=10.0,
+    drift=0.13 * DEGREE * _ANGLES + 0.005 * _SCALE + 0.15 * _WINDS,
+    farthest=30.0,
+    threshold=8.0,
+    weighed_from=4.0,
+    known_from=12.0,
+    wanders_every=2.5,
 )
 """Only the compass steps: a bias of the reference or of the airspeed is no change of it."""
-COMPASS_NOISE = Noise(8.0, (0.2 * DEGREE) ** 2 * _ANGLES + 0.5**2 * _WINDS)
+COMPASS_NOISE = Noise(4.0, (0.2 * DEGREE) ** 2 * _ANGLES + 0.5**2 * _WINDS)
 COMPASS_COMMON = 0.3 * DEGREE * _ANGLES + 0.005 * _SCALE + 0.8 * _WINDS
 """Standard deviation of a day's common part."""
 WIND = Law(
@@ -147,13 +150,12 @@ def _night(
     own.add(night, of, weight, right - np.einsum("nij,nj->ni", weight, alike.without))
     all_of_them = np.arange(int(alike.weight.any()))
     shared.add(night, all_of_them, *shared.noise.weights(alike.weight[None], alike.right[None]))
-    law = own.law
-    reference = shared.steps(all_of_them, law.threshold)
+    reference = shared.steps(all_of_them)
     for step in reference:
         shared.restart(step)
-    steps = own.steps(of, law.threshold)
+    steps = own.steps(of)
     if steps and of.size < 2 * FEWEST:
-        likely = own.steps(of, LIKELY)
+        likely = own.likely(of, LIKELY)
         if len(likely) >= max(2.0, of.size / 2.0):
             strongest = max(likely, key=lambda step: step.statistic)
             reference, steps = [*reference, strongest], likely

@@ -12,19 +12,22 @@ known from the days before (they count with their error and a slow drift), the s
 a prior over shapes (the offset alone, or all coefficients), and what is told is the largest
 likelihood ratio over the dates (Page 1954, Biometrika 41, 100-115; window-limited, Lai 1995,
 J. R. Stat. Soc. B 57, 613-658; mixtures over the step, Pollak & Siegmund 1975, Ann. Stat. 3,
-1267-1282). A day is held to a largest distance first, so that no single day raises an alarm.
+1267-1282). What normal errors would tell, each day held to a largest distance, only finds the
+nights to look at: whether a step is told is weighed with Student's errors of the days
+(:mod:`airswing.evaluation.monitoring.heavy_tails`) and so that no single day can tell it.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.evaluation.compass_changes.change_kernels import LIKELIHOOD_RATIO_95
+from airswing.evaluation.monitoring.heavy_tails import corroborated_ratio
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -37,7 +40,7 @@ LAGS = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30)
 """Lengths of the stretch after the step that are tried every night."""
 OWN_NOISE_FROM = 60.0
 """Degrees of freedom of the fleet's noise in an aircraft's own."""
-FEWEST_DAYS = 5
+FEWEST_DAYS = 8
 """Days with reports before a step."""
 
 
@@ -57,6 +60,14 @@ class Law:
         Squared distance a single day may count for.
     threshold : float
         Logarithm of the likelihood ratio that is an alarm.
+    weighed_from : float, optional
+        Logarithm of the ratio by normal errors from which Student's are asked; without it normal
+        errors decide.
+    known_from : float, optional
+        Days with reports from which a level is known as well as it ever is: what no coefficient
+        describes stays, and comes out as a step where an aircraft turns to other headings.
+    wanders_every : float, optional
+        Days of a stretch after the first that add the drift's variance once more.
     """
 
     shapes: Floats
@@ -64,6 +75,9 @@ class Law:
     drift: Floats
     farthest: float
     threshold: float
+    weighed_from: float | None = None
+    known_from: float = np.inf
+    wanders_every: float = np.inf
 
     @property
     def size(self) -> int:
@@ -166,14 +180,23 @@ class Watch:
 
     def level(self, of: Index) -> tuple[Floats, Floats]:
         """Level of aircraft and its covariance, the drift in it."""
-        return self._level(self.weight[of], self.right[of], self.scale(of))
+        before = self.weight[of], self.right[of], self.days[of]
+        return self._level(before, self.scale(of), 1.0)
 
-    def _level(self, weight: Floats, right: Floats, scale: Floats) -> tuple[Floats, Floats]:
+    def _level(
+        self, before: tuple[Floats, Floats, Floats], scale: Floats, later: float | Floats
+    ) -> tuple[Floats, Floats]:
+        """Level by the sums of the days before, and its covariance as of so many days later."""
+        weight, right, days = before
         long = self.noise.inflation(365.0) * scale[..., np.newaxis, np.newaxis]
         precision = weight / long + np.diag(self.law.level**-2.0)
-        covariance = np.linalg.inv(precision)
-        level = np.einsum("...ij,...j->...i", covariance, right / long[..., 0])
-        return level, np.asarray(covariance + np.diag(self.law.drift**2), np.float64)
+        level = np.linalg.solve(precision, (right / long[..., 0])[..., np.newaxis])[..., 0]
+        known = np.minimum(1.0, self.law.known_from / np.maximum(days, 1.0))
+        known = known[..., np.newaxis, np.newaxis]
+        covariance = np.linalg.inv(known * weight / long + np.diag(self.law.level**-2.0))
+        wandered = 1.0 + (np.asarray(later) - 1.0) / self.law.wanders_every
+        drift = wandered[..., np.newaxis, np.newaxis] * np.diag(self.law.drift**2)
+        return level, np.asarray(covariance + drift, np.float64)
 
     def surprise(self, of: Index, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
         """What a day of aircraft tells beyond their level: weight and score, the level's error in.
@@ -224,23 +247,53 @@ class Watch:
         self.excess[of] += np.where(new, freedom, np.minimum(distance, usual)) * self.scale(of)
         self.freedom[of] += freedom
 
-    def steps(self, of: Index, threshold: float) -> list[Step]:
+    def steps(self, of: Index) -> list[Step]:
         """Aircraft whose level stepped, as of the last day taken in.
 
         Parameters
         ----------
         of : array of int
             Aircraft to look at.
-        threshold : float
-            Logarithm of the likelihood ratio.
 
         Returns
         -------
         list of Step
         """
-        lags = [lag for lag in LAGS if lag <= len(self._ring)]
-        best = self._ratios(of, lags).max(axis=0) if lags and of.size else np.zeros(of.size)
+        law = self.law
+        if law.weighed_from is None:
+            return self.likely(of, law.threshold)
+        ratios = self._ratios(of, self._lags())
+        best = ratios.max(axis=0, initial=-np.inf)
+        found = []
+        for j in np.flatnonzero(best > law.weighed_from):
+            lags = [lag for lag, one in zip(self._lags(), ratios[:, j], strict=True) if one > 0.0]
+            statistic = max(self._weighed(int(of[j]), lag) for lag in lags)
+            if statistic > law.threshold:
+                found.append(replace(self._dated(int(of[j])), statistic=statistic))
+        return found
+
+    def likely(self, of: Index, threshold: float) -> list[Step]:
+        """As :meth:`steps`, by normal errors and another threshold."""
+        best = self._ratios(of, self._lags()).max(axis=0, initial=-np.inf)
         return [self._dated(int(k)) for k in of[best > threshold]]
+
+    def _lags(self) -> list[int]:
+        return [lag for lag in LAGS if lag <= len(self._ring)]
+
+    def _weighed(self, number: int, lag: int) -> float:
+        """Logarithm of the likelihood ratio of a step so many days ago, by Student's errors."""
+        rows = [self._ring[-one] for one in range(1, lag + 1)]
+        weight = np.stack([self.weight[number], *(row[1][number] for row in rows)])
+        told = np.stack([self.straight[number], *(row[3][number] for row in rows)])
+        since, told = -np.diff(weight, axis=0), -np.diff(told, axis=0)
+        flew = np.trace(since, axis1=1, axis2=2) > 0
+        scale = self.scale(np.array([number]))
+        _, *known, _, days = rows[-1]
+        before = known[0][number], known[1][number], days[number]
+        level, covariance = self._level(before, scale[0], lag)
+        noise = scale[0] * self.noise.inflation(lag)
+        score = told[flew] - since[flew] @ level
+        return corroborated_ratio(since[flew] / noise, score / noise, covariance, self.law.shapes)
 
     def restart(self, step: Step) -> None:
         """Forget what an aircraft was before its step."""
@@ -264,19 +317,21 @@ class Watch:
         weight = np.stack([row[1][of] for row in rows])
         right = np.stack([row[2][of] for row in rows])
         days = np.stack([row[4][of] for row in rows])
-        inside, outside = self._since(of, lags, weight, right, self.right[of] - right)
+        told = self.right[of] - right
+        inside, outside = self._since(of, lags, (weight, right, days), told)
         ratios = [_mixture(inside, outside, shape) for shape in self.law.shapes]
         ratio = np.logaddexp.reduce(ratios, axis=0) - np.log(len(ratios))
         return np.where(days >= FEWEST_DAYS, ratio, -np.inf)
 
     def _since(
-        self, of: Index, lags: Sequence[int], weight: Floats, right: Floats, told: Floats
+        self, of: Index, lags: Sequence[int], before: tuple[Floats, Floats, Floats], told: Floats
     ) -> tuple[Floats, Floats]:
         """Weight and score of the days since, beyond the level that the days before show."""
+        weight = before[0]
         scale = np.broadcast_to(self.scale(of), weight.shape[:2])
         long = np.array([self.noise.inflation(lag) for lag in lags])
         inflated = (scale * long[:, np.newaxis])[..., np.newaxis]
-        level, covariance = self._level(weight, right, scale)
+        level, covariance = self._level(before, scale, np.array(lags)[:, np.newaxis])
         since = self.weight[of] - weight
         score = told - np.einsum("...ij,...j->...i", since, level)
         return _marginal(since / inflated[..., np.newaxis], score / inflated, covariance)
@@ -296,9 +351,10 @@ class Watch:
     def _size(self, number: int, lag: int) -> tuple[Floats, Floats]:
         """Step by the days as they were, not drawn in, and its error; a wide prior holds it."""
         of = np.array([number])
-        _, weight, right, straight, _ = self._ring[-lag]
+        _, weight, right, straight, days = self._ring[-lag]
         told = self.straight[of] - straight[of]
-        inside, outside = self._since(of, [lag], weight[of][None], right[of][None], told[None])
+        before = weight[of][None], right[of][None], days[of][None]
+        inside, outside = self._since(of, [lag], before, told[None])
         wide = self.law.shapes.max(axis=0)
         root = np.diag(3.0 * wide)
         posterior = root @ np.linalg.inv(np.eye(wide.size) + root @ inside[0, 0] @ root) @ root
