@@ -55,7 +55,8 @@ class Words(Artist):
         super().__init__()
         self.words: list[str] = []
         self.places = places
-        self._font, self._rotation = FontProperties(size=size), rotation
+        self._size, self._rotation = size, rotation
+        self._font = FontProperties(size=size)
         self._before = {"left": 0.0, "center": 0.5, "right": 1.0}[ha]
 
     def draw(self, renderer: RendererBase) -> None:
@@ -68,15 +69,25 @@ class Words(Artist):
         # Places as complex numbers: turning a word is one product.
         turned = np.exp(1j * np.radians(self._rotation))
         # as high as figures are: words with descenders stand on the same line as those without
-        _, above, below = renderer.get_text_width_height_descent("0", self._font, False)
+        _, above, below = self._measured(renderer, "0")
         _, top = renderer.get_canvas_width_height()
         middle = figure.transSubfigure.transform(self.places) @ [1.0, 1j]
         for place, word in zip(middle, self.words, strict=True):
-            wide, _, _ = renderer.get_text_width_height_descent(word, self._font, False)
+            wide = self._measured(renderer, word)[0]
             start = place - turned * (self._before * wide + 0.5j * (above - below))
             up = top - start.imag if renderer.flipy() else start.imag
             renderer.draw_text(context, start.real, up, word, self._font, self._rotation)
         context.restore()
+
+    def _measured(self, renderer: RendererBase, word: str) -> tuple[float, float, float]:
+        """Width, height and descent of a word, measured once: most stand on many cards."""
+        key = type(renderer), renderer.points_to_pixels(self._size), word
+        if key not in _SIZES:
+            _SIZES[key] = renderer.get_text_width_height_descent(word, self._font, False)
+        return _SIZES[key]
+
+
+_SIZES: dict[tuple[type[RendererBase], float, str], tuple[float, float, float]] = {}
 
 
 class CardPage:

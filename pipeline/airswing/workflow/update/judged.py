@@ -16,7 +16,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from airswing.evaluation.results import Evaluation
@@ -51,7 +50,8 @@ from airswing.workflow.ranking_stage import (
 from airswing.workflow.update.month_fits import fits_before
 from airswing.workflow.update.months import keep_note, kept_note, span_of
 
-RECENT = np.timedelta64(31, "D")
+# four weeks: with 31 days the month before would stay whole to the last night of every month
+RECENT = 28
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ def recent_months(job: Job, months: list[str], fits: xr.Dataset) -> Recent:
     Recent
     """
     with read_product(replace(job, month=months[-1]).place(HEADINGS), lazy=True) as latest:
-        last = time_span(latest)[1]
-    chosen = [month for month in months if span_of(month)[1] > last - RECENT]
+        first = time_span(latest)[1].astype("datetime64[D]") - (RECENT - 1)
+    chosen = [month for month in months if span_of(month)[1] > first]
     headings, corrected = (_of(job, chosen, fits, name) for name in (HEADINGS, CORRECTED))
     return Recent(headings, corrected, "" if chosen == months else chosen[0])
 
