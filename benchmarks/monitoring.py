@@ -5,8 +5,8 @@
 Made fleets as sums of days (tests/evaluation/daily_fleets.py), with the default seed none of them
 one that the test was chosen on (seeds 100 to 102 and 33000 to 44002; changes of 20000 and 31000).
 Printed: false alarms of every kind in 100 aircraft-years, with the 95 % Poisson interval of all
-together; the share of changes noticed by the 1st, 2nd, 3rd and 5th day with reports after it, by rms
-size over all headings and reports a day.
+together; the share of changes noticed by the 1st, 2nd, 3rd and 5th day with reports after it, by
+rms size over all headings and reports a day.
 Exit status 1 where a quiet world has more than one alarm in 100 aircraft-years beyond chance, or
 fewer than 90 % of the changes of 2 degrees of a shape are noticed within 3 days of 40 reports.
 """

@@ -81,7 +81,7 @@ class Words(Artist):
 
     def _measured(self, renderer: RendererBase, word: str) -> tuple[float, float, float]:
         """Width, height and descent of a word, measured once: most stand on many cards."""
-        key = type(renderer), renderer.points_to_pixels(self._size), word
+        key = type(renderer), float(np.asarray(renderer.points_to_pixels(self._size))), word
         if key not in _SIZES:
             _SIZES[key] = renderer.get_text_width_height_descent(word, self._font, False)
         return _SIZES[key]

@@ -2,7 +2,7 @@
 
 Assumes days that each tell a quantity x by a weight W and a score W x, with errors of Student's t:
 a day at the squared distance d from what it should tell has the density of a multivariate t of
-:data:`FREEDOM` degrees of freedom and of as many dimensions as W has. x is normal about zero: with
+six degrees of freedom and of as many dimensions as W has. x is normal about zero: with
 the level's own error where nothing stepped, and with the step's beside it where it did. The
 integral over x is Laplace's at its maximum, which is reweighted least squares (Lange, Little &
 Taylor 1989, J. Am. Stat. Assoc. 84, 881-896).
@@ -19,9 +19,9 @@ FREEDOM = 6.0
 """A day is the mean of a few flights, each of them heavy-tailed."""
 SINGLE_DAY = 7.0
 """Logarithm of the likelihood ratio that the day farthest off may add to the others'."""
-ROUNDS = 8
+_ROUNDS = 8
 # a weight is known to about this share: directions below are rounding
-SINGULAR = 1e-9
+_SINGULAR = 1e-9
 
 
 def corroborated_ratio(weight: Floats, score: Floats, level: Floats, shapes: Floats) -> float:
@@ -66,7 +66,7 @@ def _marginals(weight: Floats, score: Floats, covariance: Floats) -> tuple[Float
     weight, score = unit[:, np.newaxis] * weight * unit, score * unit
     covariance = covariance / unit[:, np.newaxis] / unit
     value, vector = np.linalg.eigh(weight)
-    told = value > SINGULAR * value[:, -1:]
+    told = value > _SINGULAR * value[:, -1:]
     projected = np.einsum("nji,nj->ni", vector, score)
     square = (np.where(told, projected, 0.0) ** 2 / np.where(told, value, 1.0)).sum(1)
     size = told.sum(1)
@@ -76,7 +76,7 @@ def _marginals(weight: Floats, score: Floats, covariance: Floats) -> tuple[Float
     # from all days alike and from the days near the level: gross days may make two maxima
     for start in (np.ones(size.size), (FREEDOM + size) / (FREEDOM + square)):
         share = np.tile(start, (best.size, 1))
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             total, right = (share @ flat).reshape(covariance.shape), share @ score
             inside = eye + covariance @ total
             pulled = np.einsum("mij,mj->mi", covariance, right)[..., np.newaxis]

@@ -196,7 +196,7 @@ class Watch:
         covariance = np.linalg.inv(known * weight / long + np.diag(self.law.level**-2.0))
         wandered = 1.0 + (np.asarray(later) - 1.0) / self.law.wanders_every
         drift = wandered[..., np.newaxis, np.newaxis] * np.diag(self.law.drift**2)
-        return level, np.asarray(covariance + drift, np.float64)
+        return np.asarray(level, np.float64), np.asarray(covariance + drift, np.float64)
 
     def surprise(self, of: Index, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
         """What a day of aircraft tells beyond their level: weight and score, the level's error in.
