@@ -37,7 +37,7 @@ LONG = {
     "fleet": ["--aircraft", "600", "1200", "2400", "6000"],
     "year": ["--month", "--growth"],
     "update": ["--share", "1.0"],
-    "gap_statistics": ["--reports", "10000000", "--aircraft", "60"],
+    "gap_statistics": ["--reports", "10000000", "--aircraft", "60", "--month"],
 }
 """Arguments by benchmark; none are given where it has no entry."""
 
