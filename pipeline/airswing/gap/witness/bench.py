@@ -298,13 +298,17 @@ class Bench:
         apart = score - found.day_diagonal * common[:, None, None]
         return replace(found, score=score, apart=apart), 1 + 1 / count
 
-    def beside_others(self, grid: Grid, own: Sequence[int]) -> bool:
+    def beside_others(self, grid: Grid, component: str, own: Sequence[int]) -> bool:
         """Whether a table by date is set beside other aircraft of the same days.
+
+        Of heading and airspeed alone: in the frame of the wind weather of a region, which flights
+        of a day share, passes for an error of the aircraft that fly there.
 
         Its flights can then be left out in place of whole days: what is common to the aircraft of a
         day is not in it, and no other day would tell what a cell between two jumps holds.
         """
-        return "date" in grid.variables and len(own) < len(self.setting.frame.tails)
+        some = len(own) < len(self.setting.frame.tails)
+        return some and "date" in grid.variables and "wind" not in component
 
     def cell_sums(self, grid: Grid, component: str, own: Sequence[int], fold: Integers) -> CellSums:
         """Sums of the values of a table of some aircraft, every report counting alike.
@@ -323,7 +327,7 @@ class Bench:
         CellSums
         """
         here = np.isin(self.setting.frame.aircraft, own)
-        beside_others = self.beside_others(grid, own)
+        beside_others = self.beside_others(grid, component, own)
         whole_days = "date" in grid.variables and not beside_others
         model = self.setting.cell_model_of(beside_others)
 

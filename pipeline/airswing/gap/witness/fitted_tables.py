@@ -149,7 +149,8 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
     tails = struck(candidate)
     if not tails:
         return None
-    fold = left_out(candidate.grid, fold, halves=bench.beside_others(candidate.grid, tails))
+    halves = bench.beside_others(candidate.grid, candidate.component, tails)
+    fold = left_out(candidate.grid, fold, halves=halves)
     sums, found = candidate.sums, candidate.weighed
     # the mean of a table is the table's, not a steady error beside it
     prior = (candidate.grid.prior() + MEAN) / bench.scale(candidate.component) ** 2
@@ -318,7 +319,7 @@ def field_of(bench: Bench, unknown: Unknown, fold: Integers | None = None) -> Fl
     if fold is None:
         value = unknown.values[aircraft, safe]
     else:
-        halves = bench.beside_others(unknown.grid, unknown.tails)
+        halves = bench.beside_others(unknown.grid, unknown.component, unknown.tails)
         unit = bench.setting.half_day if halves else bench.setting.day
         own = left_out(unknown.grid, fold, halves=halves)[unit]
         value = unknown.by_fold[own, aircraft, safe]
