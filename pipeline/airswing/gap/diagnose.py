@@ -67,6 +67,7 @@ from airswing.gap.witness.taken_off import (
 
 Floats = NDArray[np.float64]
 
+NOTHING = Reduction(0.0, 0.0)
 #: Unknowns that are taken off at most.
 MOST_UNKNOWNS = 4
 
@@ -352,16 +353,31 @@ def _in_no_mean(
     erring = [t for m in moments if m.name == "outliers" for t in m.tails]
     struck = gross & np.isin(np.array(problem.archive.tails)[problem.archive.aircraft], erring)
     jittery = _scatters(problem, rest, struck, explained - set(erring))
-    explained |= set(() if jittery is None else jittery.tails)
     search.tell("sent winds", 0.0)
     sent = _sent_otherwise(problem, rest, explained)
+    closes = _closes(rest, jittery, sent, struck)
+    if jittery is not None and sent is not None:
+        # either shows in the other: a floor of the speeds scatters, jitter sends other speeds
+        if closes.get("reported_speed", NOTHING).kt > closes["scatter"].kt:
+            tails = {problem.archive.tails[a] for a in sent.aircraft}
+            jittery = _scatters(problem, rest, struck, (explained - set(erring)) | tails)
+        else:
+            sent = _sent_otherwise(problem, rest, explained | set(jittery.tails))
+        closes = _closes(rest, jittery, sent, struck)
     search.tell("where", 0.0)
+    return jittery, sent, closes
+
+
+def _closes(
+    rest: Floats, jittery: Scattering | None, sent: SentWinds | None, struck: NDArray[np.bool_]
+) -> dict[str, Reduction]:
+    """How far the disagreement shrinks without either, where it is known."""
     closes = {}
     if jittery is not None:
         closes["scatter"] = reduction_of_jitter(rest, jittery, struck)
     if sent is not None and sent.speeds is not None:
         closes["reported_speed"] = Reduction(sent.closes, sent.closes_error)
-    return jittery, sent, closes
+    return closes
 
 
 def _scatters(
@@ -371,9 +387,9 @@ def _scatters(
 
     Not what a large name leaves: at its edges variables are known to their rounding alone.
     """
-    if problem.base.stats.days.size < LEAST_PARTS:
-        return None
     archive = problem.archive
+    if problem.base.stats.days.size < LEAST_PARTS or set(archive.tails) <= set(explained):
+        return None
     found = scattering(
         archive,
         problem.context,
