@@ -41,7 +41,7 @@ PERSISTENT = 0.04
 FLEET_PERSISTENT = 0.12
 #: The same of tables by the reported wind: what simulated archives have otherwise than real ones.
 REPORTED_PERSISTENT = 0.25
-#: The same of means by drift, which holds a part of the wind's error: 0.2 m/s on every null.
+#: The same of the fleet by drift, which holds a part of the wind's error: 0.2 to 0.3 m/s on nulls.
 DRIFT_PERSISTENT = 0.25
 #: Days between which scores of a table's means are taken for independent.
 BLOCK = 3
@@ -373,7 +373,8 @@ class Bench:
         """
         sums, spread = self.sums(grid, component)
         own = REPORTED_PERSISTENT if stands_on_report(grid) else PERSISTENT
-        fleet = np.hypot(own, FLEET_PERSISTENT * np.sqrt(sums.lasting_share))
+        shared = max(own, DRIFT_PERSISTENT) if "drift" in grid.variables else own
+        fleet = np.hypot(shared, FLEET_PERSISTENT * np.sqrt(sums.lasting_share))
         prior = self.prior(grid, component, sums)
         return weigh(sums, prior, fleet_error=float(fleet), error=own, spread=spread), sums
 
