@@ -68,6 +68,9 @@ from airswing.gap.witness.taken_off import (
 Floats = NDArray[np.float64]
 
 NOTHING = Reduction(0.0, 0.0)
+#: Size of scatter beside that of names on the same aircraft up to which it is what they leave: a
+#: band of ten degrees of temperature, sent in whole ones, leaves a tenth of its energy.
+SCATTER_LEFT = 0.35
 #: Unknowns that are taken off at most.
 MOST_UNKNOWNS = 4
 
@@ -404,7 +407,8 @@ def _scatters(
         return None
     own = np.isin(np.array(archive.tails)[archive.aircraft], found.tails)
     size = float(np.sqrt(2 * (found.sizes[own] ** 2).mean()))
-    return None if small_beside((archive.residual - rest)[own], size) else found
+    named = (archive.residual - rest)[own]
+    return None if small_beside(named, size, share=SCATTER_LEFT) else found
 
 
 def _sent_otherwise(problem: Problem, rest: Floats, explained: Collection[str]) -> SentWinds | None:

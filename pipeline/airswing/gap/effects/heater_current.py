@@ -107,6 +107,9 @@ class HeaterCurrent(OffsetAndCycle):
         *(f"{part}_colder_than_{edge}" for edge in EDGES for part in ("offset", "sin", "cos")),
     )
     alternatives = _subsets()
+    # a band of temperature, sent in whole degrees, is known at its edges to half of one: by the
+    # generator ten degrees of it hold nine tenths
+    told_share = 0.93
     confused_with = (
         "hard_iron, compass_offset: where icing protection is on most of the time",
         "errors of airspeed in icing: along the heading, so apart where headings vary",

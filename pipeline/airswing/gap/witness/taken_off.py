@@ -262,9 +262,9 @@ def _leads(bench: Bench, unknown: Unknown, errors: Floats, fold: Integers) -> bo
     return own > LEADS * explained(bench, errors)
 
 
-def small_beside(errors: Floats, size: float) -> bool:
+def small_beside(errors: Floats, size: float, *, share: float = REMAINDER) -> bool:
     """Whether a size, m/s rms, is small beside what names explain of the same reports, (m, 2)."""
-    return size < REMAINDER * float(np.sqrt((errors**2).sum(axis=1).mean()))
+    return size < share * float(np.sqrt((errors**2).sum(axis=1).mean()))
 
 
 def is_remainder(new: Taken, earlier: Sequence[Taken]) -> bool:
