@@ -46,17 +46,20 @@ def permutation_test(
         return float("nan"), float("nan"), np.empty(0)
     rng = np.random.default_rng(seed)
     plain = np.column_stack([np.ones(number), before])
-    hat = plain @ np.linalg.pinv(plain)
-    fitted = hat @ during
+    # two directions stand for the hat matrix, which has the square of the aircraft
+    directions, sizes, _ = np.linalg.svd(plain, full_matrices=False)
+    span = directions[:, sizes > 1e-12 * sizes[0]]
+    fitted = span @ (span.T @ during)
     residual = during - fitted
     order = np.argsort(rng.random((draws, number)), axis=1)
     shuffled = np.vstack([during, fitted + residual[order]])
-    group = corrected.astype(float) - hat @ corrected.astype(float)
+    group = corrected.astype(float)
+    group = group - span @ (span.T @ group)
     information = float(group @ group)
     # The level before tells the group: nothing is left to test it by.
     if information < 1e-9 * number:
         return float("nan"), float("nan"), np.empty(0)
-    left = shuffled - shuffled @ hat.T
+    left = shuffled - (shuffled @ span) @ span.T
     effects = -(left @ group) / information
     rest = left + effects[:, np.newaxis] * group
     error = np.sqrt((rest**2).sum(1) / max(number - 3, 1) / information)
