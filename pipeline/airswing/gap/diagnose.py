@@ -25,7 +25,6 @@ from airswing.gap.closure.interval import with_interval
 from airswing.gap.closure.of_scatter import (
     Reduction,
     reduction_of,
-    reduction_of_jitter,
     with_scatter,
 )
 from airswing.gap.design.candidates import candidates
@@ -38,6 +37,7 @@ from airswing.gap.held_out.days_left_out import folds_of_days, term_coefficients
 from airswing.gap.held_out.linearised import FoundFirst
 from airswing.gap.held_out.name_or_table import explains
 from airswing.gap.held_out.reduction import close, whole_coefficients
+from airswing.gap.in_no_mean import in_no_mean
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.passes import Pass, Progress, Search, of_view, search_twice
 from airswing.gap.result.assembled import Findings, aircraft_probability, assemble, best_scores
@@ -45,32 +45,25 @@ from airswing.gap.result.schema import EffectEntry, GapReport
 from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
 from airswing.gap.search.belief import STATED, beside_table
-from airswing.gap.search.coding_and_outliers import MomentVerdict, second_moments
+from airswing.gap.search.coding_and_outliers import second_moments
 from airswing.gap.search.confirmation import LEAST_PARTS
 from airswing.gap.search.cross_validated import Doubtful
-from airswing.gap.search.excess_scatter import Scattering, scattering
 from airswing.gap.search.stepwise import Found, Rules
 from airswing.gap.search.testability import absorbed, too_short
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.whole_archive import Archive, held_archive
-from airswing.gap.witness.bench import Bench, Setting
+from airswing.gap.witness.bench import Setting
 from airswing.gap.witness.ceiling import ceiling_of
 from airswing.gap.witness.learned import LearnedWitness
-from airswing.gap.witness.sent_winds import SentWinds, sent_winds
 from airswing.gap.witness.taken_off import (
     Taken,
     is_remainder,
     next_unknown,
     remainder_names,
-    small_beside,
 )
 
 Floats = NDArray[np.float64]
 
-NOTHING = Reduction(0.0, 0.0)
-#: Size of scatter beside that of names on the same aircraft up to which it is what they leave: a
-#: band of ten degrees of temperature, sent in whole ones, leaves a tenth of its energy.
-SCATTER_LEFT = 0.35
 #: Unknowns that are taken off at most.
 MOST_UNKNOWNS = 4
 
@@ -319,7 +312,7 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
     jittery = sent = None
     unnamed: dict[str, Reduction] = {}
     if search.dictionary:
-        jittery, sent, unnamed = _in_no_mean(problem, whole.residual, moments, calm.gross, search)
+        jittery, sent, unnamed = in_no_mean(problem, whole.residual, moments, calm.gross, search)
     scatter |= unnamed
     whole = with_scatter(whole, unnamed)
     return Findings(
@@ -341,82 +334,6 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
         sent=sent,
         doubtful=standing.doubtful,
     )
-
-
-def _in_no_mean(
-    problem: Problem,
-    rest: Floats,
-    moments: Sequence[MomentVerdict],
-    gross: NDArray[np.bool_],
-    search: Search,
-) -> tuple[Scattering | None, SentWinds | None, dict[str, Reduction]]:
-    """What has no name and moves no mean: scatter, winds sent otherwise; what each closes."""
-    explained = {tail for moment in moments for tail in moment.tails}
-    # single gross errors with a name are left out: their aircraft may scatter besides
-    erring = [t for m in moments if m.name == "outliers" for t in m.tails]
-    struck = gross & np.isin(np.array(problem.archive.tails)[problem.archive.aircraft], erring)
-    jittery = _scatters(problem, rest, struck, explained - set(erring))
-    search.tell("sent winds", 0.0)
-    sent = _sent_otherwise(problem, rest, explained)
-    closes = _closes(rest, jittery, sent, struck)
-    if jittery is not None and sent is not None:
-        # either shows in the other: a floor of the speeds scatters, jitter sends other speeds
-        if closes.get("reported_speed", NOTHING).kt > closes["scatter"].kt:
-            tails = {problem.archive.tails[a] for a in sent.aircraft}
-            jittery = _scatters(problem, rest, struck, (explained - set(erring)) | tails)
-        else:
-            sent = _sent_otherwise(problem, rest, explained | set(jittery.tails))
-        closes = _closes(rest, jittery, sent, struck)
-    search.tell("where", 0.0)
-    return jittery, sent, closes
-
-
-def _closes(
-    rest: Floats, jittery: Scattering | None, sent: SentWinds | None, struck: NDArray[np.bool_]
-) -> dict[str, Reduction]:
-    """How far the disagreement shrinks without either, where it is known."""
-    closes = {}
-    if jittery is not None:
-        closes["scatter"] = reduction_of_jitter(rest, jittery, struck)
-    if sent is not None and sent.speeds is not None:
-        closes["reported_speed"] = Reduction(sent.closes, sent.closes_error)
-    return closes
-
-
-def _scatters(
-    problem: Problem, rest: Floats, gross: NDArray[np.bool_], explained: Collection[str]
-) -> Scattering | None:
-    """Find reports that scatter beyond simulated ones, where days left out can confirm it.
-
-    Not what a large name leaves: at its edges variables are known to their rounding alone.
-    """
-    archive = problem.archive
-    if problem.base.stats.days.size < LEAST_PARTS or set(archive.tails) <= set(explained):
-        return None
-    found = scattering(
-        archive,
-        problem.context,
-        rest,
-        problem.noise,
-        gross=gross,
-        fold=folds_of_days(problem.base.stats)[problem.day],
-        explained=explained,
-        seed=problem.seed,
-    )
-    if found is None:
-        return None
-    own = np.isin(np.array(archive.tails)[archive.aircraft], found.tails)
-    size = float(np.sqrt(2 * (found.sizes[own] ** 2).mean()))
-    named = (archive.residual - rest)[own]
-    return None if small_beside(named, size, share=SCATTER_LEFT) else found
-
-
-def _sent_otherwise(problem: Problem, rest: Floats, explained: Collection[str]) -> SentWinds | None:
-    """Find winds sent otherwise than simulated, but for aircraft whose scatter has a name."""
-    setting = Setting.of(problem).alike
-    fold = folds_of_days(problem.base.stats)
-    known = [a for a, tail in enumerate(problem.archive.tails) if tail in explained]
-    return sent_winds(Bench.of(setting, rest), fold, without=known)
 
 
 def _check(archive: Archive) -> None:
