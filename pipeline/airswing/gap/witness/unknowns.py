@@ -142,7 +142,7 @@ def refined(bench: Bench, best: Candidate, fold: Integers) -> Unknown | None:
     finest = tuple(
         axis_of(bench.variables[axis.variable], FINE_CELLS[axis.kind]) for axis in found.grid.axes
     )
-    finer = fitted(bench, weighed(bench, Grid(finest), found.component), fold)
+    finer = _fitted(bench, weighed(bench, Grid(finest), found.component), fold)
     return _most_telling_first(bench, _more_explaining(bench, found, finer, fold) or found, fold)
 
 
@@ -154,7 +154,7 @@ def _of_likes(bench: Bench, pair: Unknown, fold: Integers) -> Unknown:
         for other in set(likes) & set(bench.variables) - set(pair.grid.variables):
             axes = list(pair.grid.axes)
             axes[place] = _pair_axis(bench, other)
-            table = fitted(bench, weighed(bench, Grid((axes[0], axes[1])), pair.component), fold)
+            table = _fitted(bench, weighed(bench, Grid((axes[0], axes[1])), pair.component), fold)
             if table is None:
                 continue
             told, now = (explained(bench, field_of(bench, one, fold)) for one in (table, pair))
@@ -209,9 +209,14 @@ def _of_two(bench: Bench, best: Candidate) -> list[Candidate]:
 def _most_explaining(bench: Bench, options: Sequence[Candidate], fold: Integers) -> Unknown | None:
     """Fit tables and take the one that explains most on weeks left out; of equals the first."""
     best: Unknown | None = None
-    for option in (one for one in options if one.strength >= LEAST_EVIDENCE):
-        best = _more_explaining(bench, best, fitted(bench, option, fold), fold)
+    for option in options:
+        best = _more_explaining(bench, best, _fitted(bench, option, fold), fold)
     return best
+
+
+def _fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None:
+    """Fit a table that has evidence of its own: its probability is told by that."""
+    return fitted(bench, candidate, fold) if candidate.strength >= LEAST_EVIDENCE else None
 
 
 def _more_explaining(
