@@ -58,18 +58,10 @@ def lead_condition(text: str) -> Callable[[NDArray[np.float64]], NDArray[np.bool
 
 
 class Wanted(NamedTuple):
-    """Which profiles of a model's files are a reference's.
+    """Which profiles of a model's files are a reference's."""
 
-    Parameters
-    ----------
-    lead : str
-        As for :func:`lead_condition`.
-    member : int, optional
-        Number of the ensemble member; any where not given.
-    """
-
-    lead: str = "any"
-    member: int | None = None
+    lead: str = "any"  # as for :func:`lead_condition`
+    member: int | None = None  # number of the ensemble member; any where not given
 
     def of(self, heads: NDArray[np.void]) -> NDArray[np.bool_]:
         """Tell them apart.

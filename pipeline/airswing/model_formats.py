@@ -23,20 +23,11 @@ _PACKAGE = "airswing.reference.gridded.formats"
 
 @dataclass(frozen=True)
 class ModelFormat:
-    """One kind of model file.
+    """One kind of model file."""
 
-    Parameters
-    ----------
-    name : str
-        Of the engine, as the configuration says it.
-    tells : callable
-        Whether a file is one, from its path and its first octets.
-    open : callable
-        Path to Datasets, best lazy; variables of different levels may be apart.
-    """
-
-    name: str
-    tells: Callable[[str, bytes], bool]
+    name: str  # of the engine, as the configuration says it
+    tells: Callable[[str, bytes], bool]  # whether a file is one, from its path and its first octets
+    # path to Datasets, best lazy; variables of different levels may be apart
     open: Callable[[str], Sequence[xr.Dataset]]
 
 

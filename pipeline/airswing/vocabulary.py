@@ -32,36 +32,16 @@ from airswing.flags import (
 
 @dataclass(frozen=True)
 class Variable:
-    """What one variable is.
+    """What one variable is."""
 
-    Parameters
-    ----------
-    name : str
-        Its name in every Dataset and product.
-    units : str
-        UDUNITS string; empty where the variable has no unit (strings, flags).
-    long_name : str
-        What it is, for a person.
-    dims : tuple of str
-        Its dimensions.
-    dtype : str
-        Type on disk.
-    standard_name : str, optional
-        CF standard name where one exists.
-    flags : mapping of str to int, optional
-        Meanings of a flag variable.
-    bits : bool, default False
-        The flags are bits that may be set together.
-    """
-
-    name: str
-    units: str
-    long_name: str
-    dims: tuple[str, ...]
-    dtype: str = "f4"
-    standard_name: str = ""
-    flags: Mapping[str, int] | None = None
-    bits: bool = False
+    name: str  # its name in every Dataset and product
+    units: str  # UDUNITS string; empty where the variable has no unit (strings, flags)
+    long_name: str  # what it is, for a person
+    dims: tuple[str, ...]  # its dimensions
+    dtype: str = "f4"  # type on disk
+    standard_name: str = ""  # CF standard name where one exists
+    flags: Mapping[str, int] | None = None  # meanings of a flag variable
+    bits: bool = False  # the flags are bits that may be set together
 
     def attributes(self) -> dict[str, Any]:
         """CF attributes of the variable."""

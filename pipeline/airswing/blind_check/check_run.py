@@ -40,28 +40,15 @@ _TIMEOUT = 1800.0
 
 @dataclass(frozen=True)
 class Check:
-    """A finished check.
+    """A finished check."""
 
-    Parameters
-    ----------
-    digest : str
-        Published before the first diagnosis.
-    labels, scores : list of dict
-        Truth and score of each case, in the same order.
-    failures : dict
-        Case to the message of a diagnosis that did not end well.
-    baselines : dict
-        Baseline to its scores.
-    settings : dict
-        Number of cases, seed, size: what repeats it.
-    """
-
-    digest: str
+    digest: str  # published before the first diagnosis
+    # labels, scores: truth and score of each case, in the same order
     labels: list[dict[str, Any]]
     scores: list[dict[str, Any]]
-    failures: dict[str, str]
-    baselines: dict[str, list[dict[str, Any]]]
-    settings: dict[str, Any]
+    failures: dict[str, str]  # case to the message of a diagnosis that did not end well
+    baselines: dict[str, list[dict[str, Any]]]  # baseline to its scores
+    settings: dict[str, Any]  # number of cases, seed, size: what repeats it
 
 
 def run_public_command(config: Path, output: Path, without: Sequence[str]) -> dict[str, Any]:
@@ -99,31 +86,16 @@ def run_public_command(config: Path, output: Path, without: Sequence[str]) -> di
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be checked.
+    """What is to be checked."""
 
-    Parameters
-    ----------
-    cases, seed : int
-        How many; seed of every draw.
-    fast : bool
-        Small archives and effects of 0.8 and 1.6 m/s.
-    nulls : int, optional
-        How many of the cases hold nothing; a quarter by default.
-    rungs : tuple of int, optional
-        Rungs to play; all by default.
-    names : tuple of str
-        Catalogue effects to draw from; all by default.
-    real : Path, optional
-        Folder with real data; rung 5 is left out where it is absent.
-    """
-
+    # cases, seed: how many; seed of every draw
     cases: int = 60
     seed: int = 1
-    fast: bool = False
-    nulls: int | None = None
-    rungs: tuple[int, ...] | None = None
-    names: tuple[str, ...] = ()
-    real: Path | None = None
+    fast: bool = False  # small archives and effects of 0.8 and 1.6 m/s
+    nulls: int | None = None  # how many of the cases hold nothing; a quarter by default
+    rungs: tuple[int, ...] | None = None  # rungs to play; all by default
+    names: tuple[str, ...] = ()  # catalogue effects to draw from; all by default
+    real: Path | None = None  # folder with real data; rung 5 is left out where it is absent
 
     @property
     def size(self) -> Size:

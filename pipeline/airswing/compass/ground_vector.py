@@ -54,24 +54,16 @@ MEDIAN_OF_NORMAL = 0.6745  # Median absolute value of a normal variable of unit 
 
 
 class Evidence(NamedTuple):
-    """The ground vector believed at each report, (report,), m s-1.
-
-    Attributes
-    ----------
-    along_error, cross_error : ndarray
-        Its standard errors along and across itself.
-    own : ndarray of bool
-        Whether it is the unit's own.
-    reason : ndarray of str, shape (aircraft,)
-        ``own`` where the unit's own vector is believed, else why not: ``absent``,
-        ``too_few``, ``heading_is_track``, ``heading_differs``, ``airspeed_differs``.
-    """
+    """The ground vector believed at each report, (report,), m s-1."""
 
     eastward: Array
     northward: Array
+    # along_error, cross_error: its standard errors along and across itself
     along_error: Array
     cross_error: Array
-    own: NDArray[np.bool_]
+    own: NDArray[np.bool_]  # whether it is the unit's own
+    # (aircraft,): ``own`` where the unit's own vector is believed, else why not: ``absent``,
+    # ``too_few``, ``heading_is_track``, ``heading_differs``, ``airspeed_differs``
     reason: NDArray[np.str_]
 
 

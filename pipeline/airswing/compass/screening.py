@@ -44,24 +44,14 @@ MAX_GROUND_VELOCITY_ERROR = 0.15
 
 
 class Limits(TypedDict, total=False):
-    """Numbers a report must keep to; `LIMITS` where not given.
+    """Numbers a report must keep to; `LIMITS` where not given."""
 
-    Attributes
-    ----------
-    max_turn : float
-        Largest change of track at the report, radians.
-    min_ground_speed : float
-        m s-1.
-    max_ground_velocity_error : float
-        Largest standard error of the ground velocity, as a share of the ground speed.
-    max_innovation : float
-        Gross errors: vector difference, m s-1, from any reference a report has (a third of its
-        airspeed where that is more).
-    """
-
-    max_turn: float
-    min_ground_speed: float
+    max_turn: float  # largest change of track at the report, radians
+    min_ground_speed: float  # m s-1
+    # largest standard error of the ground velocity, as a share of the ground speed
     max_ground_velocity_error: float
+    # gross errors: vector difference, m s-1, from any reference a report has (a third of its
+    # airspeed where that is more)
     max_innovation: float
 
 

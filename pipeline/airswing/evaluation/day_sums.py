@@ -21,18 +21,11 @@ Floats = NDArray[np.float64]
 
 
 class DayPart(NamedTuple):
-    """Reports and summed disagreement of the aircraft of a block by day and window.
+    """Reports and summed disagreement of the aircraft of a block by day and window."""
 
-    Attributes
-    ----------
-    days : array of int, shape (day, 2)
-        Day since 1970 and window (0 before, 1 during).
-    counts, total : arrays, shape (aircraft, day)
-    """
-
-    days: NDArray[np.int64]
-    counts: Floats
-    total: Floats
+    days: NDArray[np.int64]  # (day, 2): day since 1970 and window (0 before, 1 during)
+    counts: Floats  # (aircraft, day)
+    total: Floats  # (aircraft, day)
 
     @classmethod
     def of(
@@ -67,21 +60,13 @@ class DayPart(NamedTuple):
 
 @dataclass(frozen=True)
 class DaySums:
-    """Reports and summed disagreement by aircraft and day, the field test's statistics.
+    """Reports and summed disagreement by aircraft and day, the field test's statistics."""
 
-    Parameters
-    ----------
-    count, total : arrays, shape (aircraft, day)
-        Reports, and their summed disagreement in kt.
-    corrected : array of bool, shape (aircraft,)
-    during : array of bool, shape (day,)
-        Whether a day is of the test, not of the window before it.
-    """
-
+    # count, total: (aircraft, day): reports, and their summed disagreement in kt
     count: Floats
     total: Floats
-    corrected: NDArray[np.bool_]
-    during: NDArray[np.bool_]
+    corrected: NDArray[np.bool_]  # (aircraft,)
+    during: NDArray[np.bool_]  # (day,): whether a day is of the test, not of the window before it
 
     @classmethod
     def of(

@@ -82,25 +82,19 @@ def adjusted_reductions(
 
 
 class FieldTest(TypedDict):
-    """What a field test is.
+    """What a field test is."""
 
-    Attributes
-    ----------
-    start, before_start, end : date
-        The test runs from ``start`` to ``end`` (default: the archive's end), the window before
-        it from ``before_start`` to ``start``.
-    corrected, controls : list of str
-        Aircraft of each group.
-    roll, temperature_qc : str
-        ``require_good`` / ``require_pass`` (the seed's rule, the default; a flag that no report of
-        the archive carries cannot be required and is named in ``notes``), or ``ignore``.
-    """
-
+    # start, before_start, end: the test runs from ``start`` to ``end`` (default: the archive's
+    # end), the window before it from ``before_start`` to ``start``
     start: date
     before_start: date
+    # corrected, controls: aircraft of each group
     corrected: list[str]
     controls: list[str]
     end: NotRequired[date | None]
+    # roll, temperature_qc: ``require_good`` / ``require_pass`` (the seed's rule, the default; a
+    # flag that no report of the archive carries cannot be required and is named in ``notes``), or
+    # ``ignore``
     roll: NotRequired[str]
     temperature_qc: NotRequired[str]
 

@@ -14,25 +14,17 @@ import xarray as xr
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Products of the evaluation.
+    """Products of the evaluation."""
 
-    Attributes
-    ----------
-    profiles, observation_errors : Dataset
-        ``error_profiles.nc``, ``observation_errors.nc``.
-    stability, virtual, field_test, sensitivity : mapping
-        Contents of ``stability.json``, ``virtual_field_test.json`` and so on.
-    monitoring : mapping
-        Content of ``events.json``.
-    ranking : sequence of mapping
-        Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
-    """
-
+    # profiles, observation_errors: ``error_profiles.nc``, ``observation_errors.nc``
     profiles: xr.Dataset | None = None
     observation_errors: xr.Dataset | None = None
+    # stability, virtual, field_test, sensitivity: contents of ``stability.json``,
+    # ``virtual_field_test.json`` and so on
     stability: Mapping[str, Any] | None = None
+    # of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`
     ranking: Sequence[Mapping[str, Any]] | None = None
     virtual: Mapping[str, Any] | None = None
     field_test: Mapping[str, Any] | None = None
     sensitivity: Mapping[str, Any] | None = None
-    monitoring: Mapping[str, Any] | None = None
+    monitoring: Mapping[str, Any] | None = None  # content of ``events.json``

@@ -70,21 +70,11 @@ MOST_UNKNOWNS = 4
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What `diagnose` found.
+    """What `diagnose` found."""
 
-    Attributes
-    ----------
-    report : GapReport
-        The content of gap.json.
-    dataset : xarray.Dataset
-        The content of gap.nc.
-    adjustment : Adjustment
-        What takes the effects beside the deviation off the winds.
-    """
-
-    report: GapReport
-    dataset: xr.Dataset
-    adjustment: Adjustment
+    report: GapReport  # the content of gap.json
+    dataset: xr.Dataset  # the content of gap.nc
+    adjustment: Adjustment  # what takes the effects beside the deviation off the winds
 
     def __repr__(self) -> str:
         """Say in a few lines what is at work and how far it closes."""

@@ -67,18 +67,12 @@ class GeomagneticField(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FieldLattice:
-    """IGRF at the nodes of a global lattice, filled where asked for.
+    """IGRF at the nodes of a global lattice, filled where asked for."""
 
-    Parameters
-    ----------
-    intervals : ndarray of int, shape (interval,)
-        First years of the five-year intervals held, ascending.
-    nodes : ndarray, shape (interval, 90, 180, 12)
-        X, Y, Z at both heights at the first year, and their change to the next; nT. NaN where
-        the tile was not asked for.
-    """
-
+    # (interval,): first years of the five-year intervals held, ascending
     intervals: NDArray[np.int64]
+    # (interval, 90, 180, 12): X, Y, Z at both heights at the first year, and their change to the
+    # next; nT. NaN where the tile was not asked for.
     nodes: Array
 
     @classmethod

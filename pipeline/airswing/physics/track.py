@@ -109,18 +109,10 @@ class _Fixes(NamedTuple):
 
 
 class Resolution(NamedTuple):
-    """Steps of what is reported: each a scalar or of shape (report,).
+    """Steps of what is reported: each a scalar or of shape (report,)."""
 
-    Attributes
-    ----------
-    position : array_like
-        Of latitude and longitude, degrees.
-    time : array_like
-        Seconds.
-    """
-
-    position: ArrayLike
-    time: ArrayLike
+    position: ArrayLike  # of latitude and longitude, degrees
+    time: ArrayLike  # seconds
 
 
 def ground_track(

@@ -36,17 +36,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Sources:
-    """Reports and models a job is to take instead of all that its configuration names.
+    """Reports and models a job is to take instead of all that its configuration names."""
 
-    Parameters
-    ----------
-    mark : str
-        Hash of what they hold.
-    opened : callable
-        Gives the reports and the model of every reference; asked only where they are needed.
-    """
-
-    mark: str
+    mark: str  # hash of what they hold
+    # gives the reports and the model of every reference; asked only where they are needed
     opened: Callable[[], tuple[Archive, dict[str, Catalogue]]]
 
 

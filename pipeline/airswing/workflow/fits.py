@@ -43,23 +43,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Seen:
-    """What fits and tables are made of, however the reports were looked at.
+    """What fits and tables are made of, however the reports were looked at."""
 
-    Parameters
-    ----------
-    fits : Dataset
-        Of :func:`airswing.compass.fit.deviation.fit_deviation`.
-    histogram : array of int, shape (aircraft, 360)
-        Of :func:`airswing.compass.table.heading_histogram`.
-    declination : array, shape (aircraft,)
-        Of :func:`airswing.compass.heading_kind.mean_declination`.
-    changes : list of dict
-        Of :func:`airswing.evaluation.compass_changes.change_dates.find_changes`.
-    """
-
-    fits: xr.Dataset
+    fits: xr.Dataset  # of :func:`airswing.compass.fit.deviation.fit_deviation`
+    # (aircraft, 360): of :func:`airswing.compass.table.heading_histogram`
     histogram: NDArray[np.int64]
+    # (aircraft,): of :func:`airswing.compass.heading_kind.mean_declination`
     declination: NDArray[np.float64]
+    # of :func:`airswing.evaluation.compass_changes.change_dates.find_changes`
     changes: list[dict[str, Any]]
 
 

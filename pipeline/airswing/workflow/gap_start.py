@@ -41,21 +41,12 @@ _SIMULATION_FOLDER = ".simulation"
 
 @dataclass(frozen=True)
 class Start:
-    """Reports as a diagnosis takes them, and what it starts from.
-
-    Attributes
-    ----------
-    frame : Frame
-    known : list of ActiveEffect
-        Taken off.
-    told : list of KnownEntry
-    simulation : SimulationEntry or None
-        What ``gap.json`` tells of it; nothing for the perfect instrument.
-    """
+    """Reports as a diagnosis takes them, and what it starts from."""
 
     frame: Frame
-    known: list[ActiveEffect] = field(default_factory=list)
+    known: list[ActiveEffect] = field(default_factory=list)  # taken off
     told: list[KnownEntry] = field(default_factory=list)
+    # what ``gap.json`` tells of it; nothing for the perfect instrument
     simulation: SimulationEntry | None = None
 
 
@@ -66,24 +57,13 @@ def disagreement_kt(frame: Frame) -> float:
 
 @dataclass(frozen=True)
 class Asked:
-    """What a diagnosis shall start from, read and checked before the archive is.
-
-    Attributes
-    ----------
-    known : list of ActiveEffect or None
-    known_file : Path or None
-    simulated : str or None
-    reports : Dataset or None
-        Of the simulation.
-    section : Reports or None
-        How they are read.
-    """
+    """What a diagnosis shall start from, read and checked before the archive is."""
 
     known: list[ActiveEffect] | None = None
     known_file: Path | None = None
     simulated: str | None = None
-    reports: xr.Dataset | None = None
-    section: Reports | None = None
+    reports: xr.Dataset | None = None  # of the simulation
+    section: Reports | None = None  # how they are read
 
 
 def read_start(job: Job, *, known: Path | None = None, simulated: str | None = None) -> Asked:

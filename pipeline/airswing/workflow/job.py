@@ -46,22 +46,13 @@ FITTING = (
 
 @dataclass(frozen=True)
 class Job:
-    """One run: what is asked, who is told, and whether earlier work counts.
-
-    Parameters
-    ----------
-    config : Config
-    progress : Progress
-    resume : bool, default False
-        Use finished products and model times that still hold.
-    month : str, optional
-        As ``2025-07``: the job is of the flights that begin in it, and what it writes of every
-        report stands in a folder by months.
-    """
+    """One run: what is asked, who is told, and whether earlier work counts."""
 
     config: Config
     progress: Progress
-    resume: bool = False
+    resume: bool = False  # use finished products and model times that still hold
+    # as ``2025-07``: the job is of the flights that begin in it, and what it writes of every report
+    # stands in a folder by months
     month: str = ""
 
     @property
@@ -103,36 +94,24 @@ class Job:
 
 @dataclass
 class Blocks:
-    """A ragged Dataset in the making, some whole aircraft at a time.
+    """A ragged Dataset in the making, some whole aircraft at a time."""
 
-    Parameters
-    ----------
-    reports, aircraft : int
-        Of all blocks together.
-    each : callable
-        Gives the blocks, once; takes the record of the stage.
-    stage : str
-        What a person reads while they are made.
-    attrs : dict
-        Attributes of the whole; complete when the last block was given.
-    written : callable, optional
-        Called with the product's ``uuid`` when all is written, before it takes its name: whatever
-        it notes stands wherever the product does.
-    carried : Dataset, optional
-        Columns carried on from an earlier product as they are stored there, see
-        :func:`airswing.products.ragged_product.ragged_writer`.
-    whole : bool, default True
-        False where a file it is made from vanished or changed meanwhile: the product is written,
-        and a run with ``resume`` makes it again though its inputs look the same as before.
-    """
-
+    # reports, aircraft: of all blocks together
     reports: int
     aircraft: int
+    # gives the blocks, once; takes the record of the stage
     each: Callable[[StageRecord], Iterator[xr.Dataset]]
-    stage: str
+    stage: str  # what a person reads while they are made
+    # attributes of the whole; complete when the last block was given
     attrs: dict[str, Any] = field(default_factory=dict)
+    # called with the product's ``uuid`` when all is written, before it takes its name: whatever it
+    # notes stands wherever the product does
     written: Callable[[str], None] = lambda uuid: None
+    # columns carried on from an earlier product as they are stored there, see
+    # :func:`airswing.products.ragged_product.ragged_writer`
     carried: xr.Dataset | None = None
+    # false where a file it is made from vanished or changed meanwhile: the product is written, and
+    # a run with ``resume`` makes it again though its inputs look the same as before
     whole: bool = True
 
 

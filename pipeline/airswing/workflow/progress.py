@@ -30,36 +30,19 @@ _REFRESH = 0.5
 
 @dataclass
 class StageRecord:
-    """What one stage cost.
-
-    Parameters
-    ----------
-    name : str
-    seconds : float
-        Wall time.
-    note : str
-        What it did, in a few words.
-    octets, messages, reports : int
-        Bytes read, messages decoded, reports matched or handled.
-    decoding : float
-        Time spent reading and decoding messages, summed over threads, s.
-    tasks : int
-        Tasks foreseen, where they are handed over in portions.
-    phase : str
-        What is under way inside the stage, and the fraction of it that is done.
-    phases : dict of str to float
-        Processor time of each phase that is over, s.
-    """
+    """What one stage cost."""
 
     name: str
-    seconds: float
-    note: str = ""
+    seconds: float  # wall time
+    note: str = ""  # what it did, in a few words
+    # octets, messages, reports: bytes read, messages decoded, reports matched or handled
     octets: int = 0
     messages: int = 0
     reports: int = 0
-    decoding: float = 0.0
-    tasks: int = 0
-    phase: str = ""
+    decoding: float = 0.0  # time spent reading and decoding messages, summed over threads, s
+    tasks: int = 0  # tasks foreseen, where they are handed over in portions
+    phase: str = ""  # what is under way inside the stage, and the fraction of it that is done
+    # processor time of each phase that is over, s
     phases: dict[str, float] = field(default_factory=dict)
     _began: tuple[str, float] = ("", 0.0)
 
@@ -89,12 +72,7 @@ class StageRecord:
 
 @dataclass
 class Tasks:
-    """How many of the tasks under way are done.
-
-    Parameters
-    ----------
-    done, total : int
-    """
+    """How many of the tasks under way are done."""
 
     done: int = 0
     total: int = 0
@@ -102,23 +80,12 @@ class Tasks:
 
 @dataclass
 class Progress:
-    """Tells a person how far the work is, and keeps what each stage cost.
+    """Tells a person how far the work is, and keeps what each stage cost."""
 
-    Parameters
-    ----------
-    quiet : bool, default False
-        Say nothing.
-    records : list of StageRecord
-        One for each finished stage.
-    threads : int
-        Threads that work at a time, on all workers.
-    expected : mapping of str to float
-        What each stage is expected to take, s; empty before anything is known.
-    """
-
-    quiet: bool = False
-    records: list[StageRecord] = field(default_factory=list)
-    threads: int = 1
+    quiet: bool = False  # say nothing
+    records: list[StageRecord] = field(default_factory=list)  # one for each finished stage
+    threads: int = 1  # threads that work at a time, on all workers
+    # what each stage is expected to take, s; empty before anything is known
     expected: Mapping[str, float] = field(default_factory=dict)
 
     def say(self, text: str) -> None:

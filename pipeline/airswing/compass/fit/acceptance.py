@@ -53,26 +53,19 @@ _Table = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True)
 class Options:
-    """What is asked of the fit.
+    """What is asked of the fit."""
 
-    Attributes
-    ----------
-    harmonics : {"auto", 1, 2}
-        Cycles of the curve; "auto" keeps the second where the data show it.
-    joint : bool
-        Fit airspeed errors jointly, with airspeed scale and reference bias; else the heading
-        error alone.
-    shared_error : bool
-        With ``joint``, also fit the reference's error that the fleet shares, as a field (see
-        :mod:`airswing.compass.fleet.reference_error`).
-    min_reports, min_compass_points : int
-        Fewer give status ``too_few_reports``, ``poor_heading_coverage``; fewer than five flights
-        ``too_few_flights``. ``offset_only`` stands for the last two where a constant is found.
-    """
-
+    # {"auto", 1, 2}; cycles of the curve; "auto" keeps the second where the data show it
     harmonics: Literal["auto", 1, 2] = "auto"
+    # fit airspeed errors jointly, with airspeed scale and reference bias; else the heading error
+    # alone
     joint: bool = True
+    # with ``joint``, also fit the reference's error that the fleet shares, as a field (see
+    # :mod:`airswing.compass.fleet.reference_error`)
     shared_error: bool = True
+    # min_reports, min_compass_points: fewer give status ``too_few_reports``,
+    # ``poor_heading_coverage``; fewer than five flights ``too_few_flights``. ``offset_only`` stands
+    # for the last two where a constant is found.
     min_reports: int = 200
     min_compass_points: int = 6
 

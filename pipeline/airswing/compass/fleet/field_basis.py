@@ -46,21 +46,11 @@ KM_A_DEGREE = 111.2
 
 @dataclass(frozen=True)
 class FieldBasis:
-    """Which functions make up the field.
+    """Which functions make up the field."""
 
-    Attributes
-    ----------
-    lasting : tuple of arrays of float
-        Nodes in latitude, eastward degrees and ln p.
-    passing : tuple of arrays of float
-        Nodes in latitude and eastward degrees.
-    origin : tuple of float
-        Longitude of the middle, cosine of the middle latitude.
-    """
-
-    lasting: tuple[Floats, ...]
-    passing: tuple[Floats, ...]
-    origin: tuple[float, float]
+    lasting: tuple[Floats, ...]  # nodes in latitude, eastward degrees and ln p
+    passing: tuple[Floats, ...]  # nodes in latitude and eastward degrees
+    origin: tuple[float, float]  # longitude of the middle, cosine of the middle latitude
 
     @classmethod
     def of(cls, latitude: Floats, longitude: Floats, log_pressure: Floats) -> FieldBasis:

@@ -40,37 +40,23 @@ GATHERED = 4_000_000
 
 @dataclass(frozen=True)
 class Coupling:
-    """Information of one reference's blocks about its unknowns.
+    """Information of one reference's blocks about its unknowns."""
 
-    Attributes
-    ----------
-    direct : array of float, shape (aircraft, 8, 8)
-        Of each aircraft's own unknowns, the field known.
-    border : array of float, shape (aircraft, 8, 2, functions)
-        Between them and the lasting part, the passing part known.
-    lasting : array of float, shape (functions, functions)
-        Of one component's lasting part, the passing part known.
-    nodes : tuple of sparse matrix, shape (7 * aircraft, segment * nodes)
-        Of each component: H transposed; rows by coefficient (A to E, scale, bias), then aircraft.
-    lasting_nodes : sparse matrix, shape (segment * nodes, functions)
-        Of the lasting part.
-    inverse : array of float, shape (segment, nodes, nodes)
-        G.
-    factor : array of float, shape (aircraft, 8, 8)
-        What makes of some blocks' information that of all where the field has a part in it: F N F'
-        for the aircraft's unknowns,
-    gain : float
-        N for the lasting part's times this.
-    """
-
-    direct: Floats
+    direct: Floats  # (aircraft, 8, 8): of each aircraft's own unknowns, the field known
+    # (aircraft, 8, 2, functions): between them and the lasting part, the passing part known
     border: Floats
+    # (functions, functions): of one component's lasting part, the passing part known
     lasting: Floats
+    # sparse, (7 * aircraft, segment * nodes): of each component: H
+    # transposed; rows by coefficient (A to E, scale, bias), then aircraft
     nodes: tuple[sparse.csr_matrix, sparse.csr_matrix]
+    # sparse, (segment * nodes, functions): of the lasting part
     lasting_nodes: sparse.csr_matrix
-    inverse: Floats
+    inverse: Floats  # (segment, nodes, nodes): G
+    # (aircraft, 8, 8): what makes of some blocks' information that of all where the field has a
+    # part in it: F N F' for the aircraft's unknowns,
     factor: Floats
-    gain: float
+    gain: float  # N for the lasting part's times this
 
     @classmethod
     def of(cls, precision: Precision, direct: Floats, factor: Floats, gain: float) -> Coupling:

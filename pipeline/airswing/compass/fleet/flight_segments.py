@@ -47,19 +47,12 @@ LEAST_WEIGHT = 0.3
 
 @dataclass(frozen=True)
 class Places:
-    """Where and when the reports of one aircraft are.
+    """Where and when the reports of one aircraft are."""
 
-    Attributes
-    ----------
-    latitude, longitude : array, shape (n,), degrees
-    pressure : array, shape (n,), Pa
-    time : array of datetime64, shape (n,)
-    """
-
-    latitude: NDArray[np.floating[Any]]
-    longitude: NDArray[np.floating[Any]]
-    pressure: NDArray[np.floating[Any]]
-    time: NDArray[np.datetime64]
+    latitude: NDArray[np.floating[Any]]  # (n,), degrees
+    longitude: NDArray[np.floating[Any]]  # (n,), degrees
+    pressure: NDArray[np.floating[Any]]  # (n,), Pa
+    time: NDArray[np.datetime64]  # (n,)
 
     def at(self, index: Picked) -> Places:
         """Those of some reports."""
@@ -70,72 +63,41 @@ class Places:
 
 @dataclass(frozen=True)
 class Edges:
-    """Where the blocks of one aircraft's reports begin.
+    """Where the blocks of one aircraft's reports begin."""
 
-    Attributes
-    ----------
-    start : array of int, shape (blocks,)
-        First report of each.
-    segment : array of int, shape (blocks,)
-        Six-hour segments since 1970.
-    opens : array of bool, shape (blocks,)
-        Whether the block is the first of its piece.
-    """
-
-    start: Index
-    segment: Index
-    opens: NDArray[np.bool_]
+    start: Index  # (blocks,): first report of each
+    segment: Index  # (blocks,): six-hour segments since 1970
+    opens: NDArray[np.bool_]  # (blocks,): whether the block is the first of its piece
 
 
 @dataclass(frozen=True)
 class Cut:
-    """What blocks need of their reports beside their sums.
+    """What blocks need of their reports beside their sums."""
 
-    Attributes
-    ----------
-    count : array of int, shape (blocks,)
-        Reports of each.
-    middle : Places
-        Of the middle one of each.
-    segment, opens : array, shape (blocks,)
-        As of :class:`Edges`.
-    """
-
-    count: Index
-    middle: Places
+    count: Index  # (blocks,): reports of each
+    middle: Places  # of the middle one of each
+    # segment, opens: (blocks,): as of :class:`Edges`
     segment: Index
     opens: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """Sums of one aircraft's reports against one reference, at its own fit without bias.
+    """Sums of one aircraft's reports against one reference, at its own fit without bias."""
 
-    Attributes
-    ----------
-    sums : array of float32, shape (15, blocks)
-        Weight (a report's is one on average), weighted residual and slopes, see :data:`ROWS`. The
-        residual is the reference's wind minus the corrected one; minus the slopes are its
-        derivatives.
-    within : float
-        Sum of the squared residual (times its weight, which is what the means are made of) less
-        what the blocks' means hold, (m/s)2.
-    freedom : float
-        Degrees of freedom of ``within``, both components.
-    latitude, longitude, log_pressure : array, shape (blocks,)
-    segment : array of int32, shape (blocks,)
-    piece : array of int32, shape (blocks,)
-        0, 1, 2 ... never falling.
-    """
-
+    # (15, blocks): weight (a report's is one on average), weighted residual and slopes, see
+    # :data:`ROWS`. The residual is the reference's wind minus the corrected one; minus the slopes
+    # are its derivatives.
     sums: NDArray[np.float32]
+    # sum of the squared residual (times its weight, which is what the means are made of) less what
+    # the blocks' means hold, (m/s)2
     within: float
-    freedom: float
-    latitude: Array
-    longitude: Array
-    log_pressure: Array
-    segment: NDArray[np.int32]
-    piece: NDArray[np.int32]
+    freedom: float  # degrees of freedom of ``within``, both components
+    latitude: Array  # (blocks,)
+    longitude: Array  # (blocks,)
+    log_pressure: Array  # (blocks,)
+    segment: NDArray[np.int32]  # (blocks,)
+    piece: NDArray[np.int32]  # (blocks,): 0, 1, 2 ... never falling.
 
     @property
     def size(self) -> int:

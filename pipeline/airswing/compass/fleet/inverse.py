@@ -52,16 +52,10 @@ class Equations:
     """The Newton matrix without its prior.
 
     The coefficients come first (aircraft, 6), then each reference's biases and lasting part.
-
-    Attributes
-    ----------
-    parts : list of Coupling
-        One a reference.
-    free : array of bool, shape (aircraft, 6)
     """
 
-    parts: list[Coupling]
-    free: Flags
+    parts: list[Coupling]  # one a reference
+    free: Flags  # (aircraft, 6)
 
     @property
     def size(self) -> int:

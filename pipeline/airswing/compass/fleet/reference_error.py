@@ -45,16 +45,9 @@ ROUNDS = 6
 
 @dataclass(frozen=True)
 class Variances:
-    """Variances of what a block's mean residual is made of, (m/s)2 a component.
+    """Variances of what a block's mean residual is made of, (m/s)2 a component."""
 
-    Attributes
-    ----------
-    white : array of float, shape (aircraft,)
-        Of one report's weight.
-    block, piece, passing : float
-    """
-
-    white: Floats
+    white: Floats  # (aircraft,): of one report's weight
     block: float
     piece: float
     passing: float
@@ -62,50 +55,27 @@ class Variances:
 
 @dataclass(frozen=True)
 class Stretch:
-    """Blocks of a fleet against one reference, end to end.
+    """Blocks of a fleet against one reference, end to end."""
 
-    Attributes
-    ----------
-    weight : array of float, shape (n,)
-        Reports' worth.
-    residual : array of float, shape (2, n)
-        Mean of each block, m/s.
-    slopes : array of float32, shape (2, 6, n)
-        Mean of each block.
-    aircraft : array of int, shape (n,)
-        Never falling.
-    opens : array of int, shape (pieces,)
-        First block of each piece.
-    piece : array of int, shape (n,)
-    node, share : arrays, shape (n, up to 4)
-        Nodes of the passing part among all segments', and their values.
-    lasting, lasting_share : arrays, shape (n, up to 9)
-        Functions of the lasting part and, last, its mean.
-    segment : array of int, shape (n,)
-        Place among the segments; where the field is worked in regions each region of a segment
-        stands as one.
-    segments : array of int
-        Their numbers, never falling.
-    nodes : int
-        Nodes of a segment that blocks meet, of the segment that has most of them; others have less.
-    every : int
-        Nodes of a segment, met or not.
-    """
-
-    weight: Floats
-    residual: Floats
-    slopes: Single
-    aircraft: Ints
-    opens: Ints
-    piece: Ints
+    weight: Floats  # (n,): reports' worth
+    residual: Floats  # (2, n): mean of each block, m/s
+    slopes: Single  # (2, 6, n): mean of each block
+    aircraft: Ints  # (n,): never falling
+    opens: Ints  # (pieces,): first block of each piece
+    piece: Ints  # (n,)
+    # node, share: (n, up to 4): nodes of the passing part among all segments', and their values
     node: Short
     share: Floats
+    # lasting, lasting_share: (n, up to 9): functions of the lasting part and, last, its mean
     lasting: Short
     lasting_share: Floats
+    # (n,): place among the segments; where the field is worked in regions each region of a segment
+    # stands as one
     segment: Ints
-    segments: Ints
+    segments: Ints  # their numbers, never falling
+    # nodes of a segment that blocks meet, of the segment that has most of them; others have less
     nodes: int
-    every: int
+    every: int  # nodes of a segment, met or not
 
     @classmethod
     def of(cls, parts: list[Blocks], basis: FieldBasis) -> Stretch:

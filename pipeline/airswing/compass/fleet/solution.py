@@ -39,27 +39,15 @@ FEW_DAYS = 15
 
 @dataclass(frozen=True)
 class FleetFit:
-    """Joint estimate.
+    """Joint estimate."""
 
-    Attributes
-    ----------
-    step : array, shape (aircraft, 6)
-        To add to the aircraft's own A to E and airspeed scale, radians.
-    covariance : array, shape (aircraft, 6, 6)
-    bias, bias_covariance : arrays, shape (2,), (2, 2)
-        Mean error of the references over the blocks, m/s.
-    ratio : array, shape (6,)
-        What the covariance of the model was multiplied by.
-    regions : int
-        That the passing part was worked in, of the reference that has most.
-    """
-
-    step: Floats
-    covariance: Floats
+    step: Floats  # (aircraft, 6): to add to the aircraft's own A to E and airspeed scale, radians
+    covariance: Floats  # (aircraft, 6, 6)
+    # bias, bias_covariance: (2,), (2, 2): mean error of the references over the blocks, m/s
     bias: Floats
     bias_covariance: Floats
-    ratio: Floats
-    regions: int
+    ratio: Floats  # (6,): what the covariance of the model was multiplied by
+    regions: int  # that the passing part was worked in, of the reference that has most
 
 
 def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:

@@ -70,36 +70,17 @@ errors (rms; 0.11 at most), two tenths by 0.06 (0.23)."""
 
 @dataclass(frozen=True)
 class Base:
-    """Where the periods of an aircraft are summed.
+    """Where the periods of an aircraft are summed."""
 
-    Attributes
-    ----------
-    theta : array, shape (p,)
-        A to E, airspeed scale, biases; B and C at ``field``.
-    free : array of int
-        Which of them are fitted.
-    scatters : list of Scatter
-        One a member.
-    field : float
-        Mean horizontal field, nT; NaN where none is known.
-    durations : list of int
-        Seconds a block of each member lasts: blocks are cut alike in all periods.
-    few : bool
-        Whether flights or days are so few that each needs a normal matrix of its own.
-    rms : float
-        Robust rms of the heading error after the curve, radians.
-    reports : int
-        It was fitted to.
-    """
-
-    theta: Array
-    free: Index
-    scatters: list[Scatter]
-    field: float
+    theta: Array  # (p,): a to E, airspeed scale, biases; B and C at ``field``
+    free: Index  # which of them are fitted
+    scatters: list[Scatter]  # one a member
+    field: float  # mean horizontal field, nT; NaN where none is known
+    # seconds a block of each member lasts: blocks are cut alike in all periods
     durations: list[int]
-    few: bool
-    rms: float
-    reports: int
+    few: bool  # whether flights or days are so few that each needs a normal matrix of its own
+    rms: float  # robust rms of the heading error after the curve, radians
+    reports: int  # it was fitted to
 
     @classmethod
     def of(cls, fit: AircraftFit, field: float, reports: int) -> Base:
@@ -118,32 +99,16 @@ class Base:
 
 @dataclass(frozen=True)
 class PeriodSums:
-    """Sums of one aircraft's reports of one period.
+    """Sums of one aircraft's reports of one period."""
 
-    Attributes
-    ----------
-    reports : int
-        That count for any member.
-    field : float
-        Their mean horizontal field, nT.
-    points : array of int, shape (8,)
-        Of them nearest to each compass point.
-    day : array of int, shape (flights,)
-        Days since 1970 on which the flights began.
-    parts : list of PassSums
-        One a member.
-    cuts : list of Cut
-        Of the blocks of each member; empty without them.
-    speeds : list of array of int, shape (4,)
-        As of :func:`airswing.compass.fleet.flight_segments.speed_counts`, one a member.
-    """
-
-    reports: int
-    field: float
-    points: Index
-    day: Index
-    parts: list[PassSums]
-    cuts: list[Cut]
+    reports: int  # that count for any member
+    field: float  # their mean horizontal field, nT
+    points: Index  # (8,): of them nearest to each compass point
+    day: Index  # (flights,): days since 1970 on which the flights began
+    parts: list[PassSums]  # one a member
+    cuts: list[Cut]  # of the blocks of each member; empty without them
+    # list of array of int, shape (4,): as of
+    # :func:`airswing.compass.fleet.flight_segments.speed_counts`, one a member
     speeds: list[Index]
 
 

@@ -26,18 +26,10 @@ Choice = Callable[[xr.Dataset], NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class Folds:
-    """The fold of every flight.
+    """The fold of every flight."""
 
-    Attributes
-    ----------
-    flight : array of int, shape (flight,)
-        Increasing.
-    number : array of int, shape (flight,)
-        Its fold.
-    """
-
-    flight: NDArray[np.int64]
-    number: NDArray[np.int64]
+    flight: NDArray[np.int64]  # (flight,): increasing
+    number: NDArray[np.int64]  # (flight,): its fold
 
     def of(self, reports: xr.Dataset) -> NDArray[np.int64]:
         """Fold of every report's flight."""

@@ -23,19 +23,12 @@ Floats = NDArray[np.float64]
 
 
 class Apart(NamedTuple):
-    """Disagreement of reports with the reference, as reported and as corrected.
+    """Disagreement of reports with the reference, as reported and as corrected."""
 
-    Attributes
-    ----------
-    before, after : array, shape (report,)
-        Knots.
-    done : array of bool, shape (report,)
-        Whether the report could be corrected.
-    """
-
+    # before, after: (report,): knots
     before: Floats
     after: Floats
-    done: NDArray[np.bool_]
+    done: NDArray[np.bool_]  # (report,): whether the report could be corrected
 
     @classmethod
     def of(cls, reports: xr.Dataset, fits: xr.Dataset, members: list[str], reference: str) -> Apart:
@@ -59,21 +52,11 @@ class Apart(NamedTuple):
 
 
 class Gain(NamedTuple):
-    """What one aircraft's judged reports gained, by day.
+    """What one aircraft's judged reports gained, by day."""
 
-    Attributes
-    ----------
-    day : array of int, shape (day,)
-        Increasing.
-    total : array, shape (day,)
-        Summed gain, knots.
-    counts : array, shape (day,)
-        Reports.
-    """
-
-    day: NDArray[np.int64]
-    total: Floats
-    counts: Floats
+    day: NDArray[np.int64]  # (day,): increasing
+    total: Floats  # (day,): summed gain, knots
+    counts: Floats  # (day,): reports
 
     @property
     def reports(self) -> int:

@@ -47,28 +47,18 @@ MOST_REPORTS = 4000
 
 @dataclass(frozen=True)
 class Flown:
-    """Plain columns of one aircraft's screened reports.
+    """Plain columns of one aircraft's screened reports."""
 
-    Attributes
-    ----------
-    u, v, u_reference, v_reference : array, shape (n,)
-        m/s.
-    heading, argument : array, shape (n,)
-        Indicated true heading and the argument of the deviation, radians.
-    airspeed : array, shape (n,)
-        m/s.
-    day : array, shape (n,)
-        Number of the day.
-    """
-
+    # u, v, u_reference, v_reference: (n,): m/s
     u: Floats
     v: Floats
     u_reference: Floats
     v_reference: Floats
+    # heading, argument: (n,): indicated true heading and the argument of the deviation, radians
     heading: Floats
     argument: Floats
-    airspeed: Floats
-    day: Floats
+    airspeed: Floats  # (n,): m/s
+    day: Floats  # (n,): number of the day
 
     def take(self, chosen: Picked) -> Flown:
         """Some of the reports."""

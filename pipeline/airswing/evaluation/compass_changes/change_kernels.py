@@ -40,23 +40,12 @@ LIKELIHOOD_RATIO_95 = 7.35
 
 @dataclass(frozen=True)
 class DaySums:
-    """What the days of one aircraft know of its deviation, the days' own biases eliminated.
+    """What the days of one aircraft know of its deviation, the days' own biases eliminated."""
 
-    Attributes
-    ----------
-    day : array of int, shape (d,)
-        Days with reports, increasing.
-    normal : array, shape (d, 6, 6)
-        Of A to E and the airspeed scale.
-    right : array, shape (d, 6)
-    count : array, shape (d,)
-        Reports.
-    """
-
-    day: NDArray[np.int64]
-    normal: Floats
-    right: Floats
-    count: Floats
+    day: NDArray[np.int64]  # (d,): days with reports, increasing
+    normal: Floats  # (d, 6, 6): of A to E and the airspeed scale
+    right: Floats  # (d, 6)
+    count: Floats  # (d,): reports
 
     def take(self, chosen: NDArray[np.bool_]) -> DaySums:
         """Some of the days."""

@@ -27,17 +27,10 @@ BLOCK_DAYS = 21
 
 @dataclass(frozen=True)
 class Common:
-    """The common part of a day.
+    """The common part of a day."""
 
-    Attributes
-    ----------
-    without : array, shape (n, p)
-        As the other aircraft tell it.
-    weight, right : array, shape (p, p) and (p,)
-        What all tell, for a level of its own.
-    """
-
-    without: Floats
+    without: Floats  # (n, p): as the other aircraft tell it
+    # weight, right: (p, p) and (p,): what all tell, for a level of its own
     weight: Floats
     right: Floats
 

@@ -42,24 +42,16 @@ LEAST = 0.3
 
 @dataclass(frozen=True)
 class Rows:
-    """One row an aircraft and day with reports, by aircraft and day (days since 1970).
+    """One row an aircraft and day with reports, by aircraft and day (days since 1970)."""
 
-    Attributes
-    ----------
-    aircraft, day : array of int, shape (rows,)
-    count : array, shape (rows,)
-        Used reports with a wind; none where screening left none.
-    normal, right : array, shape (rows, 8, 8) and (rows, 8)
-        Of the compass; zero where screening left none.
-    log_difference, difference : array, shape (rows,)
-        Sum of the logarithm of the wind vector difference, and of the difference, m/s.
-    """
-
-    aircraft: Index
-    day: Index
-    count: Floats
+    aircraft: Index  # (rows,)
+    day: Index  # (rows,)
+    count: Floats  # (rows,): used reports with a wind; none where screening left none
+    # normal, right: (rows, 8, 8) and (rows, 8): of the compass; zero where screening left none
     normal: NDArray[np.float32]
     right: NDArray[np.float32]
+    # log_difference, difference: (rows,): sum of the logarithm of the wind vector difference, and
+    # of the difference, m/s
     log_difference: Floats
     difference: Floats
 

@@ -35,27 +35,13 @@ WORDS: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened.
+    """Something that happened."""
 
-    Attributes
-    ----------
-    kind : str
-        Of :data:`WORDS`.
-    date : str
-        Day since which it is so.
-    noticed : str
-        Night (the day whose reports were in) that told it.
-    aircraft : str or None
-        None: all of them at once, and no aircraft's fault.
-    evidence : dict
-        Numbers behind it.
-    """
-
-    kind: Kind
-    date: str
-    noticed: str
-    aircraft: str | None
-    evidence: dict[str, Any]
+    kind: Kind  # of :data:`WORDS`
+    date: str  # day since which it is so
+    noticed: str  # night (the day whose reports were in) that told it
+    aircraft: str | None  # none: all of them at once, and no aircraft's fault
+    evidence: dict[str, Any]  # numbers behind it
 
     @property
     def line(self) -> str:
@@ -66,76 +52,44 @@ class Event:
 
 @dataclass(frozen=True)
 class UnitTable:
-    """A table of corrections: at the eight nodes, with its standard errors.
+    """A table of corrections: at the eight nodes, with its standard errors."""
 
-    Attributes
-    ----------
-    correction_deg, standard_error_deg : list of float
-        To add to the indicated heading.
-    """
-
+    # correction_deg, standard_error_deg: to add to the indicated heading
     correction_deg: list[float]
     standard_error_deg: list[float]
 
 
 @dataclass(frozen=True)
 class State:
-    """How an aircraft stands.
-
-    Attributes
-    ----------
-    aircraft : str
-    first_day, last_day : str
-        With reports.
-    silent : bool
-    table_in_use, table_now : UnitTable or None
-        What is on board (or applied), and what would be sent now.
-    tables_differ : bool or None
-        Beyond the error of both; None where there are not two to compare.
-    table_difference_deg : float or None
-        Rms over the nodes.
-    disagreement_kt : float or None
-        Mean wind vector disagreement of the last days with reports.
-    past_disagreement_kt : float or None
-        And of the days before.
-    """
+    """How an aircraft stands."""
 
     aircraft: str
+    # first_day, last_day: with reports
     first_day: str
     last_day: str
     silent: bool = False
+    # table_in_use, table_now: what is on board (or applied), and what would be sent now
     table_in_use: UnitTable | None = None
     table_now: UnitTable | None = None
+    # beyond the error of both; None where there are not two to compare
     tables_differ: bool | None = None
-    table_difference_deg: float | None = None
+    table_difference_deg: float | None = None  # rms over the nodes
+    # mean wind vector disagreement of the last days with reports
     disagreement_kt: float | None = None
-    past_disagreement_kt: float | None = None
+    past_disagreement_kt: float | None = None  # and of the days before
 
 
 @dataclass(frozen=True)
 class Monitoring:
-    """What a night's look at the fleet tells.
+    """What a night's look at the fleet tells."""
 
-    Attributes
-    ----------
-    until : str
-        Last day looked at.
-    reference : str
-    states : list of State
-    events : list of Event
-        All that were ever told, in the order they were noticed.
-    told_before : int
-        How many of them an earlier look told: the rest are new.
-    unsaid : int
-        How many of them, the last ones, nobody is known to have been told: they are new to the next
-        look too. A command that was killed before it said its lines leaves them so.
-    """
-
-    until: str
+    until: str  # last day looked at
     reference: str
     states: list[State]
-    events: list[Event]
-    told_before: int = 0
+    events: list[Event]  # all that were ever told, in the order they were noticed
+    told_before: int = 0  # how many of them an earlier look told: the rest are new
+    # how many of them, the last ones, nobody is known to have been told: they are new to the next
+    # look too. A command that was killed before it said its lines leaves them so.
     unsaid: int = 0
 
     @property

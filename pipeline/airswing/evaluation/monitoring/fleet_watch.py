@@ -65,20 +65,11 @@ WIND_COMMON = np.array([0.15])
 
 @dataclass(frozen=True)
 class Alarm:
-    """A step that a night told.
+    """A step that a night told."""
 
-    Attributes
-    ----------
-    step : Step
-        Its number is an aircraft's, or -1: of all at once.
-    night : int
-    aircraft : int
-        That flew that night.
-    """
-
-    step: Step
+    step: Step  # its number is an aircraft's, or -1: of all at once
     night: int
-    aircraft: int
+    aircraft: int  # that flew that night
 
 
 def watch_fleet(

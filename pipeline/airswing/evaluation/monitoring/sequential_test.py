@@ -46,37 +46,21 @@ FEWEST_DAYS = 8
 
 @dataclass(frozen=True)
 class Law:
-    """What is known of a quantity beforehand.
+    """What is known of a quantity beforehand."""
 
-    Attributes
-    ----------
-    shapes : array, shape (shape, p)
-        Standard deviation of a step in each component, by shape; all shapes are as likely.
-    level : array, shape (p,)
-        Standard deviation of the level before any report.
-    drift : array, shape (p,)
-        Standard deviation of what the level wanders by itself: no step.
-    farthest : float
-        Squared distance a single day may count for.
-    threshold : float
-        Logarithm of the likelihood ratio that is an alarm.
-    weighed_from : float, optional
-        Logarithm of the ratio by normal errors from which Student's are asked; without it normal
-        errors decide.
-    known_from : float, optional
-        Days with reports from which a level is known as well as it ever is: what no coefficient
-        describes stays, and comes out as a step where an aircraft turns to other headings.
-    wanders_every : float, optional
-        Days of a stretch after the first that add the drift's variance once more.
-    """
-
+    # (shape, p): standard deviation of a step in each component, by shape; all shapes are as likely
     shapes: Floats
-    level: Floats
-    drift: Floats
-    farthest: float
-    threshold: float
+    level: Floats  # (p,): standard deviation of the level before any report
+    drift: Floats  # (p,): standard deviation of what the level wanders by itself: no step
+    farthest: float  # squared distance a single day may count for
+    threshold: float  # logarithm of the likelihood ratio that is an alarm
+    # logarithm of the ratio by normal errors from which Student's are asked; without it normal
+    # errors decide
     weighed_from: float | None = None
+    # days with reports from which a level is known as well as it ever is: what no coefficient
+    # describes stays, and comes out as a step where an aircraft turns to other headings
     known_from: float = np.inf
+    # days of a stretch after the first that add the drift's variance once more
     wanders_every: float = np.inf
 
     @property
@@ -87,21 +71,11 @@ class Law:
 
 @dataclass(frozen=True)
 class Noise:
-    """Errors of a day.
+    """Errors of a day."""
 
-    Attributes
-    ----------
-    within : float
-        phi: of the reports.
-    between : array, shape (p,)
-        tau^2: of what the day's reports share.
-    persistence : float
-        Correlation of a day with the next.
-    """
-
-    within: float
-    between: Floats
-    persistence: float = 0.0
+    within: float  # phi: of the reports
+    between: Floats  # (p,): tau^2: of what the day's reports share
+    persistence: float = 0.0  # correlation of a day with the next
 
     def weights(self, normal: Floats, right: Floats) -> tuple[Floats, Floats]:
         """Weight W of days and W x, from their sums (..., p, p) and (..., p)."""
@@ -120,44 +94,26 @@ class Noise:
 
 @dataclass
 class Step:
-    """A step that was found.
+    """A step that was found."""
 
-    Attributes
-    ----------
-    number : int
-        Of the aircraft.
-    day, earliest, latest : int
-        First day after the step, and its 95 % interval.
-    statistic : float
-        Logarithm of the likelihood ratio.
-    size, error : array, shape (p,)
-        Least squares' step, and its standard error.
-    """
-
-    number: int
+    number: int  # of the aircraft
+    # day, earliest, latest: first day after the step, and its 95 % interval
     day: int
     earliest: int
     latest: int
-    statistic: float
+    statistic: float  # logarithm of the likelihood ratio
+    # size, error: (p,): least squares' step, and its standard error
     size: Floats
     error: Floats
 
 
 @dataclass
 class Watch:
-    """The levels of many aircraft, and whether they stepped.
-
-    Parameters
-    ----------
-    law : Law
-    noise : Noise
-    number : int
-        Of aircraft.
-    """
+    """The levels of many aircraft, and whether they stepped."""
 
     law: Law
     noise: Noise
-    number: int
+    number: int  # of aircraft
     weight: Floats = field(init=False)
     right: Floats = field(init=False)
     straight: Floats = field(init=False)

@@ -60,51 +60,31 @@ class Rows:
 
 
 class AircraftPair(NamedTuple):
-    """Difference of one aircraft's coefficients between two references.
+    """Difference of one aircraft's coefficients between two references."""
 
-    Attributes
-    ----------
-    number : int
-        Of the aircraft.
-    values : array, shape (5,)
-        Radians.
-    days : array of int, shape (day,)
-    influence : array, shape (day, 5)
-        What each day moves the values by.
-    """
-
-    number: int
-    values: Floats
-    days: Ints
-    influence: Floats
+    number: int  # of the aircraft
+    values: Floats  # (5,): radians
+    days: Ints  # (day,)
+    influence: Floats  # (day, 5): what each day moves the values by
 
 
 @dataclass
 class PairSums:
     """What is known of a pair of references over some reports.
 
-    Parameters
-    ----------
-    one, two : str
-    days : int
-        Of the archive.
-
     Attributes
     ----------
-    counted : int
-        Aircraft in ``common``.
-    aircraft : list of AircraftPair
-        Those of them that have days enough for a difference of their own.
     common : array, shape (days, 5, 6)
         Equations of the difference the fleet has in common.
     """
 
     one: str
     two: str
-    days: int
+    days: int  # of the archive
     reports: int = 0
     distance: float = 0.0
-    counted: int = 0
+    counted: int = 0  # aircraft in ``common``
+    # those of them that have days enough for a difference of their own
     aircraft: list[AircraftPair] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -146,18 +126,10 @@ class PairSums:
 
 @dataclass(frozen=True)
 class Regions:
-    """Nine regions with about as many reports each.
+    """Nine regions with about as many reports each."""
 
-    Attributes
-    ----------
-    south : array, shape (2,)
-        Latitudes between the thirds, degrees.
-    west : array, shape (3, 2)
-        Longitudes between the thirds of each.
-    """
-
-    south: Floats
-    west: Floats
+    south: Floats  # (2,): latitudes between the thirds, degrees
+    west: Floats  # (3, 2): longitudes between the thirds of each
 
     @classmethod
     def of(cls, headings: xr.Dataset) -> Regions:

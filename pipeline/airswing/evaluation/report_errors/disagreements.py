@@ -50,49 +50,34 @@ _APPLIED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
 
 @dataclass(frozen=True)
 class Disagreements:
-    """Sums over all reports, and the reports that are paired.
+    """Sums over all reports, and the reports that are paired."""
 
-    Parameters
-    ----------
-    days : array of datetime64[D], shape (day,)
-    number : array, shape (cell, day)
-    squares : array, shape (cell, day)
-        Summed squared disagreement of the corrected winds with the reference, mean of both
-        components.
-    products : array, shape (combination, cell, day)
-        Summed products of their disagreements with two references, mean of both components, by
-        `combinations_with_replacement` of the members.
-    change_squares : array, shape (cell,)
-        Summed squares of what the correction changed (reported minus corrected), mean of both
-        components.
-    crossed : array, shape (cell, day)
-        Summed products of that change and the corrected wind's disagreement, of both components:
-        with `squares` and `change_squares` this makes the reported winds' squared disagreement.
-    crossed_alone : array, shape (3, 1 + cell)
-        Over all pairs of aircraft and day, sums of the squared `crossed`, of its product with the
-        number of reports, and of their squared number; of all cells together, then of each.
-    aircraft_crossed : array, shape (aircraft, cell)
-    aircraft_number : array, shape (aircraft, cell)
-    aircraft_day_number : array, shape (aircraft, day)
-    aircraft_squares : array, shape (state, aircraft, day)
-    speeds : array, shape (cell, speed bin)
-    reports : dict of arrays, shape (report,)
-        ``latitude, longitude, pressure, time, aircraft, cell, day`` and, of the corrected winds,
-        ``east, north``: disagreement, m/s.
-    """
-
-    days: NDArray[np.datetime64]
-    number: Floats
+    days: NDArray[np.datetime64]  # array of datetime64[D], shape (day,)
+    number: Floats  # (cell, day)
+    # (cell, day): summed squared disagreement of the corrected winds with the reference, mean of
+    # both components
     squares: Floats
+    # (combination, cell, day): summed products of their disagreements with two references, mean of
+    # both components, by `combinations_with_replacement` of the members
     products: Floats
+    # (cell,): summed squares of what the correction changed (reported minus corrected), mean of
+    # both components
     change_squares: Floats
+    # (cell, day): summed products of that change and the corrected wind's disagreement, of both
+    # components: with `squares` and `change_squares` this makes the reported winds' squared
+    # disagreement
     crossed: Floats
+    # (3, 1 + cell): over all pairs of aircraft and day, sums of the squared `crossed`, of its
+    # product with the number of reports, and of their squared number; of all cells together, then
+    # of each
     crossed_alone: Floats
-    aircraft_crossed: Floats
-    aircraft_number: Floats
-    aircraft_day_number: Floats
-    aircraft_squares: Floats
-    speeds: Floats
+    aircraft_crossed: Floats  # (aircraft, cell)
+    aircraft_number: Floats  # (aircraft, cell)
+    aircraft_day_number: Floats  # (aircraft, day)
+    aircraft_squares: Floats  # (state, aircraft, day)
+    speeds: Floats  # (cell, speed bin)
+    # shape (report,): ``latitude, longitude, pressure, time, aircraft, cell, day`` and, of the
+    # corrected winds, ``east, north``: disagreement, m/s
     reports: dict[str, NDArray[Any]]
 
 

@@ -30,19 +30,12 @@ _MOST_AT_ONCE = 20_000
 
 
 class Pairs(NamedTuple):
-    """Neighbouring reports of different aircraft.
+    """Neighbouring reports of different aircraft."""
 
-    Attributes
-    ----------
-    first, second : arrays of int, shape (pair,)
-        Places of the two reports.
-    separation : array, shape (pair, 3)
-        Distance, difference of ln p and of time, in units of `REACH`.
-    """
-
+    # first, second: (pair,): places of the two reports
     first: Ints
     second: Ints
-    separation: Floats
+    separation: Floats  # (pair, 3): distance, difference of ln p and of time, in units of `REACH`
 
     def some(self, chosen: Ints) -> Pairs:
         """Those at given places.

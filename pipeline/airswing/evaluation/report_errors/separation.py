@@ -27,42 +27,23 @@ _BINS = 8
 
 @dataclass(frozen=True)
 class PairTable:
-    """Every near pair of an archive.
+    """Every near pair of an archive."""
 
-    Parameters
-    ----------
-    day : array of int, shape (pair,)
-        From 0, in order of time.
-    cells, classes : arrays of int, shape (pair, 2)
-        Of both reports.
-    separation : array, shape (pair, 3)
-    squares : array, shape (pair,)
-        Half squares.
-    """
-
-    day: Ints
+    day: Ints  # (pair,): from 0, in order of time
+    # cells, classes: (pair, 2): of both reports
     cells: Ints
     classes: Ints
-    separation: Floats
-    squares: Floats
+    separation: Floats  # (pair, 3)
+    squares: Floats  # (pair,): half squares
 
 
 @dataclass(frozen=True)
 class Separated:
-    """Error variances, the first as found, the others with days drawn again.
+    """Error variances, the first as found, the others with days drawn again."""
 
-    Parameters
-    ----------
-    by_cell : array, shape (1 + draw, cell)
-        Of cells with too few pairs what such cells have together.
-    by_class : array, shape (1 + draw, class)
-    resolved : array of bool, shape (cell,)
-        Whether a cell has pairs enough of its own.
-    """
-
-    by_cell: Floats
-    by_class: Floats
-    resolved: NDArray[np.bool_]
+    by_cell: Floats  # (1 + draw, cell): of cells with too few pairs what such cells have together
+    by_class: Floats  # (1 + draw, class)
+    resolved: NDArray[np.bool_]  # (cell,): whether a cell has pairs enough of its own
 
 
 def separate(

@@ -78,19 +78,12 @@ CATEGORIES = {"icing": ("off", "on"), "phase": ("ascent", "cruise", "descent")}
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of every report.
+    """One variable of every report."""
 
-    Attributes
-    ----------
-    name, kind : str
-        Kind: ``linear``, ``circular`` or ``category``.
-    values : (n,) float
-        In its unit of :data:`UNITS`; categories by number; NaN where unknown.
-    """
-
+    # kind: ``linear``, ``circular`` or ``category``
     name: str
     kind: str
-    values: Floats
+    values: Floats  # (n,): in its unit of :data:`UNITS`; categories by number; NaN where unknown
 
     @property
     def period(self) -> float:

@@ -41,18 +41,11 @@ ALIKE = 0.5
 
 @dataclass(frozen=True)
 class Axis:
-    """One variable of a table, cut into cells.
-
-    Attributes
-    ----------
-    variable : str
-    kind : str
-    edges : (m + 1,) float
-    """
+    """One variable of a table, cut into cells."""
 
     variable: str
     kind: str
-    edges: Floats
+    edges: Floats  # (m + 1,)
 
     @property
     def size(self) -> int:
@@ -81,12 +74,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells of one or two variables.
-
-    Attributes
-    ----------
-    axes : tuple of Axis
-    """
+    """Cells of one or two variables."""
 
     axes: tuple[Axis, ...]
 

@@ -58,25 +58,14 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class Checks:
-    """What the checks found.
+    """What the checks found."""
 
-    Attributes
-    ----------
-    after, before : Calibration
-        With the effects found in the simulation, and without.
-    decoy : Decoy
-    aliases : list of AliasEntry
-        Pairs of effects with more than 0.8 of their energy in common.
-    shares : dict
-        Effect found -> other effect -> share of energy in common.
-    assumptions : list of AssumptionEntry
-    """
-
+    # after, before: with the effects found in the simulation, and without
     after: Calibration
     before: Calibration
     decoy: Decoy
-    aliases: list[AliasEntry]
-    shares: dict[str, dict[str, float]]
+    aliases: list[AliasEntry]  # pairs of effects with more than 0.8 of their energy in common
+    shares: dict[str, dict[str, float]]  # effect found -> other effect -> share of energy in common
     assumptions: list[AssumptionEntry]
 
     def told(self, report: GapReport) -> GapReport:

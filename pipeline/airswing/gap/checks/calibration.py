@@ -38,28 +38,21 @@ BINS = 20
 
 @dataclass(frozen=True)
 class Calibration:
-    """How well held-out residuals keep to what was predicted for them.
+    """How well held-out residuals keep to what was predicted for them."""
 
-    Attributes
-    ----------
-    pit_count : (b,) int
-        Wind components by predicted probability of a value below the one reported.
-    crps_m_s, crps_expected_m_s : float
-        Mean continuous ranked probability score, and what it is when the prediction is right.
-    spread : float
-        Standard deviation of the whitened residual, 1 when right.
-    lag_one, lag_one_standard_error : float
-        Correlation of the whitened residuals of neighbours on a flight, 0 when right.
-    auc, auc_standard_error : float
-        Chance that the classifier tells a held-out flight from a simulated one, 0.5 when right.
-    """
-
+    # (b,): wind components by predicted probability of a value below the one reported
     pit_count: Integers
+    # crps_m_s, crps_expected_m_s: mean continuous ranked probability score, and what it is when the
+    # prediction is right
     crps_m_s: float
     crps_expected_m_s: float
-    spread: float
+    spread: float  # standard deviation of the whitened residual, 1 when right
+    # lag_one, lag_one_standard_error: correlation of the whitened residuals of neighbours on a
+    # flight, 0 when right
     lag_one: float
     lag_one_standard_error: float
+    # auc, auc_standard_error: chance that the classifier tells a held-out flight from a simulated
+    # one, 0.5 when right
     auc: float
     auc_standard_error: float
 

@@ -36,22 +36,11 @@ PRIOR = np.radians(2.0)
 
 @dataclass(frozen=True)
 class Decoy:
-    """Reduction of the mean vector disagreement by a decoy, kt.
+    """Reduction of the mean vector disagreement by a decoy, kt."""
 
-    Attributes
-    ----------
-    fitted : float
-        On the flights it was fitted to.
-    held_out : float
-        On the others.
-    held_out_ci : (float, float)
-        95 % interval over days.
-    draws : int
-    """
-
-    fitted: float
-    held_out: float
-    held_out_ci: tuple[float, float]
+    fitted: float  # on the flights it was fitted to
+    held_out: float  # on the others
+    held_out_ci: tuple[float, float]  # 95 % interval over days
     draws: int
 
     @property

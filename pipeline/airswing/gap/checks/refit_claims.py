@@ -32,22 +32,13 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Adjustment:
-    """What to add to winds so that effects other than the deviation are gone.
+    """What to add to winds so that effects other than the deviation are gone."""
 
-    Attributes
-    ----------
-    report : (n,) int
-        Rows of the headings.
-    reported, reference : (n, 2) float
-        To add to the reported and to the reference wind (u, v), m s-1.
-    names : tuple of str
-        The effects taken off.
-    """
-
-    report: Integers
+    report: Integers  # (n,): rows of the headings
+    # reported, reference: (n, 2): to add to the reported and to the reference wind (u, v), m s-1
     reported: Floats
     reference: Floats
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # the effects taken off
 
 
 def make_adjustment(

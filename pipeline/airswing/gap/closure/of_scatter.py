@@ -39,14 +39,9 @@ LEAST_LEFT = 0.05
 
 @dataclass(frozen=True)
 class Reduction:
-    """How far the mean disagreement shrinks without an effect, kt.
+    """How far the mean disagreement shrinks without an effect, kt."""
 
-    Attributes
-    ----------
-    kt, error : float
-        Best value and standard error.
-    """
-
+    # kt, error: best value and standard error
     kt: float
     error: float
 

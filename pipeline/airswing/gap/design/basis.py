@@ -62,43 +62,23 @@ STANDS_FOR: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Group:
-    """One family of columns.
+    """One family of columns."""
 
-    Attributes
-    ----------
-    name : str
-        ``component:variable`` or ``component:variable*heading``.
-    component : str
-        ``cross``, ``along`` or ``wind``.
-    variable : str
-    labels : tuple of str
-        One per column.
-    """
-
-    name: str
-    component: str
+    name: str  # ``component:variable`` or ``component:variable*heading``
+    component: str  # ``cross``, ``along`` or ``wind``
     variable: str
-    labels: tuple[str, ...]
+    labels: tuple[str, ...]  # one per column
 
 
 @dataclass(frozen=True)
 class DictionaryPlan:
-    """Knots and groups of one archive.
+    """Knots and groups of one archive."""
 
-    Attributes
-    ----------
-    knots : dict
-        Variable -> (k,) knots in its own unit.
-    groups : tuple of Group
-    centre : dict
-        Name -> (mean, scale) of latitude, longitude and ln p, for the day fields.
-    means : dict
-        Variable -> (k,) mean of its hats over the archive.
-    """
-
-    knots: dict[str, Floats]
+    knots: dict[str, Floats]  # variable -> (k,) knots in its own unit
     groups: tuple[Group, ...]
+    # name -> (mean, scale) of latitude, longitude and ln p, for the day fields
     centre: dict[str, tuple[float, float]]
+    # variable -> (k,) mean of its hats over the archive
     means: dict[str, Floats] = field(default_factory=dict)
     flags: frozenset[str] = field(default_factory=frozenset)
 

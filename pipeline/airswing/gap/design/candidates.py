@@ -37,43 +37,20 @@ GROUP_SCALE = 0.8
 
 @dataclass(frozen=True)
 class Candidate:
-    """Something that could explain the residual.
+    """Something that could explain the residual."""
 
-    Attributes
-    ----------
-    name : str
-        Effect or dictionary group.
-    columns : (k,) int
-        Columns of the layout.
-    scope : str
-        ``aircraft`` (own coefficients for each) or ``fleet`` (one set for all).
-    scales : (k,)
-        Prior standard deviations.
-    known : bool
-        True for an effect of the catalogue, False for a dictionary group.
-    subset : tuple of int
-        Which of the effect's coefficients these columns are.
-    kind : str
-        The effect's kind.
-    lasting : tuple of (int, float)
-        Of an effect that changes steadily in time: columns of the layout that hold it unchanged,
-        with their prior scales.
-    told_share : float
-        Share of the effect's energy that its columns carry.
-    heading : bool
-        True for an effect of the heading and for a dictionary group across it.
-    """
-
-    name: str
-    columns: Integers
-    scope: str
-    scales: Floats
-    known: bool
-    subset: tuple[int, ...] = ()
-    kind: str = "mean"
+    name: str  # effect or dictionary group
+    columns: Integers  # (k,): columns of the layout
+    scope: str  # ``aircraft`` (own coefficients for each) or ``fleet`` (one set for all)
+    scales: Floats  # (k,): prior standard deviations
+    known: bool  # true for an effect of the catalogue, False for a dictionary group
+    subset: tuple[int, ...] = ()  # which of the effect's coefficients these columns are
+    kind: str = "mean"  # the effect's kind
+    # of an effect that changes steadily in time: columns of the layout that hold it unchanged, with
+    # their prior scales
     lasting: tuple[tuple[int, float], ...] = ()
-    told_share: float = 1.0
-    heading: bool = False
+    told_share: float = 1.0  # share of the effect's energy that its columns carry
+    heading: bool = False  # true for an effect of the heading and for a dictionary group across it
 
     @property
     def key(self) -> tuple[str, str, tuple[int, ...]]:

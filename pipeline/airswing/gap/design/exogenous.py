@@ -75,24 +75,12 @@ def exogenous(frame: Frame, winds: LargeScale | None = None) -> Frame:
 
 @dataclass(frozen=True)
 class LargeScale:
-    """Fit of the reported wind by day to a constant, position, level, their products and the hour.
+    """Fit by day of the reported wind to a constant, position, level, products and the hour."""
 
-    Attributes
-    ----------
-    epoch : float
-        s since 1970; days are counted from it.
-    centre : (3, 2) float
-        Mean and spread of longitude, latitude (degrees) and ln p.
-    first : int
-        Day of the first coefficients.
-    coefficients : (D, 13, 2) float
-        m s-1.
-    """
-
-    epoch: float
-    centre: Floats
-    first: int
-    coefficients: Floats
+    epoch: float  # s since 1970; days are counted from it
+    centre: Floats  # (3, 2): mean and spread of longitude, latitude (degrees) and ln p
+    first: int  # day of the first coefficients
+    coefficients: Floats  # (D, 13, 2): m s-1
 
     @classmethod
     def of(cls, frame: Frame) -> LargeScale:

@@ -32,28 +32,15 @@ LEVEL_EDGE = np.linspace(-0.1, 0.06, 5)
 
 @dataclass(frozen=True)
 class Layout:
-    """Which column is what.
+    """Which column is what."""
 
-    Attributes
-    ----------
-    blocks : dict
-        Block name -> slice of columns, in order: ``day_fields``, ``climatology``, ``slope``, one
-        per effect, then one per dictionary group.
-    effects : tuple of str
-        Names of the effect blocks.
-    groups : tuple of str
-        Names of the dictionary blocks.
-    core : int
-        The first ``core`` columns are day fields, climatology and effects.
-    size : int
-        Number of columns p.
-    """
-
+    # block name -> slice of columns, in order: ``day_fields``, ``climatology``, ``slope``, one per
+    # effect, then one per dictionary group
     blocks: dict[str, slice]
-    effects: tuple[str, ...]
-    groups: tuple[str, ...]
-    core: int
-    size: int
+    effects: tuple[str, ...]  # names of the effect blocks
+    groups: tuple[str, ...]  # names of the dictionary blocks
+    core: int  # the first ``core`` columns are day fields, climatology and effects
+    size: int  # number of columns p
 
     def columns(self, name: str) -> Integers:
         """Column numbers of a block."""

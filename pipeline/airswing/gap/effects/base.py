@@ -49,145 +49,79 @@ SPREAD = 1e-9
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of an effect as a person reads it.
+    """A parameter of an effect as a person reads it."""
 
-    Attributes
-    ----------
-    name : str
-        Name, with the unit at its end.
-    units : str
-        Unit, in words of the config ("degree", "percent", "kt").
-    scale : float
-        A plausible size, used as prior standard deviation.
-    description : str
-        What it is and which sign means what.
-    default : float or None
-        Value where none is given.
-    required : bool
-        It must be given.
-    si : float
-        What one unit is in radians or SI.
-    number : bool
-        False for a parameter that is no number (the pair of a swap).
-    """
-
-    name: str
-    units: str
-    scale: float
-    description: str
-    default: float | None = 0.0
-    required: bool = False
-    si: float = 1.0
-    number: bool = True
+    name: str  # name, with the unit at its end
+    units: str  # unit, in words of the config ("degree", "percent", "kt")
+    scale: float  # a plausible size, used as prior standard deviation
+    description: str  # what it is and which sign means what
+    default: float | None = 0.0  # value where none is given
+    required: bool = False  # it must be given
+    si: float = 1.0  # what one unit is in radians or SI
+    number: bool = True  # false for a parameter that is no number (the pair of a swap)
 
 
 @dataclass(frozen=True)
 class ActiveEffect:
-    """An effect at work: which, on whom, when, how much.
+    """An effect at work: which, on whom, when, how much."""
 
-    Attributes
-    ----------
-    name : str
-        Name in the catalogue.
-    parameters : dict
-        Values in the catalogue's units.
-    tails : tuple of str or None
-        Aircraft it acts on; None for all.
-    period : (start, end) or None
-        s since 1970, either may be None; None for always.
-    """
-
-    name: str
-    parameters: Parameters = field(default_factory=dict)
-    tails: tuple[str, ...] | None = None
+    name: str  # name in the catalogue
+    parameters: Parameters = field(default_factory=dict)  # values in the catalogue's units
+    tails: tuple[str, ...] | None = None  # aircraft it acts on; None for all
+    # (start, end): s since 1970, either may be None; None for always
     period: tuple[float | None, float | None] | None = None
 
 
 @dataclass(frozen=True)
 class State:
-    """A simulated measurement under way, arrays over the ``n`` reports of a frame.
+    """A simulated measurement under way, arrays over the ``n`` reports of a frame."""
 
-    Attributes
-    ----------
-    airframe : (n,) int
-        Which aircraft physically flew the report.
-    wind_u, wind_v : (n,) float
-        Wind the aircraft met, m s-1.
-    heading_error : (n,) float
-        Indicated minus true heading, rad.
-    airspeed : (n,) float
-        Indicated true airspeed, m s-1.
-    report_u, report_v : (n,) float
-        Wind as sent, m s-1; set once the sensors are done.
-    latitude, longitude : (n,) float
-        Position as sent, degrees.
-    """
-
-    airframe: IntArray
+    airframe: IntArray  # (n,): which aircraft physically flew the report
+    # wind_u, wind_v: (n,): wind the aircraft met, m s-1
     wind_u: FloatArray
     wind_v: FloatArray
-    heading_error: FloatArray
-    airspeed: FloatArray
+    heading_error: FloatArray  # (n,): indicated minus true heading, rad
+    airspeed: FloatArray  # (n,): indicated true airspeed, m s-1
+    # report_u, report_v: (n,): wind as sent, m s-1; set once the sensors are done
     report_u: FloatArray
     report_v: FloatArray
+    # latitude, longitude: (n,): position as sent, degrees
     latitude: FloatArray
     longitude: FloatArray
 
 
 class Effect(ABC):
-    """One physical reason why a report parts from the reference; see the class attributes.
+    """One physical reason why a report parts from the reference; see the class attributes."""
 
-    Attributes
-    ----------
-    name : str
-        Name in the catalogue.
-    physics, source : str
-        What happens, and who says so.
-    parameters : tuple of Parameter
-        What a person states about it.
-    scope : {"aircraft", "fleet", "reference", "pair"}
-        Whom it strikes together.
-    kind : {"mean", "step", "drift", "swap", "second_moment"}
-        How it shows.
-    stage : {"identity", "atmosphere", "sensor", "report"}
-        Where in the measurement it acts.
-    needs : tuple of str
-        Fields of the frame that must be known and vary for it to be seen.
-    confused_with : tuple of str
-        Which others look like it and when (hints; the Gram matrix decides on an archive).
-    column_names : tuple of str
-        Names of the linear coefficients, in the order of `columns`.
-    alternatives : tuple of tuple of int
-        Sets of columns that make one candidate each; empty: all columns together.
-    title : str
-        What it is, in plain words; the name with its underscores gone where not given.
-    told_apart_by : mapping
-        Other effect -> the data that would tell the two apart.
-    deviates : bool
-        It is the deviation that the product corrects, or a change of it.
-    draw : Draw or None
-        How the blind check draws it; None leaves it out.
-    told_share : float
-        Part of the effect's energy that its columns carry: a little less than 1, for the heading in
-        turns is that of chords; less where more of the context is inferred (bank, acceleration).
-    """
-
-    name: ClassVar[str]
+    name: ClassVar[str]  # name in the catalogue
+    # physics, source: what happens, and who says so
     physics: ClassVar[str]
     source: ClassVar[str]
-    parameters: ClassVar[tuple[Parameter, ...]]
+    parameters: ClassVar[tuple[Parameter, ...]]  # what a person states about it
+    # {"aircraft", "fleet", "reference", "pair"}; whom it strikes together
     scope: ClassVar[Scope] = "aircraft"
+    # {"mean", "step", "drift", "swap", "second_moment"}; how it shows
     kind: ClassVar[Kind] = "mean"
+    # {"identity", "atmosphere", "sensor", "report"}; where in the measurement it acts
     stage: ClassVar[Stage] = "sensor"
+    # fields of the frame that must be known and vary for it to be seen
     needs: ClassVar[tuple[str, ...]] = ()
+    # which others look like it and when (hints; the Gram matrix decides on an archive)
     confused_with: ClassVar[tuple[str, ...]] = ()
+    # names of the linear coefficients, in the order of `columns`
     column_names: ClassVar[tuple[str, ...]] = ()
+    # sets of columns that make one candidate each; empty: all columns together
     alternatives: ClassVar[tuple[tuple[int, ...], ...]] = ()
+    # part of the effect's energy that its columns carry: a little less than 1, for the heading in
+    # turns is that of chords; less where more of the context is inferred (bank, acceleration)
     told_share: ClassVar[float] = 0.99
+    # what it is, in plain words; the name with its underscores gone where not given
     title: ClassVar[str] = ""
+    # other effect -> the data that would tell the two apart
     told_apart_by: ClassVar[Mapping[str, str]] = {}
+    # it is the deviation that the product corrects, or a change of it
     deviates: ClassVar[bool] = False
-    draw: ClassVar[Draw | None] = None
+    draw: ClassVar[Draw | None] = None  # how the blind check draws it; None leaves it out
 
     @property
     @abstractmethod

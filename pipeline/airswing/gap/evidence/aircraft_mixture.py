@@ -25,23 +25,13 @@ SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
 
 @dataclass(frozen=True)
 class Mixed:
-    """Spike-and-slab mixture over aircraft.
+    """Spike-and-slab mixture over aircraft."""
 
-    Attributes
-    ----------
-    total : float
-        Log evidence against nobody struck.
-    posterior : (A,) float
-        Probability that each aircraft is struck, given that the candidate is at work.
-    best : (int, int)
-        Background and prior scale of the highest evidence.
-    background : float
-        Root mean square size of the background, m/s, whether or not anybody is struck.
-    """
-
-    total: float
+    total: float  # log evidence against nobody struck
+    # (A,): probability that each aircraft is struck, given that the candidate is at work
     posterior: Floats
-    best: tuple[int, int]
+    best: tuple[int, int]  # background and prior scale of the highest evidence
+    # root mean square size of the background, m/s, whether or not anybody is struck
     background: float
 
 

@@ -232,25 +232,16 @@ def raw_of_one_step(base: Base, given: Conditional, candidate: Candidate, one: i
 
 @dataclass(frozen=True)
 class _OneDate:
-    """Evidence that some aircraft (n of them) change on one date.
+    """Evidence that some aircraft (n of them) change on one date."""
 
-    Attributes
-    ----------
-    total, raw : float
-        Log evidence over all dates.
-    window : int
-        The most probable one.
-    posterior, each : (n,)
-        Probability that each aircraft changes then, and its evidence for it.
-    estimate : (n, k)
-    """
-
+    # total, raw: log evidence over all dates
     total: float
     raw: float
-    window: int
+    window: int  # the most probable one
+    # posterior, each: (n,): probability that each aircraft changes then, and its evidence for it
     posterior: Floats
     each: Floats
-    estimate: Floats
+    estimate: Floats  # (n, k)
 
 
 def _one_date(found: list[GridEvidence], raw: list[Floats], prior: Floats) -> _OneDate:

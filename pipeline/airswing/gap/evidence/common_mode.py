@@ -33,20 +33,11 @@ EVEN = 25
 
 @dataclass(frozen=True)
 class Shifts:
-    """Shifts that are averaged over (C of them).
+    """Shifts that are averaged over (C of them)."""
 
-    Attributes
-    ----------
-    own : (A,) float
-        Information about each aircraft's coefficient with the shift known.
-    values : (C,) float
-        In units of the coefficient.
-    log_weight : (C,) float
-        Of each, with its part of the aircraft's likelihood that no hypothesis changes.
-    """
-
-    own: Floats
-    values: Floats
+    own: Floats  # (A,): information about each aircraft's coefficient with the shift known
+    values: Floats  # (C,): in units of the coefficient
+    # (C,): of each, with its part of the aircraft's likelihood that no hypothesis changes
     log_weight: Floats
 
 

@@ -38,50 +38,26 @@ SIZE_GRID = np.array([0.2, 0.4, 0.8, 1.6, 3.2])
 
 @dataclass(frozen=True)
 class Score:
-    """Evidence for a candidate given what is included.
-
-    Attributes
-    ----------
-    candidate : Candidate
-    tempered, raw : float
-        Log Bayes factor against nothing, nats.
-    factor : float
-        Cluster factor used.
-    posterior : (A,)
-        Probability per aircraft that it is struck (1 for all in fleet scope).
-    aircraft_evidence : (A,)
-        Tempered log Bayes factor per aircraft.
-    estimate : (A, k)
-        Estimates, shrunk by the prior.
-    size : (A,)
-        rms of the effect where it acts, m/s.
-    acting : (A,)
-        Reports on which it acts.
-    period : (int, int) or None
-        Day indices (first, one past the last) between which it acts; None: always.
-    novelty : float
-        Of a dictionary group: tempered evidence beyond what steady sensor errors explain.
-    background : float
-        Size of the background where it acts, m/s rms in each direction.
-    remainder : (A,) or 0
-        What the columns of the included effects cannot carry of these, m/s where it acts.
-    probability : float or None
-        That the name is right, once it was held against days left out.
-    """
+    """Evidence for a candidate given what is included."""
 
     candidate: Candidate
+    # tempered, raw: log Bayes factor against nothing, nats
     tempered: float
     raw: float
-    factor: float
-    posterior: Floats
-    aircraft_evidence: Floats
-    estimate: Floats
-    size: Floats
-    acting: Floats
+    factor: float  # cluster factor used
+    posterior: Floats  # (A,): probability per aircraft that it is struck (1 for all in fleet scope)
+    aircraft_evidence: Floats  # (A,): tempered log Bayes factor per aircraft
+    estimate: Floats  # (A, k): estimates, shrunk by the prior
+    size: Floats  # (A,): rms of the effect where it acts, m/s
+    acting: Floats  # (A,): reports on which it acts
+    # day indices (first, one past the last) between which it acts; None: always
     period: tuple[int, int] | None = None
+    # of a dictionary group: tempered evidence beyond what steady sensor errors explain
     novelty: float = np.inf
-    background: float = 0.0
+    background: float = 0.0  # size of the background where it acts, m/s rms in each direction
+    # (A,) or 0; what the columns of the included effects cannot carry of these, m/s where it acts
     remainder: Floats | float = 0.0
+    # that the name is right, once it was held against days left out
     probability: float | None = None
 
 
@@ -121,21 +97,11 @@ def _outer(scales: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class OwnFit:
-    """Least-squares fit of coefficients, in units of their prior scales.
+    """Least-squares fit of coefficients, in units of their prior scales."""
 
-    Attributes
-    ----------
-    spread : (..., k, k) float
-        Inverse information.
-    hat : (..., k) float
-        Estimates.
-    scales : (..., k) float
-        Prior standard deviations.
-    """
-
-    spread: Floats
-    hat: Floats
-    scales: Floats
+    spread: Floats  # (..., k, k): inverse information
+    hat: Floats  # (..., k): estimates
+    scales: Floats  # (..., k): prior standard deviations
 
 
 def own_fit(information: Floats, score: Floats, scales: Floats) -> OwnFit:
@@ -209,20 +175,12 @@ def gaussian_evidence(
 
 @dataclass(frozen=True)
 class GridEvidence:
-    """Tempered evidence of free coefficients at every width of the prior (S of them).
+    """Tempered evidence of free coefficients at every width of the prior (S of them)."""
 
-    Attributes
-    ----------
-    tempered : (S, ...) float
-    estimate : (S, ..., k) float
-        Posterior means.
-    nothing : (...) float
-        Log density of the estimates where nothing but errors and the allowance are at work, up to a
-        constant that the allowance does not change.
-    """
-
-    tempered: Floats
-    estimate: Floats
+    tempered: Floats  # (S, ...)
+    estimate: Floats  # (S, ..., k): posterior means
+    # (...): log density of the estimates where nothing but errors and the allowance are at work, up
+    # to a constant that the allowance does not change
     nothing: Floats
 
 

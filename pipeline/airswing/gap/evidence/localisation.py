@@ -37,38 +37,18 @@ STATIC = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
 
 @dataclass(frozen=True)
 class Slice:
-    """One slice of the gap.
+    """One slice of the gap."""
 
-    Attributes
-    ----------
-    variable : str
-        ``aircraft``, or the variable of a dictionary group.
-    component : str
-        ``cross``, ``along``, ``wind`` or ``both``.
-    values : tuple of str
-        The aircraft, or the hats, that stand out.
-    energy : float
-        Cross-fitted whitened energy.
-    share : float
-        Of the energy of all slices of its kind.
-    p_value, q_value : float
-    effect : tuple of float
-        Fitted coefficient per label, m s-1 (the curve).
-    labels : tuple of str
-    group : str
-        Name of the dictionary group; empty for aircraft.
-    """
-
-    variable: str
-    component: str
-    values: tuple[str, ...]
-    energy: float
-    share: float
+    variable: str  # ``aircraft``, or the variable of a dictionary group
+    component: str  # ``cross``, ``along``, ``wind`` or ``both``
+    values: tuple[str, ...]  # the aircraft, or the hats, that stand out
+    energy: float  # cross-fitted whitened energy
+    share: float  # of the energy of all slices of its kind
     p_value: float
     q_value: float
-    effect: tuple[float, ...]
+    effect: tuple[float, ...]  # fitted coefficient per label, m s-1 (the curve)
     labels: tuple[str, ...]
-    group: str
+    group: str  # name of the dictionary group; empty for aircraft
 
 
 def cross_fitted(gram: Floats, score_by_day: Floats, half: NDArray[np.bool_]) -> float:

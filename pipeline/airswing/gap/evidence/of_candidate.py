@@ -222,24 +222,14 @@ def _evaluate_aircraft(
 
 @dataclass(frozen=True)
 class _Aircraft:
-    """Evidence about single aircraft at every state (T of them): background times shift.
+    """Evidence about single aircraft at every state (T of them): background times shift."""
 
-    Attributes
-    ----------
-    tempered : (T, S, A) float
-    nothing : (T, A) float
-    raw : (1, S, A) float
-    estimates : (T, S, A, k) float
-    factor : float
-    shift_weight : (C,) float
-        Log weight of each shift of the fleet; one of 0 where aircraft share nothing.
-    """
-
-    tempered: Floats
-    nothing: Floats
-    raw: Floats
-    estimates: Floats
+    tempered: Floats  # (T, S, A)
+    nothing: Floats  # (T, A)
+    raw: Floats  # (1, S, A)
+    estimates: Floats  # (T, S, A, k)
     factor: float
+    # (C,): log weight of each shift of the fleet; one of 0 where aircraft share nothing
     shift_weight: Floats
 
     @classmethod

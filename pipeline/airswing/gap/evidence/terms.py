@@ -33,23 +33,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Term:
-    """One effect at work.
-
-    Attributes
-    ----------
-    candidate : Candidate
-    tails : tuple of int
-        Aircraft struck (all, in fleet scope).
-    period : (int, int) or None
-        First and one past the last day index in force, per term.
-    score : Score
-        Evidence when it entered.
-    """
+    """One effect at work."""
 
     candidate: Candidate
-    tails: tuple[int, ...]
-    period: tuple[int, int] | None
-    score: Score
+    tails: tuple[int, ...]  # aircraft struck (all, in fleet scope)
+    period: tuple[int, int] | None  # first and one past the last day index in force, per term
+    score: Score  # evidence when it entered
 
     @property
     def key(self) -> tuple[str, str]:

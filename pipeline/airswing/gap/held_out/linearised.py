@@ -29,49 +29,27 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Errors:
-    """Wind errors (n, 2) of the terms found, m/s.
+    """Wind errors (n, 2) of the terms found, m/s."""
 
-    Attributes
-    ----------
-    sensor, other : (n, 2) float
-        On the frame as reported.
-    linear : (n, 2) float
-        By the design columns.
-    peak : float
-        Size that one report in a thousand of those a term acts on exceeds, of the worst term.
-    """
-
+    # sensor, other: (n, 2): on the frame as reported
     sensor: Floats
     other: Floats
-    linear: Floats
+    linear: Floats  # (n, 2): by the design columns
+    # size that one report in a thousand of those a term acts on exceeds, of the worst term
     peak: float
 
 
 @dataclass(frozen=True)
 class FoundFirst:
-    """The terms of a first pass; called with reports and their context it takes them off.
-
-    Attributes
-    ----------
-    terms : sequence of Term
-    values : sequence of (t, k) float
-        Their coefficients.
-    effects : mapping
-    plan : DictionaryPlan
-    days : (D,) int
-        Of the sums, the first of each where several are taken together.
-    day_shift : float
-    shape : (int, int)
-        Aircraft and days.
-    """
+    """The terms of a first pass; called with reports and their context it takes them off."""
 
     terms: Sequence[Term]
-    values: Sequence[Floats]
+    values: Sequence[Floats]  # (t, k) each: their coefficients
     effects: Mapping[str, Effect]
     plan: DictionaryPlan
-    days: Integers
+    days: Integers  # (D,): of the sums, the first of each where several are taken together
     day_shift: float
-    shape: tuple[int, int]
+    shape: tuple[int, int]  # aircraft and days
 
     @classmethod
     def of(cls, problem: Problem, terms: Sequence[Term], values: Sequence[Floats]) -> FoundFirst:

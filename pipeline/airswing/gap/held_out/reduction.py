@@ -34,28 +34,17 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Closure:
-    """Mean vector disagreement on held-out reports, kt.
-
-    Attributes
-    ----------
-    before, after : float
-    reduction_ci, after_ci : (float, float) or None
-        95 % intervals; None where they cannot be had.
-    sequence : tuple of (str, float, float, float)
-        Label, disagreement after the terms up to this one, and the interval of this step.
-    alone : tuple of float
-        Disagreement with each term alone taken off.
-    residual : (n, 2)
-        Held-out residual with all terms taken off, m s-1.
-    """
+    """Mean vector disagreement on held-out reports, kt."""
 
     before: float
     after: float
+    # reduction_ci, after_ci: 95 % intervals; None where they cannot be had
     reduction_ci: tuple[float, float] | None
     after_ci: tuple[float, float] | None
+    # label, disagreement after the terms up to this one, and the interval of this step
     sequence: tuple[tuple[str, float, float, float], ...]
-    alone: tuple[float, ...]
-    residual: Floats
+    alone: tuple[float, ...]  # disagreement with each term alone taken off
+    residual: Floats  # (n, 2): held-out residual with all terms taken off, m s-1
 
     def with_interval(self, low: float, high: float) -> Closure:
         """Return the same with this 95 % interval of the reduction, kt."""

@@ -44,24 +44,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Parameters of the residual's noise.
+    """Parameters of the residual's noise."""
 
-    Attributes
-    ----------
-    correlated_sd, white_sd : float
-        Standard deviation per component of the two parts at g = 1, m s-1.
-    length : float
-        E-folding distance of the correlated part, m.
-    height : float
-        E-folding change of ln p of the correlated part.
-    level_nodes, level_factors : (m,)
-        g at nodes of ln p; constant outside.
-    """
-
+    # correlated_sd, white_sd: standard deviation per component of the two parts at g = 1, m s-1
     correlated_sd: float
     white_sd: float
-    length: float
-    height: float
+    length: float  # e-folding distance of the correlated part, m
+    height: float  # e-folding change of ln p of the correlated part
+    # level_nodes, level_factors: (m,): g at nodes of ln p; constant outside
     level_nodes: Floats
     level_factors: Floats
 
@@ -76,27 +66,18 @@ class NoiseModel:
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """A noise model with what it was fitted to.
-
-    Attributes
-    ----------
-    model : NoiseModel
-    order : FlightOrder
-    gains : Gains
-    distance_km, autocovariance, autocovariance_model, pair_count : (m,)
-        Autocovariance along flights against distance, m2 s-2, data and model.
-    gross : (n,) bool
-        Reports taken for gross errors.
-    """
+    """A noise model with what it was fitted to."""
 
     model: NoiseModel
     order: FlightOrder
     gains: Gains
+    # distance_km, autocovariance, autocovariance_model, pair_count: (m,): autocovariance along
+    # flights against distance, m2 s-2, data and model
     distance_km: Floats
     autocovariance: Floats
     autocovariance_model: Floats
     pair_count: Floats
-    gross: NDArray[np.bool_]
+    gross: NDArray[np.bool_]  # (n,): reports taken for gross errors
 
 
 def _likelihood(
@@ -127,33 +108,18 @@ def _likelihood(
 
 @dataclass(frozen=True)
 class Flown:
-    """Where and how reports were flown, as the noise needs it.
+    """Where and how reports were flown, as the noise needs it."""
 
-    Attributes
-    ----------
-    aircraft, flight : (n,) int
-    time : (n,) float
-        s.
-    latitude, longitude : (n,) float
-        degrees.
-    pressure : (n,) float
-        Pa.
-    heading : (n,) float
-        rad, true.
-    airspeed : (n,) float
-        m s-1.
-    doubt : (n,) float or None
-        Further white error of each report (see :mod:`airswing.physics.turns`), m s-1.
-    """
-
-    aircraft: NDArray[np.integer]
-    flight: NDArray[np.integer]
-    time: Floats
+    aircraft: NDArray[np.integer]  # (n,)
+    flight: NDArray[np.integer]  # (n,)
+    time: Floats  # (n,): s
+    # latitude, longitude: (n,): degrees
     latitude: Floats
     longitude: Floats
-    pressure: Floats
-    heading: Floats
-    airspeed: Floats
+    pressure: Floats  # (n,): Pa
+    heading: Floats  # (n,): rad, true
+    airspeed: Floats  # (n,): m s-1
+    # (n,): further white error of each report (see :mod:`airswing.physics.turns`), m s-1
     doubt: Floats | None = None
 
 

@@ -33,43 +33,27 @@ FEW = 32
 
 @dataclass(frozen=True)
 class FlightOrder:
-    """Reports arranged by their position in the flight.
+    """Reports arranged by their position in the flight."""
 
-    Attributes
-    ----------
-    index : (n,) int
-        Reports in the order: first reports of all flights (longest flight first), then second
-        reports, and so on.
-    starts : (m + 1,) int
-        Block ``j`` is ``index[starts[j]:starts[j + 1]]``: the ``j``-th reports of the flights that
-        are longer than ``j``.
-    """
-
+    # (n,): reports in the order: first reports of all flights (longest flight first), then second
+    # reports, and so on
     index: Integers
+    # (m + 1,): block ``j`` is ``index[starts[j]:starts[j + 1]]``: the ``j``-th reports of the
+    # flights that are longer than ``j``
     starts: Integers
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Coefficients of the whitening recursion, one per report, in the reports' own order.
+    """Coefficients of the whitening recursion, one per report, in the reports' own order."""
 
-    Attributes
-    ----------
-    decay : (n,)
-        Correlation of the state with that at the flight's previous report; 0 at the first.
-    gain : (n,)
-        Kalman gain; 0 where the report is masked.
-    weight : (n,)
-        1 over the standard deviation of the innovation, 0 where masked; s m-1 (values are first
-        divided by nothing: the level factor is contained).
-    scale : (n,)
-        1 over the level factor, which multiplies values before the recursion.
-    """
-
+    # (n,): correlation of the state with that at the flight's previous report; 0 at the first
     decay: Floats
-    gain: Floats
+    gain: Floats  # (n,): Kalman gain; 0 where the report is masked
+    # (n,): 1 over the standard deviation of the innovation, 0 where masked; s m-1 (values are first
+    # divided by nothing: the level factor is contained)
     weight: Floats
-    scale: Floats
+    scale: Floats  # (n,): 1 over the level factor, which multiplies values before the recursion
 
 
 def flight_order(flight: NDArray[np.integer], time: Floats) -> FlightOrder:

@@ -67,55 +67,28 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Findings:
-    """What the steps of a diagnosis found.
+    """What the steps of a diagnosis found."""
 
-    Attributes
-    ----------
-    found : Found
-        Terms, with their rivals.
-    closure, whole : Closure
-        Of what has a name, and with unknown terms as well.
-    where : sequence of Slice
-    untestable : mapping
-        Name -> why the archive cannot show it.
-    hidden : mapping
-        The same of effects that what is always fitted takes up, named or not.
-    energy : (t,), (t,) float
-        Held-out energy of the terms and its standard error.
-    weighed : (t, f) float
-        What the probabilities of the terms were made of.
-    means : mapping
-        Positions of terms that are the mean of an unknown one -> that one's.
-    factors, doubts : mapping
-        Reliabilities of the gradient effects, and their relative standard errors.
-    swap : Swap or None
-    moments : sequence of MomentVerdict
-    scatter : mapping
-        Name of each effect of scatter -> what it closes.
-    jittery : Scattering or None
-    sent : SentWinds or None
-        Winds sent otherwise than simulated ones.
-    doubtful : sequence of Doubtful
-        Names that days left out did not confirm.
-    """
-
-    found: Found
+    found: Found  # terms, with their rivals
+    # closure, whole: of what has a name, and with unknown terms as well
     closure: Closure
     whole: Closure
     where: Sequence[Slice]
-    untestable: Mapping[str, str]
+    untestable: Mapping[str, str]  # name -> why the archive cannot show it
+    # the same of effects that what is always fitted takes up, named or not
     hidden: Mapping[str, str]
-    energy: tuple[Floats, Floats]
-    weighed: Floats
-    means: Mapping[int, int]
+    energy: tuple[Floats, Floats]  # (t,), (t,): held-out energy of the terms and its standard error
+    weighed: Floats  # (t, f): what the probabilities of the terms were made of
+    means: Mapping[int, int]  # positions of terms that are the mean of an unknown one -> that one's
+    # factors, doubts: reliabilities of the gradient effects, and their relative standard errors
     factors: Mapping[str, float]
     doubts: Mapping[str, float]
     swap: Swap | None
     moments: Sequence[MomentVerdict]
-    scatter: Mapping[str, Reduction]
+    scatter: Mapping[str, Reduction]  # name of each effect of scatter -> what it closes
     jittery: Scattering | None
-    sent: SentWinds | None
-    doubtful: Sequence[Doubtful]
+    sent: SentWinds | None  # winds sent otherwise than simulated ones
+    doubtful: Sequence[Doubtful]  # names that days left out did not confirm
 
 
 def assemble(problem: Problem, findings: Findings) -> GapReport:

@@ -75,20 +75,12 @@ def pooled(values: Floats, formal: Floats, allowed: Floats) -> tuple[Floats, Flo
 
 @dataclass(frozen=True)
 class Readout:
-    """How coefficients become parameters.
+    """How coefficients become parameters."""
 
-    Attributes
-    ----------
-    effects : mapping
-        Name -> effect.
-    frame : Frame
-        For constants of the archive.
-    factors, doubts : mapping
-        Effect name -> factor its coefficient is divided by; relative standard error of that.
-    """
-
-    effects: Mapping[str, Effect]
-    frame: Frame
+    effects: Mapping[str, Effect]  # name -> effect
+    frame: Frame  # for constants of the archive
+    # factors, doubts: effect name -> factor its coefficient is divided by; relative standard error
+    # of that
     factors: Mapping[str, float]
     doubts: Mapping[str, float]
 

@@ -51,27 +51,16 @@ LOOKED_AT = float(np.log(100.0))
 
 @dataclass(frozen=True)
 class MomentVerdict:
-    """One second-moment effect found.
-
-    Attributes
-    ----------
-    name : str
-    tails : tuple of str
-    parameters, standard_errors : dict
-    per_tail : dict
-        Tail -> parameters.
-    period : list or None
-    evidence : float
-        Log likelihood ratio of the clearest aircraft against chance, nats, less what looking at all
-        of them costs.
-    """
+    """One second-moment effect found."""
 
     name: str
     tails: tuple[str, ...]
     parameters: dict[str, Any]
     standard_errors: dict[str, float]
-    per_tail: dict[str, dict[str, Any]]
+    per_tail: dict[str, dict[str, Any]]  # tail -> parameters
     period: list[str | None] | None
+    # log likelihood ratio of the clearest aircraft against chance, nats, less what looking at all
+    # of them costs
     evidence: float
 
     @property

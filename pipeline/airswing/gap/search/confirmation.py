@@ -61,24 +61,17 @@ FEW_WEEKS = 5
 
 @dataclass(frozen=True)
 class Confirmation:
-    """How the terms of a search do on days left out.
+    """How the terms of a search do on days left out."""
 
-    Attributes
-    ----------
-    energy, error : (t,) float
-        Energy explained there, and its standard error; 0 where it cannot be tested.
-    multiple, doubt : (t,) float
-        Multiple of the predicted error that is there, and its standard error; 0 and infinite where
-        it cannot be tested.
-    parts : (t,) int
-        Parts of the archive it was judged on.
-    """
-
+    # energy, error: (t,): energy explained there, and its standard error; 0 where it cannot be
+    # tested
     energy: Floats
     error: Floats
+    # multiple, doubt: (t,): multiple of the predicted error that is there, and its standard error;
+    # 0 and infinite where it cannot be tested
     multiple: Floats
     doubt: Floats
-    parts: Integers
+    parts: Integers  # (t,): parts of the archive it was judged on
 
     @property
     def tested(self) -> Mask:

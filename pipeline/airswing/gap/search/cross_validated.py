@@ -39,47 +39,26 @@ LEAST = 2.0
 
 @dataclass(frozen=True)
 class Doubtful:
-    """A name that the search came to and that was not confirmed.
-
-    Attributes
-    ----------
-    term : Term
-    probability : float
-        0 where it could not be tested.
-    weighed : (f,) float
-        What the probability was made of (`airswing.gap.search.belief.features`).
-    reason : str
-    """
+    """A name that the search came to and that was not confirmed."""
 
     term: Term
-    probability: float
+    probability: float  # 0 where it could not be tested
+    # (f,): what the probability was made of (`airswing.gap.search.belief.features`)
     weighed: Floats
     reason: str
 
 
 @dataclass(frozen=True)
 class Standing:
-    """Result of the search, held against days left out.
-
-    Attributes
-    ----------
-    found : Found
-    energy, error : (t,) float
-        Held-out energy of each term and its standard error.
-    probability : (t,) float
-        That each term is at work as named.
-    weighed : (t, f) float
-        What each was made of (`airswing.gap.search.belief.features`).
-    doubtful : tuple of Doubtful
-        Names that were not confirmed.
-    """
+    """Result of the search, held against days left out."""
 
     found: Found
+    # energy, error: (t,): held-out energy of each term and its standard error
     energy: Floats
     error: Floats
-    probability: Floats
-    weighed: Floats
-    doubtful: tuple[Doubtful, ...] = ()
+    probability: Floats  # (t,): that each term is at work as named
+    weighed: Floats  # (t, f): what each was made of (`airswing.gap.search.belief.features`)
+    doubtful: tuple[Doubtful, ...] = ()  # names that were not confirmed
 
 
 def settle(

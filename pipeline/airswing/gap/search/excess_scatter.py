@@ -65,28 +65,15 @@ MOST = 0.75
 
 @dataclass(frozen=True)
 class Scattering:
-    """Reports that scatter more than the others.
+    """Reports that scatter more than the others."""
 
-    Attributes
-    ----------
-    tails : tuple of str
-        Aircraft that have it.
-    excess : tuple of float
-        Standard deviation per component of what is beyond the others, m s-1: of each of these
-        aircraft, or of each cell of the axis.
-    evidence : float
-        Nats.
-    sizes : (n,) float
-        The same of every report.
-    axis : Axis or None
-        Of the variable that tells it; None where the aircraft alone do.
-    """
-
-    tails: tuple[str, ...]
+    tails: tuple[str, ...]  # aircraft that have it
+    # standard deviation per component of what is beyond the others, m s-1: of each of these
+    # aircraft, or of each cell of the axis
     excess: tuple[float, ...]
-    evidence: float
-    sizes: Floats = field(repr=False)
-    axis: Axis | None = None
+    evidence: float  # nats
+    sizes: Floats = field(repr=False)  # (n,): the same of every report
+    axis: Axis | None = None  # of the variable that tells it; None where the aircraft alone do
 
 
 @dataclass(frozen=True)

@@ -63,18 +63,10 @@ def fewest(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> list
 
 
 class Worth(NamedTuple):
-    """Log evidence of terms together less their prices, nats.
+    """Log evidence of terms together less their prices, nats."""
 
-    Attributes
-    ----------
-    explained : float
-        What they explain, as if errors were independent.
-    fixed : float
-        Occam factors less prices.
-    """
-
-    explained: float
-    fixed: float
+    explained: float  # what they explain, as if errors were independent
+    fixed: float  # occam factors less prices
 
 
 def worth(base: Base, terms: Sequence[Term]) -> Worth:

@@ -46,37 +46,22 @@ LEAK = 0.15
 
 @dataclass(frozen=True)
 class Rules:
-    """Thresholds of the search.
+    """Thresholds of the search."""
 
-    Attributes
-    ----------
-    evidence : float
-        Smallest tempered evidence of a term, nats.
-    size : float
-        Smallest rms where it acts, m s-1. Real fleets have a little of every effect everywhere;
-        what is smaller than this is left to them.
-    fleet_size : float
-        The same of an effect that all aircraft share: the little that each has of its own averages
-        out over them.
-    curve_size : float
-        The same of a dictionary group on single aircraft. Its curve is sized over all reports, the
-        quiet ones as well, and flattened where its variable is inferred.
-    unknown_margin : float
-        Raw evidence, in cluster factors, by which a dictionary group must beat the best known
-        effect.
-    most_terms : int
-        Length of the search.
-    probability : float
-        From which a name is stated.
-    """
-
-    evidence: float = 3.0
+    evidence: float = 3.0  # smallest tempered evidence of a term, nats
+    # smallest rms where it acts, m s-1. Real fleets have a little of every effect everywhere; what
+    # is smaller than this is left to them.
     size: float = 0.2
+    # the same of an effect that all aircraft share: the little that each has of its own averages
+    # out over them
     fleet_size: float = 0.1
+    # the same of a dictionary group on single aircraft. Its curve is sized over all reports, the
+    # quiet ones as well, and flattened where its variable is inferred.
     curve_size: float = 0.1
+    # raw evidence, in cluster factors, by which a dictionary group must beat the best known effect
     unknown_margin: float = 3.0
-    most_terms: int = 12
-    probability: float = STATED
+    most_terms: int = 12  # length of the search
+    probability: float = STATED  # from which a name is stated
 
     def least(self, candidate: Candidate) -> float:
         """Smallest size of a candidate that may enter, m s-1."""
@@ -88,24 +73,13 @@ class Rules:
 
 @dataclass(frozen=True)
 class Found:
-    """Result of the search.
+    """Result of the search."""
 
-    Attributes
-    ----------
-    terms : tuple of Term
-        In order of entry.
-    given : Conditional
-        Sums given all terms.
-    rivals : tuple of tuple of Score
-        For each term, all candidates ranked with that term taken out.
-    left : tuple of Score
-        All candidates ranked given all terms.
-    """
-
-    terms: tuple[Term, ...]
-    given: Conditional
+    terms: tuple[Term, ...]  # in order of entry
+    given: Conditional  # sums given all terms
+    # for each term, all candidates ranked with that term taken out
     rivals: tuple[tuple[Score, ...], ...]
-    left: tuple[Score, ...] = ()
+    left: tuple[Score, ...] = ()  # all candidates ranked given all terms
 
 
 def with_background(base: Base, pool: Sequence[Candidate]) -> Base:

@@ -41,24 +41,12 @@ CHANGE = 0.1
 
 @dataclass(frozen=True)
 class Swap:
-    """A swap found.
+    """A swap found."""
 
-    Attributes
-    ----------
-    pair : (int, int)
-        Aircraft.
-    day : int
-        Index of the first day under the other's name.
-    evidence : float
-        Log evidence over the alternatives, pairs and dates averaged, nats.
-    gain : float
-        Of the best pair and date.
-    """
-
-    pair: tuple[int, int]
-    day: int
-    evidence: float
-    gain: float
+    pair: tuple[int, int]  # aircraft
+    day: int  # index of the first day under the other's name
+    evidence: float  # log evidence over the alternatives, pairs and dates averaged, nats
+    gain: float  # of the best pair and date
 
 
 def beside(terms: Sequence[Term]) -> tuple[list[Term], float]:

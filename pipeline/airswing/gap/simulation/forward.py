@@ -61,23 +61,14 @@ class NoiseLike(Protocol):
 
 @dataclass(frozen=True)
 class Noise:
-    """Ornstein-Uhlenbeck noise along the flight, white noise, and a part a day shares.
+    """Ornstein-Uhlenbeck noise along the flight, white noise, and a part a day shares."""
 
-    Attributes
-    ----------
-    correlated_sd, white_sd, day_sd : float
-        Standard deviation per component, m s-1.
-    length : float
-        E-folding distance of the correlated part, m.
-    height : float
-        E-folding change of ln p of the correlated part.
-    """
-
+    # correlated_sd, white_sd, day_sd: standard deviation per component, m s-1
     correlated_sd: float = 2.3
     white_sd: float = 1.0
     day_sd: float = 0.0
-    length: float = 155e3
-    height: float = float("inf")
+    length: float = 155e3  # e-folding distance of the correlated part, m
+    height: float = float("inf")  # e-folding change of ln p of the correlated part
 
     def factor(self, log_pressure: FloatArray) -> FloatArray:
         """Return one at every level."""
@@ -90,18 +81,10 @@ class Noise:
 
 @dataclass(frozen=True)
 class Coding:
-    """Steps in which a unit codes its wind; 0 for as it is.
+    """Steps in which a unit codes its wind; 0 for as it is."""
 
-    Attributes
-    ----------
-    speed : (n,) float or float
-        m s-1.
-    direction : (n,) float or float
-        Degree.
-    """
-
-    speed: FloatArray | float
-    direction: FloatArray | float
+    speed: FloatArray | float  # (n,) or float; m s-1
+    direction: FloatArray | float  # (n,) or float; degree
 
     @classmethod
     def of_archive(cls, frame: Frame) -> Coding:

@@ -34,19 +34,12 @@ LEAST_MATCHED = 200
 
 @dataclass(frozen=True)
 class Matched:
-    """Simulated winds at the reports of an archive.
+    """Simulated winds at the reports of an archive."""
 
-    Attributes
-    ----------
-    u, v : (n,) float
-        Simulated wind, m s-1; NaN without a match.
-    simulated : int
-        Reports of the simulation.
-    """
-
+    # u, v: (n,): simulated wind, m s-1; NaN without a match
     u: FloatArray
     v: FloatArray
-    simulated: int
+    simulated: int  # reports of the simulation
 
     @property
     def found(self) -> NDArray[np.bool_]:

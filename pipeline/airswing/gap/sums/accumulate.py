@@ -59,57 +59,28 @@ class Timed(Protocol):
 
 @dataclass(frozen=True)
 class Statistics:
-    """Sums of the whitened columns and residuals.
-
-    Attributes
-    ----------
-    layout : Layout
-    tails : tuple of str
-    days : (D,) int
-        Whole days since 1970 (with ``day_shift`` hours taken off the time first); the first of
-        each where several are taken together (`AIRCRAFT_DAYS`).
-    weeks : (W,) int
-        Week of each entry of ``week_gram``: day // 7 counted from 1970; the first likewise.
-    week_gram : (A, W, p, p) float
-        Whitened X'X.
-    day_gram : (A, D, c, c) float
-        The same for core columns.
-    day_cross : (A, D, q, p) float
-        Whitened Z'X of the day fields Z.
-    day_score : (A, D, p) float
-        Whitened X'r.
-    day_energy : (A, D) float
-        Sum of squares of the whitened residual.
-    day_count : (A, D) float
-        Reports.
-    raw_gram : (A, c, c) float
-        X'X without whitening, for the size of an effect in m s-1.
-    acting : (A, c) float
-        Reports on which a core column is not zero and its effect acts by nature
-        (`airswing.gap.effects.base.Effect.acts`).
-    clipped : (A,) float
-        Whitened residuals winsorised.
-    gross : (A,) float
-        Reports left out as gross errors.
-    day_shift : float
-        Hour UTC at which a day starts.
-    """
+    """Sums of the whitened columns and residuals."""
 
     layout: Layout
     tails: tuple[str, ...]
+    # (D,): whole days since 1970 (with ``day_shift`` hours taken off the time first); the first of
+    # each where several are taken together (`AIRCRAFT_DAYS`)
     days: Integers
+    # (W,): week of each entry of ``week_gram``: day // 7 counted from 1970; the first likewise
     weeks: Integers
-    week_gram: Floats
-    day_gram: Floats
-    day_cross: Floats
-    day_score: Floats
-    day_energy: Floats
-    day_count: Floats
-    raw_gram: Floats
+    week_gram: Floats  # (A, W, p, p): whitened X'X
+    day_gram: Floats  # (A, D, c, c): the same for core columns
+    day_cross: Floats  # (A, D, q, p): whitened Z'X of the day fields Z
+    day_score: Floats  # (A, D, p): whitened X'r
+    day_energy: Floats  # (A, D): sum of squares of the whitened residual
+    day_count: Floats  # (A, D): reports
+    raw_gram: Floats  # (A, c, c): X'X without whitening, for the size of an effect in m s-1
+    # (A, c): reports on which a core column is not zero and its effect acts by nature
+    # (`airswing.gap.effects.base.Effect.acts`)
     acting: Floats
-    clipped: Floats
-    gross: Floats
-    day_shift: float
+    clipped: Floats  # (A,): whitened residuals winsorised
+    gross: Floats  # (A,): reports left out as gross errors
+    day_shift: float  # hour UTC at which a day starts
 
     @cached_property
     def whole_gram(self) -> Floats:

@@ -34,57 +34,31 @@ Key = tuple[int, bytes]
 
 @dataclass(frozen=True)
 class Included:
-    """One column that is conditioned on.
+    """One column that is conditioned on."""
 
-    Attributes
-    ----------
-    column : int
-        A column of the layout; one outside the core is in force by whole weeks.
-    weights : (A, D)
-        Factor on the column per aircraft and day: 1 where it acts.
-    precision : float
-        1 over its prior variance.
-    """
-
-    column: int
-    weights: Floats
-    precision: float
+    column: int  # a column of the layout; one outside the core is in force by whole weeks
+    weights: Floats  # (A, D): factor on the column per aircraft and day: 1 where it acts
+    precision: float  # 1 over its prior variance
 
 
 @dataclass(frozen=True)
 class Base:
-    """Sums with the day fields eliminated.
-
-    Attributes
-    ----------
-    stats : Statistics
-    variances : Variances
-        Of the day fields' coefficients and of the climatology's.
-    root : (D, q, q)
-        Inverse Cholesky factor of the day fields' normal matrix, per day.
-    cross : (A, D, q, p)
-        ``root`` times Z'X.
-    score : (A, D, p)
-        X'r with the day fields eliminated.
-    background : (2, T) or None
-        Log probability of the sizes of an aircraft's background
-        (:mod:`airswing.gap.evidence.between_aircraft_variance`), in effects of the heading (second
-        row) and in the others.
-    scattered : (p,) float or None
-        What the scatter of headings looks like in each column, m/s
-        (:mod:`airswing.gap.evidence.scattered_headings`).
-    rows, daily, blocks : dict
-        What was computed already of weighted columns, by column and digest of the weights: X'Y with
-        every column, coupling and X'r by day, X'X of an aircraft's own by fold.
-    """
+    """Sums with the day fields eliminated."""
 
     stats: Statistics
-    variances: Variances
-    root: Floats
-    cross: Floats
-    score: Floats
+    variances: Variances  # of the day fields' coefficients and of the climatology's
+    root: Floats  # (D, q, q): inverse Cholesky factor of the day fields' normal matrix, per day
+    cross: Floats  # (A, D, q, p): ``root`` times Z'X
+    score: Floats  # (A, D, p): X'r with the day fields eliminated
+    # (2, T): log probability of the sizes of an aircraft's background
+    # (:mod:`airswing.gap.evidence.between_aircraft_variance`), in effects of the heading (second
+    # row) and in the others
     background: Floats | None = None
+    # (p,): what the scatter of headings looks like in each column, m/s
+    # (:mod:`airswing.gap.evidence.scattered_headings`)
     scattered: Floats | None = None
+    # rows, daily, blocks: what was computed already of weighted columns, by column and digest of
+    # the weights: X'Y with every column, coupling and X'r by day, X'X of an aircraft's own by fold
     rows: dict[Key, Floats] = field(default_factory=dict, repr=False)
     daily: dict[Key, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
     blocks: dict[tuple[object, ...], Floats] = field(default_factory=dict, repr=False)
@@ -129,42 +103,21 @@ class Base:
 
 @dataclass(frozen=True)
 class Conditional:
-    """Sums given the included columns.
-
-    Attributes
-    ----------
-    included : tuple of Included
-    coefficients : (m,)
-        Posterior means of the included columns' coefficients.
-    covariance : (m, m)
-        Posterior covariance at unit noise.
-    gram : (A, p, p)
-    score : (A, D, p)
-    fleet_gram : (p, p)
-    fleet_score : (D, p)
-    included_gram : (m, m)
-    included_score : (D, m)
-    lasting_share : (p,)
-        See :attr:`Base.lasting_share`.
-    background : (2, T) or None
-    scattered : (p,) or None
-        See :class:`Base`.
-    derived : dict
-        What has been computed from these sums already.
-    """
+    """Sums given the included columns."""
 
     included: tuple[Included, ...]
-    coefficients: Floats
-    covariance: Floats
-    gram: Floats
-    score: Floats
-    fleet_gram: Floats
-    fleet_score: Floats
-    included_gram: Floats
-    included_score: Floats
-    lasting_share: Floats
-    background: Floats | None = None
-    scattered: Floats | None = None
+    coefficients: Floats  # (m,): posterior means of the included columns' coefficients
+    covariance: Floats  # (m, m): posterior covariance at unit noise
+    gram: Floats  # (A, p, p)
+    score: Floats  # (A, D, p)
+    fleet_gram: Floats  # (p, p)
+    fleet_score: Floats  # (D, p)
+    included_gram: Floats  # (m, m)
+    included_score: Floats  # (D, m)
+    lasting_share: Floats  # (p,): see :attr:`Base.lasting_share`
+    background: Floats | None = None  # (2, T)
+    scattered: Floats | None = None  # (p,): see :class:`Base`
+    # what has been computed from these sums already
     derived: dict[str, Floats] = field(default_factory=dict, repr=False)
 
 
@@ -274,22 +227,14 @@ def _own_sums(
 
 @dataclass(frozen=True)
 class Fit:
-    """Ridge fit of included columns alone.
+    """Ridge fit of included columns alone."""
 
-    Attributes
-    ----------
-    coefficients : (m,)
-    covariance, half : (m, m)
-        Posterior covariance at unit noise and its lower factor's transpose.
-    gram : (m, m)
-    score : (D, m)
-    """
-
-    coefficients: Floats
+    coefficients: Floats  # (m,)
+    # covariance, half: (m, m): posterior covariance at unit noise and its lower factor's transpose
     covariance: Floats
     half: Floats
-    gram: Floats
-    score: Floats
+    gram: Floats  # (m, m)
+    score: Floats  # (D, m)
 
 
 def fit_included(base: Base, included: list[Included]) -> Fit:

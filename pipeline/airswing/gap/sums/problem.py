@@ -23,37 +23,21 @@ from airswing.gap.sums.elimination import Base
 
 @dataclass(frozen=True)
 class Problem:
-    """An archive with its noise, its columns and the sums made of them.
+    """An archive with its noise, its columns and the sums made of them."""
 
-    Attributes
-    ----------
-    archive : Frame
-        Reports as they are, those held in memory (:mod:`airswing.gap.sums.whole_archive`).
-    context : Frame
-        The same with the heading and airspeed design columns are made of
-        (:mod:`airswing.gap.design.exogenous`).
-    effects : mapping
-        Name -> effect that has design columns.
-    plan : DictionaryPlan
-        The nonparametric basis.
-    noise : NoiseFit
-    base : Base
-        Sums with the day fields eliminated.
-    reports, flights : int
-        How many the whole archive has.
-    seed : int
-        Of everything drawn.
-    """
-
+    # reports as they are, those held in memory (:mod:`airswing.gap.sums.whole_archive`)
     archive: Frame
+    # the same with the heading and airspeed design columns are made of
+    # (:mod:`airswing.gap.design.exogenous`)
     context: Frame
-    effects: Mapping[str, Effect]
-    plan: DictionaryPlan
+    effects: Mapping[str, Effect]  # name -> effect that has design columns
+    plan: DictionaryPlan  # the nonparametric basis
     noise: NoiseFit
-    base: Base
+    base: Base  # sums with the day fields eliminated
+    # reports, flights: how many the whole archive has
     reports: int
     flights: int
-    seed: int = 0
+    seed: int = 0  # of everything drawn
 
     @cached_property
     def day(self) -> NDArray[np.int64]:

@@ -49,18 +49,10 @@ CONVERGED = 1e-3
 
 @dataclass(frozen=True)
 class Variances:
-    """Of what is no aircraft's fault.
+    """Of what is no aircraft's fault."""
 
-    Attributes
-    ----------
-    day : (q,) float
-        Of each day field's coefficients from day to day, m2 s-2.
-    climatology : (m,) float
-        Of the coefficients of the climatology, m2 s-2.
-    """
-
-    day: Floats
-    climatology: Floats
+    day: Floats  # (q,): of each day field's coefficients from day to day, m2 s-2
+    climatology: Floats  # (m,): of the coefficients of the climatology, m2 s-2
 
 
 def lasting_prior(layout: Layout, variance: Floats) -> Prior:

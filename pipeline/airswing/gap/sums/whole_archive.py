@@ -52,34 +52,18 @@ _SPREAD, _WHOLE = 2654435761, 2**32
 
 @dataclass(frozen=True)
 class Archive:
-    """An archive against one reference.
+    """An archive against one reference."""
 
-    Attributes
-    ----------
-    view : Frame
-        The reports held in memory: all of them where `part` is None.
-    part : callable or None
-        Number of an aircraft -> all of its reports, None where it has none.
-    winds : LargeScale
-        Large-scale reported wind of all reports.
-    days : (D,) int
-        Days with flights, whole days since 1970.
-    day_shift : float
-        Hour UTC at which they start.
-    reports, flights : int
-        All of them.
-    workers : int
-        Threads.
-    """
-
-    view: Frame
+    view: Frame  # the reports held in memory: all of them where `part` is None
+    # number of an aircraft -> all of its reports, None where it has none
     part: Callable[[int], Frame | None] | None
-    winds: LargeScale
-    days: Integers
-    day_shift: float
+    winds: LargeScale  # large-scale reported wind of all reports
+    days: Integers  # (D,): days with flights, whole days since 1970
+    day_shift: float  # hour UTC at which they start
+    # reports, flights: all of them
     reports: int
     flights: int
-    workers: int = 1
+    workers: int = 1  # threads
 
     @property
     def whole(self) -> bool:

@@ -49,36 +49,20 @@ BLOCK = 3
 
 @dataclass(frozen=True)
 class Setting:
-    """What stays the same while residuals change.
+    """What stays the same while residuals change."""
 
-    Attributes
-    ----------
-    frame, quiet : Frame
-        Reports, and the same with heading, airspeed and wind free of the residual's noise.
-    noise : NoiseFit
-    plan : DictionaryPlan
-    variances : Variances
-    day : (n,) int
-        Index of each report's day.
-    errors : (B, n, 2) float
-        Errors of the reference drawn for simulated archives, m/s.
-    followed : (n, 2) float
-        What reports follow of the reference's small scales, m/s.
-    share : float
-        Part of the residual's mean square it makes.
-    made : dict
-        What stands on the paths alone, once it was asked for.
-    """
-
+    # frame, quiet: reports, and the same with heading, airspeed and wind free of the residual's
+    # noise
     frame: Frame
     quiet: Frame
     noise: NoiseFit
     plan: DictionaryPlan
     variances: Variances
-    day: Integers
-    errors: Floats
-    followed: Floats
-    share: float
+    day: Integers  # (n,): index of each report's day
+    errors: Floats  # (B, n, 2): errors of the reference drawn for simulated archives, m/s
+    followed: Floats  # (n, 2): what reports follow of the reference's small scales, m/s
+    share: float  # part of the residual's mean square it makes
+    # what stands on the paths alone, once it was asked for
     made: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -145,29 +129,19 @@ class Setting:
 
 @dataclass(frozen=True)
 class Bench:
-    """Residuals of the real archive and of simulated ones, ready for tables.
-
-    Attributes
-    ----------
-    setting : Setting
-    residuals : (1 + B, n, 2) float
-        Residual of the real archive and of each simulated one, what was found taken off, m/s.
-    winds : tuple of ((n,), (n,)) float
-        Reported winds (u, v) of each, m/s.
-    variables : dict
-        Name -> variable of the real archive.
-    simulated : tuple of dict
-        Name -> values of the variables of the reported wind, of each simulated archive.
-    regression : float
-        Share of the simulated archives' dependence on their own reported winds that the real one
-        shows: 1 where all error is the report's beside the reference, 0 the other way round.
-    """
+    """Residuals of the real archive and of simulated ones, ready for tables."""
 
     setting: Setting
+    # (1 + B, n, 2): residual of the real archive and of each simulated one, what was found taken
+    # off, m/s
     residuals: Floats
+    # (n,) each: reported winds (u, v) of each, m/s
     winds: tuple[tuple[Floats, Floats], ...]
-    variables: dict[str, Variable]
+    variables: dict[str, Variable]  # name -> variable of the real archive
+    # name -> values of the variables of the reported wind, of each simulated archive
     simulated: tuple[dict[str, Floats], ...]
+    # share of the simulated archives' dependence on their own reported winds that the real one
+    # shows: 1 where all error is the report's beside the reference, 0 the other way round
     regression: float
     made: dict[Any, Floats] = field(default_factory=dict, repr=False)
 

@@ -50,33 +50,15 @@ LEVELS, LEAST_LEVEL, SWEEPS, CHAINS = 4, 200, 30, 8
 
 @dataclass(frozen=True)
 class Ceiling:
-    """A bound on the speeds sent, and the archive without it.
+    """A bound on the speeds sent, and the archive without it."""
 
-    Attributes
-    ----------
-    tails : tuple of int
-        Aircraft that have it.
-    speed : float
-        The greatest speed sent, m/s.
-    evidence : float
-        Reports at the bound against those expected of the speeds below, nats.
-    size : float
-        Root mean square of what is cut off where it acts, m/s.
-    lifted : Frame
-        Winds as they would have been.
-    saved : (n,) float
-        Disagreement with the bound less without, m/s.
-    drawn : (draws,) float
-        Its mean over all reports, as the archives drawn spread about it.
-    """
-
-    tails: tuple[int, ...]
-    speed: float
-    evidence: float
-    size: float
-    lifted: Frame
-    saved: Floats
-    drawn: Floats
+    tails: tuple[int, ...]  # aircraft that have it
+    speed: float  # the greatest speed sent, m/s
+    evidence: float  # reports at the bound against those expected of the speeds below, nats
+    size: float  # root mean square of what is cut off where it acts, m/s
+    lifted: Frame  # winds as they would have been
+    saved: Floats  # (n,): disagreement with the bound less without, m/s
+    drawn: Floats  # (draws,): its mean over all reports, as the archives drawn spread about it
 
     @property
     def title(self) -> str:

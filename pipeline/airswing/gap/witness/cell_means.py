@@ -45,28 +45,15 @@ FACTORS = (0.1, 3.0)
 
 @dataclass(frozen=True)
 class CellSums:
-    """Sums of a table's cells beside what lasts, day fields eliminated, by fold of days.
+    """Sums of a table's cells beside what lasts, day fields eliminated, by fold of days."""
 
-    Attributes
-    ----------
-    gram : (F, s + k, s + k) float
-        What lasts first (s columns), then the cells.
-    score : (F, s + k) float
-    prior : (s,) float
-        1 over the prior variances of what lasts.
-    simulated : tuple of CellSums
-        Of simulated archives, in cells of their own.
-    share : float
-        Part of what these show by themselves that is taken off.
-    scatter : (F, s + k, s + k) float or None
-        Covariance of the scores, where the days' fields are not eliminated but scatter them.
-    """
-
-    gram: Floats
-    score: Floats
-    prior: Floats
-    simulated: tuple[CellSums, ...] = ()
-    share: float = 0.0
+    gram: Floats  # (F, s + k, s + k): what lasts first (s columns), then the cells
+    score: Floats  # (F, s + k)
+    prior: Floats  # (s,): 1 over the prior variances of what lasts
+    simulated: tuple[CellSums, ...] = ()  # of simulated archives, in cells of their own
+    share: float = 0.0  # part of what these show by themselves that is taken off
+    # (F, s + k, s + k): covariance of the scores, where the days' fields are not eliminated but
+    # scatter them
     scatter: Floats | None = None
 
     @property
@@ -121,46 +108,23 @@ class CellSums:
 
 @dataclass(frozen=True)
 class Weights:
-    """A residual as the reports count.
+    """A residual as the reports count."""
 
-    Attributes
-    ----------
-    values : (n, 2) float
-        Residual times weight, clipped.
-    beside : (D, q + s) float
-        Its sums with the columns of the days and of what lasts.
-    """
-
-    values: Floats
-    beside: Floats
+    values: Floats  # (n, 2): residual times weight, clipped
+    beside: Floats  # (D, q + s): its sums with the columns of the days and of what lasts
 
 
 @dataclass(frozen=True)
 class CellModel:
-    """Columns of the days and of what lasts, and their sums.
+    """Columns of the days and of what lasts, and their sums."""
 
-    Attributes
-    ----------
-    weight : (n,) float
-        1 over the variance a report counts with; 0 where it is gross.
-    columns : (n, 2, q + s) float32
-        Of the day fields, then of what lasts.
-    day : (n,) int
-    root : (D, q, q) float
-        Inverse Cholesky factor of the day fields' normal matrix.
-    gram : (D, q + s, q + s) float
-    prior : (s,) float
-    of_days : (q,) float
-        Variances of the day fields, m2 s-2.
-    """
-
-    weight: Floats
-    columns: NDArray[np.float32]
-    day: Integers
-    root: Floats
-    gram: Floats
-    prior: Floats
-    of_days: Floats
+    weight: Floats  # (n,): 1 over the variance a report counts with; 0 where it is gross
+    columns: NDArray[np.float32]  # (n, 2, q + s): of the day fields, then of what lasts
+    day: Integers  # (n,)
+    root: Floats  # (D, q, q): inverse Cholesky factor of the day fields' normal matrix
+    gram: Floats  # (D, q + s, q + s)
+    prior: Floats  # (s,)
+    of_days: Floats  # (q,): variances of the day fields, m2 s-2
 
     @classmethod
     def of(

@@ -43,47 +43,25 @@ BOUND = 12.0
 
 @dataclass(frozen=True)
 class Unknown:
-    """A table that explains what no name does.
-
-    Attributes
-    ----------
-    component : str
-    grid : Grid
-    tails : tuple of int
-        Aircraft; all of them where the whole fleet has it.
-    shared : bool
-        One table for all its aircraft.
-    evidence : float
-        Nats.
-    values : (A, k) float
-        Table of each aircraft, in the unit of the component; 0 where it has none.
-    by_fold : (F, A, k) float
-        The same, fitted without each fold.
-    roots : tuple of (k, k) float
-        Root of the covariance of the values: of all its aircraft's where shared, else of each's.
-    size : float
-        m/s rms over the reports of its aircraft.
-    peak : float
-        m/s, where it acts most: mean over the tenth of its reports it changes most.
-    held_out : float
-        Energy explained on weeks left out, nats (half of squared standard errors).
-    held_out_error : float
-    rivals : tuple of (float, str, tuple of str)
-        Other tables that came near: evidence, component, variables.
-    """
+    """A table that explains what no name does."""
 
     component: str
     grid: Grid
-    tails: tuple[int, ...]
-    shared: bool
-    evidence: float
+    tails: tuple[int, ...]  # aircraft; all of them where the whole fleet has it
+    shared: bool  # one table for all its aircraft
+    evidence: float  # nats
+    # (A, k): table of each aircraft, in the unit of the component; 0 where it has none
     values: Floats
-    by_fold: Floats
+    by_fold: Floats  # (F, A, k): the same, fitted without each fold
+    # (k, k) each: root of the covariance of the values: of all its aircraft's where
+    # shared, else of each's
     roots: tuple[Floats, ...]
-    size: float
-    peak: float
-    held_out: float
+    size: float  # m/s rms over the reports of its aircraft
+    peak: float  # m/s, where it acts most: mean over the tenth of its reports it changes most
+    held_out: float  # energy explained on weeks left out, nats (half of squared standard errors)
     held_out_error: float
+    # tuple of (float, str, tuple of str): other tables that came near: evidence, component,
+    # variables
     rivals: tuple[tuple[float, str, tuple[str, ...]], ...] = ()
 
     @property
@@ -94,29 +72,16 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A table weighed.
+    """A table weighed."""
 
-    Attributes
-    ----------
-    nats : float
-        Evidence.
-    component : str
-    grid : Grid
-    weighed : Weighed
-    sums : Sums
-    by_means : bool
-        Whether it is the evidence of its cells' means, which must then confirm it.
-    jumps : float
-        Evidence of the jumps at its edges, where it was made for them.
-    """
-
-    nats: float
+    nats: float  # evidence
     component: str
     grid: Grid
     weighed: Weighed
     sums: Sums
+    # whether it is the evidence of its cells' means, which must then confirm it
     by_means: bool = False
-    jumps: float = -np.inf
+    jumps: float = -np.inf  # evidence of the jumps at its edges, where it was made for them
 
     @property
     def strength(self) -> float:

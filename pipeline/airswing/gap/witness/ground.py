@@ -41,43 +41,24 @@ CLIP = 5.0
 
 @dataclass(frozen=True)
 class Sums:
-    """Sums of one table's columns, everything the reference does taken out.
+    """Sums of one table's columns, everything the reference does taken out."""
 
-    Attributes
-    ----------
-    gram : (A, k, k) float
-        X'V^-1 X of each aircraft.
-    fleet_days : (D, k, k) float
-        The same by day, of all aircraft, before what lasts is taken out.
-    day_weight : (A, D) float
-        Its trace by aircraft and day.
-    score : (R, A, D, k) float
-        X'V^-1 r by aircraft and day, of each residual.
-    fleet_gram : (k, k) float
-        Of all aircraft together.
-    count : (A, k) float
-        Reports in each cell.
-    lasting_share : float
-        Part of the fleet's X'X that what lasts takes up.
-    scatter : (A, B) float or None
-        Scatter of each aircraft's scores between blocks of days (:func:`cluster_factor`). A matrix
-        an aircraft and day would be gigabytes in a year of sixty aircraft, so it is made here.
-    day_diagonal : (A, D, k) float or None
-        Instead of it, where cells share no report: X'V^-1 X by aircraft and day has nothing beside
-        its diagonal.
-    apart : (R, A, D, k) float or None
-        Scores of each aircraft about the fleet's own table, where weather is common to all.
-    """
-
-    gram: Floats
-    score: Floats
-    fleet_gram: Floats
+    gram: Floats  # (A, k, k): X'V^-1 X of each aircraft
+    score: Floats  # (R, A, D, k): X'V^-1 r by aircraft and day, of each residual
+    fleet_gram: Floats  # (k, k): of all aircraft together
+    # (D, k, k): the same by day, of all aircraft, before what lasts is taken out
     fleet_days: Floats
-    day_weight: Floats
-    count: Floats
-    lasting_share: float
+    day_weight: Floats  # (A, D): its trace by aircraft and day
+    count: Floats  # (A, k): reports in each cell
+    lasting_share: float  # part of the fleet's X'X that what lasts takes up
+    # (A, B): scatter of each aircraft's scores between blocks of days (:func:`cluster_factor`). A
+    # matrix an aircraft and day would be gigabytes in a year of sixty aircraft, so it is made here.
     scatter: Floats | None = None
+    # (A, D, k): instead of it, where cells share no report: X'V^-1 X by aircraft and day has
+    # nothing beside its diagonal
     day_diagonal: Floats | None = None
+    # (R, A, D, k): scores of each aircraft about the fleet's own table, where weather is common to
+    # all
     apart: Floats | None = None
 
     def scatter_of(self, score: Floats) -> Floats:
@@ -92,54 +73,29 @@ class Sums:
 
 @dataclass(frozen=True)
 class Left:
-    """Residuals with everything the reference does taken out.
+    """Residuals with everything the reference does taken out."""
 
-    Attributes
-    ----------
-    parts : tuple of (2 m, R) float32
-        V^-1 r of the reports of each part of the ground.
-    daily : (D, q, R) float
-        Best values of the day fields given each residual.
-    lasting : (L, R) float
-        The same of what lasts.
-    """
-
+    # (2 m, R) each: V^-1 r of the reports of each part of the ground
     parts: tuple[Singles, ...]
-    daily: Floats
-    lasting: Floats
+    daily: Floats  # (D, q, R): best values of the day fields given each residual
+    lasting: Floats  # (L, R): the same of what lasts
 
 
 @dataclass(frozen=True)
 class Ground:
-    """Reports ready for tables: whitened nuisance columns by aircraft and day.
-
-    Attributes
-    ----------
-    order : FlightOrder
-    gains : Gains
-        In the order's own sequence.
-    parts : tuple of (int, int, (m,) int, (2 m, w) float32)
-        Aircraft, day, positions in the order, and ``[Z, C, B]`` of these reports.
-    root : (D, q, q) float
-        Inverse Cholesky factor of the day fields' normal matrix.
-    fields : (D, q, L) float
-        ``root`` Z' [C, B of every aircraft] by day.
-    half : (L, L) float
-        Root of the inverse of what lasts given the day fields.
-    sizes : (int, int, int, int)
-        Aircraft, days, columns of the climatology, of one aircraft's steady errors.
-    owner : (n,) int
-        Aircraft of every report, in the order's sequence.
-    """
+    """Reports ready for tables: whitened nuisance columns by aircraft and day."""
 
     order: FlightOrder
-    gains: Gains
+    gains: Gains  # in the order's own sequence
+    # tuple of (int, int, (m,) int, (2 m, w) float32): aircraft, day, positions in the order, and
+    # ``[Z, C, B]`` of these reports
     parts: tuple[tuple[int, int, Integers, Singles], ...]
-    root: Floats
-    fields: Floats
-    half: Floats
+    root: Floats  # (D, q, q): inverse Cholesky factor of the day fields' normal matrix
+    fields: Floats  # (D, q, L): ``root`` Z' [C, B of every aircraft] by day
+    half: Floats  # (L, L): root of the inverse of what lasts given the day fields
+    # aircraft, days, columns of the climatology, of one aircraft's steady errors
     sizes: tuple[int, int, int, int]
-    owner: Integers
+    owner: Integers  # (n,): aircraft of every report, in the order's sequence
 
     def _places(self, aircraft: int) -> Integers:
         """Places of an aircraft's own columns among all that last."""

@@ -46,21 +46,13 @@ CROSSED = 30
 
 @dataclass(frozen=True)
 class Jumps:
-    """Values at which a component of the residual jumps.
-
-    Attributes
-    ----------
-    component, variable : str
-    at : tuple of float
-        Increasing, in the variable's unit.
-    nats : float
-        Evidence of the strongest: half its squared standard errors, less the log of the number of
-        values, variables and components looked at.
-    """
+    """Values at which a component of the residual jumps."""
 
     component: str
     variable: str
-    at: tuple[float, ...]
+    at: tuple[float, ...]  # increasing, in the variable's unit
+    # evidence of the strongest: half its squared standard errors, less the log of the number of
+    # values, variables and components looked at
     nats: float
 
     def grid(self, bench: Bench) -> Grid:

@@ -75,24 +75,13 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True)
 class Explained:
-    """What the trees explain of one component in one view.
-
-    Attributes
-    ----------
-    component, view : str
-    covariance : float
-        Of prediction and error on days left out, (m/s)^2.
-    simulated : float
-        Mean of the same over simulated archives.
-    error : float
-        Standard error of the difference: between days, and between simulated archives.
-    """
+    """What the trees explain of one component in one view."""
 
     component: str
     view: str
-    covariance: float
-    simulated: float
-    error: float
+    covariance: float  # of prediction and error on days left out, (m/s)^2
+    simulated: float  # mean of the same over simulated archives
+    error: float  # standard error of the difference: between days, and between simulated archives
 
     @property
     def excess(self) -> float:
@@ -108,18 +97,11 @@ class Explained:
 
 @dataclass(frozen=True)
 class Heard:
-    """What the learned witness says of an archive.
+    """What the learned witness says of an archive."""
 
-    Attributes
-    ----------
-    explained : tuple of Explained
-        What was set beside simulated archives, strongest first.
-    telling : tuple of (str, float)
-        Variables of the strongest and what permuting each costs, (m/s)^2; none where nothing is
-        claimed.
-    """
-
-    explained: tuple[Explained, ...]
+    explained: tuple[Explained, ...]  # what was set beside simulated archives, strongest first
+    # variables of the strongest and what permuting each costs, (m/s)^2; none where nothing is
+    # claimed
     telling: tuple[tuple[str, float], ...]
 
     @property
@@ -142,19 +124,11 @@ class Heard:
 
 @dataclass(frozen=True)
 class Sample:
-    """Whole flights of an archive that the trees see.
+    """Whole flights of an archive that the trees see."""
 
-    Attributes
-    ----------
-    rows : (m,) int
-    day : (m,) int
-    second : (m,) bool
-        Whether a report is of the second half of the days, drawn.
-    """
-
-    rows: Integers
-    day: Integers
-    second: NDArray[np.bool_]
+    rows: Integers  # (m,)
+    day: Integers  # (m,)
+    second: NDArray[np.bool_]  # (m,): whether a report is of the second half of the days, drawn
 
     @classmethod
     def of(cls, setting: Setting, seed: int = 0) -> Sample:

@@ -33,21 +33,13 @@ SHORTEST = 3
 
 @dataclass(frozen=True)
 class Period:
-    """Days on which a component is off.
-
-    Attributes
-    ----------
-    component : str
-    first, last : int
-        Days, the second one not of it.
-    nats : float
-        Evidence, averaged over where it begins and ends.
-    """
+    """Days on which a component is off."""
 
     component: str
+    # first, last: days, the second one not of it
     first: int
     last: int
-    nats: float
+    nats: float  # evidence, averaged over where it begins and ends
 
     def grid(self, bench: Bench) -> Grid:
         """Cells before, within and after it."""

@@ -30,28 +30,18 @@ SHARES = np.array([0.04, 0.1, 0.25, 0.5, 0.8])
 
 @dataclass(frozen=True)
 class Weighed:
-    """Evidence for a table, of every residual (R of them).
+    """Evidence for a table, of every residual (R of them)."""
 
-    Attributes
-    ----------
-    fleet, single : (R,) float
-        Log Bayes factor of one table for all, and of tables of some aircraft's own, nats.
-    by_aircraft : (R, A) float
-    fleet_factor, factor : float
-        Cluster factors, of the real residual.
-    fleet_value : (k,) float
-        Posterior mean of the real residual's table.
-    value : (A, k) float
-        The same by aircraft.
-    """
-
+    # fleet, single: (R,): log Bayes factor of one table for all, and of tables of some aircraft's
+    # own, nats
     fleet: Floats
     single: Floats
-    by_aircraft: Floats
+    by_aircraft: Floats  # (R, A)
+    # fleet_factor, factor: cluster factors, of the real residual
     fleet_factor: float
     factor: float
-    fleet_value: Floats
-    value: Floats
+    fleet_value: Floats  # (k,): posterior mean of the real residual's table
+    value: Floats  # (A, k): the same by aircraft
 
 
 def evidence(

@@ -53,35 +53,21 @@ QUANTILES, LEAST_CHANGE, CLEAR = 80, 1.0 * KNOT, 4.0
 
 @dataclass(frozen=True)
 class SentWinds:
-    """Winds sent otherwise than simulated ones.
+    """Winds sent otherwise than simulated ones."""
 
-    Attributes
-    ----------
-    area : float
-        Under the receiver's curve, real against simulated.
-    simulated, error : float
-        The same between simulated archives, and its standard error.
-    telling : tuple of str
-        ``wind_speed``, ``wind_direction``: what tells, most first.
-    aircraft : tuple of int
-        Those that have it.
-    speeds, sent : (m,) float or None
-        Speeds and what is sent in their place; None where the map is the identity.
-    closes, closes_error : float
-        How far the disagreement shrinks, kt.
-    directions : (36,) float
-        Reports beside simulated ones in each ten degrees of direction, as a share less 1.
-    """
-
-    area: float
+    area: float  # under the receiver's curve, real against simulated
+    # simulated, error: the same between simulated archives, and its standard error
     simulated: float
     error: float
-    telling: tuple[str, ...]
-    aircraft: tuple[int, ...]
+    telling: tuple[str, ...]  # ``wind_speed``, ``wind_direction``: what tells, most first
+    aircraft: tuple[int, ...]  # those that have it
+    # speeds, sent: (m,): speeds and what is sent in their place; None where the map is the identity
     speeds: Floats | None
     sent: Floats | None
+    # closes, closes_error: how far the disagreement shrinks, kt
     closes: float
     closes_error: float
+    # (36,): reports beside simulated ones in each ten degrees of direction, as a share less 1
     directions: Floats
 
     @property

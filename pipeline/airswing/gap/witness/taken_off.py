@@ -65,26 +65,13 @@ DRAWS = 200
 
 @dataclass(frozen=True)
 class Taken:
-    """An unknown taken off.
-
-    Attributes
-    ----------
-    unknown : Unknown
-    saved : (n,) float
-        Disagreement before less after, m/s.
-    drawn : (draws,) float
-        Its mean, drawn from what the data leave open about the table, m/s.
-    nearest : str or None
-        Effect of the catalogue that explains most of it.
-    share : float
-        Share of its mean square that the effect explains.
-    """
+    """An unknown taken off."""
 
     unknown: Unknown
-    saved: Floats
-    drawn: Floats
-    nearest: str | None
-    share: float
+    saved: Floats  # (n,): disagreement before less after, m/s
+    drawn: Floats  # (draws,): its mean, drawn from what the data leave open about the table, m/s
+    nearest: str | None  # effect of the catalogue that explains most of it
+    share: float  # share of its mean square that the effect explains
 
     @property
     def evidence(self) -> float:

@@ -79,18 +79,11 @@ RC: Any = {
 
 
 class CaptionedFigure(Figure):
-    """A matplotlib Figure that carries its caption and shows itself in a notebook.
+    """A matplotlib Figure that carries its caption and shows itself in a notebook."""
 
-    Attributes
-    ----------
-    caption : str
-        What the figure shows in words, with the number of reports or aircraft behind it.
-    alternative : str
-        One line for those who cannot see the figure.
-    """
-
+    # what the figure shows in words, with the number of reports or aircraft behind it
     caption: str = ""
-    alternative: str = ""
+    alternative: str = ""  # one line for those who cannot see the figure
 
     def say(self, caption: str, *, alternative: str | None = None) -> CaptionedFigure:
         """Set the caption (and the alternative text, by default its first sentence)."""

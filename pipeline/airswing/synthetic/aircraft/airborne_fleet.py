@@ -39,35 +39,19 @@ _CLIMB, _DESCENT = 6.0, 6.5
 
 @dataclass
 class Flown:
-    """The flights, step by step: arrays of shape (steps, flights).
+    """The flights, step by step: arrays of shape (steps, flights)."""
 
-    Parameters
-    ----------
-    latitude, longitude : ndarray
-        Degrees.
-    altitude : ndarray
-        Pressure altitude, m.
-    east, north : ndarray
-        Ground velocity, m/s.
-    bank : ndarray
-        Radians, right wing down positive.
-    phase : ndarray int8
-        1 ascent, 2 cruise, 3 descent; 0 once landed.
-    departure : ndarray (flights,)
-        Hours since the start.
-    aircraft : ndarray int (flights,)
-        Index of the aircraft.
-    """
-
+    # latitude, longitude: degrees
     latitude: Array
     longitude: Array
-    altitude: Array
+    altitude: Array  # pressure altitude, m
+    # east, north: ground velocity, m/s
     east: Array
     north: Array
-    bank: Array
-    phase: NDArray[np.int8]
-    departure: Array
-    aircraft: NDArray[np.int64]
+    bank: Array  # radians, right wing down positive
+    phase: NDArray[np.int8]  # 1 ascent, 2 cruise, 3 descent; 0 once landed
+    departure: Array  # (flights,): hours since the start
+    aircraft: NDArray[np.int64]  # (flights,): index of the aircraft
 
     def at(self, name: str, flight: NDArray[np.int64], step: Array) -> Array:
         """Return one quantity at fractional steps of flights, linearly between steps."""

@@ -54,24 +54,12 @@ _USUAL_ACCELERATION = 0.03
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault: see the module docstring.
+    """One fault: see the module docstring."""
 
-    Parameters
-    ----------
-    name : str
-        What.
-    tails : tuple of str or None
-        Who; None for all.
-    parameters : mapping
-        How much.
-    period : (float, float)
-        Hours since the archive's start; infinite where open.
-    """
-
-    name: str
-    tails: tuple[str, ...] | None
-    parameters: Mapping[str, Any]
-    period: tuple[float, float]
+    name: str  # what
+    tails: tuple[str, ...] | None  # who; None for all
+    parameters: Mapping[str, Any]  # how much
+    period: tuple[float, float]  # hours since the archive's start; infinite where open
 
     def value(self, key: str, default: float = 0.0) -> float:
         """Return one parameter as a number."""
@@ -86,48 +74,30 @@ class Fault:
 
 @dataclass
 class Setting:
-    """What surrounds the unit at every report, each (n,), and what faults change there.
+    """What surrounds the unit at every report, each (n,), and what faults change there."""
 
-    Parameters
-    ----------
-    tail : ndarray of int
-        Aircraft index.
-    hours, latitude, longitude, altitude : ndarray
-        Hours since the start, degrees, m.
-    magnetic, declination, horizontal, down : ndarray
-        True magnetic heading and declination (radians), H and Z (nT).
-    acceleration, bank, temperature : ndarray
-        Along the heading (m s-2), radians, K.
-    icing : ndarray of bool
-        Icing protection is on.
-    phase : ndarray of int
-        1 ascent, 2 cruise, 3 descent.
-    box : (float, float, float, float)
-        South, north, west, east in degrees.
-
-    Attributes
-    ----------
-    usual_field : float
-        H (nT) at which hard iron turns the compass by its stated amplitude where the fault names no
-        field: the median of `horizontal`.
-    """
-
-    tail: NDArray[np.int64]
+    tail: NDArray[np.int64]  # aircraft index
+    # hours, latitude, longitude, altitude: hours since the start, degrees, m
     hours: Array
     latitude: Array
     longitude: Array
     altitude: Array
+    # magnetic, declination, horizontal, down: true magnetic heading and declination (radians), H
+    # and Z (nT)
     magnetic: Array
     declination: Array
     horizontal: Array
     down: Array
+    # acceleration, bank, temperature: along the heading (m s-2), radians, K
     acceleration: Array
     bank: Array
     temperature: Array
-    icing: Mask
-    phase: NDArray[np.int64]
-    box: tuple[float, float, float, float]
+    icing: Mask  # icing protection is on
+    phase: NDArray[np.int64]  # 1 ascent, 2 cruise, 3 descent
+    box: tuple[float, float, float, float]  # south, north, west, east in degrees
     unit: Unit = field(init=False)
+    # H (nT) at which hard iron turns the compass by its stated amplitude where the fault names no
+    # field: the median of `horizontal`
     usual_field: float = field(init=False)
     declination_error: Array = field(init=False)
 

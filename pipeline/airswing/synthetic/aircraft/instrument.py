@@ -31,33 +31,23 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Unit:
-    """State of the unit at every report; every field broadcasts to (n,).
+    """State of the unit at every report; every field broadcasts to (n,)."""
 
-    Parameters
-    ----------
-    hard_forward, hard_right : ndarray
-        Hard iron and heater currents along the body axes, nT.
-    soft_sine, soft_cosine : ndarray
-        Symmetric traceless soft iron: the matrix [[1 - s, -c], [-c, 1 + s]].
-    rotation : ndarray
-        Misalignment and other errors that add to the heading, radians.
-    third_sine, third_cosine : ndarray
-        Three-cycle error (a fault of the valve's windings), radians.
-    tilt_forward, tilt_right : ndarray
-        Tilt of the sensing plane: forward side down, right side down, radians.
-    airspeed_factor, airspeed_offset : ndarray
-        Indicated = factor x true + offset (m/s).
-    """
-
+    # hard_forward, hard_right: hard iron and heater currents along the body axes, nT
     hard_forward: Array
     hard_right: Array
+    # soft_sine, soft_cosine: symmetric traceless soft iron: the matrix [[1 - s, -c], [-c, 1 + s]]
     soft_sine: Array
     soft_cosine: Array
-    rotation: Array
+    rotation: Array  # misalignment and other errors that add to the heading, radians
+    # third_sine, third_cosine: three-cycle error (a fault of the valve's windings), radians
     third_sine: Array
     third_cosine: Array
+    # tilt_forward, tilt_right: tilt of the sensing plane: forward side down, right side down,
+    # radians
     tilt_forward: Array
     tilt_right: Array
+    # airspeed_factor, airspeed_offset: indicated = factor x true + offset (m/s)
     airspeed_factor: Array
     airspeed_offset: Array
 

@@ -77,24 +77,12 @@ _WIDER: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class Network:
-    """A region to fly in.
+    """A region to fly in."""
 
-    Parameters
-    ----------
-    airports : dict
-        Code to (latitude, longitude) in degrees.
-    hubs : tuple of str
-        Home airports.
-    legs : (float, float)
-        Shortest and longest leg in km.
-    centre : (float, float)
-        Middle of the model grid in degrees.
-    """
-
-    airports: dict[str, tuple[float, float]]
-    hubs: tuple[str, ...]
-    legs: tuple[float, float]
-    centre: tuple[float, float]
+    airports: dict[str, tuple[float, float]]  # code to (latitude, longitude) in degrees
+    hubs: tuple[str, ...]  # home airports
+    legs: tuple[float, float]  # shortest and longest leg in km
+    centre: tuple[float, float]  # middle of the model grid in degrees
 
 
 NETWORKS = {
@@ -132,28 +120,15 @@ NETWORKS = {
 
 @dataclass(frozen=True)
 class Timetable:
-    """Flights of an archive, one row each.
+    """Flights of an archive, one row each."""
 
-    Parameters
-    ----------
-    aircraft : ndarray int (F,)
-        Index of the aircraft.
-    departure : ndarray (F,)
-        Hours since the start.
-    origin, destination : ndarray (F, 2)
-        Latitude and longitude in degrees.
-    cruise_altitude : ndarray (F,)
-        m.
-    cruise_airspeed : ndarray (F,)
-        True airspeed in m/s.
-    """
-
-    aircraft: NDArray[np.int64]
-    departure: Array
+    aircraft: NDArray[np.int64]  # (F,): index of the aircraft
+    departure: Array  # (F,): hours since the start
+    # origin, destination: (F, 2): latitude and longitude in degrees
     origin: Array
     destination: Array
-    cruise_altitude: Array
-    cruise_airspeed: Array
+    cruise_altitude: Array  # (F,): m
+    cruise_airspeed: Array  # (F,): true airspeed in m/s
 
 
 def _routes(rng: np.random.Generator, network: Network, hub: str) -> tuple[list[str], Array]:

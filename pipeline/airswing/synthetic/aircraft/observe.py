@@ -40,61 +40,36 @@ Wind = Callable[[NDArray[np.int64], Array, Array, Array, Array], Array]
 
 @dataclass(frozen=True)
 class Coding:
-    """What a unit can express and how noisy it is.
+    """What a unit can express and how noisy it is."""
 
-    Parameters
-    ----------
-    direction_deg, speed_kt, position_arcmin, time_s : float
-        Steps.
-    airspeed_noise, heading_noise : float
-        White noise of airspeed (m/s) and heading (degrees).
-    """
-
+    # direction_deg, speed_kt, position_arcmin, time_s: steps
     direction_deg: float = 1.0
     speed_kt: float = 1.0
     position_arcmin: float = 0.1
     time_s: float = 1.0
+    # airspeed_noise, heading_noise: white noise of airspeed (m/s) and heading (degrees)
     airspeed_noise: float = 0.7
     heading_noise: float = 0.3
 
 
 @dataclass(frozen=True)
 class Correction:
-    """An eight-point table that some units apply from an hour on.
+    """An eight-point table that some units apply from an hour on."""
 
-    Parameters
-    ----------
-    tables : dict of int to ndarray (8,)
-        By aircraft index: degrees of error at 0, 45, ... 315, to be subtracted from the indicated
-        magnetic heading.
-    start : float
-        Hours since the archive's start.
-    """
-
+    # dict of int to ndarray (8,): by aircraft index: degrees of error at 0, 45, ... 315, to be
+    # subtracted from the indicated magnetic heading.
     tables: dict[int, Array]
-    start: float
+    start: float  # hours since the archive's start
 
 
 @dataclass(frozen=True)
 class Units:
-    """The fleet's units.
+    """The fleet's units."""
 
-    Parameters
-    ----------
-    tails : sequence of str
-        The fleet.
-    faults : sequence of Fault
-        Of units and reporting; the references' are passed over.
-    coding : Coding
-        Steps and noise.
-    correction : Correction, optional
-        Eight-point tables in use.
-    """
-
-    tails: Sequence[str]
-    faults: Sequence[Fault]
-    coding: Coding
-    correction: Correction | None = None
+    tails: Sequence[str]  # the fleet
+    faults: Sequence[Fault]  # of units and reporting; the references' are passed over
+    coding: Coding  # steps and noise
+    correction: Correction | None = None  # eight-point tables in use
 
 
 def _state(

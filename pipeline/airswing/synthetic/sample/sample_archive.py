@@ -56,66 +56,37 @@ _GRID_RELATIVE = {"ruc": True, "rtfdaa": True, "rr": False}
 
 @dataclass(frozen=True)
 class Scenario:
-    """Everything an archive follows from.
+    """Everything an archive follows from."""
 
-    Parameters
-    ----------
-    days, aircraft, seed : int
-        Length, fleet size, seed.
-    effects : sequence of mapping
-        See `airswing.synthetic.aircraft.faults`.
-    world : str
-        ``default``, or ``hard``: longer-reaching error with heavy tails, bias, 1 % outliers and a
-        little of every effect on every aircraft.
-    network : str
-        Key of `airswing.synthetic.aircraft.network.NETWORKS`.
-    start : datetime
-        First day, UTC.
-    references : tuple of str
-        Of ``ruc`` (GRIB1), ``rtfdaa`` and ``rr`` (GRIB2).
-    columns, rows : int
-        Grid points.
-    spacing_km : float
-        Grid length.
-    levels : tuple of int
-        hPa, decreasing.
-    interval_hours, lead_hours : int
-        Between fields; length of the forecasts.
-    legs_per_day : float
-        Flights of one aircraft a day.
-    shuttles : int
-        How many of the aircraft fly on a single route.
-    climb_seconds, cruise_seconds : float
-        Between reports; multiples of 10 s.
-    coding : Coding
-        What the units can express, and their noise.
-    field_test : tuple, optional
-        (day number, tails): from that day these aircraft apply their 8-point table.
-    packing : dict, optional
-        eccodes packing type by reference.
-    """
-
+    # days, aircraft, seed: length, fleet size, seed
     days: int = 45
     aircraft: int = 14
     seed: int = 1
-    effects: Effects = ()
+    effects: Effects = ()  # see `airswing.synthetic.aircraft.faults`
+    # ``default``, or ``hard``: longer-reaching error with heavy tails, bias, 1 % outliers and a
+    # little of every effect on every aircraft
     world: str = "default"
-    network: str = "great_lakes"
-    start: datetime = datetime(2009, 3, 1)
+    network: str = "great_lakes"  # key of `airswing.synthetic.aircraft.network.NETWORKS`
+    start: datetime = datetime(2009, 3, 1)  # first day, UTC
+    # of ``ruc`` (GRIB1), ``rtfdaa`` and ``rr`` (GRIB2)
     references: tuple[str, ...] = ("ruc", "rtfdaa")
+    # columns, rows: grid points
     columns: int = 45
     rows: int = 35
-    spacing_km: float = 40.635
-    levels: tuple[int, ...] = LEVELS
+    spacing_km: float = 40.635  # grid length
+    levels: tuple[int, ...] = LEVELS  # hPa, decreasing
+    # interval_hours, lead_hours: between fields; length of the forecasts
     interval_hours: int = 1
     lead_hours: int = 1
-    legs_per_day: float = 4.0
-    shuttles: int = 0
+    legs_per_day: float = 4.0  # flights of one aircraft a day
+    shuttles: int = 0  # how many of the aircraft fly on a single route
+    # climb_seconds, cruise_seconds: between reports; multiples of 10 s
     climb_seconds: float = 60.0
     cruise_seconds: float = 120.0
-    coding: Coding = field(default_factory=Coding)
+    coding: Coding = field(default_factory=Coding)  # what the units can express, and their noise
+    # (day number, tails): from that day these aircraft apply their 8-point table
     field_test: tuple[int, tuple[str, ...]] | None = None
-    packing: Mapping[str, str] = field(default_factory=dict)
+    packing: Mapping[str, str] = field(default_factory=dict)  # eccodes packing type by reference
 
     @property
     def tails(self) -> list[str]:

@@ -45,22 +45,13 @@ START = datetime(2009, 3, 1)
 
 @dataclass(frozen=True)
 class Size:
-    """How large the archives are.
+    """How large the archives are."""
 
-    Parameters
-    ----------
-    days, aircraft : int
-        Length and fleet.
-    sizes : tuple of float
-        Strengths drawn, m/s.
-    coarse : bool
-        See `World`.
-    """
-
+    # days, aircraft: length and fleet
     days: int = 45
     aircraft: int = 14
-    sizes: tuple[float, ...] = SIZES
-    coarse: bool = False
+    sizes: tuple[float, ...] = SIZES  # strengths drawn, m/s
+    coarse: bool = False  # see `World`
 
     @classmethod
     def fast(cls) -> Size:
@@ -75,66 +66,34 @@ class Size:
 
 @dataclass(frozen=True)
 class World:
-    """What several cases share.
+    """What several cases share."""
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the generator.
-    kind : str
-        ``default``, ``short`` (the same for two weeks), ``hard``, ``sensor`` (a real flux valve's
-        errors) or ``model`` (a real forecast's).
-    days, aircraft : int
-        Length and fleet.
-    coarse : bool
-        Fields of 57 km every 2 hours instead of 41 km every hour.
-    """
-
-    seed: int
+    seed: int  # seed of the generator
+    # ``default``, ``short`` (the same for two weeks), ``hard``, ``sensor`` (a real flux valve's
+    # errors) or ``model`` (a real forecast's)
     kind: str
+    # days, aircraft: length and fleet
     days: int
     aircraft: int
-    coarse: bool = False
+    coarse: bool = False  # fields of 57 km every 2 hours instead of 41 km every hour
 
 
 @dataclass(frozen=True)
 class Case:
-    """One case as drawn, at unit strength.
+    """One case as drawn, at unit strength."""
 
-    Parameters
-    ----------
-    name : str
-        Says nothing.
-    rung : int
-        See `RUNGS`.
-    kind : str
-        ``null, single, pair, outside, removed``.
-    world : World
-        Where it plays.
-    drawn : tuple of Drawn
-        Effects.
-    sizes : tuple of float
-        Wanted strength of each, m/s.
-    without : tuple of str
-        Effects the diagnosis does without.
-    variant : str
-        Of the effect, see `airswing.synthetic.sealed.draws.Draw`; of a pair ``same aircraft`` or
-        ``apart``; of an outside effect its shape.
-    instead : tuple of Drawn
-        Outside effects to take where the first is not fit.
-    worth : bool
-        Take one whose truth closes a tenth of a knot and more, where one of the draws does.
-    """
-
-    name: str
-    rung: int
-    kind: str
-    world: World
-    drawn: tuple[Drawn, ...] = ()
-    sizes: tuple[float, ...] = ()
-    without: tuple[str, ...] = ()
+    name: str  # says nothing
+    rung: int  # see `RUNGS`
+    kind: str  # ``null, single, pair, outside, removed``
+    world: World  # where it plays
+    drawn: tuple[Drawn, ...] = ()  # effects
+    sizes: tuple[float, ...] = ()  # wanted strength of each, m/s
+    without: tuple[str, ...] = ()  # effects the diagnosis does without
+    # of the effect, see `airswing.synthetic.sealed.draws.Draw`; of a pair ``same aircraft`` or
+    # ``apart``; of an outside effect its shape
     variant: str = "plain"
-    instead: tuple[Drawn, ...] = ()
+    instead: tuple[Drawn, ...] = ()  # outside effects to take where the first is not fit
+    # take one whose truth closes a tenth of a knot and more, where one of the draws does
     worth: bool = False
 
 

@@ -93,54 +93,31 @@ class Both:
 
 @dataclass(frozen=True)
 class Draw:
-    """How the blind check draws, scales and judges one effect.
+    """How the blind check draws, scales and judges one effect."""
 
-    Parameters
-    ----------
-    unit : callable, optional
-        (rng) to parameters at unit strength; none for an effect with a ladder.
-    scaled : tuple of str
-        Parameters that a strength multiplies.
-    limit : float
-        Largest size of those.
-    ladder : tuple of dict
-        Four steps that stand for the four sizes where no root mean square is meant.
-    form : callable, optional
-        (rng) to what another form of the effect adds to its parameters.
-    whose : {"aircraft", "fleet", "pair"}
-        Whom it strikes: drawn aircraft, all of them (or the reference), or two that exchange.
-    dated : {"never", "late", "always"}
-        Whether it begins at a date: never, in one variant in the last week, or always (and in one
-        variant in the last week).
-    grows : bool
-        Its strength grows with the archive's length.
-    on_real_data : bool
-        It can be added to a real valve's record, and shows in one day.
-    acts : callable, optional
-        (frame, parameters) to the reports it acts on by its nature; all where not given.
-    compared : tuple of str
-        Parameters compared with the truth; an amplitude and its phase as one vector.
-    places : tuple of str
-        Variables that place it where the diagnosis has no name for it.
-    read_from : tuple of (str, str)
-        Component and variable from which a person would read it.
-    fault : callable, optional
-        How the generator realises it, where it is not among the generator's own.
-    """
-
+    # (rng) to parameters at unit strength; none for an effect with a ladder
     unit: Unit | None = None
-    scaled: tuple[str, ...] = ()
-    limit: float = np.inf
+    scaled: tuple[str, ...] = ()  # parameters that a strength multiplies
+    limit: float = np.inf  # largest size of those
+    # four steps that stand for the four sizes where no root mean square is meant
     ladder: tuple[dict[str, float], ...] = ()
-    form: Unit | None = None
+    form: Unit | None = None  # (rng) to what another form of the effect adds to its parameters
+    # {"aircraft", "fleet", "pair"}; whom it strikes: drawn aircraft, all of them (or the
+    # reference), or two that exchange
     whose: Literal["aircraft", "fleet", "pair"] = "aircraft"
+    # {"never", "late", "always"}; whether it begins at a date: never, in one variant in the last
+    # week, or always (and in one variant in the last week)
     dated: Literal["never", "late", "always"] = "never"
-    grows: bool = False
-    on_real_data: bool = False
+    grows: bool = False  # its strength grows with the archive's length
+    on_real_data: bool = False  # it can be added to a real valve's record, and shows in one day
+    # (frame, parameters) to the reports it acts on by its nature; all where not given
     acts: Acts | None = None
+    # parameters compared with the truth; an amplitude and its phase as one vector
     compared: tuple[str, ...] = ()
-    places: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()  # variables that place it where the diagnosis has no name for it
+    # component and variable from which a person would read it
     read_from: tuple[tuple[str, str], ...] = ()
+    # how the generator realises it, where it is not among the generator's own
     fault: Realised | None = None
 
     @property
@@ -158,21 +135,12 @@ class Draw:
 
 @dataclass(frozen=True)
 class Drawn:
-    """One effect before or after scaling.
+    """One effect before or after scaling."""
 
-    Parameters
-    ----------
-    name : str
-        Effect the case is about.
-    effects : tuple of mapping
-        What the generator is told; for a swap, the two deviations that make it visible as well.
-    how : Draw
-        How it was drawn.
-    """
-
-    name: str
+    name: str  # effect the case is about
+    # what the generator is told; for a swap, the two deviations that make it visible as well
     effects: tuple[Effect, ...]
-    how: Draw = field(default_factory=Draw)
+    how: Draw = field(default_factory=Draw)  # how it was drawn
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -188,21 +156,11 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Occasion:
-    """The archive an effect is drawn for.
+    """The archive an effect is drawn for."""
 
-    Parameters
-    ----------
-    tails : tuple of str
-        The fleet.
-    start : datetime
-        First day, UTC.
-    days : int
-        Length.
-    """
-
-    tails: tuple[str, ...]
-    start: datetime
-    days: int
+    tails: tuple[str, ...]  # the fleet
+    start: datetime  # first day, UTC
+    days: int  # length
 
 
 def draw_effect(

@@ -47,21 +47,11 @@ _MODEL_FOLDER = "wrf_ruc13_g212"
 
 @dataclass(frozen=True)
 class SensorRecord:
-    """Residual errors of one real flight, each (n,).
+    """Residual errors of one real flight, each (n,)."""
 
-    Parameters
-    ----------
-    magnetic : ndarray
-        Indicated magnetic heading, radians.
-    heading_error : ndarray
-        Left over after the mean of each heading, radians.
-    airspeed_error : ndarray
-        Left over after the mean of each heading, m/s.
-    """
-
-    magnetic: Array
-    heading_error: Array
-    airspeed_error: Array
+    magnetic: Array  # indicated magnetic heading, radians
+    heading_error: Array  # left over after the mean of each heading, radians
+    airspeed_error: Array  # left over after the mean of each heading, m/s
 
 
 def sensor_record(table: pd.DataFrame) -> SensorRecord:

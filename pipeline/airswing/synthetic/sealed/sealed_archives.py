@@ -220,18 +220,10 @@ def simulated(world: World, effects: Effects, *, coding: Coding | None = None) -
 
 @dataclass
 class Archivist:
-    """Writes the archives of a check and keeps what they share.
+    """Writes the archives of a check and keeps what they share."""
 
-    Parameters
-    ----------
-    root : Path
-        Folder of the check; archives go to ``cases``, fields to ``winds``.
-    real : Path, optional
-        Folder with real data for rung 5.
-    """
-
-    root: Path
-    real: Path | None = None
+    root: Path  # folder of the check; archives go to ``cases``, fields to ``winds``
+    real: Path | None = None  # folder with real data for rung 5
     _bare: tuple[World, pd.DataFrame] | None = field(default=None, init=False)
 
     def write(self, case: Case) -> dict[str, Any]:

@@ -37,21 +37,11 @@ def _lattice(latitude: Array, longitude: Array, when: datetime) -> Array:
 
 @dataclass(frozen=True)
 class EarthField:
-    """Field vectors over a region and a span of time.
+    """Field vectors over a region and a span of time."""
 
-    Parameters
-    ----------
-    start : datetime
-        Start of the archive (UTC).
-    days : float
-        Its length.
-    box : (float, float, float, float)
-        South, north, west, east in degrees.
-    """
-
-    start: datetime
-    days: float
-    box: tuple[float, float, float, float]
+    start: datetime  # start of the archive (UTC)
+    days: float  # its length
+    box: tuple[float, float, float, float]  # south, north, west, east in degrees
 
     def __post_init__(self) -> None:
         """Evaluate the lattice at both ends of the archive."""

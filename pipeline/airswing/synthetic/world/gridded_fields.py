@@ -24,54 +24,30 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReferenceChange:
-    """What an effect does to the fields of one reference.
+    """What an effect does to the fields of one reference."""
 
-    Parameters
-    ----------
-    speed_percent : float
-        Speeds too strong by this much, where ``above_hpa`` / ``below_hpa`` allow.
-    above_hpa, below_hpa : float or None
-        Acts only at pressures lower / higher than these.
-    offset_hours : float
-        The field stamped t is that of t + offset.
-    unrotated : float
-        Fraction of the rotation a reader will leave out: 1 for winds along the grid flagged as
-        earth's, -1 for the reverse.
-    """
-
+    # speeds too strong by this much, where ``above_hpa`` / ``below_hpa`` allow
     speed_percent: float = 0.0
+    # above_hpa, below_hpa: acts only at pressures lower / higher than these
     above_hpa: float | None = None
     below_hpa: float | None = None
-    offset_hours: float = 0.0
+    offset_hours: float = 0.0  # the field stamped t is that of t + offset
+    # fraction of the rotation a reader will leave out: 1 for winds along the grid flagged as
+    # earth's, -1 for the reverse
     unrotated: float = 0.0
 
 
 @dataclass
 class GriddedReference:
-    """Fields of one reference as stored.
+    """Fields of one reference as stored."""
 
-    Parameters
-    ----------
-    name : str
-        Reference.
-    grid : LambertGrid
-        Where.
-    levels : ndarray (L,)
-        hPa, decreasing.
-    hours : ndarray (T,)
-        Valid times in hours since the start.
-    wind : ndarray float32 (T, 2, L, rows, columns)
-        Stored components in m/s.
-    grid_relative : bool
-        What the flag in the file says.
-    """
-
-    name: str
-    grid: LambertGrid
-    levels: Array
-    hours: Array
+    name: str  # reference
+    grid: LambertGrid  # where
+    levels: Array  # (L,): hPa, decreasing
+    hours: Array  # (T,): valid times in hours since the start
+    # (T, 2, L, rows, columns): stored components in m/s
     wind: NDArray[np.float32] = field(repr=False)
-    grid_relative: bool = True
+    grid_relative: bool = True  # what the flag in the file says
 
 
 def _turned(wind: NDArray[np.float32], angle: Array) -> NDArray[np.float32]:

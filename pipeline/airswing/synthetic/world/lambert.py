@@ -25,32 +25,18 @@ GRIB2_RADIUS = 6371229.0  # Earth radius of GRIB2 in m (WMO code table 3.2, valu
 
 @dataclass(frozen=True)
 class LambertGrid:
-    """A tangent Lambert conformal grid with points in rows from the south-west corner.
+    """A tangent Lambert conformal grid with points in rows from the south-west corner."""
 
-    Parameters
-    ----------
-    first_latitude, first_longitude : float
-        South-west grid point in degrees.
-    columns, rows : int
-        Points along x and along y.
-    spacing : float
-        Grid length at the standard parallel in m.
-    orientation : float
-        Longitude of the meridian parallel to y (LoV), degrees east.
-    standard_parallel : float
-        Latitude where the cone touches, degrees.
-    radius : float
-        Earth radius in m.
-    """
-
+    # first_latitude, first_longitude: south-west grid point in degrees
     first_latitude: float
     first_longitude: float
+    # columns, rows: points along x and along y
     columns: int
     rows: int
-    spacing: float
-    orientation: float = -95.0
-    standard_parallel: float = 25.0
-    radius: float = GRIB1_RADIUS
+    spacing: float  # grid length at the standard parallel in m
+    orientation: float = -95.0  # longitude of the meridian parallel to y (LoV), degrees east
+    standard_parallel: float = 25.0  # latitude where the cone touches, degrees
+    radius: float = GRIB1_RADIUS  # Earth radius in m
 
     @cached_property
     def _projection(self) -> pyproj.Proj:

@@ -57,43 +57,23 @@ def stream(seed: int, name: str) -> np.random.Generator:
 
 @dataclass(frozen=True)
 class WorldParameters:
-    """Sizes of the wind and of the references' errors (one component, m/s, unless said).
+    """Sizes of the wind and of the references' errors (one component, m/s, unless said)."""
 
-    Parameters
-    ----------
-    jet : float
-        Speed of the jet core.
-    waves, mesoscale : float
-        Root mean square of the baroclinic waves and of the mesoscale at 500 hPa.
-    error : float
-        Correlated error of a reference.
-    shared : float
-        Share of that error's variance common to all references.
-    bias, daily : float
-        Persistent error and amplitude of its daily part.
-    bias_lengths : (float, float)
-        Range of the persistent parts' correlation lengths, km.
-    lengths : (float, float)
-        Range of the error's correlation lengths, km.
-    memory : float
-        e-folding time of the error, h.
-    depth : float
-        Vertical correlation length of the error in ln p.
-    tails : float
-        0 for Gaussian error; 0.5 makes its amplitude vary by a log-normal factor of that width.
-    """
-
-    jet: float = 34.0
+    jet: float = 34.0  # speed of the jet core
+    # waves, mesoscale: root mean square of the baroclinic waves and of the mesoscale at 500 hPa
     waves: float = 6.5
     mesoscale: float = 1.5
-    error: float = 1.95
-    shared: float = 0.35
+    error: float = 1.95  # correlated error of a reference
+    shared: float = 0.35  # share of that error's variance common to all references
+    # bias, daily: persistent error and amplitude of its daily part
     bias: float = 0.2
     daily: float = 0.25
+    # range of the persistent parts' correlation lengths, km
     bias_lengths: tuple[float, float] = (500.0, 1500.0)
-    lengths: tuple[float, float] = (110.0, 320.0)
-    memory: float = 6.0
-    depth: float = 0.3
+    lengths: tuple[float, float] = (110.0, 320.0)  # range of the error's correlation lengths, km
+    memory: float = 6.0  # e-folding time of the error, h
+    depth: float = 0.3  # vertical correlation length of the error in ln p
+    # 0 for Gaussian error; 0.5 makes its amplitude vary by a log-normal factor of that width
     tails: float = 0.0
 
     @classmethod
@@ -118,21 +98,11 @@ def _growth(zeta: Array) -> Array:
 
 @dataclass(frozen=True)
 class World:
-    """The true wind.
+    """The true wind."""
 
-    Parameters
-    ----------
-    parameters : WorldParameters
-        Sizes.
-    seed : int
-        Seed of everything drawn.
-    end : float
-        Length of the archive in h.
-    """
-
-    parameters: WorldParameters
-    seed: int
-    end: float
+    parameters: WorldParameters  # sizes
+    seed: int  # seed of everything drawn
+    end: float  # length of the archive in h
 
     def __post_init__(self) -> None:
         """Draw the fields."""
@@ -226,21 +196,11 @@ def _wave_profile(zeta: Array) -> Array:
 
 @dataclass(frozen=True)
 class Reference:
-    """What one model makes of the true wind.
+    """What one model makes of the true wind."""
 
-    Parameters
-    ----------
-    world : World
-        The truth.
-    name : str
-        Name of the model; seeds its own error.
-    level : float
-        Factor on the error: 1 for an ordinary model.
-    """
-
-    world: World
-    name: str
-    level: float = 1.0
+    world: World  # the truth
+    name: str  # name of the model; seeds its own error
+    level: float = 1.0  # factor on the error: 1 for an ordinary model
 
     def __post_init__(self) -> None:
         """Draw the errors: shared, own, persistent and daily."""

@@ -33,32 +33,19 @@ _CHUNK = 8192
 
 @dataclass(frozen=True)
 class Waves:
-    """A sum of waves: M wave vectors, polarisations and amplitude series.
+    """A sum of waves: M wave vectors, polarisations and amplitude series."""
 
-    Parameters
-    ----------
-    kx, ky : ndarray (M,)
-        Horizontal wave numbers in rad/km.
-    kz : ndarray (M,)
-        Vertical wave number in rad per unit of zeta.
-    omega : ndarray (M,)
-        Frequency in rad/h.
-    east, north : ndarray (M,)
-        Complex polarisation of the two wind components in m/s.
-    series : ndarray (T, M) complex
-        Amplitudes on an hourly lattice starting at ``start``; T = 1 for fixed ones.
-    start : float
-        Hour of the first amplitude.
-    """
-
+    # kx, ky: (M,): horizontal wave numbers in rad/km
     kx: Array
     ky: Array
-    kz: Array
-    omega: Array
+    kz: Array  # (M,): vertical wave number in rad per unit of zeta
+    omega: Array  # (M,): frequency in rad/h
+    # east, north: (M,): complex polarisation of the two wind components in m/s
     east: NDArray[np.complex128]
     north: NDArray[np.complex128]
+    # (T, M): amplitudes on an hourly lattice starting at ``start``; T = 1 for fixed ones
     series: NDArray[np.complex128]
-    start: float
+    start: float  # hour of the first amplitude
 
     def amplitude(self, hours: Array) -> NDArray[np.complex128]:
         """Return the amplitudes at times, shape (n, M)."""
@@ -150,34 +137,18 @@ def _series(
 
 @dataclass(frozen=True)
 class WaveKind:
-    """What waves a random wind field is made of.
+    """What waves a random wind field is made of."""
 
-    Parameters
-    ----------
-    count : int
-        Waves.
-    rms : float
-        Root mean square of each wind component in m/s.
-    lengths : (float, float)
-        Range of the correlation length in km: each wave takes a length L log-uniformly and wave
-        numbers with standard deviation 1 / L.
-    depth : float
-        Vertical correlation length in ln p.
-    memory : float
-        e-folding time of the amplitudes in h; inf for a fixed field.
-    drift : (float, float)
-        Velocity in km/h that carries the waves east and north.
-    rotational : float
-        Share of the amplitude without divergence.
-    """
-
-    count: int
-    rms: float
+    count: int  # waves
+    rms: float  # root mean square of each wind component in m/s
+    # range of the correlation length in km: each wave takes a length L log-uniformly and wave
+    # numbers with standard deviation 1 / L
     lengths: tuple[float, float]
-    depth: float
-    memory: float
+    depth: float  # vertical correlation length in ln p
+    memory: float  # e-folding time of the amplitudes in h; inf for a fixed field
+    # velocity in km/h that carries the waves east and north
     drift: tuple[float, float] = (0.0, 0.0)
-    rotational: float = 0.7
+    rotational: float = 0.7  # share of the amplitude without divergence
 
 
 def random_waves(rng: np.random.Generator, kind: WaveKind, *, start: float, end: float) -> Waves:

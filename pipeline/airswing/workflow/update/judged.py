@@ -56,19 +56,12 @@ RECENT = 28
 
 @dataclass(frozen=True)
 class Recent:
-    """The last months of an archive.
+    """The last months of an archive."""
 
-    Parameters
-    ----------
-    headings, corrected : Dataset
-        With every aircraft of the fits, also those without a report in them.
-    since : str
-        First month, empty where these are all.
-    """
-
+    # headings, corrected: with every aircraft of the fits, also those without a report in them
     headings: xr.Dataset
     corrected: xr.Dataset
-    since: str
+    since: str  # first month, empty where these are all
 
 
 def recent_months(job: Job, months: list[str], fits: xr.Dataset) -> Recent:

@@ -79,15 +79,9 @@ Arrays = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True)
 class MonthlyFits:
-    """Looks at the reports month by month; called by :func:`airswing.workflow.fits.make_fits`.
+    """Looks at the reports month by month; called by :func:`airswing.workflow.fits.make_fits`."""
 
-    Parameters
-    ----------
-    months : list of str
-        All of them; the last is under way.
-    """
-
-    months: list[str]
+    months: list[str]  # all of them; the last is under way
 
     def __call__(self, job: Job, headings: xr.Dataset) -> Seen:
         """Fit the fleet on the sums of all months.

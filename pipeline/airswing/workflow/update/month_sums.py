@@ -50,20 +50,13 @@ def mark_of(base: Base) -> str:
 
 @dataclass
 class MonthSums:
-    """Sums and marks of one month.
+    """Sums and marks of one month."""
 
-    Parameters
-    ----------
-    content : dict of str to str
-        Hash of the reports of every aircraft of the month.
-    made_at : dict of str to dict
-        Of each group: aircraft -> mark of the base it was summed at.
-    periods : dict of str to dict
-        Of each group: aircraft -> its sums; none where it has no report that counts.
-    """
-
+    # hash of the reports of every aircraft of the month
     content: dict[str, str] = field(default_factory=dict)
+    # of each group: aircraft -> mark of the base it was summed at
     made_at: dict[str, dict[str, str]] = field(default_factory=dict)
+    # of each group: aircraft -> its sums; none where it has no report that counts
     periods: dict[str, dict[str, PeriodSums]] = field(default_factory=dict)
 
     def missing(self, marks: Mapping[str, Mapping[str, str]]) -> set[str]:

@@ -106,21 +106,11 @@ def keep_note(path: Path, content: dict[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class Month:
-    """One month of an update.
+    """One month of an update."""
 
-    Parameters
-    ----------
-    job : Job
-        Of this month.
-    spool : Spool
-        Reports of the whole archive.
-    spans : Spans
-        Of the model files.
-    """
-
-    job: Job
-    spool: Spool
-    spans: Spans
+    job: Job  # of this month
+    spool: Spool  # reports of the whole archive
+    spans: Spans  # of the model files
 
     @property
     def note(self) -> Path:

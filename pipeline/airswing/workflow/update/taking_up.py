@@ -49,19 +49,13 @@ def _of_all(headings: xr.Dataset, summary: dict[str, Any], since: str) -> dict[s
 
 @dataclass(frozen=True)
 class Taken:
-    """Products as of now.
+    """Products as of now."""
 
-    Parameters
-    ----------
-    headings, fits, corrected : Dataset
-        The first and the last of all months, read lazily.
-    months : dict of str to list of str
-        ``all`` of them, those ``made`` this time and those ``corrected``.
-    """
-
+    # headings, fits, corrected: the first and the last of all months, read lazily
     headings: xr.Dataset
     fits: xr.Dataset
     corrected: xr.Dataset
+    # ``all`` of them, those ``made`` this time and those ``corrected``
     months: dict[str, list[str]]
 
 
