@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from airswing.config import load_config, quantity
+from airswing.config import load_config, load_postprocess
 from airswing.errors import ConfigError
 
 SMALLEST = {
@@ -55,6 +55,15 @@ def test_pools_and_the_gap_reference(tmp_path):
         ({"pool": {"x": ["ruc", "rux"]}}, ["pool.x", "did you mean 'ruc'"]),
         ({"gap": {"reference": "ruk"}}, ["gap.reference", "'ruc'"]),
         ({"references": {}}, ["references"]),
+        ({"references": {"ruc": {"files": "a", "leed": "3 h"}}}, ["references.ruc", "'lead'"]),
+        (
+            {"observation_errors": {"covariance": 3}},
+            ["observation_errors", "'reference_covariance'"],
+        ),
+        (
+            {"postprocess": {"pairs": {"files": "a", "colums": {}}}},
+            ["postprocess.pairs.colums", "'columns'"],
+        ),
         (
             {
                 "field_test": {
@@ -97,22 +106,6 @@ def test_a_missing_key_is_named(tmp_path):
         load_config(write(tmp_path, {k: v for k, v in SMALLEST.items() if k != "output"}))
 
 
-def test_quantities():
-    assert quantity("0.1 arcmin", "radian") == pytest.approx(math.radians(0.1 / 60))
-    assert quantity("1 kt", "meter / second") == pytest.approx(0.514444, abs=1e-6)
-    with pytest.raises(ValueError, match="needs a unit"):
-        quantity(3, "second")
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["(3 h", "5 m/s/", "  ", "5..2 h", "2**2**100 s", "1e400 s", "nan s", "3", "3 kt", "3 h )"],
-)
-def test_what_is_no_number_with_a_unit_is_refused(text):
-    with pytest.raises(ValueError, match="is not a quantity"):
-        quantity(text, "second")
-
-
 def test_a_pool_that_names_a_reference_twice_is_refused(tmp_path):
     twice = {
         "references": {"ruc": {"files": "a"}, "rr": {"files": "b"}},
@@ -120,3 +113,10 @@ def test_a_pool_that_names_a_reference_twice_is_refused(tmp_path):
     }
     with pytest.raises(ConfigError, match=r"pool\.both: a reference is named twice"):
         load_config(write(tmp_path, SMALLEST | twice))
+
+
+def test_a_section_left_empty_has_no_forecasts_to_correct(tmp_path):
+    path = write(tmp_path, SMALLEST | {"postprocess": None})
+    assert load_config(path).postprocess is None
+    with pytest.raises(ConfigError, match="no forecasts to correct"):
+        load_postprocess(path)

@@ -7,14 +7,11 @@ key is refused with the nearest known one.
 
 from __future__ import annotations
 
-import difflib
-import functools
 import math
-import re
 from collections.abc import Mapping
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -26,63 +23,12 @@ from pydantic import (
     model_validator,
 )
 
-from airswing.errors import ConfigError, InputError, shortened
+from airswing.config_faults import explained, nearest, said_of
+from airswing.errors import ConfigError, InputError
 from airswing.model_formats import model_formats
 from airswing.plain_yaml import load_yaml
+from airswing.quantities import MetresPerSecond, Radians, Seconds
 from airswing.units import KNOT
-
-
-@functools.cache
-def _registry() -> Any:
-    import pint
-
-    registry: Any = pint.UnitRegistry()
-    registry.define("arcmin = arcminute")
-    return registry
-
-
-def quantity(text: object, unit: str) -> float:
-    """Turn a unit-bearing string into a float in a given unit.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``"3 h"`` or ``"0.1 arcmin"``.
-    unit : str
-        Unit of the result.
-
-    Raises
-    ------
-    ValueError
-        If there is no unit, or one of another kind.
-    """
-    if not isinstance(text, str):
-        raise ValueError(f"needs a unit, such as '{text} {_EXAMPLE.get(unit, unit)}'")
-    fault = f"{shortened(text, 80)!r} is not a quantity in units of {_EXAMPLE.get(unit, unit)}"
-    # A number and a unit apart: pint reads a whole expression, where "5..2 h" is one hour.
-    match = _QUANTITY.fullmatch(text)
-    # An exponent of exponents, "m**9**9**9", would be computed before it is refused.
-    if match is None or len(text) > _LONGEST_QUANTITY or _TOWER.search(text):
-        raise ValueError(fault)
-    import pint
-
-    try:
-        value = float(_registry().Quantity(float(match[1]), match[2]).to(unit).magnitude)
-    except (pint.PintError, AssertionError, AttributeError, TypeError, ValueError) as err:
-        raise ValueError(fault) from err
-    if not math.isfinite(value):
-        raise ValueError(fault)
-    return value
-
-
-# A number, then a unit such as ``deg`` or ``m/s``, or none.
-_QUANTITY = re.compile(
-    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d][\w /*^-]*|°|)\s*", re.ASCII
-)
-# Powers of powers, or of three digits: pint would work them out before they could be refused.
-_LONGEST_QUANTITY, _TOWER = 60, re.compile(r"(\*\*|\^).*(\*\*|\^)|(\*\*|\^)\s*-?\d{3}")
-# Unit to show where one is missing.
-_EXAMPLE = {"second": "min", "radian": "deg", "meter / second": "kt"}
 
 
 def _checked_lead(text: str) -> str:
@@ -95,9 +41,6 @@ def _checked_lead(text: str) -> str:
     return text
 
 
-Seconds = Annotated[float, BeforeValidator(lambda text: quantity(text, "second"))]
-Radians = Annotated[float, BeforeValidator(lambda text: quantity(text, "radian"))]
-MetresPerSecond = Annotated[float, BeforeValidator(lambda text: quantity(text, "meter / second"))]
 Strings = Annotated[
     list[str], BeforeValidator(lambda value: [value] if isinstance(value, str) else value)
 ]
@@ -375,7 +318,7 @@ class Config(_Section):
         for name, members in self.pool.items():
             unknown = [member for member in members if member not in self.references]
             if unknown:
-                near = _nearest(unknown[0], list(self.references))
+                near = nearest(unknown[0], list(self.references))
                 raise ValueError(f"pool.{name}: no reference {unknown[0]!r}{near}")
             if name in self.references:
                 raise ValueError(f"pool.{name}: a reference has the same name")
@@ -390,7 +333,7 @@ class Config(_Section):
                 )
         known = [*self.references, *self.pool]
         if self.gap.reference is not None and self.gap.reference not in known:
-            near = _nearest(self.gap.reference, known)
+            near = nearest(self.gap.reference, known)
             raise ValueError(f"gap.reference: no reference or pool {self.gap.reference!r}{near}")
         return self
 
@@ -420,8 +363,7 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
     ConfigError
         If the file is absent, not YAML, or does not fit.
     """
-    found: Config = _checked(Config, _content(Path(path), output), Path(path))
-    return found
+    return _checked(Config, _content(Path(path), output), Path(path))
 
 
 class PostprocessConfig(_Section):
@@ -453,15 +395,17 @@ def load_postprocess(
         As :func:`load_config`, and where there is no such section.
     """
     content = _content(Path(path), output)
-    if "postprocess" not in content:
+    if content.get("postprocess") is None:
         raise ConfigError(
             "there are no forecasts to correct",
             file=path,
             field="postprocess",
             remedy="Add postprocess with pairs, or with forecasts and stations",
         )
-    model = Config if "reports" in content or "references" in content else PostprocessConfig
+    whole = "reports" in content or "references" in content
+    model: type[Config | PostprocessConfig] = Config if whole else PostprocessConfig
     found = _checked(model, content, Path(path))
+    assert found.postprocess is not None
     return found.postprocess, found.output, found
 
 
@@ -477,12 +421,15 @@ def _content(path: Path, output: Path | None) -> dict[str, Any]:
     return content
 
 
-def _checked(model: Any, content: dict[str, Any], path: Path) -> Any:
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def _checked(model: type[Model], content: dict[str, Any], path: Path) -> Model:
     """The content as a model has it."""
     try:
         return model.model_validate(content)
     except ValidationError as err:
-        raise _explain(err, path) from err
+        raise explained(err, path, model) from err
 
 
 def with_handover(config: Config, given: Mapping[str, object]) -> Handover:
@@ -504,65 +451,9 @@ def with_handover(config: Config, given: Mapping[str, object]) -> Handover:
         return Handover.model_validate(config.handover.model_dump() | said)
     except ValidationError as err:
         fault = err.errors()[0]
-        place = f"--{fault['loc'][0]}" if fault["loc"] else "handover"
-        what = str(fault["msg"]).removeprefix("Value error, ")
-        raise ConfigError(what, field=place, found=said.get(str((*fault["loc"], "")[0]))) from err
-
-
-def _explain(err: ValidationError, path: Path) -> ConfigError:
-    """Tell the first fault in one message, with the nearest known key for an unknown one."""
-    fault = err.errors()[0]
-    place = ".".join(str(part) for part in fault["loc"] if not _alternative(part))
-    others = f"; and {err.error_count() - 1} more" if err.error_count() > 1 else ""
-    if fault["type"] == "extra_forbidden":
-        near = _nearest(str(fault["loc"][-1]), _keys_at(fault["loc"][:-1]))
-        return ConfigError(f"unknown key{near}{others}", file=path, field=place)
-    if fault["type"] == "missing":
-        return ConfigError(f"required key is missing{others}", file=path, field=place)
-    what = str(fault["msg"]).removeprefix("Value error, ")
-    found = None if isinstance(fault["input"], (dict, BaseModel)) else _written(fault["input"])
-    return ConfigError(what + others, file=path, field=place or None, found=found)
-
-
-def _written(value: object) -> str:
-    return shortened(repr(value) if isinstance(value, str) else value)
-
-
-def _alternative(part: int | str) -> bool:
-    """Tell pydantic's name of one alternative of a type (``int | "auto"``) from a key."""
-    return part == "constrained-int" or str(part).startswith("literal[")
-
-
-def _keys_at(location: tuple[int | str, ...]) -> list[str]:
-    """Keys the model knows at a place of the file."""
-    sections: dict[str, type[BaseModel]] = {
-        "reports": Reports,
-        "references": Reference,
-        "collocation": Collocation,
-        "screening": Screening,
-        "fit": Fit,
-        "table": Table,
-        "field_test": FieldTest,
-        "gap": Gap,
-        "monitoring": Monitoring,
-        "handover": Handover,
-        "postprocess": Postprocess,
-        "postprocess.pairs": ForecastTable,
-        "postprocess.forecasts": Forecasts,
-        "postprocess.stations": Stations,
-        "postprocess.winds": FlightLevelWinds,
-        "compute": Compute,
-    }
-    place = ".".join(map(str, location))
-    section = sections.get(place, sections.get(str(location[0]))) if location else Config
-    return list(section.model_fields) if section is not None else []
-
-
-def _nearest(word: str, known: list[str]) -> str:
-    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    if near:
-        return f"; did you mean {near[0]!r}?"
-    return f"; known: {', '.join(known)}" if known else ""
+        key = str(fault["loc"][0]) if fault["loc"] else ""
+        place = f"--{key}" if key else "handover"
+        raise ConfigError(said_of(fault["msg"]), field=place, found=said.get(key)) from err
 
 
 def as_json(config: BaseModel) -> str:

@@ -10,7 +10,6 @@ import ppigrf
 import pytest
 from tests.gap import frames
 
-from airswing.config import quantity
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import (
@@ -28,6 +27,7 @@ from airswing.gap.effects.forms import DEGREE, amplitude_phase
 from airswing.gap.effects.secular import declination_change
 from airswing.gap.simulation.effects_file import parse_effects
 from airswing.gap.simulation.forward import simulate
+from airswing.quantities import quantity
 
 KNOT = 1852.0 / 3600.0
 NAMES = {

@@ -106,7 +106,7 @@ def _dataset(corrected: object) -> xr.Dataset:
 
 
 def _seconds(window: str | None) -> float | None:
-    from airswing.config import quantity
+    from airswing.quantities import quantity
 
     if window is None:
         return None

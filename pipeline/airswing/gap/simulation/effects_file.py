@@ -23,11 +23,11 @@ from typing import Any
 
 import yaml
 
-from airswing.config import quantity
 from airswing.errors import InputError
 from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, Parameter, effect_named
 from airswing.plain_yaml import load_yaml
 from airswing.products.whole_files import write_text
+from airswing.quantities import quantity
 
 KEYS = ("name", "tails", "parameters", "period")
 _HEADER = "# Effects of a simulation: airswing simulate CONFIG --effects THIS -o FILE\n"
