@@ -594,10 +594,6 @@ def lookup(name: str, dims: tuple[Hashable, ...] = ()) -> Variable:
         Tells the phase of a fit (reference, aircraft) from the phase of flight (report), and a
         report's latitude from a map's.
 
-    Returns
-    -------
-    Variable
-
     Raises
     ------
     KeyError

@@ -109,11 +109,6 @@ def usable_effects(
 ) -> tuple[dict[str, Effect], dict[str, str]]:
     """Effects whose columns can be tested in an archive, and why the others cannot.
 
-    Parameters
-    ----------
-    frame : Frame
-    catalogue : mapping
-
     Returns
     -------
     effects : dict

@@ -45,7 +45,6 @@ def in_no_mean(
 
     Parameters
     ----------
-    problem : Problem
     rest : (n, 2) float
         Residual without what was found, m/s.
     moments : sequence of MomentVerdict

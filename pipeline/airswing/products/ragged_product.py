@@ -41,7 +41,6 @@ def ragged_writer(
 
     Parameters
     ----------
-    path : Path
     reports, aircraft : int
         Of all blocks together.
     carried : Dataset, optional

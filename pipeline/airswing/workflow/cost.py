@@ -68,11 +68,6 @@ def stage_seconds(
         Threads that decode at a time.
     kept : float, default 0
         Share of the reports that an earlier run dealt with.
-
-    Returns
-    -------
-    dict of str to float
-        Seconds by stage.
     """
     found = {stage: reports * seconds for stage, seconds in _SECONDS_PER_REPORT.items()}
     for stage, seconds in _SECONDS_PER_KEPT_REPORT.items():

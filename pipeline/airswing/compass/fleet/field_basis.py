@@ -60,10 +60,6 @@ class FieldBasis:
         ----------
         latitude, longitude : arrays of float, shape (n,), degrees
         log_pressure : array of float, shape (n,)
-
-        Returns
-        -------
-        FieldBasis
         """
         origin = (_middle(longitude), float(np.cos(np.radians(np.median(latitude)))))
         east = _eastward(longitude, origin)

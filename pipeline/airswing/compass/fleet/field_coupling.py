@@ -68,10 +68,6 @@ class Coupling:
             Of some blocks.
         direct, factor, gain
             As the attributes, of all.
-
-        Returns
-        -------
-        Coupling
         """
         aircraft = factor.shape[0]
         one = precision.stretch

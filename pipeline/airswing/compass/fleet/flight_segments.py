@@ -164,10 +164,6 @@ def duration_of(counts: Index) -> int:
     ----------
     counts : array of int, shape (4,)
         Of :func:`speed_counts`.
-
-    Returns
-    -------
-    int
     """
     total = np.cumsum(counts)
     return DURATIONS[int(np.searchsorted(2 * total, total[-1]))]
@@ -183,10 +179,6 @@ def find_edges(flight: NDArray[np.integer], time: NDArray[np.datetime64], second
     time : array of datetime64, shape (n,)
     seconds : int
         That a block lasts.
-
-    Returns
-    -------
-    Edges
     """
     ticks = np.array(seconds, dtype="timedelta64[s]").astype(time.dtype.str.replace("M8", "m8"))
     number = time.view(np.int64) // int(ticks.astype(np.int64))
@@ -218,7 +210,6 @@ def make_blocks(
         Of the pass, at its own parameters.
     square : float
         Sum over all reports of the square of weight times residual.
-    edges : Edges
     places : Places
         Of the reports, in the order of the pass.
     bias : array, shape (2,)
@@ -228,26 +219,12 @@ def make_blocks(
     kappa : float
         Mean derivative of the robust score over the mean weight: robust residuals are that much
         smaller than what shifts them.
-
-    Returns
-    -------
-    Blocks
     """
     return blocks_of(sums, square, cut_of(edges, places), bias, step, kappa)
 
 
 def cut_of(edges: Edges, places: Places) -> Cut:
-    """What is kept of the reports a block is made of.
-
-    Parameters
-    ----------
-    edges : Edges
-    places : Places
-
-    Returns
-    -------
-    Cut
-    """
+    """What is kept of the reports a block is made of."""
     stop = np.append(edges.start[1:], places.time.size)
     middle = (edges.start + stop) // 2
     return Cut(stop - edges.start, places.at(middle), edges.segment, edges.opens)
@@ -262,11 +239,6 @@ def blocks_of(
     ----------
     sums, square, bias, step, kappa
         As for :func:`make_blocks`.
-    cut : Cut
-
-    Returns
-    -------
-    Blocks
     """
     count, at = cut.count, cut.middle
     unit = int(count.sum()) / max(float(sums[0].sum()), 1e-30)

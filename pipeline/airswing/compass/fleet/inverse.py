@@ -113,13 +113,8 @@ def inverse_of(equations: Equations, right: Floats) -> Inverse:
 
     Parameters
     ----------
-    equations : Equations
     right : array, shape (unknowns,)
         Score where every unknown is zero.
-
-    Returns
-    -------
-    Inverse
     """
     if equations.size <= WRITTEN_OUT:
         return Written(equations, right)

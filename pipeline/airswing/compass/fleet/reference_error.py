@@ -85,11 +85,6 @@ class Stretch:
         ----------
         parts : list of Blocks
             One an aircraft.
-        basis : FieldBasis
-
-        Returns
-        -------
-        Stretch
         """
         count = np.array([part.size for part in parts])
         means = np.concatenate([part.sums for part in parts], axis=1)
@@ -181,7 +176,6 @@ def bounds_of(group: Ints, groups: int) -> list[tuple[int, int]]:
     ----------
     group : array of int, shape (n,)
         0 .. groups - 1.
-    groups : int
 
     Returns
     -------
@@ -286,12 +280,7 @@ def estimate_variances(stretch: Stretch, white: Floats) -> Variances:
 
     Parameters
     ----------
-    stretch : Stretch
     white : array of float, shape (aircraft,)
-
-    Returns
-    -------
-    Variances
     """
     # Beside expectation for the field, moments for blocks and pieces: there are as many of those as
     # reports, and of each the expected square would be an entry of the whole inverse.

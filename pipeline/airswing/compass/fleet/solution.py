@@ -59,10 +59,6 @@ def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:
         Of every aircraft, one for each reference.
     free : array of bool, shape (aircraft, 6)
         Which coefficients are fitted.
-
-    Returns
-    -------
-    FleetFit
     """
     segments = np.unique(
         np.concatenate([np.unique(part.segment) for one in blocks for part in one])

@@ -33,10 +33,6 @@ def packed_bases(bases: Mapping[str, Base]) -> Arrays:
     ----------
     bases : mapping of str to Base
         By aircraft.
-
-    Returns
-    -------
-    dict of array
     """
     every = list(bases.values())
     if not every:
@@ -58,16 +54,7 @@ def packed_bases(bases: Mapping[str, Base]) -> Arrays:
 
 
 def unpacked_bases(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Base]:
-    """Undo :func:`packed_bases`.
-
-    Parameters
-    ----------
-    arrays : mapping of array
-
-    Returns
-    -------
-    dict of str to Base
-    """
+    """Undo :func:`packed_bases`."""
     return {
         str(name): Base(
             arrays["theta"][k],
@@ -90,10 +77,6 @@ def packed_sums(sums: Mapping[str, AircraftSums]) -> Arrays:
     ----------
     sums : mapping of str to AircraftSums
         By aircraft.
-
-    Returns
-    -------
-    dict of array
     """
     every = list(sums.values())
     counts = [(one.reports, one.flights, one.compass_points, one.status) for one in every]
@@ -116,16 +99,7 @@ def packed_sums(sums: Mapping[str, AircraftSums]) -> Arrays:
 
 
 def unpacked_sums(arrays: Mapping[str, NDArray[Any]]) -> dict[str, AircraftSums]:
-    """Undo :func:`packed_sums`.
-
-    Parameters
-    ----------
-    arrays : mapping of array
-
-    Returns
-    -------
-    dict of str to AircraftSums
-    """
+    """Undo :func:`packed_sums`."""
     fit, constant = (_unpacked_fits(arrays, part) for part in ("fit", "constant"))
     found = {}
     for k, name in enumerate(arrays["aircraft"]):
@@ -162,10 +136,6 @@ def packed(periods: Mapping[str, PeriodSums]) -> Arrays:
     ----------
     periods : mapping of str to PeriodSums
         By aircraft.
-
-    Returns
-    -------
-    dict of array
     """
     every = list(periods.values())
     found: Arrays = {"aircraft": np.array(list(periods), dtype=np.str_)}
@@ -199,16 +169,7 @@ def packed(periods: Mapping[str, PeriodSums]) -> Arrays:
 
 
 def unpacked(arrays: Mapping[str, NDArray[Any]]) -> dict[str, PeriodSums]:
-    """Undo :func:`packed`.
-
-    Parameters
-    ----------
-    arrays : mapping of array
-
-    Returns
-    -------
-    dict of str to PeriodSums
-    """
+    """Undo :func:`packed`."""
     names = [str(name) for name in arrays["aircraft"]]
     if not names:
         return {}

@@ -123,8 +123,6 @@ def sum_period(
         Of the period, the members in use.
     aircraft : int
         Its row.
-    members : list of int
-    base : Base
     joint : bool
         As for :func:`airswing.compass.fit.aircraft.fit_aircraft`.
     blocks : bool
@@ -163,10 +161,6 @@ def sum_period(
 def mean_field(periods: list[PeriodSums]) -> float:
     """Mean horizontal field over the reports of some periods that count, nT.
 
-    Parameters
-    ----------
-    periods : list of PeriodSums
-
     Returns
     -------
     float
@@ -178,16 +172,7 @@ def mean_field(periods: list[PeriodSums]) -> float:
 
 
 def durations_of(periods: list[PeriodSums]) -> list[int]:
-    """Seconds a block of each member would last, were the aircraft fitted to all reports.
-
-    Parameters
-    ----------
-    periods : list of PeriodSums
-
-    Returns
-    -------
-    list of int
-    """
+    """Seconds a block of each member would last, were the aircraft fitted to all reports."""
     members = zip(*(one.speeds for one in periods), strict=True)
     return [duration_of(np.sum(counts, axis=0)) for counts in members]
 
@@ -205,7 +190,6 @@ def merged_fit(
     ----------
     periods : list of PeriodSums
         In order of time, all summed at the base.
-    base : Base
     farthest, scatter : float
         As `FARTHEST` and `SCATTER`.
 

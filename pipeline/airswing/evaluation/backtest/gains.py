@@ -73,11 +73,6 @@ def gains_of(block: xr.Dataset, gain: Floats, judged: NDArray[np.bool_]) -> list
         Knots.
     judged : array of bool, shape (report,)
         Reports that count.
-
-    Returns
-    -------
-    list of Gain
-        One an aircraft.
     """
     day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
     found = []

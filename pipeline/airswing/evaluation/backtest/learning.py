@@ -52,11 +52,6 @@ def fitted(
         Of the tables, degrees.
     **options
         As for :func:`airswing.compass.fit.deviation.fit_deviation`.
-
-    Returns
-    -------
-    Dataset
-        With that one reference.
     """
     members = list(pools[reference])
     part = headings.sel(reference=members)

@@ -46,10 +46,6 @@ def common_part(weight: Floats, score: Floats, level: Floats, prior: Floats) -> 
         Common level of the days before.
     prior : array, shape (p,)
         Standard deviation of the common part about it.
-
-    Returns
-    -------
-    Common
     """
     n, p = score.shape
     if n < FEWEST:
@@ -85,10 +81,6 @@ def estimated_noise(
     aircraft, day : array of int, shape (rows,)
     usual : Noise
         Taken where there are too few days; components of one size there are of one size here.
-
-    Returns
-    -------
-    Noise
     """
     block = aircraft * 100_000 + day // BLOCK_DAYS
     order = np.lexsort((day, block))

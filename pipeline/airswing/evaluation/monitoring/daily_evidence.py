@@ -102,16 +102,11 @@ def daily_rows(
 
     Parameters
     ----------
-    headings : Dataset
     members : list of str
         References whose mean is compared with.
     abscissa : {"magnetic", "true"}
     corrected : Dataset, optional
         The same reports: winds that were corrected are taken as corrected.
-
-    Returns
-    -------
-    Rows
     """
     argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
     parts: list[Rows] = []

@@ -119,30 +119,12 @@ class Monitoring:
 
 
 def write_events(found: Monitoring, path: Path) -> Path:
-    """Write ``events.json`` under a temporary name, and rename it.
-
-    Parameters
-    ----------
-    found : Monitoring
-    path : Path
-
-    Returns
-    -------
-    Path
-    """
+    """Write ``events.json`` under a temporary name, and rename it."""
     return write_json(path, {"version": VERSION, **asdict(found)})
 
 
 def read_events(path: Path) -> Monitoring:
     """Read ``events.json``.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    Monitoring
 
     Raises
     ------

@@ -86,7 +86,6 @@ def watch_fleet(
     ----------
     rows : tuple of array
         Aircraft, day, normal matrix (rows, p, p) and right side (rows, p).
-    law : Law
     usual : Noise
         Of the days, where there are too few to tell.
     common : array, shape (p,)

@@ -210,10 +210,6 @@ class Watch:
         ----------
         of : array of int
             Aircraft to look at.
-
-        Returns
-        -------
-        list of Step
         """
         law = self.law
         if law.weighed_from is None:

@@ -29,10 +29,6 @@ RESOLUTION = 0.1
 def differ(one: UnitTable, other: UnitTable) -> tuple[bool, float]:
     """Whether two tables differ beyond the error of both, and by how much.
 
-    Parameters
-    ----------
-    one, other : UnitTable
-
     Returns
     -------
     bool, float
@@ -51,10 +47,6 @@ def tables_of(fits: xr.Dataset) -> dict[str, UnitTable]:
     ----------
     fits : Dataset
         Of one reference, with tables.
-
-    Returns
-    -------
-    dict of str to UnitTable
     """
     if "table_correction" not in fits:
         raise InputError(
@@ -77,7 +69,6 @@ def read_tables(path: Path | str, *, reference: str) -> dict[str, UnitTable]:
 
     Parameters
     ----------
-    path : path-like
     reference : str
         Whose rows, where the file holds those of several references.
 

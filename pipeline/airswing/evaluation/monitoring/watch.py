@@ -80,10 +80,6 @@ def find_events(
     tables_in_use : mapping of str to UnitTable, optional
         Tables that are on board, by aircraft. By default those of ``previous``, else those of the
         fits: what was in use is then what was first seen.
-
-    Returns
-    -------
-    Monitoring
     """
     name = reference or leading_reference(fits)
     known = headings["reference"].to_numpy().astype(str).tolist()
@@ -122,10 +118,6 @@ def events_of(
     previous, until, tables_in_use
         As for :func:`find_events`.
 
-    Returns
-    -------
-    Monitoring
-
     Raises
     ------
     InputError
@@ -159,16 +151,7 @@ def events_of(
 
 
 def changed_since(found: Monitoring) -> dict[str, str]:
-    """Aircraft whose compass changed, and the last day that its last change may have been.
-
-    Parameters
-    ----------
-    found : Monitoring
-
-    Returns
-    -------
-    dict of str to str
-    """
+    """Aircraft whose compass changed, and the last day that its last change may have been."""
     since: dict[str, str] = {}
     for event in found.events:
         if event.kind == "compass_changed" and event.aircraft is not None:
@@ -182,13 +165,8 @@ def with_tables(found: Monitoring, now: Mapping[str, UnitTable | None]) -> Monit
 
     Parameters
     ----------
-    found : Monitoring
     now : mapping of str to UnitTable or None
         By aircraft; None where none is to be sent yet.
-
-    Returns
-    -------
-    Monitoring
     """
     states = [
         _compared(replace(one, table_now=now[one.aircraft])) if one.aircraft in now else one

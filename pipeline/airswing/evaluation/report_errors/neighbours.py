@@ -38,12 +38,7 @@ class Pairs(NamedTuple):
     separation: Floats  # (pair, 3): distance, difference of ln p and of time, in units of `REACH`
 
     def some(self, chosen: Ints) -> Pairs:
-        """Those at given places.
-
-        Parameters
-        ----------
-        chosen : array of int
-        """
+        """Those at given places."""
         return Pairs(self.first[chosen], self.second[chosen], self.separation[chosen])
 
 
@@ -57,7 +52,6 @@ def neighbouring_pairs(
     latitude, longitude : arrays, shape (report,), degrees
     pressure : array, Pa
     time : array, s
-    aircraft : array of int
     """
     from scipy.spatial import cKDTree
 

@@ -177,10 +177,6 @@ class Frame:
         tails : str or sequence of str
             Names of aircraft.
 
-        Returns
-        -------
-        Frame
-
         Raises
         ------
         InputError
@@ -243,10 +239,6 @@ class Frame:
         epoch, reference_field, meridian : float, optional
             Constants of the whole archive (s since 1970, nT, middle longitude in degrees), to be
             given when `ds` is a part of it; by default taken from `ds`.
-
-        Returns
-        -------
-        Frame
 
         Raises
         ------

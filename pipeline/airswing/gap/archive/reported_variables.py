@@ -125,7 +125,6 @@ def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
         Reports as they are (or simulated).
     quiet : Frame
         The same with heading and airspeed free of the residual's noise.
-    name : str
 
     Returns
     -------
@@ -170,7 +169,6 @@ def record(
     ----------
     frame, quiet : Frame
         See :func:`values_of`.
-    names : tuple of str
 
     Returns
     -------

@@ -119,9 +119,7 @@ def table_values(
 
     Parameters
     ----------
-    grid : Grid
     table : (size,) float
-    frame : Frame
     u, v : (n,) float
         Wind that stands for the reported one, m/s.
     heading : (n,) float
@@ -149,7 +147,6 @@ def change_of(component: str, *, heading: Floats, airspeed: Floats, u: Floats, v
 
     Parameters
     ----------
-    component : str
     heading, airspeed : (n,) float
         rad, m/s.
     u, v : (n,) float

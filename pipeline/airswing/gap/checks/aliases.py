@@ -46,7 +46,6 @@ def alias_shares(base: Base, term: Term, effects: Mapping[str, Effect]) -> dict[
 
     Parameters
     ----------
-    base : Base
     term : Term
         Of a known effect.
     effects : mapping
@@ -87,8 +86,6 @@ def hidden_shares(
 
     Parameters
     ----------
-    stats : Statistics
-    terms : sequence of Term
     hidden : sequence of str
         Effects of which too little is left to test them.
 
@@ -170,7 +167,6 @@ def project(gram: Floats, k: int, precision: Floats) -> Floats:
     Parameters
     ----------
     gram : (m, m) float
-    k : int
     precision : (k,) float
         1 over the prior variances of the first columns' coefficients.
 
@@ -191,10 +187,6 @@ def explained(cross: Floats, gram: Floats) -> float:
         Products with the other columns.
     gram : (j, j) float
         Products of the others with each other.
-
-    Returns
-    -------
-    float
     """
     scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-30))
     live = scale > 1e-12
@@ -212,10 +204,8 @@ def alias_table(
 
     Parameters
     ----------
-    base : Base
     terms : sequence of Term
         Unknown terms are passed over.
-    effects : mapping
 
     Returns
     -------

@@ -92,14 +92,8 @@ def run_checks(problem: Problem, found: Found, closure: Closure) -> Checks:
 
     Parameters
     ----------
-    problem : Problem
-    found : Found
     closure : Closure
         Of what has a name.
-
-    Returns
-    -------
-    Checks
     """
     frame, base, noise = problem.archive, problem.base, problem.noise
     day, seed = problem.day, problem.seed
@@ -120,7 +114,6 @@ def held_out_climatology(problem: Problem, terms: Sequence[Term]) -> Floats:
 
     Parameters
     ----------
-    problem : Problem
     terms : sequence of Term
         Fitted beside it.
 
@@ -149,10 +142,6 @@ def assumptions(
     ----------
     base, noise, found, after, decoy :
         Pieces of the diagnosis and its checks.
-
-    Returns
-    -------
-    list of AssumptionEntry
     """
     return [
         _noise_row(noise),
@@ -295,10 +284,6 @@ def with_aliases(
         The same of effects that weather takes up; from
         :data:`~airswing.gap.checks.aliases.HIDDEN_ALIAS` they are rivals: silence does not exclude
         them.
-
-    Returns
-    -------
-    list of EffectEntry
     """
     out = []
     for entry in entries:

@@ -74,18 +74,12 @@ def calibrate(
 
     Parameters
     ----------
-    frame : Frame
     residual : (n, 2) float
         Held-out residuals, m s-1.
-    noise : NoiseFit
     day : (n,) int
         Day of each report's flight.
     seed : int
         Of the simulated flights and of the classifier's halves.
-
-    Returns
-    -------
-    Calibration
     """
     rng = np.random.default_rng(seed)
     real = np.asarray(whiten(residual, noise.order, noise.gains))
@@ -116,7 +110,6 @@ def pit_histogram(values: Floats, *, bins: int = BINS) -> Integers:
     ----------
     values : (...) float
         Of unit variance where the prediction is right.
-    bins : int
 
     Returns
     -------
@@ -186,7 +179,6 @@ def flight_features(frame: Frame, values: Floats, kept: NDArray[np.bool_]) -> Fl
 
     Parameters
     ----------
-    frame : Frame
     values : (n, 2) float
         Whitened residuals (u, v).
     kept : (n,) bool

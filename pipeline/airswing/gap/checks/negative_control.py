@@ -73,21 +73,14 @@ def force_decoy(
 
     Parameters
     ----------
-    frame : Frame
     residual : (n, 2) float
         What the decoy is to explain, m s-1.
-    noise : NoiseFit
     day : (n,) int
         Index of each report's day.
     fold : (n,) int
         Fold of each report.
     draws : int
         Decoys; what they close is averaged.
-    seed : int
-
-    Returns
-    -------
-    Decoy
     """
     rng = np.random.default_rng(seed)
     target = np.asarray(whiten(residual, noise.order, noise.gains))

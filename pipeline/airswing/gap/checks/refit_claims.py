@@ -48,14 +48,8 @@ def make_adjustment(
 
     Parameters
     ----------
-    problem : Problem
-    terms : sequence of Term
     coefficients : sequence of (t, k) float
         Of each term, on the whole archive.
-
-    Returns
-    -------
-    Adjustment
     """
     frame, effects = problem.archive, problem.effects
     sensor, report, reference = (np.zeros((frame.size, 2)) for _ in range(3))
@@ -93,7 +87,6 @@ def adjusted_headings(headings: xr.Dataset, adjustment: Adjustment) -> xr.Datase
     ----------
     headings : Dataset
         Screened headings (``report``, ``reference``, ``aircraft``).
-    adjustment : Adjustment
 
     Returns
     -------
@@ -154,7 +147,6 @@ def review_claims(
     ----------
     headings : Dataset
         Screened headings.
-    adjustment : Adjustment
     pools : mapping
         Name -> references fitted together.
     reference : str
@@ -195,10 +187,6 @@ def compared_fits(before: xr.Dataset, after: xr.Dataset) -> list[FitEntry]:
     ----------
     before, after : Dataset
         Fits against one reference (``aircraft``).
-
-    Returns
-    -------
-    list of FitEntry
     """
     out = []
     for tail in before["aircraft"].to_numpy():

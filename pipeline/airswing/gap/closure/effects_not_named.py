@@ -57,12 +57,8 @@ def left_over(
 
     Parameters
     ----------
-    problem : Problem
-    found : Found
     residual : (n, 2) float
         With the named effects taken off, m s-1.
-    rng : numpy.random.Generator
-    draws : int
     named : sequence of int
         Positions of the terms that are named.
 

@@ -84,8 +84,6 @@ def with_interval(
     ----------
     closure : Closure
         Of the known terms, held out.
-    problem : Problem
-    found : Found
     known : sequence of int
         Positions of those terms.
     factors : mapping, optional
@@ -93,7 +91,6 @@ def with_interval(
         (`airswing.gap.held_out.attenuation`).
     doubts : mapping, optional
         Effect name -> relative standard error of that share.
-    draws : int
 
     Returns
     -------
@@ -166,7 +163,6 @@ def rounding_error(frame: Frame, changes: Sequence[Change]) -> float:
     ----------
     frame : Frame
         For the steps in which winds are coded.
-    changes : sequence of Change
 
     Returns
     -------
@@ -196,7 +192,6 @@ def reductions(residual: Floats, changes: Sequence[Change], draws: int) -> Float
         m s-1, at the estimates.
     changes : sequence of Change
         What the draws change, each on its own reports; the same report may be in several.
-    draws : int
 
     Returns
     -------

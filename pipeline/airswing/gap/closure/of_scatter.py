@@ -59,13 +59,10 @@ def reduction_of(
 
     Parameters
     ----------
-    frame : Frame
     residual : (n, 2) float
         With the effects that move means taken off, m s-1.
-    verdict : MomentVerdict
     gross : (n,) bool
         Reports taken for gross errors.
-    seed : int
 
     Returns
     -------
@@ -91,13 +88,8 @@ def reduction_of_jitter(residual: Floats, found: Scattering, gross: Mask) -> Red
     ----------
     residual : (n, 2) float
         m s-1.
-    found : Scattering
     gross : (n,) bool
         Gross errors that have a name.
-
-    Returns
-    -------
-    Reduction
     """
     struck = (found.sizes > 0) & ~gross
     longer = np.zeros(residual.shape[0])
@@ -182,10 +174,6 @@ def with_scatter(closure: Closure, parts: Mapping[str, Reduction]) -> Closure:
         Of effects that move means.
     parts : mapping
         Name -> reduction, independent of each other.
-
-    Returns
-    -------
-    Closure
     """
     for name, part in parts.items():
         low, high = part.interval

@@ -93,7 +93,6 @@ def variable(frame: Frame, name: str) -> Floats:
 
     Parameters
     ----------
-    frame : Frame
     name : str
         One of :data:`VARIABLES`, ``phase``, ``icing`` or ``magnetic_heading``.
 
@@ -132,10 +131,6 @@ def variables(name: str) -> list[str]:
     ----------
     name : str
         Name of the group.
-
-    Returns
-    -------
-    list of str
     """
     own = name.partition(":")[2].split(" ")[0]
     if own == "turned":
@@ -155,10 +150,6 @@ def plan_dictionary(frame: Frame, known: Collection[str] | None = None) -> Dicti
         The whole archive (a large sample of it will do).
     known : collection of str, optional
         Effects that are tested beside the dictionary; the whole catalogue by default.
-
-    Returns
-    -------
-    DictionaryPlan
     """
     knots: dict[str, Floats] = {}
     for name, (count, _) in VARIABLES.items():
@@ -250,11 +241,6 @@ def unit_vectors(heading: Floats) -> tuple[Floats, Floats]:
 def dictionary_columns(frame: Frame, plan: DictionaryPlan) -> Floats:
     """Columns of the dictionary for some reports.
 
-    Parameters
-    ----------
-    frame : Frame
-    plan : DictionaryPlan
-
     Returns
     -------
     (n, 2, p) float
@@ -272,8 +258,6 @@ def fill_dictionary(out: NDArray[np.floating], frame: Frame, plan: DictionaryPla
     ----------
     out : (p, 2, n) float
         Overwritten; its type is that of the arithmetic.
-    frame : Frame
-    plan : DictionaryPlan
     """
     kind = out.dtype
     sine, cosine = np.sin(frame.heading).astype(kind), np.cos(frame.heading).astype(kind)

@@ -70,15 +70,10 @@ def candidates(
 
     Parameters
     ----------
-    layout : Layout
     effects : mapping
         Name -> effect, for scopes, scales and alternatives.
     dictionary : bool
         Also the dictionary groups, each for single aircraft and for the fleet.
-
-    Returns
-    -------
-    list of Candidate
     """
     out = []
     for name in layout.effects:

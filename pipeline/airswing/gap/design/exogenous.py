@@ -43,7 +43,6 @@ def exogenous(frame: Frame, winds: LargeScale | None = None) -> Frame:
 
     Parameters
     ----------
-    frame : Frame
     winds : LargeScale, optional
         Large-scale reported wind of the archive, where the frame holds only some of its aircraft.
 
@@ -102,10 +101,6 @@ class LargeScale:
             Of all the frames, s since 1970.
         centre : (3, 2) float
             That of the sums.
-
-        Returns
-        -------
-        LargeScale
         """
         total: dict[int, Floats] = {}
         for days, parts in sums:

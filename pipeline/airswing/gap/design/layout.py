@@ -55,13 +55,8 @@ def make_layout(effects: Mapping[str, Effect], plan: DictionaryPlan, frame: Fram
     ----------
     effects : mapping
         Name -> effect whose ``columns`` enter; second-moment effects without columns are left out.
-    plan : DictionaryPlan
     frame : Frame
         A few reports, to count columns on.
-
-    Returns
-    -------
-    Layout
     """
     few = frame.take(np.arange(min(4, frame.size)))
     blocks: dict[str, slice] = {}
@@ -93,9 +88,6 @@ def build_columns(
     ----------
     frame : Frame
         n reports.
-    layout : Layout
-    effects : mapping
-    plan : DictionaryPlan
 
     Returns
     -------
@@ -121,11 +113,6 @@ def effect_columns(frame: Frame, effect: Effect) -> Floats:
 
     A bias that begins at a level begins between two levels of the model, and no sooner: a sharp
     edge would carry most of the whitened energy of a flight that crosses it.
-
-    Parameters
-    ----------
-    frame : Frame
-    effect : Effect
 
     Returns
     -------

@@ -30,11 +30,6 @@ def day_field_columns(frame: Frame, plan: DictionaryPlan) -> Floats:
     the fleet's effects then scatter from day to day by four to ten times what independent errors
     would give, two to four with the products.
 
-    Parameters
-    ----------
-    frame : Frame
-    plan : DictionaryPlan
-
     Returns
     -------
     (n, 2, 20) float
@@ -49,11 +44,6 @@ def climatology_columns(frame: Frame, plan: DictionaryPlan) -> Floats:
 
     What a reference lacks over a region changes with height: without the products of three places,
     errors that last pass for winds turned or stretched.
-
-    Parameters
-    ----------
-    frame : Frame
-    plan : DictionaryPlan
 
     Returns
     -------

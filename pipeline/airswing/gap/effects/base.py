@@ -148,7 +148,6 @@ class Effect(ABC):
 
         Parameters
         ----------
-        frame : Frame
         shifts : ndarray (m,)
             Shifts of ln p.
 
@@ -175,10 +174,6 @@ class Effect(ABC):
             Complete parameters in the catalogue's units.
         rng : numpy.random.Generator
             For effects that draw.
-
-        Returns
-        -------
-        State
         """
 
     @abstractmethod

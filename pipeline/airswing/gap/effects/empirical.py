@@ -72,7 +72,6 @@ class Empirical(MomentEffect):
         ----------
         state : State
             The wind as sent.
-        frame : Frame
         values : mapping
             Complete parameters.
 
@@ -178,10 +177,6 @@ def grid_of(values: Mapping[str, Any]) -> Grid:
     ----------
     values : mapping
         ``variables``, a list of one or two names, and ``edges``, a list of numbers for each.
-
-    Returns
-    -------
-    Grid
 
     Raises
     ------

@@ -56,10 +56,6 @@ def mixture(
         (:mod:`airswing.gap.evidence.between_aircraft_variance`).
     levels : (T,) float
         The sizes, m/s.
-
-    Returns
-    -------
-    Mixed
     """
     each = by_share(evidence)
     if nothing is None:

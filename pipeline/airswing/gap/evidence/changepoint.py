@@ -60,11 +60,6 @@ ENDING = 0.2
 def residual_scores(base: Base, given: Conditional) -> Floats:
     """Scores of core columns by aircraft and day with the included columns taken off.
 
-    Parameters
-    ----------
-    base : Base
-    given : Conditional
-
     Returns
     -------
     (A, D, c) float
@@ -136,8 +131,6 @@ def evaluate_step(
 
     Parameters
     ----------
-    base : Base
-    given : Conditional
     candidate : Candidate
         Per-aircraft, core columns.
     allowed : (A,) bool, optional

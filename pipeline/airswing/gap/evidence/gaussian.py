@@ -191,17 +191,12 @@ def grid_evidence(
 
     Parameters
     ----------
-    fit : OwnFit
     factor, allowance
         As in :func:`gaussian_evidence`; the factor may be (...), the allowance have further axes in
         front.
     unit : (..., k, k) float, optional
         Covariance of coefficients whose effect is 1 m/s: :data:`SIZE_GRID` times it are the widths
         instead of :data:`SCALE_GRID` times the prior scales.
-
-    Returns
-    -------
-    GridEvidence
     """
     both, eye = _outer(fit.scales), np.eye(fit.scales.shape[-1])
     tempered, estimate, nothing = _over_scales(
@@ -283,7 +278,6 @@ def sizes(stats: Statistics, columns: Integers) -> tuple[Floats, Floats]:
 
     Parameters
     ----------
-    stats : Statistics
     columns : (..., k) int
         All in the layout's core, or none.
 

@@ -101,10 +101,6 @@ def score_test(gram: Floats, score: Floats, factor: float) -> tuple[float, Float
 def false_discovery(p_values: Sequence[float]) -> Floats:
     """q-values of Benjamini and Hochberg.
 
-    Parameters
-    ----------
-    p_values : sequence of float
-
     Returns
     -------
     (n,) float
@@ -122,14 +118,8 @@ def slices(base: Base, given: Conditional, plan: DictionaryPlan) -> list[Slice]:
 
     Parameters
     ----------
-    base : Base
     given : Conditional
         Given the climatology alone.
-    plan : DictionaryPlan
-
-    Returns
-    -------
-    list of Slice
     """
     stats = base.stats
     half = stats.week_of_day % 2 == 0
@@ -254,10 +244,6 @@ def binned(values: Floats, key: Integers, flight: Integers, size: int) -> tuple[
 
 def residual_maps(frame: Frame) -> xr.Dataset:
     """Pictures of the gap: aircraft by heading, phase by level, region, and time line.
-
-    Parameters
-    ----------
-    frame : Frame
 
     Returns
     -------

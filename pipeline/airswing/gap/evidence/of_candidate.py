@@ -67,15 +67,8 @@ def evaluate(
 
     Parameters
     ----------
-    stats : Statistics
-    given : Conditional
-    candidate : Candidate
     allowed : (A,) bool, optional
         Aircraft it may still strike; all by default.
-
-    Returns
-    -------
-    Score
     """
     return evaluate_each(stats, given, [candidate], allowed=[allowed])[0]
 
@@ -94,15 +87,8 @@ def evaluate_each(
 
     Parameters
     ----------
-    stats : Statistics
-    given : Conditional
-    pool : sequence of Candidate
     allowed : sequence of (A,) bool or None
         Of each, aircraft it may still strike; None: all.
-
-    Returns
-    -------
-    list of Score
     """
     alike: dict[tuple[str, int, bool], list[int]] = {}
     for n, c in enumerate(pool):
@@ -310,10 +296,8 @@ def raw_of_one(given: Conditional, pool: Sequence[Candidate], one: int) -> Float
 
     Parameters
     ----------
-    given : Conditional
     pool : sequence of Candidate
         Of single aircraft.
-    one : int
 
     Returns
     -------
@@ -345,8 +329,6 @@ def background_likelihood(stats: Statistics, given: Conditional, candidate: Cand
 
     Parameters
     ----------
-    stats : Statistics
-    given : Conditional
     candidate : Candidate
         Of single aircraft.
 

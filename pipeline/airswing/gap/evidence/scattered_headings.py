@@ -33,16 +33,7 @@ REGULAR = 0.05
 
 
 def excess(frame: Frame) -> float:
-    """What the residual varies more across the heading than along it, m2 s-2, not negative.
-
-    Parameters
-    ----------
-    frame : Frame
-
-    Returns
-    -------
-    float
-    """
+    """What the residual varies more across the heading than along it, m2 s-2, not negative."""
     across, along = (
         _variance((frame.residual * unit).sum(axis=1)) for unit in unit_vectors(frame.heading)
     )

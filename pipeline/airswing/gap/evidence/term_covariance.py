@@ -27,9 +27,6 @@ def term_covariances(
 
     Parameters
     ----------
-    stats : Statistics
-    given : Conditional
-    term : Term
     start : int
         Position of the term's coefficients.
     row : int

@@ -63,7 +63,6 @@ def readout_factors(
 
     Parameters
     ----------
-    problem : Problem
     terms : sequence of Term
         Found; those of other effects are passed over.
     coefficients : sequence of (t, k)
@@ -124,8 +123,6 @@ def without_others(
 
     Parameters
     ----------
-    problem : Problem
-    terms : sequence of Term
     coefficients : sequence of (t, k)
         As fitted.
     one : int
@@ -167,10 +164,6 @@ def _regressed(
 
 def with_large_scale_tendency(frame: Frame) -> Frame:
     """Frame whose tendency is that of the reported winds' large-scale part, day by day.
-
-    Parameters
-    ----------
-    frame : Frame
 
     Returns
     -------

@@ -28,7 +28,6 @@ def folds_of_days(stats: Statistics, *, most: int = 8) -> Integers:
 
     Parameters
     ----------
-    stats : Statistics
     most : int
         Number of folds at most.
 
@@ -47,13 +46,8 @@ def select_days(stats: Statistics, keep: NDArray[np.bool_]) -> Statistics:
 
     Parameters
     ----------
-    stats : Statistics
     keep : (D,) bool
         Where weeks are cut, their X'X is shared out by reports.
-
-    Returns
-    -------
-    Statistics
     """
     week = stats.week_of_day
     share = np.zeros((len(stats.tails), stats.weeks.size))
@@ -91,7 +85,6 @@ def term_coefficients(given: Conditional | Fit, terms: Sequence[Term]) -> list[F
     ----------
     given : Conditional or Fit
         Of the same terms.
-    terms : sequence of Term
 
     Returns
     -------
@@ -114,8 +107,6 @@ def fold_coefficients(base: Base, terms: Sequence[Term], fold: Integers) -> list
 
     Parameters
     ----------
-    base : Base
-    terms : sequence of Term
     fold : (D,) int
 
     Returns
@@ -147,8 +138,6 @@ def held_out_products(base: Base, terms: Sequence[Term], fold: Integers) -> tupl
 
     Parameters
     ----------
-    base : Base
-    terms : sequence of Term
     fold : (D,) int
         Fold of every day.
 

@@ -54,13 +54,8 @@ def lag_reliability(frame: Frame, columns_frame: Frame, noise: NoiseFit, effect:
         Reports as they are, in order of flight and time within an aircraft.
     columns_frame : Frame
         The frame of the design columns.
-    noise : NoiseFit
     effect : Effect
         ``time_lag``.
-
-    Returns
-    -------
-    float
     """
     order = np.lexsort((frame.time, frame.flight))
     reported = np.stack([frame.u_rep, frame.v_rep], -1)[order]

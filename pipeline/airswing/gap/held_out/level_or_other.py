@@ -64,7 +64,6 @@ def goes_by(
 
     Parameters
     ----------
-    problem : Problem
     terms : sequence of Term
         Found.
     coefficients : sequence of (t, k)

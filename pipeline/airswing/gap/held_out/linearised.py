@@ -77,10 +77,6 @@ class FoundFirst:
         ----------
         frame, context : Frame
             The same reports, as they are and as design columns take them.
-
-        Returns
-        -------
-        Errors
         """
         day = (
             np.searchsorted(self.days, day_of_report(frame, shift=self.day_shift)[0], side="right")

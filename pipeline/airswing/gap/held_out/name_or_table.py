@@ -46,17 +46,12 @@ def explains(
 
     Parameters
     ----------
-    problem : Problem
     others : sequence of Term
         Names that stand.
     name : Term
         The doubtful one.
     table : ((n, 2) float, sequence of int)
         Error the table makes at every report, held out, m/s, and its aircraft.
-
-    Returns
-    -------
-    bool
     """
     error, tails = table
     both = set(name.tails) & set(tails)

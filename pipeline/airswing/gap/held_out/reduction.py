@@ -61,7 +61,6 @@ def whole_coefficients(
     Parameters
     ----------
     coefficients : sequence over terms of (t, k) float
-    terms : sequence of Term
     factors : mapping or None
         Effect name -> share; 1 for those not in it.
 
@@ -103,7 +102,6 @@ def term_error(
     Parameters
     ----------
     fields : (n, 2, k) float
-    term : Term
     coefficients : sequence over folds of (t, k)
     aircraft, day : (n,) int
         Indices.
@@ -156,7 +154,6 @@ def take_off(frame: Frame, sensor: Floats, other: Floats) -> Floats:
 
     Parameters
     ----------
-    frame : Frame
     sensor, other : (n, 2) float
         First-order wind errors of heading and airspeed, and of everything else, m s-1.
 
@@ -196,8 +193,6 @@ def held_out_errors(
 
     Parameters
     ----------
-    problem : Problem
-    terms : sequence of Term
     fold : (D,) int
         Fold of every day.
     factors : mapping, optional
@@ -242,17 +237,11 @@ def close(
 
     Parameters
     ----------
-    problem : Problem
-    terms : sequence of Term
     factors : mapping, optional
         Effect name -> share of its coefficient that is fitted
         (:mod:`airswing.gap.held_out.attenuation`): what is taken off is the effect in full.
     draws : int
         Of the bootstrap over days.
-
-    Returns
-    -------
-    Closure
     """
     frame, base, day, seed = problem.archive, problem.base, problem.day, problem.seed
     effects = problem.effects

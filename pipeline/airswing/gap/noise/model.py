@@ -132,10 +132,6 @@ def flown(frame: object, doubt: Floats | None = None) -> Flown:
         With the heading and airspeed that design columns are made of.
     doubt : (n,) float, optional
         Further white error of each report, m s-1.
-
-    Returns
-    -------
-    Flown
     """
     names = [one.name for one in fields(Flown) if one.name != "doubt"]
     return Flown(**{name: getattr(frame, name) for name in names}, doubt=doubt)
@@ -150,15 +146,10 @@ def fit_noise(
     ----------
     residual : (n, 2) float
         Reported minus simulated wind (u, v), m s-1.
-    reports : Flown
     most_reports : int
         Whole flights are drawn until this many reports enter the likelihood.
     seed : int
         Of that draw.
-
-    Returns
-    -------
-    NoiseFit
     """
     order = flight_order(reports.flight, reports.time)
     log_pressure = np.log(reports.pressure)
@@ -191,11 +182,6 @@ def fitted_gains(fit: NoiseFit, residual: Floats, reports: Flown) -> NoiseFit:
     fit : NoiseFit
         Of a sample of the archive.
     residual : (n, 2) float
-    reports : Flown
-
-    Returns
-    -------
-    NoiseFit
     """
     order = flight_order(reports.flight, reports.time)
     gross = gross_errors(
@@ -210,14 +196,8 @@ def gains_beside(fit: NoiseFit, reports: Flown, keep: NDArray[np.bool_]) -> Gain
 
     Parameters
     ----------
-    fit : NoiseFit
-    reports : Flown
     keep : (n,) bool
         False: the report is treated as missing.
-
-    Returns
-    -------
-    Gains
     """
     log_pressure = np.log(reports.pressure)
     distance, step = flight_steps(reports.latitude, reports.longitude, log_pressure, fit.order)

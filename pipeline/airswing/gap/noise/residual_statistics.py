@@ -64,7 +64,6 @@ def previous_and_next(order: FlightOrder, n: int) -> tuple[NDArray[np.int64], ND
 
     Parameters
     ----------
-    order : FlightOrder
     n : int
         Number of reports.
 
@@ -182,7 +181,6 @@ def autocovariance(
         Distance since the previous report, m; infinite at the first of a flight.
     step : (n,) float
         Absolute change of ln p since then.
-    order : FlightOrder
     decay : callable
         Correlation over a distance and a change of ln p. Pairs some way apart have mostly
         climbed or descended too: a model's mean over the pairs is what the measured one meets.

@@ -65,10 +65,6 @@ def flight_order(flight: NDArray[np.integer], time: Floats) -> FlightOrder:
         Flight number of each report, unique over the archive.
     time : (n,) float
         Time of each report, s.
-
-    Returns
-    -------
-    FlightOrder
     """
     n = flight.size
     by_flight = np.lexsort((time, flight))
@@ -159,10 +155,6 @@ def kalman_gains(
         Standard deviations of the two parts at level factor 1, m s-1.
     doubt : (n,) float, optional
         Further white error of each report, m s-1.
-
-    Returns
-    -------
-    Gains
     """
     n, index = decay.size, order.index
     used = np.where(np.isfinite(decay), decay, 0.0).astype(float)
@@ -258,9 +250,5 @@ def take_gains(gains: Gains, index: Integers) -> Gains:
         Of all reports.
     index : (m,) int
         The reports to keep.
-
-    Returns
-    -------
-    Gains
     """
     return Gains(gains.decay[index], gains.gain[index], gains.weight[index], gains.scale[index])

@@ -92,17 +92,7 @@ class Findings:
 
 
 def assemble(problem: Problem, findings: Findings) -> GapReport:
-    """Make the content of gap.json, but for the checks.
-
-    Parameters
-    ----------
-    problem : Problem
-    findings : Findings
-
-    Returns
-    -------
-    GapReport
-    """
+    """Make the content of gap.json, but for the checks."""
     closure, whole = findings.closure, findings.whole
     effects, unknown = _found_entries(problem, findings)
     everything = closure.before - whole.after
@@ -289,10 +279,6 @@ def best_scores(found: Found) -> list[Score]:
     """Best score of every effect of the catalogue: with each term taken out, and with all in.
 
     Its forms and scopes are ranked as in the search, by raw evidence.
-
-    Parameters
-    ----------
-    found : Found
 
     Returns
     -------

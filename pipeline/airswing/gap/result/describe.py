@@ -92,16 +92,8 @@ def describe_term(
 
     Parameters
     ----------
-    term : Term
     start : int
         Position of its coefficients.
-    found : Found
-    base : Base
-    readout : Readout
-
-    Returns
-    -------
-    EffectEntry
     """
     stats, given, name = base.stats, found.given, term.candidate.name
     effect, k = readout.effects[name], term.candidate.columns.size
@@ -194,7 +186,6 @@ def ambiguity(term: Term, ranked: Sequence[Score], left: Sequence[Score] = ()) -
 
     Parameters
     ----------
-    term : Term
     ranked, left : sequence of Score
         All candidates with this term taken out, and with all terms in.
 
@@ -237,18 +228,12 @@ def unknown_place(
     ----------
     term : Term
         A dictionary group.
-    given : Conditional
     start : int
         Position of its coefficients.
-    stats : Statistics
     labels : sequence of str
         One per column.
     ranked : sequence of Score
         All candidates with this term taken out: groups within three cluster factors are named too.
-
-    Returns
-    -------
-    PlaceEntry
     """
     k = term.candidate.columns.size
     rows = 1 if term.candidate.scope == "fleet" else len(term.tails)

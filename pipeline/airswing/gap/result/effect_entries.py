@@ -18,16 +18,7 @@ from airswing.products.whole_files import plain
 
 
 def active_effects(report: GapReport) -> list[ActiveEffect]:
-    """Effects of a diagnosis as the simulation takes them: one entry per aircraft or fleet.
-
-    Parameters
-    ----------
-    report : GapReport
-
-    Returns
-    -------
-    list of ActiveEffect
-    """
+    """Effects of a diagnosis as the simulation takes them: one entry per aircraft or fleet."""
     entries = [one for effect in report.effects for one in _of_effect(effect)]
     entries += [one for place in report.unknown.where for one in _of_place(place)]
     return parse_effects(plain(entries))
@@ -72,7 +63,6 @@ def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -
 
     Parameters
     ----------
-    entries : sequence of EffectEntry
     effects : sequence of ActiveEffect
         Known.
 
@@ -101,7 +91,6 @@ def unknown_not_known(unknown: UnknownEntry, effects: Sequence[ActiveEffect]) ->
 
     Parameters
     ----------
-    unknown : UnknownEntry
     effects : sequence of ActiveEffect
         Known; other tables were taken off the reports before they were looked at.
 

@@ -37,13 +37,8 @@ def entry(taken: Taken, tails: Sequence[str]) -> PlaceEntry:
 
     Parameters
     ----------
-    taken : Taken
     tails : sequence of str
         All aircraft.
-
-    Returns
-    -------
-    PlaceEntry
     """
     unknown = taken.unknown
     whole = len(unknown.tails) == len(tails)

@@ -36,7 +36,6 @@ def table_of_term(problem: Problem, term: Term, values: Floats) -> CurveEntry | 
 
     Parameters
     ----------
-    problem : Problem
     term : Term
         A dictionary group.
     values : (t, k) float

@@ -51,15 +51,10 @@ def with_unknowns(
         Unknowns taken off before.
     problem : Problem
         Of the archive without them.
-    found : Found
     whole : Closure
         With the dictionary's unknown terms; in the order of the terms.
     ceiling : Ceiling, optional
         A bound on the speeds sent, taken off before all others.
-
-    Returns
-    -------
-    GapReport
     """
     tables = [entry(one, problem.archive.tails) for one in taken]
     off: list[Taken | Ceiling] = [*taken]

@@ -39,7 +39,6 @@ def folded(terms: Sequence[Term], energy: Floats, error: Floats) -> dict[int, in
 
     Parameters
     ----------
-    terms : sequence of Term
     energy, error : (t,) float
         Held-out energy of each and its standard error.
 
@@ -101,10 +100,6 @@ def stand_ins(before: Sequence[Term], after: Sequence[Term]) -> set[str]:
     ----------
     before, after : sequence of Term
         Found before tables were taken off, and after.
-
-    Returns
-    -------
-    set of str
     """
 
     def aircraft(terms: Sequence[Term]) -> dict[str, set[int]]:

@@ -46,7 +46,6 @@ def features(terms: Sequence[Term], confirmation: Confirmation) -> Floats:
 
     Parameters
     ----------
-    terms : sequence of Term
     confirmation : Confirmation
         Of the same terms.
 
@@ -83,7 +82,6 @@ def probabilities(weighed: Floats, confirmation: Confirmation) -> Floats:
     ----------
     weighed : (t, 5) float
         From :func:`features`.
-    confirmation : Confirmation
 
     Returns
     -------

@@ -52,15 +52,8 @@ def rank(
 
     Parameters
     ----------
-    base : Base
-    given : Conditional
-    pool : sequence of Candidate
     taken : dict
         (name, scope) -> aircraft already in a term of that name.
-
-    Returns
-    -------
-    list of Score
     """
     aircraft = len(base.stats.tails)
     free = {}
@@ -110,9 +103,6 @@ def evaluate_all_known(
 
     Parameters
     ----------
-    base : Base
-    given : Conditional
-    pool : sequence of Candidate
     allowed : sequence of (A,) bool
         Aircraft each may still strike.
 
@@ -170,10 +160,6 @@ def evaluate_named(
         As for :func:`evaluate_all_known`.
     period : (int, int) or None
         Days in which it was found to act; None: always.
-
-    Returns
-    -------
-    Score
     """
     if candidate.kind == "step":
         return evaluate_step(base, given, candidate, allowed=allowed, period=period)
@@ -196,18 +182,12 @@ def better_for(
 
     Parameters
     ----------
-    base : Base
     others : sequence of Term
         What is given.
     pool : sequence of Candidate
         Known ones of aircraft scope.
     one : int
         The aircraft.
-    current : Term
-
-    Returns
-    -------
-    Score or None
     """
     allowed = np.arange(len(base.stats.tails)) == one
     given = given_terms(base, others, columns=current.candidate.columns, aircraft=one)

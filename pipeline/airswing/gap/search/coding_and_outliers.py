@@ -74,7 +74,6 @@ def against_chance(count: int, share: float, chance: float) -> float:
 
     Parameters
     ----------
-    count : int
     share, chance : float
         Between 0 and 1.
 
@@ -129,11 +128,6 @@ def coarsest(values: Floats, steps: tuple[float, ...], *, base: float) -> tuple[
     values : (n,) float
     steps : tuple of float
         Increasing.
-    base : float
-
-    Returns
-    -------
-    step, share : float
     """
     need = max(LEAST_SHARE, 5.0 / np.sqrt(max(values.size, 1)))
     for step in reversed(steps):
@@ -227,15 +221,10 @@ def outliers(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> MomentVerdict |
 
     Parameters
     ----------
-    frame : Frame
     noise : NoiseFit
         Holds the reports taken for gross errors.
     seed : int
         Of the simulated archives.
-
-    Returns
-    -------
-    MomentVerdict or None
     """
     fleet = len(frame.tails)
     count = np.bincount(frame.aircraft, minlength=fleet).astype(float)
@@ -355,16 +344,6 @@ def _verdict(
 
 
 def second_moments(frame: Frame, noise: NoiseFit) -> list[MomentVerdict]:
-    """All second-moment effects of an archive.
-
-    Parameters
-    ----------
-    frame : Frame
-    noise : NoiseFit
-
-    Returns
-    -------
-    list of MomentVerdict
-    """
+    """All second-moment effects of an archive."""
     found = [wind_coding(frame), position_coding(frame), whole_minutes(frame)]
     return [f for f in (*found, outliers(frame, noise)) if f is not None]

@@ -90,17 +90,7 @@ class Confirmation:
 
 
 def confirm(base: Base, terms: Sequence[Term]) -> Confirmation:
-    """Judge terms on days left out.
-
-    Parameters
-    ----------
-    base : Base
-    terms : sequence of Term
-
-    Returns
-    -------
-    Confirmation
-    """
+    """Judge terms on days left out."""
     out = confirm_lasting(base, terms)
     left, core = _without_curves(base, terms)
     count = base.stats.days.size
@@ -118,17 +108,7 @@ def confirm(base: Base, terms: Sequence[Term]) -> Confirmation:
 
 
 def confirm_lasting(base: Base, terms: Sequence[Term]) -> Confirmation:
-    """Judge terms as if all of them lasted: with their dates as found.
-
-    Parameters
-    ----------
-    base : Base
-    terms : sequence of Term
-
-    Returns
-    -------
-    Confirmation
-    """
+    """Judge terms as if all of them lasted: with their dates as found."""
     weeks = folds_of_days(base.stats)
     out = _judged(base, terms, weeks, held_out_products(base, terms, weeks))
     left, core = _without_curves(base, terms)

@@ -68,15 +68,8 @@ def settle(
 
     Parameters
     ----------
-    base : Base
-    pool : sequence of Candidate
-    rules : Rules
     start : sequence of Term
         Terms to begin the search with.
-
-    Returns
-    -------
-    Standing
     """
     few = base.stats.days.size < LEAST_PARTS  # of which none can be left out
     if few:  # names are told as unconfirmed; a curve that nothing confirms is told in no way
@@ -105,16 +98,10 @@ def with_name(
 
     Parameters
     ----------
-    base : Base
-    pool : sequence of Candidate
     standing : Standing
         Of a search, maybe on other residuals than those the name was found on.
     named : Doubtful
         With the probability it has now.
-
-    Returns
-    -------
-    Standing
     """
     terms, candidate = list(standing.found.terms), named.term.candidate
     there = any(candidate.key == term.candidate.key for term in terms)

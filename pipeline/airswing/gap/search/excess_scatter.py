@@ -111,7 +111,6 @@ def scattering(
         Reports, and the same with heading and airspeed free of the residual's noise.
     residual : (n, 2) float
         With the effects found taken off, m s-1.
-    noise : NoiseFit
     gross : (n,) bool
         Gross errors that have a name: left out.
     fold : (n,) int

@@ -37,14 +37,8 @@ def fewest(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> list
 
     Parameters
     ----------
-    base : Base
     pool : sequence of Candidate
         For the forms that hold those of two terms.
-    terms : sequence of Term
-
-    Returns
-    -------
-    list of Term
     """
     best = list(terms)
     now = worth(base, best)
@@ -71,11 +65,6 @@ class Worth(NamedTuple):
 
 def worth(base: Base, terms: Sequence[Term]) -> Worth:
     """Work out what terms are worth together.
-
-    Parameters
-    ----------
-    base : Base
-    terms : sequence of Term
 
     Returns
     -------

@@ -30,18 +30,7 @@ PRICE = 2.0
 
 
 def widened(base: Base, found: Found, pool: Sequence[Candidate]) -> Found:
-    """Give each known term the widest form that pays for itself.
-
-    Parameters
-    ----------
-    base : Base
-    found : Found
-    pool : sequence of Candidate
-
-    Returns
-    -------
-    Found
-    """
+    """Give each known term the widest form that pays for itself."""
     for k in range(len(found.terms)):
         for candidate in _wider(found.terms[k], pool):
             term = replace(found.terms[k], candidate=candidate)

@@ -98,7 +98,6 @@ def jitter_showing(scene: Scene, wanted: Floats, cells: Integers, beyond: float)
 
     Parameters
     ----------
-    scene : Scene
     wanted : (m,) float
         Growth of ln variance in each cell; 0 for none.
     cells : (n,) int

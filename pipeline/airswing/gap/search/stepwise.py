@@ -87,13 +87,8 @@ def with_background(base: Base, pool: Sequence[Candidate]) -> Base:
 
     Parameters
     ----------
-    base : Base
     pool : sequence of Candidate
         The lasting ones of the catalogue tell, each in its widest form.
-
-    Returns
-    -------
-    Base
     """
     widest: dict[str, Candidate] = {}
     for c in sorted(pool, key=lambda c: len(c.subset)):
@@ -147,15 +142,6 @@ def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
 
     The known ones it must beat need not pass: what an effect too small to be stated explains as
     well is not unknown.
-
-    Parameters
-    ----------
-    ranked : sequence of Score
-    rules : Rules
-
-    Returns
-    -------
-    Score or None
     """
     passing = [s for s in ranked if passes(s, rules)]
     best = max((s for s in passing if s.candidate.known), key=ranked_by, default=None)
@@ -191,15 +177,8 @@ def search(
 
     Parameters
     ----------
-    base : Base
-    pool : sequence of Candidate
-    rules : Rules, optional
     start : sequence of Term
         Terms to begin with; each must stand against all candidates as those that are found.
-
-    Returns
-    -------
-    Found
     """
     rules, ranking = rules or Rules(), _Ranking(base, pool)
     terms = _swap(ranking, list(start), rules)
@@ -222,18 +201,7 @@ def search(
 
 
 def found_of(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> Found:
-    """Result of a search that ended with these terms.
-
-    Parameters
-    ----------
-    base : Base
-    pool : sequence of Candidate
-    terms : sequence of Term
-
-    Returns
-    -------
-    Found
-    """
+    """Result of a search that ended with these terms."""
     return _found(base, _Ranking(base, pool), list(terms))
 
 
@@ -267,7 +235,6 @@ def remainder(terms: Sequence[Term], score: Score) -> Floats:
 
     Parameters
     ----------
-    terms : sequence of Term
     score : Score
         Of the candidate.
 

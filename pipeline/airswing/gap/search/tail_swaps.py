@@ -55,10 +55,6 @@ def beside(terms: Sequence[Term]) -> tuple[list[Term], float]:
     What marks an airframe, and what changes in time, is what an exchange shows in; all else that
     was found is taken off first.
 
-    Parameters
-    ----------
-    terms : sequence of Term
-
     Returns
     -------
     terms : list of Term
@@ -89,18 +85,12 @@ def find_swap(
 
     Parameters
     ----------
-    base : Base
     given : Conditional
         Given the climatology and what :func:`beside` says.
-    effects : mapping
     threshold : float
         Smallest evidence, nats.
     shortest : int
         Fewest days on either side.
-
-    Returns
-    -------
-    Swap or None
     """
     layout = base.stats.layout
     names = [n for n in MARKS if n in layout.blocks]
@@ -165,8 +155,6 @@ def exchange(frame: Frame, swap: Swap, first_time: float) -> Frame:
 
     Parameters
     ----------
-    frame : Frame
-    swap : Swap
     first_time : float
         s since 1970.
 

@@ -53,16 +53,7 @@ def surviving_share(base: Base, bare: Conditional, candidate: Candidate) -> floa
 
 
 def single_day(stats: Statistics) -> bool:
-    """Whether an archive holds one day, and of others no more than an edge.
-
-    Parameters
-    ----------
-    stats : Statistics
-
-    Returns
-    -------
-    bool
-    """
+    """Whether an archive holds one day, and of others no more than an edge."""
     reports = stats.day_count.sum(axis=0)
     return bool(np.count_nonzero(reports >= EDGE * reports.max()) < 2)
 
@@ -72,7 +63,6 @@ def too_short(base: Base, names: Iterable[str]) -> dict[str, str]:
 
     Parameters
     ----------
-    base : Base
     names : iterable of str
         Effects looked for.
 
@@ -97,10 +87,8 @@ def absorbed(
 
     Parameters
     ----------
-    base : Base
     bare : Conditional
         Given the climatology and slope alone.
-    pool : sequence of Candidate
     effects : mapping
         Name -> effect, for the names of its forms.
 

@@ -65,10 +65,6 @@ def parse_effects(content: Any, *, file: object | None = None) -> list[ActiveEff
     file : object, optional
         Named in messages.
 
-    Returns
-    -------
-    list of ActiveEffect
-
     Raises
     ------
     InputError
@@ -93,10 +89,6 @@ def write_effects(effects: Iterable[ActiveEffect], path: Path | str) -> Path:
         What a simulation holds.
     path : path-like
         YAML file, written atomically.
-
-    Returns
-    -------
-    Path
     """
     content = plain_effects(effects)
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
@@ -105,10 +97,6 @@ def write_effects(effects: Iterable[ActiveEffect], path: Path | str) -> Path:
 
 def plain_effects(effects: Iterable[ActiveEffect]) -> list[dict[str, Any]]:
     """Give effects as plain lists and mappings, for YAML and JSON.
-
-    Parameters
-    ----------
-    effects : iterable of ActiveEffect
 
     Returns
     -------

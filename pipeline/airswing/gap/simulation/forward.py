@@ -236,10 +236,6 @@ def prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -
     seed : numpy.random.SeedSequence
         Of what it draws.
 
-    Returns
-    -------
-    Work
-
     Raises
     ------
     InputError
@@ -286,10 +282,6 @@ def apply_stage(state: State, frame: Frame, work: Sequence[Work], stage: Stage |
         From `prepared`; those of other stages are passed over.
     stage : str
         Of `airswing.gap.effects.base.STAGES`.
-
-    Returns
-    -------
-    State
     """
     for item in work:
         if item.effect.stage != stage:

@@ -52,10 +52,6 @@ def read_known(path: Path | str, *, reference: str) -> list[ActiveEffect]:
     reference : str
         Reference or pool whose fits are taken.
 
-    Returns
-    -------
-    list of ActiveEffect
-
     Raises
     ------
     InputError

@@ -56,10 +56,6 @@ def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
         Reports of the archive.
     simulated : xarray.Dataset
         Reports of the simulation, as `airswing.reports.read_reports` gives them.
-
-    Returns
-    -------
-    Matched
     """
     names = [str(name) for name in simulated["aircraft"].values]
     ends = np.cumsum(simulated["row_size"].values)
@@ -97,16 +93,7 @@ def _same_place(frame: Frame, simulated: xr.Dataset, rows: NDArray[np.int64]) ->
 
 
 def same_paths(matched: Matched) -> bool:
-    """Return whether the simulation flew the archive's paths.
-
-    Parameters
-    ----------
-    matched : Matched
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether the simulation flew the archive's paths."""
     number = int(matched.found.sum())
     return number >= LEAST_MATCHED and number >= LEAST_SHARE * matched.found.size
 
@@ -120,10 +107,6 @@ def with_simulated_wind(frame: Frame, matched: Matched) -> Frame:
         Reports of the archive.
     matched : Matched
         From `match_reports`.
-
-    Returns
-    -------
-    Frame
 
     Raises
     ------

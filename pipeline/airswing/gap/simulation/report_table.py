@@ -108,14 +108,6 @@ def simulate_reports(
 def report_path(path: Path | str) -> Path:
     """Path of a file of reports, whose suffix says how it is written.
 
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    Path
-
     Raises
     ------
     InputError

@@ -115,7 +115,6 @@ def day_of_report(frame: Timed, *, shift: float | None = None) -> tuple[Integers
 
     Parameters
     ----------
-    frame : Frame
     shift : float, optional
         Hour UTC at which days start; the quietest when not given.
 
@@ -144,16 +143,10 @@ def empty_statistics(
 
     Parameters
     ----------
-    layout : Layout
-    tails : tuple of str
     days : (D,) int
         Whole days since 1970 of all reports to come.
     shift : float
         Hour UTC at which a day starts.
-
-    Returns
-    -------
-    Statistics
     """
     days = together(np.unique(days), len(tails), AIRCRAFT_DAYS)
     weeks = together(np.unique(days // 7), len(tails), AIRCRAFT_WEEKS)
@@ -185,7 +178,6 @@ def together(numbers: Integers, aircraft: int, most: int) -> Integers:
     ----------
     numbers : (d,) int
         Ascending.
-    aircraft, most : int
 
     Returns
     -------
@@ -240,7 +232,6 @@ def accumulate(
 
     Parameters
     ----------
-    frame : Frame
     residual : (n, 2) float
         Reported minus simulated wind, m s-1.
     columns : SumColumns
@@ -251,10 +242,6 @@ def accumulate(
         Part of the residual that effects already found explain: it is never clipped, m/s.
     day_shift : float, optional
         Hour UTC at which days start; archives to be merged need the same.
-
-    Returns
-    -------
-    Statistics
     """
     day, shift = day_of_report(frame, shift=day_shift)
     out = empty_statistics(columns.layout, tuple(frame.tails), np.unique(day), shift)
@@ -301,10 +288,7 @@ def clipped_residual(
 
     Parameters
     ----------
-    frame : Frame
     residual : (n, 2) float
-    noise : NoiseFit
-    clip : float
     known : (n, 2) float, optional
         Part of the residual that is not clipped, m/s.
 

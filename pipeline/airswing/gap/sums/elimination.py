@@ -126,13 +126,8 @@ def eliminate_days(stats: Statistics, variances: Variances | None = None) -> Bas
 
     Parameters
     ----------
-    stats : Statistics
     variances : Variances, optional
         Estimated when not given.
-
-    Returns
-    -------
-    Base
     """
     variances = shared_variances(stats) if variances is None else variances
     fields = stats.layout.blocks["day_fields"]
@@ -147,16 +142,7 @@ def eliminate_days(stats: Statistics, variances: Variances | None = None) -> Bas
 
 
 def climatology(base: Base) -> list[Included]:
-    """Included columns of the reference's climatology: fleet-wide, with the archive's prior.
-
-    Parameters
-    ----------
-    base : Base
-
-    Returns
-    -------
-    list of Included
-    """
+    """Included columns of the reference's climatology: fleet-wide, with the archive's prior."""
     ones = np.ones(base.stats.day_count.shape)
     prior = lasting_prior(base.stats.layout, base.variances.climatology)
     pairs = zip(*prior, strict=True)
@@ -174,16 +160,10 @@ def condition(
 
     Parameters
     ----------
-    base : Base
-    included : list of Included
     columns : (k,) int, optional
         Where the aircraft's own sums are asked for of these only: those of others stay 0.
     aircraft : int, optional
         One whose own sums are then asked for of all columns.
-
-    Returns
-    -------
-    Conditional
     """
     fit = fit_included(base, included)
     rows = _cross_rows(base, included)
@@ -238,17 +218,7 @@ class Fit:
 
 
 def fit_included(base: Base, included: list[Included]) -> Fit:
-    """Fit the included columns, without a look at any other.
-
-    Parameters
-    ----------
-    base : Base
-    included : list of Included
-
-    Returns
-    -------
-    Fit
-    """
+    """Fit the included columns, without a look at any other."""
     return _fit(included, *included_sums(base, *_stacked(included)))
 
 
@@ -257,8 +227,6 @@ def fits_by_fold(base: Base, included: list[Included], fold: Integers) -> Iterat
 
     Parameters
     ----------
-    base : Base
-    included : list of Included
     fold : (D,) int
         Fold of every day.
 
@@ -314,7 +282,6 @@ def included_sums(base: Base, columns: Integers, weights: Floats) -> tuple[Float
 
     Parameters
     ----------
-    base : Base
     columns : (m,) int
     weights : (m, A, D) float
 
@@ -405,7 +372,6 @@ def beyond(given: Conditional, columns: Integers) -> Conditional:
 
     Parameters
     ----------
-    given : Conditional
     columns : (k,) int
 
     Returns

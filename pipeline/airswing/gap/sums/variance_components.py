@@ -60,7 +60,6 @@ def lasting_prior(layout: Layout, variance: Floats) -> Prior:
 
     Parameters
     ----------
-    layout : Layout
     variance : (m,) float
         Of the climatology's coefficients, m2 s-2.
 
@@ -78,7 +77,6 @@ def shared_prior(layout: Layout, effects: Mapping[str, Effect]) -> Prior:
 
     Parameters
     ----------
-    layout : Layout
     effects : mapping
         Name -> effect: those of the fleet or the reference, and those of the wind an aircraft
         meets, which all aircraft may have.
@@ -114,17 +112,12 @@ def shared_variances(
 
     Parameters
     ----------
-    stats : Statistics
     beside : (columns, precision), optional
         What else is fitted beside them, for the whole fleet, on top of what lasts.
     rounds : int
         At most.
     floor : float
         Smallest variance of a day field, m2 s-2.
-
-    Returns
-    -------
-    Variances
     """
     layout = stats.layout
     steady = layout.columns("climatology").size

@@ -85,7 +85,6 @@ class Archive:
 
         Parameters
         ----------
-        pair : (int, int)
         exchange : callable
             Gives a frame's reports the right aircraft.
         """
@@ -110,13 +109,8 @@ def held_archive(frame: Frame, *, workers: int = 1) -> Archive:
 
     Parameters
     ----------
-    frame : Frame
     workers : int
         Threads.
-
-    Returns
-    -------
-    Archive
     """
     days, shift = day_of_report(frame)
     flights = int(np.unique(frame.flight).size)
@@ -147,10 +141,6 @@ def read_archive(
         Threads.
     most : int
         Reports held in memory, about.
-
-    Returns
-    -------
-    Archive
 
     Raises
     ------
@@ -264,16 +254,7 @@ class _Source:
 
 
 def joined(frames: Sequence[Frame]) -> Frame:
-    """One frame of several of the same archive, at least one.
-
-    Parameters
-    ----------
-    frames : sequence of Frame
-
-    Returns
-    -------
-    Frame
-    """
+    """One frame of several of the same archive, at least one."""
     fields: dict[str, Any] = {
         name: np.concatenate([getattr(one, name) for one in frames]) for name in REPORT_FIELDS
     }
@@ -300,16 +281,10 @@ def sum_reports(
 
     Parameters
     ----------
-    archive : Archive
-    columns : SumColumns
     about : callable, optional
         Effects to be linearised about.
     progress : callable, optional
         Called with the fraction done.
-
-    Returns
-    -------
-    Statistics
     """
     view = archive.view
     out = empty_statistics(columns.layout, view.tails, archive.days, archive.day_shift)

@@ -151,13 +151,8 @@ class Bench:
 
         Parameters
         ----------
-        setting : Setting
         rest : (n, 2) float
             m/s.
-
-        Returns
-        -------
-        Bench
         """
         frame, quiet = setting.frame, setting.quiet
         explained = frame.residual - rest
@@ -197,7 +192,6 @@ class Bench:
 
         Parameters
         ----------
-        component : str
         of_wind : int, optional
             Across and along the wind as reported in this archive (0: the real one), not its
             large-scale part.
@@ -229,11 +223,6 @@ class Bench:
 
     def sums(self, grid: Grid, component: str) -> tuple[Sums, float]:
         """Sums of a table, the simulated archives' mean taken off where they have their own.
-
-        Parameters
-        ----------
-        grid : Grid
-        component : str
 
         Returns
         -------
@@ -289,16 +278,10 @@ class Bench:
 
         Parameters
         ----------
-        grid : Grid
-        component : str
         own : sequence of int
             Aircraft.
         fold : (D,) or (2 D,) int
             Of the days, or of their halves (:meth:`beside_others`).
-
-        Returns
-        -------
-        CellSums
         """
         here = np.isin(self.setting.frame.aircraft, own)
         beside_others = self.beside_others(grid, component, own)
@@ -335,11 +318,6 @@ class Bench:
 
     def weigh(self, grid: Grid, component: str) -> tuple[Weighed, Sums]:
         """Weigh a table.
-
-        Parameters
-        ----------
-        grid : Grid
-        component : str
 
         Returns
         -------
@@ -404,10 +382,6 @@ def stands_on_report(grid: Grid) -> bool:
 
 def regression_share(bench: Bench) -> float:
     """Share of the simulated dependence on the reported wind that the real archive shows.
-
-    Parameters
-    ----------
-    bench : Bench
 
     Returns
     -------

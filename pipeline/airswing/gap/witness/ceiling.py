@@ -69,10 +69,6 @@ class Ceiling:
 def ceiling_of(frame: Frame) -> Ceiling | None:
     """Find a bound on the speeds sent, and draw the winds without it.
 
-    Parameters
-    ----------
-    frame : Frame
-
     Returns
     -------
     Ceiling or None
@@ -203,7 +199,6 @@ def _gibbs(start: Floats, bounded: Mask, phi: Floats, rng: np.random.Generator) 
     bounded : (n,) bool
     phi : (n - 1,) float
         Correlation of each with the next; 0 between flights.
-    rng : numpy.random.Generator
 
     Returns
     -------

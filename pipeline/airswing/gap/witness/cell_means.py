@@ -210,10 +210,6 @@ class CellModel:
             Whether the table changes from day to day, not within one. Beside fields of each day
             it would then rest on the little of its direction's change that these do not follow,
             which the reference knows least: the fields are left in, as scatter of its scores.
-
-        Returns
-        -------
-        CellSums
         """
         days, q, _ = self.root.shape
         s, k = self.prior.size, size
@@ -258,10 +254,6 @@ class CellModel:
 
 def reports_to_one(noise: NoiseFit) -> float:
     """Reports of an archive's flights that tell a mean as well as one independent one.
-
-    Parameters
-    ----------
-    noise : NoiseFit
 
     Returns
     -------

@@ -211,7 +211,6 @@ def cell_values(
 
     Parameters
     ----------
-    means : CellSums
     prior : (k, k) float
         Correlation of the values before they are seen, in squares of the component's unit.
     without : int, optional
@@ -253,8 +252,6 @@ def merged(bench: Bench, unknown: Unknown, *, over: int | None = None) -> Unknow
 
     Parameters
     ----------
-    bench : Bench
-    unknown : Unknown
     over : int, optional
         Variable all of whose cells become one; without it, two of every variable's.
 

@@ -138,10 +138,8 @@ class Ground:
 
         Parameters
         ----------
-        quiet : Frame
         residuals : (R, n, 2) float
             m/s.
-        plan : DictionaryPlan
         day : (n,) int
         rows : (m,) int
             Reports asked for.
@@ -174,10 +172,6 @@ class Ground:
             Unit vector of the component.
         left : Left
             Of the residuals.
-
-        Returns
-        -------
-        Sums
         """
         index = self.order.index
         cell, unit = cells[index], direction[index].astype(np.float32)
@@ -244,7 +238,6 @@ def plain_sums(
     square : (n,) float
         Square of that direction.
     cells : (n,) int
-    size : int
     aircraft, day : (n,) int
 
     Returns
@@ -304,17 +297,10 @@ def prepare(
     ----------
     quiet : Frame
         Reports with heading, airspeed and wind free of the residual's noise.
-    noise : NoiseFit
-    plan : DictionaryPlan
-    variances : Variances
     day : (n,) int
         Index of each report's day.
     background : float
         Size of every aircraft's little of every steady error, m/s.
-
-    Returns
-    -------
-    Ground
     """
     order = noise.order
     gains = take_gains(noise.gains, order.index)

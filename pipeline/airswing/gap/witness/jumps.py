@@ -66,10 +66,6 @@ class Jumps:
 def jumps(bench: Bench) -> list[Jumps]:
     """Jumps of the real residual, strongest first.
 
-    Parameters
-    ----------
-    bench : Bench
-
     Returns
     -------
     list of Jumps
@@ -100,10 +96,8 @@ def deviations(bench: Bench, pulled: Floats, component: str, cell: Integers, siz
 
     Parameters
     ----------
-    bench : Bench
     pulled : (n, 2) float
         V^-1 r.
-    component : str
     cell : (n,) int
         Narrow cell of every report, -1 for none.
     size : int

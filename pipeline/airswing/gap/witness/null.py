@@ -69,13 +69,7 @@ def drawn_errors(
 
     Parameters
     ----------
-    frame : Frame
-    number : int
-    noise : NoiseFit
-    plan : DictionaryPlan
-    variances : Variances
     day : (n,) int
-    rng : numpy.random.Generator
 
     Returns
     -------

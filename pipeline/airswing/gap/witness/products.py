@@ -48,7 +48,6 @@ def products(bench: Bench, alike: tuple[tuple[str, ...], ...] = ()) -> list[Prod
 
     Parameters
     ----------
-    bench : Bench
     alike : tuple of tuple of str
         Variables that tell each other: no pairs are made of these.
     """

@@ -93,16 +93,11 @@ def weigh(
 
     Parameters
     ----------
-    sums : Sums
     prior : (k, k) float
     fleet_error, error : float
         Persistent error of the fleet and of single aircraft, m/s.
     spread : float
         What multiplies the cluster factors (where a mean of simulated scores was taken off).
-
-    Returns
-    -------
-    Weighed
     """
     count = sums.score.shape[0]
     whole = sums.score.sum(axis=1)

@@ -112,7 +112,6 @@ def next_unknown(
 
     Parameters
     ----------
-    setting : Setting
     effects : mapping
         Name -> effect: what an unknown is compared with.
     named_rest : (n, 2) float
@@ -268,15 +267,6 @@ def remainder_names(terms: Sequence[Term], taken: Sequence[Taken]) -> set[str]:
     """Names whose every term is small beside an unknown taken off the same aircraft.
 
     Cells are coarse: what a table leaves within them bends into the shape of names.
-
-    Parameters
-    ----------
-    terms : sequence of Term
-    taken : sequence of Taken
-
-    Returns
-    -------
-    set of str
     """
     small: dict[str, bool] = {}
     for term in terms:

@@ -118,15 +118,10 @@ def refined(bench: Bench, best: Candidate, fold: Integers) -> Unknown | None:
 
     Parameters
     ----------
-    bench : Bench
     best : Candidate
         A table of one variable.
     fold : (D,) int
         Fold of every day.
-
-    Returns
-    -------
-    Unknown or None
     """
     scaled = weighed(bench, best.grid, SCALED[best.component][0])
     also = []

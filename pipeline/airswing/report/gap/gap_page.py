@@ -75,11 +75,6 @@ def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path
     maps : Dataset
         Content of ``gap.nc``.
 
-    Returns
-    -------
-    Path
-        The page.
-
     Raises
     ------
     InputError

@@ -61,7 +61,6 @@ def table(
 
     Parameters
     ----------
-    columns : sequence of Column
     caption : str, optional
         What the table holds, in words.
     sortable : bool, optional

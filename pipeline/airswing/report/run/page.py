@@ -94,11 +94,6 @@ def write_page(
         ``reference``: the fit the page leads with; ``links``: more (label, address relative to
         the page); ``warnings``: list of str; other plain values are listed under "This run".
 
-    Returns
-    -------
-    Path
-        The page.
-
     Raises
     ------
     InputError

@@ -194,7 +194,6 @@ def observe(
         The archive's seed.
     field : EarthField
         Earth's magnetic field.
-    units : Units
 
     Returns
     -------

@@ -307,11 +307,6 @@ def write_archive(
         As in `airswing.synthetic.write_archive`.
     output : str, optional
         The configuration's output folder.
-
-    Returns
-    -------
-    Path
-        The configuration.
     """
     root, source = Path(directory), Path(grib)
     run, error, start = read_run(source)

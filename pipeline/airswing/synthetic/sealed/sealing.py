@@ -32,11 +32,6 @@ def seal(labels: Sequence[Mapping[str, Any]], folder: Path) -> str:
         One per case.
     folder : Path
         Folder of ``labels.json``; the digest goes to ``<folder>.sha256``.
-
-    Returns
-    -------
-    str
-        The digest.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = write_text(folder / "labels.json", json.dumps(plain(list(labels)), indent=1))

@@ -160,11 +160,6 @@ def random_waves(rng: np.random.Generator, kind: WaveKind, *, start: float, end:
         Source of every number drawn.
     start, end : float
         Hours the amplitudes must cover.
-
-    Returns
-    -------
-    Waves
-        The field.
     """
     length = np.exp(rng.uniform(np.log(kind.lengths[0]), np.log(kind.lengths[1]), kind.count))
     kx, ky = rng.normal(size=(2, kind.count)) / length

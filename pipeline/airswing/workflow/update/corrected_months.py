@@ -30,7 +30,6 @@ def correct_month(job: Job, fits: xr.Dataset) -> bool:
     ----------
     job : Job
         Of the month.
-    fits : Dataset
 
     Returns
     -------

@@ -69,14 +69,8 @@ def recent_months(job: Job, months: list[str], fits: xr.Dataset) -> Recent:
 
     Parameters
     ----------
-    job : Job
     months : list of str
         All of them.
-    fits : Dataset
-
-    Returns
-    -------
-    Recent
     """
     with read_product(replace(job, month=months[-1]).place(HEADINGS), lazy=True) as latest:
         first = time_span(latest)[1].astype("datetime64[D]") - (RECENT - 1)
@@ -100,16 +94,10 @@ def judged(
 
     Parameters
     ----------
-    job : Job
     months : list of str
         All of them.
     headings, fits : Dataset
         Of all months.
-    recent : Recent
-
-    Returns
-    -------
-    Evaluation
     """
     config, later = job.config, _Monthly(job, months)
     return Evaluation(
@@ -198,11 +186,6 @@ class _Monthly:
         ----------
         name : str
             File name of the product.
-        make : callable
-
-        Returns
-        -------
-        dict
         """
         config = self.job.config.model_dump(exclude={"compute", "output"})
         made = fingerprint(name, self.complete, config, code_digest(__name__, *FITTING))

@@ -43,11 +43,6 @@ class Spans:
     def of(self, name: str, start: np.datetime64, stop: np.datetime64) -> list[str]:
         """Files of a reference with a valid time from one to another.
 
-        Parameters
-        ----------
-        name : str
-        start, stop : datetime64
-
         Returns
         -------
         list of str
@@ -72,7 +67,6 @@ def model_spans(job: Job, before: dict[str, Any]) -> tuple[Spans, dict[str, Any]
 
     Parameters
     ----------
-    job : Job
     before : dict
         The note of the last time; empty where there is none.
 

@@ -38,10 +38,6 @@ def make_monitoring(job: Job, fits: xr.Dataset | None = None) -> Monitoring:
         Headings, and corrected winds where there are any, stand in its folder.
     fits : Dataset, optional
         Read from the output folder when not given.
-
-    Returns
-    -------
-    Monitoring
     """
     from airswing.evaluation.monitoring import events_of, read_events, read_tables, write_events
     from airswing.evaluation.monitoring.watch import changed_since, with_tables
@@ -72,7 +68,6 @@ def events_said(job: Job, number: int) -> None:
 
     Parameters
     ----------
-    job : Job
     number : int
         Of all events, as of :func:`make_monitoring`; a later look may have found more.
     """

@@ -88,13 +88,8 @@ class MonthlyFits:
 
         Parameters
         ----------
-        job : Job
         headings : Dataset
             Of all months, read lazily.
-
-        Returns
-        -------
-        Seen
         """
         fleet = _Fleet(job, self.months, headings)
         sums = fleet.sums()
@@ -112,7 +107,6 @@ def fits_before(job: Job, months: list[str], headings: xr.Dataset) -> xr.Dataset
 
     Parameters
     ----------
-    job : Job
     months : list of str
         All but the last ones, which were taken up before.
     headings : Dataset

@@ -34,16 +34,7 @@ tens of milliseconds whatever its length."""
 
 
 def mark_of(base: Base) -> str:
-    """Hash of a base, by which it is known whether sums are of it.
-
-    Parameters
-    ----------
-    base : Base
-
-    Returns
-    -------
-    str
-    """
+    """Hash of a base, by which it is known whether sums are of it."""
     told = repr((base.scatters, base.field, base.durations, base.few, base.rms, base.reports))
     return digest(base.theta.tobytes(), base.free.tobytes(), told.encode()).hex()
 
@@ -66,10 +57,6 @@ class MonthSums:
         ----------
         marks : mapping
             Of the bases, by group and aircraft.
-
-        Returns
-        -------
-        set of str
         """
         return {
             name
@@ -83,7 +70,6 @@ class MonthSums:
 
         Parameters
         ----------
-        group, name, mark : str
         sums : PeriodSums, optional
             None where it has no report that counts.
         """
@@ -102,17 +88,7 @@ class MonthSums:
 
     @classmethod
     def of(cls, kept: Arrays | None, groups: Mapping[str, Any]) -> MonthSums:
-        """From the arrays of a file; empty without.
-
-        Parameters
-        ----------
-        kept : mapping of array, optional
-        groups : mapping
-
-        Returns
-        -------
-        MonthSums
-        """
+        """From the arrays of a file; empty without."""
         if kept is None:
             return cls({}, {group: {} for group in groups}, {group: {} for group in groups})
         made_at = {group: _worded(f"{k}:made_at", kept) for k, group in enumerate(groups)}
@@ -120,16 +96,7 @@ class MonthSums:
 
 
 def contents(headings: xr.Dataset) -> dict[str, str]:
-    """Hash of every aircraft's reports, as far as a fit looks at them.
-
-    Parameters
-    ----------
-    headings : Dataset
-
-    Returns
-    -------
-    dict of str to str
-    """
+    """Hash of every aircraft's reports, as far as a fit looks at them."""
     found = {}
     for block in blocks(headings, FITTED_FROM):
         # flights are numbered over the fleet: what another aircraft flew moves the numbers
@@ -147,11 +114,6 @@ def contents(headings: xr.Dataset) -> dict[str, str]:
 
 def chosen_blocks(headings: xr.Dataset, names: set[str]) -> Iterator[xr.Dataset]:
     """Blocks that hold some aircraft with all their reports; others in them are without any.
-
-    Parameters
-    ----------
-    headings : Dataset
-    names : set of str
 
     Yields
     ------
@@ -178,17 +140,7 @@ def _runs(places: NDArray[np.int64]) -> Iterator[range]:
 
 
 def kept_arrays(path: Path, mark: str) -> dict[str, NDArray[Any]] | None:
-    """Arrays that were kept; None where there are none that are whole and of this mark.
-
-    Parameters
-    ----------
-    path : Path
-    mark : str
-
-    Returns
-    -------
-    dict of array or None
-    """
+    """Arrays that were kept; None where there are none that are whole and of this mark."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             if str(stored["mark"]) != mark:
@@ -203,10 +155,8 @@ def keep_arrays(path: Path, mark: str, arrays: Arrays) -> None:
 
     Parameters
     ----------
-    path : Path
     mark : str
         Of what they are made from.
-    arrays : mapping of array
     """
     with (
         written_to(path.parent),
@@ -225,13 +175,8 @@ def by_group(
     ----------
     arrays : mapping of array
         Named by the number of the group, a colon, and the rest.
-    groups : mapping
     undo : callable
         From one group's arrays.
-
-    Returns
-    -------
-    dict
     """
     return {
         name: undo(

@@ -45,10 +45,6 @@ MARGIN = np.timedelta64(48, "h")
 def months_of(hours: Iterable[int]) -> list[str]:
     """Months that some hours since 1970 lie in.
 
-    Parameters
-    ----------
-    hours : iterable of int
-
     Returns
     -------
     list of str
@@ -61,10 +57,6 @@ def months_of(hours: Iterable[int]) -> list[str]:
 def span_of(month: str) -> tuple[np.datetime64, np.datetime64]:
     """Where a month begins and the next one does.
 
-    Parameters
-    ----------
-    month : str
-
     Returns
     -------
     start, stop : datetime64[ns]
@@ -75,10 +67,6 @@ def span_of(month: str) -> tuple[np.datetime64, np.datetime64]:
 
 def kept_note(path: Path) -> dict[str, Any]:
     """A note of an earlier update.
-
-    Parameters
-    ----------
-    path : Path
 
     Returns
     -------
@@ -93,13 +81,7 @@ def kept_note(path: Path) -> dict[str, Any]:
 
 
 def keep_note(path: Path, content: dict[str, Any]) -> None:
-    """Write a note, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-    content : dict
-    """
+    """Write a note, whole or not at all."""
     with written_to(path.parent), replacing(path) as temporary:
         temporary.write_text(note(content))
 

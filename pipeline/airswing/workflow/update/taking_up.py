@@ -62,10 +62,6 @@ class Taken:
 def update(job: Job) -> dict[str, Any]:
     """Take up what is new since the last time; end with every product as of now.
 
-    Parameters
-    ----------
-    job : Job
-
     Returns
     -------
     dict
@@ -115,10 +111,6 @@ def take_up(job: Job) -> Taken:
     ----------
     job : Job
         With ``resume``; its folder is held by the caller.
-
-    Returns
-    -------
-    Taken
     """
     _require_no_single_files(job)
     spool, months, made = _headings(job)

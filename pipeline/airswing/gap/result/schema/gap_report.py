@@ -74,25 +74,12 @@ class GapReport:
     simulation: SimulationEntry | None = field(default=None, metadata=LEFT_OUT)
 
     def content(self) -> dict[str, object]:
-        """Mappings, lists and values that :func:`airswing.products.whole_files.write_json` takes.
-
-        Returns
-        -------
-        dict
-        """
+        """Mappings, lists and values, as :func:`airswing.products.whole_files.write_json` takes."""
         return {str(key): value for key, value in _entries(self).items()}
 
     @classmethod
     def of(cls, content: Mapping[str, object]) -> GapReport:
         """Make a report of what a file holds.
-
-        Parameters
-        ----------
-        content : mapping
-
-        Returns
-        -------
-        GapReport
 
         Raises
         ------
@@ -104,14 +91,6 @@ class GapReport:
     @classmethod
     def read(cls, path: Path) -> GapReport:
         """Read gap.json.
-
-        Parameters
-        ----------
-        path : Path
-
-        Returns
-        -------
-        GapReport
 
         Raises
         ------
