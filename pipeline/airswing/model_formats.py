@@ -35,13 +35,7 @@ _FORMATS: dict[str, ModelFormat] = {}
 
 
 def register(model_format: ModelFormat) -> ModelFormat:
-    """Add a kind.
-
-    Returns
-    -------
-    ModelFormat
-        The same.
-    """
+    """Add a kind."""
     _FORMATS[model_format.name] = model_format
     return model_format
 

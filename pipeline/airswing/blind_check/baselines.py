@@ -71,8 +71,6 @@ def run_baselines(
 
     Parameters
     ----------
-    output : Path
-        Folder of the check.
     labels : sequence of mapping
         Truth of the cases.
     say : callable
@@ -114,13 +112,6 @@ def run_baselines(
 
 def least_squares_bic(frame: Frame, without: Sequence[str] = ()) -> Claim:
     """Select effects by ordinary least squares and BIC.
-
-    Parameters
-    ----------
-    frame : Frame
-        Reports.
-    without : sequence of str
-        Effects to do without.
 
     Returns
     -------
@@ -216,8 +207,6 @@ def slice_tree(frame: Frame, without: Sequence[str] = ()) -> Claim:
 
     Parameters
     ----------
-    frame : Frame
-        Reports.
     without : sequence of str
         Names not to be used.
 
@@ -277,13 +266,6 @@ def _read_tree(component: str, weights: Mapping[str, float]) -> str | None:
 
 def classifier(frame: Frame, without: Sequence[str] = ()) -> Claim:
     """Tell real reports from simulated ones.
-
-    Parameters
-    ----------
-    frame : Frame
-        Reports.
-    without : sequence of str
-        Not used.
 
     Returns
     -------

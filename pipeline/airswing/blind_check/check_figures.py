@@ -42,11 +42,6 @@ def wilson(right: int, number: int) -> tuple[float, float]:
 def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray[Any, Any]]:
     """Return what was taken for what.
 
-    Parameters
-    ----------
-    scores : sequence of mapping
-        Of all cases.
-
     Returns
     -------
     truths, told : list of str
@@ -79,13 +74,7 @@ def _first_told(score: Score) -> str:
 
 @styled
 def check_figure(scores: Sequence[Score]) -> CaptionedFigure:
-    """Draw the check.
-
-    Parameters
-    ----------
-    scores : sequence of mapping
-        Of all cases.
-    """
+    """Draw the check."""
     figure = new_figure(10.5)
     axes = figure.subplot_mosaic(
         [["size", "closure", "stated"], ["confusion"] * 3], height_ratios=[1, 2.2]

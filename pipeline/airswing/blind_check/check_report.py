@@ -384,19 +384,10 @@ def write_reports(
 
     Parameters
     ----------
-    output : Path
-        Folder.
-    check : Check
-        A finished check.
     command : str
         What repeats it.
     proof : mapping, optional
         Rung 0.
-
-    Returns
-    -------
-    Path
-        The page.
     """
     from airswing.blind_check.check_figures import check_figure
     from airswing.products.whole_files import write_text

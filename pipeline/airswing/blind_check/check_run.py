@@ -180,10 +180,6 @@ def gap_check(
 
     Parameters
     ----------
-    output : Path
-        Folder of the check.
-    plan : Plan
-        What is to be checked.
     workers : int
         Archives written and diagnosed at a time.
     diagnoser : callable

@@ -98,8 +98,6 @@ def grouped(scores: Sequence[Score], by: str) -> dict[Any, dict[str, Any]]:
 
     Parameters
     ----------
-    scores : sequence of mapping
-        Of the cases.
     by : str
         Key of `BY`.
 
@@ -272,13 +270,7 @@ TARGETS = (
 
 
 def hard_and_real(scores: Sequence[Score]) -> Reached:
-    """Share of first names right in the hard world and with real errors, at 0.4 m/s and more.
-
-    Parameters
-    ----------
-    scores : sequence of mapping
-        Of all cases.
-    """
+    """Share of first names right in the hard world and with real errors, at 0.4 m/s and more."""
     return _share(
         [s for s in _detectable(scores) if s["world"] not in ("default", "short")], "first_right"
     )
@@ -296,11 +288,6 @@ def of_default(scores: Sequence[Score]) -> list[Score]:
 
 def targets(scores: Sequence[Score]) -> list[dict[str, Any]]:
     """Return every target with what was reached.
-
-    Parameters
-    ----------
-    scores : sequence of mapping
-        Of all cases.
 
     Returns
     -------

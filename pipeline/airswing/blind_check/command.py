@@ -27,10 +27,6 @@ def check_and_report(
 
     Parameters
     ----------
-    output : Path
-        Folder for everything.
-    plan : Plan
-        What is to be checked.
     workers, baselines, so_far
         See `airswing.blind_check.check_run.gap_check`.
     quiet : bool

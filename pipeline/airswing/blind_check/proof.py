@@ -32,8 +32,6 @@ def prove_generator(folder: Path, *, seed: int) -> dict[str, float]:
 
     Parameters
     ----------
-    folder : Path
-        For an archive.
     seed : int
         Of the archive, eight days of four aircraft.
 

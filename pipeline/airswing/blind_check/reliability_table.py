@@ -32,8 +32,6 @@ def stated_claims(
 
     Parameters
     ----------
-    label : mapping
-        Truth of the case.
     gap : mapping
         Content of gap.json.
     truth : sequence of str

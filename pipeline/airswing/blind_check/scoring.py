@@ -54,8 +54,6 @@ def score_case(
         Truth of the case (`airswing.synthetic.sealed.sealed_archives.Archivist.write`).
     gap : mapping or None
         Content of gap.json; None where the diagnosis failed.
-    failure : str, optional
-        Its message.
     fleet : sequence of str
         All aircraft of the archive.
 
@@ -107,8 +105,6 @@ def repeated_names(label: Label, claims: Sequence[Mapping[str, Any]]) -> list[st
 
     Parameters
     ----------
-    label : mapping
-        Truth of the case.
     claims : sequence of mapping
         Entries with ``name, tails``.
     """
@@ -302,8 +298,6 @@ def parameter_errors(
 
     Parameters
     ----------
-    name : str
-        Effect.
     own, found : sequence of mapping
         True and claimed entries.
 

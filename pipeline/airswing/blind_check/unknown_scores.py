@@ -55,13 +55,7 @@ SAME: dict[str, tuple[str, ...]] = {
 
 
 def same_variable(told: str, true: str) -> bool:
-    """Return whether a variable told is the true one, under any of its names.
-
-    Parameters
-    ----------
-    told, true : str
-        Names.
-    """
+    """Return whether a variable told is the true one, under any of its names."""
     return told == true or told in SAME.get(true, ())
 
 
@@ -109,8 +103,6 @@ def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, An
         Truth of an outside case.
     gap : mapping
         Content of gap.json.
-    fleet : sequence of str
-        All aircraft.
 
     Returns
     -------

@@ -98,8 +98,6 @@ def choose_ground_vector(
         Resolution of the reported airspeed (m s-1), heading (radians) and wind (m s-1).
     aircraft : ndarray of int, shape (report,)
         Aircraft of each report.
-    number : int
-        Number of aircraft.
     derived : ndarray of bool, shape (report,), optional
         Reports whose wind was derived from heading, airspeed and the aircraft's own ground vector:
         it is that vector which comes back, and nothing else goes with such a wind.

@@ -133,11 +133,6 @@ def _block_sums(
 def profile_cells(headings: xr.Dataset) -> tuple[NDArray[np.int64], int]:
     """Phase and layer of every report as one number, -1 where it does not count.
 
-    Parameters
-    ----------
-    headings : Dataset
-        Screened.
-
     Returns
     -------
     array of int, shape (report,)

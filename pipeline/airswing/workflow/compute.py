@@ -70,8 +70,6 @@ def local_cluster(workers: int, threads: int, **options: Any) -> Iterator[Any]:
 
     Parameters
     ----------
-    workers : int
-        Processes.
     threads : int
         Of each.
     **options

@@ -63,11 +63,6 @@ def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -
         Effects file; none is the perfect instrument.
     output : Path
         ``.csv`` or ``.parquet``.
-
-    Returns
-    -------
-    Path
-        The file written.
     """
     from airswing.gap.simulation.effects_file import read_effects
     from airswing.gap.simulation.report_table import report_path, simulate_reports, write_reports

@@ -132,13 +132,7 @@ def ready(job: Job, given: xr.Dataset | None, name: str) -> xr.Dataset:
 
 
 def where_it_stands(job: Job, name: str) -> Path:
-    """The single file of a product, or the folder of its months where only that is there.
-
-    Parameters
-    ----------
-    name : str
-        File name of the product.
-    """
+    """The single file of a product, or the folder of its months where only that is there."""
     whole = job.output / name
     months = whole.with_suffix("")
     return months if months.is_dir() and not whole.exists() else whole
@@ -146,11 +140,6 @@ def where_it_stands(job: Job, name: str) -> Path:
 
 def require_kept(headings: xr.Dataset) -> None:
     """Refuse to go on from headings of which screening left none.
-
-    Parameters
-    ----------
-    headings : Dataset
-        Screened.
 
     Raises
     ------
@@ -183,10 +172,6 @@ def product(
 
     Parameters
     ----------
-    name : str
-        File name.
-    make : callable
-        Makes the Dataset.
     depends : tuple
         All it depends on beside its name; see :func:`airswing.products.fingerprint.fingerprint`.
     sources : tuple of Dataset

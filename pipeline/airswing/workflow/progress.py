@@ -124,8 +124,6 @@ class Progress:
 
         Parameters
         ----------
-        name : str
-            Stage under way.
         elapsed : float
             Seconds since its start.
 

@@ -27,13 +27,7 @@ _NUMBERS = ("kappa", "converged", "rms_before", "rms_after")
 
 
 def packed_bases(bases: Mapping[str, Base]) -> Arrays:
-    """Bases of some aircraft as arrays.
-
-    Parameters
-    ----------
-    bases : mapping of str to Base
-        By aircraft.
-    """
+    """Bases of some aircraft as arrays."""
     every = list(bases.values())
     if not every:
         return {"aircraft": np.empty(0, dtype="U1")}
@@ -71,13 +65,7 @@ def unpacked_bases(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Base]:
 
 
 def packed_sums(sums: Mapping[str, AircraftSums]) -> Arrays:
-    """Sums of aircraft without a curve as arrays; blocks, which are for curves alone, are left out.
-
-    Parameters
-    ----------
-    sums : mapping of str to AircraftSums
-        By aircraft.
-    """
+    """Sums of aircraft without a curve as arrays, but for blocks, which are for curves alone."""
     every = list(sums.values())
     counts = [(one.reports, one.flights, one.compass_points, one.status) for one in every]
     found: Arrays = {
@@ -130,13 +118,7 @@ def _unpacked_fits(arrays: Mapping[str, NDArray[Any]], part: str) -> list[Aircra
 
 
 def packed(periods: Mapping[str, PeriodSums]) -> Arrays:
-    """Sums of some aircraft as arrays.
-
-    Parameters
-    ----------
-    periods : mapping of str to PeriodSums
-        By aircraft.
-    """
+    """Sums of some aircraft as arrays."""
     every = list(periods.values())
     found: Arrays = {"aircraft": np.array(list(periods), dtype=np.str_)}
     if not every:

@@ -36,8 +36,6 @@ def cross_validate(
 
     Parameters
     ----------
-    headings : Dataset
-        Screened headings.
     reference : str
         Key of ``pools``.
     folds : int, default 5

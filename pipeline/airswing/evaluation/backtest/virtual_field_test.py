@@ -117,8 +117,6 @@ def predicted_reduction(
 
     Parameters
     ----------
-    headings : Dataset
-        Screened headings.
     start : date
         First day of the test: nothing from it on is looked at.
     corrected : list of str

@@ -60,8 +60,6 @@ def find_changes(
 
     Parameters
     ----------
-    headings : Dataset
-        Screened headings.
     members : list of str
         References whose mean error is used.
     abscissa : {"magnetic", "true"}

@@ -30,8 +30,6 @@ def fit_by_window(
 
     Parameters
     ----------
-    headings : Dataset
-        Screened headings.
     reference : str
         Key of ``pools``.
     window : {"month", "quarter"}

@@ -90,8 +90,6 @@ def watch_fleet(
         Of the days, where there are too few to tell.
     common : array, shape (p,)
         Standard deviation of a day's common part.
-    number : int
-        Of aircraft.
 
     Returns
     -------

@@ -42,8 +42,6 @@ def first_and_silent_days(
     ----------
     aircraft, day : array of int, shape (rows,)
         Days with reports, by aircraft and day.
-    number : int
-        Of aircraft.
     last : int
         Last day.
 

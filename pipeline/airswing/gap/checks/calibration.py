@@ -218,8 +218,6 @@ def two_sample(
     ----------
     real, simulated : (f, k) float
         Features by flight; row i of both is the same flight, and falls into the same part.
-    rng : Generator
-        Of the parts.
     parts : int
         Number of parts; each is judged by the discriminant of the others.
 

@@ -145,8 +145,6 @@ def review_claims(
 
     Parameters
     ----------
-    headings : Dataset
-        Screened headings.
     pools : mapping
         Name -> references fitted together.
     reference : str

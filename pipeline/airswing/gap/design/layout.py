@@ -84,11 +84,6 @@ def build_columns(
 ) -> NDArray[np.float32]:
     """All columns for some reports.
 
-    Parameters
-    ----------
-    frame : Frame
-        n reports.
-
     Returns
     -------
     (p, 2, n) float32

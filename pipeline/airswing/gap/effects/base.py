@@ -166,8 +166,6 @@ class Effect(ABC):
 
         Parameters
         ----------
-        state : State
-            The measurement so far.
         frame : Frame
             Context; heading and airspeed in it are the simulated indicated ones.
         values : dict
@@ -304,11 +302,6 @@ def register(effect: Effect) -> Effect:
     ----------
     effect : Effect
         An instance; its name must be new.
-
-    Returns
-    -------
-    Effect
-        The same.
 
     Raises
     ------

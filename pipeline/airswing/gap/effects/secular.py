@@ -38,8 +38,6 @@ def declination_change(
 
     Parameters
     ----------
-    frame : Frame
-        Reports.
     years : float
         How long before each report's date; or
     epoch_year : float
@@ -131,8 +129,6 @@ def project(frame: Frame, epoch_year: float) -> FloatArray:
 
     Parameters
     ----------
-    frame : Frame
-        Reports.
     epoch_year : float
         Decimal year.
     """
@@ -151,8 +147,6 @@ def year_matching(frame: Frame, coefficients: FloatArray) -> float:
 
     Parameters
     ----------
-    frame : Frame
-        Reports.
     coefficients : (2,) float
         Where the second is 0, the first stands for all of the pattern.
     """

@@ -208,8 +208,6 @@ def raw_of_one_step(base: Base, given: Conditional, candidate: Candidate, one: i
     ----------
     base, given, candidate
         As for :func:`evaluate_step`.
-    one : int
-        The aircraft.
 
     Returns
     -------

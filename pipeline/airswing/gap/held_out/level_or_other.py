@@ -64,8 +64,6 @@ def goes_by(
 
     Parameters
     ----------
-    terms : sequence of Term
-        Found.
     coefficients : sequence of (t, k)
         As fitted.
 

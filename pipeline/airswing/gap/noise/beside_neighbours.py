@@ -28,8 +28,6 @@ def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tu
     ----------
     values : (n, c) float
         m/s.
-    order : FlightOrder
-        Of these n reports.
     gains : Gains
         Of the same.
 

@@ -34,8 +34,6 @@ def gross_errors(
     ----------
     residual : (n, 2) float
         Residual (u, v), m s-1.
-    order : FlightOrder
-        Arrangement by flight.
     threshold : float
         In robust standard deviations of that difference.
 
@@ -61,11 +59,6 @@ def gross_errors(
 
 def previous_and_next(order: FlightOrder, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Index of the previous and next report of the same flight, -1 where there is none.
-
-    Parameters
-    ----------
-    n : int
-        Number of reports.
 
     Returns
     -------

@@ -142,8 +142,6 @@ def kalman_gains(
 
     Parameters
     ----------
-    order : FlightOrder
-        Arrangement of the reports.
     decay : (n,) float
         Correlation of the correlated part with that at the previous report; any value at a
         flight's first report.
@@ -188,8 +186,6 @@ def whiten(values: NDArray[np.floating], order: FlightOrder, gains: Gains) -> ND
     ----------
     values : (n, ...) float
         Values by report: residuals, or design columns in the trailing dimensions.
-    order : FlightOrder
-        Arrangement of these n reports.
     gains : Gains
         Coefficients of these n reports, from :func:`kalman_gains`.
 
@@ -246,8 +242,6 @@ def take_gains(gains: Gains, index: Integers) -> Gains:
 
     Parameters
     ----------
-    gains : Gains
-        Of all reports.
     index : (m,) int
         The reports to keep.
     """

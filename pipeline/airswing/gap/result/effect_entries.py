@@ -61,11 +61,6 @@ def _of_place(place: PlaceEntry) -> list[dict[str, object]]:
 def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -> list[EffectEntry]:
     """Return the effects found but for those of scatter that were known.
 
-    Parameters
-    ----------
-    effects : sequence of ActiveEffect
-        Known.
-
     Returns
     -------
     list of EffectEntry

@@ -33,13 +33,7 @@ def interval(taken: Sequence[Taken | Ceiling]) -> tuple[float, float]:
 
 
 def entry(taken: Taken, tails: Sequence[str]) -> PlaceEntry:
-    """One of ``unknown.where`` of gap.json.
-
-    Parameters
-    ----------
-    tails : sequence of str
-        All aircraft.
-    """
+    """One of ``unknown.where`` of gap.json."""
     unknown = taken.unknown
     whole = len(unknown.tails) == len(tails)
     own = list(unknown.tails)

@@ -186,8 +186,6 @@ def better_for(
         What is given.
     pool : sequence of Candidate
         Known ones of aircraft scope.
-    one : int
-        The aircraft.
     """
     allowed = np.arange(len(base.stats.tails)) == one
     given = given_terms(base, others, columns=current.candidate.columns, aircraft=one)

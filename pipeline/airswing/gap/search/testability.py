@@ -33,8 +33,6 @@ def surviving_share(base: Base, bare: Conditional, candidate: Candidate) -> floa
 
     Parameters
     ----------
-    base : Base
-        Day fields eliminated.
     bare : Conditional
         Given the climatology and slope alone.
     candidate : Candidate

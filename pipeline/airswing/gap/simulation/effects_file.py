@@ -85,8 +85,6 @@ def write_effects(effects: Iterable[ActiveEffect], path: Path | str) -> Path:
 
     Parameters
     ----------
-    effects : iterable of ActiveEffect
-        What a simulation holds.
     path : path-like
         YAML file, written atomically.
     """

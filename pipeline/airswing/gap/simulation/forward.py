@@ -90,11 +90,6 @@ class Coding:
     def of_archive(cls, frame: Frame) -> Coding:
         """Return the coding found in the archive, aircraft by aircraft.
 
-        Parameters
-        ----------
-        frame : Frame
-            Reports.
-
         Returns
         -------
         Coding
@@ -231,8 +226,6 @@ def prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -
     ----------
     active : ActiveEffect
         Which, on whom, when, how much.
-    frame : Frame
-        Reports.
     seed : numpy.random.SeedSequence
         Of what it draws.
 
@@ -274,10 +267,6 @@ def apply_stage(state: State, frame: Frame, work: Sequence[Work], stage: Stage |
 
     Parameters
     ----------
-    state : State
-        The measurement so far.
-    frame : Frame
-        Context.
     work : sequence of Work
         From `prepared`; those of other stages are passed over.
     stage : str

@@ -157,8 +157,6 @@ def take_off_known(frame: Frame, effects: Sequence[ActiveEffect], *, seed: int =
 
     Parameters
     ----------
-    frame : Frame
-        Reports.
     effects : sequence of ActiveEffect
         What the simulation has; aircraft that are not in the archive must not be named.
     seed : int

@@ -52,8 +52,6 @@ def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
 
     Parameters
     ----------
-    frame : Frame
-        Reports of the archive.
     simulated : xarray.Dataset
         Reports of the simulation, as `airswing.reports.read_reports` gives them.
     """
@@ -103,8 +101,6 @@ def with_simulated_wind(frame: Frame, matched: Matched) -> Frame:
 
     Parameters
     ----------
-    frame : Frame
-        Reports of the archive.
     matched : Matched
         From `match_reports`.
 

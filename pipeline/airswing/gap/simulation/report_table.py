@@ -131,11 +131,6 @@ def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
     path : path-like
         ``.csv`` or ``.parquet``.
 
-    Returns
-    -------
-    Path
-        The file written.
-
     Raises
     ------
     InputError

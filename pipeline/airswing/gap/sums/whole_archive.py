@@ -105,13 +105,7 @@ class Archive:
 
 
 def held_archive(frame: Frame, *, workers: int = 1) -> Archive:
-    """Archive of reports that are in memory.
-
-    Parameters
-    ----------
-    workers : int
-        Threads.
-    """
+    """Archive of reports that are in memory."""
     days, shift = day_of_report(frame)
     flights = int(np.unique(frame.flight).size)
     return Archive(
@@ -137,8 +131,6 @@ def read_archive(
         One reference, or the members of a pool.
     phases : sequence of str
         Phases of flight kept.
-    workers : int
-        Threads.
     most : int
         Reports held in memory, about.
 

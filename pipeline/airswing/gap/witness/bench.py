@@ -278,8 +278,6 @@ class Bench:
 
         Parameters
         ----------
-        own : sequence of int
-            Aircraft.
         fold : (D,) or (2 D,) int
             Of the days, or of their halves (:meth:`beside_others`).
         """

@@ -202,8 +202,6 @@ class CellModel:
             Number of cells k.
         direction : (n, 2) float
             Change of the wind by one unit of a value, m/s.
-        weights : Weights
-            The residual.
         fold : (D,) int
             Fold of every day.
         whole_days : bool

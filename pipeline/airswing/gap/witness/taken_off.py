@@ -295,8 +295,6 @@ def nearest(
         Name -> effect with columns.
     error : (n, 2) float
         What the unknown makes, m/s.
-    tails : sequence of int
-        Its aircraft.
 
     Returns
     -------

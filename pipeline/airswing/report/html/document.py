@@ -126,8 +126,6 @@ def document(
 
     Parameters
     ----------
-    title : str
-        Title of the window.
     kicker : str
         The line above the headline: what this is a page about.
     headline : str

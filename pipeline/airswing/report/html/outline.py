@@ -172,8 +172,6 @@ def draw_map(axes: Axes, view: View, *, ticks: int = 6) -> None:
     ----------
     axes : matplotlib Axes
         The panel.
-    view : View
-        The window.
     ticks : int, optional
         About how many degree labels along x.
     """

@@ -153,12 +153,8 @@ def fly(
 
     Parameters
     ----------
-    table : Timetable
-        Flights.
     wind : callable
         (latitude, longitude, altitude m, hours) to the large-scale wind (2, n) in m/s.
-    seed : int
-        The archive's seed.
 
     Returns
     -------
@@ -234,8 +230,6 @@ def report_steps(
 
     Parameters
     ----------
-    flown : Flown
-        The flights.
     climb_seconds, cruise_seconds : float
         Interval between reports in ascent and descent, and in cruise; multiples of 10 s.
 

@@ -242,8 +242,6 @@ def parse_faults(
         See the module docstring.
     start : datetime
         Start of the archive, UTC.
-    tails : sequence of str
-        The fleet.
 
     Returns
     -------
@@ -299,8 +297,6 @@ def apply_unit_faults(setting: Setting, faults: Sequence[Fault], tails: Sequence
         Changed in place.
     faults : sequence of Fault
         Others than the unit's are passed over.
-    tails : sequence of str
-        The fleet.
     """
     for fault in faults:
         if fault.name in UNIT_FAULTS:
@@ -315,8 +311,6 @@ def reference_changes(faults: Sequence[Fault], names: Sequence[str]) -> dict[str
     ----------
     faults : sequence of Fault
         A fault with the parameter ``references`` acts on those alone.
-    names : sequence of str
-        References.
 
     Returns
     -------

@@ -69,8 +69,6 @@ def sensed_heading(magnetic: Array, horizontal: Array, down: Array, unit: Unit) 
         True magnetic heading, radians.
     horizontal, down : ndarray (n,)
         The earth's field H and Z, nT.
-    unit : Unit
-        Errors.
 
     Returns
     -------

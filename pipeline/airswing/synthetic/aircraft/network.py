@@ -159,14 +159,8 @@ def timetable(
 
     Parameters
     ----------
-    network : Network
-        Region.
-    aircraft : int
-        Number of aircraft.
     days : int
         Length in days.
-    seed : int
-        The archive's seed.
     legs_per_day : float
         Mean number of legs an aircraft flies a day.
     shuttles : int, default 0

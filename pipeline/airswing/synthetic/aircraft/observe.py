@@ -184,16 +184,10 @@ def observe(
 
     Parameters
     ----------
-    flown : Flown
-        The flights.
     flight, step : ndarray int (n,)
         Where on them the reports are made.
     wind : callable
         True wind, see `Wind`.
-    seed : int
-        The archive's seed.
-    field : EarthField
-        Earth's magnetic field.
 
     Returns
     -------

@@ -46,8 +46,6 @@ def tour(
     ----------
     wind : callable
         (latitude, longitude, altitude m, hours) to the wind (2, n) in m/s.
-    aircraft, seed : int
-        Fleet and seed.
 
     Returns
     -------

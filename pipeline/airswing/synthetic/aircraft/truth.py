@@ -36,13 +36,6 @@ _STEADY = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset"
 def fleet_deviations(tails: Sequence[str], seed: int) -> list[dict[str, Any]]:
     """Return ordinary compass errors for a fleet.
 
-    Parameters
-    ----------
-    tails : sequence of str
-        The fleet.
-    seed : int
-        The archive's seed.
-
     Returns
     -------
     list of dict
@@ -93,10 +86,6 @@ def small_effects(tails: Sequence[str], seed: int, *, days: float = 45.0) -> lis
 
     Parameters
     ----------
-    tails : sequence of str
-        The fleet.
-    seed : int
-        The archive's seed.
     days : float
         Length of the archive, which a drift's size depends on.
 
@@ -132,10 +121,6 @@ def unit_of(
 
     Parameters
     ----------
-    index : int
-        Of the aircraft.
-    tails : sequence of str
-        The fleet.
     horizontal, down : float
         The field around the unit, nT.
     usual_field : float, optional
@@ -179,8 +164,6 @@ def corrections(
     ----------
     faults : sequence of Fault
         What is wrong with the units.
-    earth : EarthField
-        Field of the region.
     tails, chosen : sequence of str
         The fleet, and those that get a table.
     start : float
@@ -221,14 +204,6 @@ def truth_record(
     ----------
     frame : pandas.DataFrame
         Reports with their exact columns.
-    faults : sequence of Fault
-        All of them.
-    earth : EarthField
-        Field of the region.
-    tails : sequence of str
-        The fleet.
-    effects : sequence of mapping
-        The effects as they were asked for.
     usual_field : float, optional
         H (nT) at which the units' hard iron is what was asked for: the median over all reports that
         were simulated, by default those of `frame`.
@@ -284,8 +259,6 @@ def save_truth(
         Where; made where missing.
     record : mapping
         Of `airswing.synthetic.aircraft.truth.truth_record`.
-    seed : int
-        The archive's seed.
     start : datetime
         Its first day.
     corrected : sequence of str, optional

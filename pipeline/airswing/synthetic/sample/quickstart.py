@@ -76,11 +76,6 @@ def write_quickstart(directory: str | Path) -> Path:
     ----------
     directory : path
         Folder for ``reports/``, ``field_test/``, ``ruc/``, ``rtfdaa/``, ``truth/``.
-
-    Returns
-    -------
-    Path
-        The folder.
     """
     root = Path(directory)
     start = datetime(2009, 9, 16)

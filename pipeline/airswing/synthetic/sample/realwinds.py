@@ -301,8 +301,6 @@ def write_archive(
         Folder for ``reports/``, ``config.yaml`` and ``truth/``.
     grib : path
         Folder of the real files; read only.
-    aircraft, seed : int
-        Fleet and seed.
     effects : sequence of mapping, optional
         As in `airswing.synthetic.write_archive`.
     output : str, optional

@@ -134,12 +134,6 @@ def plan_cases(
 
     Parameters
     ----------
-    number : int
-        How many.
-    seed : int
-        Of every draw.
-    size : Size
-        Of the archives.
     draws : mapping
         Effects to draw from, and how each is drawn.
     rungs : sequence of int

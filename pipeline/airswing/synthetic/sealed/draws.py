@@ -177,14 +177,10 @@ def draw_effect(
 
     Parameters
     ----------
-    name : str
-        Effect.
     how : Draw
         As its file says.
     rng : numpy.random.Generator
         Source of the draw.
-    occasion : Occasion
-        The archive.
     step : int
         Rung of the ladder for effects that have one.
     among : sequence of str, optional
@@ -243,8 +239,6 @@ def scaled(drawn: Drawn, factor: float) -> Drawn:
 
     Parameters
     ----------
-    drawn : Drawn
-        An effect.
     factor : float
         What its scaled parameters are multiplied by.
 

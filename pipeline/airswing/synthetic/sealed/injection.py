@@ -221,8 +221,6 @@ def write_model_case(
 
     Parameters
     ----------
-    folder : Path
-        Of the case.
     real : Path
         Folder of real data; its ``grib/wrf_ruc13_g212`` is read.
     effects : sequence of mapping

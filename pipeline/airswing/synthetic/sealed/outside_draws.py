@@ -69,8 +69,6 @@ def draw_outside(
         Source of the draw.
     shape : str
         Of `OUTSIDE_SHAPES`.
-    tails : sequence of str
-        The fleet.
     start : datetime
         First day, UTC.
     days : int

@@ -169,8 +169,6 @@ def write_reference(
     ----------
     directory : Path
         Folder, made where missing.
-    stored : GriddedReference
-        Fields.
     start : datetime
         Hour zero, UTC.
     edition : int

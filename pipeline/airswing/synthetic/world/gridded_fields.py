@@ -90,12 +90,8 @@ def build_references(
 
     Parameters
     ----------
-    world : World
-        The truth.
     grid : LambertGrid
         Grid of all of them.
-    names : tuple of str
-        References.
     grid_relative : dict
         For each name, whether components lie along the grid.
     levels : ndarray (L,)
@@ -167,8 +163,6 @@ def sample_reference(
 
     Parameters
     ----------
-    stored : GriddedReference
-        Fields.
     latitude, longitude : ndarray (n,)
         Degrees.
     pressure : ndarray (n,)

@@ -41,8 +41,6 @@ def stream(seed: int, name: str) -> np.random.Generator:
 
     Parameters
     ----------
-    seed : int
-        The archive's seed.
     name : str
         Part; each has its own numbers, so that switching one part on leaves the others as they
         were.

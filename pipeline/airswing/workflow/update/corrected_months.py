@@ -26,11 +26,6 @@ MOVED = 0.5
 def correct_month(job: Job, fits: xr.Dataset) -> bool:
     """Correct the winds of a month, where those that stand are not within `MOVED` of today's.
 
-    Parameters
-    ----------
-    job : Job
-        Of the month.
-
     Returns
     -------
     bool

@@ -65,13 +65,7 @@ class Recent:
 
 
 def recent_months(job: Job, months: list[str], fits: xr.Dataset) -> Recent:
-    """The months of the last days.
-
-    Parameters
-    ----------
-    months : list of str
-        All of them.
-    """
+    """The months of the last days."""
     with read_product(replace(job, month=months[-1]).place(HEADINGS), lazy=True) as latest:
         first = time_span(latest)[1].astype("datetime64[D]") - (RECENT - 1)
     chosen = [month for month in months if span_of(month)[1] > first]
@@ -94,8 +88,6 @@ def judged(
 
     Parameters
     ----------
-    months : list of str
-        All of them.
     headings, fits : Dataset
         Of all months.
     """
@@ -180,13 +172,7 @@ class _Monthly:
         self.job, self.complete = job, months[:-1]
 
     def kept(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """What stands since the last month was complete; made where nothing does.
-
-        Parameters
-        ----------
-        name : str
-            File name of the product.
-        """
+        """What stands since the last month was complete; made where nothing does."""
         config = self.job.config.model_dump(exclude={"compute", "output"})
         made = fingerprint(name, self.complete, config, code_digest(__name__, *FITTING))
         path = (self.job.output / ".update" / name).with_suffix(".json")
