@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
-from airswing.evaluation.permutation import matched_controls, permutation_test
+from airswing.evaluation import permutation
+from airswing.evaluation.permutation import (
+    matched_controls,
+    permutation_test,
+    unconditional_p_value,
+)
 
 
 @pytest.mark.parametrize("chosen", ["at random", "as the worst"])
@@ -19,6 +26,33 @@ def test_the_permutation_test_keeps_its_size_however_the_aircraft_were_chosen(ch
         corrected[order[:19]] = True
         rejected += permutation_test(before, during, corrected, draws=199, seed=seed)[1] <= 0.05
     assert 0.025 <= rejected / repeats <= 0.08
+
+
+def test_the_plain_p_value_is_that_of_all_choices_of_aircraft():
+    """Seven aircraft, three corrected: 35 choices, each as likely under permutation."""
+    change = np.array([0.3, 1.9, 0.2, 1.2, -0.4, 0.1, 0.6])
+    corrected = np.array([False, True, False, True, False, False, True])
+    found = abs(change[corrected].mean() - change[~corrected].mean())
+    apart = []
+    for chosen in combinations(range(7), 3):
+        inside = np.isin(np.arange(7), chosen)
+        apart.append(abs(change[inside].mean() - change[~inside].mean()))
+    expected = np.mean(np.array(apart) >= found - 1e-12)
+    draws = 20_000
+    p_value = unconditional_p_value(change, corrected, draws=draws, seed=1)
+    assert p_value == pytest.approx(expected, abs=4 * np.sqrt(expected / draws))
+
+
+def test_draws_are_the_same_in_batches_of_any_size(monkeypatch):
+    rng = np.random.default_rng(8)
+    before, during = rng.normal(7, 1, (2, 30))
+    corrected = rng.random(30) < 0.5
+    whole = permutation_test(before, during, corrected, draws=101, seed=2)
+    plain = unconditional_p_value(before - during, corrected, draws=101, seed=2)
+    monkeypatch.setattr(permutation, "_TOGETHER", 7 * 30)
+    parts = permutation_test(before, during, corrected, draws=101, seed=2)
+    assert parts[1] == whole[1] and np.allclose(parts[2], whole[2], rtol=1e-12, atol=1e-14)
+    assert unconditional_p_value(before - during, corrected, draws=101, seed=2) == plain
 
 
 @pytest.mark.parametrize("step", [None, 0.5])

@@ -50,9 +50,11 @@ class DayPart(NamedTuple):
         aircraft = aircraft_of_report(headings)[chosen]
         day = headings["time"].to_numpy()[chosen].astype("datetime64[D]").astype(np.int64)
         # A day split by the start of the test counts once in each window.
-        days, index = np.unique(np.column_stack([day, window[chosen]]), axis=0, return_inverse=True)
-        shape = (headings.sizes["aircraft"], days.shape[0])
-        cell = aircraft * shape[1] + index.ravel()
+        # One number a day and window: sorting rows of two takes most of a field test.
+        known, index = np.unique(2 * day + window[chosen], return_inverse=True)
+        days = np.column_stack([known // 2, known % 2])
+        shape = (headings.sizes["aircraft"], known.size)
+        cell = aircraft * shape[1] + index
         count = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
         total = np.bincount(cell, weights=difference[chosen], minlength=count.size).reshape(shape)
         return cls(days, count.astype(np.float64), total.astype(np.float64))
