@@ -166,6 +166,10 @@ def test_whom_an_effect_concerns(gap: GapReport) -> None:
     assert who_text(effect("declination_error", *everybody, scope="fleet")) == "the whole fleet"
     shared = effect("reference_speed_bias", *everybody, scope="fleet")
     assert who_text(shared) == "the reference"
+    each = effect("hard_iron", *(f"n{k}" for k in range(8)))
+    assert who_text(each, 9) == "n0, n1, n2, n3, n4, n5 and 2 more"
+    assert who_text(each, 8) == "each of the 8 aircraft"
+    assert effect_sentence(each, 8).startswith("Each of the 8 aircraft: heading error of one")
     single = effect("tas_scale", "n1x")
     assert who_text(single) == "n1x"
     assert verdict(replace(gap, effects=[single, shared])).startswith("n1x: ")

@@ -128,6 +128,7 @@ def assemble(problem: Problem, findings: Findings) -> GapReport:
             days=int(stats.days.size),
             clipped=float(stats.clipped.sum()),
             gross=float(stats.gross.sum()),
+            aircraft=len(problem.archive.tails),
         ),
         noise=noise_entry(problem),
         unconfirmed=[doubtful_entry(d, problem) for d in findings.doubtful],

@@ -150,7 +150,7 @@ def _which_section(gap: GapReport, maps: xr.Dataset) -> Section:
             Row(
                 [
                     f"{plain_name(effect.name)} ({effect.name})",
-                    who_text(effect),
+                    who_text(effect, gap.counts.aircraft),
                     parameters_text(effect) or "-",
                     period_text(effect) or "always",
                     f"{effect.probability:.2f}",
@@ -237,8 +237,9 @@ def _open_section(gap: GapReport) -> Section:
         if effect.ambiguity:
             others = [plain_name(rival.name) for rival in effect.ambiguity]
             told = list(dict.fromkeys(rival.separated_by for rival in effect.ambiguity))
-            text = f"{effect_sentence(effect)}. The data fit as well: {joined(others)}."
-            parts.append(paragraph(f"{text} What would tell: {joined(told)}."))
+            text = effect_sentence(effect, gap.counts.aircraft)
+            text += f". The data fit as well: {joined(others)}. What would tell: {joined(told)}."
+            parts.append(paragraph(text))
     alike = alias_lines(gap)
     if alike:
         parts += [heading("What looks alike on these flights"), listing(alike)]

@@ -150,27 +150,36 @@ def period_text(effect: EffectEntry) -> str:
     return f"from {first}" if first else ""
 
 
-def who_text(effect: EffectEntry) -> str:
-    """Return whom an effect concerns: its aircraft, the whole fleet, or the reference."""
+def who_text(effect: EffectEntry, aircraft: int = 0) -> str:
+    """Return whom an effect concerns: its aircraft, the whole fleet, or the reference.
+
+    Parameters
+    ----------
+    aircraft : int, optional
+        Number of all aircraft: many that are all of them are not listed.
+    """
     if effect.scope == "reference" or effect.name.startswith("reference_"):
         return "the reference"
-    of_some = effect.tails and effect.scope != "fleet"
-    return joined(effect.tails) if of_some else "the whole fleet"
+    if not effect.tails or effect.scope == "fleet":
+        return "the whole fleet"
+    if len(effect.tails) == aircraft > _MOST_TAILS:
+        return f"each of the {aircraft:,} aircraft"
+    return joined(effect.tails)
 
 
-def effect_sentence(effect: EffectEntry) -> str:
+def effect_sentence(effect: EffectEntry, aircraft: int = 0) -> str:
     """Return one effect as a sentence without its stop."""
-    return _capitalised(_effect_clause(effect))
+    return _capitalised(_effect_clause(effect, aircraft))
 
 
 def _capitalised(text: str) -> str:
     """Return a text that begins a sentence; names of aircraft stay as they are."""
-    return f"The {text[4:]}" if text.startswith("the ") else text
+    return text[0].upper() + text[1:] if text.startswith(("the ", "each ")) else text
 
 
-def _effect_clause(effect: EffectEntry) -> str:
+def _effect_clause(effect: EffectEntry, aircraft: int) -> str:
     """Return one effect as it stands within a sentence."""
-    text = f"{who_text(effect)}: {plain_name(effect.name)}"
+    text = f"{who_text(effect, aircraft)}: {plain_name(effect.name)}"
     details = [part for part in (parameters_text(effect, brief=True), period_text(effect)) if part]
     text += "".join(f", {part}" for part in details)
     if effect.share_of_gap >= 0.005:
@@ -230,7 +239,9 @@ def _what_is_missing(gap: GapReport) -> str:
         if gap.unknown.present:
             return f"Something is missing{_unknown_alone(gap)}{_unknown_closure(gap)}."
         return _nothing_missing(gap)
-    text = _capitalised("; ".join(_effect_clause(effect) for effect in effects[:most]))
+    text = _capitalised(
+        "; ".join(_effect_clause(effect, gap.counts.aircraft) for effect in effects[:most])
+    )
     if len(effects) > most:
         rest = len(effects) - most
         text += f"; and {rest} smaller effect{'s' if rest > 1 else ''}"

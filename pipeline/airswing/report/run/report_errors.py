@@ -73,13 +73,15 @@ def report_errors_figure(errors: xr.Dataset) -> Figure:
     level = 0.5 * (errors["layer_bottom_pressure"] + errors["layer_top_pressure"]) / 100.0
     known, drawn = 0, []
     for axes, phase in zip(panels, _PHASES, strict=True):
-        for name, (label, line) in _USED.items():
-            axes.plot(errors[name], level, color=SOFT, linewidth=1.0, linestyle=line, label=label)
         own = errors.sel(flight_phase=phase)
         shown = np.isfinite(own["observation_error"].to_numpy())
         known += int(shown.any(axis=1).sum())
         if shown.any():
             drawn.append(axes)
+            for name, (label, line) in _USED.items():
+                axes.plot(
+                    errors[name], level, color=SOFT, linewidth=1.0, linestyle=line, label=label
+                )
             for index, state in enumerate(("reported", "corrected")):
                 _profile(axes, own.sel(state=state), level.to_numpy(), index)
         else:

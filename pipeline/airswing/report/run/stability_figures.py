@@ -71,8 +71,8 @@ def stability_figure(stability: Mapping[str, Any], aircraft: Sequence[str] | Non
     number = sum(len(changes.get(name, [])) for name in aircraft)
     return figure.say(
         f"Fits by {stability['window']} with 95 % intervals, each from its own reports only, of "
-        f"{plural(len(aircraft), 'aircraft', 'aircraft')}; red: dates at which a compass changed "
-        f"({number} found), the band their 95 % interval."
+        f"{plural(len(aircraft), 'aircraft', 'aircraft')}; orange: dates at which a compass "
+        f"changed ({number} found), the band their 95 % interval."
     )
 
 
@@ -168,8 +168,8 @@ def prediction_figure(virtual: Mapping[str, Any]) -> Figure:
             blank(axes, "Too few reports.")
     return figure.say(
         "Gain expected from the fit alone and gain realised on reports the fit never saw, each "
-        "aircraft, with 95 % intervals; on the line they are equal, red: they differ by more than "
-        f"the interval of their difference (n = {plural(total, 'point')})."
+        "aircraft, with 95 % intervals; on the line they are equal, orange: they differ by more "
+        f"than the interval of their difference (n = {plural(total, 'point')})."
     )
 
 

@@ -249,7 +249,7 @@ class NoiseEntry:
 
 @dataclass(frozen=True)
 class CountsEntry:
-    """Reports, flights and days behind a diagnosis; those held in memory; those set aside."""
+    """What a diagnosis rests on; reports held in memory; those set aside."""
 
     reports: int
     flights: int
@@ -257,3 +257,4 @@ class CountsEntry:
     days: int
     clipped: float
     gross: float
+    aircraft: int = 0
