@@ -108,7 +108,7 @@ class CardPage:
             _Panel(self.figure, box, first) for box, first in zip(PANELS, FIRST, strict=True)
         ]
         _key(self.figure)
-        self._title, self._foot = _title_and_foot(self.figure, "", "")
+        self._title, self._foot = _title_and_foot(self.figure)
 
     def show(
         self, title: str, foot: str, rows: tuple[Sequence[Sequence[str]], ...], curves: Curves
@@ -199,11 +199,11 @@ def _key(figure: Figure) -> None:
     figure.add_artist(words)
 
 
-def _title_and_foot(figure: Figure, title: str, foot: str) -> tuple[Text, Text]:
+def _title_and_foot(figure: Figure) -> tuple[Text, Text]:
     plain: dict[str, Any] = {"ha": "center", "parse_math": False}  # a name may hold any letter
     return (
-        figure.text(0.5, 0.985, title, fontsize=12, fontweight="bold", va="top", **plain),
-        figure.text(0.2525, 0.012, foot, fontsize=7, **plain),
+        figure.text(0.5, 0.985, "", fontsize=12, fontweight="bold", va="top", **plain),
+        figure.text(0.2525, 0.012, "", fontsize=7, **plain),
     )
 
 

@@ -131,7 +131,6 @@ def diagnose(
     *,
     reference: str | Sequence[str] | None = None,
     catalogue: Mapping[str, Effect] | None = None,
-    rules: Rules | None = None,
     dictionary: bool = True,
     maps: bool = True,
     seed: int = 0,
@@ -149,8 +148,6 @@ def diagnose(
         Of a Dataset: which reference, or the members of a pool; the first when not given.
     catalogue : mapping, optional
         Name -> effect; the whole catalogue by default.
-    rules : Rules, optional
-        Thresholds of the search.
     dictionary : bool
         Also look outside the catalogue.
     maps : bool
@@ -177,7 +174,7 @@ def diagnose(
         archive.view, CATALOGUE if catalogue is None else catalogue
     )
     tell = progress or (lambda stage, done: None)
-    search = Search(effects, rules or Rules(), dictionary, seed, tell)
+    search = Search(effects, Rules(), dictionary, seed, tell)
     known_names = set(CATALOGUE if catalogue is None else catalogue)
     swaps = "tail_swap" in known_names
     ceiling = ceiling_of(archive.view) if dictionary else None

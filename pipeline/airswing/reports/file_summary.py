@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.cleaning import FLAGS
 from airswing.reports.canonical.columns import ColumnMapping
-from airswing.reports.files import Format
 from airswing.reports.read import iter_frames
 
 _NUMBERS = (
@@ -29,10 +28,8 @@ _NUMBERS = (
 )
 
 
-def reports_summary(
-    path: str | Path, *, format: Format = "auto", columns: ColumnMapping | None = None
-) -> dict[str, Any]:
-    """Say what a report file holds; format and columns as in `airswing.reports.read.read_reports`.
+def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -> dict[str, Any]:
+    """Say what a report file holds; columns as in `airswing.reports.read.read_reports`.
 
     Returns
     -------
@@ -52,7 +49,7 @@ def reports_summary(
     times: list[pd.Timestamp] = []
     box: list[tuple[float, float, float, float]] = []
     present: Counter[str] = Counter()
-    frames = iter_frames(str(path), format=format, columns=columns, on_bad_file="fail", audit=audit)
+    frames = iter_frames(str(path), format="auto", columns=columns, on_bad_file="fail", audit=audit)
     for frame in frames:
         if not len(frame):
             continue

@@ -178,13 +178,13 @@ def _detect_format(path: Path) -> str:
     raise InputError("is no report file of a known format", file=path, found=start[:16])
 
 
-def _first_bytes(path: Path, number: int = 4096) -> bytes:
+def _first_bytes(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
-            start = file.read(number)
+            start = file.read(4096)
         if start[:2] == b"\x1f\x8b":
             with gzip.open(path, "rb") as packed:
-                start = packed.read(number)
+                start = packed.read(4096)
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"cannot be opened: {error}", file=path) from error
     return start

@@ -72,8 +72,6 @@ def lattice_step(
     group: NDArray[np.integer],
     groups: int,
     steps: tuple[Step, ...],
-    *,
-    fewest: int = FEWEST,
 ) -> NDArray[np.float64]:
     """Coarsest step on which the values of each group lie, (groups,).
 
@@ -85,10 +83,8 @@ def lattice_step(
         Group of each value, 0 to ``groups - 1``.
     steps : tuple of (step, tolerance)
         Coarse to fine, in the unit of ``values``; the last where none fits.
-    fewest : int
-        Values a group must have; with fewer it gets NaN.
     """
-    return _coarsest(_on_steps(values, group, groups, steps), steps, fewest)
+    return _coarsest(_on_steps(values, group, groups, steps), steps, FEWEST)
 
 
 # Steps looked for, and what stands in where no aircraft tells one.

@@ -23,7 +23,7 @@ def test_every_unit_errs_by_its_stated_coefficients_at_the_field_it_flies_in(see
     options = {"days": 6, "aircraft": 8, "seed": seed, "effects": effects, "derivatives": False}
     frame = simulate_arrays(coding=Coding(heading_noise=0.0), **options)
     faults = parse_faults(effects, start=START, tails=tails)
-    truth = truth_record(frame, faults, None, tails, effects)["aircraft"]
+    truth = truth_record(frame, faults, tails, effects)["aircraft"]
     for tail in tails:
         own = frame[(frame["tail"] == tail) & (frame["phase"] == 2)]
         error = np.degrees((own["heading"] - own["true_heading"] + np.pi) % (2 * np.pi) - np.pi)

@@ -70,9 +70,7 @@ class FieldBasis:
             for values, nodes, step in zip(places, STATIC_NODES, apart, strict=True)
             for span in (np.ptp(values),)
         )
-        return cls(
-            lasting, tuple(_even(v, SPACING_KM / KM_A_DEGREE) for v in (latitude, east)), origin
-        )
+        return cls(lasting, tuple(_even(v) for v in (latitude, east)), origin)
 
     @property
     def lasting_size(self) -> int:
@@ -175,9 +173,9 @@ def _eastward(longitude: Floats, origin: tuple[float, float]) -> Floats:
     return np.asarray(((longitude - origin[0] + 180.0) % 360.0 - 180.0) * origin[1])
 
 
-def _even(values: Floats, step: float) -> Floats:
+def _even(values: Floats) -> Floats:
     low, high = float(values.min()), float(values.max())
-    count = max(2, round((high - low) / step) + 1)
+    count = max(2, round((high - low) / (SPACING_KM / KM_A_DEGREE)) + 1)
     return np.linspace(low, high, count) if high > low else np.array([low])
 
 

@@ -160,9 +160,7 @@ def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
     return np.asarray(simple[name](), np.float64)
 
 
-def record(
-    frame: Frame, quiet: Frame, names: tuple[str, ...] = tuple(KINDS)
-) -> dict[str, Variable]:
+def record(frame: Frame, quiet: Frame) -> dict[str, Variable]:
     """Variables that are known and vary.
 
     Parameters
@@ -176,7 +174,7 @@ def record(
         Name -> variable.
     """
     out = {}
-    for name in names:
+    for name in KINDS:
         values = values_of(frame, quiet, name)
         known = values[np.isfinite(values)]
         if known.size < 0.5 * values.size or known.size == 0:

@@ -34,6 +34,7 @@ Integers = NDArray[np.int64]
 
 #: Bins of the PIT histogram.
 BINS = 20
+PARTS = 4  # of the flights, for the classifier
 
 
 @dataclass(frozen=True)
@@ -209,28 +210,26 @@ def flight_features(frame: Frame, values: Floats, kept: NDArray[np.bool_]) -> Fl
     return np.asarray(features[count >= 5])
 
 
-def two_sample(
-    real: Floats, simulated: Floats, rng: np.random.Generator, *, parts: int = 4
-) -> tuple[float, float]:
+def two_sample(real: Floats, simulated: Floats, rng: np.random.Generator) -> tuple[float, float]:
     """Area under the curve of a linear discriminant, on flights it was not trained on.
+
+    Each of `PARTS` parts is judged by the discriminant of the others.
 
     Parameters
     ----------
     real, simulated : (f, k) float
         Features by flight; row i of both is the same flight, and falls into the same part.
-    parts : int
-        Number of parts; each is judged by the discriminant of the others.
 
     Returns
     -------
     auc, standard_error : float
         NaN with fewer than 8 flights a part.
     """
-    if real.shape[0] < 8 * parts:
+    if real.shape[0] < 8 * PARTS:
         return float("nan"), float("nan")
-    part = rng.permutation(np.arange(real.shape[0]) % parts)
+    part = rng.permutation(np.arange(real.shape[0]) % PARTS)
     areas = []
-    for p in range(parts):
+    for p in range(PARTS):
         weights = discriminant(real[part != p], simulated[part != p])
         areas.append(area(real[part == p] @ weights, simulated[part == p] @ weights))
     number = real.shape[0]

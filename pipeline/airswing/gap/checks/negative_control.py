@@ -32,6 +32,7 @@ Integers = NDArray[np.int64]
 
 #: Prior standard deviation of the decoy's coefficients, rad: that of a deviation.
 PRIOR = np.radians(2.0)
+DRAWS = 4  # decoys; what they close is averaged
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,6 @@ def force_decoy(
     noise: NoiseFit,
     day: Integers,
     fold: Integers,
-    draws: int = 4,
     seed: int = 0,
 ) -> Decoy:
     """Fit decoys to a residual on all folds but one, and measure on that one.
@@ -79,21 +79,19 @@ def force_decoy(
         Index of each report's day.
     fold : (n,) int
         Fold of each report.
-    draws : int
-        Decoys; what they close is averaged.
     """
     rng = np.random.default_rng(seed)
     target = np.asarray(whiten(residual, noise.order, noise.gains))
     before = np.hypot(*residual.T)
     inside, outside = np.zeros((2, frame.size))
-    for _ in range(draws):
+    for _ in range(DRAWS):
         columns = decoy_columns(frame, rng)
         white = np.asarray(whiten(columns, noise.order, noise.gains))
         own, other = decoy_errors(columns, white, target, frame.aircraft, fold)
-        inside += (before - np.hypot(*(residual - own).T)) / draws
-        outside += (before - np.hypot(*(residual - other).T)) / draws
+        inside += (before - np.hypot(*(residual - own).T)) / DRAWS
+        outside += (before - np.hypot(*(residual - other).T)) / DRAWS
     interval = day_interval(outside / KNOT, day, seed)
-    return Decoy(float(inside.mean()) / KNOT, float(outside.mean()) / KNOT, interval, draws)
+    return Decoy(float(inside.mean()) / KNOT, float(outside.mean()) / KNOT, interval, DRAWS)
 
 
 def decoy_columns(frame: Frame, rng: np.random.Generator) -> Floats:

@@ -156,10 +156,10 @@ def _large_scale_terms(frame: Frame, centre: Floats) -> tuple[Floats, Floats]:
     return np.stack(terms, -1), np.stack(rates, -1)
 
 
-def smooth_deviation(
-    difference: Floats, angle: Floats, aircraft: NDArray[np.integer], *, bound: float = 3.0
-) -> Floats:
+def smooth_deviation(difference: Floats, angle: Floats, aircraft: NDArray[np.integer]) -> Floats:
     """Per-aircraft regression of an angle on a constant and two cycles.
+
+    Differences beyond three robust standard deviations do not enter.
 
     Parameters
     ----------
@@ -168,8 +168,6 @@ def smooth_deviation(
     angle : (n,) float
         Magnetic heading, rad.
     aircraft : (n,) int
-    bound : float
-        Differences beyond this many robust standard deviations do not enter.
 
     Returns
     -------
@@ -185,7 +183,7 @@ def smooth_deviation(
         own = np.flatnonzero(aircraft == a)
         middle = np.median(difference[own])
         spread = 1.4826 * np.median(np.abs(difference[own] - middle)) + 1e-9
-        near = own[np.abs(difference[own] - middle) < bound * spread]
+        near = own[np.abs(difference[own] - middle) < 3.0 * spread]
         normal = design[near].T @ design[near]
         # an aircraft that flew few headings has no cycles rather than large ones
         ridge = (1e-3 * near.size + 1e-9) * np.eye(5)

@@ -41,6 +41,8 @@ from airswing.gap.noise.whitening import (
 
 Floats = NDArray[np.float64]
 
+MOST_REPORTS = 24_000
+
 
 @dataclass(frozen=True)
 class NoiseModel:
@@ -137,19 +139,15 @@ def flown(frame: object, doubt: Floats | None = None) -> Flown:
     return Flown(**{name: getattr(frame, name) for name in names}, doubt=doubt)
 
 
-def fit_noise(
-    residual: Floats, reports: Flown, *, most_reports: int = 24_000, seed: int = 0
-) -> NoiseFit:
+def fit_noise(residual: Floats, reports: Flown, *, seed: int = 0) -> NoiseFit:
     """Fit the noise model and return the whitening gains of every report.
 
     Parameters
     ----------
     residual : (n, 2) float
         Reported minus simulated wind (u, v), m s-1.
-    most_reports : int
-        Whole flights are drawn until this many reports enter the likelihood.
     seed : int
-        Of that draw.
+        Of the draw of whole flights, until `MOST_REPORTS` enter the likelihood.
     """
     order = flight_order(reports.flight, reports.time)
     log_pressure = np.log(reports.pressure)
@@ -158,7 +156,7 @@ def fit_noise(
     gross = gross_errors(smooth, order)
     nodes, factors = level_factors(smooth[~gross], log_pressure[~gross])
     values = smooth / np.interp(log_pressure, nodes, factors)[:, None]
-    chosen = _draw_flights(reports.flight, most_reports, seed)
+    chosen = _draw_flights(reports.flight, MOST_REPORTS, seed)
     model = _maximise(values, chosen, reports.flight, reports.time, distance, step, ~gross)
     model = replace(model, level_nodes=nodes, level_factors=factors)
     gains = _gains(model, order, distance, step, log_pressure, ~gross, reports.doubt)

@@ -12,30 +12,25 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.noise.whitening import (
-    FlightOrder,
-)
+from airswing.gap.noise.whitening import FlightOrder
 
 Floats = NDArray[np.float64]
 
+MOST_LAGS = 30  # largest difference of position on a flight
 #: Distances (m) at which the autocovariance along the flight is tabulated.
 DISTANCE_EDGES = np.array([0, 10, 25, 50, 75, 100, 150, 200, 300, 400, 600, 900]) * 1e3
 
 
-def gross_errors(
-    residual: Floats, order: FlightOrder, *, threshold: float = 5.0
-) -> NDArray[np.bool_]:
+def gross_errors(residual: Floats, order: FlightOrder) -> NDArray[np.bool_]:
     """Mark single reports that stand out from both neighbours of their flight.
 
-    A report is gross when it differs by more than ``threshold`` robust standard deviations from the
+    A report is gross when it differs by more than five robust standard deviations from the
     median of itself and its two neighbours (at the ends: the two nearest).
 
     Parameters
     ----------
     residual : (n, 2) float
         Residual (u, v), m s-1.
-    threshold : float
-        In robust standard deviations of that difference.
 
     Returns
     -------
@@ -54,7 +49,7 @@ def gross_errors(
         return np.zeros(n, bool)
     middle = used[used > 0]
     spread = np.median(middle) / 0.6745 if middle.size else 1.0
-    return np.asarray((np.abs(departure) > threshold * spread).any(axis=1) & known)
+    return np.asarray((np.abs(departure) > 5.0 * spread).any(axis=1) & known)
 
 
 def previous_and_next(order: FlightOrder, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -162,7 +157,6 @@ def autocovariance(
     order: FlightOrder,
     *,
     decay: Callable[[Floats, Floats], Floats],
-    most_lags: int = 30,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Autocovariance along flights against the distance flown, and the correlation of a model.
 
@@ -177,8 +171,6 @@ def autocovariance(
     decay : callable
         Correlation over a distance and a change of ln p. Pairs some way apart have mostly
         climbed or descended too: a model's mean over the pairs is what the measured one meets.
-    most_lags : int
-        Largest difference of position considered.
 
     Returns
     -------
@@ -199,7 +191,7 @@ def autocovariance(
     alike[0] = count[0] = float(residual.shape[0])
     total[0] = 0.5 * float((residual**2).sum())
     for j in range(1, len(blocks)):
-        for lag in range(1, min(j, most_lags) + 1):
+        for lag in range(1, min(j, MOST_LAGS) + 1):
             now, last = blocks[j], blocks[j - lag][: blocks[j].size]
             gap = along[now] - along[last]
             where = np.searchsorted(DISTANCE_EDGES, gap, "right") - 1

@@ -45,10 +45,9 @@ def simulate_reports(
     reference: str | Sequence[str],
     effects: Sequence[ActiveEffect] = (),
     noise: NoiseLike | None = None,
-    as_coded: bool = True,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Simulate the reports of an archive.
+    """Simulate the reports of an archive, winds coded in the steps each aircraft shows in it.
 
     Parameters
     ----------
@@ -61,8 +60,6 @@ def simulate_reports(
         What is wrong, on whom and when.
     noise : NoiseLike, optional
         Error of the reference.
-    as_coded : bool
-        Code winds in the steps each aircraft shows in the archive.
     seed : int
         Of noise and random effects.
 
@@ -77,7 +74,7 @@ def simulate_reports(
         As `simulate` and `Frame.from_headings`.
     """
     frame = Frame.from_headings(headings, reference=reference, excluded=(), phases=tuple(PHASE))
-    coding = Coding.of_archive(frame) if as_coded else None
+    coding = Coding.of_archive(frame)
     sent = simulate(frame, effects=effects, noise=noise, coding=coding, seed=seed)
     table: dict[str, Any] = {
         "tail": np.repeat(

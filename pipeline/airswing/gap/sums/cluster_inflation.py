@@ -30,6 +30,8 @@ PRIOR_BLOCKS = 8.0
 #: Share of a column's energy that must be left, given the included columns, for its scores to tell:
 #: days scatter by what was conditioned on as well, and over next to nothing that is any number.
 LEAST_LEFT = 0.05
+# Smallest eigenvalue used, relative to the largest, at unit diagonal.
+LEAST_EIGENVALUE = 1e-3
 
 
 def cluster_factor(
@@ -37,7 +39,6 @@ def cluster_factor(
     score_by_day: Floats,
     information: Floats,
     *,
-    blocks: tuple[int, ...] = BLOCKS,
     spent: int = 0,
 ) -> Floats:
     """Scatter of block scores about a unit's own fit, relative to the information.
@@ -48,14 +49,12 @@ def cluster_factor(
         X'X by day of each unit; its sum is about ``information``.
     score_by_day : (..., D, k) float
     information : (..., k, k) float
-    blocks : tuple of int
-        Lengths of the blocks, days.
     spent : int
         Blocks' worth of freedom that was fitted away before.
 
     Returns
     -------
-    (..., len(blocks)) float
+    (..., len(BLOCKS)) float
         Mean squared scatter per degree of freedom; NaN for fewer than four blocks.
     """
     days = score_by_day.shape[-2]
@@ -66,8 +65,8 @@ def cluster_factor(
     fitted = (gram_by_day @ fit[..., None, :, None])[..., 0]
     remains = score_by_day - ratio[..., None, None] * fitted
     busy = np.any(gram_by_day, axis=(-2, -1))
-    out = np.full((*rank.shape, len(blocks)), np.nan)
-    for i, length in enumerate(blocks):
+    out = np.full((*rank.shape, len(BLOCKS)), np.nan)
+    for i, length in enumerate(BLOCKS):
         edges = np.arange(0, days, length)
         if edges.size < 4 + spent:
             continue
@@ -79,14 +78,12 @@ def cluster_factor(
     return out
 
 
-def _truncated_inverse(matrix: Floats, *, bound: float = 1e-3) -> tuple[Floats, Integers]:
+def _truncated_inverse(matrix: Floats) -> tuple[Floats, Integers]:
     """Inverse of symmetric matrices on the directions that carry information; how many those are.
 
     Parameters
     ----------
     matrix : (..., k, k) float
-    bound : float
-        Smallest eigenvalue used, relative to the largest, at unit diagonal.
 
     Returns
     -------
@@ -95,7 +92,7 @@ def _truncated_inverse(matrix: Floats, *, bound: float = 1e-3) -> tuple[Floats, 
     """
     scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-30))
     values, vectors = np.linalg.eigh(matrix / (scale[..., :, None] * scale[..., None, :]))
-    kept = values > bound * np.maximum(values[..., -1:], 1e-30)
+    kept = values > LEAST_EIGENVALUE * np.maximum(values[..., -1:], 1e-30)
     part = vectors / scale[..., :, None]
     inverse = np.divide(1.0, values, out=np.zeros_like(values), where=kept)
     return (part * inverse[..., None, :]) @ np.swapaxes(part, -1, -2), kept.sum(axis=-1)

@@ -253,14 +253,12 @@ def _fit(included: list[Included], gram: Floats, by_day: Floats) -> Fit:
     return Fit(covariance @ by_day.sum(axis=0), covariance, half, gram, by_day)
 
 
-def inverse_root(matrix: Floats, *, floor: float = 1e-6) -> Floats:
+def inverse_root(matrix: Floats) -> Floats:
     """Root H of the inverse of a positive matrix, H'H = matrix^-1, collinear directions damped.
 
     Parameters
     ----------
     matrix : (m, m) float
-    floor : float
-        Smallest eigenvalue of the matrix scaled to a unit diagonal.
 
     Returns
     -------
@@ -269,7 +267,7 @@ def inverse_root(matrix: Floats, *, floor: float = 1e-6) -> Floats:
     scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-30))
     # at unit diagonal: radians and m/s stand side by side, and the floor is the same for all
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    return np.asarray((vectors / np.sqrt(np.maximum(values, floor))).T / scale)
+    return np.asarray((vectors / np.sqrt(np.maximum(values, 1e-6))).T / scale)
 
 
 def _stacked(included: list[Included]) -> tuple[Integers, Floats]:

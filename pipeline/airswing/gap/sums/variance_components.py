@@ -45,6 +45,8 @@ FREEDOM = 4.0
 SLOPE_SD = (0.006, 0.004)
 #: Change of a variance in one round under which the rounds end, as a share.
 CONVERGED = 1e-3
+MOST_ROUNDS = 60
+SMALLEST = 1e-4  # variance of a day field, m2 s-2
 
 
 @dataclass(frozen=True)
@@ -101,23 +103,13 @@ def shared_prior(layout: Layout, effects: Mapping[str, Effect]) -> Prior:
     return np.concatenate(columns), 1 / np.concatenate(scales) ** 2
 
 
-def shared_variances(
-    stats: Statistics,
-    beside: Prior | None = None,
-    *,
-    rounds: int = 60,
-    floor: float = 1e-4,
-) -> Variances:
+def shared_variances(stats: Statistics, beside: Prior | None = None) -> Variances:
     """Variances of the day fields and of the climatology by expectation maximisation.
 
     Parameters
     ----------
     beside : (columns, precision), optional
         What else is fitted beside them, for the whole fleet, on top of what lasts.
-    rounds : int
-        At most.
-    floor : float
-        Smallest variance of a day field, m2 s-2.
     """
     layout = stats.layout
     steady = layout.columns("climatology").size
@@ -127,11 +119,11 @@ def shared_variances(
     columns, _ = lasting_prior(layout, now.climatology)
     more = (np.zeros(0, np.int64), np.zeros(0)) if beside is None else beside
     sums = _Sums.of(stats, np.r_[columns, more[0]])
-    for _ in range(rounds):
+    for _ in range(MOST_ROUNDS):
         precision = np.r_[lasting_prior(layout, now.climatology)[1], more[1]]
         by_day, lasting = sums.second_moments(now.day, precision)
         new = Variances(
-            np.maximum(by_day.mean(axis=0), floor),
+            np.maximum(by_day.mean(axis=0), SMALLEST),
             _drawn_together(lasting[:steady], now.climatology),
         )
         change = np.r_[new.day / now.day, new.climatology / now.climatology] - 1

@@ -26,8 +26,8 @@ FEWEST_DAYS = 5
 """Days below which there is no interval."""
 
 
-def score_forecasts(corrected: xr.Dataset, *, seed: int = 0) -> xr.Dataset:
-    """Score each method by variable, over all leads and for each; the seed is the bootstrap's.
+def score_forecasts(corrected: xr.Dataset) -> xr.Dataset:
+    """Score each method by variable, over all leads and for each.
 
     Returns
     -------
@@ -45,8 +45,7 @@ def score_forecasts(corrected: xr.Dataset, *, seed: int = 0) -> xr.Dataset:
         ("_by_lead", sums, ("lead",)),
     ):
         parts = [
-            _with_intervals(table.isel({TIME: chosen}), seed=seed)
-            for chosen in (judged, np.ones_like(judged))
+            _with_intervals(table.isel({TIME: chosen})) for chosen in (judged, np.ones_like(judged))
         ]
         for name in SCORES:
             values, bounds = (np.stack([part[name][k] for part in parts], axis=1) for k in (0, 1))
@@ -90,7 +89,7 @@ def _day_sums(corrected: xr.Dataset) -> xr.DataArray:
     return sums.transpose("variable", "correction", TIME, "lead", "moment").load()
 
 
-def _with_intervals(sums: xr.DataArray, *, seed: int) -> dict[str, tuple[Floats, Floats]]:
+def _with_intervals(sums: xr.DataArray) -> dict[str, tuple[Floats, Floats]]:
     """Scores of (variable, correction, [lead]) and their intervals, bound last."""
     day = sums[TIME].to_numpy().astype("datetime64[D]")
     days, index = np.unique(day, return_inverse=True)
@@ -99,7 +98,7 @@ def _with_intervals(sums: xr.DataArray, *, seed: int) -> dict[str, tuple[Floats,
     # Several starts of a day are one day: they are drawn together.
     np.add.at(by_day, index, table)
     whole = _scores(by_day.sum(axis=0))
-    weights = block_weights(days.size, draws=_DRAWS, seed=seed)
+    weights = block_weights(days.size, draws=_DRAWS, seed=0)
     drawn = np.tensordot(weights, by_day, axes=1)
     # The methods' axis is second from the front in both.
     spread = _scores(np.moveaxis(drawn, 0, -2))

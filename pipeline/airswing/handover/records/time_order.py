@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from airswing.handover.records.eligible import ROW
 
 # Few enough that their lines stay in the processor's cache while they are written.
-ROWS_AT_ONCE = 10_000
+ROWS_AT_ONCE = 10_000  # about as many are sorted together
 
 
 class TimeOrder:
@@ -28,13 +28,9 @@ class TimeOrder:
         For the bins; made, and left to the caller to remove.
     times : iterable of array of datetime64
         All times of the archive, in parts.
-    rows : int, default `ROWS_AT_ONCE`
-        About as many are sorted together.
     """
 
-    def __init__(
-        self, folder: Path, times: Iterable[NDArray[np.datetime64]], *, rows: int = ROWS_AT_ONCE
-    ) -> None:
+    def __init__(self, folder: Path, times: Iterable[NDArray[np.datetime64]]) -> None:
         self._folder = folder
         folder.mkdir()
         minutes: Counter[int] = Counter()
@@ -44,7 +40,7 @@ class TimeOrder:
             minutes.update(dict(zip(found.tolist(), counts.tolist(), strict=True)))
         edges, held = [], 0
         for minute in sorted(minutes):
-            if held and held + minutes[minute] > rows:
+            if held and held + minutes[minute] > ROWS_AT_ONCE:
                 edges.append(60 * minute)
                 held = 0
             held += minutes[minute]

@@ -181,7 +181,7 @@ def paired(
     pressure), `file`, `part` and `offset`; what has no partner goes into ``skipped``.
     """
     table = ordered(table)
-    notes = _duplicates(table, FIELD, sources)
+    notes = _duplicates(table, sources)
     # Of rows of one field the last counts.
     last = np.append(changes(table, FIELD)[1:], True)[: table.size]
     table = table[last]
@@ -209,9 +209,9 @@ def paired(
     return table[u[both]], table[v[both]], table[np.maximum(pressure[both], 0)], notes
 
 
-def _duplicates(table: Table, keys: Sequence[str], sources: Sequence[SourceFile]) -> list[str]:
+def _duplicates(table: Table, sources: Sequence[SourceFile]) -> list[str]:
     """Say which file is used where two hold the same field."""
-    again = np.flatnonzero(~changes(table, keys))
+    again = np.flatnonzero(~changes(table, FIELD))
     pairs: Counter[tuple[int, int]] = Counter()
     example: dict[tuple[int, int], int] = {}
     for n in again:

@@ -8,7 +8,6 @@ import numpy as np
 
 from airswing.reference.geometry.model_time import HYBRID
 from airswing.reference.geometry.placing import Placing
-from airswing.reference.gridded.cf.naming import Naming
 from airswing.reference.gridded.gridded_catalogue import (
     GriddedCatalogue,
     build_gridded_catalogue,
@@ -16,9 +15,7 @@ from airswing.reference.gridded.gridded_catalogue import (
 )
 
 
-def inspect_gridded(
-    path: str, *, engine: str | None = None, naming: Naming | None = None
-) -> dict[str, Any]:
+def inspect_gridded(path: str) -> dict[str, Any]:
     """What the model winds of a file are, for people, ready for JSON; opened by its content.
 
     Raises
@@ -26,8 +23,8 @@ def inspect_gridded(
     InputError
         Where it holds no usable winds.
     """
-    used = engine or engine_of(path)
-    found = build_gridded_catalogue(path, name="inspected", engine=used, naming=naming)
+    used = engine_of(path)
+    found = build_gridded_catalogue(path, name="inspected", engine=used)
     times = np.datetime_as_string(found.times, unit="s")
     return {
         "engine": used,

@@ -80,7 +80,7 @@ def aircraft_heading_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
         texts = [(centres[column], row, shown[row, column]) for row, column in strong]
         _cell_texts(axes, texts, _even_limit(shown), decimals=1, size=7.5)
     first = min(float(_edges(centres)[0]), 0.0)
-    compass_axis(axes, label="indicated magnetic heading (degree)")
+    compass_axis(axes)
     axes.set_xlim(first, 360.0 + first)
     bold = " Bold: aircraft that a verdict names." if named else ""
     return figure.say(

@@ -157,11 +157,11 @@ def series_style(index: int) -> tuple[str, str]:
     return _SERIES[index % len(_SERIES)], _MARKERS[index % len(_MARKERS)]
 
 
-def compass_axis(axes: Axes, *, label: str) -> None:
-    """Make the x axis of a panel a heading from 0 to 360 degrees."""
+def compass_axis(axes: Axes) -> None:
+    """Make the x axis of a panel an indicated magnetic heading from 0 to 360 degrees."""
     axes.set_xlim(0, 360)
     axes.set_xticks(range(0, 361, 45))
-    axes.set_xlabel(label)
+    axes.set_xlabel("indicated magnetic heading (degree)")
 
 
 def thousands(number: float) -> str:

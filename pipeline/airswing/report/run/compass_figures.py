@@ -151,7 +151,7 @@ def _draw_heading_error(
     if trusted:
         _draw_table(axes, *table_error(fit))
     axes.set_ylim(-limit, limit)
-    compass_axis(axes, label="indicated magnetic heading (degree)")
+    compass_axis(axes)
     return int(heading.size)
 
 

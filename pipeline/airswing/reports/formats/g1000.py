@@ -83,9 +83,9 @@ def _has_constant(mapping: Mapped) -> bool:
     return "tail" in mapping and mapping["tail"][1].value is not None
 
 
-def _first_lines(path: Path, number: int = 6) -> list[str]:
+def _first_lines(path: Path) -> list[str]:
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        return [file.readline(20_000) for _ in range(number)]
+        return [file.readline(20_000) for _ in range(6)]
 
 
 def _owner(lines: list[str], path: Path) -> str:

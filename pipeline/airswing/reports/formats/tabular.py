@@ -104,7 +104,7 @@ def _csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
         raise InputError("has a header but no reports", file=path)
 
 
-def first_rows(path: Path, rows: int = 2000) -> pd.DataFrame:
+def first_rows(path: Path) -> pd.DataFrame:
     """The beginning of a CSV or Parquet table as it stands: nothing renamed, nothing converted."""
     with path.open("rb") as file:
         packed = file.read(4) == b"PAR1"
@@ -112,7 +112,7 @@ def first_rows(path: Path, rows: int = 2000) -> pd.DataFrame:
         import pyarrow.parquet as pq
 
         with pq.ParquetFile(path) as opened:
-            first: pd.DataFrame = next(opened.iter_batches(batch_size=rows)).to_pandas()
+            first: pd.DataFrame = next(opened.iter_batches(batch_size=2000)).to_pandas()
         return first
     head = _header(path)
     try:
@@ -123,7 +123,7 @@ def first_rows(path: Path, rows: int = 2000) -> pd.DataFrame:
             skiprows=head.lines,
             names=head.names,
             index_col=False,
-            nrows=rows,
+            nrows=2000,
             on_bad_lines="skip",
             na_values=_BLANKS,
             compression="gzip" if head.compression else None,

@@ -192,7 +192,6 @@ def corrections(
 def truth_record(
     frame: pd.DataFrame,
     faults: Sequence[Fault],
-    earth: EarthField,
     tails: Sequence[str],
     effects: Sequence[Mapping[str, Any]],
     *,

@@ -334,7 +334,7 @@ def write_archive(
     target = root / "config.yaml"
     config = _config(root, files, start, output)
     target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
-    record = truth_record(frame, faults, earth, tails, effects)
+    record = truth_record(frame, faults, tails, effects)
     save_truth(root / "truth", record, seed=seed, start=start)
     return target
 

@@ -404,7 +404,6 @@ def write_archive(
         truth_record(
             frame,
             made.faults,
-            made.field,
             scenario.tails,
             effects,
             usual_field=float(made.reports["horizontal"].median()),
