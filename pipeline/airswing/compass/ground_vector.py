@@ -177,6 +177,7 @@ def _own_errors(
     airspeed: Array, heading: Array, own: tuple[Array, Array], steps: tuple[Array, Array, Array]
 ) -> tuple[Array, Array]:
     """Rounding of airspeed, heading and wind, turned onto the ground vector: along and across."""
+    # rounding to steps is uniform over a step, whose variance is a twelfth of its square
     along_air = steps[0] / np.sqrt(12.0)
     cross_air = steps[1] / np.sqrt(12.0) * airspeed
     wind_variance = steps[2] ** 2 / 12.0

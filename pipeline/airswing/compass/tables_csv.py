@@ -226,6 +226,7 @@ def _curves(one: xr.Dataset) -> Curves:
     curve = deviation_curve(one["deviation"].to_numpy(), FINE)
     wide = NORMAL_95 * curve_standard_error(one["deviation_covariance"].to_numpy(), FINE)
     nodes = one["table_error"].to_numpy()
+    # half a turn a panel, both ends drawn
     at = [np.arange(first, first + 181.0) for first in FIRST]
     low, high, fit = (
         [np.interp(np.mod(place, 360.0), FINE, values, period=360) for place in at]

@@ -54,6 +54,7 @@ def widened(drawn: Floats, days: int) -> Floats:
     from scipy.stats import norm, t
 
     blocks = -(-days // _block_length(days))
+    # as far out as 95 % reach: there the interval is read
     factor = t.ppf(0.975, max(blocks - 1, 1)) / norm.ppf(0.975)
     return np.asarray(drawn[:1] + (drawn - drawn[:1]) * factor)
 

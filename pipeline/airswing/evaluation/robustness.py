@@ -46,6 +46,7 @@ def scrutinise(sums: DaySums, names: NDArray[Any], *, draws: int, seed: int) -> 
                 (before - during)[good], sums.corrected[good], draws=draws, seed=seed
             ),
             "draws": draws,
+            # enough for the histogram of the page
             "null_effects_kt": spread[:500],
         },
         "regression_to_the_mean": _regression_to_the_mean(sums),

@@ -75,6 +75,7 @@ def _encode(records: Records, *, winds: str) -> bytes | memoryview:
     put_text(head, 161, text_table(source, 40)[records.platform[own]])
     put_number(head, 221, 10, records.size)
     put_number(head, 251, 10, records.number)
+    # the date has columns 321 to 340, its fourteen digits at their end
     put_time(head, 327, records.heads["time"], pattern="yyyymmddhhmmss")
     tail = lines_of(_TAIL, records.size.size)
     put_number(tail, _END + 41, 13, records.size, decimals=5)

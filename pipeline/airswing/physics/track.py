@@ -189,6 +189,7 @@ def _make_fixes(
         lon,
         when,
         height,
+        # rounding to steps is uniform over a step, whose variance is a twelfth of its square
         (METRES_PER_DEGREE * step) ** 2 / 12.0 * shrink,
         tick**2 / 12.0,
         distance,

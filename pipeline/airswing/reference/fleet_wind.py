@@ -157,9 +157,11 @@ def _nodes(place: Floats) -> list[Floats]:
     while True:
         counts = np.maximum(np.ceil((high - low) / spread).astype(int) + 1, 2)
         if np.prod(counts) <= MOST_NODES:
+            # the farthest reports lie within the outer nodes, not on them
             room = np.maximum(1e-6 * np.abs(high), 1e-3)
             ends = zip(low - room, high + room, counts, strict=True)
             return [np.linspace(start, stop, count) for start, stop, count in ends]
+        # coarser little by little until the nodes are few enough
         spread = spread * 1.15
 
 

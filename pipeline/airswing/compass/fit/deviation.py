@@ -334,5 +334,6 @@ def _of_stretches(
     stretched = [
         replace(reports, flight=part).sorted() for reports, part in zip(sets, parts, strict=True)
     ]
+    # of the number above, what the stretch put into it
     day = (known % 10**9) * STRETCH.astype(np.int64) // 86_400
     return fit_aircraft(stretched, day, joint=options.joint, harmonics=0)

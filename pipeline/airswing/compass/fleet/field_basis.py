@@ -161,6 +161,7 @@ def _middle(longitude: Floats) -> float:
     degree = np.floor(longitude % 360.0).astype(np.int64) % 360
     count = np.bincount(degree, minlength=360)
     least = np.tile(count == count.min(), 2)
+    # twice around, for the widest gap may lie across the meridian where counting begins
     run = np.zeros(720, dtype=np.int64)
     for k in range(1, 720):
         run[k] = (run[k - 1] + 1) * least[k]

@@ -256,6 +256,7 @@ def _white(within: Floats) -> Floats:
     if not known.any():
         return np.ones(square.size)
     found = square / np.maximum(freedom, 1.0)
+    # never nothing: winds without any noise, as of a made archive, divide by it
     return np.asarray(np.maximum(np.where(known, found, np.median(found[known])), 1e-3))
 
 

@@ -295,6 +295,7 @@ def estimate_variances(stretch: Stretch, white: Floats) -> Variances:
         apart = float(((left - mean[:, stretch.piece]) ** 2).sum()) / 2.0
         share = 1.0 - 1.0 / count[stretch.piece]
         block = (apart - float((share * noise).sum())) / max(float((count - 1).sum()), 1.0)
+        # never nothing: the precision of a part divides by its variance
         block = min(max(block, 1e-3), LARGEST_VARIANCE)
         own = np.add.reduceat(noise + block, stretch.opens) / count**2
         unknown = _piece_uncertainty(precision, count)

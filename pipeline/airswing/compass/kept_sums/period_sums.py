@@ -151,6 +151,7 @@ def sum_period(
         )
         for k, reports in enumerate(sets)
     ]
+    # whole turns are added so that cutting the fraction off is rounding to the nearest point
     point = (abscissa * (1 / 45.0) + 16.5).astype(np.int8) & 7
     cuts = [cut_of(edge, place) for edge, place in zip(edges, ordered or [], strict=True)]
     points = np.bincount(point, minlength=8).astype(np.int64)

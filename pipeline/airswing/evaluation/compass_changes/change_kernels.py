@@ -241,6 +241,7 @@ def largest_statistic(
         Of chi-square kind with three degrees of freedom at each date.
     """
     values, vectors = np.linalg.eigh(score.T @ score)
+    # a coefficient that the headings flown cannot tell has no direction of its own
     good = values > values[-1] * 1e-10
     white = score @ (vectors[:, good] / np.sqrt(values[good]))
     some = np.array_split(order, max(1, order.size // _TOGETHER))

@@ -51,6 +51,7 @@ def common_part(weight: Floats, score: Floats, level: Floats, prior: Floats) -> 
     if n < FEWEST:
         return Common(np.tile(level, (n, 1)), np.zeros((p, p)), np.zeros(p))
     precision = np.diag(prior**-2.0)
+    # five times the prior's width: an aircraft's own day must not be drawn to the level
     own = np.linalg.solve(precision / 25.0 + weight, score[..., np.newaxis])[..., 0]
     middle = np.median(own, axis=0)
     for _ in range(ROUNDS):
@@ -82,6 +83,7 @@ def estimated_noise(
     usual : Noise
         Taken where there are too few days; components of one size there are of one size here.
     """
+    # one number for both: days since 1970 have five digits
     block = aircraft * 100_000 + day // BLOCK_DAYS
     order = np.lexsort((day, block))
     first = np.unique(block[order], return_index=True)[1]
@@ -135,6 +137,7 @@ def _sizes(terms: Floats, squares: Floats) -> Floats:
     size = np.eye(terms.shape[1])[0] * middle
     for _ in range(8):
         expected = np.maximum(terms @ size, 1e-30)
+        # three standard deviations: a step or a gross day counts as that much
         held = np.minimum(squares, 9.0 * expected)
         size = nnls(terms / expected[:, np.newaxis], held / expected)[0]
         size[0] = max(size[0], 0.05 * middle)

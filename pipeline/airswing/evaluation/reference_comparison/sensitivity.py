@@ -358,6 +358,7 @@ def _slices(rows: Rows, one: str, two: str) -> Iterator[tuple[str, str, NDArray[
         ("above 500 hPa", high),
     ):
         yield "by_level", name, mask & rows.kept
+    # months count from 0: December, January and February come first
     season = ((rows.month + 1) % 12) // 3
     for number, name in enumerate(_SEASONS):
         yield "by_season", name, (season == number) & rows.kept

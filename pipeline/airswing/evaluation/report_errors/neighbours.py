@@ -104,6 +104,7 @@ def half_squares(east: Floats, north: Floats, pairs: Pairs) -> Floats:
     """
     du = east[pairs.first] - east[pairs.second]
     dv = north[pairs.first] - north[pairs.second]
+    # half for two components, half for two reports: the error variance of one
     return 0.25 * (du**2 + dv**2)
 
 

@@ -101,6 +101,7 @@ def _solve(matrix: Floats, right: Floats, own: int) -> Floats:
     """Solve with the least ridge: cells and classes both hold the mean, which only one can."""
     diagonal = np.einsum("dii->di", matrix)
     ridge = 1e-9 * diagonal + 1e-30
+    # so little that what the pairs tell stays, and the mean goes to the classes
     ridge[:, :own] += 1e-4 * diagonal[:, :own].mean(axis=1, keepdims=True)
     whole = matrix + ridge[..., None] * np.eye(matrix.shape[-1])
     return np.asarray(np.linalg.solve(whole, right[..., None])[..., 0])

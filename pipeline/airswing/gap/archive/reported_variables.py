@@ -100,6 +100,7 @@ class Variable:
         inner = np.unique(np.quantile(known, np.arange(1, count) / count))
         spread = float(np.ptp(known))
         low, high = float(known.min()), float(known.max())
+        # a variable that mostly has one value puts several quantiles on it: they are one edge
         inner = inner[(inner > low + 0.005 * spread) & (inner < high)]
         if inner.size > 1:
             inner = inner[np.r_[True, np.diff(inner) > 0.005 * spread]]
@@ -182,6 +183,7 @@ def record(frame: Frame, quiet: Frame) -> dict[str, Variable]:
         variable = Variable(name, KINDS[name][0], values)
         edges = variable.edges(KINDS[name][1])
         counts = np.bincount(variable.cells(edges) + 1, minlength=edges.size)[1:]
+        # two cells at least must hold reports enough for a mean of their own
         if (counts >= 30).sum() >= 2:
             out[name] = variable
     return out

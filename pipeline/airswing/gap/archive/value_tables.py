@@ -174,4 +174,5 @@ def change_of(component: str, *, heading: Floats, airspeed: Floats, u: Floats, v
         return np.asarray(wind / 100.0)
     speed = np.hypot(u, v)[:, None]
     chosen = right if component == "across_wind" else wind
+    # calm has no direction along or across which anything could be added
     return np.divide(chosen, speed, out=np.zeros_like(wind), where=speed > 0.1)

@@ -234,6 +234,8 @@ def two_sample(real: Floats, simulated: Floats, rng: np.random.Generator) -> tup
         areas.append(area(real[part == p] @ weights, simulated[part == p] @ weights))
     number = real.shape[0]
     mean = float(np.mean(areas))
+    # of a rank sum of two samples of one size where nothing tells them apart (Mann and Whitney
+    # 1947)
     return mean, float(np.sqrt((2 * number + 1) / (12.0 * number**2)))
 
 
@@ -245,6 +247,7 @@ def discriminant(first: Floats, second: Floats) -> Floats:
     middle = np.median(both, axis=0)
     low, high = middle - limit, middle + limit
     one, two = np.clip(first, low, high) / scale, np.clip(second, low, high) / scale
+    # features in robust standard deviations: a constant one is not divided by nothing
     spread = np.cov(one.T) + np.cov(two.T) + 0.02 * np.eye(scale.size)
     return np.asarray(np.linalg.solve(spread, one.mean(axis=0) - two.mean(axis=0)) / scale)
 

@@ -115,6 +115,7 @@ def variable(frame: Frame, name: str) -> Floats:
         "wind_speed": lambda: np.hypot(frame.u_ref, frame.v_ref),
         "drift": lambda: np.degrees(
             (frame.u_ref * np.cos(frame.heading) - frame.v_ref * np.sin(frame.heading))
+            # slower is no flight: a report without an airspeed must not have a drift of any size
             / np.maximum(frame.airspeed, 30.0)
         ),
         "phase": lambda: frame.phase.astype(float),
@@ -346,6 +347,7 @@ def _taylor(frame: Frame, plan: DictionaryPlan, group: Group) -> Floats:
     if group.variable.startswith("stretched"):
         return (wind * _above(frame.pressure, group.variable))[..., None]
     if group.variable == "wind_by_height":
+        # nothing to 700 hPa, all of it from 470 hPa on, about the middle
         high = np.clip((np.log(7e4) - np.log(frame.pressure)) / 0.4, 0, 1)[:, None] - 0.5
         return np.stack([wind * high, turned * high], -1)
     if group.variable == "tendency":

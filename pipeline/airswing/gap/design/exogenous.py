@@ -108,6 +108,7 @@ class LargeScale:
                 total[day] = total[day] + part if day in total else part
         first = min(total)
         found = np.zeros((max(total) - first + 1, TERMS, 2))
+        # two reports' worth on all but the constant: a day with few keeps its mean wind
         ridge = 2.0 * np.diag(np.arange(TERMS) > 0) + 1e-6 * np.eye(TERMS)
         for day, part in total.items():
             found[day - first] = np.linalg.solve(part[:, :TERMS] + ridge, part[:, TERMS:])

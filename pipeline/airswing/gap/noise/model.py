@@ -103,6 +103,7 @@ def _likelihood(
     whiten_blocks(innovation, order.starts, gains)
     weight = gains.weight[keep]
     return float(
+        # four standard deviations: gross errors that were not seen must not widen the noise
         0.5 * np.minimum(innovation[:, keep] ** 2, 16.0).sum()
         - values.shape[0] * np.log(weight).sum()
     )

@@ -98,6 +98,7 @@ def sent_place(
     found: SentWinds, tails: Sequence[str], scatter: Mapping[str, Reduction]
 ) -> PlaceEntry:
     """Place of winds that are sent otherwise than simulated: a map of speeds, or directions."""
+    # as for a table: three quarters of the fleet are taken for all of it
     whole = len(found.aircraft) >= 0.75 * len(tails)
     component = "reported_direction"
     curve = CurveEntry(

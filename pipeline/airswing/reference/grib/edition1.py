@@ -53,15 +53,19 @@ _TIME_UNITS = {
 
 
 def _kind_grib1(product: bytes) -> int | None:
+    # octets 4, 5 and 9 of the product definition: counted from 1, as the tables of WMO do
     table, centre, parameter = product[3], product[4], product[8]
+    # ECMWF's own table; NCEP (centre 7) has another of that number
     if table == 128 and centre != 7:
         return {131: U, 132: V, 54: PRESSURE}.get(parameter)
+    # versions of the international table, and two of NCEP's with the winds in the same places
     if table in (1, 2, 3) or (table in (130, 131) and centre == 7):
         return {33: U, 34: V, 1: PRESSURE}.get(parameter)
     return None
 
 
 def _level_grib1(product: bytes, kind: int) -> tuple[int, float]:
+    # octets 10 and 11-12
     surface, value = product[9], unsigned(product, 10, 2)
     if surface == 100 and kind != PRESSURE:
         # hPa in edition 1.
@@ -72,6 +76,7 @@ def _level_grib1(product: bytes, kind: int) -> tuple[int, float]:
 
 
 def _lead_grib1(product: bytes) -> int:
+    # octets 18 to 21: unit, P1, P2 and what they mean (code table 5)
     unit, first, second, indicator = product[17], product[18], product[19], product[20]
     if indicator not in (0, 1, 10):
         name = RANGES.get(indicator, "time range")
@@ -88,6 +93,7 @@ def scan_grib1(window: Window, start: int, length: int, contents: FileContents) 
     product = window.get(start + 8, 28)
     kind = _kind_grib1(product)
     if kind is None:
+        # direction and speed, which some files hold in place of components
         if product[3] in (1, 2, 3) and product[8] in (31, 32):
             contents.skipped[SPEED_ALONE] += 1
         return
@@ -105,11 +111,13 @@ def _field_grib1(
     if level_kind == ISOBARIC:
         check_level(level)
     lead = _lead_grib1(product)
+    # octets 25 and 13; month to minute are 14 to 17
     century, year = product[24], product[12]
     # Year 100 of a century is its last: 2000 is year 100 of the twentieth.
     valid = valid_time(reference_time((century - 1) * 100 + year, *product[13:17], 0), lead)
     at, end = start + 8, start + length - 4
     at += len(_section(window, at, end, 28))
+    # octet 8: bit 1 a grid section follows, bit 2 a bitmap
     if not product[7] & 0x80:
         raise SkippedError("grid", f"no grid section (predefined grid {product[6]})")
     grid_at, grid_section = at, _section(window, at, end, 28)
@@ -152,6 +160,7 @@ def _packed(window: Window, at: int, end: int, field: Field, size: int) -> Field
     data = window.get(at, 11)
     if len(data) < 11 or at + 11 > end:
         raise GarbageError
+    # octets 1-3, the upper half of 4, and 11; E stands in 5-6, the reference value in 7-10
     octets, packing, bits = unsigned(data, 0, 3), data[3] >> 4, data[10]
     # The length says something else in a message above 8 MB (see messages).
     stop = end if field.length >= LARGE and octets < LARGE_UNIT else at + octets

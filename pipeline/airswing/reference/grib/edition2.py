@@ -88,8 +88,10 @@ def _scan_part(
     contents: FileContents,
 ) -> None:
     product = window.get(sections[4], 37)
+    # octets 10 and 11: category and number (table 4.2 of discipline 0)
     kind = {(2, 2): U, (2, 3): V, (3, 0): PRESSURE}.get((product[9], product[10]))
     if discipline != 0 or kind is None:
+        # direction and speed, which some files hold in place of components
         if discipline == 0 and product[9] == 2 and product[10] in (0, 1):
             contents.skipped[SPEED_ALONE] += 1
         return
@@ -103,6 +105,7 @@ def _scan_part(
 
 
 def _level_grib2(product: bytes, kind: int) -> tuple[int, float]:
+    # octets 23 and 29: kinds of the two fixed surfaces (table 4.5)
     surface, second = product[22], product[28]
     # A fixed surface is a scaled value and its decimal scale; 255 says that there is no
     # second.
@@ -115,6 +118,7 @@ def _level_grib2(product: bytes, kind: int) -> tuple[int, float]:
 
 
 def _lead_grib2(product: bytes) -> int:
+    # octets 8-9 and 18; how far ahead stands in 19-22
     template, unit = unsigned(product, 7, 2), product[17]
     # Templates over a time interval: statistics, not a state.
     if template in range(8, 15) or template in (42, 43, 46, 47, 61, 91):
@@ -122,6 +126,7 @@ def _lead_grib2(product: bytes) -> int:
     if template not in (0, 1, 2):
         raise SkippedError("wind", f"product template 4.{template}")
     check_template(4, unsigned(product, 0, 4), template)
+    # octet 35, table 4.7: unweighted and weighted mean of all members
     if template == 2 and product[34] not in (0, 1):
         raise SkippedError("wind", f"ensemble statistic that is no mean (code {product[34]})")
     if unit not in _TIME_UNITS:
@@ -142,6 +147,7 @@ def _field_grib2(
     if level_kind == ISOBARIC:
         check_level(level)
     lead = _lead_grib2(product)
+    # section 1 has year (octets 13-14), month, day, hour, minute and second
     stamp = window.get(sections[1], 19)
     valid = valid_time(reference_time(unsigned(stamp, 12, 2), *stamp[14:19]), lead)
     section = _section(window, sections[3])
@@ -205,11 +211,13 @@ def _packed(window: Window, field: Field, size: int) -> Field:
     section = window.get(field.section_packing, 21)
     length, packing = unsigned(section, 0, 4), unsigned(section, 9, 2)
     check_template(5, length, packing)
+    # octets 6-9: values coded, fewer than points where a bitmap leaves some out
     coded, bitmap = unsigned(section, 5, 4), field.section_bitmap >= 0
     check_count(coded, size, bitmap=bitmap)
     field = field._replace(packing=packing, coded=coded)
     if not has_scaling(packing):
         return field
+    # R in octets 12-15, E in 16-17, D in 18-19, bits a value in 20: Y 10^D = R + X 2^E
     reference, bits = ieee_float(section, 11), section[19]
     binary, decimal = signed(section, 15, 2), signed(section, 17, 2)
     check_lowest(field.kind, reference, binary, decimal)

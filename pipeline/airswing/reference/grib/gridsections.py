@@ -85,6 +85,7 @@ def read_grid(edition: int, section: bytes) -> Grid:
     UnplaceableGridError
         With the grid's name where it is one this package cannot place.
     """
+    # octet 6 of the first edition, 13-14 of the second: which grid it is
     kind = section[5:6] if edition == 1 else section[12:14]
     if not kind or len(section) < _LENGTHS[edition].get(int.from_bytes(kind, "big"), 0):
         raise UnplaceableGridError("grid section too short for its type")
@@ -152,6 +153,7 @@ def _steps(
     `stated` increments (NaN: not given) must agree with them.
     """
     (ni, nj), (si, sj) = shape, _signs(scan)
+    # longitudes may run on past a whole turn, but not past two
     if not (abs(last[0]) <= 90.0 + unit and abs(last[1]) <= 720.0):
         raise UnplaceableGridError("grid off the earth")
     extent = (si * (last[1] - first[1])) % 360.0
@@ -190,6 +192,7 @@ def _grib1(section: bytes) -> Grid:
         name = _GRIB1_NAMES.get(kind, "unknown")
         raise UnplaceableGridError(f"{name} grid (GRIB1 representation type {kind})")
     ni, nj = _counts(section, 6, 2)
+    # octets 28 and 17
     scan, flags = section[27], section[16]
     # Bit 2 of the resolution flags: the IAU 1965 ellipsoid, else a sphere (GRIB1 table 7).
     major, minor = (6378160.0, 6356775.0) if flags & 0x40 else (6367470.0, 6367470.0)
@@ -206,24 +209,30 @@ def _grib1(section: bytes) -> Grid:
     first = (shared["latitude_first"], shared["longitude_first"])
     si, sj = _signs(scan)
     if kind in (0, 10):
+        # octets 18-23: the other corner, in thousandths of a degree; 24-27: the increments
         last = (signed(section, 17, 3) / 1e3, signed(section, 20, 3) / 1e3)
         stated = _stated(section, (23, 25), 2, 1e-3, given=bool(flags & 0x80))
         shared |= _steps((ni, nj), scan, first, last, 1e-3, stated)
         if kind == 0:
             return Grid("regular_ll", **shared)
+        # octets 33-38: the southern pole of the rotation; 39-42: the angle about it
         pole = (signed(section, 32, 3) / 1e3, signed(section, 35, 3) / 1e3)
         return _rotated(shared, pole, ibm_float(section, 38))
     if kind == 1:
+        # octets 29-34: metres at the latitude in 24-26
         di, dj = si * unsigned(section, 28, 3), sj * unsigned(section, 31, 3)
         return _mercator(shared, di, dj, signed(section, 23, 3) / 1e3)
+    # octet 27: bit 1 the south pole is on the plane, bit 2 both are
     if section[26] & 0x40:
         raise UnplaceableGridError("bipolar projection")
+    # octets 18-20: the meridian along y; 21-26: lengths in metres
     shared |= {
         "di": si * unsigned(section, 20, 3),
         "dj": sj * unsigned(section, 23, 3),
         "orientation": signed(section, 17, 3) / 1e3,
     }
     if kind == 5:
+        # edition 1 has no octets for the latitude of true lengths: it is 60 degrees
         return Grid(
             "polar_stereographic", true_latitude=60.0, south=bool(section[26] & 0x80), **shared
         )
@@ -236,9 +245,11 @@ def _earth(section: bytes) -> tuple[float, float]:
     if shape in _EARTHS:
         return _EARTHS[shape]
     if shape == 1:
+        # octets 16-20: decimal scale and value
         radius = unsigned(section, 16, 4) / 10.0 ** section[15]
         return radius, radius
     if shape in (3, 7):
+        # octets 21-30: both axes alike, in km where the shape is 3
         unit = 1000.0 if shape == 3 else 1.0
         major = unsigned(section, 21, 4) / 10.0 ** section[20] * unit
         return major, unsigned(section, 26, 4) / 10.0 ** section[25] * unit
@@ -266,6 +277,7 @@ def _grib2(section: bytes) -> Grid:
         return _grib2_degrees(section, kind, shared)
     if kind == 32769:
         return _grib2_centred(section, shared)
+    # octet 47; 60 of a Mercator grid, 65 of the others
     flags, scan = section[46], section[59 if kind == 10 else 64]
     si, sj = _signs(scan)
     shared |= {
@@ -276,12 +288,16 @@ def _grib2(section: bytes) -> Grid:
     }
     true_latitude = signed(section, 47, 4) / 1e6
     if kind == 10:
+        # octets 61-64: angle between the rows and the equator
         if unsigned(section, 60, 4):
             raise UnplaceableGridError("Mercator grid turned against the equator")
+        # octets 65-72, in millimetres
         di, dj = si * unsigned(section, 64, 4) / 1e3, sj * unsigned(section, 68, 4) / 1e3
         return _mercator(shared, di, dj, true_latitude)
+    # octet 64: bit 1 the south pole is on the plane, bit 2 both are
     if section[63] & 0x40:
         raise UnplaceableGridError("bipolar projection")
+    # octets 52-55: the meridian along y; 56-63: lengths in millimetres
     shared |= {
         "di": si * unsigned(section, 55, 4) / 1e3,
         "dj": sj * unsigned(section, 59, 4) / 1e3,
@@ -299,6 +315,7 @@ def _grib2_degrees(section: bytes, kind: int, shared: dict[str, Any]) -> Grid:
     usual = basic in (0, 0xFFFFFFFF) or parts in (0, 0xFFFFFFFF)
     unit = 1e-6 if usual else basic / parts
     scale = 1e6 if usual else parts / basic
+    # octets 47-54 and 56-63: the corners; 64-71: the increments, given where 55 says so
     first = (signed(section, 46, 4) / scale, signed(section, 50, 4) / scale)
     last = (signed(section, 55, 4) / scale, signed(section, 59, 4) / scale)
     scan = section[71]
@@ -312,6 +329,7 @@ def _grib2_degrees(section: bytes, kind: int, shared: dict[str, Any]) -> Grid:
     }
     if kind == 0:
         return Grid("regular_ll", **shared)
+    # octets 73-80: the southern pole of the rotation; 81-84: the angle about it
     pole = (signed(section, 72, 4) / scale, signed(section, 76, 4) / scale)
     return _rotated(shared, pole, ieee_float(section, 80))
 
@@ -354,6 +372,7 @@ def _mercator(shared: dict[str, Any], di: float, dj: float, true_latitude: float
     e, phi = shared["eccentricity"], math.radians(true_latitude)
     scale = math.cos(phi) / math.sqrt(1.0 - (e * math.sin(phi)) ** 2)
     turn = 2.0 * math.pi * shared["radius"] * scale / abs(di)
+    # lengths are whole millimetres: a turn of the equator comes out to a hundredth of a column
     periodic = abs(turn - shared["ni"]) < 0.01
     return Grid("mercator", di=di, dj=dj, true_latitude=true_latitude, periodic=periodic, **shared)
 

@@ -33,10 +33,13 @@ def require_sound_groups(message: bytes, count: int) -> bool:
     sections = sections_of(message)
     about, data = sections[5], sections[7]
     template = unsigned(about, 9, 2)
+    # octets 32-35 and 20 of section 5: groups, and bits of their reference values
     groups, bits = unsigned(about, 31, 4), about[19]
+    # octet 22: groups split in the general way; 23: missing values of two kinds at most
     usual = about[21] == 1 and about[22] <= 2 and bits <= _WIDEST and 0 < groups <= count
     extra = 0
     if template == 3:
+        # octets 48 and 49
         order, octets = about[47], about[48]
         usual &= order in (1, 2) and 1 <= octets <= 4 and count > order
         # Spatial differencing: first values and the least difference stand before the
@@ -44,6 +47,7 @@ def require_sound_groups(message: bytes, count: int) -> bool:
         extra = (order + 1) * octets
     if not usual:
         return False
+    # octets 37 and 47; least width and length of a group in 36 and 38-41, increment in 42
     width_bits, length_bits = about[36], about[46]
     if max(width_bits, length_bits) > _WIDEST:
         raise UnreadableMessageError("group widths or lengths of more bits than a field can need")

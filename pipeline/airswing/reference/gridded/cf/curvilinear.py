@@ -55,6 +55,7 @@ class CurvilinearGrid:
         turned: Floats | None = None,
         wind_along_grid: bool = False,
     ) -> None:
+        # single precision may put a pole a little beyond 90 degrees
         if not ((np.abs(latitude) < 90.001) & (np.abs(longitude) < 1e4)).all():
             raise ValueError("points whose latitude or longitude is none")
         self.latitude, self.longitude, self.turned = latitude, longitude, turned
