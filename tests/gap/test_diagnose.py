@@ -44,7 +44,7 @@ def struck():
 
 
 def test_nothing_is_named_where_nothing_is(quiet):
-    report = diagnose(quiet, catalogue=SMALL, maps=False).report
+    report = diagnose(quiet, catalogue=SMALL).report
     assert report.effects == []
     assert not report.unknown.present
     assert report.closure.before == report.closure.after
@@ -64,7 +64,7 @@ def test_what_one_day_shows_is_told_as_unconfirmed():
         noise=0.3,
         heading_error=lambda c: np.where(c["aircraft"] == 2, np.radians(4.0), 0.0),
     )
-    report = diagnose(frame, catalogue=SMALL, dictionary=False, maps=False).report
+    report = diagnose(frame, catalogue=SMALL, dictionary=False).report
     assert report.effects == []
     (doubtful,) = report.unconfirmed
     assert (doubtful.name, doubtful.tails) == ("compass_offset", [frame.tails[2]])
@@ -79,14 +79,14 @@ def test_no_unknown_is_raised_on_a_single_day():
         noise=0.3,
         heading_error=lambda c: np.radians(4.0) * (c["airspeed"] - 130.0) / 10.0,
     )
-    report = diagnose(frame, catalogue=SMALL, maps=False).report
+    report = diagnose(frame, catalogue=SMALL).report
     assert not report.unknown.present and report.effects == []
 
 
 def test_silence_excludes_a_small_loss_as_little_as_a_gain(quiet, monkeypatch):
     both = np.tile([-0.05, 0.08], 150)  # m/s
     monkeypatch.setattr("airswing.gap.closure.interval.left_over", lambda *_, **__: both)
-    made = diagnose(quiet, catalogue=SMALL, dictionary=False, maps=False)
+    made = diagnose(quiet, catalogue=SMALL, dictionary=False)
     bounds = made.report.closure.reduction_ci
     np.testing.assert_allclose(bounds, np.array([-0.05, 0.08]) * 3600 / 1852)
 
@@ -150,7 +150,7 @@ def test_step_is_dated():
         return np.where((context["aircraft"] == 2) & late, np.radians(1.2), 0.0)
 
     frame = make_frame(seed=6, aircraft=6, days=16, noise=0.3, heading_error=error)
-    report = diagnose(frame, catalogue=SMALL, dictionary=False, maps=False).report
+    report = diagnose(frame, catalogue=SMALL, dictionary=False).report
     effect = report.effects[0]
     assert effect.name == "compass_step"
     assert effect.tails == [frame.tails[2]]
@@ -164,7 +164,7 @@ def test_effect_outside_the_catalogue_is_unknown_and_placed_and_its_mean_told_wi
         return np.where(context["aircraft"] == 3, 1 + 0.03 * (height - 0.35), 1.0)
 
     frame = make_frame(seed=7, aircraft=5, days=14, noise=0.3, airspeed_factor=factor)
-    report = diagnose(frame, catalogue=SMALL, maps=False).report
+    report = diagnose(frame, catalogue=SMALL).report
     assert report.effects == []
     assert report.closure.reduction == 0.0
     assert report.unknown.present
@@ -191,7 +191,7 @@ def test_exchanged_identifiers_are_found_and_given_back():
     order = np.lexsort((frame.time, names))
     swapped = replace(frame, aircraft=names).take(order)
     catalogue = SMALL | {"tail_swap": CATALOGUE["tail_swap"]}
-    report = diagnose(swapped, catalogue=catalogue, dictionary=False, maps=False).report
+    report = diagnose(swapped, catalogue=catalogue, dictionary=False).report
     found = {e.name: e for e in report.effects}
     assert found["tail_swap"].tails == [frame.tails[0], frame.tails[2]]
     assert found["tail_swap"].period[0] == "1970-01-11"
@@ -202,7 +202,7 @@ def test_exchanged_identifiers_are_found_and_given_back():
 def test_missing_context_is_untestable_not_guessed(quiet):
     blind = replace(quiet, icing=np.full(quiet.size, -1), temperature=np.full(quiet.size, np.nan))
     catalogue = SMALL | {"heater_current": CATALOGUE["heater_current"]}
-    made = diagnose(blind, catalogue=catalogue, dictionary=False, maps=False)
+    made = diagnose(blind, catalogue=catalogue, dictionary=False)
     assert "icing" in made.report.untestable["heater_current"]
 
 

@@ -132,7 +132,6 @@ def diagnose(
     reference: str | Sequence[str] | None = None,
     catalogue: Mapping[str, Effect] | None = None,
     dictionary: bool = True,
-    maps: bool = True,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Diagnosis:
@@ -150,8 +149,6 @@ def diagnose(
         Name -> effect; the whole catalogue by default.
     dictionary : bool
         Also look outside the catalogue.
-    maps : bool
-        Also make the maps.
     seed : int
         Of the draws (noise fit, bootstrap).
     progress : callable, optional
@@ -219,7 +216,7 @@ def diagnose(
     tell("checks", 0.0)
     checks = run_checks(problem, found, findings.closure)
     report = _with_rivals(checks.told(report), checks, problem, findings)
-    dataset = _dataset(problem, found, maps).assign(checks.histograms())
+    dataset = _dataset(problem, found).assign(checks.histograms())
     fitted = term_coefficients(found.given, found.terms)
     whole = whole_coefficients(fitted, found.terms, findings.factors)
     adjustment = make_adjustment(problem, found.terms, whole)
@@ -327,10 +324,10 @@ def _check(archive: Archive) -> None:
         )
 
 
-def _dataset(problem: Problem, found: Found, maps: bool) -> xr.Dataset:
+def _dataset(problem: Problem, found: Found) -> xr.Dataset:
     """Maps, evidence table and statistics as one Dataset."""
     frame, stats, noise = problem.archive, problem.base.stats, problem.noise
-    out = residual_maps(frame) if maps else xr.Dataset(coords={"aircraft": list(frame.tails)})
+    out = residual_maps(frame)
     core = stats.layout.core
     names = np.array(
         [

@@ -39,7 +39,7 @@ def searched():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stages, "assemble", spy)
         catalogue = {n: CATALOGUE[n] for n in NAMES}
-        stages.diagnose(frame, catalogue=catalogue, dictionary=False, maps=False)
+        stages.diagnose(frame, catalogue=catalogue, dictionary=False)
     return held
 
 

@@ -179,7 +179,7 @@ def test_diagnosis_takes_off_the_airspeed_and_leaves_the_deviation():
         heading_error=lambda c: np.where(c["aircraft"] == 1, np.radians(1.5), 0.0),
         airspeed_factor=lambda c: np.where(c["aircraft"] == 3, 1.02, 1.0),
     )
-    made = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, maps=False, dictionary=False)
+    made = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, dictionary=False)
     assert {e.name for e in made.report.effects} == {"compass_offset", "tas_scale"}
     assert made.adjustment.names == ("tas_scale",)
     struck = frame.aircraft == 3

@@ -24,7 +24,7 @@ def found(error, catalogue):
         return np.where(context["aircraft"] == 2, error(context), 0.0)
 
     frame = make_frame(seed=3, aircraft=5, days=16, noise=0.3, heading_error=own)
-    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False)
+    made = diagnose(frame, catalogue=catalogue, dictionary=False)
     return [(e.name, e.tails) for e in made.report.effects], frame.tails[2]
 
 
@@ -48,7 +48,7 @@ def test_a_little_that_the_whole_fleet_has_is_named():
         model_error=0.5,
         heading_error=lambda c: np.full(c["aircraft"].size, np.radians(0.1)),
     )
-    report = diagnose(frame, catalogue=DRIFTING, maps=False, dictionary=False).report
+    report = diagnose(frame, catalogue=DRIFTING, dictionary=False).report
     (effect,) = report.effects
     assert effect.name == "compass_offset"
     assert effect.parameters["offset_deg"] == pytest.approx(0.1, abs=0.02)
@@ -96,7 +96,7 @@ def test_a_step_of_the_whole_fleet_is_no_doubt_about_itself():
 
     frame = make_frame(seed=5, aircraft=5, days=20, noise=0.3, heading_error=swung)
     catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
-    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False).report.effects
+    made = diagnose(frame, catalogue=catalogue, dictionary=False).report.effects
     assert [(e.name, e.tails) for e in made] == [("compass_step", list(frame.tails))]
 
 
@@ -107,7 +107,7 @@ def test_what_the_catalogue_lacks_is_placed_by_the_simplest_group():
 
     frame = make_frame(seed=6, aircraft=5, days=10, noise=0.3, heading_error=two_cycles)
     catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron")}
-    report = diagnose(frame, catalogue=catalogue, maps=False).report
+    report = diagnose(frame, catalogue=catalogue).report
     place = report.unknown.where[0]
     assert report.effects == []
     assert place.group == "cross:magnetic_heading 2 cycles"
@@ -136,7 +136,7 @@ def test_together_aircraft_tell_a_drift_that_none_tells_alone():
         return np.where(context["aircraft"] < 4, np.radians(0.03) * days, 0.0)
 
     frame = make_frame(seed=8, aircraft=8, days=20, noise=1.0, heading_error=drifting)
-    made = diagnose(frame, catalogue=DRIFTING, maps=False, dictionary=False).report.effects
+    made = diagnose(frame, catalogue=DRIFTING, dictionary=False).report.effects
     assert [(e.name, e.tails) for e in made] == [("compass_drift", list(frame.tails[:4]))]
 
 
@@ -147,7 +147,7 @@ def test_aircraft_that_change_together_are_dated_together():
 
     catalogue = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
     frame = make_frame(seed=8, aircraft=8, days=20, noise=1.0, heading_error=swung)
-    made = diagnose(frame, catalogue=catalogue, maps=False, dictionary=False).report.effects
+    made = diagnose(frame, catalogue=catalogue, dictionary=False).report.effects
     assert [(e.name, e.tails) for e in made] == [("compass_step", list(frame.tails[:4]))]
 
 

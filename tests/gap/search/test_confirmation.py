@@ -201,7 +201,7 @@ def test_a_large_effect_does_not_price_out_a_small_one():
         ),
     )
     small = {name: CATALOGUE[name] for name in ("hard_iron", "soft_iron", "compass_offset")}
-    effects = diagnose(frame, catalogue=small, dictionary=False, maps=False).report.effects
+    effects = diagnose(frame, catalogue=small, dictionary=False).report.effects
     found = {effect.name: effect.tails for effect in effects}
     assert len(found["hard_iron"]) == 5
     assert found["soft_iron"] == [frame.tails[2]]

@@ -70,7 +70,7 @@ def test_scatter_is_an_unknown_of_the_diagnosis():
     jitter = jittered(frame, frame.aircraft == 2, 1.5, 3) - frame.residual
     struck = replace(frame, u_rep=frame.u_rep + jitter[:, 0], v_rep=frame.v_rep + jitter[:, 1])
     effects = {"compass_offset": CATALOGUE["compass_offset"]}
-    report = diagnose(struck, catalogue=effects, maps=False).report
+    report = diagnose(struck, catalogue=effects).report
     (place,) = report.unknown.where
     assert (place.group, place.tails) == ("scatter", [frame.tails[2]])
     assert report.effects == [] and report.gap.significance < 0.01

@@ -173,7 +173,7 @@ def test_a_diagnosis_of_what_is_read_finds_what_one_of_what_is_held_does():
         magnetic_heading=frame.magnetic_heading + lag,
     )
     reports = [
-        diagnose(archive, catalogue=EFFECTS, maps=False, dictionary=False).report
+        diagnose(archive, catalogue=EFFECTS, dictionary=False).report
         for archive in (struck, read(struck))
     ]
     for report in reports:

@@ -89,7 +89,7 @@ def test_bounded_values_are_drawn_from_the_truncated_law():
 
 def test_the_diagnosis_tells_the_bound_and_nothing_else(plain):
     frame = bounded(plain, 40.0, range(6))
-    report = diagnose(dataclasses.replace(frame), catalogue={}, maps=False).report
+    report = diagnose(dataclasses.replace(frame), catalogue={}).report
     assert report.effects == []
     (place,) = report.unknown.where
     assert (place.component, place.variables) == ("reported_speed", ["wind_speed"])

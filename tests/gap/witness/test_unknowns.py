@@ -109,7 +109,7 @@ def box(context):
 @pytest.fixture(scope="module")
 def told():
     frame = make_frame(seed=5, aircraft=6, days=16, noise=0.3, heading_error=box)
-    return frame, diagnose(frame, catalogue=SMALL, maps=False)
+    return frame, diagnose(frame, catalogue=SMALL)
 
 
 def test_an_unknown_has_variables_aircraft_curve_and_closure(told):
