@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from airswing.evaluation.compass_changes.change_kernels import without_flight_bias
-from airswing.evaluation.reference_comparison.pairs import paired_design
+from airswing.evaluation.compass_changes.change_kernels import design_of_days, without_flight_bias
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class World:
     spread_of_noise: float = 0.25
     tails: int = 5
     wrong_curve: float = 0.3
-    """Degrees of higher harmonics that no coefficient describes."""
+    """Degrees of a third harmonic, half as much of a fourth, a quarter of a fifth."""
     days_off: float = 0.12
     airspeed: float = 120.0
     regions: int = 4
@@ -50,7 +49,7 @@ def daily_sums(world: World, *, aircraft: int, days: int, seed: int, change=None
     fleet = _lasting(rng, w, (days, 2)) * w.fleet_error
     regional = _lasting(rng, w, (days, w.regions, 2)) * w.region_error
     lobes = rng.uniform(0, 360, (aircraft, days // 60 + 1))
-    odd = w.wrong_curve * rng.normal(size=(aircraft, 2))
+    odd = w.wrong_curve * rng.normal(size=(aircraft, 6)) * np.repeat([1.0, 0.5, 0.25], 2)
     curve = np.concatenate([rng.normal(0, 2, (aircraft, 3)), rng.normal(0, 0.5, (aircraft, 2))], 1)
     change = np.broadcast_to(0.0 if change is None else change, (aircraft, days, 5))
     found = []
@@ -71,18 +70,19 @@ def daily_sums(world: World, *, aircraft: int, days: int, seed: int, change=None
         error += (
             scale[..., np.newaxis] * w.report_error / np.sqrt(count) * _tailed(rng, w, error.shape)
         )
-        basis = np.stack([np.sin(3 * magnetic), np.cos(3 * magnetic)], axis=-1)
+        waves = [wave(k * magnetic) for k in (3, 4, 5) for wave in (np.sin, np.cos)]
+        basis = np.stack(waves, axis=-1)
         off = np.einsum("nlk,nk->nl", basis, odd[of])
         off += _curve(curve[of] + change[of, day], magnetic)
         speed = w.airspeed * np.ones(magnetic.size)
-        cross, along = paired_design(magnetic.ravel(), heading.ravel(), speed)
+        cross, along = design_of_days(magnetic.ravel(), heading.ravel(), speed)
         sine, cosine = np.sin(heading), np.cos(heading)
         y_cross = w.airspeed * np.radians(off) + error[..., 0] * cosine - error[..., 1] * sine
         y_along = error[..., 0] * sine + error[..., 1] * cosine
-        rows = np.stack([cross, along]).reshape(2, of.size, -1, 8)
+        rows = np.stack([cross, along]).reshape(2, of.size, -1, cross.shape[1])
         y = np.stack([y_cross, y_along])
         flown = (2, of.size, w.flights, w.legs)
-        x, error = rows.reshape(*flown, 8), y.reshape(flown)
+        x, error = rows.reshape(*flown, -1), y.reshape(flown)
         normal = count * np.einsum("knfli,knflj->nfij", x, x, optimize=True)
         right = count * np.einsum("knfli,knfl->nfi", x, error, optimize=True)
         normal, right = (part.sum(1) for part in without_flight_bias(normal, right))

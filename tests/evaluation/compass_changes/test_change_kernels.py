@@ -13,6 +13,7 @@ from airswing.evaluation.compass_changes.change_kernels import (
     coefficients,
     date_of_change,
     day_sums,
+    design_of_days,
     largest_statistic,
     scores,
     without_changes,
@@ -66,8 +67,8 @@ def test_sums_by_flight_are_weighed_by_the_covariance_of_a_flights_reports():
     magnetic, heading, airspeed, cross, along, _ = (column[:7] for column in reports(8))
     flight, day = np.array([4, 9, 4, 9, 4, 4, 9]), np.array([0, 0, 0, 0, 0, 1, 1])
     found = day_sums(magnetic, heading, airspeed, cross, along, day, flight=flight)
-    x = np.vstack(paired_design(magnetic, heading, airspeed))
-    y, bias = np.r_[cross, along], x[:, FREE:]
+    x = np.vstack(design_of_days(magnetic, heading, airspeed))
+    y, bias = np.r_[cross, along], x[:, -2:]
     group = np.tile(10 * day + flight, 2)
     shared = (bias @ bias.T) * (group[:, None] == group) / FLIGHT_BIAS_PRECISION
     for number, rows in enumerate((np.r_[0:5, 7:12], np.r_[5:7, 12:14])):
@@ -75,6 +76,16 @@ def test_sums_by_flight_are_weighed_by_the_covariance_of_a_flights_reports():
         np.testing.assert_allclose(found.normal[number], x[rows].T @ precision @ x[rows], atol=1e-6)
         np.testing.assert_allclose(found.right[number], x[rows].T @ precision @ y[rows], atol=1e-6)
     assert found.count.tolist() == [5.0, 2.0] and found.day.tolist() == [0, 1]
+
+
+def test_higher_harmonics_stand_after_a_to_e():
+    """m = 30 degrees at 100 m/s: 3m = 90, 4m = 120 degrees; no compass moves the airspeed."""
+    one = np.array([np.pi / 6.0])
+    cross, along = design_of_days(one, one, np.array([100.0]))
+    root = np.sqrt(3.0) / 2.0
+    expected = [100, 50, 100 * root, 100 * root, 50, 100, 0, 100 * root, -50, 0, root, -0.5]
+    np.testing.assert_allclose(cross[0], expected, atol=1e-12)
+    np.testing.assert_allclose(along[0], [0] * 9 + [100, 0.5, root], atol=1e-12)
 
 
 def test_gross_errors_leave_the_sums_alone():

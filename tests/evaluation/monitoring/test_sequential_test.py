@@ -38,6 +38,17 @@ def test_the_ratio_is_that_of_the_two_normal_laws():
     assert _mixture(inside, outside, shape)[0] == pytest.approx(expected, rel=1e-9)
 
 
+def test_the_ratio_of_one_unknown_by_hand():
+    """Three days of weight 1 tell 2 each, the level before is known to 1: W~ = 3 / 4, s~ = 6 / 4.
+
+    A step of variance 4: 0.5 x 1.5^2 / (1 / 4 + 3 / 4) - 0.5 ln(1 + 4 x 3 / 4).
+    """
+    weight, score = _marginal(np.array([[[3.0]]]), np.array([[6.0]]), np.eye(1)[None])
+    assert (weight.item(), score.item()) == (0.75, 1.5)
+    ratio = _mixture(weight, score, np.array([2.0]))[0]
+    assert ratio == pytest.approx(1.125 - 0.5 * np.log(4.0))
+
+
 def test_a_days_weight_is_the_inverse_of_its_two_errors():
     noise = Noise(2.0, np.array([0.1, 0.0]), persistence=0.5)
     normal, x = np.array([[4.0, 1.0], [1.0, 3.0]]), np.array([1.0, -2.0])
@@ -96,6 +107,16 @@ def test_a_step_of_all_at_once_is_the_references(number):
     assert [alarm.step.number for alarm in alarms] == [-1]
     assert abs(alarms[0].step.day - 45) <= 1
     assert np.degrees(alarms[0].step.size[0]) == pytest.approx(2.5, abs=0.8)
+
+
+def test_higher_harmonics_are_no_change_where_an_aircraft_turns_to_other_headings():
+    """Routes turn on the 60th day; without the unknowns of these harmonics that is told."""
+    rows = daily_sums(replace(WORLD, wrong_curve=0.9), aircraft=20, days=64, seed=10)
+    assert watched(rows, 20) == []
+    known = np.where(np.isin(np.arange(COMPASS.size), [5, 6, 7, 8]), 1e-9, 1.0)
+    blind = replace(COMPASS, level=COMPASS.level * known, drift=COMPASS.drift * known)
+    alarms = watch_fleet(rows[:4], blind, usual=COMPASS_NOISE, common=COMPASS_COMMON, number=20)
+    assert any(alarm.step.day >= 59 for alarm in alarms)
 
 
 def test_a_quiet_fleet_stays_quiet():

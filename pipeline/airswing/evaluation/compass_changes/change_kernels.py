@@ -26,6 +26,7 @@ from airswing.evaluation.reference_comparison.pairs import paired_design
 
 Floats = NDArray[np.float64]
 
+ANGLES = 5  # A, B, C, D, E
 FREE = 6  # A, B, C, D, E and the airspeed scale come before the day's own bias b_u, b_v
 CHANGING = 3  # A, B, C may change
 # Report's error variance over the variance of a day's model bias, a component.
@@ -77,10 +78,11 @@ def day_sums(
         Airspeed times heading error, and airspeed error.
     day : array of int, shape (n,)
     flight : array of int, shape (n,), optional
-        Eliminate each flight's own bias of the reference, and keep the days' biases b_u, b_v (m/s)
-        among the unknowns, eight of them then.
+        Eliminate each flight's own bias of the reference; the unknowns are then those of
+        :func:`design_of_days`, the days' biases b_u, b_v (m/s) among them.
     """
-    rows_cross, rows_along = paired_design(magnetic, heading, airspeed)
+    design = paired_design if flight is None else design_of_days
+    rows_cross, rows_along = design(magnetic, heading, airspeed)
     kept = np.flatnonzero(_not_gross(rows_cross, rows_along, cross, along))
     flown = np.zeros_like(day) if flight is None else flight
     order = kept[np.lexsort((flown[kept], day[kept]))]
@@ -97,6 +99,27 @@ def day_sums(
         whole = np.searchsorted(start, first)
         sums = np.add.reduceat(freed[0], whole), np.add.reduceat(freed[1], whole)
     return DaySums(days.astype(np.int64), *sums, count.astype(np.float64))
+
+
+def design_of_days(magnetic: Floats, heading: Floats, airspeed: Floats) -> tuple[Floats, Floats]:
+    """As ``paired_design``, with a third and a fourth harmonic of the deviation after A to E.
+
+    Parameters
+    ----------
+    magnetic, heading : array, shape (n,), radians
+    airspeed : array, shape (n,), m/s
+
+    Returns
+    -------
+    cross, along : array, shape (n, 12)
+        sin 3m, cos 3m, sin 4m, cos 4m of the magnetic heading m are columns 5 to 8, radians.
+    """
+    cross, along = paired_design(magnetic, heading, airspeed)
+    # what A to E leave of a curve looks like a change where an aircraft turns to other headings
+    waves = [wave(k * magnetic) for k in (3, 4) for wave in (np.sin, np.cos)]
+    place = [ANGLES] * len(waves)
+    higher = airspeed[:, np.newaxis] * np.column_stack(waves)
+    return np.insert(cross, place, higher, axis=1), np.insert(along, place, 0.0, axis=1)
 
 
 def _sums_from(
@@ -119,19 +142,19 @@ def without_flight_bias(normal: Floats, right: Floats) -> tuple[Floats, Floats]:
 
     Parameters
     ----------
-    normal, right : array, shape (..., 8, 8) and (..., 8)
-        Of a flight each.
+    normal, right : array, shape (..., p, p) and (..., p)
+        Of a flight each; b_u, b_v come last.
 
     Returns
     -------
-    normal, right : array, shape (..., 8, 8) and (..., 8)
+    normal, right : array, shape (..., p, p) and (..., p)
     """
-    side = normal[..., FREE:]
-    inside = side[..., FREE:, :] + FLIGHT_BIAS_PRECISION * np.eye(normal.shape[-1] - FREE)
+    side = normal[..., -2:]
+    inside = side[..., -2:, :] + FLIGHT_BIAS_PRECISION * np.eye(2)
     gain = np.swapaxes(np.linalg.solve(inside, np.swapaxes(side, -1, -2)), -1, -2)
     return (
         normal - gain @ np.swapaxes(side, -1, -2),
-        right - np.einsum("...ij,...j->...i", gain, right[..., FREE:]),
+        right - np.einsum("...ij,...j->...i", gain, right[..., -2:]),
     )
 
 

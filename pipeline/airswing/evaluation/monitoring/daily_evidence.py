@@ -5,10 +5,10 @@ at a time, so that what is held is one row an aircraft and day, whatever the num
 
 The compass's rows are the daily sums of
 :mod:`airswing.evaluation.compass_changes.change_kernels`: normal matrix and right side of A to E
-(radians), the airspeed scale and the reference's bias (m/s), each flight's own bias eliminated:
-what a flight's reports share is no report's own error. The disagreement's row is the
-mean of the logarithm of the wind vector difference (m/s), so that a rise is a factor, with the
-number of reports for a normal matrix.
+and a third and fourth harmonic (radians), the airspeed scale and the reference's bias (m/s), each
+flight's own bias eliminated: what a flight's reports share is no report's own error. The
+disagreement's row is the mean of the logarithm of the wind vector difference (m/s), so that a rise
+is a factor, with the number of reports for a normal matrix.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Rows:
     aircraft: Index  # (rows,)
     day: Index  # (rows,)
     count: Floats  # (rows,): used reports with a wind; none where screening left none
-    # normal, right: (rows, 8, 8) and (rows, 8): of the compass; zero where screening left none
+    # normal, right: (rows, 12, 12) and (rows, 12): of the compass; zero where screening left none
     normal: NDArray[np.float32]
     right: NDArray[np.float32]
     # log_difference, difference: (rows,): sum of the logarithm of the wind vector difference, and

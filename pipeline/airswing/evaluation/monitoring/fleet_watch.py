@@ -24,28 +24,27 @@ ENOUGH, FEWEST_TOLD = 20_000, 20
 LIKELY = 3.0
 """Logarithm of the likelihood ratio beyond which an aircraft seems to have stepped too."""
 DEGREE = np.pi / 180.0
-UNKNOWNS = 8
-"""A to E (radians), the airspeed scale, and the reference's bias b_u, b_v (m/s)."""
-_ANGLES = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-_SCALE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
-_WINDS = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0])
+UNKNOWNS = 12
+"""A to E, third and fourth harmonic (radians), airspeed scale, reference's b_u, b_v (m/s)."""
+_ANGLES = np.repeat([1.0, 0.0], [9, 3])
+_SCALE = np.repeat([0.0, 1.0, 0.0], [9, 1, 2])
+_WINDS = np.repeat([0.0, 1.0], [10, 2])
+_HIGHER = np.array([1.0, 1.0, 0.5, 0.5])
 COMPASS = Law(
     shapes=1.4
     * DEGREE
     * np.array(
         [
-            [1.0, 0, 0, 0, 0, 0, 0, 0],
-            [1.0, 1.0, 1.0, 0, 0, 0, 0, 0],
-            [1.0, 1.0, 1.0, 0.5, 0.5, 0, 0, 0],
+            [1.0, 0, 0, 0, 0, *[0.0] * 7],
+            [1.0, 1.0, 1.0, 0, 0, *[0.0] * 7],
+            [1.0, 1.0, 1.0, 0.5, 0.5, *[0.0] * 7],
         ]
     ),
-    level=DEGREE * np.array([10.0, 10, 10, 5, 5, 0, 0, 0]) + 0.05 * _SCALE + 0.7 * _WINDS,
+    level=DEGREE * np.array([10.0, 10, 10, 5, 5, *_HIGHER, 0, 0, 0]) + 0.05 * _SCALE + 0.7 * _WINDS,
     drift=0.13 * DEGREE * _ANGLES + 0.005 * _SCALE + 0.15 * _WINDS,
     farthest=30.0,
-    threshold=8.0,
+    threshold=6.5,
     weighed_from=4.0,
-    known_from=12.0,
-    wanders_every=2.5,
 )
 """Only the compass steps: a bias of the reference or of the airspeed is no change of it."""
 COMPASS_NOISE = Noise(4.0, (0.2 * DEGREE) ** 2 * _ANGLES + 0.5**2 * _WINDS)

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 FREEDOM = 6.0
 """A day is the mean of a few flights, each of them heavy-tailed."""
-SINGLE_DAY = 7.0
+SINGLE_DAY = 5.5
 """Logarithm of the likelihood ratio that the day farthest off may add to the others'."""
 _ROUNDS = 8
 # a weight is known to about this share: directions below are rounding

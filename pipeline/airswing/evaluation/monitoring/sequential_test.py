@@ -57,11 +57,6 @@ class Law:
     # logarithm of the ratio by normal errors from which Student's are asked; without it normal
     # errors decide
     weighed_from: float | None = None
-    # days with reports from which a level is known as well as it ever is: what no coefficient
-    # describes stays, and comes out as a step where an aircraft turns to other headings
-    known_from: float = np.inf
-    # days of a stretch after the first that add the drift's variance once more
-    wanders_every: float = np.inf
 
     @property
     def size(self) -> int:
@@ -136,23 +131,15 @@ class Watch:
 
     def level(self, of: Index) -> tuple[Floats, Floats]:
         """Level of aircraft and its covariance, the drift in it."""
-        before = self.weight[of], self.right[of], self.days[of]
-        return self._level(before, self.scale(of), 1.0)
+        return self._level(self.weight[of], self.right[of], self.scale(of))
 
-    def _level(
-        self, before: tuple[Floats, Floats, Floats], scale: Floats, later: float | Floats
-    ) -> tuple[Floats, Floats]:
-        """Level by the sums of the days before, and its covariance as of so many days later."""
-        weight, right, days = before
+    def _level(self, weight: Floats, right: Floats, scale: Floats) -> tuple[Floats, Floats]:
+        """Level by the sums of the days before, and its covariance."""
         long = self.noise.inflation(365.0) * scale[..., np.newaxis, np.newaxis]
         precision = weight / long + np.diag(self.law.level**-2.0)
         level = np.linalg.solve(precision, (right / long[..., 0])[..., np.newaxis])[..., 0]
-        known = np.minimum(1.0, self.law.known_from / np.maximum(days, 1.0))
-        known = known[..., np.newaxis, np.newaxis]
-        covariance = np.linalg.inv(known * weight / long + np.diag(self.law.level**-2.0))
-        wandered = 1.0 + (np.asarray(later) - 1.0) / self.law.wanders_every
-        drift = wandered[..., np.newaxis, np.newaxis] * np.diag(self.law.drift**2)
-        return np.asarray(level, np.float64), np.asarray(covariance + drift, np.float64)
+        covariance = np.linalg.inv(precision) + np.diag(self.law.drift**2)
+        return np.asarray(level, np.float64), np.asarray(covariance, np.float64)
 
     def surprise(self, of: Index, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
         """What a day of aircraft tells beyond their level: weight and score, the level's error in.
@@ -240,9 +227,8 @@ class Watch:
         since, told = -np.diff(weight, axis=0), -np.diff(told, axis=0)
         flew = np.trace(since, axis1=1, axis2=2) > 0
         scale = self.scale(np.array([number]))
-        _, *known, _, days = rows[-1]
-        before = known[0][number], known[1][number], days[number]
-        level, covariance = self._level(before, scale[0], lag)
+        before, drawn_in = rows[-1][1][number], rows[-1][2][number]
+        level, covariance = self._level(before, drawn_in, scale[0])
         noise = scale[0] * self.noise.inflation(lag)
         score = told[flew] - since[flew] @ level
         return corroborated_ratio(since[flew] / noise, score / noise, covariance, self.law.shapes)
@@ -270,20 +256,19 @@ class Watch:
         right = np.stack([row[2][of] for row in rows])
         days = np.stack([row[4][of] for row in rows])
         told = self.right[of] - right
-        inside, outside = self._since(of, lags, (weight, right, days), told)
+        inside, outside = self._since(of, lags, weight, right, told)
         ratios = [_mixture(inside, outside, shape) for shape in self.law.shapes]
         ratio = np.logaddexp.reduce(ratios, axis=0) - np.log(len(ratios))
         return np.where(days >= FEWEST_DAYS, ratio, -np.inf)
 
     def _since(
-        self, of: Index, lags: Sequence[int], before: tuple[Floats, Floats, Floats], told: Floats
+        self, of: Index, lags: Sequence[int], weight: Floats, right: Floats, told: Floats
     ) -> tuple[Floats, Floats]:
         """Weight and score of the days since, beyond the level that the days before show."""
-        weight = before[0]
         scale = np.broadcast_to(self.scale(of), weight.shape[:2])
         long = np.array([self.noise.inflation(lag) for lag in lags])
         inflated = (scale * long[:, np.newaxis])[..., np.newaxis]
-        level, covariance = self._level(before, scale, np.array(lags)[:, np.newaxis])
+        level, covariance = self._level(weight, right, scale)
         since = self.weight[of] - weight
         score = told - np.einsum("...ij,...j->...i", since, level)
         return _marginal(since / inflated[..., np.newaxis], score / inflated, covariance)
@@ -303,10 +288,9 @@ class Watch:
     def _size(self, number: int, lag: int) -> tuple[Floats, Floats]:
         """Step by the days as they were, not drawn in, and its error; a wide prior holds it."""
         of = np.array([number])
-        _, weight, right, straight, days = self._ring[-lag]
+        _, weight, right, straight, _ = self._ring[-lag]
         told = self.straight[of] - straight[of]
-        before = weight[of][None], right[of][None], days[of][None]
-        inside, outside = self._since(of, [lag], before, told[None])
+        inside, outside = self._since(of, [lag], weight[of][None], right[of][None], told[None])
         wide = self.law.shapes.max(axis=0)
         root = np.diag(3.0 * wide)
         posterior = root @ np.linalg.inv(np.eye(wide.size) + root @ inside[0, 0] @ root) @ root
