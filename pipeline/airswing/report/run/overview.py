@@ -222,7 +222,8 @@ def _bars(
     for row, number in enumerate(numbers):
         share = f" ({100 * number / total:.1f} %)" if total else ""
         axes.text(number, row, f"  {thousands(number)}{share}", va="center", fontsize=8.5)
-    axes.set_xlim(0, max([*numbers, 1]) * 1.35)
+    # Room for the numbers that stand behind the bars.
+    axes.set_xlim(0, max([*numbers, 1]) * (1.5 if total else 1.35))
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     axes.set_xlabel("reports")
 

@@ -34,7 +34,7 @@ from airswing.report.html.document import (
     table,
 )
 from airswing.report.html.embed import embedded
-from airswing.report.html.style import plural
+from airswing.report.html.style import drawing_a_page, plural
 from airswing.report.run import compass_figures as compass
 from airswing.report.run import overview
 from airswing.report.run.compass_panels import (
@@ -72,6 +72,7 @@ SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS = 96, 12, 40
 _FILES_NAMED = 20
 
 
+@drawing_a_page()
 def write_page(
     directory: Path | str,
     *,
