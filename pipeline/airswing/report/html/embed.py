@@ -25,6 +25,12 @@ def embedded(figure: Figure, *, raster: bool = False, dpi: float = RASTER_DPI) -
     dpi : float, optional
         Resolution of images.
     """
+    # A label without words looks at every tick for a place beside them; the figure is not used
+    # again, so none is given words later.
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if not axis.label.get_text():
+                axis.set_label_coords(0.5, 0.5)
     content = png_bytes(figure, dpi=dpi) if raster else svg_bytes(figure, dpi=dpi)
     kind = "image/png" if raster else "image/svg+xml"
     address = f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

@@ -141,16 +141,16 @@ def lines() -> dict[str, list[Floats]]:
 @lru_cache(maxsize=32)
 def lines_in(view: View, layer: str) -> list[Floats]:
     """Return the lines of a layer that touch a window, unwrapped and split at its seam."""
-    kept = []
-    for line in lines()[layer]:
-        shifted = np.column_stack([view.unwrapped(line[:, 0]), line[:, 1]])
-        seams = np.flatnonzero(np.abs(np.diff(shifted[:, 0])) > 180.0) + 1
-        for part in np.split(shifted, seams):
-            low, high = part.min(axis=0), part.max(axis=0)
-            crosses = high[0] >= view.west and low[0] <= view.east
-            if len(part) > 1 and crosses and high[1] >= view.south and low[1] <= view.north:
-                kept.append(part)
-    return kept
+    parts = lines()[layer]
+    points = np.concatenate(parts)
+    shifted = np.column_stack([view.unwrapped(points[:, 0]), points[:, 1]])
+    seams = np.flatnonzero(np.abs(np.diff(shifted[:, 0])) > 180.0) + 1
+    starts = np.union1d(np.cumsum([0, *map(len, parts[:-1])]), seams)
+    low, high = np.minimum.reduceat(shifted, starts), np.maximum.reduceat(shifted, starts)
+    crosses = (high[:, 0] >= view.west) & (low[:, 0] <= view.east)
+    crosses &= (high[:, 1] >= view.south) & (low[:, 1] <= view.north)
+    crosses &= np.diff(starts, append=len(shifted)) > 1
+    return [part for part, seen in zip(np.split(shifted, starts[1:]), crosses, strict=True) if seen]
 
 
 def _degree_label(positive: str, negative: str, *, wraps: bool) -> FuncFormatter:

@@ -115,14 +115,10 @@ def _saved(figure: Figure, kind: str, *, dpi: float) -> bytes:
     with matplotlib.rc_context(RC):
         if engine is not None:
             # Laid out here, once: savefig would draw the whole figure a first time for it.
+            # A frame ends where its panel does, and asks for every tick to say so.
             for axes in figure.axes:
-                # A frame ends where its panel does, and asks for every tick to say so.
                 for spine in axes.spines.values():
                     spine.set_in_layout(False)
-                # So does a label without words, to find a place beside them.
-                for axis in (axes.xaxis, axes.yaxis):
-                    if not axis.label.get_text():
-                        axis.set_label_coords(0.5, 0.5)
             with contextlib.ExitStack() as measured:
                 for axes in figure.axes:
                     measured.enter_context(_measured_once(axes))

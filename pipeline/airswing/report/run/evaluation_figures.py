@@ -35,6 +35,8 @@ from airswing.report.html.style import (
 from airswing.report.html.svg_panel import Panel
 from airswing.units import NORMAL_95
 
+Floats = NDArray[np.float64]
+
 PROFILES = (
     ("eastward_rms", "eastward wind, rms (m/s)"),
     ("northward_rms", "northward wind, rms (m/s)"),
@@ -261,9 +263,9 @@ def profile_panels(profiles: xr.Dataset, reference: str) -> Markup:
     width = 940.0 / max(len(phases), 2)
     panels = []
     for name, label in PROFILES:
-        values, halves = _values(chosen, name)
-        shown = values.sel(flight_phase=phases) + halves.sel(flight_phase=phases)
-        most = 1.05 * float(shown.max()) if bool(np.isfinite(shown).any()) else 1.0
+        values, halves = _values(chosen, name, phases)
+        shown = values + halves
+        most = 1.05 * float(np.nanmax(shown)) if bool(np.isfinite(shown).any()) else 1.0
         for number, phase in enumerate(phases):
             size = (width, 42.0 + 24.0 * len(layers))
             panel = Panel(size, (64, 12, 24, 38), x=(0.0, most), y=(-0.6, len(layers) - 0.4))
@@ -278,9 +280,8 @@ def profile_panels(profiles: xr.Dataset, reference: str) -> Markup:
             panel.words(64 + panel.width / 2, size[1] - 5, label, points=12)
             if name == PROFILES[0][0]:
                 _counts(panel, counts.sel(flight_phase=phase).to_numpy())
-            for state, colour, diamond, shift in _STATES:
-                at = {"flight_phase": phase, "state": state}
-                value, half = values.sel(at).to_numpy(), halves.sel(at).to_numpy()
+            looks = zip(_STATES, values[number], halves[number], strict=True)
+            for (_, colour, diamond, shift), value, half in looks:
                 level = np.arange(len(layers)) + shift
                 panel.line(value, level, colour, width=1.5)
                 panel.bars_across(level, value - half, value + half, colour)
@@ -294,9 +295,17 @@ def profile_panels(profiles: xr.Dataset, reference: str) -> Markup:
     return drawing(panels, caption, columns=len(phases))
 
 
-def _values(chosen: xr.Dataset, name: str) -> tuple[xr.DataArray, xr.DataArray]:
-    """Values and half widths of their 95 % intervals (none where there is no standard error)."""
-    return chosen[name].astype(float), NORMAL_95 * chosen[f"{name}_standard_error"].fillna(0.0)
+def _values(chosen: xr.Dataset, name: str, phases: list[str]) -> tuple[Floats, Floats]:
+    """Values and half widths of their 95 % intervals (none where there is no standard error).
+
+    Each (phase, state, layer), states as drawn.
+    """
+    shown = chosen.sel(flight_phase=phases, state=[state for state, *_ in _STATES])
+    value, error = (
+        shown[f"{name}{end}"].transpose("flight_phase", "state", "layer").to_numpy().astype(float)
+        for end in ("", "_standard_error")
+    )
+    return value, NORMAL_95 * np.where(np.isnan(error), 0.0, error)
 
 
 def _counts(panel: Panel, counts: NDArray[np.int64]) -> None:
