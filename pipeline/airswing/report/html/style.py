@@ -16,9 +16,10 @@ from collections.abc import Callable, Iterator
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox, BboxBase
+from matplotlib.transforms import Bbox
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -152,20 +153,22 @@ def _measured_once(axes: Axes) -> Iterator[None]:
     The second pass asks for the same words again round a frame that has moved: what stands out
     beyond the frame is carried along.
     """
-    measure, beyond = axes.get_tightbbox, []
+    measure = axes.get_tightbbox
+    beyond: list[Any] = []
 
-    def known(*args: Any, **options: Any) -> BboxBase | None:
+    def known(*args: Any, **options: Any) -> Bbox | None:
         if not beyond:
             found = measure(*args, **options)
-            beyond.append(None if found is None else found.extents - axes.bbox.extents)
+            edges = None if found is None else np.subtract(found.extents, axes.bbox.extents)
+            beyond.append(edges)
         axes.apply_aspect()
         return None if beyond[0] is None else Bbox.from_extents(axes.bbox.extents + beyond[0])
 
-    axes.get_tightbbox = known
+    vars(axes)["get_tightbbox"] = known
     try:
         yield
     finally:
-        del axes.get_tightbbox
+        del vars(axes)["get_tightbbox"]
 
 
 def styled(function: Callable[P, R]) -> Callable[P, R]:
