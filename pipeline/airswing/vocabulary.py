@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -43,9 +42,9 @@ class Variable:
     flags: Mapping[str, int] | None = None  # meanings of a flag variable
     bits: bool = False  # the flags are bits that may be set together
 
-    def attributes(self) -> dict[str, Any]:
+    def attributes(self) -> dict[str, object]:
         """CF attributes of the variable."""
-        found: dict[str, Any] = {"long_name": self.long_name}
+        found: dict[str, object] = {"long_name": self.long_name}
         if self.units:
             found["units"] = self.units
         if self.standard_name:

@@ -48,7 +48,7 @@ def _mean(scores: Iterable[Score], key: str) -> tuple[float | None, int]:
     return (float(np.mean(values)) if values else None), len(values)
 
 
-def summarise(scores: Sequence[Score]) -> dict[str, Any]:
+def summarise(scores: Sequence[Score]) -> dict[str, object]:
     """Return shares and medians of a group of cases with an effect in the catalogue.
 
     Parameters

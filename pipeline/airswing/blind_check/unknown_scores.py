@@ -94,7 +94,7 @@ def _closes(place: Mapping[str, Any]) -> float:
     return float(closure.get("reduction") or 0.0)
 
 
-def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, Any]:
+def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, object]:
     """Score the unknown of a diagnosis.
 
     Parameters
@@ -145,7 +145,7 @@ def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, An
     }
 
 
-def _closure(label: Label, gap: Gap) -> dict[str, Any]:
+def _closure(label: Label, gap: Gap) -> dict[str, object]:
     """Return what names and unknown close together against the truth, kt."""
     true = label["closure"]["before"] - label["closure"]["after"]
     parts = [gap["closure"], gap["unknown"].get("closure") or {}]

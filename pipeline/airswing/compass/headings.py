@@ -32,7 +32,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -167,7 +166,9 @@ def derive_columns(
     return typed, accounts_of(reports, motion)
 
 
-def with_columns(reports: xr.Dataset, winds: xr.Dataset, columns: Mapping[str, Any]) -> xr.Dataset:
+def with_columns(
+    reports: xr.Dataset, winds: xr.Dataset, columns: Mapping[str, object]
+) -> xr.Dataset:
     """Reports, winds and columns of :func:`derive_columns` as one described Dataset."""
     # Both hold the reports' coordinates; comparing them would load what is lazy.
     found = reports.merge(winds, compat="override", combine_attrs="override")

@@ -174,7 +174,7 @@ def field_test(
     return result
 
 
-def _headline(sums: DaySums, *, draws: int, seed: int) -> dict[str, Any]:
+def _headline(sums: DaySums, *, draws: int, seed: int) -> dict[str, object]:
     """Groups, reductions and their intervals."""
     means = sums.means()
     empty = [key for key, value in means.items() if not np.isfinite(value)]

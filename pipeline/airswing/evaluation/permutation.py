@@ -7,7 +7,6 @@ without that condition (the plain one, right only where the choice ignored the l
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,7 +109,7 @@ def _shuffled(
 
 def matched_controls(
     before: NDArray[np.float64], during: NDArray[np.float64], corrected: NDArray[np.bool_]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Each corrected aircraft against the control nearest to it before the test.
 
     Parameters

@@ -20,7 +20,7 @@ from airswing.evaluation.permutation import (
 )
 
 
-def scrutinise(sums: DaySums, names: NDArray[Any], *, draws: int, seed: int) -> dict[str, Any]:
+def scrutinise(sums: DaySums, names: NDArray[Any], *, draws: int, seed: int) -> dict[str, object]:
     """Permutation test, check for regression to the mean, and matched controls.
 
     Parameters
@@ -65,7 +65,7 @@ def scrutinise(sums: DaySums, names: NDArray[Any], *, draws: int, seed: int) -> 
     }
 
 
-def _regression_to_the_mean(sums: DaySums) -> dict[str, Any]:
+def _regression_to_the_mean(sums: DaySums) -> dict[str, object]:
     """Choose the worst aircraft in the first half of the window before, watch the second half."""
     days = np.flatnonzero(~sums.during)
     first, second = days[: days.size // 2], days[days.size // 2 :]

@@ -89,7 +89,7 @@ def joined_months(
     return found.assign_coords(aircraft=names).assign_attrs(_attributes(months))
 
 
-def _attributes(months: Sequence[xr.Dataset]) -> dict[str, Any]:
+def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
     """Of all months: counts summed, the last month's for the rest."""
     told = dict(months[-1].attrs)
     uuids = "".join(month.attrs["uuid"] for month in months)

@@ -309,7 +309,7 @@ def is_text(variable: xr.DataArray) -> bool:
     return lookup(str(variable.name), variable.dims).dtype == "str" or variable.dtype.kind in "OUT"
 
 
-def _encodings(ds: xr.Dataset) -> dict[Any, dict[str, Any]]:
+def _encodings(ds: xr.Dataset) -> dict[Any, dict[str, object]]:
     return {name: encoding_of(ds[name]) for name in ds.variables}
 
 
@@ -323,7 +323,7 @@ def encoding_of(variable: xr.DataArray, sizes: Mapping[Any, int] | None = None) 
     if is_text(variable):
         return {"dtype": "S1"}
     time = entry.dtype.startswith("datetime64")
-    encoding: dict[str, Any] = {"dtype": "i8" if time else entry.dtype}
+    encoding: dict[str, object] = {"dtype": "i8" if time else entry.dtype}
     if sizes and math.prod(sizes.values()) > 1:
         encoding |= {"zlib": True, "complevel": 1, "shuffle": True}
         if "report" in sizes:

@@ -261,7 +261,7 @@ def collocate(
     joins = [_add_reference(graph, points, one, options) for one in models.values()]
     token = hashlib.blake2b("".join(joins).encode(), digest_size=16).hexdigest()
     base = f"winds-{token}"
-    data: dict[str, Any] = {}
+    data: dict[str, object] = {}
     for row, name in enumerate(names):
         keys = {(f"{name}-{token}", n, 0): (_row, join, row) for n, join in enumerate(joins)}
         chunks = ((1,) * len(joins), (points.size,))

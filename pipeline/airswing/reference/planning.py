@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -137,7 +136,7 @@ class Plan:
     # Highest and lowest pressure level, hPa; empty for native levels.
     model_levels: tuple[float, ...] = ()
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Plain dictionary, ready for JSON."""
         return asdict(self)
 

@@ -19,7 +19,7 @@ conflict and the more complete stays. Those kept follow the climb or descent aro
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -138,7 +138,7 @@ class Shared:
         """Number the flights of a block over the fleet and give its aircraft their resolutions."""
         own = slice(int(self._first[number]), int(self._stop[number]))
         flight = reports["flight"].to_numpy() + np.int32(self._flight[number])
-        found: dict[str, Any] = {
+        found: dict[str, object] = {
             name: ("aircraft", values[own]) for name, values in self._found.items()
         }
         return describe(reports.assign(found | {"flight": ("report", flight)}))

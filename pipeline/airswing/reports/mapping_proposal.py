@@ -92,7 +92,7 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
             found[name] = column
     if len(found) < 2:
         return None
-    mapping: dict[str, Any] = {}
+    mapping: dict[str, object] = {}
     remarks: dict[str, str] = {}
     _time(table, found, mapping, remarks)
     if _reports_compass(set(found)):
@@ -126,7 +126,7 @@ def _reports_compass(found: set[str]) -> bool:
     )
 
 
-def _texts(value: Mapping[str, Any]) -> list[str]:
+def _texts(value: Mapping[str, object]) -> list[str]:
     return [str(one) for key, one in value.items() if key in ("date", "time", "offset")]
 
 
@@ -141,7 +141,7 @@ def _stem(column: str) -> str | None:
 
 
 def _time(
-    table: pd.DataFrame, found: dict[str, str], mapping: dict[str, Any], remarks: dict[str, str]
+    table: pd.DataFrame, found: dict[str, str], mapping: dict[str, object], remarks: dict[str, str]
 ) -> None:
     """The time's column, or the two that make it."""
     of_time = [c for c in map(str, table.columns) if _stem(c) == "time"]
@@ -225,7 +225,7 @@ def _missing(found: set[str]) -> list[str]:
     return absent
 
 
-def _as_yaml(mapping: Mapping[str, Any], remarks: Mapping[str, str]) -> str:
+def _as_yaml(mapping: Mapping[str, object], remarks: Mapping[str, str]) -> str:
     lines = ["columns:"]
     for key, value in mapping.items():
         left, right = (_in_yaml(one) for one in (key, value))

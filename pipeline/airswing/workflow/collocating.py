@@ -325,7 +325,7 @@ def collocated_blocks(
         | {"unread_messages": len(met[name]), "unread": unread(met[name])}
         for name, model in models.items()
     }
-    attrs: dict[str, Any] = {
+    attrs: dict[str, object] = {
         "reading_audit": archive.audit.as_json(),
         "featureType": "trajectory",
         "reference_audit": audit,

@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from airswing.workflow.progress import StageRecord
 
 
-def plan_run(job: Job) -> dict[str, Any]:
+def plan_run(job: Job) -> dict[str, object]:
     """Say what a run would read and cost; nothing is decoded and nothing kept.
 
     Returns

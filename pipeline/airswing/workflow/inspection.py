@@ -12,7 +12,7 @@ from airswing.errors import InputError, shortened
 from airswing.model_formats import model_formats
 
 
-def inspect_file(path: Path) -> dict[str, Any]:
+def inspect_file(path: Path) -> dict[str, object]:
     """Say what one file holds.
 
     Returns
@@ -85,7 +85,7 @@ def _proposal(path: Path, error: InputError) -> dict[str, Any] | None:
     return told
 
 
-def _winds(path: Path) -> dict[str, Any]:
+def _winds(path: Path) -> dict[str, object]:
     """What the model winds of a NetCDF file or a Zarr store are."""
     from airswing.reference.gridded.gridded_inspection import inspect_gridded
 

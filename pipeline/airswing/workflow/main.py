@@ -6,7 +6,6 @@ reports -> collocate -> headings -> screen -> fit -> table -> correct -> evaluat
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 
@@ -18,7 +17,7 @@ from airswing.workflow.headings_stage import make_headings
 from airswing.workflow.job import Job
 
 
-def run(job: Job) -> dict[str, Any]:
+def run(job: Job) -> dict[str, object]:
     """Do the main job: every stage, every product, the page.
 
     Returns
@@ -46,7 +45,7 @@ def make_page(
     headings: xr.Dataset,
     fits: xr.Dataset,
     corrected: xr.Dataset,
-    summary: dict[str, Any],
+    summary: dict[str, object],
     evaluation: Evaluation,
 ) -> Path:
     """The page a person opens first: ``report/index.html``.

@@ -63,7 +63,7 @@ class StageRecord:
         self._began = phase, now
         self.phase = f"{phase} {done:.0%}" if done else phase
 
-    def account(self) -> dict[str, Any]:
+    def account(self) -> dict[str, object]:
         """What is kept of a stage that is over."""
         found = asdict(self)
         del found["phase"], found["_began"]

@@ -30,7 +30,7 @@ import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal, Unpack
+from typing import Literal, Unpack
 
 import numpy as np
 import xarray as xr
@@ -90,7 +90,7 @@ class FleetSums:
     groups: dict[str, list[AircraftSums]]  # by reference and pool, one an aircraft
     members: dict[str, int]  # references in each
     options: Options
-    attributes: dict[str, Any]  # what the fits say about themselves
+    attributes: dict[str, object]  # what the fits say about themselves
 
 
 def fit_deviation(

@@ -27,7 +27,7 @@ def cross_validate(
     pools: Mapping[str, list[str]],
     reference: str,
     folds: int = 5,
-    whole: tuple[xr.Dataset, list[dict[str, Any]]] | None = None,
+    whole: tuple[xr.Dataset, list[dict[str, object]]] | None = None,
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Any,

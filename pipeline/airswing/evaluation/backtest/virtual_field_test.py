@@ -94,7 +94,7 @@ def virtual_field_test(
         windows.append(_windows(block, apart.before, after, kept & learn(block), late))
         judged = late & apart.done & corrected_here
         gains += gains_of(block, apart.before - after, judged)
-    result: dict[str, Any] = {
+    result: dict[str, object] = {
         "reference": reference,
         "learned_until": str(learned_until),
         "method": "table",

@@ -8,8 +8,6 @@ taken as correlated over the whole fleet, days as independent.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
@@ -226,7 +224,7 @@ def region_sums(
     return np.array(found, dtype=np.float64).reshape(3, regions, days)
 
 
-def regional_bias(sums: Floats) -> list[dict[str, Any]]:
+def regional_bias(sums: Floats) -> list[dict[str, object]]:
     """Mean wind difference of two references by region, and against the other regions.
 
     The two models' errors are shared by regions and last for days. So each region is also held
@@ -258,7 +256,7 @@ def regional_bias(sums: Floats) -> list[dict[str, Any]]:
             continue
         others = number.sum(axis=0) - own
         for component, values in (("eastward", sums[1]), ("northward", sums[2])):
-            entry: dict[str, Any] = {"region": int(region), "component": component, "days": days}
+            entry: dict[str, object] = {"region": int(region), "component": component, "days": days}
             entry |= _named("difference", *_block_mean(values[region], own, block))
             both = (own > 0) & (others > 0)
             entry["contrast"] = entry["contrast_p_value"] = None

@@ -8,7 +8,6 @@ same aircraft break this and come out too good; a negative variance is told as s
 from __future__ import annotations
 
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +45,7 @@ def hat_sums(
     return np.array(found).reshape(-1, 4, days)
 
 
-def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[dict[str, Any]]:
+def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[dict[str, object]]:
     """Estimate the error of each of three references for every triple, from their sums.
 
     Parameters

@@ -29,7 +29,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -253,7 +252,7 @@ def _labelled(
     tables = {name: _table(way or none, number) for name, way in ways.items()}
     fleets = {name: (way or none).fleet for name, way in ways.items()}
     cell_dims = ("flight_phase", "layer", "state")
-    data: dict[str, Any] = {}
+    data: dict[str, object] = {}
     chosen = tables.get(believed, tables["separation"])
     fleet = fleets.get(believed, fleets["separation"])
     _put(data, "observation_error", cell_dims, _root(chosen))
@@ -290,7 +289,7 @@ def _labelled(
     )
 
 
-def _put(data: dict[str, Any], name: str, dims: tuple[str, ...], drawn: Floats) -> None:
+def _put(data: dict[str, object], name: str, dims: tuple[str, ...], drawn: Floats) -> None:
     """A value and its interval, from what was found and drawn again."""
     data[name] = (dims, drawn[0])
     bounds = np.full((2, *drawn.shape[1:]), np.nan)
@@ -329,7 +328,7 @@ def _filled(table: Floats, fleet: Floats) -> Floats:
     return np.where(np.isfinite(table), table, layer)
 
 
-def _beside(found: Disagreements) -> dict[str, Any]:
+def _beside(found: Disagreements) -> dict[str, object]:
     """Counts, disagreement, median speed, and what others use."""
     edges = np.array(LEVEL_EDGES_HPA) * 100.0
     middle = 0.5 * (edges[:-1] + edges[1:])

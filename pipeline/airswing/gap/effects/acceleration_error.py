@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +24,12 @@ USUAL = 0.03
 """Acceleration in climb (negative in descent), in g, of an error that acts by phase alone."""
 
 
-def _by_phase(rng: np.random.Generator) -> dict[str, Any]:
+def _by_phase(rng: np.random.Generator) -> dict[str, object]:
     """Draw an error by phase: + in climb, - in descent, none in cruise."""
     return {"by_phase": True, "amplitude_deg": 10.0 * sign(rng)}
 
 
-def _out_of_cruise(frame: pd.DataFrame, values: Mapping[str, Any]) -> NDArray[np.bool_]:
+def _out_of_cruise(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.bool_]:
     return np.asarray(frame["phase"] != 2)
 
 
@@ -108,7 +108,7 @@ class AccelerationError(HeadingEffect):
         values = {"amplitude_deg": float(coefficients[k]) / DEGREE, "by_phase": k == 1 or None}
         return values, {"amplitude_deg": standard_error(covariance, k) / DEGREE}
 
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         out = np.zeros(2)

@@ -195,7 +195,7 @@ class Effect(ABC):
         """
 
     @abstractmethod
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """Coefficients (k,) of parameters: the inverse of `to_parameters`."""
 
     def testable(self, frame: Frame) -> str | None:

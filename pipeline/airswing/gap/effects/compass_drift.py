@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -74,7 +73,7 @@ class CompassDrift(HeadingEffect):
         }
         return dict(values), errors
 
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         return np.array([float(full[p.name]) * p.si for p in self.parameters])

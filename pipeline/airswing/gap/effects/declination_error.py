@@ -101,7 +101,7 @@ class DeclinationError(HeadingEffect):
         values["factor"] = 1.0 + factor
         return values, errors | {"factor": standard_error(covariance, 1)}
 
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         if full["epoch_year"] is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class OneCoefficient(Effect):
         value, error = float(coefficients[0]), standard_error(covariance)
         return {name: value / unit}, {name: error / unit}
 
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`: a change of unit."""
         first = self.parameters[0]
         return np.array([float(self.complete(values)[first.name]) * first.si])
@@ -80,7 +80,7 @@ class MomentEffect(Effect):
         """See `Effect.to_parameters`: nothing; the test that finds the effect states it."""
         return {}, {}
 
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`: no coefficient."""
         return np.zeros(0)
 
@@ -162,7 +162,7 @@ class OffsetAndCycle(HeadingEffect):
             },
         )
 
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         cycle = sine_cosine(float(full["amplitude_deg"]), float(full["phase_deg"]))

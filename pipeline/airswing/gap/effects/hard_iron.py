@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -82,7 +81,7 @@ class HardIron(HeadingEffect):
             {"amplitude_deg": error, "phase_deg": phase_error},
         )
 
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`; restated at the archive's H."""
         full = self.complete(values)
         stated = full["at_horizontal_field_nT"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class SoftIron(HeadingEffect):
             {"amplitude_deg": error, "phase_deg": phase_error},
         )
 
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         return sine_cosine(float(full["amplitude_deg"]), float(full["phase_deg"]))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -61,7 +60,7 @@ class TasScale(OneCoefficient):
         error = 100.0 * standard_error(covariance) / left**2
         return {"scale_percent": 100.0 * (1.0 / left - 1.0)}, {"scale_percent": error}
 
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`: scale / (1 + scale)."""
         scale = float(self.complete(values)["scale_percent"]) / 100.0
         return np.array([scale / (1.0 + scale)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pr
 from airswing.synthetic.sealed.draws import Draw
 
 
-def _late(rng: np.random.Generator) -> dict[str, Any]:
+def _late(rng: np.random.Generator) -> dict[str, object]:
     """Draw a wind that is late, never early."""
     return {"offset_s": 60.0}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ BANKED = float(np.radians(2.0))
 """Bank above which an aircraft turns, rad."""
 
 
-def _turning(frame: pd.DataFrame, values: Mapping[str, Any]) -> NDArray[np.bool_]:
+def _turning(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.bool_]:
     return np.asarray(frame["bank"].abs() > np.radians(2.0))
 
 

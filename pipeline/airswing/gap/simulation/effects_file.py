@@ -93,7 +93,7 @@ def write_effects(effects: Iterable[ActiveEffect], path: Path | str) -> Path:
     return write_text(Path(path), _HEADER + text)
 
 
-def plain_effects(effects: Iterable[ActiveEffect]) -> list[dict[str, Any]]:
+def plain_effects(effects: Iterable[ActiveEffect]) -> list[dict[str, object]]:
     """Give effects as plain lists and mappings, for YAML and JSON.
 
     Returns
@@ -172,7 +172,7 @@ def _entry(entry: Any, file: object | None) -> ActiveEffect:
     )
 
 
-def _parameters(effect: Effect, given: Mapping[Any, Any], file: object | None) -> dict[str, Any]:
+def _parameters(effect: Effect, given: Mapping[Any, Any], file: object | None) -> dict[str, object]:
     known = {parameter.name: parameter for parameter in effect.parameters}
     for name in given:
         if name not in known:

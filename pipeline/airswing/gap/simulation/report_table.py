@@ -76,7 +76,7 @@ def simulate_reports(
     frame = Frame.from_headings(headings, reference=reference, excluded=(), phases=tuple(PHASE))
     coding = Coding.of_archive(frame)
     sent = simulate(frame, effects=effects, noise=noise, coding=coding, seed=seed)
-    table: dict[str, Any] = {
+    table: dict[str, object] = {
         "tail": np.repeat(
             np.asarray(headings["aircraft"].values, dtype=object), headings["row_size"].values
         ),
@@ -156,7 +156,7 @@ def _with(
     return out
 
 
-def _level(headings: xr.Dataset) -> dict[str, Any]:
+def _level(headings: xr.Dataset) -> dict[str, object]:
     if "pressure_altitude" in headings:
         feet = np.asarray(headings["pressure_altitude"].values, dtype=np.float64) / FOOT
         return {"pressure_altitude_ft": feet.round(1)}
@@ -164,7 +164,7 @@ def _level(headings: xr.Dataset) -> dict[str, Any]:
     return {"pressure_hPa": hectopascal.round(3)}
 
 
-def _wind(size: int, sent: Frame) -> dict[str, Any]:
+def _wind(size: int, sent: Frame) -> dict[str, object]:
     speed, direction = wind_from_direction(sent.u_rep, sent.v_rep)
     degrees = np.where(speed > 0.0, np.degrees(direction), 0.0)
     blank = np.full(size, np.nan)
@@ -174,9 +174,9 @@ def _wind(size: int, sent: Frame) -> dict[str, Any]:
     }
 
 
-def _reported_air(headings: xr.Dataset, sent: Frame) -> dict[str, Any]:
+def _reported_air(headings: xr.Dataset, sent: Frame) -> dict[str, object]:
     """Airspeed and heading the unit would have sent, where the archive holds them."""
-    out: dict[str, Any] = {}
+    out: dict[str, object] = {}
     for name, column, values in (
         ("reported_airspeed", "true_airspeed_kt", sent.airspeed / KNOT),
         ("reported_heading", "heading_deg", np.degrees(sent.heading).round(3) % 360.0),

@@ -146,7 +146,7 @@ class Catalogue:
         return result
 
 
-def skip(file: str, what: str, reason: str, count: int = 1) -> dict[str, Any]:
+def skip(file: str, what: str, reason: str, count: int = 1) -> dict[str, object]:
     """One entry of `Catalogue.skipped`."""
     return {"file": file, "what": what, "reason": reason, "count": count}
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from typing import Any
 
 import numpy as np
 
@@ -34,7 +33,7 @@ _PACKINGS = {
 }
 
 
-def inspect_grib(path: str | os.PathLike[str]) -> dict[str, Any]:
+def inspect_grib(path: str | os.PathLike[str]) -> dict[str, object]:
     """What a GRIB file holds.
 
     Returns
@@ -75,7 +74,7 @@ def _packing(edition: int, number: int) -> str:
     return f"GRIB{edition} " + _PACKINGS[edition].get(number, f"template {number}")
 
 
-def _winds(contents: FileContents) -> list[dict[str, Any]]:
+def _winds(contents: FileContents) -> list[dict[str, object]]:
     groups: dict[tuple[int, int, int, int], dict[float, set[int]]] = {}
     for row in contents.fields:
         key = (row.valid, row.lead, row.member, row.level_kind)
@@ -102,7 +101,7 @@ def _winds(contents: FileContents) -> list[dict[str, Any]]:
     return found
 
 
-def _grid(edition: int, section: bytes) -> dict[str, Any]:
+def _grid(edition: int, section: bytes) -> dict[str, object]:
     grid = read_grid(edition, section)
     south, north, west, east = grid.outline()
     return {

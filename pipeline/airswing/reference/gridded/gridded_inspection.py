@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from airswing.reference.geometry.model_time import HYBRID
@@ -15,7 +13,7 @@ from airswing.reference.gridded.gridded_catalogue import (
 )
 
 
-def inspect_gridded(path: str) -> dict[str, Any]:
+def inspect_gridded(path: str) -> dict[str, object]:
     """What the model winds of a file are, for people, ready for JSON; opened by its content.
 
     Raises

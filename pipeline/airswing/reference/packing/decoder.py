@@ -207,7 +207,7 @@ def keys_beside(message: bytes, names: Sequence[str]) -> dict[str, Any]:
     UnreadableMessageError
         Where there is none, or the decoder dies of it.
     """
-    found: dict[str, Any] = json.loads(
+    found: dict[str, object] = json.loads(
         _POOL.ask(KEYS, message, 0, json.dumps(list(names)).encode())
     )
     return found
@@ -226,7 +226,7 @@ def array_beside(message: bytes, name: str, size: int) -> Floats:
 
 def reports_beside(
     messages: Sequence[bytes], columns: Sequence[str], tables: tuple[int, int, int]
-) -> tuple[list[dict[str, Any]], int]:
+) -> tuple[list[dict[str, object]], int]:
     """Reports of framed BUFR messages, read by pdbufr in another process; how many give none.
 
     Where the process does not survive a message it is found by asking for each alone. ``tables``

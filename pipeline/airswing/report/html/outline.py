@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,7 +24,7 @@ from airswing.report.html.style import SOFT
 
 Floats = NDArray[np.float64]
 
-LAYERS: dict[str, dict[str, Any]] = {
+LAYERS: dict[str, dict[str, object]] = {
     "state": {"color": "#c3cad2", "linewidth": 0.5},
     "border": {"color": "#98a2ae", "linewidth": 0.7},
     "lake": {"color": SOFT, "linewidth": 0.6},

@@ -24,7 +24,6 @@ import os
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -95,7 +94,7 @@ def _bufr_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataF
 
 def _tables(path: Path, audit: Audit) -> Iterator[pd.DataFrame]:
     """Reports of some thousand messages at a time."""
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     messages = _framed(path, audit)
     while taken := list(itertools.islice(messages, _MESSAGES_TOGETHER)):
         # ecCodes may die of a damaged message, so that they are read in another process.

@@ -167,7 +167,7 @@ def _piece(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
         if name in file.variables
     }
     seconds = _number(file["timeObs"], path)
-    piece: dict[str, Any] = {
+    piece: dict[str, object] = {
         "tail": _strings(file[tail]),
         "time": from_epoch(seconds),
         "time_blank": ~(seconds > 0.0),  # a time too late is unparsable, not blank

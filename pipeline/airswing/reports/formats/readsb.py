@@ -69,7 +69,7 @@ def _readsb_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
     yield _piece(flying, str(content.get("icao", "")).lstrip("~").upper(), float(begun))
 
 
-def _content(path: Path) -> dict[str, Any]:
+def _content(path: Path) -> dict[str, object]:
     with path.open("rb") as file:
         octets = file.read(MOST_OCTETS + 1)
     if octets[:2] == b"\x1f\x8b":
@@ -97,7 +97,7 @@ def _piece(points: list[list[Any]], tail: str, begun: float) -> pd.DataFrame:
     extras = [_extra(point) for point in points]
     seconds = begun + column(0)
     roll = np.array([_float(extra.get("roll")) for extra in extras])
-    piece: dict[str, Any] = {
+    piece: dict[str, object] = {
         "tail": tail,
         "time": from_epoch(seconds),
         "latitude": column(1),
@@ -114,7 +114,7 @@ def _piece(points: list[list[Any]], tail: str, begun: float) -> pd.DataFrame:
     return pd.DataFrame(piece)
 
 
-def _extra(point: list[Any]) -> dict[str, Any]:
+def _extra(point: list[Any]) -> dict[str, object]:
     return point[8] if len(point) > 8 and isinstance(point[8], dict) else {}
 
 

@@ -33,7 +33,7 @@ __all__ = [
 _STEADY = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset", "three_cycle")
 
 
-def fleet_deviations(tails: Sequence[str], seed: int) -> list[dict[str, Any]]:
+def fleet_deviations(tails: Sequence[str], seed: int) -> list[dict[str, object]]:
     """Return ordinary compass errors for a fleet.
 
     Returns
@@ -43,7 +43,7 @@ def fleet_deviations(tails: Sequence[str], seed: int) -> list[dict[str, Any]]:
         two cycles on every fifth; airspeed scale of 0.3 %.
     """
     rng = stream(seed, "deviations")
-    effects: list[dict[str, Any]] = []
+    effects: list[dict[str, object]] = []
 
     def add(name: str, tail: str, **parameters: float) -> None:
         rounded = {key: round(float(value), 3) for key, value in parameters.items()}
@@ -81,7 +81,9 @@ _PER_UNIT = {
 }
 
 
-def small_effects(tails: Sequence[str], seed: int, *, days: float = 45.0) -> list[dict[str, Any]]:
+def small_effects(
+    tails: Sequence[str], seed: int, *, days: float = 45.0
+) -> list[dict[str, object]]:
     """Return a little of every effect for every aircraft, and one per cent of gross errors.
 
     Parameters
@@ -95,7 +97,7 @@ def small_effects(tails: Sequence[str], seed: int, *, days: float = 45.0) -> lis
         Effects of 0.05-0.15 m/s where they act (`LITTLE`), of either sign; lags are late.
     """
     rng = stream(seed, "background")
-    effects: list[dict[str, Any]] = []
+    effects: list[dict[str, object]] = []
     for tail in tails:
         for name, (parameter, strength) in _PER_UNIT.items():
             size = rng.uniform(*LITTLE) / strength
@@ -244,7 +246,7 @@ def truth_record(
 
 def save_truth(
     folder: Path,
-    record: Mapping[str, Any],
+    record: Mapping[str, object],
     *,
     seed: int,
     start: datetime,

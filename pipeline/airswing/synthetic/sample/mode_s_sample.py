@@ -10,7 +10,6 @@ in 16 bits as the Climate Data Store packed it. Valid for middle latitudes; over
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -93,7 +92,7 @@ def write_mode_s(
     return AIRCRAFT
 
 
-def _packed() -> dict[str, Any]:
+def _packed() -> dict[str, object]:
     return {"dtype": "int16", "scale_factor": 0.002, "add_offset": 10.0, "_FillValue": -32767} | {
         "zlib": True,
         "complevel": 1,

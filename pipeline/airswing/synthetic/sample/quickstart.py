@@ -13,7 +13,6 @@ from __future__ import annotations
 import sys
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from airswing.synthetic.sample.sample_archive import write_archive
 
@@ -28,7 +27,7 @@ CORRECTED = ("N401", "N404")
 
 def _compass(
     tail: str, offset: float, amplitude: float, phase: float, scale: float
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """Return the ordinary faults of one unit."""
     sizes: dict[str, dict[str, float]] = {
         "compass_offset": {"offset_deg": offset},
@@ -39,7 +38,7 @@ def _compass(
 
 
 # What is wrong with the six units.
-EFFECTS: list[dict[str, Any]] = [
+EFFECTS: list[dict[str, object]] = [
     *_compass("N401", 0.8, 5.8, 35.0, 0.4),
     *_compass("N402", -1.2, 1.4, -110.0, -0.3),
     *_compass("N403", 0.5, 2.6, 160.0, 0.1),

@@ -24,7 +24,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import eccodes
 import numpy as np
@@ -287,7 +286,7 @@ def write_archive(
     *,
     aircraft: int = 12,
     seed: int = 1,
-    effects: Sequence[Mapping[str, Any]] | None = None,
+    effects: Sequence[Mapping[str, object]] | None = None,
     output: str | None = None,
 ) -> Path:
     """Write the reports of one day flown through a real run, and a configuration for them.
@@ -339,7 +338,7 @@ def write_archive(
     return target
 
 
-def _config(root: Path, files: list[str], start: datetime, output: str | None) -> dict[str, Any]:
+def _config(root: Path, files: list[str], start: datetime, output: str | None) -> dict[str, object]:
     """Return the configuration of a day on real winds."""
     first = [name for name in files if f"{start:%Y%m%d%H}" in Path(name).name]
     later = [name for name in files if name not in first]

@@ -302,10 +302,10 @@ def write_reports(
         part.to_csv(directory / f"{tail}.csv", index=False)
 
 
-def _config(directory: str, scenario: Scenario, made: _Simulated, output: str) -> dict[str, Any]:
+def _config(directory: str, scenario: Scenario, made: _Simulated, output: str) -> dict[str, object]:
     """Return the configuration of an archive."""
     suffix = {1: "grb", 2: "grb2"}
-    config: dict[str, Any] = {
+    config: dict[str, object] = {
         "reports": {"files": f"{directory}/reports/*.csv"},
         "references": {
             name: {"files": f"{directory}/{name}/*.{suffix[_EDITION[name]]}"}

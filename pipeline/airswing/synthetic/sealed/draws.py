@@ -66,7 +66,7 @@ class Signed:
     key: str
     value: float = 1.0
 
-    def __call__(self, rng: np.random.Generator) -> dict[str, Any]:
+    def __call__(self, rng: np.random.Generator) -> dict[str, object]:
         """Return the parameter."""
         return {self.key: self.value * sign(rng)}
 
@@ -75,7 +75,7 @@ class Signed:
 class Cycle:
     """Draws one cycle of any phase."""
 
-    def __call__(self, rng: np.random.Generator) -> dict[str, Any]:
+    def __call__(self, rng: np.random.Generator) -> dict[str, object]:
         """Return amplitude and phase."""
         return {"amplitude_deg": 1.0, "phase_deg": _phase(rng)}
 
@@ -84,7 +84,7 @@ class Cycle:
 class Both:
     """Draws an offset with one cycle of any share beside it."""
 
-    def __call__(self, rng: np.random.Generator) -> dict[str, Any]:
+    def __call__(self, rng: np.random.Generator) -> dict[str, object]:
         """Return offset, amplitude and phase."""
         share = float(rng.uniform(0.0, 1.0))
         offset = sign(rng) * (1.0 - 0.5 * share)

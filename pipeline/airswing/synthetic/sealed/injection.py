@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -215,7 +214,7 @@ def _moments(
 
 
 def write_model_case(
-    folder: Path, real: Path, effects: Sequence[Mapping[str, Any]], world: World
+    folder: Path, real: Path, effects: Sequence[Mapping[str, object]], world: World
 ) -> dict[str, float]:
     """Write a case on a real forecast run and measure its true closure.
 

@@ -97,7 +97,7 @@ def _tails(rng: np.random.Generator, tails: Sequence[str]) -> list[str] | None:
     return sorted(str(tail) for tail in rng.choice(list(tails), number, replace=False))
 
 
-def _moving(rng: np.random.Generator, shape: str, size: float) -> dict[str, Any]:
+def _moving(rng: np.random.Generator, shape: str, size: float) -> dict[str, object]:
     """Draw component and parts of an effect on the mean."""
     component = str(rng.choice(COMPONENTS))
     first = _variable(rng, component, shape)
@@ -143,7 +143,7 @@ def _dated(shape: str) -> bool:
     return shape in ("step", "hinge", "sector")
 
 
-def _part(rng: np.random.Generator, variable: str, shape: str) -> dict[str, Any]:
+def _part(rng: np.random.Generator, variable: str, shape: str) -> dict[str, object]:
     """Draw where and how wide."""
     if variable in FLAGS:
         value = 1.0 if variable == "icing" else float(rng.choice(_PHASES))
@@ -158,10 +158,10 @@ def _part(rng: np.random.Generator, variable: str, shape: str) -> dict[str, Any]
     }
 
 
-def _scatter(rng: np.random.Generator, size: float) -> dict[str, Any]:
+def _scatter(rng: np.random.Generator, size: float) -> dict[str, object]:
     """Draw an effect that moves no mean."""
     kind = str(rng.choice(list(SCATTER)))
-    values: dict[str, Any] = {"kind": kind, "shape": "scatter", "component": "scatter"}
+    values: dict[str, object] = {"kind": kind, "shape": "scatter", "component": "scatter"}
     if kind == "floor":
         values |= {"limit_kt": float(rng.integers(6, 16)), "parts": []}
     elif kind == "ceiling":

@@ -23,7 +23,7 @@ def digest_of(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def seal(labels: Sequence[Mapping[str, Any]], folder: Path) -> str:
+def seal(labels: Sequence[Mapping[str, object]], folder: Path) -> str:
     """Write the labels into a folder of their own and publish their digest beside it.
 
     Parameters
@@ -66,5 +66,5 @@ def open_seal(folder: Path, *, digest: str) -> list[dict[str, Any]]:
             found=found,
             remedy=f"published: {digest}",
         )
-    labels: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+    labels: list[dict[str, object]] = json.loads(path.read_text(encoding="utf-8"))
     return labels

@@ -153,11 +153,11 @@ def _corrected(pairs: xr.Dataset, section: Postprocess) -> xr.Dataset:
     return xr.merge([corrected, score_forecasts(corrected)], combine_attrs="override")
 
 
-def _summary(made: xr.Dataset) -> dict[str, Any]:
+def _summary(made: xr.Dataset) -> dict[str, object]:
     """Scores on the days held out, for printing."""
     own = made.sel(period="held_out")
     names = ("forecast_error_mean", "forecast_error_centred_rms", "forecast_error_rms", "skill")
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     for variable in map(str, own["variable"].to_numpy()):
         one = own.sel(variable=variable)
         found[variable] = {

@@ -43,7 +43,7 @@ def correct_month(job: Job, fits: xr.Dataset) -> bool:
     return True
 
 
-def _applied(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str, Any]:
+def _applied(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str, object]:
     """What the winds of a month's aircraft are corrected by."""
     names = headings["aircraft"].to_numpy().astype(str)
     known = fits["aircraft"].to_numpy().astype(str)

@@ -167,7 +167,7 @@ def keep_arrays(path: Path, mark: str, arrays: Arrays) -> None:
 
 
 def by_group(
-    arrays: Arrays, groups: Mapping[str, Any], undo: Callable[[Arrays], Any]
+    arrays: Arrays, groups: Mapping[str, object], undo: Callable[[Arrays], Any]
 ) -> dict[str, Any]:
     """What the arrays of every group hold.
 

@@ -39,7 +39,7 @@ class Axes(NamedTuple):
     outer: tuple[str, ...]  # dimensions of time and member, in order
     member: str  # the ensemble's and the alternatives' dimension, empty without
     either: str
-    crs: dict[str, Any] | None  # attributes of the grid mapping, None where there is none
+    crs: dict[str, object] | None  # attributes of the grid mapping, None where there is none
 
     @property
     def y_dim(self) -> str:
