@@ -446,7 +446,7 @@ def test_swapped_aircraft_show_each_others_errors_from_the_date_on(perfect):
         difference(perfect, "tail_swap", {"pair": ["N401", "N999"]})
     with pytest.raises(InputError, match="two aircraft"):
         difference(perfect, "tail_swap", {"pair": "N401"})
-    reason = CATALOGUE["tail_swap"].testable(perfect.of_aircraft("N401"))
+    reason = CATALOGUE["tail_swap"].testable(perfect.take(perfect.aircraft_mask("N401")))
     assert reason == "only one aircraft in these reports"
 
 

@@ -88,7 +88,7 @@ def sent(tmp_path_factory):
 
 def test_effects_are_found_in_the_archive_that_was_written(sent):
     assert sent.size > 900
-    one = sent.of_aircraft("N401")
+    one = sent.take(sent.aircraft_mask("N401"))
     iron, scale = (CATALOGUE[a.name] for a in EFFECTS)
     design = np.concatenate([iron.columns(one), scale.columns(one)]).reshape(3, -1).T
     fit = np.linalg.lstsq(design, linear_residual(one).ravel(), rcond=None)[0]

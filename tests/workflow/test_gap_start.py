@@ -194,5 +194,5 @@ def test_reports_named_otherwise_are_read_by_the_archive_s_names(archive, frame,
     reports = job.config.reports.model_copy(update={"columns": {"spd": "wind_speed_kt"}})
     config = job.config.model_copy(update={"reports": reports})
     job = replace(job, config=config)
-    start = begin(job, own.of_aircraft("N401"), simulated=str(tmp_path / "own.csv"))
+    start = begin(job, own.take(own.aircraft_mask("N401")), simulated=str(tmp_path / "own.csv"))
     assert np.abs(start.frame.residual).max() < 1e-6

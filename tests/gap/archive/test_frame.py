@@ -117,11 +117,11 @@ def test_part_of_an_archive_takes_its_constants(archive):
 
 def test_aircraft_are_chosen_by_name(archive):
     frame = Frame.from_headings(archive, reference="ruc")
-    one = frame.of_aircraft("N402")
+    one = frame.take(frame.aircraft_mask("N402"))
     assert set(one.aircraft) == {1}
     assert one.size == int(archive.row_size[1])
     with pytest.raises(InputError, match="N999"):
-        frame.of_aircraft(["N401", "N999"])
+        frame.take(frame.aircraft_mask(["N401", "N999"]))
 
 
 def test_step_distance_by_hand(archive):

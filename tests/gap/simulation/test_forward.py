@@ -83,7 +83,7 @@ def test_effect_strikes_the_aircraft_and_the_period_it_names(archive):
     struck = np.hypot(*simulate(archive, effects=[effect]).residual.T) > 1.0
     expected = (archive.aircraft == 1) & (archive.time >= start) & (archive.time < end)
     np.testing.assert_array_equal(struck, expected)
-    assert 0 < expected.sum() < archive.of_aircraft("N402").size
+    assert 0 < expected.sum() < archive.take(archive.aircraft_mask("N402")).size
 
 
 def test_a_chunk_is_simulated_as_in_the_whole(archive):

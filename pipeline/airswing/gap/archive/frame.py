@@ -169,21 +169,6 @@ class Frame:
         """
         return replace(self, **{name: getattr(self, name)[index] for name in REPORT_FIELDS})
 
-    def of_aircraft(self, tails: str | Sequence[str]) -> Frame:
-        """Keep the reports of the aircraft named; indices into `tails` stay what they were.
-
-        Parameters
-        ----------
-        tails : str or sequence of str
-            Names of aircraft.
-
-        Raises
-        ------
-        InputError
-            An aircraft is not in the archive.
-        """
-        return self.take(self.aircraft_mask(tails))
-
     def aircraft_mask(self, tails: str | Sequence[str]) -> NDArray[np.bool_]:
         """Mark, (n,) bool, the reports that are of the aircraft named."""
         wanted = [tails] if isinstance(tails, str) else list(tails)

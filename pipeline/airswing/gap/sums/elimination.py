@@ -112,8 +112,6 @@ class Conditional:
     score: Floats  # (A, D, p)
     fleet_gram: Floats  # (p, p)
     fleet_score: Floats  # (D, p)
-    included_gram: Floats  # (m, m)
-    included_score: Floats  # (D, m)
     lasting_share: Floats  # (p,): see :attr:`Base.lasting_share`
     background: Floats | None = None  # (2, T)
     scattered: Floats | None = None  # (p,): see :class:`Base`
@@ -187,8 +185,6 @@ def condition(
         score,
         base.fleet_gram - total.T @ total,
         base.fleet_score - fit.score @ fit.covariance @ fleet,
-        fit.gram,
-        fit.score,
         base.lasting_share,
         base.background,
         base.scattered,
