@@ -22,7 +22,11 @@ def test_of_scatter_and_winds_sent_otherwise_the_one_that_closes_more(
     )
     jitter = SimpleNamespace(tails=["N2"])
     floor = SimpleNamespace(
-        aircraft=(0, 1), speeds=np.zeros(2), closes=floor_closes, closes_error=0.01
+        aircraft=(0, 1),
+        component="reported_speed",
+        speeds=np.zeros(2),
+        closes=floor_closes,
+        closes_error=0.01,
     )
     monkeypatch.setattr(f"{module}.reduction_of_jitter", lambda *_: Reduction(0.1, 0.01))
     monkeypatch.setattr(f"{module}._scatters", lambda p, r, g, known: None if known else jitter)

@@ -239,11 +239,12 @@ def _next_unknown(final: Pass, witness: LearnedWitness) -> tuple[Taken, Frame] |
     values = term_coefficients(found.given, found.terms)
     named = [k for k, term in enumerate(found.terms) if term.candidate.known]
     about = FoundFirst.of(problem, [found.terms[k] for k in named], [values[k] for k in named])
-    rest = problem.archive.residual
+    rest, linear = problem.archive.residual, None
     if named:
-        rest = about(problem.archive, problem.context)[0]
+        rest, linear = about(problem.archive, problem.context)
     fold = folds_of_days(problem.base.stats)
-    return next_unknown(Setting.of(problem), problem.effects, rest, fold, witness)
+    setting = Setting.of(problem)
+    return next_unknown(setting, problem.effects, rest, fold, witness, linear=linear)
 
 
 def _name_of(final: Pass, taken: Taken, left: Frame) -> Doubtful | None:

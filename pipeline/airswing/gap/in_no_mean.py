@@ -15,7 +15,11 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.closure.of_scatter import Reduction, reduction_of_jitter
+from airswing.gap.closure.of_scatter import (
+    Reduction,
+    reduction_of_jitter,
+    reduction_of_steps,
+)
 from airswing.gap.held_out.days_left_out import folds_of_days
 from airswing.gap.passes import Search
 from airswing.gap.search.coding_and_outliers import MomentVerdict
@@ -59,7 +63,7 @@ def in_no_mean(
     jittery : Scattering or None
     sent : SentWinds or None
     closes : dict
-        What either closes, by ``scatter`` and ``reported_speed``.
+        What either closes, by ``scatter``, ``reported_speed`` and ``reported_direction``.
     """
     explained = {tail for moment in moments for tail in moment.tails}
     # single gross errors with a name are left out: their aircraft may scatter besides
@@ -68,28 +72,35 @@ def in_no_mean(
     jittery = _scatters(problem, rest, struck, explained - set(erring))
     search.tell("sent winds", 0.0)
     sent = _sent_otherwise(problem, rest, explained)
-    closes = _closes(rest, jittery, sent, struck)
+    closes = _closes(problem, rest, jittery, sent, struck)
     if jittery is not None and sent is not None:
         # either shows in the other: a floor of the speeds scatters, jitter sends other speeds
-        if closes.get("reported_speed", NOTHING).kt > closes["scatter"].kt:
+        if closes.get(sent.component, NOTHING).kt > closes["scatter"].kt:
             tails = {problem.archive.tails[a] for a in sent.aircraft}
             jittery = _scatters(problem, rest, struck, (explained - set(erring)) | tails)
         else:
             sent = _sent_otherwise(problem, rest, explained | set(jittery.tails))
-        closes = _closes(rest, jittery, sent, struck)
+        closes = _closes(problem, rest, jittery, sent, struck)
     search.tell("where", 0.0)
     return jittery, sent, closes
 
 
 def _closes(
-    rest: Floats, jittery: Scattering | None, sent: SentWinds | None, struck: NDArray[np.bool_]
+    problem: Problem,
+    rest: Floats,
+    jittery: Scattering | None,
+    sent: SentWinds | None,
+    struck: NDArray[np.bool_],
 ) -> dict[str, Reduction]:
     """How far the disagreement shrinks without either, where it is known."""
     closes = {}
     if jittery is not None:
         closes["scatter"] = reduction_of_jitter(rest, jittery, struck)
     if sent is not None and sent.speeds is not None:
-        closes["reported_speed"] = Reduction(sent.closes, sent.closes_error)
+        closes[sent.component] = Reduction(sent.closes, sent.closes_error)
+    elif sent is not None and sent.lattice is not None:
+        steps = reduction_of_steps(problem.archive, rest, sent.lattice, sent.aircraft)
+        closes[sent.component] = steps
     return closes
 
 

@@ -8,12 +8,14 @@ from tests.gap.toy import make_frame
 from tests.gap.witness.test_learned import setting_of
 
 from airswing.errors import InputError
+from airswing.gap.archive.direction_lattice import lattice_of
+from airswing.gap.closure.of_scatter import reduction_of_steps
 from airswing.gap.effects.base import ActiveEffect
 from airswing.gap.effects.empirical import mapped_speed
 from airswing.gap.search.coding_and_outliers import wind_coding
 from airswing.gap.simulation.forward import simulate
 from airswing.gap.witness.bench import Bench
-from airswing.gap.witness.sent_winds import sent_winds
+from airswing.gap.witness.sent_winds import sent_winds, struck_of
 from airswing.units import KNOT
 
 
@@ -70,6 +72,35 @@ def test_directions_that_are_never_sent_are_told(plain):
     assert found is not None and found.telling[0] == "wind_direction"
     assert found.speeds is None
     assert found.directions.max() > 0.5  # the sectors that hold the eight directions
+    assert found.lattice.step == 45.0 and found.lattice.share > 0.95
+    assert found.lattice.below == pytest.approx(25 * KNOT, rel=0.05)
+    true = (np.hypot(*turned.residual.T).mean() - np.hypot(*plain.residual.T).mean()) / KNOT
+    closes = reduction_of_steps(turned, turned.residual, found.lattice, found.aircraft)
+    assert closes.interval[0] < true < closes.interval[1]
+    assert closes.kt == pytest.approx(true, rel=0.1)
+
+
+@pytest.mark.parametrize(("step", "below", "share"), [(22.5, 12.0, 1.0), (30.0, 9.0, 0.7)])
+def test_steps_of_directions_are_read_off_the_winds_sent(step, below, share):
+    rng = np.random.default_rng(2)
+    wind = rng.normal(3.0, 8.0, (2, 6000))
+    speed, turn = np.hypot(*wind), np.degrees(np.arctan2(*wind))
+    hit = (speed < below) & (rng.uniform(size=speed.size) < share)
+    whole = np.radians(np.round(np.where(hit, step * np.round(turn / step), turn)))
+    found = lattice_of(speed * np.sin(whole), speed * np.cos(whole))
+    assert found.step == step
+    assert (found.below, found.share) == pytest.approx((below, share), rel=0.06)
+    assert lattice_of(*wind) is None
+
+
+def test_what_hardly_shows_on_one_aircraft_shows_on_a_fleet():
+    rng = np.random.default_rng(0)
+    error, level = 0.013, 0.04
+    fleet = level * rng.uniform(0.5, 1.5, 14) + error * rng.standard_normal(14)
+    assert struck_of(fleet, error).sum() >= 13
+    few = error * rng.standard_normal(14)
+    few[[2, 7]] = 0.1, 0.14
+    assert list(np.flatnonzero(struck_of(few, error))) == [2, 7]
 
 
 def test_a_map_of_speeds_is_simulated(plain):

@@ -1,6 +1,7 @@
 """Sums and evidence against dense algebra; unknowns put into small archives and found again."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise.whitening import whiten
 from airswing.gap.result.effect_entries import active_effects
 from airswing.gap.sums.variance_components import SLOPE_SD, Variances
+from airswing.gap.witness import taken_off
 from airswing.gap.witness.bench import Bench
 from airswing.gap.witness.fitted_tables import LEAST_EVIDENCE, fitted, left_out, stands
 from airswing.gap.witness.ground import BACKGROUND, plain_sums, prepare, steady_columns
@@ -223,3 +225,16 @@ def test_cells_merged_are_means_of_their_reports():
     np.testing.assert_allclose(made.by_fold[0], made.values)
     alone = merged(SimpleNamespace(cells=lambda grid: cells), table, over=0)
     np.testing.assert_allclose(alone.values, [[42 / 9, 15, 42 / 9, 15, 42 / 9, 15]])
+
+
+def test_a_table_does_not_lead_by_small_scales_that_a_name_cannot_help(monkeypatch):
+    """A model 8 % too weak, whose small scales are in part wrong: name and table say the same."""
+    rng = np.random.default_rng(3)
+    large, small, error = (sd * rng.standard_normal((500, 2)) for sd in (10.0, 4.0, 2.0))
+    bench = SimpleNamespace(residuals=(0.08 * large - 0.4 * small + error)[None])
+    name, columns = 0.08 * (large + small), 0.08 * large
+    monkeypatch.setattr(taken_off, "field_of", lambda *_: 0.079 * large)
+    fold = np.zeros(1, int)
+    assert taken_off._leads(bench, None, (name,), fold)
+    assert not taken_off._leads(bench, None, (name, columns), fold)
+    assert taken_off._leads(bench, None, (0.5 * name, 0.5 * columns), fold)

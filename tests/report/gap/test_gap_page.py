@@ -16,11 +16,13 @@ from tests.report.run.test_page import parsed
 from tests.report.test_figures import check_figure
 
 from airswing.gap.result.schema import (
+    ClosesEntry,
     GapReport,
     MeanEntry,
     PlaceEntry,
     RivalEntry,
     StepEntry,
+    StepsEntry,
     TailEntry,
     UnknownClosureEntry,
     UnknownEntry,
@@ -106,6 +108,17 @@ def test_verdict_says_unknown_and_where(gap: GapReport) -> None:
     assert "comes nearest, which explains 92 % of it, though days left out do not" in text
     far = verdict(replace(alone, unknown=unknown(replace(near, nearest_effect_share=0.3))))
     assert "no known effect explains it (" in far and "explains 30 % of it)" in far
+    sent = replace(
+        place,
+        component="reported_direction",
+        variables=["wind_direction"],
+        steps=StepsEntry(45.0, 25.2, 1.0),
+        closure=ClosesEntry(0.36, [0.31, 0.41]),
+    )
+    assert verdict(replace(alone, unknown=unknown(sent))).endswith(
+        "; directions come in steps of 45° up to 25 kt, which lengthens the disagreement by "
+        "0.36 kt (0.31 to 0.41), though no report can be turned back."
+    )
     both = replace(gap, unknown=unknown(table))
     assert verdict(both).endswith(
         "Something unknown remains (altitude by temperature, across the heading: N403); a table "

@@ -25,6 +25,7 @@ from airswing.gap.result.schema import (
     NoiseEntry,
     PlaceEntry,
     SliceEntry,
+    StepsEntry,
     TailEntry,
 )
 from airswing.gap.search.coding_and_outliers import MomentVerdict
@@ -100,30 +101,32 @@ def sent_place(
     """Place of winds that are sent otherwise than simulated: a map of speeds, or directions."""
     # as for a table: three quarters of the fleet are taken for all of it
     whole = len(found.aircraft) >= 0.75 * len(tails)
-    component = "reported_direction"
     curve = CurveEntry(
         [f"{10 * k}" for k in range(36)], [100.0 * x for x in found.directions], unit="percent"
     )
     size = 0.0
     if found.speeds is not None and found.sent is not None:
-        component = "reported_speed"
         size = float(np.sqrt(np.mean((found.sent - found.speeds) ** 2)))
         curve = _speed_map(_floats(found.speeds), _floats(found.sent))
+    steps, grid = None, found.lattice
+    if grid is not None:
+        steps = StepsEntry(grid.step, grid.below / KNOT, grid.share)
     return PlaceEntry(
-        component=component,
+        component=found.component,
         variable=found.telling[0],
         variables=list(found.telling),
-        group=f"{component}:{found.telling[0]}",
+        group=f"{found.component}:{found.telling[0]}",
         tails=[] if whole else [tails[a] for a in found.aircraft],
         scope="fleet" if whole else "aircraft",
         evidence_nats=round(found.evidence, 2),
         probability=_plain_probability(found.evidence),
         size_m_s=size,
         curve=curve,
-        closure=closes(scatter[component])
-        if component in scatter
-        else None,  # of directions it is not known
+        closure=closes(scatter[found.component])
+        if found.component in scatter
+        else None,  # of directions otherwise than in steps it is not known
         settled_by=BEFORE_CODING,
+        steps=steps,
     )
 
 

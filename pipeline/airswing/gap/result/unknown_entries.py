@@ -94,7 +94,7 @@ def _with_closures(places: Sequence[PlaceEntry], found: Found, whole: Closure) -
         before = after
     out = []
     for place in places:
-        # else of scatter, told where it was found; of directions as sent it is not known
+        # else of scatter, told where it was found; of directions not in steps it is not known
         if place.closure is None and place.component != "reported_direction":
             own = [step for step in steps if step[0] == place.group]
             _, reduction, low, high = own[0] if own else ("", 0.0, 0.0, 0.0)

@@ -24,7 +24,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
+from airswing.gap.archive.direction_lattice import Lattice, lattice_of
 from airswing.gap.effects.empirical import mapped_speed
 from airswing.gap.simulation.forward import Coding
 from airswing.gap.witness.bench import Bench
@@ -42,9 +44,9 @@ LEAST_AREA, SIGNIFICANT = 0.025, 4.0
 LEAST_ERROR = 0.004
 #: Share of the clearest variable's loss from which another counts.
 TELLING = 0.5
-#: Of the clearest aircraft's area beyond a half the share from which another has it, and the least:
-#: three standard errors of one aircraft's.
-STRUCK = (0.35, 0.03)
+#: Spread of the areas of aircraft that have the same effect, as a share of their mean: routes
+#: differ in how often they meet it.
+UNEVEN = 0.4
 #: Variables the trees see; those by which an effect on the wind sent is told come first.
 SEEN = ("wind_speed", "wind_direction", "altitude", "hour")
 #: Quantiles of the map of speeds, and the least change that is one, m/s and standard errors.
@@ -69,6 +71,12 @@ class SentWinds:
     closes_error: float
     # (36,): reports beside simulated ones in each ten degrees of direction, as a share less 1
     directions: Floats
+    lattice: Lattice | None = None  # steps in which they come
+
+    @property
+    def component(self) -> str:
+        """Name under which it is told."""
+        return "reported_direction" if self.speeds is None else "reported_speed"
 
     @property
     def evidence(self) -> float:
@@ -113,7 +121,8 @@ def sent_winds(bench: Bench, fold: Integers, *, without: Sequence[int] = ()) -> 
     area = _area(trees)
     if area - 0.5 < LEAST_AREA - LEAST_ERROR:  # no simulated archive would make it count
         return None
-    alike = [_area(_trees(bench, sample, k)) for k in range(2, len(bench.winds))]
+    others = [_trees(bench, sample, k) for k in range(2, len(bench.winds))]
+    alike = [_area(halves) for halves in others]
     simulated = float(np.mean(alike))
     error = max(float(np.std(alike, ddof=1)) if len(alike) > 1 else 0.0, LEAST_ERROR)
     if area - simulated < max(LEAST_AREA, SIGNIFICANT * error):
@@ -124,15 +133,16 @@ def sent_winds(bench: Bench, fold: Integers, *, without: Sequence[int] = ()) -> 
     if most < 0.5 * (real.area - 0.5) or most < max(real.loss.values()):
         return None  # what the weather of these days had, not what is sent of it
     telling = tuple(n for n, x in sorted(winds.items(), key=lambda i: -i[1]) if x >= TELLING * most)
-    clearest = float(np.nanmax(real.by_aircraft))
-    own = real.by_aircraft - 0.5 >= max(STRUCK[0] * (clearest - 0.5), STRUCK[1])
-    own |= real.by_aircraft == clearest
+    chance = np.stack([_by_aircraft(bench, sample, halves) for halves in others])
+    own = struck_of(real.by_aircraft - 0.5, max(float(chance.std()), LEAST_ERROR))
     aircraft = tuple(int(a) for a in np.flatnonzero(own))
     speeds, sent = _map_of(bench, aircraft, np.ones(frame.size, bool))
     turned = _directions(bench, aircraft)
     if telling[0] != "wind_speed" or not (speeds != sent).any():
+        own = np.isin(frame.aircraft, aircraft)
+        lattice = lattice_of(*(x[own] for x in _sent(bench, 0)))
         return SentWinds(
-            real.area, simulated, error, telling, aircraft, None, None, 0.0, 0.0, turned
+            real.area, simulated, error, telling, aircraft, None, None, 0.0, 0.0, turned, lattice
         )
     closes, doubt = _closure(bench, aircraft, fold)
     return SentWinds(
@@ -193,25 +203,51 @@ def _told(bench: Bench, sample: Sample, halves: Sequence[_Half]) -> _Told:
     from sklearn.metrics import roc_auc_score
 
     names = [*SEEN[:2], *(n for n in SEEN[2:] if n in bench.variables), "aircraft"]
-    tails = bench.setting.frame.aircraft[sample.rows]
-    number = len(bench.setting.frame.tails)
     rng = np.random.default_rng(0)
-    loss, each = dict.fromkeys(names, 0.0), []
+    loss = dict.fromkeys(names, 0.0)
     for half in halves:
         left, label, score = half.left, half.label, half.score
-        own, area = np.tile(tails[~half.learned], 2), roc_auc_score(label, score)
+        area = roc_auc_score(label, score)
         for j, name in enumerate(names):
             moved = left.copy()
             moved[:, j] = left[rng.permutation(left.shape[0]), j]
             lost = area - roc_auc_score(label, half.trees.decision_function(moved))
             loss[name] += 0.5 * float(lost)
-        each.append(
-            [
-                roc_auc_score(label[own == a], score[own == a]) if (own == a).sum() > 50 else 0.5
-                for a in range(number)
-            ]
-        )
-    return _Told(_area(halves), loss, np.mean(each, axis=0))
+    return _Told(_area(halves), loss, _by_aircraft(bench, sample, halves))
+
+
+def _by_aircraft(bench: Bench, sample: Sample, halves: Sequence[_Half]) -> Floats:
+    """Area of each aircraft's reports alone, (A,); a half for those with few."""
+    from sklearn.metrics import roc_auc_score
+
+    tails = bench.setting.frame.aircraft[sample.rows]
+    areas = np.full((len(halves), len(bench.setting.frame.tails)), 0.5)
+    for half, area in zip(halves, areas, strict=True):
+        owner = np.tile(tails[~half.learned], 2)
+        for a in range(area.size):
+            own = owner == a
+            if own.sum() > 50:
+                area[a] = roc_auc_score(half.label[own], half.score[own])
+    return np.asarray(areas.mean(axis=0))
+
+
+def struck_of(beyond: Floats, error: float) -> NDArray[np.bool_]:
+    """Aircraft that have an effect, from how far each one's area is beyond a half.
+
+    More likely of a normal law about the level they share than of one about nothing, whose
+    standard deviation is ``error``; level and share by expectation maximisation: what hardly shows
+    on one shows on a fleet. The clearest has it in any case.
+    """
+    level, share = float(beyond.max()), 0.5
+    has = np.zeros(beyond.size)
+    for _ in range(50):
+        spread = float(np.hypot(error, UNEVEN * level))
+        against = (np.maximum(beyond, 0.0) / error) ** 2 - ((beyond - level) / spread) ** 2
+        has = expit(np.log(share / (1 - share) * error / spread) + 0.5 * against)
+        has[np.argmax(beyond)] = 1.0
+        level = float(has @ beyond / has.sum())
+        share = float(np.clip(has.mean(), 0.5 / has.size, 1 - 0.5 / has.size))
+    return np.asarray(has >= 0.5)
 
 
 def _map_of(bench: Bench, aircraft: Sequence[int], use: NDArray[np.bool_]) -> tuple[Floats, Floats]:

@@ -269,12 +269,25 @@ def _unknown_closure(gap: GapReport) -> str:
     closure = gap.unknown.closure
     tables = [place for place in gap.unknown.where if place.curve.edges is not None]
     if closure is None or not tables:
-        return ""
+        return "".join(_steps_words(place) for place in gap.unknown.where)
     names = joined([" and ".join(place.variables).replace("_", " ") for place in tables], most=2)
     low, high = closure.reduction_ci
     return (
         f"; a table by {names} closes {closure.reduction:.2f} kt ({low:.2f} to {high:.2f}) of "
         f"{closure.before:.2f}"
+    )
+
+
+def _steps_words(place: PlaceEntry) -> str:
+    """What directions in steps make of the disagreement; nothing of another unknown."""
+    steps, closes = place.steps, place.closure
+    if steps is None or closes is None:
+        return ""
+    low, high = closes.reduction_ci
+    return (
+        f"; directions come in steps of {steps.step_deg:g}° up to {steps.up_to_kt:.0f} kt, which "
+        f"lengthens the disagreement by {closes.reduction:.2f} kt ({low:.2f} to {high:.2f}), "
+        "though no report can be turned back"
     )
 
 

@@ -137,6 +137,15 @@ class EffectEntry:
 
 
 @dataclass(frozen=True)
+class StepsEntry:
+    """Steps in which the directions of winds up to a speed are sent, by a share of the reports."""
+
+    step_deg: float
+    up_to_kt: float
+    share: float
+
+
+@dataclass(frozen=True)
 class PlaceEntry:
     """Where an effect outside the catalogue sits; no ``tails`` of a table is the whole fleet."""
 
@@ -158,6 +167,7 @@ class PlaceEntry:
     nearest_effect: str | None = None
     nearest_effect_share: float | None = None
     settled_by: str | None = None
+    steps: StepsEntry | None = field(default=None, metadata=LEFT_OUT)
     mean: MeanEntry | None = field(default=None, metadata=LEFT_OUT)
 
 
