@@ -46,7 +46,6 @@ from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
 from airswing.gap.search.belief import STATED, beside_table
 from airswing.gap.search.coding_and_outliers import second_moments
-from airswing.gap.search.confirmation import LEAST_PARTS
 from airswing.gap.search.cross_validated import Doubtful
 from airswing.gap.search.stepwise import Found, Rules
 from airswing.gap.search.testability import absorbed, too_short
@@ -173,7 +172,7 @@ def diagnose(
     tell = progress or (lambda stage, done: None)
     search = Search(effects, Rules(), dictionary, seed, tell)
     known_names = set(CATALOGUE if catalogue is None else catalogue)
-    swaps = "tail_swap" in known_names
+    swaps = "tail_swap" in known_names and not archive.clock.short
     ceiling = ceiling_of(archive.view) if dictionary else None
     if ceiling is not None:  # means of bounded winds are truncated: nothing is fitted to them
         archive = of_view(archive, ceiling.lifted)
@@ -182,7 +181,7 @@ def diagnose(
     taken: list[Taken] = []
     witness = LearnedWitness()
     # what no other day can confirm is not raised, as no name is
-    seeks = dictionary and final.problem.base.stats.days.size >= LEAST_PARTS
+    seeks = dictionary and not archive.clock.short
     while seeks and len(taken) < MOST_UNKNOWNS:
         tell("witness", len(taken) / MOST_UNKNOWNS)
         unknown = _next_unknown(final, witness)
@@ -341,7 +340,8 @@ def _dataset(problem: Problem, found: Found) -> xr.Dataset:
     )
     out["core_column"] = ("core_column", names)
     out["core_column_2"] = ("core_column_2", names)
-    out["day"] = ("day", (stats.days * 86400).astype("datetime64[s]").astype("datetime64[ns]"))
+    begins = (stats.days * stats.clock.hours * 3600).astype("datetime64[s]")
+    out["day"] = ("day", begins.astype("datetime64[ns]"))
     out["score"] = (("aircraft", "day", "core_column"), stats.day_score[:, :, :core])
     out["information"] = (
         ("aircraft", "core_column", "core_column_2"),

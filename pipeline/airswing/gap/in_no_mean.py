@@ -23,7 +23,6 @@ from airswing.gap.closure.of_scatter import (
 from airswing.gap.held_out.days_left_out import folds_of_days
 from airswing.gap.passes import Search
 from airswing.gap.search.coding_and_outliers import MomentVerdict
-from airswing.gap.search.confirmation import LEAST_PARTS
 from airswing.gap.search.excess_scatter import Scattering, scattering
 from airswing.gap.sums.problem import Problem
 from airswing.gap.witness.bench import Bench, Setting
@@ -112,7 +111,7 @@ def _scatters(
     Not what a large name leaves: at its edges variables are known to their rounding alone.
     """
     archive = problem.archive
-    if problem.base.stats.days.size < LEAST_PARTS or set(archive.tails) <= set(explained):
+    if problem.base.stats.clock.short or set(archive.tails) <= set(explained):
         return None
     found = scattering(
         archive,

@@ -33,7 +33,6 @@ from airswing.gap.sums.elimination import eliminate_days
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_prior, shared_variances
 from airswing.gap.sums.whole_archive import Archive, held_archive, sum_reports
-from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -111,7 +110,7 @@ def _swap(made: Pass, search: Search) -> Swap | None:
 
 def _exchanged(archive: Archive, swap: Swap, made: Pass) -> Archive:
     stats = made.problem.base.stats
-    start = float(stats.days[swap.day]) * DAY + stats.day_shift * 3600
+    start = float(stats.clock.begins(stats.days[swap.day]))
     return archive.exchanged(swap.pair, lambda frame: exchange(frame, swap, start))
 
 

@@ -171,7 +171,7 @@ def test_fits_by_fold_are_those_of_the_sums_of_their_days(made):
 def test_reports_may_be_added_in_parts(made):
     frame, noise, plan, layout, stats = made
     days, _ = day_of_report(frame)
-    both = empty_statistics(layout, stats.tails, np.unique(days), stats.day_shift)
+    both = empty_statistics(layout, stats.tails, np.unique(days), stats.clock)
     for keep in (days < np.median(days), days >= np.median(days)):
         index = np.flatnonzero(keep)
         part = frame.take(index)

@@ -60,7 +60,7 @@ def read(frame, *, workers=1):
         lambda k: frame.take(frame.aircraft == k),
         archive.winds,
         archive.days,
-        archive.day_shift,
+        archive.clock,
         archive.reports,
         archive.flights,
         workers,
@@ -75,7 +75,7 @@ def test_aircraft_after_aircraft_gives_the_sums_of_one_frame(whole):
         archive.context,
         whole.residual,
         columns,
-        day_shift=archive.day_shift,
+        clock=archive.clock,
     )
     np.testing.assert_array_equal(found.days, expected.days)
     for name in SUMS:

@@ -24,7 +24,7 @@ lie against the model's error on these very reports. The upper limit holds what 
 something unknown closes.
 
 Validity: errors of a few degrees about the estimate (linear in the columns); two days and more: of
-one day nothing tells an effect from weather, so neither can what an effect would close be bounded.
+one day few effects are told from weather, so where none is what others would close has no bound.
 Results in knots.
 """
 
@@ -95,9 +95,10 @@ def with_interval(
     Returns
     -------
     Closure
-        With ``reduction_ci`` and ``after_ci`` that hold what is stated; None from one day.
+        With ``reduction_ci`` and ``after_ci`` that hold what is stated; None of one day
+        without names.
     """
-    if single_day(problem.base.stats):
+    if single_day(problem.base.stats) and not known:
         return replace(closure, reduction_ci=None, after_ci=None)
     rng = np.random.default_rng(problem.seed)
     open_ = _Open(problem, found, rng, draws, factors or {}, doubts or {})

@@ -153,8 +153,8 @@ def _regressed(
     bare, own = replace(problem.plan, groups=()), {effect.name: effect}
     layout = make_layout(own, bare, columns_frame)
     columns = SumColumns(noise, layout, own, bare)
-    shift = base.stats.day_shift
-    stats = accumulate(columns_frame, target, columns, clip=np.inf, day_shift=shift)
+    clock = base.stats.clock
+    stats = accumulate(columns_frame, target, columns, clip=np.inf, clock=clock)
     part = eliminate_days(stats, base.variances)
     column = int(layout.columns(effect.name)[term.candidate.subset[0]])
     weights = term_weights(term, stats.day_count.shape)

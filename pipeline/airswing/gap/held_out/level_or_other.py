@@ -104,8 +104,8 @@ def _raw(problem: Problem, steps: _Steps, rest: Floats) -> Floats:
     bare, own = replace(problem.plan, groups=()), {steps.name: steps}
     layout = make_layout(own, bare, problem.context)
     columns = SumColumns(problem.noise, layout, own, bare)
-    shift = problem.base.stats.day_shift
-    stats = accumulate(problem.context, rest, columns, day_shift=shift)
+    clock = problem.base.stats.clock
+    stats = accumulate(problem.context, rest, columns, clock=clock)
     part = eliminate_days(stats, problem.base.variances)
     given = condition(part, climatology(part))
     pick = layout.columns(steps.name)

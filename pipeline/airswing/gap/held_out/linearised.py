@@ -20,7 +20,7 @@ from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import is_sensor, take_off, term_error, term_fields
-from airswing.gap.sums.accumulate import day_of_report
+from airswing.gap.sums.accumulate import Clock, day_of_report
 from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
@@ -48,7 +48,7 @@ class FoundFirst:
     effects: Mapping[str, Effect]
     plan: DictionaryPlan
     days: Integers  # (D,): of the sums, the first of each where several are taken together
-    day_shift: float
+    clock: Clock
     shape: tuple[int, int]  # aircraft and days
 
     @classmethod
@@ -61,7 +61,7 @@ class FoundFirst:
             problem.effects,
             problem.plan,
             stats.days,
-            stats.day_shift,
+            stats.clock,
             problem.shape,
         )
 
@@ -79,8 +79,7 @@ class FoundFirst:
             The same reports, as they are and as design columns take them.
         """
         day = (
-            np.searchsorted(self.days, day_of_report(frame, shift=self.day_shift)[0], side="right")
-            - 1
+            np.searchsorted(self.days, day_of_report(frame, clock=self.clock)[0], side="right") - 1
         )
         sensor, other, linear = (np.zeros((frame.size, 2)) for _ in range(3))
         peak = 0.0

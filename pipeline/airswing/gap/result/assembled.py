@@ -125,7 +125,7 @@ def assemble(problem: Problem, findings: Findings) -> GapReport:
             reports=problem.reports,
             flights=problem.flights,
             reports_in_view=problem.archive.size,
-            days=int(stats.days.size),
+            days=int(np.unique(stats.calendar_day).size),
             clipped=float(stats.clipped.sum()),
             gross=float(stats.gross.sum()),
             aircraft=len(problem.archive.tails),

@@ -31,7 +31,6 @@ from airswing.gap.result.schema import CurveEntry, EffectEntry, PlaceEntry, Riva
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, Conditional
-from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 
@@ -174,7 +173,7 @@ def period_of(term: Term, stats: Statistics) -> list[str | None] | None:
 
 def day_text(stats: Statistics, day: int) -> str:
     """Date of a day index, ISO 8601."""
-    seconds = float(stats.days[day]) * DAY + stats.day_shift * 3600
+    seconds = float(stats.clock.begins(stats.days[day]))
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d")
 
 

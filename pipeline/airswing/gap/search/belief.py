@@ -37,6 +37,9 @@ STATED = 0.9
 #: Odds that a table beside a doubtful name, confirmed by sums of its own, adds to those of the name
 #: which explains as much: on archives without effect one in twenty has a table, or fewer.
 TABLE_ODDS = 20.0
+#: Of one day: nats at which a name is as likely wrong as right; growth of its log odds with their
+#: logarithm (0.9 at eight nats); deviations by which parts of the day must confirm it.
+ONE_DAY_EVEN, ONE_DAY_SLOPE, ONE_DAY_DEVIATIONS = 4.5, 3.8, 2.0
 #: Deviations beyond which a claim does not become surer.
 MOST_DEVIATIONS = 6.0
 
@@ -91,6 +94,23 @@ def probabilities(weighed: Floats, confirmation: Confirmation) -> Floats:
     logit = constant + weighed @ weights
     out = 1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0)))
     return np.asarray(np.where(confirmation.tested, out, 0.0))
+
+
+def of_one_day(weighed: Floats) -> Floats:
+    """Probability of names of single aircraft in an archive of a day or two, (t,).
+
+    Its few parts confirm by few deviations, however strong the evidence: that decides. Of 72 days
+    cut out of archives without effect none had such a name of three nats that was confirmed; of 38
+    names of eight nats and more, on 72 days with an effect on up to three aircraft, 37 were right.
+
+    Parameters
+    ----------
+    weighed : (t, 5) float
+        From :func:`features`.
+    """
+    odds = ONE_DAY_SLOPE * (weighed[:, 0] - np.log(ONE_DAY_EVEN))
+    confirmed = weighed[:, 1] >= ONE_DAY_DEVIATIONS
+    return np.asarray(np.where(confirmed, 1.0 / (1.0 + np.exp(-odds)), 0.0))
 
 
 def beside_table(probability: float) -> float:

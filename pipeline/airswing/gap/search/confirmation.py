@@ -6,7 +6,8 @@ own scatter: an effect nine standard errors from nothing would be a chance of on
 on weeks, and in an archive of few weeks all on a sixth of the days. A term in force
 for a part of the archive may lie within one week: it is fitted on five days of six, its dates found
 again on those days alone, and judged on the sixth; in a short period on every day in turn. What has
-fewer than :data:`LEAST_PARTS` parts to be judged on cannot be tested, and is no finding.
+fewer than :data:`LEAST_PARTS` parts to be judged on cannot be tested, and is no finding. Of a day
+or two parts are some hours each (:data:`airswing.gap.sums.accumulate.PART_HOURS`).
 
 What is asked of the days left out is which multiple of the predicted error is there: one where the
 term is right, none where it is nothing, whatever was fitted. Its standard error is that of the
@@ -121,6 +122,8 @@ def confirm_lasting(base: Base, terms: Sequence[Term]) -> Confirmation:
 def blocks_of_days(stats: Statistics) -> Integers:
     """Part of every day on which what lasts is judged, (D,)."""
     count = stats.days.size
+    if stats.clock.short:
+        return np.arange(count) * min(count, MOST_PARTS) // count
     few = stats.weeks.size < FEW_WEEKS
     parts = min(PARTS, count) if few else min(count // BLOCK, MOST_PARTS)
     return np.asarray(np.arange(count) * parts // count)

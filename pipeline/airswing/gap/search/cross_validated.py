@@ -24,9 +24,14 @@ from numpy.typing import NDArray
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.search.absorbed_by_unknown import folded
-from airswing.gap.search.belief import features, probabilities
+from airswing.gap.search.belief import features, of_one_day, probabilities
 from airswing.gap.search.candidate_ranking import evaluate_named
-from airswing.gap.search.confirmation import LEAST_PARTS, confirm, confirm_lasting
+from airswing.gap.search.confirmation import (
+    LEAST_PARTS,
+    Confirmation,
+    confirm,
+    confirm_lasting,
+)
 from airswing.gap.search.nested_forms import widened
 from airswing.gap.search.stepwise import Found, Rules, found_of, search
 from airswing.gap.sums.elimination import Base
@@ -71,9 +76,8 @@ def settle(
     start : sequence of Term
         Terms to begin the search with.
     """
-    few = base.stats.days.size < LEAST_PARTS  # of which none can be left out
-    if few:  # names are told as unconfirmed; a curve that nothing confirms is told in no way
-        pool = [candidate for candidate in pool if candidate.known]
+    if base.stats.clock.short:  # a change, or a curve, of one day may be its weather
+        pool = [candidate for candidate in pool if candidate.known and candidate.kind == "mean"]
     whole = pool
     while True:
         found = widened(base, search(base, pool, rules=rules, start=start), pool)
@@ -84,7 +88,7 @@ def settle(
         weak = [
             k for k in np.flatnonzero(short & (tests.tested | ~known)) if not _dated(found.terms[k])
         ]
-        if few or not weak:
+        if not weak:
             return _believed(base, whole, found, rules)
         key = found.terms[min(weak, key=lambda k: energy[k])].key
         pool = [c for c in pool if (c.name, c.scope) != key]
@@ -130,7 +134,7 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
     while True:
         tests = confirm(base, terms)
         weighed = features(terms, tests)
-        chance = probabilities(weighed, tests)
+        chance = _chance(base, terms, weighed, tests)
         shapes = folded(terms, tests.energy, tests.error)  # told with the unknown, not as names
         short = [
             k
@@ -141,7 +145,10 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
             break
         worst = min(short, key=lambda k: (chance[k], terms[k].score.tempered))
         parts = int(tests.parts[worst])
-        doubtful.append(_doubted(terms[worst], float(chance[worst]), parts, weighed[worst]))
+        one_day = base.stats.clock.short
+        doubtful.append(
+            _doubted(terms[worst], float(chance[worst]), parts, weighed[worst], one_day=one_day)
+        )
         del terms[worst]
     found = found_of(base, pool, terms) if doubtful else found
     sure = tuple(
@@ -152,8 +159,22 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
     return Standing(found, tests.energy, tests.error, chance, weighed, tuple(doubtful))
 
 
-def _doubted(term: Term, chance: float, parts: int, weighed: Floats) -> Doubtful:
+def _chance(base: Base, terms: Sequence[Term], weighed: Floats, tests: Confirmation) -> Floats:
+    """Probability of every term, (t,).
+
+    Of a day, what all aircraft share lasts as its weather does; one aircraft flies beside others.
+    """
+    if not base.stats.clock.short:
+        return probabilities(weighed, tests)
+    alone = np.array([term.candidate.scope != "fleet" for term in terms], float)
+    return np.asarray(of_one_day(weighed) * alone)
+
+
+def _doubted(term: Term, chance: float, parts: int, weighed: Floats, *, one_day: bool) -> Doubtful:
     """Say why a name is not stated."""
+    if one_day and term.candidate.scope == "fleet":
+        reason = "of a day or two, what all aircraft share may be their weather"
+        return Doubtful(term, 0.0, weighed, reason)
     if parts < LEAST_PARTS:
         few = f"in force on too few days to leave some out ({parts}; {LEAST_PARTS} needed)"
         return Doubtful(term, 0.0, weighed, few)

@@ -13,7 +13,7 @@ nuisance columns. docs/gap.md sections 5 and 6.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -52,17 +52,19 @@ def surviving_share(base: Base, bare: Conditional, candidate: Candidate) -> floa
 
 def single_day(stats: Statistics) -> bool:
     """Whether an archive holds one day, and of others no more than an edge."""
-    reports = stats.day_count.sum(axis=0)
+    reports = np.bincount(
+        np.unique(stats.calendar_day, return_inverse=True)[1], stats.day_count.sum(axis=0)
+    )
     return bool(np.count_nonzero(reports >= EDGE * reports.max()) < 2)
 
 
-def too_short(base: Base, names: Iterable[str]) -> dict[str, str]:
-    """Effects that an archive of a single day cannot tell: all, with the reason in words.
+def too_short(base: Base, effects: Mapping[str, Effect]) -> dict[str, str]:
+    """Effects that a single day cannot tell: changes, and all aircraft's, with the reason.
 
     Parameters
     ----------
-    names : iterable of str
-        Effects looked for.
+    effects : mapping
+        Name -> effect looked for.
 
     Returns
     -------
@@ -72,10 +74,11 @@ def too_short(base: Base, names: Iterable[str]) -> dict[str, str]:
     if not single_day(base.stats):
         return {}
     reason = (
-        "one day of reports: nothing can be fitted on some days and checked on others, and a day's "
-        "weather looks like an effect; two weeks would tell"
+        "one day of reports: a day's weather looks like an effect that changes, or that all "
+        "aircraft share; two weeks would tell"
     )
-    return dict.fromkeys(names, reason)
+    lasting = {name for name, one in effects.items() if _of_units(one) and one.kind == "mean"}
+    return dict.fromkeys(effects.keys() - lasting, reason)
 
 
 def absorbed(

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,32 @@ AIRCRAFT_WEEKS = 600
 """The same of weeks."""
 
 
+FEW_DAYS = 3
+"""Days under which sums are of parts of days: of fewer none could be left out."""
+PART_HOURS = 2.0
+"""Hours of such a part: an aircraft's next flight is in another, and a day's business has six."""
+
+
+class Clock(NamedTuple):
+    """How flights are counted by days, or in an archive of a day or two by parts of them."""
+
+    start: float  # hour UTC at which a day starts
+    hours: float = 24.0  # length of what is counted as a day
+
+    @property
+    def short(self) -> bool:
+        """Whether parts of days are counted."""
+        return self.hours < 24.0
+
+    def days(self, seconds: Floats) -> Integers:
+        """Days (or parts) since 1970 of times in seconds."""
+        return np.floor((seconds - self.start * 3600) / (self.hours * 3600)).astype(np.int64)
+
+    def begins(self, days: Integers) -> Floats:
+        """Seconds since 1970 at which days (or parts) begin."""
+        return np.asarray((days * self.hours + self.start) * 3600)
+
+
 class Timed(Protocol):
     """Reports of which the flight and the time are known."""
 
@@ -63,8 +89,8 @@ class Statistics:
 
     layout: Layout
     tails: tuple[str, ...]
-    # (D,): whole days since 1970 (with ``day_shift`` hours taken off the time first); the first of
-    # each where several are taken together (`AIRCRAFT_DAYS`)
+    # (D,): days since 1970, or parts of days, as ``clock`` counts them; the first of each where
+    # several are taken together (`AIRCRAFT_DAYS`)
     days: Integers
     # (W,): week of each entry of ``week_gram``: day // 7 counted from 1970; the first likewise
     weeks: Integers
@@ -80,7 +106,7 @@ class Statistics:
     acting: Floats
     clipped: Floats  # (A,): whitened residuals winsorised
     gross: Floats  # (A,): reports left out as gross errors
-    day_shift: float  # hour UTC at which a day starts
+    clock: Clock  # how days are counted
 
     @cached_property
     def whole_gram(self) -> Floats:
@@ -97,6 +123,11 @@ class Statistics:
         """Position in ``weeks`` of every day, (D,)."""
         return np.asarray(np.searchsorted(self.weeks, self.days // 7, side="right") - 1)
 
+    @property
+    def calendar_day(self) -> Integers:
+        """Whole day since 1970 of every entry of ``days``, (D,)."""
+        return np.asarray(self.days * self.clock.hours // 24, np.int64)
+
     def day_index(self, day: Integers) -> Integers:
         """Position in ``days`` of whole days since 1970, (n,)."""
         return np.asarray(np.searchsorted(self.days, day, side="right") - 1)
@@ -110,34 +141,35 @@ class Statistics:
         return np.asarray(share)
 
 
-def day_of_report(frame: Timed, *, shift: float | None = None) -> tuple[Integers, float]:
-    """Day of each report's flight, and the hour at which days start.
+def day_of_report(frame: Timed, *, clock: Clock | None = None) -> tuple[Integers, Clock]:
+    """Day of each report's flight, and how days are counted.
 
     Parameters
     ----------
-    shift : float, optional
-        Hour UTC at which days start; the quietest when not given.
+    clock : Clock, optional
+        When not given days start at the quietest hour, and of an archive of fewer than
+        :data:`FEW_DAYS` parts of days are counted.
 
     Returns
     -------
     day : (n,) int
-        Whole days since 1970 of the flight's first report, counted from the quietest hour.
-    shift : float
-        That hour, UTC.
+        Days since 1970 of the flight's first report.
+    clock : Clock
     """
     numbers, inverse = np.unique(frame.flight, return_inverse=True)
     start = np.full(numbers.size, np.inf)
     np.minimum.at(start, inverse, frame.time)
-    if shift is None:
+    if clock is None:
         hours = np.bincount((np.mod(start, DAY) // 3600).astype(int), minlength=24)
         # three hours together: a single empty hour of the day's rush is no night
-        shift = float(np.argmin(hours + np.roll(hours, 1) + np.roll(hours, -1)))
-    day = np.floor((start - shift * 3600) / DAY).astype(np.int64)
-    return day[inverse], shift
+        clock = Clock(float(np.argmin(hours + np.roll(hours, 1) + np.roll(hours, -1))))
+        if np.unique(clock.days(start)).size < FEW_DAYS:
+            clock = clock._replace(hours=PART_HOURS)
+    return clock.days(start)[inverse], clock
 
 
 def empty_statistics(
-    layout: Layout, tails: tuple[str, ...], days: Integers, shift: float
+    layout: Layout, tails: tuple[str, ...], days: Integers, clock: Clock
 ) -> Statistics:
     """Sums of no reports.
 
@@ -145,8 +177,7 @@ def empty_statistics(
     ----------
     days : (D,) int
         Whole days since 1970 of all reports to come.
-    shift : float
-        Hour UTC at which a day starts.
+    clock : Clock
     """
     days = together(np.unique(days), len(tails), AIRCRAFT_DAYS)
     weeks = together(np.unique(days // 7), len(tails), AIRCRAFT_WEEKS)
@@ -167,7 +198,7 @@ def empty_statistics(
         np.zeros((a, c)),
         np.zeros(a),
         np.zeros(a),
-        shift,
+        clock,
     )
 
 
@@ -226,7 +257,7 @@ def accumulate(
     *,
     clip: float = 5.0,
     known: Floats | None = None,
-    day_shift: float | None = None,
+    clock: Clock | None = None,
 ) -> Statistics:
     """Whiten and sum over all reports of an archive.
 
@@ -240,11 +271,11 @@ def accumulate(
         Winsorising bound on the whitened residual about the smooth fit.
     known : (n, 2) float, optional
         Part of the residual that effects already found explain: it is never clipped, m/s.
-    day_shift : float, optional
-        Hour UTC at which days start; archives to be merged need the same.
+    clock : Clock, optional
+        How days are counted; archives to be merged need the same.
     """
-    day, shift = day_of_report(frame, shift=day_shift)
-    out = empty_statistics(columns.layout, tuple(frame.tails), np.unique(day), shift)
+    day, clock = day_of_report(frame, clock=clock)
+    out = empty_statistics(columns.layout, tuple(frame.tails), np.unique(day), clock)
     add_reports(out, frame, residual, columns, clip=clip, known=known, day=day)
     return out
 
@@ -271,7 +302,7 @@ def add_reports(
         Day of each report's flight, where it is known already.
     """
     if day is None:
-        day, _ = day_of_report(frame, shift=out.day_shift)
+        day, _ = day_of_report(frame, clock=out.clock)
     day, noise = out.days[out.day_index(day)], columns.noise
     values = clipped_residual(frame, residual, noise=noise, clip=clip, known=known)
     own = np.unique(frame.aircraft)  # other aircraft may be added by other threads

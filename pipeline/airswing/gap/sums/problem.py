@@ -42,7 +42,7 @@ class Problem:
     @cached_property
     def day(self) -> NDArray[np.int64]:
         """Index of each report's day in the sums, (n,)."""
-        days, _ = day_of_report(self.archive, shift=self.base.stats.day_shift)
+        days, _ = day_of_report(self.archive, clock=self.base.stats.clock)
         return self.base.stats.day_index(days)
 
     @property

@@ -30,6 +30,7 @@ from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.noise.model import NoiseFit, fitted_gains, flown
 from airswing.gap.noise.whitening import flight_order, take_gains
 from airswing.gap.sums.accumulate import (
+    Clock,
     Statistics,
     SumColumns,
     add_reports,
@@ -58,8 +59,8 @@ class Archive:
     # number of an aircraft -> all of its reports, None where it has none
     part: Callable[[int], Frame | None] | None
     winds: LargeScale  # large-scale reported wind of all reports
-    days: Integers  # (D,): days with flights, whole days since 1970
-    day_shift: float  # hour UTC at which they start
+    days: Integers  # (D,): days with flights since 1970
+    clock: Clock  # how they are counted
     # reports, flights: all of them
     reports: int
     flights: int
@@ -106,10 +107,10 @@ class Archive:
 
 def held_archive(frame: Frame, *, workers: int = 1) -> Archive:
     """Archive of reports that are in memory."""
-    days, shift = day_of_report(frame)
+    days, clock = day_of_report(frame)
     flights = int(np.unique(frame.flight).size)
     return Archive(
-        frame, None, LargeScale.of(frame), np.unique(days), shift, frame.size, flights, workers
+        frame, None, LargeScale.of(frame), np.unique(days), clock, frame.size, flights, workers
     )
 
 
@@ -153,14 +154,14 @@ def read_archive(
         )
     view = joined([look.view for look in looks])
     starts = np.concatenate([look.starts for look in looks])
-    days, shift = day_of_report(_Starts(np.arange(starts.size), starts))
+    days, clock = day_of_report(_Starts(np.arange(starts.size), starts))
     winds = LargeScale.solved([look.winds for look in looks], source.epoch, source.centre)
     return Archive(
         view,
         source.part,
         winds,
         np.unique(days),
-        shift,
+        clock,
         sum(look.reports for look in looks),
         starts.size,
         workers,
@@ -279,7 +280,7 @@ def sum_reports(
         Called with the fraction done.
     """
     view = archive.view
-    out = empty_statistics(columns.layout, view.tails, archive.days, archive.day_shift)
+    out = empty_statistics(columns.layout, view.tails, archive.days, archive.clock)
 
     def add(number: int) -> int:
         made = _held(archive, number, columns) if archive.whole else _read(archive, number)

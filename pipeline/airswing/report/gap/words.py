@@ -254,8 +254,8 @@ def _what_is_missing(gap: GapReport) -> str:
 def _nothing_missing(gap: GapReport) -> str:
     if gap.counts.days == 1:
         return (
-            "One day of reports is too short to tell what is missing: no finding could be checked "
-            "on other days, and none is stated."
+            "One day of reports is too short to tell all that may be missing: only what single "
+            "aircraft show on all parts of the day could be stated, and nothing does."
         )
     return (
         "Nothing is missing from the simulation that these reports can show: the disagreement is "
