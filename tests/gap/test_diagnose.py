@@ -56,19 +56,25 @@ def test_one_day_bounds_no_closure():
     assert closure.before == closure.after
 
 
-def test_what_one_day_shows_is_told_as_unconfirmed():
-    frame = make_frame(
-        seed=5,
-        aircraft=6,
-        days=1,
-        noise=0.3,
-        heading_error=lambda c: np.where(c["aircraft"] == 2, np.radians(4.0), 0.0),
-    )
-    report = diagnose(frame, catalogue=SMALL, dictionary=False).report
+def one_day(error):
+    frame = make_frame(seed=5, aircraft=6, days=1, noise=0.3, heading_error=error)
+    return frame, diagnose(frame, catalogue=SMALL, dictionary=False).report
+
+
+def test_what_one_aircraft_shows_on_all_parts_of_a_day_has_its_name():
+    frame, report = one_day(lambda c: np.where(c["aircraft"] == 2, np.radians(4.0), 0.0))
+    (effect,) = report.effects
+    assert (effect.name, effect.tails) == ("compass_offset", [frame.tails[2]])
+    assert effect.parameters["offset_deg"] == pytest.approx(4.0, abs=0.3)
+    low, high = report.closure.reduction_ci
+    assert 0 < low < report.closure.reduction < high
+
+
+def test_what_all_aircraft_share_on_one_day_is_told_as_unconfirmed():
+    _, report = one_day(lambda c: np.full(c["aircraft"].shape, np.radians(4.0)))
     assert report.effects == []
     (doubtful,) = report.unconfirmed
-    assert (doubtful.name, doubtful.tails) == ("compass_offset", [frame.tails[2]])
-    assert "too few days" in doubtful.reason
+    assert doubtful.name == "compass_offset" and "may be their weather" in doubtful.reason
 
 
 def test_no_unknown_is_raised_on_a_single_day():

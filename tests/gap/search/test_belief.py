@@ -9,7 +9,13 @@ import pandas as pd
 import pytest
 from benchmarks.gap_probabilities import CLAIMS, claims_of, fitted, left_out, log_score
 
-from airswing.gap.search.belief import FEATURES, STATED, learned_weights, probabilities
+from airswing.gap.search.belief import (
+    FEATURES,
+    STATED,
+    learned_weights,
+    of_one_day,
+    probabilities,
+)
 from airswing.gap.search.confirmation import Confirmation
 
 
@@ -66,3 +72,11 @@ def test_a_claim_is_right_on_one_of_its_aircraft():
         ("soft_iron", 0),
     ]
     assert rows[0]["deviations"] == 2.0
+
+
+def test_of_one_day_evidence_decides_where_its_parts_confirm():
+    weighed = np.zeros((3, 5))
+    weighed[:, 0] = np.log([8.03, 80.0, 4.5])
+    weighed[:, 1] = [2.5, 1.9, 6.0]
+    # ln 9 = 2.197 = 3.8 ln(8.03 / 4.5)
+    np.testing.assert_allclose(of_one_day(weighed), [0.9, 0.0, 0.5], atol=2e-3)

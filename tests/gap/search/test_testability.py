@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from airswing.gap.design.candidates import Candidate
+from airswing.gap.effects import CATALOGUE
 from airswing.gap.search.testability import absorbed, surviving_share, too_short
 
 EFFECTS = {"bias": SimpleNamespace(column_names=("all", "above_500"))}
@@ -53,10 +54,14 @@ def test_an_effect_that_acts_nowhere_or_survives_gives_no_reason():
     assert absorbed(base, bare, [candidate(0), candidate(1)], EFFECTS) == {}
 
 
-def test_one_day_tells_nothing():
-    base = SimpleNamespace(stats=SimpleNamespace(day_count=np.array([[900.0], [600.0]])))
+def test_one_day_tells_nothing_of_what_all_aircraft_share():
+    days = SimpleNamespace(calendar_day=np.array([7]), day_count=np.array([[900.0], [600.0]]))
+    base = SimpleNamespace(stats=days)
     assert set(too_short(base, EFFECTS)) == {"bias"}
-    base.stats.day_count = np.array([[30.0, 900.0], [0.0, 600.0]])  # flights past midnight
-    assert set(too_short(base, EFFECTS)) == {"bias"}
-    base.stats.day_count = np.array([[900.0, 0.0], [0.0, 600.0]])
+    days.calendar_day, days.day_count = np.array([7, 7, 8]), np.array([[30.0, 800.0, 100.0]])
+    assert set(too_short(base, EFFECTS)) == {"bias"}  # flights past midnight
+    names = "tas_scale", "compass_step", "compass_drift"
+    several = {name: CATALOGUE[name] for name in names}
+    assert set(too_short(base, several)) == {"compass_step", "compass_drift"}
+    days.calendar_day, days.day_count = np.array([7, 8]), np.array([[900.0, 0.0], [0.0, 600.0]])
     assert too_short(base, EFFECTS) == {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -68,6 +69,16 @@ def test_sums_equal_dense_products(made):
     assert stats.day_count.sum() == (made[1].gains.weight > 0).sum()
     assert stats.day_gram.shape[-1] == layout.core
     assert frame.size > 1000
+
+
+def test_an_archive_of_two_days_is_counted_by_parts_of_two_hours():
+    begin = np.array([7.2, 9.4, 13.9, 31.0]) * 3600.0  # hours of four flights' first reports
+    days, clock = day_of_report(SimpleNamespace(flight=np.arange(4), time=begin))
+    assert clock.short and clock.hours == 2.0
+    assert np.all(clock.begins(days) <= begin) and np.all(begin < clock.begins(days + 1))
+    assert np.unique(days).size == 4
+    long, clock = day_of_report(SimpleNamespace(flight=np.arange(4), time=begin * 3))
+    assert not clock.short and np.unique(long).size < 4
 
 
 def test_day_fields_and_conditioning_equal_dense_mixed_model(made):
