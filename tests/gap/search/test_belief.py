@@ -76,7 +76,7 @@ def test_a_claim_is_right_on_one_of_its_aircraft():
 
 def test_of_one_day_evidence_decides_where_its_parts_confirm():
     weighed = np.zeros((3, 5))
-    weighed[:, 0] = np.log([8.03, 80.0, 4.5])
+    weighed[:, 0] = np.log([8.915, 80.0, 5.0])
     weighed[:, 1] = [2.5, 1.9, 6.0]
-    # ln 9 = 2.197 = 3.8 ln(8.03 / 4.5)
+    # ln 9 = 2.197 = 3.8 ln(8.915 / 5)
     np.testing.assert_allclose(of_one_day(weighed), [0.9, 0.0, 0.5], atol=2e-3)
