@@ -6,8 +6,6 @@ stages: whoever sets a flag or asks for one does it by its word here.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -54,7 +52,7 @@ SCREENING = {
 
 def published(status: ArrayLike) -> NDArray[np.bool_]:
     """Whether a fit is to be trusted: a curve, or an offset alone."""
-    codes: NDArray[Any] = np.asarray(status)
+    codes: NDArray[np.generic] = np.asarray(status)
     return np.asarray((codes == STATUS["ok"]) | (codes == STATUS["offset_only"]))
 
 

@@ -27,7 +27,7 @@ LEAST = 20
 
 def stated_claims(
     label: Mapping[str, Any], gap: Mapping[str, Any], truth: Sequence[str]
-) -> list[list[Any]]:
+) -> list[list[object]]:
     """Return every claim of a diagnosis with its probability and whether it is right.
 
     Parameters
@@ -44,7 +44,7 @@ def stated_claims(
         (gross errors of a hard world, the heading errors of a real record) is not judged, nor
         unknowns where a little of everything is.
     """
-    out: list[list[Any]] = []
+    out: list[list[object]] = []
     for claim in gap["effects"]:
         name = str(claim["name"])
         if name in truth or name not in label["background"]:
@@ -58,7 +58,7 @@ def stated_claims(
     return out
 
 
-def reliability_rows(claims: Sequence[Sequence[Any]]) -> list[dict[str, Any]]:
+def reliability_rows(claims: Sequence[Sequence[object]]) -> list[dict[str, Any]]:
     """Return the calibration table of claims.
 
     Parameters
@@ -87,7 +87,7 @@ def reliability_rows(claims: Sequence[Sequence[Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def worst_gap(claims: Sequence[Sequence[Any]]) -> tuple[float | None, int]:
+def worst_gap(claims: Sequence[Sequence[object]]) -> tuple[float | None, int]:
     """Return the largest distance of stated and right where `LEAST` claims stand, and their number.
 
     Parameters

@@ -350,7 +350,7 @@ def date_error(period: Sequence[Any], told: Sequence[Any]) -> float | None:
     return min(apart) if apart else None
 
 
-def _date(text: Any) -> datetime | None:
+def _date(text: object) -> datetime | None:
     if text is None:
         return None
     return datetime.fromisoformat(str(text).replace("Z", "")).replace(tzinfo=None)

@@ -133,7 +133,7 @@ def _marks_of(reports: xr.Dataset, winds: xr.Dataset, pieces: Pieces) -> list[st
 
 def _hashed_columns(
     reports: xr.Dataset, winds: xr.Dataset
-) -> tuple[list[tuple[str, NDArray[Any]]], list[tuple[str, NDArray[Any]]]]:
+) -> tuple[list[tuple[str, NDArray[np.generic]]], list[tuple[str, NDArray[np.generic]]]]:
     """Name and values of every column, those of reports and those of aircraft."""
     flight = reports["flight"].to_numpy()
     begins = np.r_[True, np.diff(flight) != 0][: flight.size]
@@ -222,7 +222,7 @@ class KeptHeadings:
         """Which piece lies where, once all blocks are written under a ``uuid``."""
         return Record(product, self._marks, self._sizes, self._evidence)
 
-    def _taken(self, marks: Sequence[str]) -> dict[str, NDArray[Any]]:
+    def _taken(self, marks: Sequence[str]) -> dict[str, NDArray[np.generic]]:
         """Headings of the pieces that are known, piece after piece; none where unreadable."""
         places = [self._known[mark][:2] for mark in marks if mark in self._known]
         if not places or self._product is None:
@@ -243,10 +243,10 @@ class KeptHeadings:
 def _merged(
     name: str,
     new: xr.DataArray | None,
-    old: NDArray[Any] | None,
+    old: NDArray[np.generic] | None,
     rows: NDArray[np.int64],
     size: int,
-) -> tuple[tuple[str, ...], NDArray[Any]]:
+) -> tuple[tuple[str, ...], NDArray[np.generic]]:
     """One column of a block, from what was derived and what stands at the rows taken up."""
     dims = VARIABLES[name].dims
     if new is not None:

@@ -7,8 +7,6 @@ same choice is tried within the window before, where nothing was corrected. Knot
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +18,9 @@ from airswing.evaluation.permutation import (
 )
 
 
-def scrutinise(sums: DaySums, names: NDArray[Any], *, draws: int, seed: int) -> dict[str, object]:
+def scrutinise(
+    sums: DaySums, names: NDArray[np.generic], *, draws: int, seed: int
+) -> dict[str, object]:
     """Permutation test, check for regression to the mean, and matched controls.
 
     Parameters

@@ -24,7 +24,7 @@ def fit_by_window(
     pools: Mapping[str, list[str]],
     reference: str,
     window: Literal["month", "quarter"] = "month",
-    **fit_options: Any,
+    **fit_options: object,
 ) -> list[dict[str, Any]]:
     """Fit every aircraft in each calendar window on its own.
 

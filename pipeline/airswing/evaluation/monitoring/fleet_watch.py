@@ -11,7 +11,6 @@ Radians; logarithms of the wind vector difference.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +71,7 @@ class Alarm:
 
 
 def watch_fleet(
-    rows: tuple[Index, Index, NDArray[Any], NDArray[Any]],
+    rows: tuple[Index, Index, NDArray[np.generic], NDArray[np.generic]],
     law: Law,
     *,
     usual: Noise,
@@ -112,7 +111,7 @@ def watch_fleet(
 
 
 def _noise(
-    rows: tuple[Index, Index, NDArray[Any], NDArray[Any]], usual: Noise, number: int
+    rows: tuple[Index, Index, NDArray[np.generic], NDArray[np.generic]], usual: Noise, number: int
 ) -> Noise:
     """Errors of the days of a fleet, of large fleets from every so many aircraft."""
     aircraft, day, normal, right = rows

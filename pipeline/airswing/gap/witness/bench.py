@@ -201,7 +201,7 @@ class Bench:
         (n, 2) float
         """
         if of_wind is None or "wind" not in component:
-            key: Any = component
+            key: object = component
             u, v = self.setting.quiet.u_ref, self.setting.quiet.v_ref
         else:
             key = component, of_wind

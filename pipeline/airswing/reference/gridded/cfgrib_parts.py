@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any
 
 import xarray as xr
 
@@ -42,7 +41,7 @@ def cfgrib_parts(path: str) -> list[xr.Dataset]:
     skipped: Skipped = Counter()
     fields = fields_of(path, _may_matter, skipped)
     native = any(one["typeOfLevel"] in NATIVE for one in fields.values())
-    kinds: dict[tuple[Any, ...], dict[int, GribField]] = {}
+    kinds: dict[tuple[object, ...], dict[int, GribField]] = {}
     for number, one in fields.items():
         if _is_wanted(one, native=native):
             kinds.setdefault((*(one[key] for key in _KEYS), one.grid), {})[number] = one

@@ -90,7 +90,7 @@ def times_of_wrfout(ds: xr.Dataset, file: str) -> tuple[NDArray[np.int64], NDArr
     return valid.astype(np.int64), np.where(np.isfinite(lead), lead, 0).astype(np.int64)
 
 
-def _stamp(text: Any) -> np.datetime64:
+def _stamp(text: object) -> np.datetime64:
     if isinstance(text, np.ndarray):
         text = b"".join(text.tolist())
     written = text.decode() if isinstance(text, bytes) else str(text)

@@ -18,7 +18,6 @@ import gzip
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -86,11 +85,11 @@ def _content(path: Path) -> dict[str, object]:
     return content
 
 
-def _stale(point: list[Any]) -> bool:
+def _stale(point: list[object]) -> bool:
     return len(point) > 6 and isinstance(point[6], int) and bool(point[6] & STALE)
 
 
-def _piece(points: list[list[Any]], tail: str, begun: float) -> pd.DataFrame:
+def _piece(points: list[list[object]], tail: str, begun: float) -> pd.DataFrame:
     def column(place: int) -> NDArray[np.float64]:
         return np.array([_float(point[place]) for point in points])
 
@@ -114,7 +113,7 @@ def _piece(points: list[list[Any]], tail: str, begun: float) -> pd.DataFrame:
     return pd.DataFrame(piece)
 
 
-def _extra(point: list[Any]) -> dict[str, object]:
+def _extra(point: list[object]) -> dict[str, object]:
     return point[8] if len(point) > 8 and isinstance(point[8], dict) else {}
 
 

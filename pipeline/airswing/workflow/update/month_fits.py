@@ -288,8 +288,8 @@ class _Fleet:
                     self.bases[group][name] = Base.of(one.fit, one.field, one.reports)
                 else:
                     kept[group][name] = one
-        bases: dict[str, NDArray[Any]] = {}
-        fits: dict[str, NDArray[Any]] = {}
+        bases: dict[str, NDArray[np.generic]] = {}
+        fits: dict[str, NDArray[np.generic]] = {}
         for k, group in enumerate(self.groups):
             bases |= {f"{k}:{key}": one for key, one in packed_bases(self.bases[group]).items()}
             fits |= {f"{k}:{key}": one for key, one in packed_sums(kept[group]).items()}

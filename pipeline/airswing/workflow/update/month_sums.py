@@ -78,7 +78,7 @@ class MonthSums:
         if sums is not None:
             self.periods[group][name] = sums
 
-    def as_arrays(self) -> dict[str, NDArray[Any]]:
+    def as_arrays(self) -> dict[str, NDArray[np.generic]]:
         """Everything as arrays, for a file."""
         found = _words("content", self.content)
         for k, group in enumerate(self.periods):
@@ -139,7 +139,7 @@ def _runs(places: NDArray[np.int64]) -> Iterator[range]:
             yield range(int(run[0]), int(run[-1]) + 1)
 
 
-def kept_arrays(path: Path, mark: str) -> dict[str, NDArray[Any]] | None:
+def kept_arrays(path: Path, mark: str) -> dict[str, NDArray[np.generic]] | None:
     """Arrays that were kept; None where there are none that are whole and of this mark."""
     try:
         with np.load(path, allow_pickle=False) as stored:
@@ -190,7 +190,7 @@ def by_group(
     }
 
 
-def _words(name: str, words: Mapping[str, str]) -> dict[str, NDArray[Any]]:
+def _words(name: str, words: Mapping[str, str]) -> dict[str, NDArray[np.generic]]:
     pairs = np.array(list(words.items()), dtype=np.str_).reshape(-1, 2)
     return {name: pairs}
 

@@ -16,7 +16,7 @@ import logging
 import re
 import warnings
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -243,7 +243,7 @@ def _is_time(coordinate: xr.DataArray | xr.Variable | None) -> bool:
     if coordinate.dtype.kind in "mM":
         return True
     if coordinate.dtype == object and coordinate.size:
-        first: Any = np.asarray(coordinate.values).ravel()[0]
+        first: object = np.asarray(coordinate.values).ravel()[0]
         return hasattr(first, "calendar")
     named = str(coordinate.attrs.get("standard_name", ""))
     return named in ("time", "forecast_reference_time", "forecast_period")

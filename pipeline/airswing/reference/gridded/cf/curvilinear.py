@@ -87,10 +87,10 @@ class CurvilinearGrid:
             f"wind_along_grid={self.wind_along_grid})"
         )
 
-    def __getstate__(self) -> tuple[Any, ...]:
+    def __getstate__(self) -> tuple[object, ...]:
         return (self.latitude, self.longitude, self.turned, self.wind_along_grid)
 
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
+    def __setstate__(self, state: tuple[object, ...]) -> None:
         lat, lon, turned, along = state
         self.__init__(lat, lon, turned=turned, wind_along_grid=along)  # type: ignore[misc]
 
