@@ -64,16 +64,12 @@ class Wanted(NamedTuple):
     member: int | None = None  # number of the ensemble member; any where not given
 
     def of(self, heads: NDArray[np.void]) -> NDArray[np.bool_]:
-        """Tell them apart.
+        """Tell them apart; shape (n,).
 
         Parameters
         ----------
         heads : structured array, shape (n,)
             With ``lead`` (s) and ``member``.
-
-        Returns
-        -------
-        array of bool, shape (n,)
         """
         meets = lead_condition(self.lead)(heads["lead"])
         return meets if self.member is None else meets & (heads["member"] == self.member)

@@ -178,15 +178,11 @@ class Reference:
         return np.asarray(found.reshape(a, days, 8, 8))
 
     def scores(self, unknowns: Floats) -> Floats:
-        """Score of every unknown by day.
+        """Score of every unknown by day; shape (day, unknown).
 
         Parameters
         ----------
         unknowns : array, shape (unknown,)
-
-        Returns
-        -------
-        array, shape (day, unknown)
         """
         a = self.aircraft
         theta = unknowns[: a * SLOPES].reshape(a, SLOPES)

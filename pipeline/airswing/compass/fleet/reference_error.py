@@ -212,15 +212,11 @@ class Precision:
         self.inverse = self._node_inverse(variances.passing) if inverse is None else inverse
 
     def within_pieces(self, values: Floats) -> Floats:
-        """Apply the inverse covariance where the field is known.
+        """Apply the inverse covariance where the field is known; shape (..., n).
 
         Parameters
         ----------
         values : array of float, shape (..., n)
-
-        Returns
-        -------
-        array of float, shape (..., n)
         """
         found = values * self.weight
         mean = np.add.reduceat(found, self.stretch.opens, axis=-1) * self.tied
@@ -228,31 +224,23 @@ class Precision:
         return np.asarray(found)
 
     def passing(self, weighted: Floats) -> Floats:
-        """Most likely passing part.
+        """Most likely passing part; shape (segment * nodes, k).
 
         Parameters
         ----------
         weighted : array of float, shape (k, n)
             Of :meth:`within_pieces`.
-
-        Returns
-        -------
-        array of float, shape (segment * nodes, k)
         """
         right = self.stretch.passing_design.T @ weighted.T
         shape = (self.stretch.segments.size, self.stretch.nodes, right.shape[1])
         return np.asarray((self.inverse @ right.reshape(shape)).reshape(right.shape))
 
     def apply(self, values: Floats) -> Floats:
-        """Apply the inverse covariance, the field unknown.
+        """Apply the inverse covariance, the field unknown; shape (k, n).
 
         Parameters
         ----------
         values : array of float, shape (k, n)
-
-        Returns
-        -------
-        array of float, shape (k, n)
         """
         field = (self.stretch.passing_design @ self.passing(self.within_pieces(values))).T
         return self.within_pieces(values - field)

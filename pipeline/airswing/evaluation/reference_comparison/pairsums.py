@@ -147,12 +147,7 @@ class Regions:
         return cls(south, np.array([_thirds(row, -180.0) for row in longitudes]))
 
     def at(self, reports: xr.Dataset) -> Ints:
-        """Region of each report, 0 to 8.
-
-        Returns
-        -------
-        array of int, shape (report,)
-        """
+        """Region of each report, 0 to 8; shape (report,)."""
         row = np.searchsorted(self.south, reports["latitude"].to_numpy())
         column = (reports["longitude"].to_numpy()[:, np.newaxis] > self.west[row]).sum(axis=1)
         return np.asarray(row * 3 + column, dtype=np.int64)

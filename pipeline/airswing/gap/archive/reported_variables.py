@@ -118,7 +118,7 @@ def cells_of(values: Floats, edges: Floats) -> Integers:
 
 
 def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
-    """Values of a variable.
+    """Values of a variable; shape (n,).
 
     Parameters
     ----------
@@ -126,10 +126,6 @@ def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
         Reports as they are (or simulated).
     quiet : Frame
         The same with heading and airspeed free of the residual's noise.
-
-    Returns
-    -------
-    (n,) float
     """
     if name == "wind_direction":
         return np.asarray(np.mod(np.degrees(np.arctan2(-frame.u_rep, -frame.v_rep)), 360.0))

@@ -124,10 +124,6 @@ def table_values(
         Wind that stands for the reported one, m/s.
     heading : (n,) float
         Indicated heading, rad.
-
-    Returns
-    -------
-    (n,) float
     """
     turned = heading - frame.heading
     told = replace(
@@ -151,10 +147,6 @@ def change_of(component: str, *, heading: Floats, airspeed: Floats, u: Floats, v
         rad, m/s.
     u, v : (n,) float
         Wind, m/s.
-
-    Returns
-    -------
-    (n, 2) float
     """
     sine, cosine = np.sin(heading), np.cos(heading)
     across, along = np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)

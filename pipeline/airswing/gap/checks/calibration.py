@@ -105,16 +105,12 @@ def calibrate(
 
 
 def pit_histogram(values: Floats, *, bins: int = BINS) -> Integers:
-    """Count standardised values in bins of equal predicted probability.
+    """Count standardised values in bins of equal predicted probability; shape (bins,).
 
     Parameters
     ----------
     values : (...) float
         Of unit variance where the prediction is right.
-
-    Returns
-    -------
-    (bins,) int
     """
     where = np.clip((norm.cdf(values) * bins).astype(np.int64), 0, bins - 1)
     return np.bincount(where.ravel(), minlength=bins)

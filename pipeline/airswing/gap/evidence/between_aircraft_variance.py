@@ -50,10 +50,6 @@ def whole_prior(weights: Floats | None = None) -> Floats:
     ----------
     weights : (H,) float, optional
         Log probability of each of :data:`SCALES`; all alike by default.
-
-    Returns
-    -------
-    (T,) float
     """
     log = np.full(SCALES.size, -np.log(SCALES.size)) if weights is None else weights
     each = np.stack([half_normal(float(scale)) for scale in SCALES])
@@ -81,16 +77,12 @@ def told(likelihoods: Sequence[Floats]) -> Floats:
 
 
 def either(evidence: Floats) -> Floats:
-    """Log density of aircraft that may be struck, over that of ones that are not.
+    """Log density of aircraft that may be struck, over that of ones that are not; shape (T, A).
 
     Parameters
     ----------
     evidence : (T, S, A) float
         Log Bayes factors of being struck, by size of the background and width of the prior.
-
-    Returns
-    -------
-    (T, A) float
     """
     struck = np.logaddexp.reduce(evidence, axis=1) - np.log(evidence.shape[1])
     return np.asarray(np.logaddexp(np.log1p(-ELSEWHERE), np.log(ELSEWHERE) + struck))

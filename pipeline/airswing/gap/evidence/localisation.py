@@ -99,12 +99,7 @@ def score_test(gram: Floats, score: Floats, factor: float) -> tuple[float, Float
 
 
 def false_discovery(p_values: Sequence[float]) -> Floats:
-    """q-values of Benjamini and Hochberg.
-
-    Returns
-    -------
-    (n,) float
-    """
+    """q-values of Benjamini and Hochberg; shape (n,)."""
     p = np.asarray(p_values, float)
     order = np.argsort(p)
     ranked = p[order] * p.size / np.arange(1, p.size + 1)

@@ -331,10 +331,6 @@ def background_likelihood(stats: Statistics, given: Conditional, candidate: Cand
     ----------
     candidate : Candidate
         Of single aircraft.
-
-    Returns
-    -------
-    (T,) float
     """
     (found,) = _aircraft_evidence(stats, given, [candidate])
     each = (found.nothing + either(found.tempered)).sum(axis=1).reshape(-1, GRID.size)

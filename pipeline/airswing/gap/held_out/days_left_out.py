@@ -24,16 +24,12 @@ Integers = NDArray[np.int64]
 
 
 def folds_of_days(stats: Statistics, *, most: int = 8) -> Integers:
-    """Fold of every day: whole weeks, or blocks of days in short archives.
+    """Fold of every day: whole weeks, or blocks of days in short archives; shape (D,).
 
     Parameters
     ----------
     most : int
         Number of folds at most.
-
-    Returns
-    -------
-    (D,) int
     """
     if stats.weeks.size >= 3:
         return np.asarray(stats.week_of_day * min(most, stats.weeks.size) // stats.weeks.size)

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 
 def path_derivative(values: Floats, scale: Floats, flight: NDArray[np.integer]) -> Floats:
-    """Central difference of values along flights by a coordinate, NaN at the ends.
+    """Central difference of values along flights by a coordinate, NaN at the ends; shape (n, 2).
 
     Parameters
     ----------
@@ -33,10 +33,6 @@ def path_derivative(values: Floats, scale: Floats, flight: NDArray[np.integer]) 
     scale : (n,) float
         The coordinate: time (s) or ln p.
     flight : (n,) int
-
-    Returns
-    -------
-    (n, 2) float
     """
     out = np.full(values.shape, np.nan)
     step = scale[2:] - scale[:-2]

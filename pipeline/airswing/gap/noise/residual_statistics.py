@@ -22,7 +22,7 @@ DISTANCE_EDGES = np.array([0, 10, 25, 50, 75, 100, 150, 200, 300, 400, 600, 900]
 
 
 def gross_errors(residual: Floats, order: FlightOrder) -> NDArray[np.bool_]:
-    """Mark single reports that stand out from both neighbours of their flight.
+    """Mark single reports that stand out from both neighbours of their flight; shape (n,).
 
     A report is gross when it differs by more than five robust standard deviations from the
     median of itself and its two neighbours (at the ends: the two nearest).
@@ -31,10 +31,6 @@ def gross_errors(residual: Floats, order: FlightOrder) -> NDArray[np.bool_]:
     ----------
     residual : (n, 2) float
         Residual (u, v), m s-1.
-
-    Returns
-    -------
-    (n,) bool
     """
     n = residual.shape[0]
     before, after = previous_and_next(order, n)

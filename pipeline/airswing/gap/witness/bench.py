@@ -195,10 +195,6 @@ class Bench:
         of_wind : int, optional
             Across and along the wind as reported in this archive (0: the real one), not its
             large-scale part.
-
-        Returns
-        -------
-        (n, 2) float
         """
         if of_wind is None or "wind" not in component:
             key: object = component

@@ -98,10 +98,6 @@ def signed_size(change: Array, u: Array, v: Array, heading: Array, component: st
         Wind as computed (m/s) and heading (radians).
     component : str
         Of `airswing.synthetic.aircraft.outside_effects.COMPONENTS`, or ``scatter``: its length.
-
-    Returns
-    -------
-    ndarray (n,)
     """
     if component == "scatter":
         return np.asarray(np.hypot(*change.T))
