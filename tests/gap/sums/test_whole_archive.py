@@ -94,6 +94,22 @@ def test_what_is_read_has_the_sums_of_what_is_held(whole):
     assert np.sqrt(np.mean(difference[:, : one.layout.core] ** 2)) < 0.3  # of a standard deviation
 
 
+def test_noise_is_fitted_to_what_known_effects_leave(whole):
+    def about(frame, context):
+        known = np.zeros((frame.size, 2))
+        known[::7, 0] = 40.0  # single reports that would stand out as gross errors
+        return frame.residual, known
+
+    columns = columns_of(held_archive(whole))
+    without, beside = (
+        sum_reports(read(whole), columns),
+        sum_reports(read(whole), columns, about=about),
+    )
+    np.testing.assert_array_equal(beside.gross, without.gross)
+    np.testing.assert_allclose(beside.week_gram, without.week_gram, rtol=1e-6)
+    assert not np.allclose(beside.day_score, without.day_score)
+
+
 def test_sums_are_the_same_bit_for_bit_whatever_the_number_of_workers(whole):
     for make in (held_archive, read):
         columns = columns_of(held_archive(whole))
