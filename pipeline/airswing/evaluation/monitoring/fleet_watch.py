@@ -42,7 +42,7 @@ COMPASS = Law(
     level=DEGREE * np.array([10.0, 10, 10, 5, 5, *_HIGHER, 0, 0, 0]) + 0.05 * _SCALE + 0.7 * _WINDS,
     drift=0.13 * DEGREE * _ANGLES + 0.005 * _SCALE + 0.15 * _WINDS,
     farthest=30.0,
-    threshold=6.5,
+    threshold=7.0,
     weighed_from=4.0,
 )
 """Only the compass steps: a bias of the reference or of the airspeed is no change of it."""
@@ -54,7 +54,7 @@ WIND = Law(
     level=np.array([1.0]),
     drift=np.array([0.07]),
     farthest=12.0,
-    threshold=11.0,
+    threshold=12.0,
 )
 """Logarithm of the wind vector difference: a step of 0.4 is a factor of 1.5."""
 WIND_NOISE = Noise(1.5, np.array([0.15**2]))

@@ -40,7 +40,7 @@ LAGS = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30)
 """Lengths of the stretch after the step that are tried every night."""
 OWN_NOISE_FROM = 60.0
 """Degrees of freedom of the fleet's noise in an aircraft's own."""
-FEWEST_DAYS = 8
+FEWEST_DAYS = 14
 """Days with reports before a step."""
 
 
