@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from airswing.report.html.embed import embedded
 from airswing.report.run.stability_figures import (
     prediction_figure,
     ranking_figure,
@@ -118,6 +119,15 @@ def test_an_interval_that_is_unknown_is_left_away(ranking):
     section = ranking_section(ranking, one_day)
     assert section.lead.startswith("N1 would gain most: 3.20 kt of its")
     assert "gain 3.00 kt; expected were 3.20 kt (2.80" in "".join(map(str, section.parts))
+
+
+def test_a_point_an_aircraft_of_thousands_does_not_fill_the_page():
+    """In SVG 3,000 points with their intervals took 2.5 MB a panel, half of what a page may."""
+    many = virtual(True)
+    many["held_out"] = many["later"]
+    many["later"]["by_aircraft"] *= 3000
+    figure = prediction_figure(many)
+    assert len(embedded(figure)) < 400_000 and "n = 6,000 points" in figure.caption
 
 
 def test_what_is_missing_leaves_no_section_and_no_false_figure(ranking):

@@ -42,6 +42,10 @@ FULL_WIDTH = 9.6  # Width of a page-wide figure, inches
 
 MANY = 20_000  # Points beyond which a scatter becomes a density
 
+# Marks of a panel beyond which they are an image in it: of 6,000 aircraft with both intervals the
+# marks alone would be twice as large as a page may be.
+HEAVY = 200
+
 RASTER_DPI = 150  # Of what is drawn as an image inside a page
 
 RC: Any = {

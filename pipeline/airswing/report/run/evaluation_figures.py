@@ -22,6 +22,7 @@ from airswing.report.html.document import drawing, paragraph
 from airswing.report.html.style import (
     BLUE,
     FAINT,
+    HEAVY,
     INK,
     ORANGE,
     SOFT,
@@ -183,6 +184,7 @@ def _each_aircraft(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> int:
                 markersize=5.5,
                 linestyle="none",
                 label=group,
+                rasterized=len(rows) > HEAVY,
             )
     values = [row[key] for row in rows for key in ("before_kt", "during_kt")]
     values = [value for value in values if value is not None and np.isfinite(value)]

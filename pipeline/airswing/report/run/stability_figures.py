@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from airswing.report.html.style import (
     BLUE,
     FAINT,
+    HEAVY,
     INK,
     ORANGE,
     SOFT,
@@ -174,15 +175,21 @@ def prediction_figure(virtual: Mapping[str, Any]) -> Figure:
 
 
 def _against(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
-    for row in rows:
-        x, y = row["predicted_gain_kt"], row["realised_gain_kt"]
-        axes.plot(row["predicted_gain_ci_kt"], [y, y], color=FAINT, linewidth=1.4)
-        axes.plot([x, x], row["realised_gain_ci_kt"], color=FAINT, linewidth=1.4)
-        axes.plot(x, y, "o", color=VERMILION if row["agree"] is False else BLUE, markersize=5.5)
-        if len(rows) <= 12:
+    names = ("predicted_gain_kt", "realised_gain_kt", "predicted_gain_ci_kt", "realised_gain_ci_kt")
+    x, y, across, along = (np.array([row[name] for row in rows], float) for name in names)
+    many = len(rows) > HEAVY
+    look: dict[str, Any] = {"color": FAINT, "linewidth": 1.4, "rasterized": many}
+    axes.hlines(y, *across.T, **look)
+    axes.vlines(x, *along.T, **look)
+    apart = np.array([row["agree"] is False for row in rows])
+    for own, color in ((~apart, BLUE), (apart, VERMILION)):
+        size = 2.5 if many else 5.5
+        axes.plot(x[own], y[own], "o", color=color, markersize=size, rasterized=many)
+    if len(rows) <= 12:
+        for row, place in zip(rows, zip(x, y, strict=True), strict=True):
             axes.annotate(
                 row["aircraft"],
-                (x, y),
+                place,
                 xytext=(5, -9),
                 textcoords="offset points",
                 fontsize=8,
