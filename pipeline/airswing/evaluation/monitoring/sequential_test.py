@@ -137,8 +137,10 @@ class Watch:
         """Level by the sums of the days before, and its covariance."""
         long = self.noise.inflation(365.0) * scale[..., np.newaxis, np.newaxis]
         precision = weight / long + np.diag(self.law.level**-2.0)
-        level = np.linalg.solve(precision, (right / long[..., 0])[..., np.newaxis])[..., 0]
-        covariance = np.linalg.inv(precision) + np.diag(self.law.drift**2)
+        # the inverse is asked for anyway: solving beside it would factor every matrix twice
+        inverse = np.linalg.inv(precision)
+        level = (inverse @ (right / long[..., 0])[..., np.newaxis])[..., 0]
+        covariance = inverse + np.diag(self.law.drift**2)
         return np.asarray(level, np.float64), np.asarray(covariance, np.float64)
 
     def surprise(self, of: Index, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
@@ -153,8 +155,13 @@ class Watch:
         -------
         weight, score : array, shape (n, p, p) and (n, p)
         """
-        scale = self.scale(of)
-        level, covariance = self.level(of)
+        return self._beyond(self.level(of), self.scale(of), weight, right)
+
+    @staticmethod
+    def _beyond(
+        known: tuple[Floats, Floats], scale: Floats, weight: Floats, right: Floats
+    ) -> tuple[Floats, Floats]:
+        level, covariance = known
         weight = weight / scale[:, np.newaxis, np.newaxis]
         score = right / scale[:, np.newaxis] - np.einsum("nij,nj->ni", weight, level)
         return _marginal(weight, score, covariance)
@@ -175,12 +182,13 @@ class Watch:
         self._ring.append((day, first, rest[0], rest[1], rest[2]))
         if not of.size:
             return
-        inside, score = self.surprise(of, weight, right)
+        known = self.level(of)
+        inside, score = self._beyond(known, self.scale(of), weight, right)
         distance, freedom = _distance(inside, score, self.law.shapes.max(axis=0))
         new = self.days[of] < FEWEST_DAYS
         held = np.where(new, 1.0, np.sqrt(self.law.farthest / np.maximum(distance, 1e-30)))
         held = np.minimum(held, 1.0)[:, np.newaxis]
-        expected = np.einsum("nij,nj->ni", weight, self.level(of)[0])
+        expected = np.einsum("nij,nj->ni", weight, known[0])
         self.weight[of] += weight
         self.right[of] += expected + held * (right - expected)
         self.straight[of] += right
