@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 import airswing  # noqa: F401
-from airswing.gap.closure.effects_not_named import _beside, _Silent, closure_slopes
+from airswing.gap.closure.effects_not_named import (
+    LEAST_ACTING,
+    _beside,
+    _Silent,
+    _units,
+    closure_slopes,
+)
 
 
 def test_slopes_are_the_derivatives_of_the_summed_disagreement():
@@ -62,3 +68,18 @@ def test_an_effect_of_the_fleet_gives_back_over_all_its_aircraft():
     expected = closure_slopes(np.concatenate(residual), net[..., None])
     np.testing.assert_allclose(slope[0], expected[0])
     np.testing.assert_allclose(curve[0], expected[1])
+
+
+@pytest.mark.parametrize(
+    ("scope", "free"), [("fleet", [False]), ("aircraft", [False, True, False])]
+)
+def test_what_has_its_name_is_not_left_over_as_well(scope, free):
+    """Of three aircraft the first is named, and on the third the effect hardly acts."""
+    found = SimpleNamespace(terms=[SimpleNamespace(key=("tas_scale", scope), tails=(0,))])
+    score = SimpleNamespace(
+        candidate=SimpleNamespace(name="tas_scale", scope=scope),
+        acting=np.array([LEAST_ACTING, LEAST_ACTING, LEAST_ACTING - 1]),
+    )
+    assert _units(found, score).tolist() == free
+    other = SimpleNamespace(terms=[SimpleNamespace(key=("compass_offset", scope), tails=(0,))])
+    assert _units(other, score)[0]
