@@ -64,6 +64,7 @@ LIMITS = (0.025, 0.975)
 #: coefficients and stand at the heading as fitted. Nine of the blind check's archives whose effect
 #: has no other doubt were 0.1 to 1.0 % off their twins, one 2.7 %.
 BENT = 0.01
+DRAWS = 300
 #: Reports whose draws are worked out at once: 300 draws of them are 1.2 MB.
 AT_ONCE = 256
 
@@ -76,7 +77,6 @@ def with_interval(
     known: Sequence[int],
     factors: Mapping[str, float] | None = None,
     doubts: Mapping[str, float] | None = None,
-    draws: int = 300,
 ) -> Closure:
     """Closure of the known terms with the interval of what is true.
 
@@ -101,10 +101,10 @@ def with_interval(
     if single_day(problem.base.stats) and not known:
         return replace(closure, reduction_ci=None, after_ci=None)
     rng = np.random.default_rng(problem.seed)
-    open_ = _Open(problem, found, rng, draws, factors or {}, doubts or {})
+    open_ = _Open(problem, found, rng, DRAWS, factors or {}, doubts or {})
     alone = dict(zip(known, closure.alone, strict=True))
     drawn = _drawn(open_, closure, alone, known)
-    more = left_over(problem, found, closure.residual, rng, draws, named=known)
+    more = left_over(problem, found, closure.residual, rng, DRAWS, named=known)
     everything = range(len(found.terms))
     most = drawn
     if len(known) < len(everything):

@@ -55,9 +55,7 @@ class Reduction:
         return max(low, 0.0), max(high, 0.0)
 
 
-def reduction_of(
-    frame: Frame, residual: Floats, verdict: MomentVerdict, gross: Mask, *, seed: int = 0
-) -> Reduction:
+def reduction_of(frame: Frame, residual: Floats, verdict: MomentVerdict, gross: Mask) -> Reduction:
     """How far the disagreement shrinks without one effect of coding or of gross errors.
 
     Parameters
@@ -72,7 +70,7 @@ def reduction_of(
     Reduction
         Nothing for effects that hardly move the wind (coding of positions, of times).
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     struck = np.isin(np.array(frame.tails)[frame.aircraft], verdict.tails)
     if verdict.name == "outliers":
         return _of_gross(frame, residual, verdict, struck & ~gross, rng)

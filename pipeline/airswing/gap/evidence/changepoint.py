@@ -45,6 +45,7 @@ Floats = NDArray[np.float64]
 # aircraft at once.
 #: Shortest period tried, days with reports.
 SHORTEST = 3
+MOST_EDGES = 60  # of periods, over the archive: their pairs are tried
 #: What a period must explain beyond the same effect lasting: log evidence, and part of its own.
 GAIN, GAIN_SHARE = 5.0, 0.04
 #: Cluster factor from which it is asked how much of it the change itself makes.
@@ -107,15 +108,15 @@ def own_day_grams(base: Base, aircraft: int, columns: NDArray[np.int64]) -> Floa
 
 
 @cache
-def windows(days: int, *, shortest: int = SHORTEST, most: int = 60) -> NDArray[np.int64]:
+def windows(days: int) -> NDArray[np.int64]:
     """Pairs (first day, one past the last day) tried, (w, 2)."""
-    stride = max(1, int(np.ceil(days / most)))
+    stride = max(1, int(np.ceil(days / MOST_EDGES)))
     edges = np.arange(0, days + 1, stride)
     if edges[-1] != days:
         edges = np.r_[edges, days]
-    pairs = [(a, b) for a in edges for b in edges if b - a >= shortest]
-    pairs = [(a, b) for a, b in pairs if (a > 0 or b < days) and (a < shortest) <= (a == 0)]
-    kept = [(a, b) for a, b in pairs if days - b >= shortest or b == days]
+    pairs = [(a, b) for a in edges for b in edges if b - a >= SHORTEST]
+    pairs = [(a, b) for a, b in pairs if (a > 0 or b < days) and (a < SHORTEST) <= (a == 0)]
+    kept = [(a, b) for a, b in pairs if days - b >= SHORTEST or b == days]
     return np.array(kept, np.int64).reshape(-1, 2)  # a short archive has none
 
 

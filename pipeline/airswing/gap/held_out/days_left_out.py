@@ -23,16 +23,13 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-def folds_of_days(stats: Statistics, *, most: int = 8) -> Integers:
-    """Fold of every day: whole weeks, or blocks of days in short archives; shape (D,).
+MOST_FOLDS = 8
 
-    Parameters
-    ----------
-    most : int
-        Number of folds at most.
-    """
+
+def folds_of_days(stats: Statistics) -> Integers:
+    """Fold of every day: whole weeks, or blocks of days in short archives; shape (D,)."""
     if stats.weeks.size >= 3:
-        return np.asarray(stats.week_of_day * min(most, stats.weeks.size) // stats.weeks.size)
+        return np.asarray(stats.week_of_day * min(MOST_FOLDS, stats.weeks.size) // stats.weeks.size)
     count = max(2, min(4, stats.days.size))
     return np.asarray(np.arange(stats.days.size) * count // stats.days.size)
 

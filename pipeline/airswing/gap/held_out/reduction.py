@@ -231,7 +231,6 @@ def close(
     terms: Sequence[Term],
     *,
     factors: Mapping[str, float] | None = None,
-    draws: int = 400,
 ) -> Closure:
     """Held-out closure of the terms, in sequence and alone.
 
@@ -240,15 +239,13 @@ def close(
     factors : mapping, optional
         Effect name -> share of its coefficient that is fitted
         (:mod:`airswing.gap.held_out.attenuation`): what is taken off is the effect in full.
-    draws : int
-        Of the bootstrap over days.
     """
     frame, base, day, seed = problem.archive, problem.base, problem.day, problem.seed
     effects = problem.effects
     before = np.hypot(*frame.residual.T)
     if not terms:
         mean = float(before.mean()) / KNOT
-        ci = day_interval(before / KNOT, day, seed, draws)
+        ci = day_interval(before / KNOT, day, seed)
         return Closure(mean, mean, (0.0, 0.0), ci, (), (), frame.residual)
     fold = folds_of_days(base.stats)
     errors = held_out_errors(problem, terms, fold, factors=factors)
@@ -258,13 +255,13 @@ def close(
     for k, term in enumerate(terms):
         residual = _without(frame, errors[: k + 1], sensor[: k + 1])
         now = np.hypot(*residual.T)
-        low, high = day_interval((left - now) / KNOT, day, seed, draws)
+        low, high = day_interval((left - now) / KNOT, day, seed)
         steps.append((term.candidate.name, float(now.mean()) / KNOT, low, high))
         left = now
         alone.append(
             float(np.hypot(*_without(frame, errors[k : k + 1], sensor[k : k + 1]).T).mean())
         )
-    low, high = day_interval((before - left) / KNOT, day, seed, draws)
+    low, high = day_interval((before - left) / KNOT, day, seed)
     first, last = float(before.mean()) / KNOT, float(left.mean()) / KNOT
     return Closure(
         first,
