@@ -77,14 +77,29 @@ def _remains_of(base: Base, given: Conditional, aircraft: int) -> Floats:
         for x, value in zip(given.included, given.coefficients, strict=True):
             if x.column < core.stop:
                 fitted[:, :, x.column] += x.weights * value
-        fields = base.stats.layout.blocks["day_fields"]
-        each = (_taken_off(base, given, a, fields) for a in range(len(fitted)))
-        made["shared"] = np.einsum("dij,dj->di", base.root, sum(each))
+        made["shared"] = np.einsum("dij,dj->di", base.root, _fields_taken_off(base, given))
     if (name := f"remains {aircraft}") not in made:
         cross = base.cross[aircraft][:, :, core]
         left = _taken_off(base, given, aircraft, core)
         made[name] = left - np.matmul(made["shared"][:, None], cross)[:, 0]
     return made[name]
+
+
+def _fields_taken_off(base: Base, given: Conditional) -> Floats:
+    """Scores (D, q) of the day fields of all aircraft, as :func:`_taken_off` of one."""
+    stats, fitted = base.stats, given.derived["fitted"]
+    fields = stats.layout.blocks["day_fields"]
+    left = stats.day_score[:, :, fields].sum(axis=0)
+    for x, value in zip(given.included, given.coefficients, strict=True):
+        if x.column >= stats.layout.core:
+            rows = stats.week_gram[:, :, x.column, fields][:, stats.week_of_day]
+            left -= np.einsum("ad,adq->dq", x.weights * stats.day_share * value, rows)
+    live = np.flatnonzero(fitted.any(axis=(0, 1)))
+    # the same columns are given in nearly every state of a search
+    key = "fields beside", live.tobytes()
+    if key not in base.blocks:
+        base.blocks[key] = stats.day_gram[:, :, live, fields].astype(float)
+    return np.asarray(left - np.einsum("adl,adlq->dq", fitted[:, :, live], base.blocks[key]))
 
 
 def _taken_off(base: Base, given: Conditional, aircraft: int, columns: slice) -> Floats:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from airswing.gap.sums.elimination import (
     Included,
     climatology,
     condition,
+    digest_of,
     fit_included,
 )
 
@@ -61,18 +63,28 @@ def term_columns(term: Term, shape: tuple[int, int]) -> list[Included]:
     width = 4.0 * np.maximum(term.candidate.scales, 1e-12)
     out = []
     if term.candidate.scope == "fleet":
+        same = digest_of(whole)
         return [
-            Included(int(j), whole, 1 / w**2)
+            Included(int(j), whole, 1 / w**2, same)
             for j, w in zip(term.candidate.columns, width, strict=True)
         ]
     for a in term.tails:
         weights = np.zeros(shape)
         weights[a] = whole[a]
+        same = _digest_of_one(a, term.period, shape)
         out += [
-            Included(int(j), weights, 1 / w**2)
+            Included(int(j), weights, 1 / w**2, same)
             for j, w in zip(term.candidate.columns, width, strict=True)
         ]
     return out
+
+
+@lru_cache(maxsize=4096)  # an aircraft's columns are given again and again in the search
+def _digest_of_one(aircraft: int, period: tuple[int, int] | None, shape: tuple[int, int]) -> bytes:
+    """Digest of the weights of a term's columns of one aircraft."""
+    weights = np.zeros(shape)
+    weights[aircraft, slice(None) if period is None else slice(*period)] = 1.0
+    return digest_of(weights)
 
 
 def given_terms(

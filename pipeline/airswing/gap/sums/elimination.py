@@ -14,7 +14,7 @@ Source: Frisch-Waugh-Lovell elimination; mixed-model equations of Henderson (197
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import blake2b
@@ -39,6 +39,12 @@ class Included:
     column: int  # a column of the layout; one outside the core is in force by whole weeks
     weights: Floats  # (A, D): factor on the column per aircraft and day: 1 where it acts
     precision: float  # 1 over its prior variance
+    digest: bytes | None = None  # of the weights, where it is known already
+
+    @cached_property
+    def key(self) -> Key:
+        """What tells it from others, whatever its precision."""
+        return self.column, self.digest or digest_of(self.weights)
 
 
 @dataclass(frozen=True)
@@ -57,9 +63,11 @@ class Base:
     # (p,): what the scatter of headings looks like in each column, m/s
     # (:mod:`airswing.gap.evidence.scattered_headings`)
     scattered: Floats | None = None
-    # rows, daily, blocks: what was computed already of weighted columns, by column and digest of
-    # the weights: X'Y with every column, coupling and X'r by day, X'X of an aircraft's own by fold
+    # rows, fleet_rows, daily, blocks: what was computed already of weighted columns, by column and
+    # digest of the weights: X'Y with every column, of each aircraft and of all together, coupling
+    # and X'r by day, X'X of an aircraft's own by fold
     rows: dict[Key, Floats] = field(default_factory=dict, repr=False)
+    fleet_rows: dict[Key, Floats] = field(default_factory=dict, repr=False)
     daily: dict[Key, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
     blocks: dict[tuple[object, ...], Floats] = field(default_factory=dict, repr=False)
 
@@ -94,7 +102,7 @@ class Base:
     def lasting_share(self) -> Floats:
         """Share of each fleet-wide column's X'X that the climatology and the slope take, (p,)."""
         lasting = climatology(self)
-        cross = np.stack([row.sum(axis=0) for row in _cross_rows(self, lasting)])
+        cross = _cross_rows(self, lasting)[1]
         taken = ((fit_included(self, lasting).half @ cross) ** 2).sum(axis=0)
         own = np.diagonal(self.fleet_gram)
         share = np.divide(taken, own, out=np.zeros_like(taken), where=own > 1e-9)
@@ -142,9 +150,10 @@ def eliminate_days(stats: Statistics, variances: Variances | None = None) -> Bas
 def climatology(base: Base) -> list[Included]:
     """Included columns of the reference's climatology: fleet-wide, with the archive's prior."""
     ones = np.ones(base.stats.day_count.shape)
+    same = digest_of(ones)
     prior = lasting_prior(base.stats.layout, base.variances.climatology)
     pairs = zip(*prior, strict=True)
-    return [Included(int(column), ones, float(precision)) for column, precision in pairs]
+    return [Included(int(column), ones, float(precision), same) for column, precision in pairs]
 
 
 def condition(
@@ -159,12 +168,12 @@ def condition(
     Parameters
     ----------
     columns : (k,) int, optional
-        Where the aircraft's own sums are asked for of these only: those of others stay 0.
+        Where sums are asked for of these only: those of others stay 0.
     aircraft : int, optional
         One whose own sums are then asked for of all columns.
     """
     fit = fit_included(base, included)
-    rows = _cross_rows(base, included)
+    rows, fleet = _cross_rows(base, included)
     everything = slice(None)
     if columns is None:
         gram, score = _own_sums(base, fit, rows, everything, everything)
@@ -175,16 +184,15 @@ def condition(
     if aircraft is not None:
         one = slice(aircraft, aircraft + 1)
         gram[one], score[one] = _own_sums(base, fit, rows, one, everything)
-    fleet = np.stack([row.sum(axis=0) for row in rows])
-    total = fit.half @ fleet
+    fleet_gram, fleet_score = _fleet_sums(base, fit, fleet, columns)
     return Conditional(
         tuple(included),
         fit.coefficients,
         fit.covariance,
         gram,
         score,
-        base.fleet_gram - total.T @ total,
-        base.fleet_score - fit.score @ fit.covariance @ fleet,
+        fleet_gram,
+        fleet_score,
         base.lasting_share,
         base.background,
         base.scattered,
@@ -201,6 +209,19 @@ def _own_sums(
     return gram, base.score[own][:, :, some] - (fit.score @ fit.covariance) @ cross
 
 
+def _fleet_sums(
+    base: Base, fit: Fit, fleet: Floats, columns: Integers | None
+) -> tuple[Floats, Floats]:
+    """X'X (p, p) and X'r (D, p) of fleet-wide columns given what is fitted; of some alone."""
+    some = np.arange(fleet.shape[1]) if columns is None else columns
+    reduced = fit.half @ fleet[:, some]
+    square = np.ix_(some, some)
+    gram, score = np.zeros(base.fleet_gram.shape), np.zeros(base.fleet_score.shape)
+    gram[square] = base.fleet_gram[square] - reduced.T @ reduced
+    score[:, some] = base.fleet_score[:, some] - fit.score @ fit.covariance @ fleet[:, some]
+    return gram, score
+
+
 @dataclass(frozen=True)
 class Fit:
     """Ridge fit of included columns alone."""
@@ -215,7 +236,7 @@ class Fit:
 
 def fit_included(base: Base, included: list[Included]) -> Fit:
     """Fit the included columns, without a look at any other."""
-    return _fit(included, *included_sums(base, *_stacked(included)))
+    return _fit(included, *included_sums(base, *_stacked(included), keys=[x.key for x in included]))
 
 
 def fits_by_fold(base: Base, included: list[Included], fold: Integers) -> Iterator[tuple[Fit, Fit]]:
@@ -271,13 +292,17 @@ def _stacked(included: list[Included]) -> tuple[Integers, Floats]:
     return columns, np.stack([x.weights for x in included])
 
 
-def included_sums(base: Base, columns: Integers, weights: Floats) -> tuple[Floats, Floats]:
+def included_sums(
+    base: Base, columns: Integers, weights: Floats, *, keys: Sequence[Key] | None = None
+) -> tuple[Floats, Floats]:
     """X'X among weighted core columns, and X'r by day.
 
     Parameters
     ----------
     columns : (m,) int
     weights : (m, A, D) float
+    keys : sequence of (m,) Key, optional
+        Of the weighted columns, where they are known already.
 
     Returns
     -------
@@ -285,12 +310,16 @@ def included_sums(base: Base, columns: Integers, weights: Floats) -> tuple[Float
     score : (D, m) float
     """
     whole = np.zeros(base.stats.days.size, np.int64)
-    gram, by_day = _daily_sums(base, columns, weights, whole)
+    gram, by_day = _daily_sums(base, columns, weights, whole, keys)
     return gram[0] + weekly_sums(base.stats, columns, weights, whole == 0), by_day
 
 
 def _daily_sums(
-    base: Base, columns: Integers, weights: Floats, fold: Integers
+    base: Base,
+    columns: Integers,
+    weights: Floats,
+    fold: Integers,
+    known: Sequence[Key] | None = None,
 ) -> tuple[Floats, Floats]:
     """X'X by fold of days, (F, m, m), as far as daily sums tell it; X'r by day, (D, m).
 
@@ -303,7 +332,11 @@ def _daily_sums(
     by_day = np.empty((stats.days.size, columns.size))
     coupled[even] = np.moveaxis(base.fleet_cross[:, :, columns[even]], -1, 0)
     by_day[:, even] = base.score[:, :, columns[even]].sum(axis=0)
-    keys = {k: _key(columns[k], weights[k]) for k in np.flatnonzero(~even).tolist()}
+    partly = np.flatnonzero(~even).tolist()
+    if known is None:
+        keys = {k: (int(columns[k]), digest_of(weights[k])) for k in partly}
+    else:
+        keys = {k: known[k] for k in partly}
     for k, key in keys.items():
         if key not in base.daily:
             active = np.flatnonzero(weights[k].any(axis=1))
@@ -336,16 +369,19 @@ def _daily_sums(
     return gram, by_day
 
 
-def _key(column: int, weights: Floats) -> Key:
-    """What tells a weighted column from others; most weights are 0, and are not gone through."""
+def digest_of(weights: Floats) -> bytes:
+    """What tells weights from others; most are 0, and are not gone through."""
     where = np.flatnonzero(weights)
     told = where.tobytes() + weights.ravel()[where].tobytes()
-    return int(column), blake2b(told, digest_size=16).digest()
+    return blake2b(told, digest_size=16).digest()
 
 
-def _cross_rows(base: Base, included: list[Included]) -> list[Floats]:
-    """X'Y between each included column and each aircraft's every column, (A, p) each."""
-    keys = [_key(x.column, x.weights) for x in included]
+def _cross_rows(base: Base, included: list[Included]) -> tuple[list[Floats], Floats]:
+    """X'Y between each included column and each aircraft's every column, (A, p); the fleet's, (p,).
+
+    The latter stacked, (m, p).
+    """
+    keys = [x.key for x in included]
     new = [k for k, key in enumerate(keys) if key not in base.rows]
     if new:
         shared = [
@@ -358,7 +394,8 @@ def _cross_rows(base: Base, included: list[Included]) -> list[Floats]:
         for i, k in enumerate(new):
             own = own_row(base.stats, included[k].column, included[k].weights)
             base.rows[keys[k]] = own - coupled[:, i]
-    return [base.rows[key] for key in keys]
+            base.fleet_rows[keys[k]] = base.rows[keys[k]].sum(axis=0)
+    return [base.rows[key] for key in keys], np.stack([base.fleet_rows[key] for key in keys])
 
 
 def beyond(given: Conditional, columns: Integers) -> Conditional:
