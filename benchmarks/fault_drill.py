@@ -10,10 +10,11 @@ With ``--update`` the job is ``airswing update`` in place of ``airswing run`` an
 With ``--adding`` every run begins from a finished one of the first two thirds of the reports, to
 which the last third is added, and is compared with the run of all of them from scratch (an update:
 with an undisturbed update from there). The archive begins on 1 March: of 34 days the last third
-holds a month's end.
+holds a month's end, of 63 the second one, after which an update tries tables out (the virtual
+field test).
 
     python -m benchmarks.fault_drill --kills 20
-    python -m benchmarks.fault_drill --update --adding --kills 20 --days 34 --aircraft 2
+    python -m benchmarks.fault_drill --update --adding --kills 20 --days 63 --aircraft 2
 """
 
 from __future__ import annotations
