@@ -207,8 +207,6 @@ def test_a_fifth_of_what_names_explain_is_their_remainder():
 
 
 def test_cells_merged_are_means_of_their_reports():
-    from types import SimpleNamespace
-
     from airswing.gap.archive.value_tables import Axis
     from airswing.gap.witness.fitted_tables import Unknown, merged
 
@@ -220,11 +218,68 @@ def test_cells_merged_are_means_of_their_reports():
     grid = Grid(axes)
     table = Unknown("across_wind", grid, (0,), True, 9.0, values, values[None], (), 1, 1, 1, 1)
     cells = np.repeat(np.arange(6), [3, 1, 1, 1, 5, 0])
-    made = merged(SimpleNamespace(cells=lambda grid: cells), table)
-    np.testing.assert_allclose(made.values, [[1.75, 15, 1.75, 15, 7, 0]])
+    made = merged(SimpleNamespace(cells=lambda grid: cells), table, 0)
+    np.testing.assert_allclose(made.values, [[42 / 9, 15, 42 / 9, 15, 42 / 9, 15]])
     np.testing.assert_allclose(made.by_fold[0], made.values)
-    alone = merged(SimpleNamespace(cells=lambda grid: cells), table, over=0)
-    np.testing.assert_allclose(alone.values, [[42 / 9, 15, 42 / 9, 15, 42 / 9, 15]])
+    made = merged(SimpleNamespace(cells=lambda grid: cells), table, 1)
+    np.testing.assert_allclose(made.values, [[3.25, 3.25, 12, 12, 7, 7]])
+
+
+def weeks_left_out(monkeypatch, fields):
+    """A bench of 60 reports of 30 days, on which tables make the fields of their place."""
+    from airswing.gap.witness import fitted_tables
+
+    monkeypatch.setattr(fitted_tables, "field_of", lambda bench, table, fold: fields[table])
+    residual = np.ones((1, 60, 2))
+    residual[0, 0] = 50.0  # gross: counts for nothing
+    return SimpleNamespace(residuals=residual, setting=SimpleNamespace(day=np.arange(60) // 2))
+
+
+def test_another_table_takes_the_place_where_it_explains_more_of_most_weeks(monkeypatch):
+    from airswing.gap.witness.fitted_tables import clearly_more, explained
+
+    half, whole, lucky = np.full((60, 2), 0.5), np.ones((60, 2)), np.full((60, 2), 0.5)
+    lucky[6:12] = 1.0  # one block of three days alone speaks for it
+    fields = [half, whole, lucky, half * 1.01]
+    bench = weeks_left_out(monkeypatch, fields)
+    assert explained(bench, half) == pytest.approx(2 * 0.75 * 59 / 60)
+    assert clearly_more(bench, 0, 1, None) and not clearly_more(bench, 1, 0, None)
+    assert not clearly_more(bench, 0, 2, None) and not clearly_more(bench, 0, 3, None)
+
+
+def test_reported_and_reference_wind_are_not_in_one_table():
+    from airswing.gap.witness.unknowns import _tells_itself
+
+    assert _tells_itself(("wind_speed", "drift")) and not _tells_itself(("track", "wind_speed"))
+    assert _tells_itself(("ground_speed", "wind_direction")) and not _tells_itself(("drift",))
+
+
+def test_cells_miss_what_their_halves_explain_more():
+    from airswing.gap.archive.value_tables import Axis
+    from airswing.gap.witness.fitted_tables import Unknown, halved
+    from airswing.gap.witness.taken_off import MISSED, missed
+
+    def step(context):
+        return np.where(context["longitude"] > -88, np.radians(3.0), 0.0)
+
+    frame = make_frame(seed=3, aircraft=4, days=10, noise=0.3, heading_error=step)
+    bench = Bench.of(setting_of(frame), frame.residual)
+    fold = np.arange(bench.setting.day.max() + 1) // 2
+
+    def cut(edge):
+        low, high = frame.longitude.min(), frame.longitude.max()
+        grid = Grid((Axis("longitude", "linear", np.array([low, edge, high])),))
+        candidate = weighed(bench, grid, "heading_angle")
+        table = fitted(bench, candidate, fold)
+        assert isinstance(table, Unknown)
+        return table
+
+    at_the_step, beside = cut(-88.0), cut(-92.0)
+    edges = halved(bench, at_the_step, fold)[0].grid.axes[0].edges
+    west = frame.longitude[frame.longitude < -88]
+    assert edges.size == 5 and edges[1] == pytest.approx(np.median(west), abs=1e-3)
+    assert missed(bench, at_the_step, fold) < MISSED + 0.1
+    assert missed(bench, beside, fold) > MISSED + 0.4
 
 
 def test_a_table_does_not_lead_by_small_scales_that_a_name_cannot_help(monkeypatch):

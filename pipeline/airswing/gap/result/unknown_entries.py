@@ -28,8 +28,11 @@ from airswing.gap.result.table_entries import entry, interval
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.problem import Problem
 from airswing.gap.witness.ceiling import Ceiling
-from airswing.gap.witness.taken_off import Taken
+from airswing.gap.witness.taken_off import OWN_REMAINDER, Taken
 from airswing.units import KNOT
+
+#: Components of the nonparametric basis.
+BASIS = ("cross", "along", "wind")
 
 
 def with_unknowns(
@@ -61,9 +64,11 @@ def with_unknowns(
     if ceiling is not None:
         tables.insert(0, ceiling_place(ceiling, problem.archive.tails, interval([ceiling])))
         off.insert(0, ceiling)
-    others = _with_closures(report.unknown.where, found, whole)
+    raised = _with_closures(report.unknown.where, found, whole)
+    others = [place for place in raised if _stands(place, tables)]
+    report = _without(report, [place for place in raised if place not in others])
     after_names = report.closure.after
-    curves = max(after_names - whole.after, 0.0) if others else 0.0
+    curves = max(after_names - report.gap.noise_floor_kt, 0.0) if others else 0.0
     saved = sum((one.saved for one in off), np.zeros(problem.archive.size))
     moved = float(saved.mean()) / KNOT
     low, high = interval(off) if off else (0.0, 0.0)
@@ -103,6 +108,36 @@ def _with_closures(places: Sequence[PlaceEntry], found: Found, whole: Closure) -
                 steps.remove(own[0])
         out.append(place)
     return out
+
+
+def _stands(place: PlaceEntry, tables: Sequence[PlaceEntry]) -> bool:
+    """Whether a place is told beside tables.
+
+    What a term of the basis explains of whitened changes along flights need not close anything of
+    the winds; and what a table's cells leave on its aircraft is no unknown of its own.
+    """
+    if place.closure is None or place.mean is not None:
+        return True
+    own = set(place.tails)
+    left = any(
+        (not table.tails or len(own & set(table.tails)) > 0.5 * len(own))
+        and place.size_m_s < OWN_REMAINDER * table.size_m_s
+        for table in tables
+    )
+    return place.closure.reduction > 0.0 and not (left and place.component in BASIS)
+
+
+def _without(report: GapReport, places: Sequence[PlaceEntry]) -> GapReport:
+    """The report without places that close nothing: their steps leave the noise floor as well."""
+    widened = sum(place.closure.reduction for place in places if place.closure is not None)
+    if not places:
+        return report
+    floor = report.gap.noise_floor_kt + widened
+    return replace(
+        report,
+        gap=replace(report.gap, noise_floor_kt=floor),
+        waterfall=[*report.waterfall[:-1], replace(report.waterfall[-1], kt=floor)],
+    )
 
 
 def _moved(report: GapReport, taken: Sequence[Taken | Ceiling], moved: float) -> GapReport:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.value_tables import Grid
 from airswing.gap.sums.elimination import inverse_root
-from airswing.gap.witness.bench import Bench, stands_on_report
+from airswing.gap.witness.bench import BLOCK, Bench, stands_on_report
 from airswing.gap.witness.cell_means import CellSums
 from airswing.gap.witness.ground import Sums
 from airswing.gap.witness.scan import SIZES, Weighed, evidence
@@ -37,6 +37,8 @@ LEAST_SIZE = (0.08, 0.25)
 MEAN = 4.0
 #: Days left out together of a table by date; folds at least, for a standard error between them.
 DATE_BLOCK, LEAST_FOLDS = 2, 5
+#: What another table must explain more than the one before it, as a share.
+GAIN = 0.03
 #: Bound on single residuals where explained energies are compared, m/s.
 BOUND = 12.0
 
@@ -119,24 +121,16 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
     sums, found = candidate.sums, candidate.weighed
     # the mean of a table is the table's, not a steady error beside it
     prior = (candidate.grid.prior() + MEAN) / bench.scale(candidate.component) ** 2
-    aircraft, k = sums.gram.shape[0], candidate.grid.size
     own = list(tails)
-    whole = len(own) == aircraft
+    whole = len(own) == sums.gram.shape[0]
     gram, score = _shared_sums(candidate, own)
     factor = np.array([found.fleet_factor if whole else found.factor])
     together, _ = evidence(gram, score.sum(axis=0)[None], prior, error=0.0, factor=factor)
     shared = bool(together[0] >= found.by_aircraft[0][own].sum() or whole)
     groups = [own] if shared else [[a] for a in own]
-    folds = int(fold.max()) + 1
-    values, by_fold = np.zeros((aircraft, k)), np.zeros((folds, aircraft, k))
-    roots, energy = [], np.zeros(folds)
-    for group in groups:
-        means = bench.cell_sums(candidate.grid, candidate.component, group, fold)
-        values[group], root = cell_values(means, prior)
-        roots.append(root)
-        for f in range(folds):
-            by_fold[f, group], _ = cell_values(means, prior, without=f)
-            energy[f] += means.explained(by_fold[f, group[0]], f)
+    values, by_fold, roots, energy = _values(
+        bench, candidate.grid, candidate.component, groups, fold
+    )
     # days left out hold other cells of a table by date, not the same share of all of them
     by_means = candidate.by_means or "date" in candidate.grid.variables
     if not by_means and not stands_on_report(candidate.grid):
@@ -156,6 +150,28 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
         0.5 * float(energy.sum()),
         0.5 * float(energy.std(ddof=1) * np.sqrt(energy.size)),
     )
+
+
+def _values(
+    bench: Bench, grid: Grid, component: str, groups: Sequence[list[int]], fold: Integers
+) -> tuple[Floats, Floats, list[Floats], Floats]:
+    """Values of a table, without each fold, roots of their covariance, what they explain of each.
+
+    (A, k) and (F, A, k), (k, k) of each group, and (F,).
+    """
+    # the mean of a table is the table's, not a steady error beside it
+    prior = (grid.prior() + MEAN) / bench.scale(component) ** 2
+    aircraft, folds = len(bench.setting.frame.tails), int(fold.max()) + 1
+    values, by_fold = np.zeros((aircraft, grid.size)), np.zeros((folds, aircraft, grid.size))
+    roots, energy = [], np.zeros(folds)
+    for group in groups:
+        means = bench.cell_sums(grid, component, group, fold)
+        values[group], root = cell_values(means, prior)
+        roots.append(root)
+        for f in range(folds):
+            by_fold[f, group], _ = cell_values(means, prior, without=f)
+            energy[f] += means.explained(by_fold[f, group[0]], f)
+    return values, by_fold, roots, energy
 
 
 def left_out(grid: Grid, fold: Integers, *, halves: bool = False) -> Integers:
@@ -247,13 +263,13 @@ def sizes(
     return float(np.sqrt((speed**2).mean())), float(np.sqrt((top**2).mean()))
 
 
-def merged(bench: Bench, unknown: Unknown, *, over: int | None = None) -> Unknown:
-    """The same table in wider cells, each the mean of its reports.
+def merged(bench: Bench, unknown: Unknown, over: int) -> Unknown:
+    """The same table with all cells of one variable made one, the mean of its reports.
 
     Parameters
     ----------
-    over : int, optional
-        Variable all of whose cells become one; without it, two of every variable's.
+    over : int
+        Place of the variable.
 
     Returns
     -------
@@ -262,15 +278,31 @@ def merged(bench: Bench, unknown: Unknown, *, over: int | None = None) -> Unknow
     """
     cells, wide = bench.cells(unknown.grid), np.zeros(1, np.int64)
     for place, axis in enumerate(unknown.grid.axes):
-        width = 1 if axis.kind == "category" else 2
-        if over is not None:
-            width = axis.size if place == over else 1
-        own = np.arange(axis.size) // width
+        own = np.arange(axis.size) * (place != over)
         wide = (wide[:, None] * (own.max() + 1) + own).ravel()
     count = np.bincount(cells[cells >= 0], minlength=unknown.grid.size)
     belongs = np.equal.outer(wide, np.arange(wide.max() + 1)) * 1.0
     mean = belongs * count[:, None] / np.maximum(count @ belongs, 1.0) @ belongs.T
     return replace(unknown, values=unknown.values @ mean, by_fold=unknown.by_fold @ mean)
+
+
+def halved(bench: Bench, unknown: Unknown, fold: Integers) -> list[Unknown]:
+    """The same table with the cells of one variable cut in two, of each that is no category."""
+    halves = bench.beside_others(unknown.grid, unknown.component, unknown.tails)
+    fold = left_out(unknown.grid, fold, halves=halves)
+    out = []
+    for place, axis in enumerate(unknown.grid.axes):
+        if axis.kind == "category":
+            continue
+        told = bench.variables[axis.variable]
+        cells = told.cells(axis.edges)
+        middle = [float(np.median(told.values[cells == k])) for k in np.unique(cells[cells >= 0])]
+        axes = list(unknown.grid.axes)
+        axes[place] = replace(axis, edges=np.union1d(axis.edges, middle))
+        grid = replace(unknown.grid, axes=tuple(axes))
+        values, by_fold, _, _ = _values(bench, grid, unknown.component, unknown.groups, fold)
+        out.append(replace(unknown, grid=grid, values=values, by_fold=by_fold))
+    return out
 
 
 def field_of(bench: Bench, unknown: Unknown, fold: Integers | None = None) -> Floats:
@@ -294,10 +326,25 @@ def explained(bench: Bench, error: Floats) -> float:
 
     Single reports count to a bound.
     """
+    return float(_energy(bench, error).mean())
+
+
+def _energy(bench: Bench, error: Floats) -> Floats:
+    """Energy that an error takes off every report, (n,), m2 s-2; 0 of gross ones."""
     residual = bench.residuals[0]
     near = np.abs(residual).max(axis=1) < BOUND
-    own, taken = residual[near], error[near]
-    return float((2 * own * taken - taken**2).sum()) / int(residual.shape[0])
+    return np.asarray(np.where(near, ((2 * residual - error) * error).sum(axis=1), 0.0))
+
+
+def clearly_more(bench: Bench, one: Unknown, other: Unknown, fold: Integers) -> bool:
+    """Whether another table explains more of weeks left out: by its share, and by its error."""
+    told = [_energy(bench, field_of(bench, table, fold)) for table in (one, other)]
+    day = bench.setting.day
+    # errors of the reference last over days, and both tables meet the same
+    block = np.bincount(day // BLOCK, told[1] - told[0])
+    more = float(block.sum())
+    error = float(block.std() * np.sqrt(block.size))
+    return more > max(CONFIRMED * error, GAIN * abs(float(told[0].sum())))
 
 
 def stands(unknown: Unknown) -> bool:

@@ -30,9 +30,11 @@ from airswing.gap.witness.fitted_tables import (
     LEAST_EVIDENCE,
     Candidate,
     Unknown,
+    clearly_more,
     explained,
     field_of,
-    merged,
+    fitted,
+    halved,
     stands,
 )
 from airswing.gap.witness.learned import LearnedWitness
@@ -170,15 +172,36 @@ def _best(bench: Bench, ranked: Sequence[Candidate], fold: Integers) -> Unknown 
     An effect of one component shows in the changes along flights of another as well.
     """
     least = max(LEAST_EVIDENCE, RIVAL * ranked[0].strength)
-    strongest: dict[str, Candidate] = {}
-    for candidate in ranked:
-        if candidate.strength >= least:
-            strongest.setdefault(candidate.component, candidate)
-    made = [refined(bench, candidate, fold) for candidate in [*strongest.values()][:2]]
+    strongest = dict.fromkeys(c.component for c in ranked if c.strength >= least)
+    made = [_of_component(bench, ranked, name, fold) for name in [*strongest][:2]]
     tables = [table for table in made if table is not None]
     if len(tables) < 2:
         return tables[0] if tables else None
     return max(tables, key=lambda table: explained(bench, field_of(bench, table, fold)))
+
+
+def _of_component(
+    bench: Bench, ranked: Sequence[Candidate], component: str, fold: Integers
+) -> Unknown | None:
+    """The table of a component: of its strongest, or of what clearly explains more than that.
+
+    What a fleet's effect is everywhere on average speaks for a table by any variable alike, least
+    for one by the reported wind, whose evidence leaves that mean to the reference: that it is
+    another variable's shows on weeks left out.
+    """
+    own = [c for c in ranked if c.component == component and c.strength >= LEAST_EVIDENCE]
+    table = refined(bench, own[0], fold)
+    best, first = own[0], fitted(bench, own[0], fold)
+    for candidate in own[1:]:
+        other = fitted(bench, candidate, fold)
+        if other is not None and (first is None or clearly_more(bench, first, other, fold)):
+            best, first = candidate, other
+    if best.grid.variables[0] in own[0].grid.variables:
+        return table
+    other = refined(bench, best, fold)
+    if table is None or other is None:
+        return table or other
+    return other if clearly_more(bench, table, other, fold) else table
 
 
 def _taken(
@@ -210,11 +233,13 @@ def _taken(
 def missed(bench: Bench, unknown: Unknown, fold: Integers) -> float:
     """Share of what a table closes that it misses: by its cells, and by its variables.
 
-    Cells twice as wide miss about twice as much of an edge, and four times as much of a slope.
+    Where the effect has an edge in a cell, halves of cells miss half as much as cells do; where it
+    has a slope, a quarter: so cells miss at most twice what their halves explain more.
     """
-    wide = explained(bench, field_of(bench, merged(bench, unknown), fold))
     own = explained(bench, field_of(bench, unknown, fold))
-    cells = float(np.clip(1 - wide / own, 0.0, 1.0)) if own > 0 else 1.0
+    finer = [explained(bench, field_of(bench, one, fold)) for one in halved(bench, unknown, fold)]
+    more = sum(max(one - own, 0.0) for one in finer)
+    cells = float(np.clip(2 * more / own, 0.0, 1.0)) if own > 0 else 1.0
     return cells + max(KNOWN_ROUGHLY.get(name, MISSED) for name in unknown.grid.variables)
 
 

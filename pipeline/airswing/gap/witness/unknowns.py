@@ -21,10 +21,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.archive.reported_variables import KINDS
+from airswing.gap.archive.reported_variables import KINDS, OF_THE_REPORT
 from airswing.gap.archive.value_tables import COMPONENTS, SCALED, Axis, Grid, axis_of
 from airswing.gap.witness.bench import Bench, stands_on_report
 from airswing.gap.witness.fitted_tables import (
+    GAIN,
     LEAST_EVIDENCE,
     Candidate,
     Unknown,
@@ -44,8 +45,6 @@ Integers = NDArray[np.int64]
 SECOND = (6.0, 0.03)
 #: What a finer table, or an angle in place of metres per second, must add, nats.
 FINER = 3.0
-#: What another table must explain more than the one before it, as a share.
-GAIN = 0.03
 #: Second variables that are fitted at most.
 MOST_PAIRS = 3
 #: Variables that tell each other in part: in a pair each is tried in the place of the other.
@@ -54,6 +53,9 @@ LIKES = (
     ("altitude", "temperature", "airspeed", "ground_speed"),
     ("wind_speed", "drift"),
 )
+#: Variables that hold the reference's wind. With the reported one both are in a table, and so is
+#: their difference, the residual itself.
+OF_THE_REFERENCE = ("drift", "ground_speed")
 #: Variables at whose jumps tables are cut.
 MOST_JUMPING = 3
 #: Cells of the two variables of a table.
@@ -96,6 +98,11 @@ def _by_jumps(candidate: Candidate, nats: float) -> Candidate:
     return replace(candidate, jumps=nats, by_means=bool(candidate.by_means or whole))
 
 
+def _tells_itself(names: Sequence[str]) -> bool:
+    """Whether variables hold both the reported wind and the reference's."""
+    return bool(set(names) & set(OF_THE_REPORT)) and bool(set(names) & set(OF_THE_REFERENCE))
+
+
 def pairs_of(bench: Bench, heard: Heard) -> list[Candidate]:
     """Tables of pairs of variables, most evidence first.
 
@@ -106,6 +113,7 @@ def pairs_of(bench: Bench, heard: Heard) -> list[Candidate]:
     out = [
         weighed(bench, Grid(tuple(_pair_axis(bench, name) for name in pair)), component)
         for component, pair in dict.fromkeys(named)
+        if not _tells_itself(pair)
     ]
     return sorted(out, key=lambda c: -c.nats)
 
@@ -149,6 +157,8 @@ def _of_likes(bench: Bench, pair: Unknown, fold: Integers) -> Unknown:
         for other in set(likes) & set(bench.variables) - set(pair.grid.variables):
             axes = list(pair.grid.axes)
             axes[place] = _pair_axis(bench, other)
+            if _tells_itself([axis.variable for axis in axes]):
+                continue
             table = _fitted(bench, weighed(bench, Grid((axes[0], axes[1])), pair.component), fold)
             if table is None:
                 continue
@@ -159,7 +169,7 @@ def _of_likes(bench: Bench, pair: Unknown, fold: Integers) -> Unknown:
 
 def _most_telling_first(bench: Bench, pair: Unknown, fold: Integers) -> Unknown:
     """The same pair, that variable first without which it would explain less."""
-    left = [explained(bench, field_of(bench, merged(bench, pair, over=k), fold)) for k in range(2)]
+    left = [explained(bench, field_of(bench, merged(bench, pair, k), fold)) for k in range(2)]
     if left[0] <= left[1]:
         return pair
     one, other = pair.grid.axes
@@ -193,7 +203,7 @@ def _of_two(bench: Bench, best: Candidate) -> list[Candidate]:
     name = best.grid.variables[0]
     pairs = []
     for other, variable in bench.variables.items():
-        if other != name:
+        if other != name and not _tells_itself((name, other)):
             own = best.grid.axes[0] if np.isfinite(best.jumps) else _pair_axis(bench, name)
             axes = (own, axis_of(variable, PAIR_CELLS[variable.kind]))
             pairs.append(weighed(bench, Grid(axes), best.component))
