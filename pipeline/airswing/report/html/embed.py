@@ -7,6 +7,7 @@ import base64
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from airswing.report.html.palette import png_in_palette, svg_in_palette
 from airswing.report.html.style import RASTER_DPI, png_bytes, svg_bytes
 
 
@@ -31,7 +32,10 @@ def embedded(figure: Figure, *, raster: bool = False, dpi: float = RASTER_DPI) -
         for axis in (axes.xaxis, axes.yaxis):
             if not axis.label.get_text():
                 axis.set_label_coords(0.5, 0.5)
-    content = png_bytes(figure, dpi=dpi) if raster else svg_bytes(figure, dpi=dpi)
+    if raster:
+        content = png_in_palette(png_bytes(figure, dpi=dpi))
+    else:
+        content = svg_in_palette(svg_bytes(figure, dpi=dpi))
     kind = "image/png" if raster else "image/svg+xml"
     address = f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
     width = round(float(figure.get_figwidth()) * 96)
