@@ -6,7 +6,10 @@ from airswing.gap.witness import taken_off
 
 
 def test_a_table_far_behind_the_strongest_is_not_tried(monkeypatch):
-    monkeypatch.setattr(taken_off, "refined", lambda bench, candidate, fold: candidate)
+    def strongest(bench, ranked, component, fold):
+        return next(one for one in ranked if one.component == component)
+
+    monkeypatch.setattr(taken_off, "_of_component", strongest)
     strong = SimpleNamespace(strength=200.0, component="cross")
     near = SimpleNamespace(strength=180.0, component="along")
     far = SimpleNamespace(strength=taken_off.LEAST_EVIDENCE + 1.0, component="along")
