@@ -1,7 +1,7 @@
 """Images of a page in 256 colours: a quarter of the bytes, and no different to look at.
 
 Assumes drawings, of few colours and their mixtures along edges; of photographs it would show. What
-is opaque keeps its colours to a thousandth in the mean, what is transparent to half a hundredth.
+is opaque keeps its colours to two thousandths in the mean.
 """
 
 from __future__ import annotations
