@@ -27,7 +27,7 @@ from airswing.config_faults import explained, nearest, said_of
 from airswing.errors import ConfigError, InputError
 from airswing.model_formats import model_formats
 from airswing.plain_yaml import load_yaml
-from airswing.quantities import MetresPerSecond, Radians, Seconds
+from airswing.quantities import MetresPerSecond, Radians, Seconds, spelt_out
 from airswing.units import KNOT
 
 
@@ -49,8 +49,10 @@ Platform = Literal["TAMDAR", "AMDAR", "ACARS", "AIREP"]
 # A time; UTC where no zone is given.
 Moment = Annotated[
     datetime,
+    BeforeValidator(spelt_out),
     AfterValidator(lambda time: time.astimezone(UTC) if time.tzinfo else time.replace(tzinfo=UTC)),
 ]
+Day = Annotated[date, BeforeValidator(spelt_out)]
 # Screening rules whose reports may be handed over all the same, and winds corrected by an offset
 # alone.
 Screened = Literal[
@@ -170,9 +172,9 @@ class Table(_Section):
 class FieldTest(_Section):
     """A field test: who was corrected, who was not, and from when."""
 
-    start: date
-    before_start: date
-    end: date | None = None
+    start: Day
+    before_start: Day
+    end: Day | None = None
     corrected: list[str]
     controls: list[str]
     roll: Literal["reject_bad", "require_good", "ignore"] = "require_good"

@@ -1,7 +1,8 @@
-"""Numbers with a unit, as configurations and files of effects write them.
+"""Numbers with a unit and times, as configurations and files of effects write them.
 
 Assumes a number and one unit ("3 h", "0.1 deg", "80 kt"), not an expression; inside they are plain
-floats in SI units and radians.
+floats in SI units and radians. A time of digits alone is year, month, day and on, as model files
+are named by, never seconds since 1970.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 import re
+from datetime import datetime
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
@@ -40,8 +42,10 @@ def quantity(text: object, unit: str) -> float:
     ValueError
         If there is no unit, or one of another kind.
     """
-    if not isinstance(text, str):
-        raise ValueError(f"needs a unit, such as '{text} {_EXAMPLE.get(unit, unit)}'")
+    # A bare number would pass for radians, 57 degrees each.
+    if not isinstance(text, str) or _NUMBER.fullmatch(text):
+        bare = shortened(str(text).strip(), 80)
+        raise ValueError(f"needs a unit, such as '{bare} {_EXAMPLE.get(unit, unit)}'")
     fault = f"{shortened(text, 80)!r} is not a quantity in units of {_EXAMPLE.get(unit, unit)}"
     # A number and a unit apart: pint reads a whole expression, where "5..2 h" is one hour.
     match = _QUANTITY.fullmatch(text)
@@ -59,10 +63,11 @@ def quantity(text: object, unit: str) -> float:
     return value
 
 
-# A number, then a unit such as ``deg`` or ``m/s``, or none.
+# A number, then a unit such as ``deg`` or ``m/s``.
 _QUANTITY = re.compile(
-    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d][\w /*^-]*|°|)\s*", re.ASCII
+    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d][\w /*^-]*|°)\s*", re.ASCII
 )
+_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*", re.ASCII)
 # Powers of powers, or of three digits: pint would work them out before they could be refused.
 _LONGEST_QUANTITY, _TOWER = 60, re.compile(r"(\*\*|\^).*(\*\*|\^)|(\*\*|\^)\s*-?\d{3}")
 # Unit to show where one is missing.
@@ -72,3 +77,25 @@ _EXAMPLE = {"second": "min", "radian": "deg", "meter / second": "kt"}
 Seconds = Annotated[float, BeforeValidator(lambda text: quantity(text, "second"))]
 Radians = Annotated[float, BeforeValidator(lambda text: quantity(text, "radian"))]
 MetresPerSecond = Annotated[float, BeforeValidator(lambda text: quantity(text, "meter / second"))]
+
+
+# Digits of a time that is written without separators: to the day, hour, minute, second.
+_COMPACT = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
+
+
+def spelt_out(value: object) -> object:
+    """Give a time of digits alone its separators; what is no number is left as it is.
+
+    Raises
+    ------
+    ValueError
+        If digits, or a number, are no time.
+    """
+    digits = str(value).strip()
+    # pydantic takes numbers, also in strings, for seconds since 1970: 2009102006 is in 2033.
+    if not isinstance(value, int | float) and not _NUMBER.fullmatch(digits):
+        return value
+    try:
+        return datetime.strptime(digits, _COMPACT.get(len(digits), "no time has so many"))
+    except ValueError:
+        raise ValueError("is no time; write 2009-10-20T06:00, or yyyymmddHHMM") from None
