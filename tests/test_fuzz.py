@@ -24,7 +24,7 @@ def own_cache(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_five_hundred_cases(own_cache, tmp_path: Path):
     """The same cases whatever the machine: every kind, a few of those that take long."""
-    few = [(kind, 11_000_000 + n) for kind in sorted(LONG) for n in range(2)]
+    few = [(kind, 11_000_000 + n) for kind in sorted(LONG) for n in range(2)][:-1]  # one command
     cases = drawn(CASES - len(few), 11, QUICK) + few
     table = campaign(cases, tmp_path)
     together = sum(table.values(), Counter[str]())

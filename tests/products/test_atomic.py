@@ -4,44 +4,42 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from benchmarks import fault_drill
-from tests.test_resume import STAGES, config_in, job_of
+from tests.forked import forked
+from tests.test_resume import config_in, job_of, run_stages
 
 from airswing import workflow
 from airswing.errors import InputError
 from airswing.products import atomic as durable
 from airswing.products.whole_files import write_text
 from airswing.products.workspace import workspace
+from airswing.reference.grib import filecache
 from airswing.workflow.progress import Progress
 
-ENDS = """
-import os, sys
-from airswing.products import atomic as durable
-from airswing.reference.grib import filecache
 
-replace, suffix, left = os.replace, sys.argv[2], int(sys.argv[3])
+def run_until(config: Path, suffix: str, left: int) -> None:
+    """End the process where a file of some suffix, after so many, is about to get its name."""
+    replace = os.replace
 
-def replace_or_end(source, target):
-    global left
-    left -= str(target).endswith(suffix)
-    if left < 0:
+    def replace_or_end(source: Path, target: Path) -> None:
+        nonlocal left
+        left -= str(target).endswith(suffix)
+        if left < 0:
+            os._exit(9)
+        replace(source, target)
+
+    def end(self) -> None:
+        put = "INSERT OR REPLACE INTO contents VALUES (?, ?, ?)"
+        self._database.executemany(put, self._pending)
         os._exit(9)
-    replace(source, target)
 
-def end(self):
-    self._database.executemany("INSERT OR REPLACE INTO contents VALUES (?, ?, ?)", self._pending)
-    os._exit(9)
-
-durable.os.replace = replace_or_end
-if suffix == "cache":
-    filecache.FileCache.flush = end
-"""
-"""Ends the process where a file of some suffix, after so many others, is about to get its name."""
+    durable.os.replace = replace_or_end
+    if suffix == "cache":
+        filecache.FileCache.flush = end
+    run_stages(config)
 
 
 def make(job: workflow.Job) -> None:
@@ -79,7 +77,7 @@ def again(finished, monkeypatch, tmp_path):
         ("cache", 0),
         (".rows", 0),
         (".json", 0),
-        (".npy", 50),
+        (".npy", 20),
         ("headings.json", 0),
         ("headings.nc", 0),
         ("fits.nc", 0),
@@ -87,9 +85,9 @@ def again(finished, monkeypatch, tmp_path):
 )
 def test_ended_between_write_and_rename(again, suffix, before):
     config, truth, count = again
-    command = [sys.executable, "-c", ENDS + STAGES, config, suffix, str(before)]
-    done = subprocess.run(command, capture_output=True, check=False, timeout=120)
-    assert done.returncode == 9, done.stderr
+    process = forked(run_until, config, suffix, before)
+    process.join(120)
+    assert process.exitcode == 9
     output = config.parent / "results"
     assert bool([*output.rglob("*.part")]) == (suffix != "cache")
     job = job_of(config, resume=True)

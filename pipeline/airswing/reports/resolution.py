@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.physics.robust_spread import robust_sd
 from airswing.reports.derive import Columns, seconds_since_1970, step_distance
 from airswing.units import KNOT
 
@@ -205,7 +206,5 @@ def _steady(columns: Columns, clock: NDArray[np.float64], number: int) -> NDArra
     size = np.bincount(tail[pair], minlength=number)
     for aircraft in np.flatnonzero((clock >= 10.0) & (size >= 10) & (twice == 0)):
         start, stop = np.searchsorted(tail[pair], (aircraft, aircraft + 1))
-        # The median of absolute values over the normal's quartile: a deviation no outlier
-        # moves.
-        steady[aircraft] = 1.4826 * float(np.median(ratio[start:stop])) < 1.0 / 3.0
+        steady[aircraft] = robust_sd(ratio[start:stop], 0.0) < 1.0 / 3.0
     return steady

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from airswing.flags import PHASE
 from airswing.gap.noise.whitening import flight_order, flight_steps
 from airswing.physics.atmosphere import altitude_from_pressure
+from airswing.physics.robust_spread import robust_sd
 from airswing.physics.splines import hats
 
 Floats = NDArray[np.float64]
@@ -131,7 +132,7 @@ def expected_acceleration(
         if telling.size < 50:
             continue
         middle = np.median(acceleration[telling])
-        bound = 3 * 1.4826 * np.median(np.abs(acceleration[telling] - middle)) + 1e-9
+        bound = 3 * robust_sd(acceleration[telling], middle) + 1e-9
         near = telling[np.abs(acceleration[telling] - middle) < bound]
         knots = np.linspace(log_pressure[own].min(), log_pressure[own].max() + 1e-6, 6)
         base = hats(log_pressure[near], knots)
@@ -205,7 +206,7 @@ def fit_gain(
     used, found = np.ones(step.size, bool), np.zeros(KNOTS.size - 1)
     for _ in range(3):
         left = step - columns @ found
-        spread = 1.4826 * float(np.median(np.abs(left - np.median(left)))) + 1e-3
+        spread = robust_sd(left) + 1e-3
         normal = columns[used].T @ columns[used] / spread**2 + SMOOTH**2 * slope.T @ slope
         normal += 1e-9 * np.eye(KNOTS.size - 1)
         found = np.linalg.solve(normal, columns[used].T @ step[used] / spread**2)

@@ -28,6 +28,7 @@ from airswing.gap.design.basis import unit_vectors
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import whiten
 from airswing.gap.result.schema import CalibrationEntry
+from airswing.physics.robust_spread import robust_sd
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -238,7 +239,7 @@ def two_sample(real: Floats, simulated: Floats, rng: np.random.Generator) -> tup
 def discriminant(first: Floats, second: Floats) -> Floats:
     """Weights (k,) of Fisher's linear discriminant, extreme features drawn in to 5 robust sd."""
     both = np.vstack([first, second])
-    scale = 1.4826 * np.median(np.abs(both - np.median(both, axis=0)), axis=0) + 1e-9
+    scale = np.array([robust_sd(one) for one in both.T]) + 1e-9
     limit = 5.0 * scale
     middle = np.median(both, axis=0)
     low, high = middle - limit, middle + limit

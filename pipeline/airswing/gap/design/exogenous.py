@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
+from airswing.physics.robust_spread import robust_sd
 from airswing.physics.splines import hats
 from airswing.physics.triangle import wrap_signed
 from airswing.units import DAY
@@ -183,7 +184,7 @@ def smooth_deviation(difference: Floats, angle: Floats, aircraft: NDArray[np.int
     for a in np.unique(aircraft):
         own = np.flatnonzero(aircraft == a)
         middle = np.median(difference[own])
-        spread = 1.4826 * np.median(np.abs(difference[own] - middle)) + 1e-9
+        spread = robust_sd(difference[own], middle) + 1e-9
         near = own[np.abs(difference[own] - middle) < 3.0 * spread]
         normal = design[near].T @ design[near]
         # an aircraft that flew few headings has no cycles rather than large ones

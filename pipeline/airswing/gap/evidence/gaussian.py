@@ -34,6 +34,18 @@ Integers = NDArray[np.int64]
 SCALE_GRID = np.array([0.08, 0.2, 0.5, 1.2, 3.0])
 #: Sizes of an effect of single aircraft, m/s rms in each direction, averaged over likewise.
 SIZE_GRID = np.array([0.2, 0.4, 0.8, 1.6, 3.2])
+#: Prior odds against whatever is told on its evidence alone, not held against days left out.
+PRIOR_ODDS = 50.0
+
+
+def plain_probability(nats: float) -> float:
+    """Probability of what has this evidence alone."""
+    return float(1 / (1 + PRIOR_ODDS * np.exp(-np.clip(nats, -50.0, 50.0))))
+
+
+def luck(nats: float) -> float:
+    """Probability at most that the strongest evidence of all is chance."""
+    return float(min(1.0, PRIOR_ODDS * np.exp(-np.clip(nats, 0, 60))))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from airswing.gap.design.basis import unit_vectors
 from airswing.gap.design.layout import Layout
 from airswing.gap.effects import HeadingEffect
 from airswing.gap.effects.base import Effect
-from airswing.gap.noise.residual_statistics import robust_sd
+from airswing.physics.robust_spread import robust_sd
 
 Floats = NDArray[np.float64]
 

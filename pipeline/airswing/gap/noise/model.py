@@ -28,7 +28,6 @@ from airswing.gap.noise.residual_statistics import (
     gross_errors,
     level_factors,
     remove_smooth_effects,
-    robust_sd,
 )
 from airswing.gap.noise.whitening import (
     FlightOrder,
@@ -38,6 +37,7 @@ from airswing.gap.noise.whitening import (
     kalman_gains,
     whiten_blocks,
 )
+from airswing.physics.robust_spread import robust_sd
 
 Floats = NDArray[np.float64]
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.noise.whitening import FlightOrder
+from airswing.physics.robust_spread import robust_sd
 
 Floats = NDArray[np.float64]
 
@@ -110,11 +111,6 @@ def _smooth_columns(heading: Floats, airspeed: Floats) -> Floats:
     out[:6] *= airspeed[:, None] / 100.0  # of a size with the two below: the square is well posed
     out[6], out[7] = (1.0, 0.0), (0.0, 1.0)
     return out.reshape(8, -1)
-
-
-def robust_sd(values: Floats) -> float:
-    """Standard deviation from the median absolute deviation."""
-    return float(1.4826 * np.median(np.abs(values - np.median(values)))) if values.size else 0.0
 
 
 def level_factors(

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.closure.of_scatter import Reduction
-from airswing.gap.evidence.gaussian import Score
+from airswing.gap.evidence.gaussian import Score, luck
 from airswing.gap.evidence.localisation import Slice
 from airswing.gap.evidence.term_covariance import term_offsets
 from airswing.gap.evidence.terms import Term
@@ -107,7 +107,7 @@ def assemble(problem: Problem, findings: Findings) -> GapReport:
         gap=DisagreementEntry(
             mean_vector_disagreement_kt=closure.before,
             noise_floor_kt=whole.after,
-            significance=float(min(1.0, 50.0 * np.exp(-np.clip(best, 0, 60)))),
+            significance=luck(best),
         ),
         where=[entry for entry in slices if entry.q_value < 0.05][:20],
         effects=effects,

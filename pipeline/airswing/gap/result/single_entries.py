@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.reported_variables import UNITS
 from airswing.gap.closure.of_scatter import Reduction
-from airswing.gap.evidence.gaussian import Score
+from airswing.gap.evidence.gaussian import Score, plain_probability
 from airswing.gap.evidence.localisation import Slice
 from airswing.gap.result.describe import (
     day_text,
@@ -52,7 +52,7 @@ def moment_entry(verdict: MomentVerdict, reduction: Reduction) -> EffectEntry:
     """Entry of ``effects`` for a second-moment effect: it moves no mean."""
     return EffectEntry(
         name=verdict.name,
-        probability=_plain_probability(verdict.evidence),
+        probability=plain_probability(verdict.evidence),
         tails=list(verdict.tails),
         parameters=dict(verdict.parameters),
         standard_errors=dict(verdict.standard_errors),
@@ -88,7 +88,7 @@ def scatter_place(found: Scattering, fleet: Sequence[str], reduction: Reduction)
         tails=[] if whole else list(found.tails),
         scope="fleet" if whole else "aircraft",
         evidence_nats=round(found.evidence, 2),
-        probability=None if axis is None else _plain_probability(found.evidence),
+        probability=None if axis is None else plain_probability(found.evidence),
         size_m_s=float(np.median([size for size in excess if size > 0])),
         curve=curve,
         closure=closes(reduction),
@@ -119,7 +119,7 @@ def sent_place(
         tails=[] if whole else [tails[a] for a in found.aircraft],
         scope="fleet" if whole else "aircraft",
         evidence_nats=round(found.evidence, 2),
-        probability=_plain_probability(found.evidence),
+        probability=plain_probability(found.evidence),
         size_m_s=size,
         curve=curve,
         closure=closes(scatter[found.component])
@@ -144,7 +144,7 @@ def ceiling_place(
         tails=[] if whole else [tails[a] for a in found.tails],
         scope="fleet" if whole else "aircraft",
         evidence_nats=round(found.evidence, 2),
-        probability=_plain_probability(found.evidence),
+        probability=plain_probability(found.evidence),
         size_m_s=found.size,
         curve=_speed_map([0.0, found.speed, fastest + 1.0], [0.0, found.speed, found.speed]),
         closure=ClosesEntry(float(found.saved.mean()) / KNOT, list(interval)),
@@ -171,7 +171,7 @@ def swap_entry(swap: Swap, base: Base) -> EffectEntry:
     pair = [stats.tails[a] for a in swap.pair]
     return EffectEntry(
         name="tail_swap",
-        probability=_plain_probability(swap.evidence),
+        probability=plain_probability(swap.evidence),
         tails=pair,
         parameters={"pair": pair},
         standard_errors={},
@@ -180,11 +180,6 @@ def swap_entry(swap: Swap, base: Base) -> EffectEntry:
         evidence_nats=swap.evidence,
         held_out_energy=2.0 * swap.gain,
     )
-
-
-def _plain_probability(evidence: float) -> float:
-    """Probability of an effect with its evidence, nats, against prior odds of one in fifty."""
-    return float(1 / (1 + 50 * np.exp(-min(evidence, 50.0))))
 
 
 def bounds(interval: tuple[float, float] | None) -> list[float] | None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from airswing.gap.archive.reported_variables import UNITS
 from airswing.gap.archive.value_tables import UNIT_OF
+from airswing.gap.evidence.gaussian import plain_probability
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry
 from airswing.gap.witness.ceiling import Ceiling
 from airswing.gap.witness.fitted_tables import Unknown
@@ -39,7 +40,6 @@ def entry(taken: Taken, tails: Sequence[str]) -> PlaceEntry:
     own = list(unknown.tails)
     names = list(unknown.grid.variables)
     reduction = float(taken.saved.mean()) / KNOT
-    odds = np.clip(unknown.evidence - np.log(50.0), -50, 50)
     return PlaceEntry(
         component=unknown.component,
         variable=names[0],
@@ -58,7 +58,7 @@ def entry(taken: Taken, tails: Sequence[str]) -> PlaceEntry:
         closure=ClosesEntry(reduction, list(interval([taken]))),
         held_out_energy=2 * unknown.held_out,
         held_out_energy_standard_error=2 * unknown.held_out_error,
-        probability=float(1 / (1 + np.exp(-odds))),
+        probability=plain_probability(unknown.evidence),
         largest_m_s=unknown.peak,
         nearest_effect=taken.nearest,
         nearest_effect_share=taken.share,

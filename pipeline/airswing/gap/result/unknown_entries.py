@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from airswing.gap.evidence.gaussian import luck
 from airswing.gap.held_out.reduction import Closure
 from airswing.gap.result.schema import (
     ClosesEntry,
@@ -148,7 +149,6 @@ def _moved(report: GapReport, taken: Sequence[Taken | Ceiling], moved: float) ->
     if everything > 1e-6:
         fraction = float(np.clip(closure.reduction / everything, 0, 1))
     strongest = max(one.evidence for one in taken)
-    luck = float(50.0 * np.exp(-min(strongest, 60.0)))
     now, steps = before, []
     for one in taken:
         now -= float(one.saved.mean()) / KNOT
@@ -159,7 +159,7 @@ def _moved(report: GapReport, taken: Sequence[Taken | Ceiling], moved: float) ->
         gap=replace(
             gap,
             mean_vector_disagreement_kt=gap.mean_vector_disagreement_kt + moved,
-            significance=min(gap.significance, luck),
+            significance=min(gap.significance, luck(strongest)),
         ),
         closure=replace(
             closure,

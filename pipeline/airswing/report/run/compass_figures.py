@@ -20,6 +20,7 @@ from matplotlib.patches import Circle, Wedge
 from numpy.typing import NDArray
 
 from airswing.flags import published
+from airswing.physics.robust_spread import robust_sd
 from airswing.report.html.style import (
     BLUE,
     FAINT,
@@ -85,9 +86,8 @@ def binned_medians(heading: Floats, value: Floats, *, width: float = BIN_WIDTH) 
         inside = value[bins == index]
         if inside.size >= 5:
             middle = float(np.median(inside))
-            spread = 1.4826 * float(np.median(np.abs(inside - middle)))
-            # 1.4826 MAD: a normal's deviation; a median errs sqrt(pi / 2) times as much as a mean
-            half = NORMAL_95 * 1.2533 * spread / np.sqrt(inside.size)
+            # a median errs sqrt(pi / 2) = 1.2533 times as much as a mean
+            half = NORMAL_95 * 1.2533 * robust_sd(inside, middle) / np.sqrt(inside.size)
             rows.append(((index + 0.5) * width, middle, half, inside.size))
     table = np.array(rows, float).reshape(-1, 4)
     return Binned(table[:, 0], table[:, 1], table[:, 2], table[:, 3].astype(np.int64))

@@ -372,6 +372,7 @@ def write_archive(
     from airswing.synthetic.world.gribwriter import write_reference
 
     root = Path(directory)
+    root.mkdir(parents=True, exist_ok=True)  # where it cannot be, nothing is flown first
     scenario = Scenario(**options)
     if effects is None:
         effects = fleet_deviations(scenario.tails, scenario.seed)
