@@ -57,3 +57,14 @@ def test_a_name_does_not_come_up_where_a_table_took_another():
     assert stand_ins([offset], [offset, drift]) == set()
     assert stand_ins([offset, drift], [drift]) == set()
     assert stand_ins([], [drift]) == set()
+
+
+def test_a_name_does_not_come_up_in_what_a_table_left_of_a_curve():
+    """One cycle of four aircraft with no name; a table of all leaves a heater's of two."""
+    curve = _term("cross:magnetic_heading", (1, 2, 3, 4), known=False)
+    heater = _term("hard_iron", (2, 3))
+    assert stand_ins([curve], [heater]) == {"hard_iron"}
+    # on an aircraft without the curve, of another component, or there before it stands
+    assert stand_ins([curve], [_term("hard_iron", (3, 5))]) == set()
+    assert stand_ins([curve], [_term("tas_scale", (2, 3))]) == set()
+    assert stand_ins([curve, heater], [heater]) == set()

@@ -91,10 +91,11 @@ def _share(named: tuple[Floats, Floats], nameless: tuple[Floats, Floats]) -> tup
 
 
 def stand_ins(before: Sequence[Term], after: Sequence[Term]) -> set[str]:
-    """Names that came up only where a table took another name's share.
+    """Names that came up only where a table took another's share.
 
     A table over heading or track holds a constant and a cycle as well. Taken off, it may leave of a
-    name that stood before what another name copies, on the same aircraft.
+    name that stood before what another name copies, on the same aircraft; of a curve too: what no
+    name explained better while the curve stood is what the table's cells miss of it.
 
     Parameters
     ----------
@@ -111,4 +112,13 @@ def stand_ins(before: Sequence[Term], after: Sequence[Term]) -> set[str]:
 
     first, last = aircraft(before), aircraft(after)
     robbed = set().union(*(own - last.get(name, set()) for name, own in first.items()))
-    return {name for name, own in last.items() if own - first.get(name, set()) and own <= robbed}
+    curved: dict[str, set[int]] = {"": set()}
+    for term in before:
+        if not term.candidate.known:
+            curved.setdefault(term.candidate.component, set()).update(term.tails)
+    like = {term.candidate.name: curved.get(_component(term), set()) for term in after}
+    return {
+        name
+        for name, own in last.items()
+        if own - first.get(name, set()) and own <= robbed | like[name]
+    }

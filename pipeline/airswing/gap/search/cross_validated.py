@@ -32,6 +32,7 @@ from airswing.gap.search.confirmation import (
     confirm,
     confirm_lasting,
 )
+from airswing.gap.search.fewest import shared_by_all
 from airswing.gap.search.nested_forms import widened
 from airswing.gap.search.stepwise import Found, Rules, found_of, search
 from airswing.gap.sums.elimination import Base
@@ -134,7 +135,7 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
     while True:
         tests = confirm(base, terms)
         weighed = features(terms, tests)
-        chance = _chance(base, terms, weighed, tests)
+        chance = _chance(base, pool, terms, weighed, tests)
         shapes = folded(terms, tests.energy, tests.error)  # told with the unknown, not as names
         short = [
             k
@@ -145,9 +146,9 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
             break
         worst = min(short, key=lambda k: (chance[k], terms[k].score.tempered))
         parts = int(tests.parts[worst])
-        one_day = base.stats.clock.short
+        shared = base.stats.clock.short and shared_by_all(base, pool, terms, worst)
         doubtful.append(
-            _doubted(terms[worst], float(chance[worst]), parts, weighed[worst], one_day=one_day)
+            _doubted(terms[worst], float(chance[worst]), parts, weighed[worst], shared=shared)
         )
         del terms[worst]
     found = found_of(base, pool, terms) if doubtful else found
@@ -159,20 +160,27 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
     return Standing(found, tests.energy, tests.error, chance, weighed, tuple(doubtful))
 
 
-def _chance(base: Base, terms: Sequence[Term], weighed: Floats, tests: Confirmation) -> Floats:
+def _chance(
+    base: Base,
+    pool: Sequence[Candidate],
+    terms: Sequence[Term],
+    weighed: Floats,
+    tests: Confirmation,
+) -> Floats:
     """Probability of every term, (t,).
 
-    Of a day, what all aircraft share lasts as its weather does; one aircraft flies beside others.
+    Of a day, what all aircraft share lasts as its weather does, also where parts of the day did not
+    confirm it and it came in again aircraft by aircraft; one aircraft flies beside others.
     """
     if not base.stats.clock.short:
         return probabilities(weighed, tests)
-    alone = np.array([term.candidate.scope != "fleet" for term in terms], float)
+    alone = [not shared_by_all(base, pool, terms, k) for k in range(len(terms))]
     return np.asarray(of_one_day(weighed) * alone)
 
 
-def _doubted(term: Term, chance: float, parts: int, weighed: Floats, *, one_day: bool) -> Doubtful:
-    """Say why a name is not stated."""
-    if one_day and term.candidate.scope == "fleet":
+def _doubted(term: Term, chance: float, parts: int, weighed: Floats, *, shared: bool) -> Doubtful:
+    """Say why a name is not stated; ``shared``: of a day, by all aircraft."""
+    if shared:
         reason = "of a day or two, what all aircraft share may be their weather"
         return Doubtful(term, 0.0, weighed, reason)
     if parts < LEAST_PARTS:

@@ -79,6 +79,31 @@ def worth(base: Base, terms: Sequence[Term]) -> Worth:
     return Worth(explained, float(occam) - sum(_price(base, term) for term in terms))
 
 
+def shared_by_all(base: Base, pool: Sequence[Candidate], terms: Sequence[Term], k: int) -> bool:
+    """Whether one effect of all aircraft is worth more than a term on most of them.
+
+    Parameters
+    ----------
+    pool : sequence of Candidate
+        Forms for the whole fleet are looked for here.
+    k : int
+        Position of the term.
+    """
+    term, everyone = terms[k], tuple(range(len(base.stats.tails)))
+    if term.candidate.scope == "fleet" or 2 * len(term.tails) <= len(everyone):
+        return term.candidate.scope == "fleet"
+    name, form = term.candidate.name, term.candidate.subset
+    wide = [c for c in pool if (c.name, c.scope, c.subset) == (name, "fleet", form)]
+    own = worth(base, terms)
+    for candidate in wide:
+        one = replace(term, candidate=candidate, tails=everyone)
+        all_ = worth(base, [*terms[:k], one, *terms[k + 1 :]])
+        gain = (all_.explained - own.explained) / max(term.score.factor, 1.0)
+        if gain + all_.fixed > own.fixed:
+            return True
+    return False
+
+
 def _price(base: Base, term: Term) -> float:
     """What the dates of a term cost before the data are asked, nats."""
     if term.period is None:
