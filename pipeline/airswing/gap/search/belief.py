@@ -37,6 +37,9 @@ STATED = 0.9
 #: Odds that a table beside a doubtful name, confirmed by sums of its own, adds to those of the name
 #: which explains as much: on archives without effect one in twenty has a table, or fewer.
 TABLE_ODDS = 20.0
+#: That a name is that one: log odds where nothing is left beside it, and by how much they fall with
+#: the logarithm of one plus what is left.
+NAMED_EVEN, NAMED_SLOPE = 3.4, 6.0
 #: Of one day: nats at which a name is as likely wrong as right; growth of its log odds with their
 #: logarithm (0.9 at nine nats); deviations by which parts of the day must confirm it.
 ONE_DAY_EVEN, ONE_DAY_SLOPE, ONE_DAY_DEVIATIONS = 5.0, 3.8, 2.0
@@ -94,6 +97,18 @@ def probabilities(weighed: Floats, confirmation: Confirmation) -> Floats:
     logit = constant + weighed @ weights
     out = 1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0)))
     return np.asarray(np.where(confirmation.tested, out, 0.0))
+
+
+def as_named(left: Floats) -> Floats:
+    """Probability that what is there is what the name says, (t,).
+
+    Parameters
+    ----------
+    left : (t,) float
+        What each name leaves on its aircraft
+        (:func:`airswing.gap.search.left_beside.left_beside`).
+    """
+    return np.asarray(1.0 / (1.0 + np.exp(NAMED_SLOPE * np.log1p(left) - NAMED_EVEN)))
 
 
 def of_one_day(weighed: Floats) -> Floats:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.search.absorbed_by_unknown import folded
-from airswing.gap.search.belief import features, of_one_day, probabilities
+from airswing.gap.search.belief import as_named, features, of_one_day, probabilities
 from airswing.gap.search.candidate_ranking import evaluate_named
 from airswing.gap.search.confirmation import (
     LEAST_PARTS,
@@ -33,6 +33,7 @@ from airswing.gap.search.confirmation import (
     confirm_lasting,
 )
 from airswing.gap.search.fewest import shared_by_all
+from airswing.gap.search.left_beside import left_beside
 from airswing.gap.search.nested_forms import widened
 from airswing.gap.search.stepwise import Found, Rules, found_of, search
 from airswing.gap.sums.elimination import Base
@@ -151,6 +152,8 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
             _doubted(terms[worst], float(chance[worst]), parts, weighed[worst], shared=shared)
         )
         del terms[worst]
+    if not base.stats.clock.short:  # what a day leaves beside a name was not learned
+        chance = chance * as_named(left_beside(base, pool, terms))
     found = found_of(base, pool, terms) if doubtful else found
     sure = tuple(
         replace(term, score=replace(term.score, probability=float(p)))

@@ -1,0 +1,57 @@
+"""What a name leaves on its own aircraft says whether it is that name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.gap.toy import make_frame
+
+from airswing.gap.design.candidates import candidates
+from airswing.gap.effects import CATALOGUE
+from airswing.gap.passes import Search, run_pass
+from airswing.gap.search.belief import NAMED_EVEN, NAMED_SLOPE, as_named
+from airswing.gap.search.left_beside import SHARE, USUAL, left_beside
+from airswing.gap.search.stepwise import Rules
+from airswing.gap.sums.whole_archive import held_archive
+
+EFFECTS = {name: CATALOGUE[name] for name in ("compass_offset", "hard_iron")}
+
+
+@pytest.fixture(scope="module")
+def made():
+    """Search of an archive in which one aircraft has an offset and one cycle."""
+
+    def erring(context):
+        error = np.radians(1.5) + np.radians(3.0) * np.sin(context["magnetic_heading"])
+        return np.where(context["aircraft"] == 3, error, 0.0)
+
+    frame = make_frame(seed=8, aircraft=6, days=14, noise=0.3, heading_error=erring)
+    return run_pass(held_archive(frame), Search(EFFECTS, Rules(), False, 0, lambda *_: None))
+
+
+def test_a_name_leaves_what_another_explains(made):
+    base, terms = made.problem.base, made.standing.found.terms
+    assert {term.candidate.name for term in terms} == {"compass_offset", "hard_iron"}
+    pool = candidates(base.stats.layout, EFFECTS, dictionary=False)
+    assert left_beside(base, pool, terms).max() < 0.1
+    for one in terms:  # the other one is left, over what is usual and a share of its own
+        (left,) = left_beside(base, pool, [one])
+        assert left * (USUAL + SHARE * one.score.raw) > 100.0
+        # on an aircraft that has neither it is not, and stands for what is usual
+        assert left_beside(base, pool, [replace(one, tails=(1,))])[0] == 0.0
+
+
+def test_terms_without_a_name_are_not_asked(made):
+    base, (term, *_) = made.problem.base, made.standing.found.terms
+    pool = candidates(base.stats.layout, EFFECTS, dictionary=False)
+    curve = replace(term, candidate=replace(term.candidate, known=False))
+    assert left_beside(base, pool, [curve]).tolist() == [0.0]
+
+
+def test_the_more_is_left_the_less_a_name_is_likely():
+    chance = as_named(np.array([0.0, 0.5, 2.0]))
+    assert chance[0] == pytest.approx(1 / (1 + np.exp(-NAMED_EVEN)))
+    assert chance[2] == pytest.approx(1 / (1 + np.exp(NAMED_SLOPE * np.log(3.0) - NAMED_EVEN)))
+    assert (np.diff(chance) < 0).all()
