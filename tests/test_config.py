@@ -67,7 +67,7 @@ def test_pools_and_the_gap_reference(tmp_path):
         (
             {
                 "field_test": {
-                    "start": "2009-10-20",
+                    "start": 20091020,
                     "before_start": "2009-07-20",
                     "corrected": ["N1", "N2"],
                     "controls": ["N2"],
@@ -104,6 +104,9 @@ def test_absent_or_broken_files_are_refused(tmp_path):
 def test_a_missing_key_is_named(tmp_path):
     with pytest.raises(ConfigError, match=r"output: required key"):
         load_config(write(tmp_path, {k: v for k, v in SMALLEST.items() if k != "output"}))
+    misspelt = {k.replace("out", "Out"): v for k, v in SMALLEST.items()}
+    with pytest.raises(ConfigError, match=r"Output: unknown key; did you mean 'output'"):
+        load_config(write(tmp_path, misspelt))
 
 
 def test_a_pool_that_names_a_reference_twice_is_refused(tmp_path):

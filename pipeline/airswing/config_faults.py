@@ -1,6 +1,6 @@
 """What is wrong with a configuration, in one message that names the nearest known key.
 
-Assumes pydantic's account of the faults; the first is told, the others counted.
+Assumes pydantic's account of the faults; the first is told, an unknown key before others, and the others are counted.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ def explained(err: ValidationError, path: Path, model: type[BaseModel]) -> Confi
     model : type of BaseModel
         What it was held against.
     """
-    fault = err.errors()[0]
+    # A misspelt key is told before the required one that it leaves missing.
+    fault = min(err.errors(), key=lambda one: one["type"] != "extra_forbidden")
     place = ".".join(str(part) for part in fault["loc"] if not _alternative(part))
     others = f"; and {err.error_count() - 1} more" if err.error_count() > 1 else ""
     if fault["type"] == "extra_forbidden":

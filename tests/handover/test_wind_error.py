@@ -28,10 +28,10 @@ KNOWN = np.array(
 BY_AIRCRAFT = {"N1": (np.nan, np.nan), "N2": (6.0, 1.3), "N3": (1.0, 0.0), "N9": (9.0, 9.0)}
 
 
-def write_known(folder: Path, *missing: str) -> None:
+def write_known(folder: Path, *missing: str, known: np.ndarray = KNOWN) -> None:
     ds = xr.Dataset(
         {
-            "observation_error_filled": (("state", "flight_phase", "layer"), KNOWN),
+            "observation_error_filled": (("state", "flight_phase", "layer"), known),
             "aircraft_observation_error": (("aircraft", "state"), list(BY_AIRCRAFT.values())),
             "layer_bottom_pressure": ("layer", [110000.0, 70000.0, 40000.0]),
             "layer_top_pressure": ("layer", [70000.0, 40000.0, 20000.0]),
@@ -144,3 +144,18 @@ def test_the_table_where_nothing_is_known(tmp_path):
     ds = corrected({"N1": 2}, pressure=[15000.0, 95000.0], corrected_wind_standard_error=1.0)
     found = errors(tmp_path, ds, settings=Handover(platform="TAMDAR"))
     assert found == pytest.approx([np.sqrt(3.6**2 + 0.5), np.sqrt(2.3**2 + 0.5)], abs=0.006)
+
+
+@pytest.mark.parametrize("winds", ["corrected", "reported"])
+def test_a_product_that_knows_no_error_is_not_said_to_be_its_source(tmp_path, winds):
+    write_known(tmp_path, known=np.full_like(KNOWN, np.nan))
+    ds = corrected({"N1": 2}, pressure=50000.0, corrected_wind_standard_error=0.0)
+    write_product(ds, tmp_path / "corrected.nc", title="test")
+    told = airswing.export(
+        tmp_path / "corrected.nc", to="ob_ascii", path=tmp_path / "f", winds=winds
+    )
+    assert told["errors_from"] == "WRFDA's own table"
+    assert "observation_errors.nc knows none of these" in told["notes"][0]
+    assert ("each correction's own" in told["notes"][0]) == (winds == "corrected")
+    (first, *_), _ = wrfda.read((tmp_path / "f").read_text())
+    assert first["levels"][0]["error"] == pytest.approx(2.9)

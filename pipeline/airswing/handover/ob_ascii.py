@@ -134,9 +134,12 @@ def _write(request: Request) -> Account:
     errors = WindErrors(known, request.winds, aircraft.tolist())
     layout = Layout("ob.ascii", partial(_encode, errors=errors), _header, look=errors.look)
     told = write_records(request, layout)
-    told["errors_from"] = PRODUCT if known is not None else "WRFDA's own table"
+    told["errors_from"] = errors.source
+    unknown = known is not None and errors.source != PRODUCT
     told["notes"] = [
-        f"errors of the winds from {told['errors_from']}, with each correction's own",
+        f"errors of the winds from {errors.source}"
+        + ", with each correction's own" * (request.winds == "corrected")
+        + f" ({PRODUCT} knows none of these)" * unknown,
         "WRFDA namelist: ob_format = 2; its gross check rejects a component that departs from the "
         "first guess by more than max_error_uv (5.0) times the report's error",
     ]

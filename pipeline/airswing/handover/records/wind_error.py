@@ -89,6 +89,11 @@ class WindErrors:
         own = known[BY_AIRCRAFT].to_series().reindex(aircraft).to_numpy(dtype=np.float64)
         self._aircraft = np.where(own > 0.0, own**2, np.nan)
 
+    @property
+    def source(self) -> str:
+        """Where the errors come from: a product that knows none leaves WRFDA's own table."""
+        return "WRFDA's own table" if np.isnan(self._cells).all() else PRODUCT
+
     def look(self, rows: NDArray[np.void]) -> None:
         """Take note of what each aircraft flew and of how certain corrections are.
 
