@@ -1,6 +1,7 @@
 """What is wrong with a configuration, in one message that names the nearest known key.
 
-Assumes pydantic's account of the faults; the first is told, an unknown key before others, and the others are counted.
+Assumes pydantic's account of the faults; the first is told, unknown keys before others, and the
+rest are counted.
 """
 
 from __future__ import annotations

@@ -44,6 +44,16 @@ def test_a_name_with_glob_characters_is_found(tmp_path: Path):
     assert expand(str(path)) == [path]
 
 
+@pytest.mark.parametrize("target", ["absent", "b.csv"])
+def test_a_link_that_leads_nowhere_or_to_itself_is_named(tmp_path: Path, target: str):
+    write(tmp_path / "a.csv", flight())
+    (tmp_path / "b.csv").symlink_to(tmp_path / target)
+    audit = json.loads(read_reports(tmp_path / "*.csv").attrs["reading_audit"])
+    (left_out,) = audit["files_skipped"]
+    assert left_out["file"] == str(tmp_path / "b.csv")
+    assert "cannot be opened" in left_out["reason"]
+
+
 def test_an_unknown_format_is_refused(tmp_path: Path):
     with pytest.raises(InputError, match="auto, bufr, g1000, madis, parquet, readsb, csv"):
         read_reports(write(tmp_path / "a.csv", flight()), format="excel")

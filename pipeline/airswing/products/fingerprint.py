@@ -42,7 +42,7 @@ def file_identities(patterns: Sequence[str]) -> list[tuple[str, int, int]]:
     matches = [
         [path] if os.path.isfile(path) else glob.glob(path, recursive=True) for path in paths
     ]
-    # a link that leads nowhere is passed by here as where files are catalogued
+    # A link that leads nowhere gives nothing that a product could depend on.
     names = sorted({name for found in matches for name in found if os.path.exists(name)})
     found = [
         (name, *(_of_store(name) if os.path.isdir(name) else _of_file(name))) for name in names

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import glob
 import gzip
+import os
 import zlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -138,7 +139,8 @@ def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
         # A file whose name holds brackets is itself first, and a pattern only where there
         # is none.
         names = [text] if Path(text).is_file() else glob.glob(text, recursive=True)
-        names = sorted(name for name in names if Path(name).is_file())
+        # A link that leads nowhere is a file that is missing: reading it fails and names it.
+        names = sorted(name for name in names if Path(name).is_file() or not os.path.exists(name))
         if not names:
             folder = Path(text).is_dir()
             raise InputError(

@@ -394,5 +394,6 @@ def _size(frames: list[pd.DataFrame]) -> int:
 
 
 def _identity(path: Path) -> Identity:
-    status = path.stat()
+    # Of a link that leads nowhere its own.
+    status = path.stat() if path.exists() else path.lstat()
     return str(path), status.st_size, status.st_mtime_ns

@@ -45,6 +45,17 @@ def test_reports_say_how_many_files_and_which_tails():
     assert reading_warnings(Audit().as_dict()) == reading_warnings({}) == []
 
 
+def test_reports_left_out_are_counted_by_reason_the_most_first():
+    audit = Audit(read=2000)
+    for reason, number in {"ragged_row": 3, "unparsable_time": 1200, "averaged": 500}.items():
+        audit.drop(reason, number)
+    audit.example("pressure_altitude", "28,890")
+    assert reading_warnings(audit.as_dict()) == [
+        "1,203 of 2,000 reports left out: unparsable time 1,200, ragged row 3",
+        "values that cannot be read: pressure_altitude such as '28,890'",
+    ]
+
+
 @pytest.mark.parametrize(
     ("tails", "groups"),
     [

@@ -91,7 +91,8 @@ def find_files(
     for pattern in (os.path.expanduser(os.fspath(one)) for one in patterns):
         # A path that is there is itself, whatever brackets its name holds.
         matches = [pattern] if os.path.exists(pattern) else glob.glob(pattern, recursive=True)
-        there = [os.path.abspath(path) for path in matches if is_one(path)]
+        # A link that leads nowhere is a file that is missing: opening it fails and names it.
+        there = [os.path.abspath(p) for p in matches if is_one(p) or not os.path.exists(p)]
         if not there:
             folder = os.path.isdir(pattern)
             raise InputError(

@@ -20,6 +20,8 @@ _GROUPS_SHOWN = 5
 # An attribute stays small, however much is broken.
 _ENTRIES_KEPT = 200
 _REPEATED = "_column_repeated"
+# What the configuration leaves out or joins is nothing to look at.
+_AS_ASKED = ("not_wanted", "averaged")
 _PLACE = re.compile(r"^message at \d+: ")
 # Kind of message that is no wind on levels: most files hold such, and nobody need be told.
 _EXPECTED = "wind"
@@ -65,6 +67,16 @@ def reading_warnings(audit: Mapping[str, Any]) -> list[str]:
             f"{len(skipped)} of {len(skipped) + audit.get('files', 0)} report files left out; "
             f"the first: {skipped[0]['reason']}"
         )
+    dropped = {why: n for why, n in audit.get("dropped", {}).items() if n and why not in _AS_ASKED}
+    if dropped:
+        reasons = sorted(dropped.items(), key=lambda one: (-one[1], one[0]))
+        counts = ", ".join(f"{why.replace('_', ' ')} {n:,}" for why, n in reasons)
+        lines.append(
+            f"{sum(dropped.values()):,} of {audit['reports_read']:,} reports left out: {counts}"
+        )
+    if examples := audit.get("examples", {}):
+        values = ", ".join(f"{name} such as {value}" for name, value in examples.items())
+        lines.append(f"values that cannot be read: {values}")
     for name in sorted(audit.get("repaired", {})):
         if name.endswith(_REPEATED):
             lines.append(
