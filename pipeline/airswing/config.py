@@ -218,7 +218,7 @@ class Monitoring(_Section):
 class Handover(_Section):
     """How corrected winds are handed over (`airswing export`)."""
 
-    platform: Literal["auto"] | Platform = "auto"
+    platform: Literal["auto", Platform] = "auto"
     aircraft: dict[Platform, list[str]] = {}
     identifiers: Literal["tail", "number"] = "tail"
     accept: list[Screened] = ["phase", "field_test"]

@@ -44,7 +44,7 @@ def quantity(text: object, unit: str) -> float:
     """
     # A bare number would pass for radians, 57 degrees each.
     if not isinstance(text, str) or _NUMBER.fullmatch(text):
-        bare = shortened(str(text).strip(), 80)
+        bare = "10" if text is None else shortened(str(text).strip(), 80)
         raise ValueError(f"needs a unit, such as '{bare} {_EXAMPLE.get(unit, unit)}'")
     fault = f"{shortened(text, 80)!r} is not a quantity in units of {_EXAMPLE.get(unit, unit)}"
     # A number and a unit apart: pint reads a whole expression, where "5..2 h" is one hour.
