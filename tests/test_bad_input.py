@@ -6,11 +6,11 @@ but the exit is a defect and fails the test.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import resource
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -25,6 +25,7 @@ import yaml
 from airswing import cli
 from airswing.products.workspace import workspace
 from tests import perfect
+from tests.forked import forked
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
@@ -321,26 +322,24 @@ def test_one_flight_is_too_little_for_a_diagnosis(archive, tmp_path, capsys):
     refused(capsys, "gap", path, says=("too few reports", "1 flights"))
 
 
+def run_on_a_small_disk(config: Path, told: Path) -> None:
+    """Run where no file may grow as long as headings.nc is."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+    sys.argv = ["airswing", "run", str(config)]
+    with told.open("w") as messages, contextlib.redirect_stderr(messages):
+        cli.main()
+
+
 def test_a_disk_full_midway_leaves_the_earlier_products(archive, tmp_path):
     before = with_products(archive, tmp_path)
     path = configure(archive, tmp_path)
-    limit = 60_000  # bytes a file may have: less than headings.nc
-
-    def narrow() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-    done = subprocess.run(
-        [sys.executable, "-m", "airswing", "run", str(path)],
-        preexec_fn=narrow,
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=False,
-    )
-    assert done.returncode == 2, done.stderr
-    assert "Traceback" not in done.stderr
-    assert "File too large" in done.stderr.splitlines()[-1]
-    assert str(tmp_path / "out") in done.stderr.splitlines()[-1]
+    done = forked(run_on_a_small_disk, path, tmp_path / "told")
+    done.join(240)
+    told = (tmp_path / "told").read_text()
+    assert done.exitcode == 2, told
+    assert "Traceback" not in told
+    assert "File too large" in told.splitlines()[-1]
+    assert str(tmp_path / "out") in told.splitlines()[-1]
     assert digests(tmp_path / "out") == before
     assert not [*tmp_path.rglob("*.part")]
 

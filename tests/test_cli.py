@@ -97,9 +97,9 @@ def test_a_stage_without_the_product_before_it_says_so(root, tmp_path):
     assert "headings.nc" in done.stderr and "airswing run" in done.stderr
 
 
-def test_stages_one_by_one_and_the_json_summary(root, tmp_path):
-    most = {"files": str(root / "data_samples/reports/N40[1-5].csv")}
-    path = config(root, tmp_path, reports=most)
+def test_stages_one_by_one_and_the_json_summary(blank_cards, root, tmp_path):
+    some = {"files": str(root / "data_samples/reports/N40[1-3].csv")}
+    path = config(root, tmp_path, reports=some)
     for stage, product in (("collocate", "headings"), ("fit", "fits"), ("correct", "corrected")):
         how = process if stage == "collocate" else airswing
         done = how(stage, path, "--quiet", folder=tmp_path)
@@ -108,7 +108,7 @@ def test_stages_one_by_one_and_the_json_summary(root, tmp_path):
         assert done.stderr == ""
     done = airswing("run", path, "--resume", "--json", "--quiet", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["status"]["ok"] >= 4
+    assert json.loads(done.stdout)["status"]["ok"] >= 2
     done = airswing("compare", path, "--quiet", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["pairs"][0]["references"] == ["ruc", "rtfdaa"]

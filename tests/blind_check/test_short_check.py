@@ -25,7 +25,7 @@ def diagnosed(config: Path, output: Path, without: Sequence[str]) -> dict[str, A
     return content
 
 
-def test_a_short_check_by_the_public_command(tmp_path, monkeypatch):
+def test_a_short_check_by_the_public_command(tmp_path, monkeypatch, no_gap_page):
     short = Size(days=15, aircraft=6, sizes=(1.6,), coarse=True)
     monkeypatch.setattr(Size, "fast", classmethod(lambda cls: short))
     plan = Plan(

@@ -78,14 +78,23 @@ def test_workers_keep_their_threads_to_themselves_and_may_keep_memory():
     assert dask.config.get("distributed.nanny.pre-spawn-environ") == before
 
 
-def test_the_scheduler_does_not_keep_the_tasks_it_has_sent():
+def test_workers_start_keep_no_tasks_sent_to_them_and_raise_what_fails_in_them(capfd):
     """Each message to a worker holds the places of the reports of its tasks."""
+
+    def fail() -> None:
+        raise InputError("nothing works", remedy="Try again")
+
     before = dask.config.get("distributed.admin.low-level-log-length")
-    with compute.scheduler(Compute(workers=2, threads=1), Progress(quiet=True)):
+    with (
+        pytest.raises(InputError, match="nothing works"),
+        compute.scheduler(Compute(workers=2, threads=1), Progress(quiet=True)),
+    ):
         sent = distributed.default_client().cluster.scheduler.stream_comms.values()
         assert len(sent) == 2
         assert {one.recent_message_log.maxlen for one in sent} == {compute.LOGGED}
+        dask.delayed(fail)().compute()
     assert dask.config.get("distributed.admin.low-level-log-length") == before
+    assert "nothing works" not in "".join(capfd.readouterr())
 
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
@@ -116,18 +125,6 @@ def test_a_worker_that_ends_while_it_starts_is_one_message():
         compute.scheduler(Compute(workers=2, threads=1), Progress(quiet=True)),
     ):
         pass
-
-
-def test_what_fails_in_a_worker_is_raised_and_not_printed_there(capfd):
-    def fail() -> None:
-        raise InputError("nothing works", remedy="Try again")
-
-    with (
-        pytest.raises(InputError, match="nothing works"),
-        compute.scheduler(Compute(workers=2, threads=1), Progress(quiet=True)),
-    ):
-        dask.delayed(fail)().compute()
-    assert "nothing works" not in "".join(capfd.readouterr())
 
 
 def test_workers_that_all_wait_for_memory_are_one_message(monkeypatch):

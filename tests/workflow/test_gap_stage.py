@@ -38,7 +38,7 @@ def again(path, **changes):
     return Job(load_config(path).model_copy(update=changes), Progress(quiet=True))
 
 
-def test_gap_json_and_headings_tell_of_the_same_headings(run, names_only):
+def test_gap_json_and_headings_tell_of_the_same_headings(run, names_only, no_gap_page):
     path, first = run
     job = again(path)
     content = diagnosis(job)

@@ -81,7 +81,7 @@ def test_what_is_known_is_not_told_again(archive, collocated, tmp_path):
 
 
 def test_reports_of_the_package_s_own_simulation_match_and_leave_what_it_lacks(
-    archive, collocated, tmp_path
+    archive, collocated, tmp_path, no_gap_page
 ):
     collocated(tmp_path / "out")
     effects = effects_file(tmp_path / "effects.yaml", SCALE)

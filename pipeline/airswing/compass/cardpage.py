@@ -123,7 +123,7 @@ class CardPage:
             for word in row
         ]
         parts = np.concatenate([*curves.low, *curves.high, *curves.table, [0.0]])
-        room = 0.05 * max(float(np.ptp(parts)), 0.1)
+        room = 0.05 * max(float(np.ptp(parts)), 0.1)  # a flat curve has a scale, too
         for number, panel in enumerate(self._panels):
             panel.show(*(one[number] for one in curves))
             panel.span(float(parts.min()) - room, float(parts.max()) + room)

@@ -109,6 +109,7 @@ def choose_ground_vector(
     errors = _own_errors(airspeed, heading, own, steps)
     apart = np.hypot(own[0] - chord[0], own[1] - chord[1])
     explained = np.hypot(chord[2], chord[3]) + np.hypot(*errors)
+    # a vector this far off is a gross error of one of the two, not what is stated of both
     far = apart > MAX_VECTOR_DIFFERENCE + 5.0 * explained
     use = (reason == "own")[aircraft] & ~far
     if derived is not None:

@@ -405,7 +405,7 @@ def _airspeed(window: _Window, turns: _Turns, fit: _Fitted) -> tuple[Array, Arra
 
     The mean of a unit vector that turns is shorter than one by half the variance of its direction.
     """
-    turned = np.maximum(1.0 - fit.straight, 1e-6)
+    turned = np.maximum(1.0 - fit.straight, 1e-6)  # surely straight: asked for by nobody
     total, share, doubt = (np.zeros(len(turned)) for _ in range(3))
     lengths: list[Array] = []
     for k in (REACH - 1, REACH):

@@ -33,7 +33,7 @@ def fingerprint(*parts: object) -> str:
         other products.
     """
     text = json.dumps([__version__, plain(list(parts))], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:32]
+    return hashlib.sha256(text.encode()).hexdigest()[:32]  # 128 bits: none alike by chance
 
 
 def file_identities(patterns: Sequence[str]) -> list[tuple[str, int, int]]:

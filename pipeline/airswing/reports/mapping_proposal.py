@@ -199,6 +199,7 @@ def _guessed(name: str, values: NDArray[np.float64]) -> tuple[str | None, str]:
         # In metres that is above most airliners; in feet half of all flight is.
         return ("ft" if largest > 15_500 else "m"), "unit guessed from its values"
     if name == "temperature":
+        # no air is as warm as 150 degC, none as cold as 150 K
         return ("K" if largest > 150 else "degC"), "unit guessed from its values"
     if name in _SPEEDS:
         airborne = name in ("true_airspeed", "ground_speed", "indicated_airspeed")

@@ -198,6 +198,7 @@ def _steady(columns: Columns, clock: NDArray[np.float64], number: int) -> NDArra
     gap = np.diff(seconds_since_1970(columns["time"]))
     speed = step_distance(columns["latitude"], columns["longitude"]) / np.where(gap > 0, gap, 1.0)
     twice = np.bincount(tail[1:][(gap == 0) & (np.diff(tail) == 0)], minlength=number)
+    # one flight in the air: not over a landing, where the mean speed is nobody's
     leg = (gap > 0) & (gap < 1800.0) & (np.diff(tail) == 0) & (speed > 60.0)
     pair = np.flatnonzero(leg[1:] & leg[:-1])
     change = np.abs(np.log(speed[pair + 1] / speed[pair]))

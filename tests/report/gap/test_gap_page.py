@@ -12,7 +12,7 @@ from markupsafe import escape
 from matplotlib.figure import Figure
 from tests.report import gap_factories
 from tests.report.gap_factories import effect
-from tests.report.run.test_page import parsed
+from tests.report.run.test_page import Balance, parsed
 from tests.report.test_figures import check_figure
 
 from airswing.gap.result.schema import (
@@ -190,10 +190,8 @@ def test_whom_an_effect_concerns(gap: GapReport) -> None:
     assert verdict(replace(gap, effects=[shared, single])).startswith("The reference: ")
 
 
-def test_page_of_a_real_diagnosis(gap: GapReport, maps: xr.Dataset, tmp_path: Path) -> None:
-    page = write_gap_page(tmp_path / "gap", gap=gap, maps=maps)
-    assert page == tmp_path / "gap" / "index.html"
-    text, found = parsed(page)
+def test_page_of_a_real_diagnosis(gap: GapReport, gap_product: Path) -> None:
+    text, found = parsed(gap_product / "gap" / "index.html")
     assert found.open == []
     assert all(a.startswith(("data:image/", "#")) for a in found.addresses)
     where, which, far, method = 1 + 4, 2, 1, 2
@@ -212,7 +210,8 @@ def test_page_of_a_real_diagnosis(gap: GapReport, maps: xr.Dataset, tmp_path: Pa
 def test_the_page_the_command_wrote_is_the_page_of_its_products(
     gap: GapReport, maps: xr.Dataset, gap_product: Path, tmp_path: Path
 ) -> None:
-    again = write_gap_page(tmp_path, gap=gap, maps=maps)
+    again = write_gap_page(tmp_path / "gap", gap=gap, maps=maps)
+    assert again == tmp_path / "gap" / "index.html"
     assert again.read_text() == (gap_product / "gap" / "index.html").read_text()
 
 
@@ -248,8 +247,18 @@ def test_the_heading_map_shows_its_cells_and_sets_a_named_aircraft_bold(
     )
 
 
-def test_page_without_effects(gap: GapReport, maps: xr.Dataset, tmp_path: Path) -> None:
-    text, found = parsed(write_gap_page(tmp_path, gap=replace(gap, effects=[]), maps=maps))
+@pytest.fixture(scope="module")
+def bare(
+    gap: GapReport, maps: xr.Dataset, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[GapReport, str, Balance]:
+    """The diagnosis without its effects, and its page."""
+    none = replace(gap, effects=[])
+    text, found = parsed(write_gap_page(tmp_path_factory.mktemp("bare"), gap=none, maps=maps))
+    return none, text, found
+
+
+def test_page_without_effects(bare: tuple[GapReport, str, Balance]) -> None:
+    _, text, found = bare
     assert found.open == []
     assert "<h1>Nothing is missing" in text
     assert "No effect of the catalogue is needed" in text
@@ -265,16 +274,15 @@ def test_what_could_not_be_told_apart(gap: GapReport, maps: xr.Dataset, tmp_path
 
 
 def test_unknown_effects_are_placed_and_drawn(
-    gap: GapReport, maps: xr.Dataset, tmp_path: Path
+    bare: tuple[GapReport, str, Balance], maps: xr.Dataset, tmp_path: Path
 ) -> None:
     mean = MeanEntry("tas_scale", ["N403"], {"scale_percent": 1.0}, {})
     place, table = gap_factories.unknown_place(), gap_factories.unknown_table()
     places = unknown(replace(place, mean=mean), table)
-    bare = replace(gap, effects=[])
-    text, found = parsed(write_gap_page(tmp_path, gap=replace(bare, unknown=places), maps=maps))
+    none, _, without = bare
+    text, found = parsed(write_gap_page(tmp_path, gap=replace(none, unknown=places), maps=maps))
     first, second = slice_words(place), slice_words(table)
     assert f"found in {first} and {second}." in text
-    _, without = parsed(write_gap_page(tmp_path, gap=bare, maps=maps))
     assert found.images == without.images + 2
 
 

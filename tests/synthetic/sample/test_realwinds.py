@@ -76,13 +76,14 @@ def test_reports_of_one_day_cover_the_compass(archive: Path) -> None:
         assert table["time"].str.startswith("2005-08-0").all()
 
 
-def test_the_whole_job_recovers_the_deviations(archive: Path) -> None:
-    """Every stage on real winds, through two references of different leads."""
+def test_the_whole_job_recovers_the_deviations(archive: Path, blank_cards, monkeypatch) -> None:
+    """Every stage on real winds but the page, through two references of different leads."""
     import xarray as xr
     from typer.testing import CliRunner
 
     from airswing.cli import app
 
+    monkeypatch.setattr("airswing.workflow.main.make_page", lambda *_: None)
     result = CliRunner().invoke(app, ["run", str(archive / "config.yaml"), "--quiet"])
     assert result.exit_code == 0, result.output
     truth = json.loads((archive / "truth" / "truth.json").read_text())["aircraft"]

@@ -67,7 +67,7 @@ def cycles_statistic(theta: Array, covariance: Array) -> float:
 
 def choose_cycles(statistic: float, clusters: int) -> int:
     """Number of cycles by evidence: a quasi-BIC that counts independent clusters, not reports."""
-    # BIC's price of two parameters.
+    # BIC's price of two parameters; of one or two clusters it would be next to nothing
     return 2 if statistic > 2.0 * np.log(max(clusters, 3)) else 1
 
 

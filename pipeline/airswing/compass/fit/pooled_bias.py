@@ -65,7 +65,7 @@ def day_ratio(flight: list[Array], day: list[Array], freedom: list[int]) -> Arra
         good = one > 0
         above[good] += weight * other[good] / one[good]
         below[good] += weight
-    ratio = np.where(below > 0, above / np.maximum(below, 1e-300), 1.0)
+    ratio = np.where(below > 0, above / np.maximum(below, 1e-300), 1.0)  # both sides are worked
     pairs = [(1, 2), (3, 4)] + [(k, k + 1) for k in range(FIRST_BIAS, ratio.size - 1, 2)]
     for pair in pairs:
         ratio[list(pair)] = ratio[list(pair)].mean()

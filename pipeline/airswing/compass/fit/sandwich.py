@@ -45,6 +45,7 @@ def group_sums(values: Array, group: Index, groups: int) -> Array:
 def inverse_root(normal: Array) -> Array:
     """Matrix whose product with its own transpose is the inverse of a normal matrix."""
     values, vectors = np.linalg.eigh(normal)
+    # rounding can make the smallest a little negative: it then stands for a very large error
     return np.asarray(vectors / np.sqrt(np.maximum(values, values[-1] * 1e-14)))
 
 

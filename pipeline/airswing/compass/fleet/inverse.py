@@ -37,7 +37,7 @@ STEP, COARSE_STEP = 1e-8, 1e-3
 """Relative change of every variance that ends the rounds before: exact, and of random signs."""
 FIRST_VARIANCE, SMALLEST_VARIANCE = 0.05, 1e-4
 """(m/s)2."""
-UNKNOWN_VARIANCE = 1e6
+UNKNOWN_VARIANCE = 1e6  # (m/s)2: a prior that tells nothing
 FINE, COARSE = 1e-7, 1e-4
 """Relative error of a solution in the matrix's own norm: of the estimate, of its variances."""
 ITERATIONS = 1000
@@ -339,6 +339,7 @@ def _signs(rows: int, columns: int) -> Floats:
 def _next_variance(energy: float, unknown: float, size: int, before: float) -> float:
     """Schall's step of one variance."""
     told = size - unknown / before
+    # where nothing is told of it the bounds below decide, not a division by zero
     found = energy / max(told, 1e-9 * size)
     return min(max(found, SMALLEST_VARIANCE), LARGEST_VARIANCE)
 

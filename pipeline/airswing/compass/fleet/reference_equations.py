@@ -258,6 +258,7 @@ def _white(within: Floats) -> Floats:
 
 def _factor(some: Floats, every: Floats) -> Floats:
     """What makes of the information from some blocks that from all, (aircraft, 8, 8)."""
+    # some aircraft tell nothing of a parameter: their matrices have no factor without it
     ridge = 1e-9 * np.trace(every, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(OWN)
     thin, whole = (np.linalg.cholesky(one + ridge) for one in (some, every))
     return np.asarray(whole @ np.linalg.inv(thin))

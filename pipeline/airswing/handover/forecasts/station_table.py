@@ -115,7 +115,7 @@ def numbers(values: Iterable[object]) -> NDArray[np.float64]:
     series = pd.Series(list(values), dtype=object).map(lambda text: str(text).strip())
     read = pd.to_numeric(series.where(~series.isin(_MISSING)), errors="coerce")
     found = read.to_numpy(dtype=np.float64)
-    return np.where(np.abs(found) < 1e30, found, np.nan)
+    return np.where(np.abs(found) < 1e30, found, np.nan)  # fill values of files lie above
 
 
 def times(values: Iterable[object]) -> NDArray[np.datetime64]:

@@ -61,6 +61,7 @@ LIMITS = {
     "wind_speed": (0.0, 150.0),
     "wind_direction": (0.0, 360.0),
     "air_temperature": (150.0, 340.0),
+    # of the standard atmosphere at the two limits of altitude
     "pressure": (5000.0, 110000.0),
     "pressure_altitude": (-700.0, 20000.0),
     "reported_airspeed": (0.0, 400.0),

@@ -394,6 +394,7 @@ def _absent(
 ) -> InputError:
     taken = {column for source in (used or {}).values() for column in source.columns}
     folded = {name.strip().lower(): name for name in names if name not in taken}
+    # looser than the library's 0.6: names of one column share little but a stem
     near = difflib.get_close_matches(wanted.lower(), list(folded), n=3, cutoff=0.4)
     stem = wanted.split("_")[0].lower()
     near += [key for key in folded if key not in near and (stem in key or key[:3] == stem[:3])]

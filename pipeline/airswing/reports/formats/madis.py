@@ -100,7 +100,7 @@ FLAG_FIELDS = (
     "trueAirSpeedDD",
 )
 """Fields whose codes are tallied."""
-_MOST_OCTETS = 1 << 30
+_MOST_OCTETS = 1 << 30  # unpacked: few packed octets could fill any memory
 _BEST_PACKING = 1100  # Deflate packs no better than one in 1,032
 _LARGEST = 99990.0  # the fill value is 99999 in every version
 _UNTESTED = (BLANK, "-", "Z")
@@ -230,7 +230,7 @@ def characters(values: NDArray[Any]) -> NDArray[np.str_]:
 
 
 def _label(code: int) -> str:
-    if 32 <= code < 127:
+    if 32 <= code < 127:  # printable: a letter stored as its number
         return chr(code).strip()
     return BLANK if code <= 0 or code == 127 else str(code)
 

@@ -30,7 +30,7 @@ from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_t
 from airswing.reports.canonical.times import from_epoch
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
-MOST_OCTETS = 1 << 28
+MOST_OCTETS = 1 << 28  # unpacked: few packed octets could fill any memory
 # Bit of a point: its position is older than its time.
 STALE = 1
 _NUMBERS = {
@@ -93,6 +93,7 @@ def _piece(points: list[list[object]], tail: str, begun: float) -> pd.DataFrame:
     def column(place: int) -> NDArray[np.float64]:
         return np.array([_float(point[place]) for point in points])
 
+    # a point: seconds, latitude, longitude, feet, knots, track, flags, climb, what else is known
     extras = [_extra(point) for point in points]
     seconds = begun + column(0)
     roll = np.array([_float(extra.get("roll")) for extra in extras])

@@ -56,7 +56,7 @@ class Flown:
     def at(self, name: str, flight: NDArray[np.int64], step: Array) -> Array:
         """Return one quantity at fractional steps of flights, linearly between steps."""
         values = getattr(self, name)
-        where = np.clip(step, 0.0, values.shape[0] - 1.001)
+        where = np.clip(step, 0.0, values.shape[0] - 1.001)  # the last has no next one
         low = where.astype(int)
         first = values[low, flight]
         return np.asarray(first + (values[low + 1, flight] - first) * (where - low))
@@ -82,7 +82,7 @@ def _wrap(angle: Array) -> Array:
 
 def _metres(latitude: Array) -> tuple[Array, Array]:
     """Return metres per radian of latitude and of longitude on the WGS84 ellipsoid."""
-    a, e2 = 6378137.0, 0.00669437999014
+    a, e2 = 6378137.0, 0.00669437999014  # semi-major axis, eccentricity squared
     sine = np.sin(np.radians(latitude))
     root = 1.0 - e2 * sine**2
     normal = a / np.sqrt(root)
@@ -111,6 +111,8 @@ def _airspeed(table: Timetable, altitude: Array, phase: NDArray[np.int8]) -> Arr
     """Return the scheduled true airspeed in m/s."""
     share = np.clip(altitude / table.cruise_altitude, 0.0, 1.0)
     top = table.cruise_airspeed
+    # from 70 m/s off the ground to less than cruise, for the climb takes thrust; idle descents are
+    # flown nearly as fast as cruise and end at 74 m/s over the fence
     climb = 70.0 + (0.84 * top - 70.0) * share
     descent = 74.0 + (0.98 * top - 74.0) * share
     return np.where(phase == ASCENT, climb, np.where(phase == CRUISE, top, descent))
@@ -121,8 +123,10 @@ def _targets(table: Timetable, rng: np.random.Generator) -> tuple[Array, Array]:
     flights = table.departure.size
     course, length = _course(table.origin[:, 0], table.origin[:, 1], table.destination)
     middle = _offset(table.origin, course, length * rng.uniform(0.35, 0.65, flights))
+    # airways bend: off the straight line by some hundredths of it, so that cruise has turns
     side = length * rng.uniform(0.02, 0.07, flights) * rng.choice([-1, 1], flights)
     way = _offset(middle, course + np.pi / 2, side)
+    # approaches begin over a fix 14 to 26 km out, to either side: turns at low level
     fix = _offset(
         table.destination,
         course + np.pi + rng.uniform(-1.6, 1.6, flights),
@@ -166,19 +170,20 @@ def fly(
     lat, lon = table.origin[:, 0].copy(), table.origin[:, 1].copy()
     course, targets = _targets(table, rng)
     track = course + rng.normal(0, 1.0, flights)
-    release = rng.uniform(350.0, 900.0, flights)
+    release = rng.uniform(350.0, 900.0, flights)  # m: runway heading is held until there
     stage = np.zeros(flights, int)
     phase = np.full(flights, ASCENT, np.int8)
     altitude = np.zeros(flights)
-    speed = np.full(flights, 68.0)
+    speed = np.full(flights, 68.0)  # m/s as it leaves the ground
     rate = np.zeros(flights)
     names = ("latitude", "longitude", "altitude", "east", "north", "bank", "phase")
     kept: dict[str, list[Array]] = {name: [] for name in names}
     breeze = np.zeros((2, flights))
-    for step in range(1500):
+    for step in range(1500):  # over four hours: the longest leg is shorter
         alive = phase > 0
         if not alive.any():
             break
+        # the large-scale wind changes little in a minute, and asking for it takes most of the time
         if step % 6 == 0:
             hours = table.departure + step * STEP / 3600.0
             breeze[:, alive] = wind(lat[alive], lon[alive], altitude[alive], hours[alive])
@@ -187,11 +192,13 @@ def fly(
         for name, values in zip(kept, now, strict=True):
             kept[name].append(values.copy())
         aim, left = _course(lat, lon, targets[stage, np.arange(flights)])
-        passed = (stage < 2) & (left < np.where(stage == 0, 4500.0, 5500.0))
+        passed = (stage < 2) & (left < np.where(stage == 0, 4500.0, 5500.0))  # points are flown by
         stage = np.where(passed, stage + 1, stage)
         _, home = _course(lat, lon, table.destination)
+        # the way over the fix and round its turns is longer than the straight one
         home = (home + 14e3 * (stage < 2)) / 0.83
         limit = _G * np.tan(_MAX_BANK) / speed
+        # steered as an autopilot does: onto the course in some 22 s, rolled into within 9
         wanted = np.clip(_wrap(aim - track) / 22.0, -limit, limit)
         wanted = np.where((phase == ASCENT) & (altitude < release), 0.0, wanted)
         new_rate = rate + (wanted - rate) * (1 - np.exp(-STEP / 9.0))
@@ -200,7 +207,9 @@ def fly(
         east, north = np.sin(track), np.cos(track)
         along = breeze[0] * east + breeze[1] * north
         across = breeze[0] * north - breeze[1] * east
+        # the triangle of wind along the track; its root stays real in a gale on take-off
         ground = along + np.sqrt(np.maximum(target**2 - across**2, 100.0))
+        # m s-2: drag slows more than thrust speeds up
         pull = np.clip((ground - speed) / 45.0, -0.35, 0.3)
         new_speed = np.maximum(speed + pull * STEP, 45.0)
         mean_track, mean_speed = 0.5 * (track + new_track), 0.5 * (speed + new_speed)
@@ -209,6 +218,7 @@ def fly(
         climb = np.where(phase == ASCENT, _CLIMB, np.where(phase == DESCENT, -_DESCENT, 0.0))
         altitude = np.maximum(altitude + climb * moving, 0.0)
         track, speed, rate = new_track, new_speed, new_rate
+        # m: what a descent that begins now would lose on the way
         sink = home / np.maximum(speed, 60.0) * _DESCENT
         level = (phase == ASCENT) & (altitude >= table.cruise_altitude)
         down = (phase != DESCENT) & alive & (altitude > 500) & (sink < altitude)
@@ -241,7 +251,7 @@ def report_steps(
     slow = flown.phase == CRUISE
     rate = np.where(slow, STEP / cruise_seconds, STEP / climb_seconds)
     rate = np.where((flown.phase > 0) & (flown.altitude > 150.0), rate, 0.0)
-    count = np.floor(np.cumsum(rate, axis=0) + 1e-9)
+    count = np.floor(np.cumsum(rate, axis=0) + 1e-9)  # sums of thirds fall short of whole numbers
     due = np.diff(count, axis=0, prepend=0.0) > 0
     flight, step = np.nonzero(due.T)
     return flight, step

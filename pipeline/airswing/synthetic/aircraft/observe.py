@@ -117,6 +117,7 @@ def _weather(state: dict[str, Array], seed: int) -> tuple[Array, NDArray[np.bool
     warm, wet = moist.at_points(x, y, zeta, state["hours"])
     temperature = standard_temperature(state["altitude"]) - 0.006 * y + 2.5 * warm
     celsius = temperature - 273.15
+    # supercooled drops: colder cloud is ice and sticks to nothing
     icing = (wet > 0.75) & (celsius < -1.0) & (celsius > -22.0)
     return np.asarray(temperature), icing
 
@@ -342,16 +343,17 @@ def _report(
     direction, speed = coded(u, v, direction_step=steps["direction"], speed_step=steps["speed"])
     radians = np.radians(direction)
     metres = speed * 1852.0 / 3600.0
-    seconds = np.floor(hours * 3600.0 / steps["time"] + 1e-6) * steps["time"]
+    seconds = np.floor(hours * 3600.0 / steps["time"] + 1e-6) * steps["time"]  # cut, not rounded
     frame["tail"] = np.array(tails)[named]
     frame["hours"] = seconds / 3600.0
     frame["latitude"] = np.round(here["latitude"] / steps["position"]) * steps["position"]
     frame["longitude"] = np.round(here["longitude"] / steps["position"]) * steps["position"]
-    frame["altitude"] = np.round(altitude / 3.048) * 3.048
+    frame["altitude"] = np.round(altitude / 3.048) * 3.048  # tens of feet
     frame["direction"], frame["speed"] = direction, speed
     frame["u"], frame["v"] = -metres * np.sin(radians), -metres * np.cos(radians)
     rng = stream(seed, "temperature noise")
     frame["celsius"] = np.round(frame["temperature"] - 273.15 + rng.normal(0, 0.5, count))
     frame["temperature_qc"] = np.where(rng.uniform(size=count) < 0.004, "fail", "pass")
+    # AMDAR's limit of a good roll angle
     frame["roll_flag"] = np.where(np.abs(frame["bank"]) > np.radians(5.0), "B", "G")
     return frame

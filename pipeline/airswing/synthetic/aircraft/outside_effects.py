@@ -150,6 +150,7 @@ def _place(values: Array, name: str, at: float) -> _Place:
     """Return a variable in [0, 1] and ``at`` (a fraction of the turn, or a quantile) on it."""
     if name in CYCLIC:
         return _Place(np.mod(values / CYCLIC[name], 1.0), at, True)
+    # the outermost reports would stretch the scale on which places and widths are drawn
     low, middle, high = np.quantile(values, [0.02, at, 0.98])
     width = max(high - low, 1e-12)
     clipped = np.clip((values - low) / width, 0.0, 1.0)

@@ -50,12 +50,13 @@ def fleet_deviations(tails: Sequence[str], seed: int) -> list[dict[str, object]]
         effects.append({"name": name, "tails": [tail], "parameters": rounded})
 
     for index, tail in enumerate(tails):
+        # every fourth is one that must be found, the others what any compass has
         size = rng.uniform(3.0, 6.0) if index % 4 == 1 else rng.uniform(0.6, 2.6)
         add("compass_offset", tail, offset_deg=rng.normal(0, 0.8))
         add("hard_iron", tail, amplitude_deg=size, phase_deg=rng.uniform(-180, 180))
         add("tas_scale", tail, scale_percent=rng.normal(0, 0.3))
         twice, phase = rng.uniform(1.0, 2.0), rng.uniform(-180, 180)
-        if index % 5 == 2:
+        if index % 5 == 2:  # few have a second cycle: the fit must not take it for granted
             add("soft_iron", tail, amplitude_deg=twice, phase_deg=phase)
     return effects
 

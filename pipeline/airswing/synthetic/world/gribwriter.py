@@ -88,7 +88,7 @@ class MessageWriter:
         self._templates = []
         for component in (0, 1):
             handle = eccodes.codes_grib_new_from_samples(f"GRIB{edition}")
-            eccodes.codes_set(handle, "centre", 7)
+            eccodes.codes_set(handle, "centre", 7)  # NCEP, as the real files
             if edition == 1:
                 eccodes.codes_set(handle, "generatingProcessIdentifier", 105)
             for key, value in _grid_keys(grid, edition).items():

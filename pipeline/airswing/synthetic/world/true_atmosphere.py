@@ -145,13 +145,14 @@ class World:
     def _jet(self, x: Array, y: Array, zeta: Array, hours: Array) -> Array:
         """Return the jet's eastward wind; arguments broadcast."""
         phases: Array = self._phases  # type: ignore[attr-defined]
+        # km north of the grid's middle: it wanders in a week, and in waves of 4,400 km
         axis = (
             150.0
             + 260.0 * np.sin(2 * np.pi * hours / 168.0 + phases[0])
             + 180.0 * np.sin(x / 700.0 - 2 * np.pi * hours / 110.0 + phases[1])
         )
         strength = self.parameters.jet * (1 + 0.25 * np.sin(2 * np.pi * hours / 260.0 + phases[2]))
-        profile = 0.1 + 0.9 * np.exp(-(((zeta + 1.386) / 0.8) ** 2))
+        profile = 0.1 + 0.9 * np.exp(-(((zeta + 1.386) / 0.8) ** 2))  # core at 250 hPa
         return np.asarray(strength * profile * np.exp(-(((y - axis) / 620.0) ** 2)) + 2.0)
 
     def large_scale_at(self, x: Array, y: Array, zeta: Array, hours: Array) -> Array:
@@ -295,10 +296,12 @@ class Reference:
         noise += self.errors[1].on_grid(x, y, zeta, hours)
         if sizes.tails > 0:
             field = self.burst.on_grid(x, y, zeta[:1], hours)[:, :1]
+            # of unit mean square: heavier tails, the same rms
             noise *= np.exp(sizes.tails * field - sizes.tails**2)
         noise += self.bias.on_grid(x, y, zeta, hours[:1])
         cycle = np.cos(2 * np.pi * (hours - 15.0) / 24.0).astype(np.float32)
         daily = self.daily.on_grid(x, y, zeta, hours[:1])
+        # a cosine's rms is one over the root of two
         noise += np.sqrt(np.float32(2.0)) * cycle[:, None, None, None, None] * daily
         noise += self._resolved().on_grid(x, y, zeta, hours)
         noise *= _growth(zeta).astype(np.float32)[:, None, None]

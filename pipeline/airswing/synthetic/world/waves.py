@@ -111,7 +111,7 @@ class Waves:
         factor = self.amplitude(hours) * np.exp(-1j * np.outer(hours, self.omega))
         pair = np.stack([self.east, self.north])
         out = np.empty((hours.size, 2, zeta.size, points), np.float32)
-        for first in range(0, hours.size, 64):
+        for first in range(0, hours.size, 64):  # all hours at once would fill the memory
             part = slice(first, first + 64)
             weight = factor[part, None, None, :] * pair[None, :, None, :] * vertical[None, None]
             flat = np.concatenate([weight.real, weight.imag], axis=-1).astype(np.float32)
