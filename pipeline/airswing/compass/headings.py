@@ -223,6 +223,7 @@ def _report_columns(motion: Motion) -> dict[str, Array]:
         "ground_northward_velocity": ground.northward,
         "ground_speed": triangle.speed_of_vector(ground.eastward, ground.northward),
         "track": np.degrees(triangle.bearing(ground.eastward, ground.northward)),
+        # a component's: half of the vector's mean square
         "ground_velocity_error": np.sqrt(0.5 * (ground.along_error**2 + ground.cross_error**2)),
         "turn": np.degrees(path.turn),
         "longitudinal_acceleration": path.longitudinal_acceleration,
@@ -243,6 +244,7 @@ def _heading_error(motion: Motion) -> Array:
     # across the heading stands -cross of the ground's direction along, and along of that across
     with np.errstate(divide="ignore", invalid="ignore"):
         across = np.hypot(cross * ground.along_error, along * ground.cross_error) / speed
+        # an angle of which nothing is known has this error; beyond it the linear step means nothing
         return np.asarray(np.degrees(np.minimum(across / speed, LARGEST_ERROR)))
 
 

@@ -92,6 +92,7 @@ class _SampleTask:
 
     def run(self, given: Mapping[str, xr.Dataset]) -> list[Sample]:
         """Sample, or take the finished samples of an earlier run."""
+        # opened here: the task may run in another process, and an open store does not travel
         store = None if self.store is None else SampleStore(Path(self.store))
         derivatives = self.options[1]
         found: dict[int, Sample] = {}
@@ -167,6 +168,7 @@ class _Join:
         """Columns by report, and what reading took."""
         samples = [sample for batch in batches for sample in batch]
         count = self.earlier.size
+        # wind; its derivatives by ln p, x and y, two each, and the convergence
         rows = 2 + (7 if self.derivatives else 0)
         first = np.full((rows, count), np.nan)
         second = np.full((rows, count), np.nan)
@@ -175,6 +177,7 @@ class _Join:
             self.used, self.start, self.stop, samples, strict=True
         ):
             run = slice(int(start), int(stop))
+            # a model time is the earlier one of some of its reports and the later one of the others
             before = self.earlier[run] == number
             after = (self.earlier[run] == number - 1) & self.later[run]
             first[:, run][:, before] = sample.table[:, before]
@@ -186,6 +189,7 @@ class _Join:
 
     def _columns(self, first: Floats, second: Floats) -> Floats:
         weight = self.weight
+        # at a valid time itself the later field need not be there: NaN times nothing is NaN
         joined = np.where(weight == 0.0, first, (1.0 - weight) * first + weight * second)
         wind = joined[:2]
         matched = np.isfinite(wind).all(axis=0)
@@ -261,6 +265,7 @@ def collocate(
     joins = [_add_reference(graph, points, one, options) for one in models.values()]
     token = hashlib.blake2b("".join(joins).encode(), digest_size=16).hexdigest()
     base = f"winds-{token}"
+    # all variables share the samples: keys of one graph, so that nothing is decoded twice
     data: dict[str, object] = {}
     for row, name in enumerate(names):
         keys = {(f"{name}-{token}", n, 0): (_row, join, row) for n, join in enumerate(joins)}

@@ -124,6 +124,7 @@ def sample_model_time(
     reader = _Reader(model, sparse=sparse)
     work = winds_at(model, latitude, longitude, pressure, derivatives=derivatives)
     try:
+        # the kernel asks for octets it needs and is given values: it reads no file itself
         asked = next(work)
         while True:
             asked = work.send([reader.values(row, points) for row, points in asked])

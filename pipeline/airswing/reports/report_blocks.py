@@ -85,6 +85,7 @@ class Archive:
             if begins is not None:
                 hours.update(block.reports["time"].to_numpy().astype("M8[h]").astype(int).tolist())
                 marks.append(digest(*(plain[name].tobytes() for name in sorted(plain))))
+            # set down at once: no more than one block of an archive is in memory
             with self._path(len(counts) - 1).open("wb") as file:
                 np.savez(file, allow_pickle=False, **plain)
         if begins is not None:

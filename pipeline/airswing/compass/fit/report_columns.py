@@ -68,6 +68,7 @@ class Columns:
         own = [[part[row] for part in self.read[k]] for k in members]
         latitude, longitude, pressure = (part[row] for part in self.where)
         place = Places(latitude, longitude, pressure, self.time[row])
+        # the usual case: no masks, and slices in place of copies
         if self._all_good(row, [*common, *(part for errors in own for part in errors[:2])]):
             first, number = _numbered(self.flight[row])
             gain, field = self._gain(row, slice(None))
@@ -103,6 +104,7 @@ class Columns:
             return np.broadcast_to(np.float32(1.0), self.flight[row].shape), np.nan
         field = self.field[row]
         gain = np.ones(field.size, dtype=np.float32)
+        # a magnet aboard turns the needle the more, the weaker the earth pulls it level
         known = np.isfinite(field) & (field > 0)
         mine = field[counted][known[counted]]
         if not mine.size:
@@ -131,6 +133,7 @@ def _days(time: NDArray[np.datetime64]) -> NDArray[np.int64]:
 
 def _numbered(flight: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """First report of every flight, and the flights numbered 0, 1, 2 ..."""
+    # in order of flights it is enough to look for changes, without sorting
     if np.any(flight[1:] < flight[:-1]):
         _, first, number = np.unique(flight, return_index=True, return_inverse=True)
         return first, number

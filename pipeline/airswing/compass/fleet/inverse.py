@@ -133,6 +133,7 @@ class Written:
         newton[diagonal, diagonal] += np.where(
             equations.free.ravel(), 0.0, np.diagonal(newton)[:shared].max()
         )
+        # aircraft's own coefficients are eliminated: what is left tells the variances of the rest
         top = np.linalg.solve(
             newton[:shared, :shared], np.column_stack([newton[:shared, shared:], right[:shared]])
         )

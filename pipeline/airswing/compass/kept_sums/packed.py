@@ -140,6 +140,7 @@ def packed(periods: Mapping[str, PeriodSums]) -> Arrays:
             "flight_score": np.concatenate([part.flight_score for part in parts]),
             "speeds": np.array([one.speeds[k] for one in every]),
         }
+        # only aircraft of few flights keep matrices by flight: they end where `few` says so
         with_normals = [part.flight_normal for part in parts if part.flight_normal is not None]
         own["few"] = np.array([part.flight_normal is not None for part in parts])
         if with_normals:

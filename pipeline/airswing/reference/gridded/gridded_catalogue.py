@@ -80,6 +80,8 @@ class GriddedCatalogue(Catalogue):
         if not numbers.size:
             return []
         first = self.u[self.bounds[numbers]]
+        # file, part and variable, then the chunk along up to three outer dimensions: a batch has
+        # one key, so that no chunk is unpacked twice
         keys = np.zeros((numbers.size, 6), dtype=np.int64)
         keys[:, 0], keys[:, 1], keys[:, 2] = first["file"], first["part"], first["offset"]
         for offset in np.unique(first["offset"]):
@@ -94,6 +96,7 @@ class GriddedCatalogue(Catalogue):
         order = np.argsort(group, kind="stable")
         return sorted(
             np.split(numbers[order], np.flatnonzero(np.diff(group[order])) + 1),
+            # in the order of time, which reports come in, too
             key=lambda own: int(own[0]),
         )
 

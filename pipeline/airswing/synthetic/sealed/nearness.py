@@ -82,6 +82,7 @@ def named_share(
         forms = _named_forms(own, u[rows], v[rows])
         design = forms.reshape(len(forms), -1).T
         target = change[rows].ravel()
+        # forms are alike where one flies few headings: what has no length counts for nothing
         solution = np.linalg.lstsq(design, target, rcond=1e-9)[0]
         explained += float((target**2).sum() - ((target - design @ solution) ** 2).sum())
     return explained / total
@@ -131,6 +132,7 @@ def carried_by(size: Array, variables: Mapping[str, Array]) -> dict[str, float]:
     for name, values in variables.items():
         bins = _bins(np.asarray(values, np.float64), name)
         count = np.maximum(np.bincount(bins), 1)
+        # energy of the means of bins: what the best step function of the variable takes up
         own = np.bincount(bins, size) ** 2 / count
         out[name] = float(own.sum()) / total if total > 0.0 else 0.0
     return out
