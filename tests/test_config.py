@@ -55,6 +55,7 @@ def test_pools_and_the_gap_reference(tmp_path):
         ({"pool": {"x": ["ruc", "rux"]}}, ["pool.x", "did you mean 'ruc'"]),
         ({"gap": {"reference": "ruk"}}, ["gap.reference", "'ruc'"]),
         ({"references": {}}, ["references"]),
+        ({"output": " "}, ["output", "names no folder"]),
         ({"handover": {"platform": "JET"}}, ["handover.platform", "'auto', 'TAMDAR'", "JET"]),
         ({"references": {"ruc": {"files": "a", "leed": "3 h"}}}, ["references.ruc", "'lead'"]),
         (

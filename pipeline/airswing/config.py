@@ -44,6 +44,16 @@ def _checked_lead(text: str) -> str:
 Strings = Annotated[
     list[str], BeforeValidator(lambda value: [value] if isinstance(value, str) else value)
 ]
+
+
+def _named_folder(value: object) -> object:
+    # An empty path is the current directory, which a variable left unset in a script would fill.
+    if isinstance(value, str) and not value.strip():
+        raise ValueError("names no folder")
+    return value
+
+
+Folder = Annotated[Path, BeforeValidator(_named_folder)]
 Phase = Literal["ascent", "cruise", "descent", "unknown"]
 Platform = Literal["TAMDAR", "AMDAR", "ACARS", "AIREP"]
 # A time; UTC where no zone is given.
@@ -312,7 +322,7 @@ class Config(_Section):
     monitoring: Monitoring = Monitoring()
     handover: Handover = Handover()
     postprocess: Postprocess | None = None
-    output: Path
+    output: Folder
     compute: Compute = Compute()
 
     @model_validator(mode="after")
@@ -372,7 +382,7 @@ class PostprocessConfig(_Section):
     """A configuration of nothing but forecasts to correct."""
 
     postprocess: Postprocess
-    output: Path
+    output: Folder
     compute: Compute = Compute()
 
 
