@@ -9,12 +9,14 @@ import pytest
 from tests.gap.toy import make_frame
 
 from airswing.gap.design.candidates import Candidate
-from airswing.gap.diagnose import diagnose
+from airswing.gap.diagnose import diagnose, usable_effects
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.terms import Term
+from airswing.gap.passes import Search, run_pass
 from airswing.gap.result.describe import ambiguity
 from airswing.gap.search.stepwise import Rules, _stays, choose, remainder, struck
+from airswing.gap.sums.whole_archive import held_archive
 
 DRIFTING = {n: CATALOGUE[n] for n in ("compass_offset", "compass_drift")}
 
@@ -170,3 +172,21 @@ def test_what_inferred_columns_cannot_carry_is_nothing_else():
     np.testing.assert_allclose(iron.remainder, [0.0, 0.8 * np.sqrt(0.24 / 0.76)])
     speed = left("tas_scale", True, 4 * reports)
     np.testing.assert_array_equal(struck(speed, rules), [0, 1])
+
+
+def test_an_error_of_no_name_is_one_curve_and_not_a_dozen():
+    """One aircraft's drift has the wrong sign: what a curve of it leaves (15 m/s) is no effect."""
+
+    def mirrored(context):
+        heading, (u, v) = context["heading"], context["wind"].T
+        drift = np.arcsin((u * np.cos(heading) - v * np.sin(heading)) / context["airspeed"])
+        return np.where(context["aircraft"] == 0, 2 * drift, 0.0)
+
+    archive = held_archive(make_frame(seed=8, aircraft=4, days=12, heading_error=mirrored))
+    catalogue = {name: CATALOGUE[name] for name in ("compass_offset", "tas_scale")}
+    effects, _ = usable_effects(archive.view, catalogue)
+    search = Search(effects, Rules(), dictionary=True, seed=0, tell=lambda stage, done: None)
+    terms = run_pass(archive, search).standing.found.terms
+    assert max(terms, key=lambda term: term.score.raw).candidate.component == "cross"
+    assert len(terms) <= 3
+    assert not any(term.candidate.known for term in terms)
