@@ -1,6 +1,6 @@
 """How often does the watch alarm for nothing, and how soon does it notice a compass that changed?
 
-    python -m benchmarks.monitoring [--years 500] [--fleets 6]
+    python -m benchmarks.monitoring [--years 300] [--fleets 6]
 
 Made fleets as sums of days (tests/evaluation/daily_fleets.py), with the default seed none of them
 one that the test was chosen on (33000 to 54002 and 70000 to 75002; changes of 20000, 31000, 50000
@@ -110,7 +110,7 @@ def unit_change(shape: str, rng: np.random.Generator) -> np.ndarray:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--years", type=int, default=500, help="aircraft-years of every world")
+    parser.add_argument("--years", type=int, default=300, help="aircraft-years of every world")
     parser.add_argument("--fleets", type=int, default=6, help="of ten changes each, a cell")
     parser.add_argument("--seed", type=int, default=60000)
     given = parser.parse_args()

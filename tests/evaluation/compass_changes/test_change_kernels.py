@@ -15,6 +15,7 @@ from airswing.evaluation.compass_changes.change_kernels import (
     day_sums,
     design_of_days,
     largest_statistic,
+    orders_of,
     scores,
     without_changes,
 )
@@ -124,6 +125,16 @@ def test_permutations_keep_blocks_together_and_every_day_once():
         # 30 days in blocks of 4: at least 22 - 8 neighbours stay neighbours.
         assert (np.diff(row) == 1).sum() >= 20
     assert len({tuple(row) for row in order}) == 20
+
+
+@pytest.mark.parametrize("twice", [[], [3], [0, 11, 19]])
+def test_the_orders_of_some_days_are_those_of_all_without_the_others(twice):
+    rng = np.random.default_rng(1)
+    keys = block_orders(40, block=4, draws=30, rng=rng)
+    days = np.sort(rng.choice(40, 20, replace=False))
+    days = np.sort(np.append(days, days[twice]))
+    found = orders_of(days, np.argsort(keys, axis=1))
+    np.testing.assert_array_equal(found, np.argsort(keys[:, days], axis=1, kind="stable"))
 
 
 def test_taking_a_change_out_leaves_no_step():

@@ -12,6 +12,7 @@ from airswing.evaluation.monitoring.fleet_watch import (
     COMPASS,
     COMPASS_COMMON,
     COMPASS_NOISE,
+    KeptWatch,
     watch_fleet,
 )
 from airswing.evaluation.monitoring.sequential_test import Noise, _marginal, _mixture
@@ -123,3 +124,32 @@ def test_a_quiet_fleet_stays_quiet():
     """15 aircraft-years of heavy tails and lasting errors of the reference."""
     world = replace(WORLD, persistence=0.7, days_off=0.3)
     assert watched(daily_sums(world, aircraft=30, days=180, seed=21), 30) == []
+
+
+def test_a_watch_that_goes_on_from_a_kept_month_is_the_one_from_the_start():
+    """To the last bit, steps before the month among it; other rows before it are walked anew."""
+    change = np.zeros((8, 70, 5))
+    change[3, 45:] = [3.0, 1.0, 0.0, 0.0, 0.0]
+    change[5, 62:] = 4.0
+    rows = daily_sums(WORLD, aircraft=8, days=70, seed=5, change=change)[:4]
+    law = {"usual": COMPASS_NOISE, "common": COMPASS_COMMON, "number": 8}
+    stored = {}
+    kept = KeptWatch(lambda: stored.get("as"), lambda arrays: stored.update({"as": arrays}))
+    early = tuple(part[rows[1] < 64] for part in rows)
+    first = watch_fleet(early, COMPASS, kept=kept, **law)
+    assert stored["as"]["month"] == 2  # since 1970: days 59 to 69 are of March
+    plain = watch_fleet(rows, COMPASS, **law)
+    assert [repr(one) for one in watch_fleet(rows, COMPASS, kept=kept, **law)] == [
+        repr(one) for one in plain
+    ]
+    assert {one.step.number for one in plain} == {3, 5}
+    assert [repr(one) for one in first] == [repr(one) for one in plain if one.night < 64]
+    stored["as"] = stored["as"] | {"own:right": stored["as"]["own:right"] + 1e3}
+    assert [repr(one) for one in watch_fleet(rows, COMPASS, kept=kept, **law)] != [
+        repr(one) for one in plain
+    ]  # what is kept is what is gone on from
+    rows[3][0] += 1.0
+    anew = watch_fleet(rows, COMPASS, **law)
+    assert [repr(one) for one in watch_fleet(rows, COMPASS, kept=kept, **law)] == [
+        repr(one) for one in anew
+    ]

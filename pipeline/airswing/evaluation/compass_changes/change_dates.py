@@ -20,6 +20,7 @@ from airswing.evaluation.compass_changes.change_kernels import (
     date_of_change,
     day_sums,
     largest_statistic,
+    orders_of,
     scores,
     without_changes,
 )
@@ -206,10 +207,10 @@ def _judged(
     last = max(int(part.day[-1]) for part in parts)
     rng = np.random.default_rng(seed)
     keys = block_orders(last - first + 1, block=_BLOCK, draws=draws, rng=rng)
-    keys = np.vstack([np.arange(last - first + 1.0), keys])
+    every = np.argsort(np.vstack([np.arange(last - first + 1.0), keys]), axis=1)
     table = np.empty((len(parts), draws + 1))
     for k, part in enumerate(parts):
-        order = np.argsort(keys[:, part.day - first], axis=1)
+        order = orders_of(part.day - first, every)
         score, share = scores(part)
         table[k, :1] = largest_statistic(score, share, order[:1], trim=_TRIM, fewest=FEWEST_DAYS)
         if table[k, 0] >= _OBVIOUS:

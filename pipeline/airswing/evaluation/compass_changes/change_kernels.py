@@ -345,6 +345,36 @@ def block_orders(days: int, *, block: int, draws: int, rng: np.random.Generator)
     return keys
 
 
+def orders_of(days: NDArray[np.int64], every: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Orders of some days, from those of all: nothing is sorted again for each aircraft.
+
+    Parameters
+    ----------
+    days : array of int, shape (d,)
+        In order; a day in which a month ends may stand twice, and is one block with itself.
+    every : array of int, shape (draws, n)
+        Orders of the days 0 to n - 1.
+
+    Returns
+    -------
+    array of int, shape (draws, d)
+        Places in ``days``.
+    """
+    first = np.flatnonzero(np.diff(days, prepend=-1))
+    place = np.full(every.shape[1], -1)
+    place[days[first]] = first
+    found = place[every]
+    found = found[found >= 0]
+    if first.size < days.size:
+        many = np.ones(days.size, np.int64)
+        many[first] = np.diff(first, append=days.size)
+        found = np.repeat(found, many[found])
+    found = found.reshape(every.shape[0], days.size)
+    if first.size < days.size:
+        found[:, 1:] += found[:, 1:] == found[:, :-1]
+    return found
+
+
 def date_of_change(
     sums: DaySums, *, fewest: int
 ) -> tuple[int, tuple[int, int], Floats, Floats, float]:

@@ -80,15 +80,17 @@ def joined_rows(parts: Sequence[tuple[Names, Rows]]) -> tuple[Names, Rows]:
         one.name: np.concatenate([getattr(rows, one.name) for _, rows in parts])
         for one in fields(Rows)
     }
-    owner = [np.searchsorted(names, own)[rows.aircraft] for own, rows in parts]
-    key = np.stack([np.concatenate(owner), columns["day"]], axis=1)
-    first, place = np.unique(key, axis=0, return_inverse=True)
-    found: dict[str, Any] = {"aircraft": first[:, 0], "day": first[:, 1]}
+    owner = np.concatenate([np.searchsorted(names, own)[rows.aircraft] for own, rows in parts])
+    columns["aircraft"], day = owner, columns["day"]
+    order = np.lexsort((day, owner))
+    other = (np.diff(day[order]) != 0) | (np.diff(owner[order]) != 0)
+    first = np.flatnonzero(np.append(True, other))[: order.size]
     for name, values in columns.items():
-        if name not in found:
-            found[name] = np.zeros((first.shape[0], *values.shape[1:]), values.dtype)
-            np.add.at(found[name], place.ravel(), values)
-    return names, Rows(**found)
+        if name in ("aircraft", "day"):
+            columns[name] = values[order][first]
+        elif order.size:
+            columns[name] = np.add.reduceat(values[order], first)
+    return names, Rows(**columns)
 
 
 def daily_rows(

@@ -5,21 +5,33 @@ Assumes the rows of :mod:`airswing.evaluation.monitoring.daily_evidence` and the
 of its own: a step of it is the reference's. In a small fleet a night on which one aircraft steps
 and half of them or more seem to is taken for the reference's too.
 
+A day is weighed by the errors that the months before its own show: no later night weighs it
+otherwise, and the watch goes on from what the end of a month left.
+
 Radians; logarithms of the wind vector difference.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.evaluation.monitoring.common_part import FEWEST, common_part, estimated_noise
 from airswing.evaluation.monitoring.sequential_test import Floats, Index, Law, Noise, Step, Watch
+from airswing.products.checked import digest
+
+DayRows = tuple[Index, Index, NDArray[np.generic], NDArray[np.generic]]
+"""Aircraft, day, normal matrix (rows, p, p) and right side (rows, p)."""
 
 ENOUGH, FEWEST_TOLD = 20_000, 20
 """Rows that tell the errors of a day, and the fewest aircraft of them."""
+_STEP = tuple(one.name for one in fields(Step))
+TOLD_BY = 28
+"""Days before a month that tell its errors; with fewer of them its own days do."""
 LIKELY = 3.0
 """Logarithm of the likelihood ratio beyond which an aircraft seems to have stepped too."""
 DEGREE = np.pi / 180.0
@@ -70,49 +82,120 @@ class Alarm:
     aircraft: int  # that flew that night
 
 
+@dataclass
+class FleetWatch:
+    """A fleet's watch as it stands where a month begins."""
+
+    own: Watch
+    shared: Watch  # of what all have alike
+    alarms: list[Alarm] = field(default_factory=list)
+    # since 1970: the first whose days it has not taken in; before any day of any archive
+    month: int = -(2**31)
+
+    def begin(self, month: int, noise: Noise) -> None:
+        """Weigh the days of a month, and of those after it, by their errors."""
+        self.month, self.own.noise = month, noise
+        self.shared.noise = replace(self.shared.noise, persistence=noise.persistence)
+
+
+@dataclass(frozen=True)
+class KeptWatch:
+    """Where the watch of one quantity is kept as the last month began with it.
+
+    Whoever keeps it tells aircraft and code by a mark of its own; that the rows taken in are the
+    same is told here, by a hash of those before the month.
+    """
+
+    read: Callable[[], Mapping[str, NDArray[Any]] | None]
+    write: Callable[[Mapping[str, NDArray[Any]]], None]
+
+    def take_up(self, watch: FleetWatch, rows: DayRows) -> None:
+        """Bring a new watch to where one stands that took in the same rows; else leave it."""
+        kept = self.read()
+        if kept is None or str(kept["rows"]) != _hash_before(int(kept["month"]), rows):
+            return
+        watch.month = int(kept["month"])
+        for name in ("own", "shared"):
+            getattr(watch, name).take_up(
+                {key.removeprefix(f"{name}:"): one for key, one in kept.items()}
+            )
+        steps = zip(*(kept[f"step:{name}"] for name in _STEP), strict=True)
+        for told, step in zip(kept["alarms"].tolist(), steps, strict=True):
+            watch.alarms.append(Alarm(Step(*(_plain(one) for one in step)), *told))
+
+    def keep(self, watch: FleetWatch, rows: DayRows) -> None:
+        """Keep a watch that has taken in the rows before its month."""
+        found = {
+            "month": np.array(watch.month),
+            "rows": np.array(_hash_before(watch.month, rows)),
+            "alarms": np.array([(one.night, one.aircraft) for one in watch.alarms], np.int64),
+        }
+        for name in _STEP:
+            found[f"step:{name}"] = np.array([getattr(one.step, name) for one in watch.alarms])
+        for name in ("own", "shared"):
+            arrays = getattr(watch, name).as_arrays()
+            found |= {f"{name}:{key}": one for key, one in arrays.items()}
+        self.write(found)
+
+
 def watch_fleet(
-    rows: tuple[Index, Index, NDArray[np.generic], NDArray[np.generic]],
+    rows: DayRows,
     law: Law,
     *,
     usual: Noise,
     common: Floats,
     number: int,
+    kept: KeptWatch | None = None,
 ) -> list[Alarm]:
     """Watch one quantity of a fleet, night by night.
 
     Parameters
     ----------
-    rows : tuple of array
-        Aircraft, day, normal matrix (rows, p, p) and right side (rows, p).
     usual : Noise
         Of the days, where there are too few to tell.
     common : array, shape (p,)
         Standard deviation of a day's common part.
+    kept : KeptWatch, optional
+        Where to go on from, and where to keep what the last month begins with.
 
     Returns
     -------
     list of Alarm
         In order of the night.
     """
-    aircraft, day, normal, right = rows
-    if not day.size:
-        return []
-    noise = _noise(rows, usual, number)
-    own = Watch(law, noise, number)
-    shared = Watch(replace(law, level=3.0 * common), Noise(1.0, common**2, noise.persistence), 1)
-    order = np.argsort(day, kind="stable")
-    nights, start = np.unique(day[order], return_index=True)
-    alarms: list[Alarm] = []
-    for night, of in zip(nights, np.split(order, start[1:]), strict=True):
-        squares, sums = (part[of].astype(np.float64) for part in (normal, right))
-        found = _night(own, shared, common, int(night), aircraft[of], squares, sums)
-        alarms += [Alarm(step, int(night), of.size) for step in found]
-    return alarms
+    months = months_of(rows[1])
+    shared = Watch(replace(law, level=3.0 * common), Noise(1.0, common**2), 1)
+    watch = FleetWatch(Watch(law, usual, number), shared)
+    if kept is not None:
+        kept.take_up(watch, rows)
+    for month in np.unique(months[months >= watch.month]):
+        if month > watch.month:
+            begin, end = (_first_day(one) for one in (month, month + 1))
+            known = begin - rows[1].min() >= TOLD_BY
+            telling = rows[1] < (begin if known else end)
+            watch.begin(int(month), _noise(tuple(part[telling] for part in rows), usual, number))
+            if kept is not None and known and month == months.max():
+                kept.keep(watch, rows)
+        chosen = np.flatnonzero(months == month)
+        order = chosen[np.argsort(rows[1][chosen], kind="stable")]
+        nights, start = np.unique(rows[1][order], return_index=True)
+        for night, of in zip(nights, np.split(order, start[1:]), strict=True):
+            squares, sums = (part[of].astype(np.float64) for part in rows[2:])
+            found = _night(watch, common, int(night), rows[0][of], squares, sums)
+            watch.alarms += [Alarm(step, int(night), of.size) for step in found]
+    return watch.alarms
 
 
-def _noise(
-    rows: tuple[Index, Index, NDArray[np.generic], NDArray[np.generic]], usual: Noise, number: int
-) -> Noise:
+def months_of(day: Index) -> Index:
+    """Months since 1970 of days since then."""
+    return day.astype("M8[D]").astype("M8[M]").astype(np.int64)
+
+
+def _first_day(month: int) -> int:
+    return int(np.datetime64(int(month), "M").astype("M8[D]").astype(np.int64))
+
+
+def _noise(rows: DayRows, usual: Noise, number: int) -> Noise:
     """Errors of the days of a fleet, of large fleets from every so many aircraft."""
     aircraft, day, normal, right = rows
     chosen = aircraft % max(min(aircraft.size // ENOUGH, number // FEWEST_TOLD), 1) == 0
@@ -121,15 +204,10 @@ def _noise(
 
 
 def _night(
-    own: Watch,
-    shared: Watch,
-    common: Floats,
-    night: int,
-    of: Index,
-    normal: Floats,
-    right: Floats,
+    watch: FleetWatch, common: Floats, night: int, of: Index, normal: Floats, right: Floats
 ) -> list[Step]:
     """Take a night in: the steps it tells; -1 is the number of all at once."""
+    own, shared = watch.own, watch.shared
     weight, right = own.noise.weights(normal, right)
     level = shared.level(np.array([0]))[0][0]
     alike = common_part(*own.surprise(of, weight, right), level, common)
@@ -151,3 +229,13 @@ def _night(
     for step in steps:
         own.restart(step)
     return [*(replace(step, number=-1) for step in reference), *steps]
+
+
+def _plain(value: Any) -> Any:
+    """A number as Python's own; an array as it is."""
+    return value.item() if np.ndim(value) == 0 else value
+
+
+def _hash_before(month: int, rows: DayRows) -> str:
+    chosen = months_of(rows[1]) < month
+    return digest(*(np.ascontiguousarray(part[chosen]).data for part in rows)).hex()

@@ -20,8 +20,9 @@ nights to look at: whether a step is told is weighed with Student's errors of th
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,7 @@ OWN_NOISE_FROM = 60.0
 """Degrees of freedom of the fleet's noise in an aircraft's own."""
 FEWEST_DAYS = 14
 """Days with reports before a step."""
+_STATE = ("weight", "right", "straight", "days", "excess", "freedom")
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,24 @@ class Watch:
         self.right, self.straight = np.zeros((2, n, p))
         self.days, self.excess, self.freedom = np.zeros((3, n))
         self._ring = deque(maxlen=LONGEST)
+
+    def as_arrays(self) -> dict[str, NDArray[np.generic]]:
+        """Everything but the law, for a file."""
+        noise = [self.noise.within, self.noise.persistence, *self.noise.between]
+        found = {name: np.array(getattr(self, name)) for name in _STATE}
+        ring = enumerate(zip(*self._ring, strict=True))
+        return (
+            found | {"noise": np.array(noise)} | {f"ring/{k}": np.array(part) for k, part in ring}
+        )
+
+    def take_up(self, kept: Mapping[str, NDArray[Any]]) -> None:
+        """Undo :meth:`as_arrays`."""
+        within, persistence, *between = kept["noise"].tolist()
+        self.noise = Noise(within, np.array(between), persistence)
+        for name in _STATE:
+            setattr(self, name, kept[name])
+        days, *levels = (kept[f"ring/{k}"] for k in range(5))
+        self._ring.extend(zip(days.tolist(), *levels, strict=True))
 
     def scale(self, of: Index) -> Floats:
         """Variance of each aircraft's errors over the fleet's."""

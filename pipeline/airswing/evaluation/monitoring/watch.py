@@ -32,6 +32,7 @@ from airswing.evaluation.monitoring.fleet_watch import (
     WIND_COMMON,
     WIND_NOISE,
     Alarm,
+    KeptWatch,
     watch_fleet,
 )
 from airswing.evaluation.monitoring.presence import first_and_silent_days
@@ -104,6 +105,7 @@ def events_of(
     previous: Monitoring | None = None,
     until: np.datetime64 | str | None = None,
     tables_in_use: Mapping[str, UnitTable] | None = None,
+    kept: Mapping[str, KeptWatch] | None = None,
 ) -> Monitoring:
     """As :func:`find_events`, from the rows of an archive that was read before.
 
@@ -117,6 +119,8 @@ def events_of(
         Fits with tables of one reference.
     previous, until, tables_in_use
         As for :func:`find_events`.
+    kept : mapping of str to KeptWatch, optional
+        Where the watch of the ``compass`` and of the ``wind`` is kept from one look to the next.
 
     Raises
     ------
@@ -132,7 +136,7 @@ def events_of(
         states = [replace(state, table_in_use=None) for state in previous.states]
         previous = replace(previous, states=states)
     silent, presence = _presence(rows, names, last, new=previous is None)
-    found = [*_alarms(rows, names), *presence]
+    found = [*_alarms(rows, names, kept or {}), *presence]
     if previous is not None:
         seen = {state.aircraft for state in previous.states}
         found += _new_aircraft(rows, names, seen)
@@ -182,7 +186,7 @@ def _compared(state: State) -> State:
     return replace(state, tables_differ=unlike, table_difference_deg=rms)
 
 
-def _alarms(rows: Rows, names: Names) -> list[Event]:
+def _alarms(rows: Rows, names: Names, kept: Mapping[str, KeptWatch]) -> list[Event]:
     """Steps of compasses and of disagreements, those of the reference among them."""
     used = rows.of(rows.count > 0)
     turned = watch_fleet(
@@ -191,6 +195,7 @@ def _alarms(rows: Rows, names: Names) -> list[Event]:
         usual=COMPASS_NOISE,
         common=COMPASS_COMMON,
         number=names.size,
+        kept=kept.get("compass"),
     )
     wind = watch_fleet(
         (
@@ -203,6 +208,7 @@ def _alarms(rows: Rows, names: Names) -> list[Event]:
         usual=WIND_NOISE,
         common=WIND_COMMON,
         number=names.size,
+        kept=kept.get("wind"),
     )
     rose = [alarm for alarm in wind if alarm.step.size[0] > 0 and not _explained(alarm, turned)]
     return [

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import zipfile
 from dataclasses import asdict, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ from airswing.workflow.job import CORRECTED, FITS, HEADINGS, Job, main_reference
 if TYPE_CHECKING:
     from airswing.evaluation.monitoring.daily_evidence import Names, Rows
     from airswing.evaluation.monitoring.events_file import Monitoring, UnitTable
+    from airswing.evaluation.monitoring.fleet_watch import KeptWatch
 
 EVENTS, PAGE = "events.json", "monitoring.html"
 
@@ -49,11 +51,14 @@ def make_monitoring(job: Job, fits: xr.Dataset | None = None) -> Monitoring:
         board = job.config.monitoring.tables_in_use
         previous = read_events(path) if path.exists() else None
         tables = None if board is None else read_tables(board, reference=reference)
+        names, rows = _rows(job, job.config.pools()[reference], str(fits.attrs["abscissa"]))
         found = events_of(
-            *_rows(job, job.config.pools()[reference], str(fits.attrs["abscissa"])),
+            names,
+            rows,
             fits.sel(reference=reference),
             previous=previous,
             tables_in_use=tables,
+            kept=_kept_watches(job, names),
         )
         found = with_tables(found, _tables_since(job, changed_since(found)))
         found = replace(found, unsaid=len(found.new_events))
@@ -123,6 +128,22 @@ def _since(headings: xr.Dataset, since: dict[str, str]) -> xr.Dataset:
     screening = headings["screening"].to_numpy().copy()
     screening[headings["time"].to_numpy() < begin] |= SCREENING["no_reference"]
     return headings.assign(screening=("report", screening))
+
+
+def _kept_watches(job: Job, names: Names) -> dict[str, KeptWatch]:
+    """Where an update keeps how the watch stood when the last month began."""
+    from airswing.evaluation.monitoring.fleet_watch import KeptWatch
+    from airswing.workflow.update.month_sums import keep_arrays, kept_arrays
+
+    folder = job.output / ".update"
+    if not folder.is_dir():
+        return {}
+    mark = fingerprint(names.tolist(), code_digest("airswing.evaluation.monitoring.fleet_watch"))
+    paths = {name: folder / f"{name}.watch.npz" for name in ("compass", "wind")}
+    return {
+        name: KeptWatch(partial(kept_arrays, path, mark), partial(keep_arrays, path, mark))
+        for name, path in paths.items()
+    }
 
 
 def _rows(job: Job, members: list[str], abscissa: str) -> tuple[Names, Rows]:
