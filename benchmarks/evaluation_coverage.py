@@ -7,7 +7,8 @@ Printed, a table each: how often intervals of the adjusted reduction held the tr
 permutation test rejected where nothing was corrected, the group drawn by lot and chosen as the
 worst; how often references of equal truth were called poolable, and one with a regional bias of
 1 m/s; how far off the dates of a change of 2 degrees were at about 100 reports a day, and how often
-a fleet without a change raised an alarm; predicted against realised gains. Exit status 1 where a
+a fleet without a change raised an alarm, also one whose curves have higher harmonics while routes
+turn; predicted against realised gains. Exit status 1 where a
 promise was broken beyond what that many seeds let chance do (three standard deviations).
 """
 
@@ -35,10 +36,12 @@ from tests.evaluation.archives import (
     references,
     with_change,
 )
+from tests.evaluation.daily_fleets import World, daily_sums
 from tests.evaluation.fleets import START, simulate_fleet
 
 from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
-from airswing.evaluation.compass_changes.change_dates import find_changes
+from airswing.evaluation.compass_changes.change_dates import changes_of, find_changes
+from airswing.evaluation.compass_changes.change_kernels import DaySums
 from airswing.evaluation.field_test import field_test
 from airswing.evaluation.permutation import permutation_test
 from airswing.evaluation.reference_comparison.sensitivity import compare
@@ -170,6 +173,45 @@ def changes(seeds: int) -> bool:
     return good
 
 
+def turning(seeds: int) -> bool:
+    print(
+        "changes in fleets of 20 aircraft and a year, routes that turn every 60 days (sums of days)"
+    )
+    good, aircraft, days = True, 20, 365
+    for wrong in (0.3, 0.6):
+        world, alarms, tries, hits = World(wrong_curve=wrong), 0, 0, 0
+        for seed in range(seeds):
+            rng, change = np.random.default_rng([7, seed]), np.zeros((aircraft, days, 5))
+            quiet = _stated(world, change, seed=5000 + seed)
+            alarms += any(quiet)
+            when = {k: int(rng.integers(60, days - 60)) for k in range(0, aircraft, 5)}
+            for k, day in when.items():
+                shape = rng.normal(size=3)
+                change[k, day:, :3] = (
+                    2.0 * shape / np.hypot(shape[0], np.hypot(*shape[1:]) * 0.5**0.5)
+                )
+            found = _stated(world, change, seed=9000 + seed)
+            hits += sum(any(abs(one - day) <= 5 for one in found[k]) for k, day in when.items())
+            tries += len(when)
+        what = f"a third harmonic of {wrong} degrees, half of a fourth, a quarter of a fifth"
+        print(f"  {what}")
+        good &= told("fleets with a false change", alarms, seeds, 0.0, 0.03)
+        good &= told("changes of 2 degrees found within 5 days", hits, tries, 0.9, 1.0)
+    return good
+
+
+def _stated(world: World, change: np.ndarray, *, seed: int) -> list[list[int]]:
+    """Days of the changes that are stated, by aircraft."""
+    number, days = change.shape[:2]
+    rows = daily_sums(world, aircraft=number, days=days, seed=seed, change=change, by_flight=False)
+    sums = [DaySums(*(part[rows[0] == k] for part in rows[1:5])) for k in range(number)]
+    found = changes_of([str(k) for k in range(number)], sums, draws=499)
+    return [
+        [int(np.datetime64(told["date"]).astype("M8[D]").astype(int)) for told in one["changes"]]
+        for one in found
+    ]
+
+
 def gains(seeds: int) -> bool:
     print("predicted and realised gain (5 aircraft, learned 31 days, judged 19)")
     setting = Setting(aircraft=5, days=50, outliers=0.005)
@@ -194,6 +236,7 @@ PARTS = {
     "permutation": permutation,
     "poolable": poolable,
     "changes": changes,
+    "turning": turning,
     "gains": gains,
 }
 

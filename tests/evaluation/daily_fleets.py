@@ -11,7 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from airswing.evaluation.compass_changes.change_kernels import design_of_days, without_flight_bias
+from airswing.evaluation.compass_changes.change_kernels import (
+    design_of_days,
+    without_day_bias,
+    without_flight_bias,
+)
 
 
 @dataclass(frozen=True)
@@ -37,9 +41,12 @@ class World:
     """How much larger all errors are in winter."""
 
 
-def daily_sums(world: World, *, aircraft: int, days: int, seed: int, change=None):
+def daily_sums(
+    world: World, *, aircraft: int, days: int, seed: int, change=None, by_flight: bool = True
+):
     """Rows of a fleet: aircraft, day, normal, right; reports and summed ln |dV| last.
 
+    Of the watch, or (not ``by_flight``) of the search for changes, each day's bias eliminated.
     ``change``: degrees that compasses read more, (aircraft, day, 5) or what broadcasts to it.
     """
     rng = np.random.default_rng(seed)
@@ -85,7 +92,10 @@ def daily_sums(world: World, *, aircraft: int, days: int, seed: int, change=None
         x, error = rows.reshape(*flown, -1), y.reshape(flown)
         normal = count * np.einsum("knfli,knflj->nfij", x, x, optimize=True)
         right = count * np.einsum("knfli,knfl->nfi", x, error, optimize=True)
-        normal, right = (part.sum(1) for part in without_flight_bias(normal, right))
+        if by_flight:
+            normal, right = (part.sum(1) for part in without_flight_bias(normal, right))
+        else:
+            normal, right = without_day_bias(normal.sum(1), right.sum(1))
         logarithm = count * np.log(np.hypot(*y)).sum(-1)
         total = np.full(of.size, float(w.reports))
         found.append((of, np.full(of.size, day), normal, right, total, logarithm))

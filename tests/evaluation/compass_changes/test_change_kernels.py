@@ -19,7 +19,6 @@ from airswing.evaluation.compass_changes.change_kernels import (
     scores,
     without_changes,
 )
-from airswing.evaluation.reference_comparison.pairs import paired_design
 
 DAYS, EACH = 40, 60
 
@@ -30,10 +29,10 @@ def reports(seed: int, *, change_deg=(0.0, 0.0, 0.0), at: int = 20, day_bias: fl
     day = np.repeat(np.arange(DAYS), EACH)
     heading = rng.uniform(0, 2 * np.pi, day.size)
     magnetic, airspeed = heading + 0.05, rng.normal(120, 5, day.size)
-    cross_rows, along_rows = paired_design(magnetic, heading, airspeed)
-    truth = np.radians([1.0, 2.0, -1.0, 0.0, 0.0, 0.0]) * np.ones((day.size, 6))
+    cross_rows, along_rows = design_of_days(magnetic, heading, airspeed)
+    truth = np.radians([1.0, 2.0, -1.0, 0, 0, 0.5, 0, 0, 0.3, 0]) * np.ones((day.size, FREE))
     truth[:, :3] += np.radians(change_deg) * (day >= at)[:, np.newaxis]
-    truth[:, 5] = 0.004
+    truth[:, -1] = 0.004
     bias = (day_bias * rng.normal(size=(DAYS, 2)))[day]
     theta = np.hstack([truth, bias])
     cross = (cross_rows * theta).sum(1) + rng.normal(0, 2, day.size)
@@ -46,7 +45,7 @@ def test_day_sums_are_the_mixed_model_solution():
     columns = reports(1, day_bias=1.5)
     values, _ = coefficients(day_sums(*columns))
     magnetic, heading, airspeed, cross, along, day = columns
-    one, two = paired_design(magnetic, heading, airspeed)
+    one, two = design_of_days(magnetic, heading, airspeed)
     x = np.vstack([one, two])
     y = np.r_[cross, along]
     who = np.r_[day, day]

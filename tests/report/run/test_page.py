@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -180,3 +181,48 @@ def test_importing_the_package_does_not_import_matplotlib() -> None:
     code = "import airswing.report, sys; print('matplotlib' in sys.modules)"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == "False"
+
+
+DOM = """
+const given = JSON.parse(require("fs").readFileSync(0, "utf8")), heads = given.heads.map(words => ({
+  classList: {contains: name => name === "words" && words}, style: {}, addEventListener() {}}));
+const rows = given.rows.map(cells => ({cells: cells.map(textContent => ({textContent}))}));
+const field = {addEventListener(kind, act) { this.act = act; }};
+const table = {tBodies: [{rows}], tHead: {rows: [{cells: heads}]},
+  parentNode: {parentNode: {insertBefore() {}}}};
+globalThis.addEventListener = () => {};
+globalThis.document = {createElement: () => field,
+  querySelectorAll: what => what === "table.sortable" ? [table] : []};
+eval(given.script);
+console.log(JSON.stringify(given.wanted.map(text => { field.value = text; field.act();
+  return rows.filter(row => !row.hidden).map(row => row.cells[0].textContent); })));
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
+def test_the_search_finds_names_and_statuses_and_no_numbers(tmp_path: Path) -> None:
+    """By the page's own script on the table's cells."""
+    headings, fits = factories.headings(aircraft=30, reports=40), factories.fits(aircraft=30)
+    text = write_page(tmp_path, headings=headings, fits=fits).read_text("utf-8")
+    script = re.search(r"<script>(.*?)</script>", text, re.DOTALL)
+    head, body = (
+        re.search(rf"<{one}>(.*?)</{one}>", text, re.DOTALL) for one in ("thead", "tbody")
+    )
+    assert script and head and body
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in body.group(1).split("<tr")[1:]]
+    names = [cells[0] for cells in rows]
+    given = {
+        "heads": ['class="words"' in one for one in head.group(1).split("<th ")[1:]],
+        "rows": rows,
+        "script": script.group(1),
+        "wanted": ["12", "n40", "coverage", ""],
+    }
+    told = subprocess.run(
+        ["node", "-e", DOM], input=json.dumps(given), capture_output=True, text=True, check=True
+    )
+    digits, begin, status, every = json.loads(told.stdout)
+    assert digits == [name for name in names if "12" in name]
+    assert 0 < len(digits) < sum("12" in " ".join(cells) for cells in rows)
+    assert begin == [name for name in names if name.startswith("N40")]
+    assert status == [cells[0] for cells in rows if "coverage" in cells[-1]] and status
+    assert every == names

@@ -1,7 +1,9 @@
 """The dates at which compasses changed.
 
 Assumes a change is a step of the offset or of the one-cycle part (a flux valve recalibrated or
-exchanged); see :mod:`airswing.evaluation.compass_changes.change_kernels` for the errors' model.
+exchanged); see :mod:`airswing.evaluation.compass_changes.change_kernels` for the errors' model. A
+third and a fourth harmonic are fitted beside A to E: what these leave of a curve would pass for a
+change wherever an aircraft turns to other routes.
 
 Dates are days, UTC; angles in degrees.
 """

@@ -27,7 +27,9 @@ from airswing.evaluation.reference_comparison.pairs import paired_design
 Floats = NDArray[np.float64]
 
 ANGLES = 5  # A, B, C, D, E
-FREE = 6  # A, B, C, D, E and the airspeed scale come before the day's own bias b_u, b_v
+# A to E, sine and cosine of a third and a fourth harmonic, and the airspeed scale come before the
+# day's own bias b_u, b_v
+FREE = 10
 CHANGING = 3  # A, B, C may change
 # Report's error variance over the variance of a day's model bias, a component.
 DAY_BIAS_PRECISION = 2.0
@@ -46,8 +48,8 @@ class DaySums:
     """What the days of one aircraft know of its deviation, the days' own biases eliminated."""
 
     day: NDArray[np.int64]  # (d,): days with reports, increasing
-    normal: Floats  # (d, 6, 6): of A to E and the airspeed scale
-    right: Floats  # (d, 6)
+    normal: Floats  # (d, 10, 10): of A to E, two higher harmonics and the airspeed scale
+    right: Floats  # (d, 10)
     count: Floats  # (d,): reports
 
     def take(self, chosen: NDArray[np.bool_]) -> DaySums:
@@ -78,11 +80,10 @@ def day_sums(
         Airspeed times heading error, and airspeed error.
     day : array of int, shape (n,)
     flight : array of int, shape (n,), optional
-        Eliminate each flight's own bias of the reference; the unknowns are then those of
-        :func:`design_of_days`, the days' biases b_u, b_v (m/s) among them.
+        Eliminate each flight's own bias of the reference; the days' biases b_u, b_v (m/s) are then
+        unknowns too.
     """
-    design = paired_design if flight is None else design_of_days
-    rows_cross, rows_along = design(magnetic, heading, airspeed)
+    rows_cross, rows_along = design_of_days(magnetic, heading, airspeed)
     kept = np.flatnonzero(_not_gross(rows_cross, rows_along, cross, along))
     flown = np.zeros_like(day) if flight is None else flight
     order = kept[np.lexsort((flown[kept], day[kept]))]
@@ -93,7 +94,7 @@ def day_sums(
     normal, right = _sums_from(one, two, cross[order], along[order], start)
     days, first, count = np.unique(day[order], return_index=True, return_counts=True)
     if flight is None:
-        sums = _without_bias(normal, right)
+        sums = without_day_bias(normal, right)
     else:
         freed = without_flight_bias(normal, right)
         whole = np.searchsorted(start, first)
@@ -175,8 +176,18 @@ def _not_gross(
     return np.asarray(keep)
 
 
-def _without_bias(normal: Floats, right: Floats) -> tuple[Floats, Floats]:
-    """Eliminate the day's bias b_u, b_v, a random effect."""
+def without_day_bias(normal: Floats, right: Floats) -> tuple[Floats, Floats]:
+    """Eliminate the day's bias b_u, b_v, a random effect.
+
+    Parameters
+    ----------
+    normal, right : array, shape (d, 12, 12) and (d, 12)
+        Of :func:`design_of_days`, a day each.
+
+    Returns
+    -------
+    normal, right : array, shape (d, 10, 10) and (d, 10)
+    """
     side = normal[:, :FREE, FREE:]
     inside = normal[:, FREE:, FREE:] + DAY_BIAS_PRECISION * np.eye(normal.shape[1] - FREE)
     gain = np.swapaxes(np.linalg.solve(inside, np.swapaxes(side, 1, 2)), 1, 2)
@@ -187,7 +198,7 @@ def _without_bias(normal: Floats, right: Floats) -> tuple[Floats, Floats]:
 
 
 def coefficients(sums: DaySums, weight: Floats | None = None) -> tuple[Floats, Floats]:
-    """Fit the six coefficients and their covariance clustered by day.
+    """Fit the ten coefficients and their covariance clustered by day.
 
     Parameters
     ----------
@@ -196,8 +207,8 @@ def coefficients(sums: DaySums, weight: Floats | None = None) -> tuple[Floats, F
 
     Returns
     -------
-    values : array, shape (6 + 3 q,)
-    covariance : array, shape (6 + 3 q, 6 + 3 q)
+    values : array, shape (10 + 3 q,)
+    covariance : array, shape (10 + 3 q, 10 + 3 q)
     """
     normal, right = _stacked(sums, weight)
     inverse = np.linalg.pinv(normal.sum(0), hermitian=True)
@@ -210,7 +221,7 @@ def coefficients(sums: DaySums, weight: Floats | None = None) -> tuple[Floats, F
 
 
 def _stacked(sums: DaySums, weight: Floats | None) -> tuple[Floats, Floats]:
-    """Normal matrices with the changes' columns beside the six."""
+    """Normal matrices with the changes' columns beside the ten."""
     if weight is None or weight.shape[1] == 0:
         return sums.normal, sums.right
     select = np.zeros((sums.day.size, FREE, FREE + CHANGING * weight.shape[1]))

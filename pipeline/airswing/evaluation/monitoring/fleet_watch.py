@@ -173,7 +173,7 @@ def watch_fleet(
             begin, end = (_first_day(one) for one in (month, month + 1))
             known = begin - rows[1].min() >= TOLD_BY
             telling = rows[1] < (begin if known else end)
-            watch.begin(int(month), _noise(tuple(part[telling] for part in rows), usual, number))
+            watch.begin(int(month), _noise(rows, telling, usual, number))
             if kept is not None and known and month == months.max():
                 kept.keep(watch, rows)
         chosen = np.flatnonzero(months == month)
@@ -195,10 +195,11 @@ def _first_day(month: int) -> int:
     return int(np.datetime64(int(month), "M").astype("M8[D]").astype(np.int64))
 
 
-def _noise(rows: DayRows, usual: Noise, number: int) -> Noise:
-    """Errors of the days of a fleet, of large fleets from every so many aircraft."""
+def _noise(rows: DayRows, telling: NDArray[np.bool_], usual: Noise, number: int) -> Noise:
+    """Errors of the days of a fleet from some rows, of large fleets from every so many aircraft."""
     aircraft, day, normal, right = rows
-    chosen = aircraft % max(min(aircraft.size // ENOUGH, number // FEWEST_TOLD), 1) == 0
+    every = max(min(int(telling.sum()) // ENOUGH, number // FEWEST_TOLD), 1)
+    chosen = telling & (aircraft % every == 0)
     squares, sums = (part[chosen].astype(np.float64) for part in (normal, right))
     return estimated_noise(squares, sums, aircraft[chosen], day[chosen], usual=usual)
 

@@ -64,7 +64,8 @@ def table(
     caption : str, optional
         What the table holds, in words.
     sortable : bool, optional
-        With scripts, a click on a head sorts the rows, and a long table can be searched.
+        With scripts, a click on a head sorts the rows, and a long table can be searched by
+        its columns of words.
     """
     text = (
         _environment()

@@ -51,7 +51,7 @@ from airswing.compass.kept_sums.period_sums import (
 )
 from airswing.compass.table import add_tables, heading_histogram
 from airswing.evaluation.compass_changes.change_dates import FEWEST_DAYS, changes_of, fleet_day_sums
-from airswing.evaluation.compass_changes.change_kernels import DaySums
+from airswing.evaluation.compass_changes.change_kernels import FREE, DaySums
 from airswing.flags import STATUS
 from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.netcdf import read_product
@@ -378,7 +378,8 @@ def _same_sample(reports: int, before: int) -> bool:
 
 def _packed_days(sums: list[DaySums | None]) -> dict[str, NDArray[Any]]:
     known = [one for one in sums if one is not None]
-    empty = DaySums(np.empty(0, np.int64), np.empty((0, 6, 6)), np.empty((0, 6)), np.empty(0))
+    size = (0, FREE, FREE)
+    empty = DaySums(np.empty(0, np.int64), np.empty(size), np.empty(size[:2]), np.empty(0))
     found = {"days": np.array([0 if one is None else one.day.size for one in sums], dtype=np.int64)}
     for part in fields(DaySums):
         every = [getattr(one, part.name) for one in [empty, *known]]
