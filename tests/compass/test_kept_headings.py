@@ -50,6 +50,21 @@ def test_months_of_an_aircraft_by_hand(reports):
     assert found.start[1:].tolist() == found.stop[:-1].tolist()
 
 
+def test_an_aircraft_of_one_month_is_cut_by_days(reports):
+    """A month under way that grows by a day keeps the pieces it had; one day more is one piece."""
+    march = reports.isel(report=slice(0, 18 * FIXES), aircraft=slice(0, 1))
+    march = march.assign(row_size=("aircraft", [18 * FIXES]))
+    begins = march["time"].to_numpy()[::FIXES]
+    days = np.unique(begins.astype("M8[D]")).size
+    found = cut(march)
+    assert days > 1 and found.start.size == days and found.stop[-1] == 18 * FIXES
+    winds = model(march, names=NAMES)
+    marks = _marks_of(march, winds, found)
+    last = int(found.start[-1])
+    less = march.isel(report=slice(0, last)).assign(row_size=("aircraft", [last]))
+    assert _marks_of(less, winds.isel(report=slice(0, last)), cut(less)) == marks[:-1]
+
+
 def test_a_flight_over_the_end_of_a_month_is_where_it_began(reports):
     april = np.datetime64("2009-04-01")
     first = int(np.flatnonzero(reports["time"].to_numpy() >= april)[0])

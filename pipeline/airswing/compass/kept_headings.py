@@ -1,7 +1,8 @@
 """Headings of an earlier run taken up, piece by piece, where nothing they follow from changed.
 
-A piece is the reports of one aircraft's flights that begin in one calendar month (UTC). It is known
-by a hash of all that its headings follow from: every column of its reports and of its model winds,
+A piece is the reports of one aircraft's flights that begin in one calendar month (UTC), or on one
+day where all of its flights are of one month: a month under way grows day by day. It is known by a
+hash of all that its headings follow from: every column of its reports and of its model winds,
 where its flights begin, its aircraft's name and resolutions, the code. The headings are taken from
 the earlier run's product itself, so that nothing is kept twice; a small record says which of its
 rows are which piece. A piece derived alone and one derived within a whole archive are the same to
@@ -93,10 +94,15 @@ def cut(reports: xr.Dataset) -> Pieces:
     other = (np.diff(flight) != 0) | (np.diff(aircraft) != 0)
     begins = np.flatnonzero(np.r_[True, other][: flight.size])
     owner = aircraft[begins]
-    month = reports["time"].to_numpy()[begins].astype("M8[M]").astype(np.int64)
-    # One month for all: such an aircraft is one piece.
-    month[_judged_as_one(reports, aircraft)[owner]] = 0
-    first = np.r_[True, (np.diff(month) != 0) | (np.diff(owner) != 0)][: begins.size]
+    day = reports["time"].to_numpy()[begins].astype("M8[D]")
+    month, span = day.astype("M8[M]").astype(np.int64), day.astype(np.int64)
+    edges = np.flatnonzero(np.r_[True, np.diff(owner) != 0][: begins.size])
+    last = np.append(edges[1:], begins.size)[: edges.size] - 1
+    several = np.repeat(month[edges] != month[last], last + 1 - edges)
+    span[several] = month[several]
+    # One span for all: such an aircraft is one piece.
+    span[_judged_as_one(reports, aircraft)[owner]] = 0
+    first = np.r_[True, (np.diff(span) != 0) | (np.diff(owner) != 0)][: begins.size]
     start = begins[first]
     return Pieces(start, np.append(start[1:], flight.size)[: start.size], owner[first])
 
