@@ -18,7 +18,7 @@ from airswing.gap.held_out.reduction import take_off
 from airswing.gap.passes import Search, run_pass
 from airswing.gap.search.coding_and_outliers import coarsest, lattice_share
 from airswing.gap.search.cross_validated import settle
-from airswing.gap.search.stepwise import Rules
+from airswing.gap.search.stepwise import Ranking, Rules
 from airswing.gap.sums.whole_archive import held_archive
 from airswing.products.whole_files import plain
 
@@ -144,7 +144,7 @@ def test_a_search_ends_alike_from_nothing_from_its_result_and_from_a_wrong_start
     (right,) = first.standing.found.terms
     wrong = replace(right, candidate=next(c for c in pool if c.name == "tas_scale"), tails=(0,))
     for start in ([right], [wrong]):
-        (term,) = settle(base, pool, Rules(), start).found.terms
+        (term,) = settle(Ranking(base, pool), Rules(), start).found.terms
         assert (term.key, term.tails) == (right.key, (1, 4))
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan, plan_dictionary
-from airswing.gap.design.candidates import Candidate, candidates
+from airswing.gap.design.candidates import candidates
 from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.design.layout import make_layout
 from airswing.gap.effects.base import Effect
@@ -26,7 +26,7 @@ from airswing.gap.held_out.level_or_other import goes_by
 from airswing.gap.held_out.linearised import FoundFirst
 from airswing.gap.noise.model import fit_noise, flown
 from airswing.gap.search.cross_validated import Doubtful, Standing, settle, with_name
-from airswing.gap.search.stepwise import Rules, with_background
+from airswing.gap.search.stepwise import Ranking, Rules, with_background
 from airswing.gap.search.tail_swaps import Swap, beside, exchange, find_swap
 from airswing.gap.sums.accumulate import SumColumns
 from airswing.gap.sums.elimination import eliminate_days
@@ -159,24 +159,23 @@ def run_pass(
     problem = Problem(
         frame, context, effects, plan, noise, base, archive.reports, archive.flights, search.seed
     )
-    standing = _settled(problem, pool, search.rules, start)
+    ranking = Ranking(base, pool)
+    standing = _settled(problem, ranking, search.rules, start)
     for one in search.named:
-        standing = with_name(base, pool, standing, one)
+        standing = with_name(ranking, standing, one)
     return Pass(problem, standing)
 
 
-def _settled(
-    problem: Problem, pool: Sequence[Candidate], rules: Rules, start: Sequence[Term]
-) -> Standing:
+def _settled(problem: Problem, ranking: Ranking, rules: Rules, start: Sequence[Term]) -> Standing:
     """Search; again without a bias beyond a level that is no such thing."""
-    standing = settle(problem.base, pool, rules, start)
+    standing = settle(ranking, rules, start)
     found = standing.found
     other = goes_by(problem, found.terms, term_coefficients(found.given, found.terms))
     if other is None:
         return standing
     wrong, variable = found.terms[other[0]], other[1]
-    left = [c for c in pool if (c.name, c.scope) != wrong.key]
-    again = settle(problem.base, left, rules, [term for term in start if term.key != wrong.key])
+    left = ranking.among([c for c in ranking.pool if (c.name, c.scope) != wrong.key])
+    again = settle(left, rules, [term for term in start if term.key != wrong.key])
     reason = f"what it explains goes by {variable}, not by level"
     doubtful = Doubtful(wrong, 0.0, standing.weighed[other[0]], reason)
     return replace(again, doubtful=(*again.doubtful, doubtful))

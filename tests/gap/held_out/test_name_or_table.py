@@ -14,7 +14,7 @@ from airswing.gap.held_out.name_or_table import explains
 from airswing.gap.passes import Search, run_pass
 from airswing.gap.search.belief import TABLE_ODDS, beside_table
 from airswing.gap.search.cross_validated import Doubtful, with_name
-from airswing.gap.search.stepwise import Rules
+from airswing.gap.search.stepwise import Ranking, Rules
 from airswing.gap.sums.whole_archive import held_archive
 
 OFFSET = {"compass_offset": CATALOGUE["compass_offset"]}
@@ -69,11 +69,11 @@ def test_a_name_that_a_table_confirmed_is_stated_with_its_odds(fleet):
     chance = beside_table(0.5)
     assert chance == pytest.approx(TABLE_ODDS / (1 + TABLE_ODDS))
     doubtful = Doubtful(name, chance, np.zeros(5), "")
-    told = with_name(made.problem.base, pool, made.standing, doubtful)
+    told = with_name(Ranking(made.problem.base, pool), made.standing, doubtful)
     (term,) = told.found.terms
     assert (term.candidate.key, term.score.probability) == (name.candidate.key, chance)
     assert told.probability == pytest.approx([chance])
     assert told.energy[0] > 2 * told.error[0] > 0
-    again = with_name(made.problem.base, pool, told, doubtful)
+    again = with_name(Ranking(made.problem.base, pool), told, doubtful)
     assert len(again.found.terms) == 1
-    assert not with_name(made.problem.base, [], made.standing, doubtful).found.terms
+    assert not with_name(Ranking(made.problem.base, []), made.standing, doubtful).found.terms

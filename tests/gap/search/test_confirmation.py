@@ -26,7 +26,7 @@ from airswing.gap.search.confirmation import (
 )
 from airswing.gap.search.cross_validated import _believed
 from airswing.gap.search.fewest import fewest, worth
-from airswing.gap.search.stepwise import Rules, _prune, _Ranking, found_of
+from airswing.gap.search.stepwise import Ranking, Rules, _prune, found_of
 from airswing.gap.search.tail_swaps import NEEDED, beside
 from airswing.gap.sums.whole_archive import held_archive
 
@@ -103,7 +103,8 @@ def test_what_is_in_force_on_two_days_cannot_be_tested_and_is_not_found(late):
     short = replace(term, tails=(1,), period=(6, 8))
     tests = confirm(base, [term, short])
     assert tests.tested.tolist() == [True, False]
-    standing = _believed(base, pool, found_of(base, pool, [term, short]), Rules())
+    ranking = Ranking(base, pool)
+    standing = _believed(ranking, found_of(ranking, [term, short]), Rules())
     assert [x.tails for x in standing.found.terms] == [(2,)]
     (doubtful,) = standing.doubtful
     assert doubtful.term.tails == (1,) and doubtful.probability == 0.0
@@ -114,7 +115,7 @@ def test_what_the_other_terms_leave_nothing_for_goes(late):
     base, pool, term = late
     other = replace(term, tails=(5,), period=(14, base.stats.days.size))
     nothing = replace(term, tails=(0,), period=(2, 9))
-    kept = _prune(base, _Ranking(base, pool), [term, other, nothing], Rules())
+    kept = _prune(base, Ranking(base, pool), [term, other, nothing], Rules())
     assert [(x.tails, x.period) for x in kept] == [((2,), (15, base.stats.days.size))]
 
 

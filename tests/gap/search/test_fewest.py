@@ -13,7 +13,7 @@ from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.passes import Search, run_pass
 from airswing.gap.search.cross_validated import settle
 from airswing.gap.search.fewest import shared_by_all
-from airswing.gap.search.stepwise import Rules, found_of
+from airswing.gap.search.stepwise import Ranking, Rules, found_of
 from airswing.gap.sums.whole_archive import held_archive
 
 EFFECTS = {"compass_offset": CATALOGUE["compass_offset"]}
@@ -58,9 +58,10 @@ def test_what_each_has_of_its_own_is_not():
 def test_of_a_day_it_is_not_stated_of_each_either(alike, monkeypatch):
     """Parts of the day did not confirm the fleet's form, and the search went on without it."""
     base, pool, term = alike
-    singles = found_of(base, pool, [term])
+    ranking = Ranking(base, pool)
+    singles = found_of(ranking, [term])
     monkeypatch.setattr("airswing.gap.search.cross_validated.search", lambda *_, **__: singles)
-    standing = settle(base, pool, Rules())
+    standing = settle(ranking, Rules())
     assert standing.found.terms == ()
     (doubtful,) = standing.doubtful
     assert doubtful.probability == 0.0 and "may be their weather" in doubtful.reason

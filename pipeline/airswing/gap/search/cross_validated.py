@@ -35,7 +35,7 @@ from airswing.gap.search.confirmation import (
 from airswing.gap.search.fewest import shared_by_all
 from airswing.gap.search.left_beside import left_beside
 from airswing.gap.search.nested_forms import widened
-from airswing.gap.search.stepwise import Found, Rules, found_of, search
+from airswing.gap.search.stepwise import Found, Ranking, Rules, found_of, search
 from airswing.gap.sums.elimination import Base
 
 Floats = NDArray[np.float64]
@@ -68,9 +68,7 @@ class Standing:
     doubtful: tuple[Doubtful, ...] = ()  # names that were not confirmed
 
 
-def settle(
-    base: Base, pool: Sequence[Candidate], rules: Rules, start: Sequence[Term] = ()
-) -> Standing:
+def settle(ranking: Ranking, rules: Rules, start: Sequence[Term] = ()) -> Standing:
     """Search until every term stands on days left out.
 
     Parameters
@@ -78,11 +76,12 @@ def settle(
     start : sequence of Term
         Terms to begin the search with.
     """
+    base, pool = ranking.base, ranking.pool
     if base.stats.clock.short:  # a change, or a curve, of one day may be its weather
-        pool = [candidate for candidate in pool if candidate.known and candidate.kind == "mean"]
-    whole = pool
+        pool = tuple(c for c in pool if c.known and c.kind == "mean")
+    whole = ranking.among(pool)
     while True:
-        found = widened(base, search(base, pool, rules=rules, start=start), pool)
+        found = widened(base, search(ranking.among(pool), rules, start), pool)
         tests = confirm_lasting(base, found.terms)
         energy, short = tests.energy, tests.energy <= LEAST * tests.error
         # a name that could not be tested is told as such, a curve in no way
@@ -91,15 +90,13 @@ def settle(
             k for k in np.flatnonzero(short & (tests.tested | ~known)) if not _dated(found.terms[k])
         ]
         if not weak:
-            return _believed(base, whole, found, rules)
+            return _believed(whole, found, rules)
         key = found.terms[min(weak, key=lambda k: energy[k])].key
-        pool = [c for c in pool if (c.name, c.scope) != key]
+        pool = tuple(c for c in pool if (c.name, c.scope) != key)
         start = [term for term in start if term.key != key]
 
 
-def with_name(
-    base: Base, pool: Sequence[Candidate], standing: Standing, named: Doubtful
-) -> Standing:
+def with_name(ranking: Ranking, standing: Standing, named: Doubtful) -> Standing:
     """State a name that a table confirmed.
 
     Parameters
@@ -109,6 +106,7 @@ def with_name(
     named : Doubtful
         With the probability it has now.
     """
+    base, pool = ranking.base, ranking.pool
     terms, candidate = list(standing.found.terms), named.term.candidate
     there = any(candidate.key == term.candidate.key for term in terms)
     if there or all(candidate.key != one.key for one in pool):
@@ -117,7 +115,7 @@ def with_name(
     given = given_terms(base, terms)
     score = evaluate_named(base, given, candidate, allowed, named.term.period)
     new = replace(named.term, score=replace(score, probability=named.probability))
-    found = found_of(base, pool, [*terms, new])
+    found = found_of(ranking, [*terms, new])
     tests = confirm(base, found.terms)
     return Standing(
         found,
@@ -129,8 +127,9 @@ def with_name(
     )
 
 
-def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules) -> Standing:
+def _believed(ranking: Ranking, found: Found, rules: Rules) -> Standing:
     """Names that are likely enough; without the least likely the others are judged again."""
+    base, pool = ranking.base, ranking.pool
     doubtful: list[Doubtful] = []
     terms = list(found.terms)
     while True:
@@ -154,7 +153,7 @@ def _believed(base: Base, pool: Sequence[Candidate], found: Found, rules: Rules)
         del terms[worst]
     if not base.stats.clock.short:  # what a day leaves beside a name was not learned
         chance = chance * as_named(left_beside(base, pool, terms))
-    found = found_of(base, pool, terms) if doubtful else found
+    found = found_of(ranking, terms) if doubtful else found
     sure = tuple(
         replace(term, score=replace(term.score, probability=float(p)))
         for term, p in zip(found.terms, chance, strict=True)

@@ -16,6 +16,7 @@ Source: docs/gap.md section 6.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -166,13 +167,7 @@ def enter(score: Score, rules: Rules) -> Term:
     return Term(score.candidate, tuple(int(a) for a in struck(score, rules)), score.period, score)
 
 
-def search(
-    base: Base,
-    pool: Sequence[Candidate],
-    *,
-    rules: Rules | None = None,
-    start: Sequence[Term] = (),
-) -> Found:
+def search(ranking: Ranking, rules: Rules, start: Sequence[Term] = ()) -> Found:
     """Search the terms that explain the residual.
 
     Parameters
@@ -180,7 +175,7 @@ def search(
     start : sequence of Term
         Terms to begin with; each must stand against all candidates as those that are found.
     """
-    rules, ranking = rules or Rules(), _Ranking(base, pool)
+    base, pool = ranking.base, ranking.pool
     terms = _swap(ranking, list(start), rules)
     seen = set()
     for _ in range(rules.most_terms):
@@ -197,33 +192,42 @@ def search(
     terms = _prune(base, ranking, terms, rules)
     terms = fewest(base, pool, terms)
     terms = [_completed(base, terms, k, rules) for k in range(len(terms))]
-    return _found(base, ranking, terms)
+    return found_of(ranking, terms)
 
 
-def found_of(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> Found:
+def found_of(ranking: Ranking, terms: Sequence[Term]) -> Found:
     """Result of a search that ended with these terms."""
-    return _found(base, _Ranking(base, pool), list(terms))
+    rivals = tuple(ranking([*terms[:k], *terms[k + 1 :]]) for k in range(len(terms)))
+    return Found(tuple(terms), given_terms(ranking.base, terms), rivals, ranking(terms))
 
 
-def _found(base: Base, ranking: _Ranking, terms: list[Term]) -> Found:
-    rivals = tuple(ranking(terms[:k] + terms[k + 1 :]) for k in range(len(terms)))
-    return Found(tuple(terms), given_terms(base, terms), rivals, ranking(terms))
+class Ranking:
+    """All candidates ranked given some terms; the search comes back to the same terms often.
 
-
-class _Ranking:
-    """All candidates ranked given some terms; the search comes back to the same terms often."""
+    So does a search again without a candidate that days left out did not confirm: what is ranked
+    is kept for all of them, and of it those are given that are still candidates.
+    """
 
     def __init__(self, base: Base, pool: Sequence[Candidate]) -> None:
-        self._base, self._pool = base, pool
+        self.base, self.pool = base, tuple(pool)
+        self._whole = self.pool
         self._made: dict[frozenset[object], tuple[Score, ...]] = {}
 
+    def among(self, pool: Sequence[Candidate]) -> Ranking:
+        """Ranking of a part of the candidates, from what is kept."""
+        part = copy(self)
+        part.pool = tuple(pool)
+        return part
+
     def __call__(self, terms: Sequence[Term]) -> tuple[Score, ...]:
+        """Rank the candidates given some terms, best raw evidence first."""
         state = frozenset((t.candidate.key, t.tails, t.period) for t in terms)
         if state not in self._made:
-            given = given_terms(self._base, terms)
-            ranked = rank(self._base, given, self._pool, _taken(terms))
+            given = given_terms(self.base, terms)
+            ranked = rank(self.base, given, self._whole, _taken(terms))
             self._made[state] = tuple(replace(s, remainder=remainder(terms, s)) for s in ranked)
-        return self._made[state]
+        keys = {candidate.key for candidate in self.pool}
+        return tuple(score for score in self._made[state] if score.candidate.key in keys)
 
 
 def remainder(terms: Sequence[Term], score: Score) -> Floats:
@@ -271,7 +275,7 @@ def _merge(terms: Sequence[Term], new: Term) -> list[Term]:
     return [*terms, new]
 
 
-def _swap(ranking: _Ranking, terms: list[Term], rules: Rules) -> list[Term]:
+def _swap(ranking: Ranking, terms: list[Term], rules: Rules) -> list[Term]:
     """Take every earlier term out in turn; where another explains its share better, exchange."""
     k = 0
     while len(terms) > 1 and k < len(terms):
@@ -305,7 +309,7 @@ def _stays(ranked: Sequence[Score], old: Term, best: Score, rules: Rules) -> boo
     return own is not None and own.raw > best.raw + rules.unknown_margin * own.factor
 
 
-def _prune(base: Base, ranking: _Ranking, terms: list[Term], rules: Rules) -> list[Term]:
+def _prune(base: Base, ranking: Ranking, terms: list[Term], rules: Rules) -> list[Term]:
     """Drop terms, and aircraft of terms, that do not stand given all the others."""
     k = 0
     while k < len(terms):
