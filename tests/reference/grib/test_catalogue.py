@@ -61,6 +61,8 @@ def test_shortest_lead_that_meets_the_condition_wins(tmp_path: Path) -> None:
             str(tmp_path / "*.grib"), name="x", lead=lead, cache_dir=tmp_path / "c"
         )
         assert list(catalogue.leads / 3600) == [expected]
+    told = "1 model times of 3 files, 2009-08-01T12:00 to 2009-08-01T12:00, lead == 6 h"
+    assert repr(catalogue) == f"<Catalogue 'x': {told}>"
     assert any(
         "shortest is used" in note
         for note in build_catalogue(

@@ -33,7 +33,7 @@ Table = NDArray[np.void]
 Skipped = list[dict[str, Any]]
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Catalogue:
     """Wind profiles of one reference, by valid time."""
 
@@ -57,6 +57,13 @@ class Catalogue:
 
     def __len__(self) -> int:
         return int(self.valid.size)
+
+    def __repr__(self) -> str:
+        # A year of hourly files listed one by one would fill a notebook.
+        first_last = np.datetime_as_string(self.times[[0, -1]], "m") if len(self) else ()
+        span = f", {' to '.join(first_last)}" if len(self) else ""
+        counted = f"{len(self)} model times of {len(self.files)} files"
+        return f"<{type(self).__name__} {self.name!r}: {counted}{span}, lead {self.lead}>"
 
     @property
     def times(self) -> NDArray[np.datetime64]:

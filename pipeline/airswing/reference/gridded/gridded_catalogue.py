@@ -46,7 +46,7 @@ from airswing.reference.gridded.stored import GriddedTime, StoredField
 from airswing.reference.gridded.wrfout import is_wrfout
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class GriddedCatalogue(Catalogue):
     """Wind profiles of a reference that comes as Datasets.
 
