@@ -293,3 +293,22 @@ def test_a_table_does_not_lead_by_small_scales_that_a_name_cannot_help(monkeypat
     assert taken_off._leads(bench, None, (name,), fold)
     assert not taken_off._leads(bench, None, (name, columns), fold)
     assert taken_off._leads(bench, None, (0.5 * name, 0.5 * columns), fold)
+
+
+def test_a_table_of_the_wind_closes_less_where_the_reference_errs():
+    """Its own small scales are in part wrong: a reference 8 % too weak, set right in full."""
+    rng = np.random.default_rng(4)
+    large, small, error = (sd * rng.standard_normal((4000, 2)) for sd in (10.0, 4.0, 2.0))
+    wind, residual = large + small, 0.08 * large - 0.4 * small + error
+    frame = SimpleNamespace(
+        aircraft=np.zeros(4000, int), heading=np.zeros(4000), airspeed=np.full(4000, 100.0)
+    )
+    frame.tails, frame.residual, frame.u_ref, frame.v_ref = ("N400",), residual, *wind.T
+    bench = SimpleNamespace(
+        setting=SimpleNamespace(frame=frame), cells=lambda _: np.zeros(4000, int)
+    )
+    table = SimpleNamespace(grid=None, component="wind_factor", values=np.array([[8.0]]))
+    closed = np.hypot(*residual.T).sum() - np.hypot(*(residual - 0.08 * wind).T).sum()
+    assert taken_off._of_reference(bench, table) == pytest.approx(closed)
+    on_large = np.hypot(*residual.T).sum() - np.hypot(*(residual - 0.08 * large).T).sum()
+    assert closed < 0.8 * on_large
