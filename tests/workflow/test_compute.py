@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 import time
+from types import SimpleNamespace
 
 import dask
 import numpy as np
@@ -264,6 +265,23 @@ def test_a_fleet_of_many_aircraft_is_foretold_to_cost_more():
     assert memory[0] < 0.8e9
     assert memory[1] - memory[0] < 0.3e9
     assert memory[2] - memory[1] == pytest.approx(10.0 * (memory[1] - memory[0]))
+
+
+def test_each_stage_of_6000_aircraft_is_foretold_near_what_it_took():
+    """Measured (docs/benchmarks.md): 240 reports each, two references; the fit of 20 million."""
+    from airswing.workflow.cost import as_text, estimate
+
+    nothing = SimpleNamespace(messages=0, sparse_messages=0, bytes=0)
+    plans = {"ruc": nothing, "rap": nothing}
+    told = estimate(1_440_000, 6000, plans, block=200_000)
+    measured = {"ranking": 40.5, "compare": 199.3, "stability": 88.0, "observation errors": 2.1}
+    measured |= {"profiles": 0.9, "swing cards": 640.0}
+    for stage, seconds in measured.items():
+        assert 0.5 * seconds < told["stages"][stage] < 2.0 * seconds, stage
+    assert 70.0 < estimate(20_000_000, 6000, plans, block=200_000)["stages"]["fit"] < 130.0
+    assert told["seconds"] == pytest.approx(sum(told["stages"].values()), rel=0.01)
+    text = as_text({"reports": 1_440_000, "aircraft": 6000, "references": {}, **told})
+    assert "compare 198" in text and "ranking 42" in text
 
 
 def test_the_accounts_tell_the_share_of_decoding():

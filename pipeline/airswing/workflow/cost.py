@@ -31,14 +31,19 @@ _SECONDS_PER_REPORT = {
 _SECONDS_PER_KEPT_REPORT = {"reports": 0.6e-6, "headings": 1.6e-6}
 # Libraries to start, and figures of the fleet.
 _SECONDS_ANYWAY = {"reports": 0.8, "collocate": 0.4, "headings": 0.2, "page": 4.0}
-# However few reports it has.
+# However few reports it has; of 6,000 aircraft (docs/benchmarks.md), the held-out part of the
+# virtual field test of 600.
 _SECONDS_PER_AIRCRAFT = {
-    "fit": 0.03,
-    "swing cards": 0.05,
-    "ranking": 0.02,
-    "virtual field test": 0.15,
+    "fit": 0.012,
+    "swing cards": 0.08,
+    "observation errors": 0.4e-3,
+    "stability": 0.014,
+    "ranking": 0.0068,
+    "virtual field test": 0.06,
     "page": 0.5e-3,
 }
+_SECONDS_TO_COMPARE = 0.033
+"""For each aircraft, where there is more than one reference; of two."""
 SECONDS_PER_PANEL, PANELS = 0.04, 96  # Of the page, for as many aircraft at most
 # The fleet's equations, which the fit keeps in parts (2,400 aircraft: 20 s and 0.4 GB).
 _BYTES_PER_AIRCRAFT = 200_000
@@ -75,7 +80,9 @@ def stage_seconds(
     for stage, seconds in _SECONDS_ANYWAY.items():
         found[stage] += seconds
     for stage, seconds in _SECONDS_PER_AIRCRAFT.items():
-        found[stage] += seconds * aircraft
+        found[stage] = found.get(stage, 0.0) + seconds * aircraft
+    if len(plans) > 1:
+        found["compare"] = _SECONDS_TO_COMPARE * aircraft
     found["page"] += SECONDS_PER_PANEL * min(aircraft, PANELS)
     for one in plans.values():
         decoded = 1.0 - one.sparse_messages / max(one.messages, 1)
@@ -93,7 +100,7 @@ def estimate(
     block: int,
     left: Mapping[str, Plan] | None = None,
     keep: bool = True,
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """Estimate time, peak memory and disk space of a run.
 
     Parameters
@@ -108,13 +115,13 @@ def estimate(
     Returns
     -------
     dict
-        ``seconds``, ``memory_bytes``, ``disk_bytes`` while it runs, ``kept_disk_bytes`` after it,
-        products included.
+        ``seconds``, ``stages`` (seconds of each), ``memory_bytes``, ``disk_bytes`` while it runs,
+        ``kept_disk_bytes`` after it, products included.
     """
     left = plans if left is None else left
     whole, rest = (sum(one.messages for one in some.values()) for some in (plans, left))
     kept = 1.0 - rest / whole if whole else 0.0
-    seconds = sum(stage_seconds(reports, aircraft, left, kept=kept).values())
+    stages = stage_seconds(reports, aircraft, left, kept=kept)
     memory = _BASE_BYTES + block * _BYTES_IN_BLOCK * max(1.0, len(plans) / 2.0)
     memory += reports * _BYTES_PER_REPORT + aircraft * _BYTES_PER_AIRCRAFT
     count = len(plans)
@@ -122,7 +129,8 @@ def estimate(
     stays += keep * (BYTES_KEPT + count * BYTES_KEPT_PER_REFERENCE)
     most = BYTES_ON_DISK + count * BYTES_ON_DISK_PER_REFERENCE
     return {
-        "seconds": round(seconds, 1),
+        "seconds": round(sum(stages.values()), 1),
+        "stages": {name: round(seconds, 1) for name, seconds in stages.items()},
         "memory_bytes": round(memory),
         "disk_bytes": reports * max(most, stays),
         "kept_disk_bytes": reports * stays,
@@ -153,4 +161,6 @@ def as_text(found: Mapping[str, Any]) -> str:
         f"of memory, {found['disk_bytes'] / 1e9:.2g} GB of disk "
         f"({found['kept_disk_bytes'] / 1e9:.2g} GB after it); nothing was decoded"
     )
+    told = (f"{name} {seconds:,.0f}" for name, seconds in found["stages"].items() if seconds >= 0.5)
+    lines.append(f"  by stage, s: {', '.join(told) or 'each less than one'}")
     return "\n".join(lines)
