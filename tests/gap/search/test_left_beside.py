@@ -11,9 +11,10 @@ from tests.gap.toy import make_frame
 from airswing.gap.design.candidates import candidates
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.passes import Search, run_pass
+from airswing.gap.search import cross_validated
 from airswing.gap.search.belief import NAMED_EVEN, NAMED_SLOPE, as_named
 from airswing.gap.search.left_beside import SHARE, USUAL, left_beside
-from airswing.gap.search.stepwise import Rules
+from airswing.gap.search.stepwise import Ranking, Rules
 from airswing.gap.sums.whole_archive import held_archive
 
 EFFECTS = {name: CATALOGUE[name] for name in ("compass_offset", "hard_iron")}
@@ -41,6 +42,26 @@ def test_a_name_leaves_what_another_explains(made):
         assert left * (USUAL + SHARE * one.score.raw) > 100.0
         # on an aircraft that has neither it is not, and stands for what is usual
         assert left_beside(base, pool, [replace(one, tails=(1,))])[0] == 0.0
+
+
+def test_a_name_that_is_likelier_another_effect_is_not_told(made, monkeypatch):
+    """What the offset leaves stands for an effect that the catalogue lacks."""
+    terms = made.standing.found.terms
+    ranking = Ranking(
+        made.problem.base, candidates(made.problem.base.stats.layout, EFFECTS, dictionary=False)
+    )
+
+    def left(base, pool, terms):
+        return np.array([2.0 * (t.candidate.name == "compass_offset") for t in terms])
+
+    monkeypatch.setattr(cross_validated, "left_beside", left)
+    standing = cross_validated.settle(ranking, Rules(), terms)
+    assert [term.candidate.name for term in standing.found.terms] == ["hard_iron"]
+    assert standing.found.terms[0].score.probability > 0.9
+    (doubtful,) = standing.doubtful
+    assert doubtful.term.candidate.name == "compass_offset"
+    assert doubtful.probability < 0.1 and "likelier another effect" in doubtful.reason
+    assert standing.energy.size == standing.probability.size == len(standing.weighed) == 1
 
 
 def test_terms_without_a_name_are_not_asked(made):

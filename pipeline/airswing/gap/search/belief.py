@@ -40,6 +40,8 @@ TABLE_ODDS = 20.0
 #: That a name is that one: log odds where nothing is left beside it, and by how much they fall with
 #: the logarithm of one plus what is left.
 NAMED_EVEN, NAMED_SLOPE = 3.4, 6.0
+#: Probability of that below which it is likelier another effect, and the name is not told.
+LIKELIER_ANOTHER = 0.5
 #: Of one day: nats at which a name is as likely wrong as right; growth of its log odds with their
 #: logarithm (0.9 at nine nats); deviations by which parts of the day must confirm it.
 ONE_DAY_EVEN, ONE_DAY_SLOPE, ONE_DAY_DEVIATIONS = 5.0, 3.8, 2.0

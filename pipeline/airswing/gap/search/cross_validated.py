@@ -24,7 +24,13 @@ from numpy.typing import NDArray
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.search.absorbed_by_unknown import folded
-from airswing.gap.search.belief import as_named, features, of_one_day, probabilities
+from airswing.gap.search.belief import (
+    LIKELIER_ANOTHER,
+    as_named,
+    features,
+    of_one_day,
+    probabilities,
+)
 from airswing.gap.search.candidate_ranking import evaluate_named
 from airswing.gap.search.confirmation import (
     LEAST_PARTS,
@@ -42,6 +48,8 @@ Floats = NDArray[np.float64]
 
 #: Standard errors by which held-out energy must exceed nothing.
 LEAST = 2.0
+#: Why a name is not told that is likelier another effect.
+ANOTHER = "its aircraft show more beside it than a right name leaves: it is likelier another effect"
 
 
 @dataclass(frozen=True)
@@ -152,7 +160,16 @@ def _believed(ranking: Ranking, found: Found, rules: Rules) -> Standing:
         )
         del terms[worst]
     if not base.stats.clock.short:  # what a day leaves beside a name was not learned
-        chance = chance * as_named(left_beside(base, pool, terms))
+        likely = as_named(left_beside(base, pool, terms))
+        others = sorted({*np.flatnonzero(likely < LIKELIER_ANOTHER)} - {*shapes})
+        chance = chance * likely
+        # all at once: one taken out leaves its evidence beside names that are right
+        doubtful += [Doubtful(terms[k], float(chance[k]), weighed[k], ANOTHER) for k in others]
+        if others:
+            stay = [k for k in range(len(terms)) if k not in others]
+            terms, chance = [terms[k] for k in stay], chance[stay]
+            tests = confirm(base, terms)
+            weighed = features(terms, tests)
     found = found_of(ranking, terms) if doubtful else found
     sure = tuple(
         replace(term, score=replace(term.score, probability=float(p)))
