@@ -203,12 +203,7 @@ def fly(
         wanted = np.where((phase == ASCENT) & (altitude < release), 0.0, wanted)
         new_rate = rate + (wanted - rate) * (1 - np.exp(-STEP / 9.0))
         new_track = track + 0.5 * (rate + new_rate) * STEP
-        target = _airspeed(table, altitude, phase)
-        east, north = np.sin(track), np.cos(track)
-        along = breeze[0] * east + breeze[1] * north
-        across = breeze[0] * north - breeze[1] * east
-        # the triangle of wind along the track; its root stays real in a gale on take-off
-        ground = along + np.sqrt(np.maximum(target**2 - across**2, 100.0))
+        ground = _ground_speed(_airspeed(table, altitude, phase), breeze, track)
         # m s-2: drag slows more than thrust speeds up
         pull = np.clip((ground - speed) / 45.0, -0.35, 0.3)
         new_speed = np.maximum(speed + pull * STEP, 45.0)
@@ -231,6 +226,15 @@ def fly(
         aircraft=table.aircraft,
         **{**stacked, "phase": stacked["phase"].astype(np.int8)},  # type: ignore[arg-type]
     )
+
+
+def _ground_speed(airspeed: Array, wind: Array, track: Array) -> Array:
+    """Speed along the track of what flies at an airspeed in a wind (2, n), m/s."""
+    east, north = np.sin(track), np.cos(track)
+    along = wind[0] * east + wind[1] * north
+    across = wind[0] * north - wind[1] * east
+    # the root stays real in a gale on take-off
+    return along + np.sqrt(np.maximum(airspeed**2 - across**2, 100.0))
 
 
 def report_steps(
