@@ -234,7 +234,7 @@ def _ground_speed(airspeed: Array, wind: Array, track: Array) -> Array:
     along = wind[0] * east + wind[1] * north
     across = wind[0] * north - wind[1] * east
     # the root stays real in a gale on take-off
-    return along + np.sqrt(np.maximum(airspeed**2 - across**2, 100.0))
+    return np.asarray(along + np.sqrt(np.maximum(airspeed**2 - across**2, 100.0)))
 
 
 def report_steps(
