@@ -72,7 +72,10 @@ def test_terms_without_a_name_are_not_asked(made):
 
 
 def test_the_more_is_left_the_less_a_name_is_likely():
-    chance = as_named(np.array([0.0, 0.5, 2.0]))
+    left, alone = np.array([0.0, 0.5, 2.0]), np.zeros(3, bool)
+    chance = as_named(left, alone)
     assert chance[0] == pytest.approx(1 / (1 + np.exp(-NAMED_EVEN)))
     assert chance[2] == pytest.approx(1 / (1 + np.exp(NAMED_SLOPE * np.log(3.0) - NAMED_EVEN)))
     assert (np.diff(chance) < 0).all()
+    # what all aircraft have is not held against others
+    assert as_named(left, ~alone).tolist() == [chance[0], chance[1], 0.5]

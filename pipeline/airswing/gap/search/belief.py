@@ -101,16 +101,22 @@ def probabilities(weighed: Floats, confirmation: Confirmation) -> Floats:
     return np.asarray(np.where(confirmation.tested, out, 0.0))
 
 
-def as_named(left: Floats) -> Floats:
+def as_named(left: Floats, shared: NDArray[np.bool_]) -> Floats:
     """Probability that what is there is what the name says, (t,).
+
+    Of what all aircraft have no other aircraft tells how much is left without it, of the model's
+    error say: what is left beside it makes it no less likely than not.
 
     Parameters
     ----------
     left : (t,) float
         What each name leaves on its aircraft
         (:func:`airswing.gap.search.left_beside.left_beside`).
+    shared : (t,) bool
+        Whether all aircraft have it.
     """
-    return np.asarray(1.0 / (1.0 + np.exp(NAMED_SLOPE * np.log1p(left) - NAMED_EVEN)))
+    likely = 1.0 / (1.0 + np.exp(NAMED_SLOPE * np.log1p(left) - NAMED_EVEN))
+    return np.asarray(np.where(shared, np.maximum(likely, LIKELIER_ANOTHER), likely))
 
 
 def of_one_day(weighed: Floats) -> Floats:

@@ -160,7 +160,8 @@ def _believed(ranking: Ranking, found: Found, rules: Rules) -> Standing:
         )
         del terms[worst]
     if not base.stats.clock.short:  # what a day leaves beside a name was not learned
-        likely = as_named(left_beside(base, pool, terms))
+        wide = np.array([term.candidate.scope == "fleet" for term in terms], bool)
+        likely = as_named(left_beside(base, pool, terms), wide)
         others = sorted({*np.flatnonzero(likely < LIKELIER_ANOTHER)} - {*shapes})
         chance = chance * likely
         # all at once: one taken out leaves its evidence beside names that are right
