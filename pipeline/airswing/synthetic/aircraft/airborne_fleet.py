@@ -173,9 +173,8 @@ def fly(
     release = rng.uniform(350.0, 900.0, flights)  # m: runway heading is held until there
     stage = np.zeros(flights, int)
     phase = np.full(flights, ASCENT, np.int8)
-    altitude = np.zeros(flights)
+    altitude, rate = np.zeros(flights), np.zeros(flights)
     speed = np.full(flights, 68.0)  # m/s as it leaves the ground
-    rate = np.zeros(flights)
     names = ("latitude", "longitude", "altitude", "east", "north", "bank", "phase")
     kept: dict[str, list[Array]] = {name: [] for name in names}
     breeze = np.zeros((2, flights))
