@@ -9,10 +9,12 @@ from pathlib import Path
 import dask
 import numpy as np
 import pytest
+import xarray as xr
 import yaml
 from benchmarks import fault_drill
 
 from airswing import workflow
+from airswing.compass.correction import correct
 from airswing.compass.kept_headings import Record
 from airswing.config import load_config
 from airswing.errors import InputError
@@ -159,6 +161,24 @@ def test_a_changed_screening_keeps_the_model_winds(tmp_path, root, monkeypatch):
     for name in scratch.variables:
         np.testing.assert_array_equal(again[name].to_numpy(), scratch[name].to_numpy(), str(name))
     assert set(again.attrs) == set(scratch.attrs)
+
+
+def test_the_curve_corrects_in_place_of_the_table_where_asked(tmp_path, root, monkeypatch):
+    monkeypatch.setattr(fits_stage, "draw_cards", lambda job, found, near: None)
+    run_stages(config_in(tmp_path, root))
+    job = job_of(config_in(tmp_path, root, correction={"method": "curve"}), resume=True)
+    corrected = workflow.make_corrected(job)
+    assert "correct" in [record.name for record in job.progress.records]
+    assert corrected.attrs["correction_method"] == "curve"
+    with (
+        xr.open_dataset(job.output / "headings.nc") as headings,
+        xr.open_dataset(job.output / "fits.nc") as fits,
+    ):
+        for name in ("corrected_eastward_wind", "corrected_wind_standard_error"):
+            alone = correct(headings, fits, method="curve")[name]
+            np.testing.assert_allclose(corrected[name], alone, atol=0.01, err_msg=name)
+            by_table = correct(headings, fits, method="table")[name]
+            assert not np.allclose(corrected[name], by_table, atol=0.01, equal_nan=True)
 
 
 @pytest.mark.parametrize("change", ["report", "reference", "collocation", "code"])

@@ -179,6 +179,13 @@ class Table(_Section):
     sign: Literal["subtract_error", "add_error"] = "subtract_error"
 
 
+class Correction(_Section):
+    """What the archive's winds are corrected by."""
+
+    # the table is what a unit in flight would do; the fitted curve has no steps and knows the field
+    method: Literal["table", "curve"] = "table"
+
+
 class FieldTest(_Section):
     """A field test: who was corrected, who was not, and from when."""
 
@@ -316,6 +323,7 @@ class Config(_Section):
     screening: Screening = Screening()
     fit: Fit = Fit()
     table: Table = Table()
+    correction: Correction = Correction()
     field_test: FieldTest | None = None
     gap: Gap = Gap()
     observation_errors: ObservationErrors = ObservationErrors()

@@ -18,7 +18,7 @@ from benchmarks import year
 
 import airswing
 from airswing import workflow
-from airswing.config import load_config
+from airswing.config import Correction, load_config
 from airswing.errors import InputError
 from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
 from airswing.flags import STATUS
@@ -29,6 +29,7 @@ from airswing.workflow.evaluation_stage import make_field_test
 from airswing.workflow.progress import Progress
 from airswing.workflow.update import judged, month_fits, taking_up
 
+CURVE = Correction(method="curve")
 HOURS, REPORTS, AIRCRAFT = 24 * 66, 6_000, 4
 NEW = "N103"
 """Reports in the last month alone."""
@@ -311,6 +312,9 @@ def test_what_a_changed_setting_asks_for_is_said_and_made(archive):
         (archive / f"results/{name}/{JANUARY}.nc").write_bytes(b"\x89HDF half")
     with workspace(job.output):
         assert taking_up.take_up(job).months["corrected"] == [JANUARY]
+    by_curve = replace(job, config=job.config.model_copy(update={"correction": CURVE}))
+    with workspace(job.output):
+        assert taking_up.take_up(by_curve).months["corrected"] == [JANUARY]
     with workspace(job.output), pytest.raises(InputError, match="another run"):
         taking_up.update(job)  # two at once
     (archive / "results/headings.nc").touch()

@@ -229,7 +229,7 @@ def make_corrected(
     from airswing.compass.correction import KEPT, NEEDED, correct
 
     screened, fitted = ready(job, headings, HEADINGS), ready(job, fits, FITS)
-    reference = main_reference(job.config)
+    reference, method = main_reference(job.config), job.config.correction.method
     kept = screened[[name for name in KEPT if name in screened and "report" in screened[name].dims]]
 
     def make() -> Blocks:
@@ -238,7 +238,7 @@ def make_corrected(
 
         def each(stage: StageRecord) -> Iterator[xr.Dataset]:
             for block in blocks(screened, NEEDED if carried is not None else KEPT):
-                mended = correct(block, fitted, reference=reference)
+                mended = correct(block, fitted, reference=reference, method=method)
                 attrs.update(mended.attrs)
                 yield mended
             stage.reports = screened.sizes["report"]
@@ -253,6 +253,7 @@ def make_corrected(
         title="Aircraft reports with winds corrected for compass deviation",
         depends=(
             reference,
+            method,
             screened.attrs["uuid"],
             fitted.attrs["uuid"],
             code_digest("airswing.compass.correction"),

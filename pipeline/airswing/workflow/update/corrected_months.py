@@ -57,6 +57,7 @@ def _applied(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str, obje
     variance = np.einsum("in,kij,jn->kn", slope, square.to_numpy(), slope)
     curve = deviation_curve(own["deviation"].transpose("aircraft", ...).to_numpy(), NODES)
     told = {key: str(fits.attrs.get(key)) for key in ("abscissa", "table_sign", "table_resolution")}
+    told["method"] = job.config.correction.method
     return {
         "made": fingerprint(
             headings.attrs["uuid"], reference, told, code_digest("airswing.compass.correction")
