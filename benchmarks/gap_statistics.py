@@ -33,7 +33,8 @@ import xarray as xr
 import yaml
 from numpy.typing import NDArray
 
-from airswing.config import Config, load_config
+from airswing.config import Config
+from airswing.config_file import load_config
 from airswing.gap.archive import headings_columns as columns
 from airswing.gap.archive.frame import Frame
 from airswing.physics.triangle import wrap_signed

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from airswing import workflow
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.synthetic.sample.sample_archive import write_archive
 from airswing.workflow.progress import Progress, StageRecord
 

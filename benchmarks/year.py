@@ -163,7 +163,7 @@ def measured(config: str, *, what: str, resume: bool) -> None:
     import contextlib
 
     from airswing import workflow
-    from airswing.config import load_config
+    from airswing.config_file import load_config
     from airswing.workflow.compute import scheduler
     from airswing.workflow.progress import Progress
     from airswing.workflow.update import update

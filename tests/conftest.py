@@ -119,7 +119,7 @@ def _make_gap_archive(folder: Path) -> None:
 
 
 def _job(config: Path, output: Path | None = None) -> Job:
-    from airswing.config import load_config
+    from airswing.config_file import load_config
     from airswing.workflow import Job
     from airswing.workflow.progress import Progress
 

@@ -15,7 +15,7 @@ from benchmarks.fault_drill import product_differences
 
 from airswing import workflow
 from airswing.compass import kept_headings as pieces
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.products.checked import note, noted
 from airswing.workflow import collocating
 from airswing.workflow import headings_stage as stages

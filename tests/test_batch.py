@@ -14,7 +14,7 @@ import sys
 import numpy as np
 import pytest
 
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.products.netcdf import read_product
 from airswing.workflow import Job, make_headings
 from airswing.workflow.progress import Progress

@@ -10,7 +10,7 @@ from benchmarks import fault_drill
 from xarray.backends.netCDF4_ import NetCDF4ArrayWrapper
 
 from airswing import workflow
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.products import ragged
 from airswing.reference import places
 from airswing.reports import report_blocks as archive

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from airswing.config import load_config, load_postprocess
+from airswing.config_file import load_config, load_postprocess
 from airswing.errors import ConfigError
 
 SMALLEST = {

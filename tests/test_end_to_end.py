@@ -18,7 +18,7 @@ import xarray as xr
 import yaml
 
 from airswing import workflow
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.workflow.progress import Progress
 from tests import perfect
 

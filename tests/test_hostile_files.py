@@ -15,7 +15,7 @@ import xarray as xr
 import yaml
 
 from airswing import cli
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.errors import LONGEST, ConfigError, InputError
 from airswing.gap.simulation.effects_file import read_effects
 from airswing.reference.collocate import collocate

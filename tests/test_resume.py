@@ -16,7 +16,7 @@ from benchmarks import fault_drill
 from airswing import workflow
 from airswing.compass.correction import correct
 from airswing.compass.kept_headings import Record
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.products.workspace import LOCK, workspace
 from airswing.workflow import collocating

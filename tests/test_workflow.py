@@ -14,7 +14,7 @@ import xarray as xr
 import yaml
 
 from airswing import workflow
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.products.netcdf import read_product

@@ -246,7 +246,7 @@ def _reports(path: Path) -> None:
 
 
 def _config(path: Path) -> None:
-    from airswing.config import load_config
+    from airswing.config_file import load_config
     from airswing.workflow import plan_run
     from airswing.workflow.job import Job
     from airswing.workflow.progress import Progress
@@ -334,7 +334,7 @@ def _kept(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) 
 
 
 def _resumed(config: Path, truth: dict[str, Any]) -> None:
-    from airswing.config import load_config
+    from airswing.config_file import load_config
     from airswing.workflow import make_headings
     from airswing.workflow.job import Job
     from airswing.workflow.progress import Progress

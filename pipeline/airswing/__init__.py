@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.compass.screening import audit as audit
     from airswing.compass.screening import screen as screen
     from airswing.compass.table import add_tables as add_tables
-    from airswing.config import load_config as load_config
+    from airswing.config_file import load_config as load_config
     from airswing.evaluation.error_profiles import error_profiles as error_profiles
     from airswing.evaluation.field_test import field_test as field_test
     from airswing.evaluation.reference_comparison.sensitivity import compare as compare
@@ -69,7 +69,7 @@ _STAGES = {
     "by_report": "airswing.products.monthly",
     "read_product": "airswing.products.netcdf",
     "write_product": "airswing.products.netcdf",
-    "load_config": "airswing.config",
+    "load_config": "airswing.config_file",
 }
 
 __all__ = sorted(_STAGES)

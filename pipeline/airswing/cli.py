@@ -75,7 +75,7 @@ def _job(
     quiet: bool = False,
     scheduler: str | None = None,
 ) -> Job:
-    from airswing.config import load_config
+    from airswing.config_file import load_config
     from airswing.workflow import Job
     from airswing.workflow.progress import Progress
 
@@ -258,7 +258,7 @@ class _WithFormats(TyperCommand):
 def export(options: ExportOptions) -> None:
     """Hand over corrected winds, from corrected.nc: to WRF, WRFDA, GSI or JEDI."""
     from airswing import workflow
-    from airswing.config import with_handover
+    from airswing.config_file import with_handover
     from airswing.handover.export import as_text
     from airswing.handover.export import export as hand_over
 

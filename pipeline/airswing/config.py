@@ -1,17 +1,15 @@
-"""The configuration: one YAML file, checked in full before anything is read.
+"""The sections of a configuration, their keys and what each may hold.
 
-Assumes relative paths start at the current directory. Quantities are strings with a unit
-("3 h", "0.1 deg", "80 kt"); inside they are plain floats in SI units and radians. An unknown
-key is refused with the nearest known one.
+Quantities are strings with a unit ("3 h", "0.1 deg", "80 kt"); inside they are plain floats in SI
+units and radians. An unknown key is refused with the nearest known one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -19,14 +17,12 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    ValidationError,
     model_validator,
 )
 
-from airswing.config_faults import explained, nearest, said_of
-from airswing.errors import ConfigError, InputError
+from airswing.config_faults import nearest
+from airswing.errors import InputError
 from airswing.model_formats import model_formats
-from airswing.plain_yaml import load_yaml
 from airswing.quantities import MetresPerSecond, Radians, Seconds, spelt_out
 from airswing.units import KNOT
 
@@ -369,113 +365,9 @@ class Config(_Section):
         return self.gap.reference or next(iter([*self.pool, *self.references]))
 
 
-def load_config(path: Path | str, *, output: Path | None = None) -> Config:
-    """Read and check a configuration.
-
-    Parameters
-    ----------
-    path : path-like
-    output : Path, optional
-        Replaces ``output`` of the file.
-
-    Raises
-    ------
-    ConfigError
-        If the file is absent, not YAML, or does not fit.
-    """
-    return _checked(Config, _content(Path(path), output), Path(path))
-
-
 class PostprocessConfig(_Section):
     """A configuration of nothing but forecasts to correct."""
 
     postprocess: Postprocess
     output: Folder
     compute: Compute = Compute()
-
-
-def load_postprocess(
-    path: Path | str, *, output: Path | None = None
-) -> tuple[Postprocess, Path, BaseModel]:
-    """Read what ``airswing postprocess`` needs, from a configuration with or without the main job.
-
-    Parameters
-    ----------
-    path, output
-        As for :func:`load_config`.
-
-    Returns
-    -------
-    Postprocess, Path, BaseModel
-        The section, the output folder, and the whole configuration.
-
-    Raises
-    ------
-    ConfigError
-        As :func:`load_config`, and where there is no such section.
-    """
-    content = _content(Path(path), output)
-    if content.get("postprocess") is None:
-        raise ConfigError(
-            "there are no forecasts to correct",
-            file=path,
-            field="postprocess",
-            remedy="Add postprocess with pairs, or with forecasts and stations",
-        )
-    whole = "reports" in content or "references" in content
-    model: type[Config | PostprocessConfig] = Config if whole else PostprocessConfig
-    found = _checked(model, content, Path(path))
-    assert found.postprocess is not None
-    return found.postprocess, found.output, found
-
-
-def _content(path: Path, output: Path | None) -> dict[str, Any]:
-    """What the file says, with the output folder replaced."""
-    if not path.exists():
-        raise ConfigError("no such configuration", file=path)
-    content = load_yaml(path, ConfigError)
-    if not isinstance(content, dict):
-        raise ConfigError("a configuration is a mapping of keys to values", file=path)
-    if output is not None:
-        content["output"] = str(output)
-    return content
-
-
-Model = TypeVar("Model", bound=BaseModel)
-
-
-def _checked(model: type[Model], content: dict[str, Any], path: Path) -> Model:
-    """The content as a model has it."""
-    try:
-        return model.model_validate(content)
-    except ValidationError as err:
-        raise explained(err, path, model) from err
-
-
-def with_handover(config: Config, given: Mapping[str, object]) -> Handover:
-    """Section ``handover`` with what a command says over it.
-
-    Parameters
-    ----------
-    config : Config
-    given : mapping
-        Keys of the section; None is not said.
-
-    Raises
-    ------
-    ConfigError
-        If the two do not go together.
-    """
-    said = {key: value for key, value in given.items() if value is not None}
-    try:
-        return Handover.model_validate(config.handover.model_dump() | said)
-    except ValidationError as err:
-        fault = err.errors()[0]
-        key = str(fault["loc"][0]) if fault["loc"] else ""
-        place = f"--{key}" if key else "handover"
-        raise ConfigError(said_of(fault["msg"]), field=place, found=said.get(key)) from err
-
-
-def as_json(config: BaseModel) -> str:
-    """Write the whole configuration, defaults included, as JSON for a product's attributes."""
-    return config.model_dump_json()

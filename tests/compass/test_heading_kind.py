@@ -9,7 +9,7 @@ import yaml
 
 from airswing import workflow
 from airswing.compass.heading_kind import _taken_for
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.products.netcdf import read_product
 from airswing.synthetic.sample.mode_s_sample import START, write_mode_s
 from airswing.synthetic.world.earthfield import EarthField

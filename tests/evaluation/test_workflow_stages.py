@@ -13,7 +13,8 @@ import pytest
 
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables
-from airswing.config import Config, load_config
+from airswing.config import Config
+from airswing.config_file import load_config
 from airswing.evaluation.compass_changes.change_dates import find_changes
 from airswing.evaluation.compass_changes.change_notes import add_changes
 from airswing.workflow import ranking_stage as stages
@@ -99,7 +100,7 @@ def test_two_thirds_of_the_days_are_learned_from(headings):
 
 
 def test_the_watch_reads_what_stands_and_tells_once(tmp_path, headings, fits):
-    from airswing.config import load_config
+    from airswing.config_file import load_config
     from airswing.errors import InputError
     from airswing.evaluation.monitoring import read_events
     from airswing.products.netcdf import write_product

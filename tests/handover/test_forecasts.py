@@ -331,7 +331,7 @@ def test_bad_lines_are_counted_and_others_kept(tmp_path):
 
 
 def test_a_configuration_needs_a_source(tmp_path):
-    from airswing.config import load_postprocess
+    from airswing.config_file import load_postprocess
 
     config = tmp_path / "config.yaml"
     for section, what in (

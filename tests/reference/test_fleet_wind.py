@@ -12,7 +12,7 @@ import yaml
 import airswing
 from airswing import workflow
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.errors import ConfigError, InputError
 from airswing.flags import STATUS
 from airswing.reference.fleet_wind import fleet_wind

@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 from pyproj import Geod
 
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.flags import WIND_SOURCE
 from airswing.physics.geomagnetism import FieldLattice

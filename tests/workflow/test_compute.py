@@ -48,7 +48,7 @@ def test_an_address_gives_the_same_bits_as_threads(address):
 
 def test_the_whole_collocation_gives_the_same_bits_at_an_address(address, tmp_path, root):
     from airswing import workflow
-    from airswing.config import load_config
+    from airswing.config_file import load_config
 
     path = tmp_path / "config.yaml"
     path.write_text(

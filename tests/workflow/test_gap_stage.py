@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.gap.archive.frame import Frame
 from airswing.products.netcdf import read_product
 from airswing.reference.collocate import DERIVATIVES

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from airswing import cli
 from airswing.cli import app
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.gap.archive.frame import Frame
 from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import read_effects

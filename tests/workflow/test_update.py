@@ -18,7 +18,8 @@ from benchmarks import year
 
 import airswing
 from airswing import workflow
-from airswing.config import Correction, load_config
+from airswing.config import Correction
+from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
 from airswing.flags import STATUS

@@ -54,7 +54,7 @@ def collocated(config: Path, output: Path) -> Frame:
     config, output : Path
         Configuration and a folder for what is written on the way.
     """
-    from airswing.config import load_config
+    from airswing.config_file import load_config
     from airswing.workflow import Job
     from airswing.workflow.gap_stage import gap_headings
     from airswing.workflow.progress import Progress

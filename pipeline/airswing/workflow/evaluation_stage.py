@@ -9,7 +9,6 @@ from typing import Any
 
 import xarray as xr
 
-from airswing.config import as_json
 from airswing.errors import ConfigError
 from airswing.evaluation.results import Evaluation
 from airswing.products.netcdf import write_product
@@ -59,7 +58,7 @@ def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.D
             profiles,
             job.output / PROFILES,
             title="Wind error by phase of flight and level, as reported and as corrected",
-            config_json=as_json(job.config),
+            config_json=job.config.model_dump_json(),
             source_uuids=[headings.attrs["uuid"], corrected.attrs["uuid"]],
         )
     return profiles
@@ -81,7 +80,7 @@ def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Datase
             found,
             job.output / OBSERVATION_ERRORS,
             title="Standard error of a wind component of the reports alone",
-            config_json=as_json(job.config),
+            config_json=job.config.model_dump_json(),
             source_uuids=[headings.attrs["uuid"], corrected.attrs["uuid"]],
         )
         stage.note = found.attrs["believed"] or found.attrs["believed_because"]

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from airswing.config import as_json
 from airswing.products.netcdf import as_stored, provenance
 from airswing.products.ragged_product import ragged_writer
 from airswing.reference.collocate import DERIVATIVES
@@ -47,7 +46,7 @@ def set_apart(job: Job, made: Blocks, mark: str) -> Blocks:
                 yield block.drop_vars(DERIVATIVES)
             told = provenance(
                 "Derivatives of the model winds at aircraft reports, for the gap diagnosis",
-                config_json=as_json(job.config),
+                config_json=job.config.model_dump_json(),
                 sources=[*job.config.reports.files, *job.config.references],
             )
             writer.finish({MARK: mark, "featureType": "trajectory", **told})

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from airswing.config import as_json
 from airswing.errors import InputError
 from airswing.products.netcdf import write_product
 from airswing.products.ragged import blocks, joined, some_reports
@@ -143,7 +142,7 @@ def diagnosis(
         found.dataset,
         job.output / GAP_PRODUCT,
         title="Gap between reported and simulated winds: maps, evidence and statistics",
-        config_json=as_json(config),
+        config_json=config.model_dump_json(),
         sources=[*config.reports.files, *config.references],
         source_uuids=[headings.attrs["uuid"]],
     )

@@ -189,7 +189,7 @@ def _against(
 
 def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Reports]:
     """Read the simulation's reports; by the archive's names of columns where they are its."""
-    from airswing.config import load_config
+    from airswing.config_file import load_config
     from airswing.reports import read_reports
 
     if Path(simulated).suffix in {".yaml", ".yml"}:
@@ -226,7 +226,7 @@ def job_of_simulation(job: Job, simulated: str, reports: Reports) -> Job:
     Job
         Its products go to a folder inside the archive's output.
     """
-    from airswing.config import load_config
+    from airswing.config_file import load_config
 
     output = job.output / _SIMULATION_FOLDER
     config = job.config.model_copy(update={"reports": reports, "output": output})

@@ -14,7 +14,7 @@ from typing import Any
 
 import xarray as xr
 
-from airswing.config import Config, as_json
+from airswing.config import Config
 from airswing.errors import InputError
 from airswing.products.fingerprint import fingerprint
 from airswing.products.netcdf import provenance, read_product, write_product
@@ -272,7 +272,7 @@ def _told(job: Job, title: str, sources: tuple[xr.Dataset, ...]) -> dict[str, An
     """Where a product comes from."""
     return {
         "title": title,
-        "config_json": as_json(job.config),
+        "config_json": job.config.model_dump_json(),
         "sources": [*job.config.reports.files, *job.config.references],
         "source_uuids": [source.attrs["uuid"] for source in sources],
     }

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import airswing
 from airswing import cli
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.errors import ConfigError
 from airswing.model_formats import unregister
 from tests.reference.gridded.datasets import LEVELS, START, by_hand, latlon, points, winds

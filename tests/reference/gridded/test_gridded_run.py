@@ -11,7 +11,7 @@ import yaml
 from typer.testing import CliRunner
 
 from airswing import cli, workflow
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.products.netcdf import read_product
 from airswing.workflow.progress import Progress
 from tests.reference.gridded.datasets import LEVELS, START, by_hand, latlon, projected

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.synthetic.sample.quickstart import write_quickstart
 
 EIGHT_MEGABYTES = 8_000_000

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from airswing.config import load_config
+from airswing.config_file import load_config
 from airswing.synthetic import simulate_arrays, write_archive
 from airswing.synthetic.aircraft.observe import Coding
 from airswing.synthetic.aircraft.truth import fleet_deviations

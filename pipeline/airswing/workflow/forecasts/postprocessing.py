@@ -10,7 +10,8 @@ from typing import Any
 import xarray as xr
 from pydantic import BaseModel
 
-from airswing.config import Config, FlightLevelWinds, Postprocess, as_json, load_postprocess
+from airswing.config import Config, FlightLevelWinds, Postprocess
+from airswing.config_file import load_postprocess
 from airswing.errors import ConfigError, InputError
 from airswing.products.netcdf import read_product, write_product
 from airswing.products.whole_files import require_writable
@@ -57,7 +58,7 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
                 made,
                 folder / _POSTPROCESSED,
                 title="Forecasts at stations corrected by a Kalman filter",
-                config_json=as_json(whole),
+                config_json=whole.model_dump_json(),
                 sources=["forecasts and observations at stations"],
             )
         with progress.stage("page"):
