@@ -60,6 +60,7 @@ from airswing.gap.witness.taken_off import (
     next_unknown,
     remainder_names,
 )
+from airswing.gap.witness.wind_by_days import name_by_days
 
 Floats = NDArray[np.float64]
 
@@ -184,15 +185,23 @@ def diagnose(
     seeks = dictionary and not archive.clock.short
     while seeks and len(taken) < MOST_UNKNOWNS:
         tell("witness", len(taken) / MOST_UNKNOWNS)
-        unknown = _next_unknown(final, witness)
-        if unknown is None or is_remainder(unknown[0], taken):
-            break
-        name = _name_of(final, *unknown)
-        if name is None:
+        beside = _beside_names(final)
+        unknown = _next_unknown(final, beside, witness)
+        if unknown is not None and is_remainder(unknown[0], taken):
+            unknown = None
+        if unknown is None:
+            others = [one.unknown.tails for one in taken] + [one.term.tails for one in search.named]
+            setting, rest = beside.setting, beside.rest
+            name = name_by_days(final.problem, final.standing.found, setting, rest, others)
+        else:
+            name = _name_of(final, *unknown)
+        if name is not None:
+            search = replace(search, named=(*search.named, name))
+        elif unknown is not None:
             taken.append(unknown[0])
             archive = of_view(archive, unknown[1])
         else:
-            search = replace(search, named=(*search.named, name))
+            break
         final, again, more = search_twice(archive, search, swaps=swaps and swap is None)
         swap = swap or more
     found = final.standing.found
@@ -232,8 +241,17 @@ def _with_rivals(
     return replace(report, effects=told, ambiguity={entry.name: entry.ambiguity for entry in told})
 
 
-def _next_unknown(final: Pass, witness: LearnedWitness) -> tuple[Taken, Frame] | None:
-    """Find what the names of a pass do not explain, and the archive without it."""
+@dataclass(frozen=True)
+class _BesideNames:
+    """What the names of a pass leave, and what it is weighed with."""
+
+    setting: Setting
+    rest: Floats  # (n, 2): m/s
+    linear: Floats | None  # (n, 2): of what was taken off, the part to first order; None: nothing
+
+
+def _beside_names(final: Pass) -> _BesideNames:
+    """Take the names of a pass off."""
     problem, found = final.problem, final.standing.found
     values = term_coefficients(found.given, found.terms)
     named = [k for k, term in enumerate(found.terms) if term.candidate.known]
@@ -241,9 +259,18 @@ def _next_unknown(final: Pass, witness: LearnedWitness) -> tuple[Taken, Frame] |
     rest, linear = problem.archive.residual, None
     if named:
         rest, linear = about(problem.archive, problem.context)
+    return _BesideNames(Setting.of(problem), rest, linear)
+
+
+def _next_unknown(
+    final: Pass, beside: _BesideNames, witness: LearnedWitness
+) -> tuple[Taken, Frame] | None:
+    """Find what the names of a pass do not explain, and the archive without it."""
+    problem = final.problem
     fold = folds_of_days(problem.base.stats)
-    setting = Setting.of(problem)
-    return next_unknown(setting, problem.effects, rest, fold, witness, linear=linear)
+    return next_unknown(
+        beside.setting, problem.effects, beside.rest, fold, witness, linear=beside.linear
+    )
 
 
 def _name_of(final: Pass, taken: Taken, left: Frame) -> Doubtful | None:

@@ -95,10 +95,14 @@ def probabilities(weighed: Floats, confirmation: Confirmation) -> Floats:
     -------
     (t,) float
     """
+    return np.asarray(np.where(confirmation.tested, chance(weighed), 0.0))
+
+
+def chance(weighed: Floats) -> Floats:
+    """Learned probability of what :func:`features` gives, (..., 5)."""
     constant, weights = learned_weights()
     logit = constant + weighed @ weights
-    out = 1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0)))
-    return np.asarray(np.where(confirmation.tested, out, 0.0))
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(logit, -50.0, 50.0))))
 
 
 def as_named(left: Floats, shared: NDArray[np.bool_]) -> Floats:

@@ -122,6 +122,7 @@ def with_name(ranking: Ranking, standing: Standing, named: Doubtful) -> Standing
     allowed = np.isin(np.arange(len(base.stats.tails)), named.term.tails)
     given = given_terms(base, terms)
     score = evaluate_named(base, given, candidate, allowed, named.term.period)
+    score = replace(score, tempered=max(score.tempered, named.term.score.tempered))
     new = replace(named.term, score=replace(score, probability=named.probability))
     found = found_of(ranking, [*terms, new])
     tests = confirm(base, found.terms)

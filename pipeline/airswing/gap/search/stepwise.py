@@ -178,16 +178,22 @@ def search(ranking: Ranking, rules: Rules, start: Sequence[Term] = ()) -> Found:
     base, pool = ranking.base, ranking.pool
     terms = _swap(ranking, list(start), rules)
     seen = set()
+    left = ranking
     for _ in range(rules.most_terms):
         state = frozenset((t.candidate.key, t.tails, t.period) for t in terms)
         if state in seen:
             break
         seen.add(state)
-        best = choose(ranking(terms), rules)
+        best = choose(left(terms), rules)
         if best is None:
             break
-        terms = _merge(terms, enter(best, rules))
-        terms = _swap(ranking, terms, rules)
+        new = enter(best, rules)
+        made = _swap(left, _merge(terms, new), rules)
+        if pushes_out(ranking, terms, new, made):
+            left = left.among([c for c in left.pool if (c.name, c.scope) != new.key])
+            seen.discard(state)
+        else:
+            terms = made
     terms = _reassign(base, pool, terms)
     terms = _prune(base, ranking, terms, rules)
     terms = fewest(base, pool, terms)
@@ -295,6 +301,32 @@ def _swap(ranking: Ranking, terms: list[Term], rules: Rules) -> list[Term]:
             terms = [*terms[:k], new, *terms[k + 1 :]]
         k += 1
     return terms
+
+
+def pushes_out(ranking: Ranking, terms: Sequence[Term], new: Term, made: Sequence[Term]) -> bool:
+    """Whether a new name of the fleet leaves one no room that explains more in its place.
+
+    Columns of the wind are made of its large scales: beside a shear times a height, the wind itself
+    carries what of it they lack. Either then leaves little to the other, and the one that came
+    second, to mop up, would stay.
+    """
+    keys = {term.key for term in made}
+    lost = [term for term in terms if term.key not in keys]
+    alike = all(
+        term.candidate.known and term.candidate.scope == "fleet" and not term.candidate.heading
+        for term in (new, *lost)
+    )
+    if len(lost) != 1 or new.key not in keys or not alike:
+        return False
+    ranked = ranking([term for term in made if term.key != new.key])
+    first, second = (
+        max(
+            (ranked_by(s) for s in ranked if (s.candidate.name, s.candidate.scope) == key),
+            default=0.0,
+        )
+        for key in (lost[0].key, new.key)
+    )
+    return first > second
 
 
 def _stays(ranked: Sequence[Score], old: Term, best: Score, rules: Rules) -> bool:
