@@ -135,7 +135,7 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
     by_means = candidate.by_means or "date" in candidate.grid.variables
     if not by_means and not stands_on_report(candidate.grid):
         energy = _confirmed(candidate, prior, groups, fold)
-    size, peak = sizes(bench, candidate, values, own)
+    size, peak = sizes(bench, candidate.grid, candidate.component, values, own)
     return Unknown(
         candidate.component,
         candidate.grid,
@@ -187,6 +187,40 @@ def left_out(grid: Grid, fold: Integers, *, halves: bool = False) -> Integers:
     if number < LEAST_FOLDS <= days:
         return np.asarray(np.arange(days) * LEAST_FOLDS // days)
     return fold
+
+
+def confined(bench: Bench, unknown: Unknown, fold: Integers) -> Unknown:
+    """The same table without aircraft whose weeks left out show its opposite, reports alike.
+
+    Day fields take a share of what most aircraft have, and leave the opposite to the others: these
+    would have the table as well, and names against it once it was taken off. In the frame of the
+    wind what errs by aircraft is their weather.
+    """
+    if "wind" in unknown.component:
+        return unknown
+    frame, day = bench.setting.frame, bench.setting.day
+    energy = _energy(bench, field_of(bench, unknown, fold))
+    blocks, aircraft = int(day.max()) // BLOCK + 1, len(frame.tails)
+    place = frame.aircraft * blocks + day // BLOCK
+    each = np.bincount(place, energy, aircraft * blocks).reshape(aircraft, blocks)
+    against = each.sum(axis=1) < -CONFIRMED * each.std(axis=1) * np.sqrt(blocks)
+    own = [a for a in unknown.tails if not against[a]]
+    if not own or len(own) == len(unknown.tails):
+        return unknown
+    groups = [own] if unknown.shared else [[a] for a in own]
+    halves = bench.beside_others(unknown.grid, unknown.component, own)
+    fold = left_out(unknown.grid, fold, halves=halves)
+    values, by_fold, roots, _ = _values(bench, unknown.grid, unknown.component, groups, fold)
+    size, peak = sizes(bench, unknown.grid, unknown.component, values, own)
+    return replace(
+        unknown,
+        tails=tuple(own),
+        values=values,
+        by_fold=by_fold,
+        roots=tuple(roots),
+        size=size,
+        peak=peak,
+    )
 
 
 def _shared_sums(candidate: Candidate, own: Sequence[int]) -> tuple[Floats, Floats]:
@@ -246,16 +280,14 @@ def cell_values(
 
 
 def sizes(
-    bench: Bench, candidate: Candidate, values: Floats, own: Sequence[int]
+    bench: Bench, grid: Grid, component: str, values: Floats, own: Sequence[int]
 ) -> tuple[float, float]:
     """Size over the reports of some aircraft and over the tenth changed most, m/s rms."""
-    cells = bench.cells(candidate.grid)
+    cells = bench.cells(grid)
     aircraft = bench.setting.frame.aircraft
     there = np.isin(aircraft, own) & (cells >= 0)
     change = values[aircraft[there], cells[there]]
-    square = (
-        change[:, None] * bench.direction_for(candidate.grid, candidate.component)[there]
-    ) ** 2
+    square = (change[:, None] * bench.direction_for(grid, component)[there]) ** 2
     speed = np.sqrt(square.sum(axis=1))
     if speed.size == 0:
         return 0.0, 0.0

@@ -32,6 +32,7 @@ from airswing.gap.witness.fitted_tables import (
     Candidate,
     Unknown,
     clearly_more,
+    confined,
     explained,
     field_of,
     fitted,
@@ -217,6 +218,7 @@ def _taken(
     fold: Integers,
 ) -> tuple[Taken, Frame] | None:
     """Take an unknown off, where it stands."""
+    unknown = confined(bench, unknown, fold)
     if not stands(unknown):
         return None
     frame = setting.frame

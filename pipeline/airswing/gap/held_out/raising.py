@@ -1,0 +1,56 @@
+"""Whether a name explains anything of reports left out, every one alike.
+
+Assumptions: a name is found by what changes along flights, where the reference errs least. A
+heading error that changes when the aircraft turns (a hysteresis, a platform that settles) changes
+along the heading as well there, as an airspeed's error would; but an airspeed errs between turns
+too. So a right name lowers the disagreement of every report alike, on weeks it was not fitted on,
+beside the other names. Where it raises that beyond its error (between blocks of days, and of what
+the reference lastingly errs by along each aircraft's routes), what is at work is something else.
+
+Validity: effects of single aircraft; archives of more than a day or two.
+
+Units: m/s; energies in m2 s-2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from airswing.gap.evidence.terms import Term
+from airswing.gap.held_out.days_left_out import folds_of_days
+from airswing.gap.held_out.name_or_table import BLOCK, BOUND
+from airswing.gap.held_out.reduction import held_out_errors
+from airswing.gap.sums.problem import Problem
+
+#: Standard errors by which the disagreement must rise.
+CLEARLY = 2.0
+#: What the reference lastingly errs by along an aircraft's routes, m/s.
+LASTING = 0.1
+
+
+def raising(problem: Problem, terms: Sequence[Term]) -> list[int]:
+    """Find names of single aircraft that raise the disagreement of weeks left out.
+
+    Returns
+    -------
+    list of int
+        Numbers of the terms.
+    """
+    asked = [k for k, t in enumerate(terms) if t.candidate.known and t.candidate.scope != "fleet"]
+    if not asked or problem.base.stats.clock.short:
+        return []
+    errors = held_out_errors(problem, terms, folds_of_days(problem.base.stats))
+    rest = problem.archive.residual - np.sum(errors, axis=0)
+    near = np.abs(problem.archive.residual).max(axis=1) < BOUND
+    out = []
+    for k in asked:
+        own = np.where(near[:, None], errors[k], 0.0)
+        explained = np.bincount(problem.day // BLOCK, ((2 * rest + own) * own).sum(axis=1))
+        lasting = np.bincount(problem.archive.aircraft, np.hypot(*own.T))
+        between = float(explained.std() * np.sqrt(explained.size))
+        doubt = np.hypot(between, 2 * LASTING * float(np.hypot.reduce(lasting)))
+        if float(explained.sum()) < -CLEARLY * doubt:
+            out.append(k)
+    return out
