@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from tests.gap.toy import make_frame
 
-from airswing.gap.design.candidates import Candidate
+from airswing.gap.design.candidates import Candidate, candidates
 from airswing.gap.diagnose import diagnose, usable_effects
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.gaussian import Score
-from airswing.gap.evidence.terms import Term
+from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.passes import Search, run_pass
 from airswing.gap.result.describe import ambiguity
+from airswing.gap.search.candidate_ranking import _one_of_many, rank
 from airswing.gap.search.stepwise import Rules, _stays, choose, remainder, struck
 from airswing.gap.sums.whole_archive import held_archive
 
@@ -63,6 +64,51 @@ def test_what_some_aircraft_leave_is_met_by_the_fleet_in_their_share():
     alike = replace(score("declination_error", True, 9.0, 0.25), candidate=whole)
     assert struck(replace(alike, remainder=some), rules).size == 2  # the mean, 0.2: 0.22 in all
     assert struck(replace(alike, remainder=some + 0.1), rules).size == 0
+
+
+def temperature(pressure):
+    return 288.15 * (pressure / 101325.0) ** 0.19
+
+
+def heaters(*errors):
+    """Evidence of a heater between -10 and 0 degC on the one aircraft with errors below edges."""
+
+    def own(context):
+        cold = [temperature(context["pressure"]) < edge + 273.15 for edge, _ in errors]
+        sizes = [np.radians(size) for _, size in errors]
+        return np.where(context["aircraft"] == 2, np.transpose(cold) @ sizes, 0.0)
+
+    frame = make_frame(seed=3, aircraft=5, days=16, noise=0.3, heading_error=own)
+    frame = replace(frame, temperature=temperature(frame.pressure))
+    effects = {"heater_current": CATALOGUE["heater_current"]}
+    search = Search(effects, Rules(most_terms=0), False, 0, lambda stage, done: None)
+    base = run_pass(held_archive(frame), search).problem.base
+    pool = candidates(base.stats.layout, effects, dictionary=False)
+    ranked = rank(base, given_terms(base, []), pool, {})
+    return next(s for s in ranked if s.candidate.key == ("heater_current", "aircraft", (6, 12)))
+
+
+def test_a_heater_between_two_temperatures_is_off_below_the_colder_one():
+    band, other = heaters((0, 1.0), (-10, -1.0)), heaters((0, 0.7), (-10, 0.7))
+    assert band.candidate.free == 1
+    assert band.tempered > 10.0
+    assert other.tempered < 0.0
+    np.testing.assert_allclose(np.degrees(band.estimate[2]), [1.0, -1.0], atol=0.2)
+    assert band.size[2] == pytest.approx(np.radians(1.0) * 130, rel=0.3)  # where it acts
+
+
+def test_a_form_is_weighed_as_one_of_the_many_that_were_looked_at():
+    def form(name, columns, evidence, kind="mean"):
+        one = score(name, True, evidence, 0.4)
+        held = np.array(columns)
+        what = replace(one.candidate, columns=held, subset=tuple(columns), kind=kind)
+        return replace(one, candidate=what)
+
+    scores = [form("heater_current", c, e) for c, e in (((0,), 9.0), ((3,), 8.0), ((3, 6), 2.0))]
+    scores += [form("compass_step", c, 5.0, "step") for c in ((1,), (1, 2))]
+    out = [s.tempered for s in _one_of_many(scores)]
+    both = np.log((np.exp(8.0) + np.exp(2.0)) / 2)
+    np.testing.assert_allclose(out, [9.0, both, both - 6.0, 5.0, 5.0])
 
 
 def score(name, known, tempered, size):

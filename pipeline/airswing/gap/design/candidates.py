@@ -54,11 +54,22 @@ class Candidate:
     lasting: tuple[tuple[int, float], ...] = ()
     told_share: float = 1.0  # share of the effect's energy that its columns carry
     heading: bool = False  # true for an effect of the heading and for a dictionary group across it
+    # (k, m): how its coefficients follow from those that are free; None: all are
+    tied: Floats | None = None
 
     @property
     def key(self) -> tuple[str, str, tuple[int, ...]]:
         """What identifies the candidate."""
         return self.name, self.scope, self.subset
+
+    @property
+    def free(self) -> int:
+        """Number of free coefficients, the first of all."""
+        return int(self.columns.size if self.tied is None else self.tied.shape[1])
+
+    def coefficients(self, free: Floats) -> Floats:
+        """All coefficients (..., k) that follow from the free ones (..., m)."""
+        return free if self.tied is None else np.asarray(free @ self.tied.T)
 
     @property
     def component(self) -> str:
@@ -88,6 +99,7 @@ def candidates(
             subsets = ((0,), (1, 2), (0, 1, 2))
         for subset in subsets:
             pick = np.array(subset, np.int64)
+            tied = effect.tied(tuple(subset))
             out.append(
                 Candidate(
                     name,
@@ -100,6 +112,7 @@ def candidates(
                     _lasting_columns(effect, block, scales),
                     float(getattr(effect, "told_share", 1.0)),
                     isinstance(effect, HeadingEffect),
+                    None if tied.shape[0] == tied.shape[1] else tied,
                 )
             )
             if scope == "aircraft" and effect.kind in ("mean", "drift"):

@@ -143,6 +143,16 @@ class Effect(ABC):
             Eastward and northward component, m s-1 per unit of the coefficient.
         """
 
+    def tied(self, subset: tuple[int, ...]) -> FloatArray:
+        """Return how the coefficients of an alternative (k) follow from its free ones (m), (k, m).
+
+        Parameters
+        ----------
+        subset : tuple of int
+            One of :attr:`alternatives`.
+        """
+        return np.eye(len(subset))
+
     def softened_columns(self, frame: Frame, shifts: FloatArray) -> FloatArray:
         """Return the columns' mean over shifts of ln p, which softens edges in pressure.
 

@@ -64,7 +64,9 @@ class HeaterCurrent(OffsetAndCycle):
     """Offset and one cycle of heading error where icing = 1, or between two temperatures.
 
     By temperature there are columns for each edge, at work where it is colder; a band is the
-    difference of two. Nothing is guessed where neither flag nor temperature is reported.
+    difference of two, and nothing else of them is weighed: an error that goes on below the band is
+    an offset, or goes by temperature otherwise. Nothing is guessed where neither flag nor
+    temperature is reported.
     """
 
     name = "heater_current"
@@ -119,6 +121,13 @@ class HeaterCurrent(OffsetAndCycle):
     def column_scales(self) -> FloatArray:
         """See `Effect.column_scales`; rad."""
         return np.tile(super().column_scales, 1 + len(EDGES))
+
+    def tied(self, subset: tuple[int, ...]) -> FloatArray:
+        """See `Effect.tied`: what begins at a band's warm edge ends at its cold one."""
+        own = np.eye(len(subset))
+        edges = {column // 3 for column in subset if column > 2}
+        half = len(subset) // 2
+        return own if len(edges) < 2 else own[:, :half] - own[:, half:]
 
     def condition(self, frame: Frame) -> FloatArray:
         """Return 1 where icing protection is on, 0 where off or unknown."""

@@ -90,12 +90,12 @@ def evaluate_each(
     allowed : sequence of (A,) bool or None
         Of each, aircraft it may still strike; None: all.
     """
-    alike: dict[tuple[str, int, bool], list[int]] = {}
+    alike: dict[tuple[str, int, int, bool], list[int]] = {}
     for n, c in enumerate(pool):
-        kind = (c.scope, c.columns.size, bool(c.columns.max() < stats.layout.core))
-        alike.setdefault(kind, []).append(n)
+        core = bool(c.columns.max() < stats.layout.core)
+        alike.setdefault((c.scope, c.columns.size, c.free, core), []).append(n)
     found: dict[int, Score] = {}
-    for (scope, k, _), members in alike.items():
+    for (scope, k, _, _), members in alike.items():
         together = max(1, MOST_TOGETHER // (stats.day_count.size * k * k))
         for start in range(0, len(members), together):
             some = members[start : start + together]
@@ -132,20 +132,58 @@ def fleet_allowance(given: Conditional | Base, columns: Integers) -> float:
     return float(np.hypot(lasting, like))
 
 
-def _stacked(pool: Sequence[Candidate]) -> tuple[Integers, Floats]:
-    """Columns and prior scales of candidates with as many columns, (N, k) each."""
-    return np.stack([c.columns for c in pool]), np.stack([c.scales for c in pool])
+@dataclass(frozen=True)
+class _Alike:
+    """Candidates with as many columns (N, k), as many of them free (m)."""
+
+    columns: Integers
+    scales: Floats  # (N, m): prior scales of the free coefficients
+    tied: Floats | None  # (N, k, m): how all follow from the free ones; None: all are free
+
+    @classmethod
+    def of(cls, pool: Sequence[Candidate]) -> _Alike:
+        """Stack what belongs to the candidates."""
+        tied = [c.tied for c in pool if c.tied is not None]
+        return cls(
+            np.stack([c.columns for c in pool]),
+            np.stack([c.scales[: c.free] for c in pool]),
+            np.stack(tied) if tied else None,
+        )
+
+    def matrix(self, whole: Floats) -> Floats:
+        """X'X (N, ..., k, k) of the free coefficients, (N, ..., m, m)."""
+        if self.tied is None:
+            return whole
+        tied = self.tied.reshape(len(whole), *[1] * (whole.ndim - 3), *self.tied.shape[1:])
+        return np.asarray(tied.swapaxes(-1, -2) @ whole @ tied)
+
+    def score(self, whole: Floats) -> Floats:
+        """X'r (N, ..., k) of the free coefficients, (N, ..., m)."""
+        return whole if self.tied is None else np.einsum("n...k,nkm->n...m", whole, self.tied)
+
+    def sizes(self, stats: Statistics) -> tuple[Floats, Floats]:
+        """Second moments (N, A, m, m), and the reports on which the candidates act (N, A).
+
+        A column that is taken off another acts on a part of what that one does.
+        """
+        second, acting = sizes(stats, self.columns)
+        if self.tied is None:
+            return second, acting
+        off = np.asarray(np.any(self.tied < 0, axis=2))
+        each = np.moveaxis(stats.acting[:, self.columns], 0, 1)
+        less = np.where(off[:, None], each, 0.0).max(axis=-1)
+        return self.matrix(second), np.maximum(acting - less, 0.0)
 
 
 def _evaluate_fleet(
     stats: Statistics, given: Conditional, pool: Sequence[Candidate]
 ) -> list[Score]:
-    columns, scales = _stacked(pool)
-    aircraft = len(stats.tails)
-    information = given.fleet_gram[columns[:, :, None], columns[:, None]]
-    score = given.fleet_score[:, columns].sum(axis=0)
+    alike, aircraft = _Alike.of(pool), len(stats.tails)
+    columns, scales = alike.columns, alike.scales
+    information = alike.matrix(given.fleet_gram[columns[:, :, None], columns[:, None]])
+    score = alike.score(given.fleet_score[:, columns].sum(axis=0))
     factor = fleet_factors(stats, given, columns)
-    second, acting = sizes(stats, columns)
+    second, acting = alike.sizes(stats)
     size = np.array([fleet_allowance(given, own) for own in columns])
     allowance = allowance_covariance(second.sum(axis=1), acting.sum(axis=1), size, scales)
     fit = own_fit(information, score, scales)
@@ -163,7 +201,7 @@ def _evaluate_fleet(
                 float(factor[n]),
                 np.ones(aircraft),
                 np.full(aircraft, total),
-                estimate,
+                candidate.coefficients(estimate),
                 rms(second[n], acting[n], estimate),
                 acting[n],
             )
@@ -177,7 +215,7 @@ def _evaluate_aircraft(
     pool: Sequence[Candidate],
     allowed: Sequence[NDArray[np.bool_] | None],
 ) -> list[Score]:
-    second, acting = sizes(stats, _stacked(pool)[0])
+    second, acting = _Alike.of(pool).sizes(stats)
     out = []
     for n, found in enumerate(_aircraft_evidence(stats, given, pool)):
         candidate, may = pool[n], allowed[n]
@@ -197,7 +235,7 @@ def _evaluate_aircraft(
                 found.factor,
                 mixed.posterior,
                 found.tempered[mixed.best],
-                estimate,
+                candidate.coefficients(estimate),
                 rms(second[n], acting[n], estimate),
                 acting[n],
                 background=mixed.background,
@@ -245,23 +283,26 @@ def _aircraft_evidence(
     stats: Statistics, given: Conditional, pool: Sequence[Candidate]
 ) -> list[_Aircraft]:
     """Evidence of each aircraft by background and, where aircraft share much, by shift."""
-    columns, scales = _stacked(pool)
+    alike = _Alike.of(pool)
+    columns, scales, free = alike.columns, alike.scales, alike.scales.shape[1]
+    rows, along = columns[:, :, None], columns[:, None]
     factor = aircraft_factors(stats, given, columns)
-    second, acting = sizes(stats, columns)
+    second, acting = alike.sizes(stats)
     live = acting >= LEAST_ACTING
-    information = given.gram[:, columns[:, :, None], columns[:, None]].swapaxes(0, 1)
-    score = given.score.sum(axis=1)[:, columns].swapaxes(0, 1)
+    information = alike.matrix(given.gram[:, rows, along].swapaxes(0, 1))
+    score = alike.score(given.score.sum(axis=1)[:, columns].swapaxes(0, 1))
     known = np.where(live[..., None, None], information, 0.0)
-    shared = [_shared(given, *each) for each in zip(columns, known, score, factor, strict=True)]
+    fleet = alike.matrix(given.fleet_gram[rows, along])
+    shared = [_shared(*each) for each in zip(fleet, known, score, factor, strict=True)]
     out = [
-        _Aircraft.empty(live.shape[1], columns.shape[1], float(own), s.log_weight)
+        _Aircraft.empty(live.shape[1], free, float(own), s.log_weight)
         for own, s in zip(factor, shared, strict=True)
     ]
     which, who = np.nonzero(live)
     wide = scales[which]
     unit = allowance_covariance(second[live], acting[live], 1.0, wide)
     raw = raw_evidence(own_fit(information[live], score[live], wide))
-    if columns.shape[1] == 1:
+    if free == 1:
         information = np.stack([s.own for s in shared])[..., None, None]
     # candidates whose aircraft share nothing have one state a background, and go together
     alone = np.array([s.values.size == 1 for s in shared])
@@ -279,7 +320,7 @@ def _aircraft_evidence(
         )
         states, widths = out[several[0]].tempered.shape[:2]
         tempered = np.moveaxis(tempered, 0, 2).reshape(states, widths, -1)
-        estimate = np.moveaxis(estimate, 0, 2).reshape(states, widths, -1, columns.shape[1])
+        estimate = np.moveaxis(estimate, 0, 2).reshape(states, widths, -1, free)
         nothing = nothing.reshape(states, -1)
         for n in several:
             here, to = which[mine] == n, who[which == n]
@@ -305,23 +346,25 @@ def raw_of_one(given: Conditional, pool: Sequence[Candidate], one: int) -> Float
     """
     out = np.zeros(len(pool))
     score = given.score[one].sum(axis=0)
-    for k in {c.columns.size for c in pool}:
-        alike = [n for n, c in enumerate(pool) if c.columns.size == k]
-        columns, scales = _stacked([pool[n] for n in alike])
-        information = given.gram[one][columns[:, :, None], columns[:, None]]
-        shares = by_share(raw_evidence(own_fit(information, score[columns], scales)))
-        out[alike] = [log_mean(shares[..., n]) for n in range(len(alike))]
+    for kind in {(c.columns.size, c.free) for c in pool}:
+        members = [n for n, c in enumerate(pool) if (c.columns.size, c.free) == kind]
+        alike = _Alike.of([pool[n] for n in members])
+        rows, along = alike.columns[:, :, None], alike.columns[:, None]
+        fit = own_fit(
+            alike.matrix(given.gram[one][rows, along]),
+            alike.score(score[alike.columns]),
+            alike.scales,
+        )
+        shares = by_share(raw_evidence(fit))
+        out[members] = [log_mean(shares[..., n]) for n in range(len(members))]
     return out
 
 
-def _shared(
-    given: Conditional, columns: Integers, information: Floats, score: Floats, factor: float
-) -> Shifts:
-    """Shifts of the fleet to average over; only none where the candidate has more columns."""
-    if columns.size > 1:
+def _shared(fleet: Floats, information: Floats, score: Floats, factor: float) -> Shifts:
+    """Shifts of the fleet to average over; only none where the candidate has more coefficients."""
+    if len(fleet) > 1:
         return no_shift(information[:, 0, 0])
-    fleet = float(given.fleet_gram[columns[0], columns[0]])
-    return shifts(information[:, 0, 0], score[:, 0], fleet, factor)
+    return shifts(information[:, 0, 0], score[:, 0], float(fleet[0, 0]), factor)
 
 
 def background_likelihood(stats: Statistics, given: Conditional, candidate: Candidate) -> Floats:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import Candidate
+from airswing.gap.evidence.aircraft_mixture import log_mean
 from airswing.gap.evidence.changepoint import GAIN_SHARE, evaluate_step, raw_of_one_step
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.of_candidate import evaluate, evaluate_each, raw_of_one
@@ -62,13 +63,45 @@ def rank(
         free[key] = np.array([a not in own for a in range(aircraft)])
     pool = [c for c in pool if free[c.name, c.scope].any()]
     named = [c for c in pool if c.known]
-    out = evaluate_all_known(base, given, named, [free[c.name, c.scope] for c in named])
+    known = evaluate_all_known(base, given, named, [free[c.name, c.scope] for c in named])
+    out = _one_of_many(known)
     groups = [c for c in pool if not c.known]
     allowed = [free[c.name, c.scope] for c in groups]
     out += _groups(base, given, groups, allowed)
     # as if each had been weighed in the pool's order: of equals the first stays first
     place = {c.key: n for n, c in enumerate(pool)}
     return sorted(out, key=lambda s: (-s.raw, place[s.candidate.key]))
+
+
+def _one_of_many(scores: Sequence[Score]) -> list[Score]:
+    """Take off every form's evidence what the best gains by being chosen among its like.
+
+    Of the bands of temperature a heater may be on in, forty are looked at, and one stands out on
+    some aircraft of nearly every fleet. Their mean is the evidence that there is any of them; forms
+    that share no column (by a flag, by temperature) are questions of their own.
+    """
+    out, families = list(scores), _families([score.candidate for score in scores])
+    for family in families:
+        evidence = np.array([scores[n].tempered for n in family])
+        gained = float(evidence.max()) - log_mean(evidence)
+        for n in family:
+            out[n] = replace(scores[n], tempered=scores[n].tempered - gained)
+    return out
+
+
+def _families(pool: Sequence[Candidate]) -> list[list[int]]:
+    """Places of the lasting forms of one effect and scope that are joined by columns they share."""
+    out: list[tuple[tuple[str, str], set[int], list[int]]] = []
+    for n, one in enumerate(pool):
+        if one.kind != "mean" or not one.subset:
+            continue
+        key, columns, places = (one.name, one.scope), {int(j) for j in one.columns}, [n]
+        joined = [f for f in out if f[0] == key and f[1] & columns]
+        for family in joined:
+            columns, places = columns | family[1], family[2] + places
+            out.remove(family)
+        out.append((key, columns, places))
+    return [places for _, _, places in out if len(places) > 1]
 
 
 def _groups(

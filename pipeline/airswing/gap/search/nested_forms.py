@@ -43,9 +43,16 @@ def widened(base: Base, found: Found, pool: Sequence[Candidate]) -> Found:
 
 
 def _wider(term: Term, pool: Sequence[Candidate]) -> list[Candidate]:
-    """Forms of a term's effect that hold its own, widest first."""
-    own = set(term.candidate.subset)
-    forms = [c for c in pool if c.known and (c.name, c.scope) == term.key and own < set(c.subset)]
+    """Forms of a term's effect that hold its own, widest first; a band stays one."""
+    own, one = set(term.candidate.subset), term.candidate
+    forms = [
+        c
+        for c in pool
+        if c.known
+        and (c.name, c.scope) == term.key
+        and own < set(c.subset)
+        and (c.tied is None) == (one.tied is None)
+    ]
     return sorted(forms, key=lambda c: -len(c.subset))
 
 
