@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ def package(folder: Path, **sources: str) -> Path:
 
 
 USES = {
-    "part__stage": "from thing.part import kernel\n",
+    "part__stage": "from thing.part import (\n    kernel as k,\n)\n",
     "part__kernel": "def f():\n    import thing.table\n",
     "table": "A = 1\n",
     "other": "B = 1\n",
@@ -42,6 +43,21 @@ def test_the_collocation_does_not_depend_on_the_fit():
 
     assert "airswing.compass.triangle" not in _imported(PACKAGE / "compass/headings.py", "airswing")
     assert code_digest(*workflow.COLLOCATING) != code_digest(*workflow.FITTING)
+
+
+def test_every_import_of_the_package_is_seen_as_python_sees_it():
+    from airswing.products.fingerprint import PACKAGE, _imported, _source
+
+    for path in PACKAGE.rglob("*.py"):
+        used = set()
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.Import):
+                used |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                used |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        ours = {_source(name, PACKAGE) for name in used if name.split(".")[0] == "airswing"}
+        seen = {_source(name, PACKAGE) for name in _imported(path, "airswing")}
+        assert seen | {None} == ours | {None}, path
 
 
 def test_a_file_counts_by_size_and_time(tmp_path):
