@@ -4,22 +4,30 @@ VENV := .venv
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test quick lint benchmarks clean
+.PHONY: run test quick lint style types checks benchmarks clean
 
 run: $(VENV)/run.done
 	$(BIN)/airswing run configs/quickstart.yaml
 
-test: $(VENV)/test.done lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder tests
-	$(BIN)/python -m pytest --nbmake --nbmake-timeout=300 notebooks
+# Types beside the tests: one process, and the tests wait for each other at their end.
+test: $(VENV)/test.done style
+	$(MAKE) -j2 types checks
+
+checks: $(VENV)/test.done
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder \
+		--nbmake --nbmake-timeout=300 tests notebooks
 
 # Under a minute: lint, the layout, and the tests that mirror what changed since main (or the kernels').
 quick: $(VENV)/test.done lint
 	$(BIN)/python -m pytest -q -n 2 tests/test_layout.py $$($(BIN)/python tests/of_changes.py)
 
-lint: $(VENV)/test.done
+lint: style types
+
+style: $(VENV)/test.done
 	$(BIN)/ruff check pipeline tests benchmarks configs docs
 	$(BIN)/ruff format --check pipeline tests benchmarks configs docs
+
+types: $(VENV)/test.done
 	$(BIN)/mypy
 
 benchmarks: $(VENV)/test.done

@@ -53,7 +53,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the longest files first; workers take whole files, for what their fixtures make."""
     folder = Path(__file__).parent
     places = {folder / name: number for number, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: places.get(item.path, len(LONGEST)))
+    items.sort(
+        key=lambda item: places.get(item.path, len(LONGEST) + (item.path.suffix != ".ipynb"))
+    )
 
 
 @pytest.fixture(scope="session")
