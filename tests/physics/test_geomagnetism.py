@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from airswing.physics import geomagnetism
 from airswing.physics.geomagnetism import FieldLattice, GeomagneticField
 
 ppigrf = pytest.importorskip("ppigrf")
@@ -118,12 +119,14 @@ def test_one_reports_field_does_not_depend_on_the_others() -> None:
 
 
 def test_tiles_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    geomagnetism._tile.cache_clear()
     calls = []
     real_igrf = ppigrf.igrf
     monkeypatch.setattr(ppigrf, "igrf", lambda *arguments: calls.append(1) or real_igrf(*arguments))
     first = field_at(-47.0, 88.0, 3000.0, 1.6e9)
     made = len(calls)
     second = field_at(np.array([-47.0, -46.5]), 88.0, 3000.0, 1.6e9)
+    field_at(-47.0, 88.0, 3000.0, -1.6e9)  # of another epoch
     assert made >= 1 and len(calls) == made
     assert second.declination[0] == first.declination
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 Floats = NDArray[np.float64]
 
@@ -51,11 +52,9 @@ def widened(drawn: Floats, days: int) -> Floats:
     -------
     array, shape (1 + draw, ...)
     """
-    from scipy.stats import norm, t
-
     blocks = -(-days // _block_length(days))
     # as far out as 95 % reach: there the interval is read
-    factor = t.ppf(0.975, max(blocks - 1, 1)) / norm.ppf(0.975)
+    factor = stdtrit(max(blocks - 1, 1), 0.975) / ndtri(0.975)
     return np.asarray(drawn[:1] + (drawn - drawn[:1]) * factor)
 
 

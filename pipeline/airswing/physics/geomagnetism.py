@@ -34,7 +34,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -108,11 +108,10 @@ class FieldLattice:
         years = FIRST_EPOCH + EPOCH_STEP * np.flatnonzero(asked[:-1])
         tiles = np.argwhere(touched)
         nodes = np.full((years.size, ROWS, COLUMNS, _VALUES), np.nan)
-        for place, year in enumerate(years):
-            for row, column in tiles:
-                rows = slice(row * TILE, (row + 1) * TILE)
-                columns = slice(column * TILE, (column + 1) * TILE)
-                nodes[place, rows, columns] = _tile(int(row), int(column), int(year))
+        for row, column in tiles:
+            rows = slice(row * TILE, (row + 1) * TILE)
+            columns = slice(column * TILE, (column + 1) * TILE)
+            nodes[:, rows, columns] = _tile(int(row), int(column))[asked[:-1]]
         return cls(years.astype(np.int64), nodes)
 
     def at(
@@ -248,9 +247,12 @@ def _touch(touched: NDArray[np.bool_], latitude: Array, longitude: Array) -> Non
             touched[(row + i) // TILE, (column + j) % COLUMNS // TILE] = True
 
 
-@lru_cache(maxsize=2048)
-def _tile(row: int, column: int, year: int) -> Array:
-    """IGRF at one tile's nodes at the first year of an interval, and the change over it."""
+@cache
+def _tile(row: int, column: int) -> Array:
+    """IGRF at one tile's nodes at the first year of every interval, and the change over it.
+
+    All in one call: its time goes into Legendre functions and coefficients, which all years share.
+    """
     import ppigrf
 
     steps = np.arange(TILE)
@@ -258,8 +260,9 @@ def _tile(row: int, column: int, year: int) -> Array:
     longitude = FIRST_LONGITUDE + STEP * (column * TILE + steps)
     kilometres = np.array([0.0, TOP_HEIGHT / 1000.0])
     lat, lon, height = np.meshgrid(latitude, longitude, kilometres, indexing="ij")
-    dates = [datetime(year, 1, 1), datetime(year + EPOCH_STEP, 1, 1)]
+    years = range(FIRST_EPOCH, LAST_EPOCH + EPOCH_STEP, EPOCH_STEP)
+    dates = [datetime(year, 1, 1) for year in years]
     east, north, upward = ppigrf.igrf(lon, lat, height, dates)
     # ppigrf gives east, north, up with dates first and kilometres last.
-    field = np.stack([north, east, -upward], axis=-1).reshape(2, TILE, TILE, 6)
-    return np.concatenate([field[0], field[1] - field[0]], axis=-1)
+    field = np.stack([north, east, -upward], axis=-1).reshape(-1, TILE, TILE, 6)
+    return np.concatenate([field[:-1], np.diff(field, axis=0)], axis=-1)

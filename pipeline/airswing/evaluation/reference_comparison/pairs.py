@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special  # not scipy.stats, whose import takes longer than a small fit
 
 Floats = NDArray[np.float64]
 # A to E; airspeed scale and bias are each fit's own affair.
@@ -156,7 +156,7 @@ def wald(values: Floats, covariance: Floats, clusters: int) -> float:
         return float("nan")
     statistic = float(values @ np.linalg.pinv(covariance, hermitian=True) @ values)
     scaled = statistic * (clusters - size) / (size * (clusters - 1.0))
-    return float(stats.f.sf(scaled, size, clusters - size))
+    return float(special.fdtrc(size, clusters - size, scaled))
 
 
 def holm(p_values: list[float]) -> list[float]:
@@ -298,7 +298,7 @@ def _block_mean(
         return mean, float("nan"), float("nan")
     summed = np.bincount(index, weights=total - mean * number, minlength=blocks)
     error = float(np.sqrt((summed**2).sum() * blocks / (blocks - 1.0)) / number.sum())
-    return mean, error, float(2 * stats.t.sf(abs(mean) / max(error, 1e-12), blocks - 1))
+    return mean, error, float(2 * special.stdtr(blocks - 1, -abs(mean) / max(error, 1e-12)))
 
 
 def _named(name: str, value: float, error: float, p_value: float) -> dict[str, float]:
