@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from tests.gap.toy import make_frame
 
+from airswing.gap import diagnose as gap_diagnose
 from airswing.gap.design.candidates import candidates
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.of_candidate import evaluate
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.held_out.name_or_table import explains
 from airswing.gap.passes import Search, run_pass
-from airswing.gap.search.belief import TABLE_ODDS, beside_table
-from airswing.gap.search.cross_validated import Doubtful, with_name
+from airswing.gap.search.belief import STATED, TABLE_ODDS, beside_table
+from airswing.gap.search.cross_validated import ANOTHER, Doubtful, with_name
 from airswing.gap.search.stepwise import Ranking, Rules
 from airswing.gap.sums.whole_archive import held_archive
 
@@ -77,3 +80,19 @@ def test_a_name_that_a_table_confirmed_is_stated_with_its_odds(fleet):
     again = with_name(Ranking(made.problem.base, pool), told, doubtful)
     assert len(again.found.terms) == 1
     assert not with_name(Ranking(made.problem.base, []), made.standing, doubtful).found.terms
+
+
+def test_a_table_does_not_bring_back_what_is_likelier_another_effect(monkeypatch):
+    monkeypatch.setattr(gap_diagnose, "explains", lambda *given: True)
+    doubted = [Doubtful(None, 0.45, np.zeros(5), ANOTHER), Doubtful(None, 0.4, np.zeros(5), "days")]
+    frame = SimpleNamespace(residual=np.zeros((2, 2)))
+    final = SimpleNamespace(
+        problem=SimpleNamespace(archive=frame),
+        standing=SimpleNamespace(found=SimpleNamespace(terms=()), doubtful=doubted),
+    )
+    taken = SimpleNamespace(unknown=SimpleNamespace(tails=(0,)))
+    named = gap_diagnose._name_of(final, taken, frame)
+    assert named.reason == "days"
+    assert named.probability > STATED
+    final.standing.doubtful = doubted[:1]
+    assert gap_diagnose._name_of(final, taken, frame) is None

@@ -225,6 +225,18 @@ def test_cells_merged_are_means_of_their_reports():
     np.testing.assert_allclose(made.values, [[3.25, 3.25, 12, 12, 7, 7]])
 
 
+def test_a_table_of_single_aircraft_is_larger_than_the_little_each_has_of_its_own():
+    def one(tails, size, peak):
+        return SimpleNamespace(
+            tails=tails, values=np.zeros((3, 2)), size=size, peak=peak, held_out=9, held_out_error=1
+        )
+
+    assert stands(one((0, 1), 0.14, 0.3))
+    assert not stands(one((2,), 0.14, 0.3))
+    assert stands(one((2,), 0.14, 0.4))
+    assert stands(one((2,), 0.2, 0.3))
+
+
 def weeks_left_out(monkeypatch, fields):
     """A bench of 60 reports of 30 days, on which tables make the fields of their place."""
     from airswing.gap.witness import fitted_tables

@@ -33,6 +33,8 @@ CONFIRMED = 2.0
 LEAST_EVIDENCE = 6.0
 #: Size that an unknown needs, m/s rms over the reports of its aircraft, and where it acts most.
 LEAST_SIZE = (0.08, 0.25)
+#: One of these of a table of half the aircraft or fewer: each has a little of every effect.
+OWN_SIZE = (0.2, 0.4)
 #: Prior variance of a table's mean when it is fitted, in those of its values.
 MEAN = 4.0
 #: Days left out together of a table by date; folds at least, for a standard error between them.
@@ -382,4 +384,6 @@ def clearly_more(bench: Bench, one: Unknown, other: Unknown, fold: Integers) -> 
 def stands(unknown: Unknown) -> bool:
     """Whether an unknown is of practical size and explains weeks left out."""
     large = unknown.size >= LEAST_SIZE[0] and unknown.peak >= LEAST_SIZE[1]
+    if 2 * len(unknown.tails) <= len(unknown.values):
+        large &= unknown.size >= OWN_SIZE[0] or unknown.peak >= OWN_SIZE[1]
     return large and unknown.held_out > CONFIRMED * unknown.held_out_error
