@@ -26,6 +26,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.simulation.forward import Coding, draw_noise
+from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
@@ -315,7 +316,7 @@ def _gross_size(frame: Frame, gross: NDArray[np.bool_]) -> float:
     values = frame.residual[gross]
     if values.shape[0] < 5:
         return 20.0
-    ordinary = 1.4826 * np.median(np.abs(frame.residual))
+    ordinary = robust_sd(frame.residual, 0.0)
     return float(np.sqrt(max(np.mean(values**2) - ordinary**2, 25.0)))
 
 

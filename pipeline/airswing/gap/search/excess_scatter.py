@@ -32,6 +32,7 @@ from airswing.gap.archive.value_tables import Axis, Grid, axis_of
 from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.noise.model import NoiseFit, flown, gains_beside
 from airswing.gap.search.simulated_scatter import Scene, jitter_showing
+from airswing.physics.robust_spread import robust_sd
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -150,7 +151,7 @@ def _by_aircraft(scene: Scene, excess: Floats, left: NDArray[np.bool_]) -> Scatt
         return None
     level = total[used, 0] / count[used, 0]
     ratio = (level - np.median(level)) / 2
-    spread = max(1.4826 * float(np.median(np.abs(ratio))), LEAST_SPREAD)
+    spread = max(robust_sd(ratio, 0.0), LEAST_SPREAD)
     evidence = 0.5 * (ratio / spread) ** 2
     high = (ratio > LEAST_EXCESS) & (evidence > NEEDED) & left[used]
     if not high.any():

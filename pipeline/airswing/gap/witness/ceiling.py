@@ -28,6 +28,7 @@ from scipy.special import ndtr, ndtri
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.witness.taken_off import DRAWS, without
+from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
@@ -171,7 +172,7 @@ def _by_strength(strength: Floats, error: Floats, calm: Mask) -> tuple[float, fl
 
 def _scale(error: Floats) -> float:
     """Standard deviation by the median, m/s."""
-    return max(1.4826 * float(np.median(np.abs(error))), 0.1)
+    return max(robust_sd(error, 0.0), 0.1)
 
 
 def _scale_by_level(frame: Frame, error: Floats, calm: Mask) -> Floats:
