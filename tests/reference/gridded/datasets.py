@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -56,11 +57,16 @@ def fields(shape: tuple[int, ...], seed: int = 3) -> tuple[np.ndarray, np.ndarra
     return u.astype("f4"), v.astype("f4")
 
 
+@cache  # PROJ looks an unnamed datum up among all for each: a tenth of a second
+def crs_of(kind: str) -> CRS:
+    return CRS.from_cf(MAPPINGS[kind])
+
+
 def axes_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
     """x and y (m, or degrees of a rotated frame) of a grid over North America."""
     if kind == "rotated":
         return np.arange(-12.0, 12.01, 0.75), np.arange(-9.0, 9.01, 0.75)
-    proj = Proj(CRS.from_cf(MAPPINGS[kind]))
+    proj = Proj(crs_of(kind))
     x, y = proj(-97.5 if kind != "polar" else -105.0, 40.0)
     steps = np.arange(-15, 16) * 60000.0
     return x + steps, y + steps

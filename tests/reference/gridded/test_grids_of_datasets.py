@@ -16,6 +16,7 @@ from tests.reference.gridded.datasets import (
     MAPPINGS,
     axes_of,
     by_hand,
+    crs_of,
     latlon,
     points,
     projected,
@@ -33,12 +34,12 @@ def places_in(kind: str, count: int = 200) -> tuple[np.ndarray, ...]:
     fi, fj = RNG.uniform(0, x.size - 1, count), RNG.uniform(0, y.size - 1, count)
     px, py = np.interp(fi, np.arange(x.size), x), np.interp(fj, np.arange(y.size), y)
     if kind == "rotated":
-        rotated = CRS.from_cf(MAPPINGS[kind])
+        rotated = crs_of(kind)
         lon, lat = Transformer.from_crs(
             rotated, rotated.source_crs or "EPSG:4326", always_xy=True
         ).transform(px, py)
     else:
-        lon, lat = Proj(CRS.from_cf(MAPPINGS[kind]))(px, py, inverse=True)
+        lon, lat = Proj(crs_of(kind))(px, py, inverse=True)
     return fi, fj, np.asarray(lat), np.asarray(lon)
 
 
@@ -51,7 +52,7 @@ def test_projected_winds_against_pyproj(kind: str, units: str) -> None:
     u, v = winds(airswing.collocate(points(lat, lon, p), {"x": ds}))
     along = by_hand(ds.ua.values[0], ds.va.values[0], LEVELS * 100, fi, fj, p)
     # PROJ's meridian convergence: grid north from true north, clockwise.
-    factors = Proj(CRS.from_cf(MAPPINGS[kind])).get_factors(lon, lat)
+    factors = Proj(crs_of(kind)).get_factors(lon, lat)
     angle = np.radians(np.asarray(factors.meridian_convergence))
     if kind != "mercator":
         assert np.abs(angle).max() > np.radians(2)
@@ -68,7 +69,7 @@ def test_rotated_pole_against_pyproj() -> None:
     along = by_hand(ds.ua.values[0], ds.va.values[0], LEVELS * 100, fi, fj, p)
     # The direction of the grid's rows from two places on the sphere, half a metre apart.
     x, y = axes_of("rotated")
-    rotated = CRS.from_cf(MAPPINGS["rotated"])
+    rotated = crs_of("rotated")
     back = Transformer.from_crs(rotated, rotated.source_crs or "EPSG:4326", always_xy=True)
     px, py = np.interp(fi, np.arange(x.size), x), np.interp(fj, np.arange(y.size), y)
     step = 1e-5
@@ -178,7 +179,7 @@ def test_a_pole_turned_in_its_own_frame() -> None:
 
 def test_wkt_alone_and_a_string_in_the_configuration() -> None:
     ds = projected("lambert")
-    crs = CRS.from_cf(MAPPINGS["lambert"])
+    crs = crs_of("lambert")
     _, _, lat, lon = places_in("lambert", 20)
     reports = points(lat, lon, 60000.0)
     expected = winds(airswing.collocate(reports, {"x": ds}))
