@@ -317,7 +317,7 @@ def _gross_size(frame: Frame, gross: NDArray[np.bool_]) -> float:
     if values.shape[0] < 5:
         return 20.0
     ordinary = robust_sd(frame.residual, 0.0)
-    return float(np.sqrt(max(np.mean(values**2) - ordinary**2, 25.0)))
+    return float(np.sqrt(max(float(np.mean(values**2)) - ordinary**2, 25.0)))
 
 
 def _change_time(values: Floats, step: float, time: Floats) -> float:
