@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from datetime import timedelta
 
 import numpy as np
 import pandas as pd
@@ -260,6 +261,13 @@ def test_strength_grows_with_the_archive_for_a_drift_alone():
     assert strength_of(part, longer) == pytest.approx(
         4.0 * strength_of(part, replace(TINY, days=5)), rel=1e-6
     )
+
+
+def test_a_drift_of_the_last_days_is_as_strong_as_it_becomes_in_them():
+    part = drawn("compass_drift", ["N402"], rate_deg_per_day=0.1)
+    longer, begins = replace(TINY, days=20), (archives.START + timedelta(days=15)).isoformat()
+    late = replace(part, effects=({**part.effects[0], "period": [begins, None]},))
+    assert strength_of(late, longer) == pytest.approx(strength_of(part, replace(TINY, days=5)))
 
 
 def test_the_true_closure_is_that_of_the_twin_without_the_effect(tmp_path):

@@ -24,6 +24,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -156,8 +157,15 @@ def strength_of(drawn: Drawn, world: World) -> float:
     here = acting(bare, drawn) & np.isfinite(change).all(axis=1)
     size = float(np.sqrt((change[here] ** 2).sum(axis=1).mean())) if here.any() else 0.0
     if drawn.how.grows:
-        size *= world.days / short.days
+        size *= _in_force(drawn, world) / short.days
     return 2.0 * size if drawn.how.whose == "pair" else size
+
+
+def _in_force(drawn: Drawn, world: World) -> float:
+    """Return the days from which an effect begins to the end of the archive."""
+    period = drawn.effects[0]["period"]
+    begins = START if period is None else datetime.fromisoformat(period[0])
+    return world.days - (begins - START).total_seconds() / 86400.0
 
 
 @functools.lru_cache(maxsize=1)
