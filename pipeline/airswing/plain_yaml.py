@@ -19,8 +19,11 @@ import yaml
 from airswing.errors import InputError, shortened
 
 MOST_OCTETS = 1_000_000
+# Deeper, Python's own recursion would end the reading, with a traceback.
 _DEEPEST = 40
+# With aliases written out: ten lines of aliases of aliases stand for a billion values.
 _MOST_VALUES = 20_000
+# More than any key takes; of 4,300 digits Python prints none, not even in a message.
 _MOST_BITS = 256
 
 

@@ -28,20 +28,16 @@ def diagnosed(config: Path, output: Path, without: Sequence[str]) -> dict[str, A
 def test_a_short_check_by_the_public_command(tmp_path, monkeypatch, no_gap_page):
     short = Size(days=15, aircraft=6, sizes=(1.6,), coarse=True)
     monkeypatch.setattr(Size, "fast", classmethod(lambda cls: short))
-    plan = Plan(
-        5, 2, True, rungs=(1,), names=("compass_offset", "hard_iron", "tas_scale", "compass_step")
-    )
+    plan = Plan(4, 2, True, rungs=(1,), names=("compass_offset", "hard_iron", "tas_scale"))
     check = gap_check(tmp_path, plan, baselines=False, diagnoser=diagnosed)
     assert check.failures == {}
     nulls = [s for s in check.scores if s["kind"] == "null"]
     effects = [s for s in check.scores if s["kind"] == "single"]
-    assert len(nulls) == 1 and len(effects) == 4
+    assert len(nulls) == 1 and len(effects) == 3
     assert not any(s["claimed"] or s["unknown"] for s in nulls)
-    # a change in an archive's last two days moves the disagreement by hundredths of a knot
-    shows = [s for s in effects if s["closure_true"] >= 0.1]
-    assert len(shows) >= 3
-    assert all(s["detected"] for s in shows)
-    assert sum(s["in_set"] for s in effects) >= 3
+    assert all(s["closure_true"] >= 0.1 for s in effects)
+    assert all(s["detected"] for s in effects)
+    assert sum(s["in_set"] for s in effects) >= 2
     assert sum(s["first_right"] for s in effects) >= 2
     named = [s for s in effects if s["all_named"]]
     assert sum(s["jaccard"] for s in named) >= 0.6 * len(named)

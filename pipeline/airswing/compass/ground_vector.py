@@ -44,6 +44,7 @@ Index = NDArray[np.int64]
 
 FEWEST = 20
 """Reports below which an aircraft's column is not judged."""
+# Radians, in the median absolute value, beside what rounding explains.
 MAX_HEADING_DIFFERENCE = float(np.radians(1.5))
 # Radians: half a degree is what cutting instead of rounding to whole degrees causes.
 MAX_HEADING_BIAS = float(np.radians(0.6))

@@ -47,6 +47,7 @@ DAMAGE = (
     ValueError,
 )
 """What the libraries raise on a file whose octets contradict each other."""
+# Octets a variable; the library's own 16 MiB are hundreds of megabytes a product.
 _CHUNK_CACHE = 2**20
 REPORTS_A_CHUNK = 65_536
 """Few enough that one aircraft of ten million reports is read in well under a second."""

@@ -68,7 +68,7 @@ ROW = np.dtype(
 )
 """One report as it is set down."""
 
-_BLOCK = 1 << 22
+_BLOCK = 1 << 22  # Octets of a segment hashed at a time
 Identity = tuple[str, int, int]
 _LOG = logging.getLogger("airswing.reports")
 

@@ -38,6 +38,8 @@ from airswing.compass.fit.sandwich import Array
 from airswing.compass.fleet.solution import solve_fleet
 from airswing.flags import STATUS
 
+# Of the heading design, 1 where headings are spread evenly: beyond, two cycles become one, and one
+# an offset alone.
 MAX_CONDITION = 12.0
 MAX_STANDARD_ERROR = 1.5  # Degrees: a coefficient less certain than this is not published
 # The halves of the period disagree if their curves differ by this much (degrees rms) and by this

@@ -37,7 +37,7 @@ from airswing.compass.fit.normal_equations import COMPASS
 from airswing.compass.fit.pooled_bias import FIRST_BIAS, day_ratio, pool
 from airswing.compass.fit.sandwich import Array
 
-MIN_FLIGHTS = 5
+MIN_FLIGHTS = 5  # Fewer clusters tell no error: stretches within flights are taken instead
 STRETCH = np.timedelta64(120, "s")
 """Length of a cluster within a flight where there are too few flights."""
 FEWEST_CURVES = 3  # Aircraft with curves that tell how large a cycle is

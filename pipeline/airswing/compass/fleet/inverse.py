@@ -32,7 +32,7 @@ from airswing.errors import InputError
 
 WRITTEN_OUT = 1500
 """Unknowns up to which the matrix is written out: some 170 aircraft against one reference."""
-ROUNDS = 20
+ROUNDS = 20  # Of variances in turn, at most: `STEP` ends them before
 STEP, COARSE_STEP = 1e-8, 1e-3
 """Relative change of every variance that ends the rounds before: exact, and of random signs."""
 FIRST_VARIANCE, SMALLEST_VARIANCE = 0.05, 1e-4
@@ -40,7 +40,7 @@ FIRST_VARIANCE, SMALLEST_VARIANCE = 0.05, 1e-4
 UNKNOWN_VARIANCE = 1e6  # (m/s)2: a prior that tells nothing
 FINE, COARSE = 1e-7, 1e-4
 """Relative error of a solution in the matrix's own norm: of the estimate, of its variances."""
-ITERATIONS = 1000
+ITERATIONS = 1000  # Of conjugate gradients; more, and the equations are taken not to settle
 AT_ONCE = 32
 """Systems solved side by side, and sums of squares made exactly."""
 SIGNS = 8

@@ -32,7 +32,7 @@ from airswing.compass.fleet.inverse import Equations, Inverse, inverse_of
 from airswing.compass.fleet.reference_equations import Reference
 from airswing.compass.fleet.reference_error import Flags, Floats
 
-SEGMENTS_A_DAY = 4
+SEGMENTS_A_DAY = 4  # Six hours each, as flight_segments cuts them
 FEW_DAYS = 15
 """Below so many days their scatter may widen what the model says, not narrow it."""
 

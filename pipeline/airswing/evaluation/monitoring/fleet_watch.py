@@ -40,6 +40,7 @@ UNKNOWNS = 12
 _ANGLES = np.repeat([1.0, 0.0], [9, 3])
 _SCALE = np.repeat([0.0, 1.0, 0.0], [9, 1, 2])
 _WINDS = np.repeat([0.0, 1.0], [10, 2])
+# Degrees: how large the third and the fourth harmonic of a level are expected.
 _HIGHER = np.array([1.0, 1.0, 0.5, 0.5])
 COMPASS = Law(
     shapes=1.4

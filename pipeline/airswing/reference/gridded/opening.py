@@ -35,6 +35,7 @@ from airswing.reference.geometry.model_time import SourceFile
 from airswing.reference.gridded.cfgrib_parts import cfgrib_parts
 
 ENGINES = ("auto", "grib", "cfgrib", "netcdf", "zarr", "wrf")
+# Files at most; each holds a handle and its chunks.
 _KEPT_OPEN = 16
 # Octets of chunks that the NetCDF library keeps by variable; its own default is 16 to 64 MB.
 _CHUNK_CACHE = 1 << 20

@@ -38,6 +38,7 @@ from airswing.reference.packing.simple_packing import UnreadableMessageError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+# A process may die of what earlier messages left in it: a fresh one tells whether this one did it.
 _TRIALS = 2
 _FAULTS = (signal.SIGABRT, signal.SIGSEGV, signal.SIGFPE, signal.SIGILL)
 # Time a message may take; the slowest packing decodes ten times as many points.
