@@ -26,8 +26,9 @@ from airswing.gap.held_out.level_or_other import goes_by
 from airswing.gap.held_out.linearised import FoundFirst
 from airswing.gap.held_out.raising import raising
 from airswing.gap.noise.model import fit_noise, flown
+from airswing.gap.search.candidate_ranking import Ranking
 from airswing.gap.search.cross_validated import Doubtful, Standing, settle, with_name
-from airswing.gap.search.stepwise import Ranking, Rules, with_background
+from airswing.gap.search.stepwise import Rules, with_background
 from airswing.gap.search.tail_swaps import Swap, beside, exchange, find_swap
 from airswing.gap.sums.accumulate import SumColumns
 from airswing.gap.sums.elimination import eliminate_days

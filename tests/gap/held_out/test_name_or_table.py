@@ -16,8 +16,9 @@ from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.held_out.name_or_table import explains
 from airswing.gap.passes import Search, run_pass
 from airswing.gap.search.belief import STATED, TABLE_ODDS, beside_table
+from airswing.gap.search.candidate_ranking import Ranking
 from airswing.gap.search.cross_validated import ANOTHER, Doubtful, with_name
-from airswing.gap.search.stepwise import Ranking, Rules
+from airswing.gap.search.stepwise import Rules
 from airswing.gap.sums.whole_archive import held_archive
 
 OFFSET = {"compass_offset": CATALOGUE["compass_offset"]}

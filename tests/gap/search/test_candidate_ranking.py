@@ -15,8 +15,8 @@ from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.passes import Search, run_pass
 from airswing.gap.result.describe import ambiguity
-from airswing.gap.search.candidate_ranking import _one_of_many, rank
-from airswing.gap.search.stepwise import Rules, _stays, choose, remainder, struck
+from airswing.gap.search.candidate_ranking import _one_of_many, rank, remainder
+from airswing.gap.search.stepwise import Rules, _stays, choose, struck
 from airswing.gap.sums.whole_archive import held_archive
 
 DRIFTING = {n: CATALOGUE[n] for n in ("compass_offset", "compass_drift")}

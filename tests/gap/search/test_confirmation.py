@@ -15,6 +15,7 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.of_candidate import fleet_allowance
 from airswing.gap.passes import Search, run_pass
 from airswing.gap.search.belief import features, probabilities
+from airswing.gap.search.candidate_ranking import Ranking
 from airswing.gap.search.confirmation import (
     BLOCK,
     PARTS,
@@ -26,7 +27,7 @@ from airswing.gap.search.confirmation import (
 )
 from airswing.gap.search.cross_validated import _believed
 from airswing.gap.search.fewest import fewest, worth
-from airswing.gap.search.stepwise import Ranking, Rules, _prune, found_of
+from airswing.gap.search.stepwise import Rules, _prune, found_of
 from airswing.gap.search.tail_swaps import NEEDED, beside
 from airswing.gap.sums.whole_archive import held_archive
 

@@ -11,9 +11,10 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.of_candidate import evaluate
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.passes import Search, run_pass
+from airswing.gap.search.candidate_ranking import Ranking
 from airswing.gap.search.cross_validated import settle
 from airswing.gap.search.fewest import shared_by_all
-from airswing.gap.search.stepwise import Ranking, Rules, found_of
+from airswing.gap.search.stepwise import Rules, found_of
 from airswing.gap.sums.whole_archive import held_archive
 
 EFFECTS = {"compass_offset": CATALOGUE["compass_offset"]}

@@ -13,8 +13,9 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.passes import Search, run_pass
 from airswing.gap.search import cross_validated
 from airswing.gap.search.belief import NAMED_EVEN, NAMED_SLOPE, as_named
+from airswing.gap.search.candidate_ranking import Ranking
 from airswing.gap.search.left_beside import SHARE, USUAL, left_beside
-from airswing.gap.search.stepwise import Ranking, Rules
+from airswing.gap.search.stepwise import Rules
 from airswing.gap.sums.whole_archive import held_archive
 
 EFFECTS = {name: CATALOGUE[name] for name in ("compass_offset", "hard_iron")}

@@ -31,7 +31,7 @@ from airswing.gap.search.belief import (
     of_one_day,
     probabilities,
 )
-from airswing.gap.search.candidate_ranking import evaluate_named
+from airswing.gap.search.candidate_ranking import Ranking, evaluate_named
 from airswing.gap.search.confirmation import (
     LEAST_PARTS,
     Confirmation,
@@ -41,7 +41,7 @@ from airswing.gap.search.confirmation import (
 from airswing.gap.search.fewest import shared_by_all
 from airswing.gap.search.left_beside import left_beside
 from airswing.gap.search.nested_forms import widened
-from airswing.gap.search.stepwise import Found, Ranking, Rules, found_of, search
+from airswing.gap.search.stepwise import Found, Rules, found_of, search
 from airswing.gap.sums.elimination import Base
 
 Floats = NDArray[np.float64]

@@ -16,7 +16,6 @@ Source: docs/gap.md section 6.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,9 +29,9 @@ from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.search.belief import STATED
 from airswing.gap.search.candidate_ranking import (
     LEAST_NOVELTY,
+    Ranking,
     better_for,
     evaluate_named,
-    rank,
     ranked_by,
 )
 from airswing.gap.search.fewest import fewest
@@ -205,71 +204,6 @@ def found_of(ranking: Ranking, terms: Sequence[Term]) -> Found:
     """Result of a search that ended with these terms."""
     rivals = tuple(ranking([*terms[:k], *terms[k + 1 :]]) for k in range(len(terms)))
     return Found(tuple(terms), given_terms(ranking.base, terms), rivals, ranking(terms))
-
-
-class Ranking:
-    """All candidates ranked given some terms; the search comes back to the same terms often.
-
-    So does a search again without a candidate that days left out did not confirm: what is ranked
-    is kept for all of them, and of it those are given that are still candidates.
-    """
-
-    def __init__(self, base: Base, pool: Sequence[Candidate]) -> None:
-        self.base, self.pool = base, tuple(pool)
-        self._whole = self.pool
-        self._made: dict[frozenset[object], tuple[Score, ...]] = {}
-
-    def among(self, pool: Sequence[Candidate]) -> Ranking:
-        """Ranking of a part of the candidates, from what is kept."""
-        part = copy(self)
-        part.pool = tuple(pool)
-        return part
-
-    def __call__(self, terms: Sequence[Term]) -> tuple[Score, ...]:
-        """Rank the candidates given some terms, best raw evidence first."""
-        state = frozenset((t.candidate.key, t.tails, t.period) for t in terms)
-        if state not in self._made:
-            given = given_terms(self.base, terms)
-            ranked = rank(self.base, given, self._whole, _taken(terms))
-            self._made[state] = tuple(replace(s, remainder=remainder(terms, s)) for s in ranked)
-        keys = {candidate.key for candidate in self.pool}
-        return tuple(score for score in self._made[state] if score.candidate.key in keys)
-
-
-def remainder(terms: Sequence[Term], score: Score) -> Floats:
-    """Size of what the columns of some terms cannot carry, as a candidate may take it up.
-
-    Bank and acceleration are inferred, gradients are the reference's: a part of such an effect
-    stays in the residual when all its columns explain is taken off, and is nothing else. Across the
-    heading it stays across; over more reports than the effect acts on it is thinned out.
-
-    Parameters
-    ----------
-    score : Score
-        Of the candidate.
-
-    Returns
-    -------
-    (A,) float
-        m/s rms where the candidate acts.
-    """
-    square = np.zeros(score.acting.size)
-    for term in terms:
-        what = term.candidate
-        of_weather = score.candidate.scope == "fleet" and not score.candidate.heading
-        if of_weather or (what.heading and not score.candidate.heading):
-            continue
-        tails = list(term.tails)
-        thinned = np.minimum(1.0, term.score.acting[tails] / np.maximum(score.acting[tails], 1.0))
-        square[tails] += term.score.size[tails] ** 2 * (1 / what.told_share - 1) * thinned
-    return np.asarray(np.sqrt(square))
-
-
-def _taken(terms: Sequence[Term]) -> dict[tuple[str, str], set[int]]:
-    out: dict[tuple[str, str], set[int]] = {}
-    for term in terms:
-        out.setdefault(term.key, set()).update(term.tails)
-    return out
 
 
 def _merge(terms: Sequence[Term], new: Term) -> list[Term]:
