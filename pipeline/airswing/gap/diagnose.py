@@ -189,12 +189,8 @@ def diagnose(
         unknown = _next_unknown(final, beside, witness)
         if unknown is not None and is_remainder(unknown[0], taken):
             unknown = None
-        if unknown is None:
-            others = [one.unknown.tails for one in taken] + [one.term.tails for one in search.named]
-            setting, rest = beside.setting, beside.rest
-            name = name_by_days(final.problem, final.standing.found, setting, rest, others)
-        else:
-            name = _name_of(final, *unknown)
+        others = [one.unknown.tails for one in taken] + [one.term.tails for one in search.named]
+        name = _by_means(final, beside, others) if unknown is None else _name_of(final, *unknown)
         if name is not None:
             search = replace(search, named=(*search.named, name))
         elif unknown is not None:
@@ -211,11 +207,7 @@ def diagnose(
         final, again, _ = search_twice(archive, replace(search, effects=left), swaps=False)
     problem, found = final.problem, final.standing.found
     findings = _findings(final, search, again=again, names=known_names)
-    told = {name for one in taken for name in one.unknown.grid.variables}
-    if ceiling is not None:
-        told.add("wind_speed")
-    if findings.sent is not None and told & set(findings.sent.telling):
-        findings = replace(findings, sent=None)  # what a table's cells left of its variable
+    findings = _without_remnant(findings, taken, bounded=ceiling is not None)
     findings = replace(findings, swap=swap, untestable=untestable | dict(findings.untestable))
     report = assemble(problem, findings)
     report = with_unknowns(
@@ -262,6 +254,14 @@ def _beside_names(final: Pass) -> _BesideNames:
     return _BesideNames(Setting.of(problem), rest, linear)
 
 
+def _by_means(
+    final: Pass, beside: _BesideNames, others: Sequence[Sequence[int]]
+) -> Doubtful | None:
+    """Find a name of the wind by plain means of days; ``others``: aircraft of what was told."""
+    found = final.standing.found
+    return name_by_days(final.problem, found, beside.setting, beside.rest, others)
+
+
 def _next_unknown(
     final: Pass, beside: _BesideNames, witness: LearnedWitness
 ) -> tuple[Taken, Frame] | None:
@@ -285,6 +285,15 @@ def _name_of(final: Pass, taken: Taken, left: Frame) -> Doubtful | None:
         if chance >= STATED and explains(problem, stand, one.term, table):
             return replace(one, probability=chance)
     return None
+
+
+def _without_remnant(findings: Findings, taken: Sequence[Taken], *, bounded: bool) -> Findings:
+    """Leave out winds sent for others where that is what a table's cells left of its variable."""
+    told = {name for one in taken for name in one.unknown.grid.variables}
+    told |= {"wind_speed"} if bounded else set()
+    if findings.sent is not None and told & set(findings.sent.telling):
+        return replace(findings, sent=None)
+    return findings
 
 
 def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str]) -> Findings:
