@@ -91,6 +91,23 @@ def test_wrong_usage_is_status_2(tmp_path):
     assert airswing("evaluate", "absent.yaml", folder=tmp_path).returncode == 2
 
 
+@pytest.mark.parametrize(
+    "words",
+    [("run", "x.yaml"), ("gap", "x.yaml"), ("export", "x.yaml", "--to", "gsi"), ("gap-check",)],
+    ids=lambda words: words[0],
+)
+def test_an_empty_output_is_one_error_and_nothing_is_written_here(
+    words, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["airswing", *words, "--output", ""])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.count("an empty path names nothing") == 1
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_stage_without_the_product_before_it_says_so(root, tmp_path):
     done = airswing("fit", config(root, tmp_path), folder=tmp_path)
     assert done.returncode == 2

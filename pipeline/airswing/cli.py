@@ -25,6 +25,7 @@ from airswing.cli_options import (
     Quiet,
     Resume,
     Scheduler,
+    Written,
     takes,
 )
 
@@ -157,7 +158,7 @@ def update(
 @app.command()
 def join(
     months: Annotated[Path, typer.Argument(metavar="FOLDER", help="Such as results/headings.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="NetCDF file.")],
+    output: Written,
 ) -> None:
     """Write the months of an update as one file, by aircraft, as `airswing run` does."""
     from airswing.products.ragged_product import write_joined
@@ -283,7 +284,7 @@ def export(options: ExportOptions) -> None:
 @app.command()
 def simulate(
     config: ConfigPath,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Report file to write.")],
+    output: Written,
     effects: Annotated[Path | None, typer.Option(help="Effects file (YAML).")] = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
     quiet: Quiet = False,

@@ -13,8 +13,28 @@ from typing import Annotated, TypeVar, get_type_hints
 
 import typer
 
-ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Configuration (YAML).")]
-Output = Annotated[Path | None, typer.Option(help="Folder for the products.", metavar="DIR")]
+
+def _text(given: str) -> str:
+    # An empty path is the current directory, which a variable left unset in a script would fill.
+    if not given.strip():
+        raise typer.BadParameter("an empty path names nothing")
+    return given
+
+
+def _path(given: str) -> Path:
+    return Path(_text(given))
+
+
+ConfigPath = Annotated[
+    Path, typer.Argument(metavar="CONFIG", help="Configuration (YAML).", parser=_path)
+]
+Output = Annotated[
+    Path | None, typer.Option(help="Folder for the products.", metavar="DIR", parser=_path)
+]
+Written = Annotated[
+    Path,
+    typer.Option("-o", "--output", help="File to write.", metavar="FILE", parser=_path),
+]
 Resume = Annotated[bool, typer.Option("--resume", help="Keep finished work that still holds.")]
 Scheduler = Annotated[
     str | None, typer.Option(help="Address of a dask scheduler.", metavar="ADDRESS")
@@ -31,8 +51,11 @@ class ExportOptions:
 
     config: ConfigPath
     to: Annotated[str, typer.Option(help="What to write; see below.", metavar="FORMAT")]
-    output: Annotated[
-        str, typer.Option("-o", "--output", help="File or folder to write.", metavar="PATH")
+    output: Annotated[  # text: a slash at its end asks for a folder
+        str,
+        typer.Option(
+            "-o", "--output", help="File or folder to write.", metavar="PATH", parser=_text
+        ),
     ]
     winds: Annotated[str, typer.Option(help="corrected or reported.")] = "corrected"
     window: Annotated[
@@ -96,7 +119,8 @@ class CheckOptions:
     cases: Annotated[int, typer.Option(help="Number of cases.", min=1)] = 60
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1
     output: Annotated[
-        Path, typer.Option(help="Folder for archives, seals and scores.", metavar="DIR")
+        Path,
+        typer.Option(help="Folder for archives, seals and scores.", metavar="DIR", parser=_path),
     ] = Path("results/gap_check")
     workers: Annotated[
         int, typer.Option(help="Archives written and diagnosed at a time.", min=1)

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from airswing.errors import InputError
+from airswing.products.named_files import none_found
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.cleaning import clean
 from airswing.reports.canonical.columns import ONLY
@@ -138,31 +139,15 @@ def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
         text = str(Path(pattern).expanduser())
         # A file whose name holds brackets is itself first, and a pattern only where there
         # is none.
-        names = [text] if Path(text).is_file() else glob.glob(text, recursive=True)
+        names = [text] if os.path.isfile(text) else glob.glob(text, recursive=True)
         # A link that leads nowhere is a file that is missing: reading it fails and names it.
-        names = sorted(name for name in names if Path(name).is_file() or not os.path.exists(name))
+        names = sorted(name for name in names if os.path.isfile(name) or not os.path.exists(name))
         if not names:
-            folder = Path(text).is_dir()
-            raise InputError(
-                "is a folder" if folder else "no file matches",
-                field="reports.files",
-                found=f"pattern {str(pattern)!r} in folder {Path.cwd()}",
-                remedy=f"Name the files in it, such as {_pattern(Path(text))}"
-                if folder
-                else "Relative paths start at the current directory",
-            )
+            raise none_found(text, "reports.files")
         found.update(dict.fromkeys(names))
     if not found:
         raise InputError("names no file", field="reports.files")
     return [Path(name) for name in found]
-
-
-def _pattern(folder: Path) -> str:
-    """A pattern for the files of a folder, after the first of them."""
-    found = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    first = next(found, folder / "reports.csv")
-    below = folder if first.parent == folder else folder / "**"
-    return str(below / f"*{first.suffix}")
 
 
 def _detect_format(path: Path) -> str:

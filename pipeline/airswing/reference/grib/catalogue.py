@@ -17,6 +17,7 @@ import numpy as np
 
 from airswing.errors import InputError
 from airswing.lead_times import Wanted, lead_condition
+from airswing.products.named_files import none_found
 from airswing.reference.geometry.grids import Grid
 from airswing.reference.geometry.model_time import SourceFile
 from airswing.reference.geometry.wind_profiles import (
@@ -94,15 +95,7 @@ def find_files(
         # A link that leads nowhere is a file that is missing: opening it fails and names it.
         there = [os.path.abspath(p) for p in matches if is_one(p) or not os.path.exists(p)]
         if not there:
-            folder = os.path.isdir(pattern)
-            raise InputError(
-                "is a folder" if folder else "no file found",
-                field=f"references.{name}.files",
-                found=f"pattern {pattern!r} in folder {os.getcwd()}",
-                remedy=f"Name the files in it, such as {os.path.join(pattern, '*')}"
-                if folder
-                else "Check the pattern; relative paths start at the current directory",
-            )
+            raise none_found(pattern, f"references.{name}.files")
         found.update(there)
     if not found:
         raise InputError("names no file", field=f"references.{name}.files")

@@ -12,7 +12,8 @@ from pydantic import BaseModel
 
 from airswing.config import Config, FlightLevelWinds, Postprocess
 from airswing.config_file import load_postprocess
-from airswing.errors import ConfigError, InputError
+from airswing.errors import ConfigError
+from airswing.products.named_files import none_found
 from airswing.products.netcdf import read_product, write_product
 from airswing.products.whole_files import require_writable
 from airswing.products.workspace import workspace
@@ -133,12 +134,7 @@ def _found(patterns: list[str], field: str) -> list[Path]:
         matches = [Path(name) for name in sorted(glob.glob(pattern, recursive=True))]
         found = [path for path in matches if path.is_file()]
         if not found:
-            raise InputError(
-                "no such file",
-                field=field,
-                found=pattern,
-                remedy="Check the pattern; relative paths start at the current directory",
-            )
+            raise none_found(pattern, field)
         files |= dict.fromkeys(found)
     return list(files)
 
