@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
+from airswing.gap.as_sent.in_turn import all_mended
+from airswing.gap.as_sent.mended import Mended
 from airswing.gap.checks.aliases import hidden_shares
 from airswing.gap.checks.assumptions import Checks, run_checks, with_aliases
 from airswing.gap.checks.refit_claims import Adjustment, make_adjustment
@@ -52,7 +54,6 @@ from airswing.gap.search.testability import absorbed, too_short
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.whole_archive import Archive, held_archive
 from airswing.gap.witness.bench import Setting
-from airswing.gap.witness.ceiling import ceiling_of
 from airswing.gap.witness.learned import LearnedWitness
 from airswing.gap.witness.taken_off import (
     Taken,
@@ -174,9 +175,9 @@ def diagnose(
     search = Search(effects, Rules(), dictionary, seed, tell)
     known_names = set(CATALOGUE if catalogue is None else catalogue)
     swaps = "tail_swap" in known_names and not archive.clock.short
-    ceiling = ceiling_of(archive.view) if dictionary else None
-    if ceiling is not None:  # means of bounded winds are truncated: nothing is fitted to them
-        archive = of_view(archive, ceiling.lifted)
+    mended = all_mended(archive.view) if dictionary else []
+    if mended:  # nothing is fitted to winds that are not the aircraft's own
+        archive = of_view(archive, mended[-1].lifted)
     final, again, swap = search_twice(archive, search, swaps=swaps)
     first = final.standing.found.terms
     taken: list[Taken] = []
@@ -207,11 +208,11 @@ def diagnose(
         final, again, _ = search_twice(archive, replace(search, effects=left), swaps=False)
     problem, found = final.problem, final.standing.found
     findings = _findings(final, search, again=again, names=known_names)
-    findings = _without_remnant(findings, taken, bounded=ceiling is not None)
+    findings = _without_remnant(findings, taken, mended=mended)
     findings = replace(findings, swap=swap, untestable=untestable | dict(findings.untestable))
     report = assemble(problem, findings)
     report = with_unknowns(
-        report, taken, problem=problem, found=found, whole=findings.whole, ceiling=ceiling
+        report, taken, problem=problem, found=found, whole=findings.whole, mended=mended
     )
     tell("checks", 0.0)
     checks = run_checks(problem, found, findings.closure)
@@ -287,10 +288,12 @@ def _name_of(final: Pass, taken: Taken, left: Frame) -> Doubtful | None:
     return None
 
 
-def _without_remnant(findings: Findings, taken: Sequence[Taken], *, bounded: bool) -> Findings:
+def _without_remnant(
+    findings: Findings, taken: Sequence[Taken], *, mended: Sequence[Mended]
+) -> Findings:
     """Leave out winds sent for others where that is what a table's cells left of its variable."""
     told = {name for one in taken for name in one.unknown.grid.variables}
-    told |= {"wind_speed"} if bounded else set()
+    told |= {"wind_speed"} if mended else set()
     if findings.sent is not None and told & set(findings.sent.telling):
         return replace(findings, sent=None)
     return findings

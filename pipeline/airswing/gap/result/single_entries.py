@@ -6,11 +6,13 @@ Assumptions and validity: as the modules that made the pieces.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.reported_variables import UNITS
+from airswing.gap.as_sent.mended import Mended
 from airswing.gap.closure.of_scatter import Reduction
 from airswing.gap.evidence.gaussian import Score, plain_probability
 from airswing.gap.evidence.localisation import Slice
@@ -33,7 +35,6 @@ from airswing.gap.search.excess_scatter import Scattering
 from airswing.gap.search.tail_swaps import Swap
 from airswing.gap.sums.elimination import Base
 from airswing.gap.sums.problem import Problem
-from airswing.gap.witness.ceiling import Ceiling
 from airswing.gap.witness.sent_winds import SentWinds
 from airswing.units import KNOT
 
@@ -130,23 +131,26 @@ def sent_place(
     )
 
 
-def ceiling_place(
-    found: Ceiling, tails: Sequence[str], interval: tuple[float, float]
-) -> PlaceEntry:
-    """Place of a bound on the speeds sent: the map of speeds that ends in it."""
+def mended_place(found: Mended, tails: Sequence[str], interval: tuple[float, float]) -> PlaceEntry:
+    """Place of winds set right before anything was fitted."""
     whole = len(found.tails) == len(tails)
-    fastest = max(found.speed, float(np.hypot(found.lifted.u_rep, found.lifted.v_rep).max()))
+    values, names = list(found.values), list(found.variables)
+    curve = CurveEntry(list(found.labels), values, unit=found.unit)
+    if found.edges is not None:
+        units = [UNITS[name] for name in names]
+        edges = [list(found.edges)]
+        curve = replace(curve, variables=names, variable_units=units, edges=edges, values=values)
     return PlaceEntry(
-        component="reported_speed",
-        variable="wind_speed",
-        variables=["wind_speed"],
-        group="reported_speed:wind_speed",
+        component=found.component,
+        variable=names[0],
+        variables=names,
+        group=f"{found.component}:{names[0]}",
         tails=[] if whole else [tails[a] for a in found.tails],
         scope="fleet" if whole else "aircraft",
         evidence_nats=round(found.evidence, 2),
         probability=plain_probability(found.evidence),
         size_m_s=found.size,
-        curve=_speed_map([0.0, found.speed, fastest + 1.0], [0.0, found.speed, found.speed]),
+        curve=curve,
         closure=ClosesEntry(float(found.saved.mean()) / KNOT, list(interval)),
         settled_by=BEFORE_CODING,
     )

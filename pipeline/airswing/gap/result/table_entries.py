@@ -14,9 +14,9 @@ import numpy as np
 
 from airswing.gap.archive.reported_variables import UNITS
 from airswing.gap.archive.value_tables import UNIT_OF
+from airswing.gap.as_sent.mended import Mended
 from airswing.gap.evidence.gaussian import plain_probability
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry
-from airswing.gap.witness.ceiling import Ceiling
 from airswing.gap.witness.fitted_tables import Unknown
 from airswing.gap.witness.taken_off import Taken
 from airswing.units import KNOT
@@ -25,7 +25,7 @@ from airswing.units import KNOT
 LIMITS = (0.025, 0.975)
 
 
-def interval(taken: Sequence[Taken | Ceiling]) -> tuple[float, float]:
+def interval(taken: Sequence[Taken | Mended]) -> tuple[float, float]:
     """95 % interval of what unknowns close together, kt; what is stated lies in it."""
     drawn = np.sum([one.drawn for one in taken], axis=0) / KNOT
     stated = sum(float(one.saved.mean()) for one in taken) / KNOT

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from airswing.gap.as_sent.mended import Mended
 from airswing.gap.evidence.gaussian import luck
 from airswing.gap.held_out.reduction import Closure
 from airswing.gap.result.schema import (
@@ -24,11 +25,10 @@ from airswing.gap.result.schema import (
     UnknownClosureEntry,
     UnknownEntry,
 )
-from airswing.gap.result.single_entries import ceiling_place
+from airswing.gap.result.single_entries import mended_place
 from airswing.gap.result.table_entries import entry, interval
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.problem import Problem
-from airswing.gap.witness.ceiling import Ceiling
 from airswing.gap.witness.taken_off import OWN_REMAINDER, Taken
 from airswing.units import KNOT
 
@@ -43,7 +43,7 @@ def with_unknowns(
     problem: Problem,
     found: Found,
     whole: Closure,
-    ceiling: Ceiling | None = None,
+    mended: Sequence[Mended] = (),
 ) -> GapReport:
     """Add unknowns, their closure and their steps of the waterfall.
 
@@ -57,14 +57,13 @@ def with_unknowns(
         Of the archive without them.
     whole : Closure
         With the dictionary's unknown terms; in the order of the terms.
-    ceiling : Ceiling, optional
-        A bound on the speeds sent, taken off before all others.
+    mended : sequence of Mended
+        Winds set right before all others.
     """
-    tables = [entry(one, problem.archive.tails) for one in taken]
-    off: list[Taken | Ceiling] = [*taken]
-    if ceiling is not None:
-        tables.insert(0, ceiling_place(ceiling, problem.archive.tails, interval([ceiling])))
-        off.insert(0, ceiling)
+    tails = problem.archive.tails
+    off: list[Taken | Mended] = [*mended, *taken]
+    tables = [mended_place(one, tails, interval([one])) for one in mended]
+    tables += [entry(one, tails) for one in taken]
     raised = _with_closures(report.unknown.where, found, whole)
     others = [place for place in raised if _stands(place, tables)]
     report = _without(report, [place for place in raised if place not in others])
@@ -141,7 +140,7 @@ def _without(report: GapReport, places: Sequence[PlaceEntry]) -> GapReport:
     )
 
 
-def _moved(report: GapReport, taken: Sequence[Taken | Ceiling], moved: float) -> GapReport:
+def _moved(report: GapReport, taken: Sequence[Taken | Mended], moved: float) -> GapReport:
     """Start the closure and the waterfall from the archive as it is."""
     gap, closure = report.gap, report.closure
     before, fraction = closure.before + moved, closure.fraction_of_excess

@@ -1,6 +1,6 @@
 """A witness beside the dictionary: what shows in the reports and has no name.
 
-``ceiling`` lifts a bound on the speeds sent before anything else looks. ``ground`` sums any table
+``ground`` sums any table
 over the reports with everything the reference does taken out, ``null`` draws archives in which
 nothing is wrong, ``bench`` puts the real one beside them, ``scan`` weighs, ``jumps`` and
 ``periods`` tell where tables are cut, ``unknowns`` looks for tables, ``fitted_tables`` fits them,

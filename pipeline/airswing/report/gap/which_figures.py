@@ -173,7 +173,7 @@ def _speed_map_figure(place: PlaceEntry) -> Figure:
 @styled
 def unknown_curve_figure(place: PlaceEntry) -> Figure:
     """Bars of the curve fitted to an effect that the catalogue does not hold."""
-    if place.component == "reported_speed":
+    if place.component == "reported_speed" and place.curve.edges is not None:
         return _speed_map_figure(place)
     if place.curve.edges is not None:
         return _table_figure(place)
@@ -196,6 +196,15 @@ def unknown_curve_figure(place: PlaceEntry) -> Figure:
         return figure.say(
             f"What aircraft scatter more than the fleet: {slice_words(place)} (n = {value.size})."
         )
+    if place.variable == "unchanged":
+        axes.set_xlabel("time for which it has been so")
+        axes.set_ylabel("error (m/s rms)")
+        return figure.say(
+            f"Errors of what is sent again and again: {slice_words(place)} (n = {value.size})."
+        )
+    if place.component == "wind_map":
+        axes.set_ylabel("sent of what was measured")
+        return figure.say(f"The map: {slice_words(place)} (n = {value.size}).")
     if place.component == "reported_direction":
         axes.set_xlabel("reported wind direction (degrees)")
         axes.set_ylabel("beside simulated (%)")

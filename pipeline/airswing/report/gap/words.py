@@ -318,6 +318,8 @@ COMPONENTS = {
     "scatter": "of single reports",
     "reported_speed": "speeds sent in the place of others",
     "reported_direction": "directions sent too often or never",
+    "reported_wind": "winds sent again unchanged",
+    "wind_map": "winds sent as a map of themselves",
     "across_heading": "across the heading",
     "along_heading": "along the heading",
     "heading_angle": "an angle of the heading",

@@ -19,7 +19,6 @@ Units: m/s.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -27,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.as_sent.mended import Mended, shortened
 from airswing.gap.witness.taken_off import DRAWS, without
 from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
@@ -49,30 +49,13 @@ MARGIN = 6.0
 LEVELS, LEAST_LEVEL, SWEEPS, CHAINS = 4, 200, 30, 8
 
 
-@dataclass(frozen=True)
-class Ceiling:
-    """A bound on the speeds sent, and the archive without it."""
-
-    tails: tuple[int, ...]  # aircraft that have it
-    speed: float  # the greatest speed sent, m/s
-    evidence: float  # reports at the bound against those expected of the speeds below, nats
-    size: float  # root mean square of what is cut off where it acts, m/s
-    lifted: Frame  # winds as they would have been
-    saved: Floats  # (n,): disagreement with the bound less without, m/s
-    drawn: Floats  # (draws,): its mean over all reports, as the archives drawn spread about it
-
-    @property
-    def title(self) -> str:
-        """What is told of it on the waterfall."""
-        return "greatest speed sent"
-
-
-def ceiling_of(frame: Frame) -> Ceiling | None:
+def ceiling_of(frame: Frame) -> Mended | None:
     """Find a bound on the speeds sent, and draw the winds without it.
 
     Returns
     -------
-    Ceiling or None
+    Mended or None
+        With the map of speeds that ends in it.
         None where speeds do not pile up at the greatest.
     """
     speed = np.hypot(frame.u_rep, frame.v_rep)
@@ -105,19 +88,26 @@ def ceiling_of(frame: Frame) -> Ceiling | None:
     if drawn is None:
         return None
     factors = 1 + (drawn - error) / np.maximum(speed, 1.0)
-    winds = [np.stack([f * frame.u_rep, f * frame.v_rep], -1) for f in factors]
-    reference = np.stack([frame.u_ref, frame.v_ref], -1)
-    saved = np.stack([np.hypot(*frame.residual.T) - np.hypot(*(w - reference).T) for w in winds])
+    winds = factors[..., None] * np.stack([frame.u_rep, frame.v_rep], -1)
+    saved = shortened(frame, winds)
     means = saved.mean(axis=1)
     middle = int(np.argmin(np.abs(means - means.mean())))  # of the archives drawn the middlemost
-    return Ceiling(
+    bound = limit * KNOT
+    edges = 0.0, bound, max(bound, float(np.hypot(*winds[middle].T).max())) + 1.0
+    return Mended(
+        "reported_speed",
+        ("wind_speed",),
+        "greatest speed sent",
         tails,
-        limit * KNOT,
         float(sum(nats for a, (_, nats) in bounds.items() if a in tails)),
         float(np.sqrt(np.mean((drawn[middle] - error)[at] ** 2))),
-        without(frame, winds[middle] - reference),
+        without(frame, winds[middle] - np.stack([frame.u_ref, frame.v_ref], -1)),
         saved[middle],
         _spread(means),
+        tuple(f"{speed:.3g}" for speed in edges),
+        (0.0, bound, bound),
+        "m/s",
+        edges,
     )
 
 
@@ -143,7 +133,7 @@ def _drawn(frame: Frame, error: Floats, at: Mask, *, calm: Mask) -> Floats | Non
     order = np.lexsort((frame.time, frame.flight))
     near = frame.flight[order][1:] == frame.flight[order][:-1]
     mean, *doubts = _by_strength(np.hypot(frame.u_ref, frame.v_ref), error, calm)
-    scale = _scale_by_level(frame, error - mean, calm)
+    scale = scale_by_level(frame, error - mean, calm)
     whitened = ((error - mean) / scale)[order]
     both = near & calm[order][1:] & calm[order][:-1]
     pair = np.clip(whitened, -4, 4)
@@ -175,7 +165,7 @@ def _scale(error: Floats) -> float:
     return max(robust_sd(error, 0.0), 0.1)
 
 
-def _scale_by_level(frame: Frame, error: Floats, calm: Mask) -> Floats:
+def scale_by_level(frame: Frame, error: Floats, calm: Mask) -> Floats:
     """Scale of the error at every report's level, (n,)."""
     level = np.log(frame.pressure)
     edges = np.quantile(level[calm], np.linspace(0, 1, LEVELS + 1))
