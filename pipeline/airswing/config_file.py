@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -69,7 +69,7 @@ def load_postprocess(
     return found.postprocess, found.output, found
 
 
-def _content(path: Path, output: Path | None) -> dict[str, Any]:
+def _content(path: Path, output: Path | None) -> dict[str, object]:
     """What the file says, with the output folder replaced."""
     if not path.exists():
         raise ConfigError("no such configuration", file=path)
@@ -84,7 +84,7 @@ def _content(path: Path, output: Path | None) -> dict[str, Any]:
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def _checked(model: type[Model], content: dict[str, Any], path: Path) -> Model:
+def _checked(model: type[Model], content: dict[str, object], path: Path) -> Model:
     """The content as a model has it."""
     try:
         return model.model_validate(content)

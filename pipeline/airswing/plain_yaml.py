@@ -27,7 +27,7 @@ _MOST_VALUES = 20_000
 _MOST_BITS = 256
 
 
-def load_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
+def load_yaml(path: Path, kind: type[InputError] = InputError) -> object:
     """Read a YAML file.
 
     Parameters
@@ -95,7 +95,7 @@ class _Loader(yaml.SafeLoader):
         _require_few(self._root)
         return self.construct_document(self._root)
 
-    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
         try:
             value = super().construct_object(node, deep=deep)
         except (ValueError, ArithmeticError, TypeError, AttributeError, LookupError) as err:
@@ -112,7 +112,7 @@ class _Loader(yaml.SafeLoader):
             raise _ValueFault("a number that nothing takes", self._key(node), value)
         return value
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[object, object]:
         seen: set[object] = set()
         for key_node, _ in node.value:
             if key_node.tag == "tag:yaml.org,2002:merge":

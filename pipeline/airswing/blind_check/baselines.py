@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["classifier", "least_squares_bic", "run_baselines", "slice_tree"]
 
 Array = NDArray[np.float64]
-Claim = dict[str, Any]
+Claim = dict[str, object]
 # Archives hold two effects and a background: what enters later is noise.
 _MOST_TERMS = 6
 _LEAF = 400
@@ -81,7 +81,7 @@ def run_baselines(
     dict
         Baseline to one mapping per case: ``claimed, detected, first_right, false_alarm``.
     """
-    out: dict[str, list[dict[str, Any]]] = {name: [] for name in _BASELINES}
+    out: dict[str, list[dict[str, object]]] = {name: [] for name in _BASELINES}
     for label in labels:
         target = output / "diagnosed" / label["name"]
         kept = target / "baselines.json"

@@ -60,7 +60,7 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-def _group_table(title: str, groups: Mapping[Any, Mapping[str, Any]]) -> str:
+def _group_table(title: str, groups: Mapping[object, Mapping[str, object]]) -> str:
     rows = [
         [str(name), *(_text(found[key], form) for key, _, form in _COLUMNS)]
         for name, found in groups.items()
@@ -77,7 +77,7 @@ def _target_text(sense: str, target: float | Sequence[float], form: str) -> str:
     return ("at least " if sense == ">=" else "at most ") + _text(target, form)
 
 
-def _target_rows(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+def _target_rows(scores: Sequence[Mapping[str, object]]) -> list[list[str]]:
     """Targets by row: they are set for default archives; every rung together beside them."""
     rows = []
     for entry, whole in zip(targets(of_default(scores)), targets(scores), strict=True):
@@ -170,7 +170,7 @@ def _of_all(check: Check) -> str:
     return str(done) if sealed in (None, done) else f"{done} of {sealed}"
 
 
-def _one_line(found: Mapping[str, Any]) -> str:
+def _one_line(found: Mapping[str, object]) -> str:
     return ", ".join(f"{name} {_text(found[key], form)}" for key, name, form in _COLUMNS) + "."
 
 
@@ -199,7 +199,7 @@ def _baseline_table(check: Check) -> str:
     )
 
 
-def _reliability_table(scores: Sequence[Mapping[str, Any]]) -> str:
+def _reliability_table(scores: Sequence[Mapping[str, object]]) -> str:
     """Stated probabilities by bin: of names, of unknowns, and of both together."""
     claims = [c for s in of_default(scores) if not s.get("failure") for c in s["claims"]]
     rows = [
@@ -216,7 +216,7 @@ def _reliability_table(scores: Sequence[Mapping[str, Any]]) -> str:
     return _table(["claim", "stated", "claims", "stated, mean", "right"], rows)
 
 
-def _outside_table(scores: Sequence[Mapping[str, Any]]) -> str:
+def _outside_table(scores: Sequence[Mapping[str, object]]) -> str:
     rows = []
     for s in sorted(_done(scores, "outside"), key=lambda s: (s["outside"]["shape"], s["size"])):
         true = s["outside"]
@@ -265,11 +265,11 @@ def _outside_table(scores: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _done(scores: Sequence[Mapping[str, Any]], kind: str) -> list[Mapping[str, Any]]:
+def _done(scores: Sequence[Mapping[str, object]], kind: str) -> list[Mapping[str, Any]]:
     return [s for s in scores if s["kind"] == kind and not s.get("failure")]
 
 
-def _removed_table(scores: Sequence[Mapping[str, Any]]) -> str:
+def _removed_table(scores: Sequence[Mapping[str, object]]) -> str:
     rows = [
         [
             s["name"],

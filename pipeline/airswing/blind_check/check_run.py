@@ -33,7 +33,7 @@ __all__ = ["Check", "Plan", "gap_check", "run_public_command"]
 
 Say = Callable[[str], None]
 # (configuration, output folder, effects to do without) to the content of gap.json.
-Diagnoser = Callable[[Path, Path, Sequence[str]], dict[str, Any]]
+Diagnoser = Callable[[Path, Path, Sequence[str]], dict[str, object]]
 # Seconds: one diagnosis that hangs must not hold up the check; they take a minute or two.
 _TIMEOUT = 1800.0
 
@@ -51,7 +51,7 @@ class Check:
     settings: dict[str, Any]  # number of cases, seed, size: what repeats it
 
 
-def run_public_command(config: Path, output: Path, without: Sequence[str]) -> dict[str, Any]:
+def run_public_command(config: Path, output: Path, without: Sequence[str]) -> dict[str, object]:
     """Diagnose one archive through the command a user has.
 
     Parameters
@@ -80,7 +80,7 @@ def run_public_command(config: Path, output: Path, without: Sequence[str]) -> di
     if done.returncode != 0:
         last = done.stderr.strip().splitlines() or ["no message"]
         raise RuntimeError(f"exit status {done.returncode}: {last[-1]}")
-    content: dict[str, Any] = json.loads((output / "gap.json").read_text(encoding="utf-8"))
+    content: dict[str, object] = json.loads((output / "gap.json").read_text(encoding="utf-8"))
     return content
 
 
@@ -109,7 +109,7 @@ class Plan:
         there = self.real is not None and (self.real / "heading").is_dir()
         return rungs if there else [rung for rung in rungs if rung != 5]
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Return what repeats the check."""
         return {
             "cases": self.cases,
@@ -235,7 +235,7 @@ def gap_check(
 def _sealed(
     output: Path,
     plan: Sequence[Case],
-    settings: dict[str, Any],
+    settings: dict[str, object],
     real: Path | None,
     workers: int,
     say: Say,
@@ -266,7 +266,7 @@ def _sealed(
 
 def _written(
     output: Path, worlds: Sequence[Sequence[Case]], real: Path | None, workers: int, say: Say
-) -> Iterator[list[dict[str, Any]]]:
+) -> Iterator[list[dict[str, object]]]:
     """Write the cases of every world, several worlds at a time where asked to."""
     if workers <= 1:
         for cases in worlds:
@@ -281,7 +281,9 @@ def _written(
             yield labels
 
 
-def _world_labels(output: Path, real: Path | None, cases: Sequence[Case]) -> list[dict[str, Any]]:
+def _world_labels(
+    output: Path, real: Path | None, cases: Sequence[Case]
+) -> list[dict[str, object]]:
     """Write the archives of one world and return their labels."""
     archivist = Archivist(output, real)
     return [_label(output, archivist, case) for case in cases]
@@ -296,11 +298,11 @@ def _of_this_code(output: Path) -> None:
         note.write_text(code, encoding="utf-8")
 
 
-def _label(output: Path, archivist: Archivist, case: Case) -> dict[str, Any]:
+def _label(output: Path, archivist: Archivist, case: Case) -> dict[str, object]:
     """Write one case, or read its label where an interrupted check has written it."""
     path = output / "sealed" / "parts" / f"{case.name}.json"
     if path.exists():
-        known: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        known: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
         return known
     label = archivist.write(case)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -340,9 +342,9 @@ def _diagnose_all(
     return failures
 
 
-def _read(output: Path, name: str) -> dict[str, Any] | None:
+def _read(output: Path, name: str) -> dict[str, object] | None:
     path = output / "diagnosed" / name / "gap.json"
     if not path.exists():
         return None
-    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    content: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
     return content

@@ -93,7 +93,7 @@ BY: dict[str, Callable[[Score], Any]] = {
 }
 
 
-def grouped(scores: Sequence[Score], by: str) -> dict[Any, dict[str, Any]]:
+def grouped(scores: Sequence[Score], by: str) -> dict[object, dict[str, object]]:
     """Return the summary of every group.
 
     Parameters

@@ -45,7 +45,7 @@ def draws() -> dict[str, Draw]:
 
 def score_case(
     label: Label, gap: Gap | None, *, failure: str | None = None, fleet: Sequence[str] = ()
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Score one diagnosis.
 
     Parameters
@@ -62,7 +62,7 @@ def score_case(
     dict
         Plain values; None where a score does not apply.
     """
-    score: dict[str, Any] = {
+    score: dict[str, object] = {
         key: label[key] for key in ("name", "rung", "kind", "variant", "world", "size", "focus")
     }
     score["failure"] = failure if gap is None else None
@@ -150,7 +150,7 @@ def _how(name: str) -> Draw:
     return draws().get(name, Draw())
 
 
-def _set_scores(claims: Sequence[Mapping[str, Any]], truth: Sequence[str]) -> dict[str, Any]:
+def _set_scores(claims: Sequence[Mapping[str, object]], truth: Sequence[str]) -> dict[str, object]:
     """Return whether the first claim's ambiguity set holds a truth, and how large it is."""
     if not claims or not truth:
         return {"in_set": None if not truth else False, "set_size": None}
@@ -205,7 +205,7 @@ def _closure_scores(label: Label, gap: Gap, beside: set[str]) -> dict[str, Any]:
     }
 
 
-def _ahead(claims: Sequence[Mapping[str, Any]], false: Sequence[str], gap: Gap) -> bool:
+def _ahead(claims: Sequence[Mapping[str, object]], false: Sequence[str], gap: Gap) -> bool:
     """Whether a false name stands before the unknown."""
     wrong = [claim for claim in claims if claim["name"] in false]
     if not wrong:
@@ -224,7 +224,7 @@ def _ahead(claims: Sequence[Mapping[str, Any]], false: Sequence[str], gap: Gap) 
     return True
 
 
-def _numbers(entries: Sequence[Mapping[str, Any]], key: str) -> list[float]:
+def _numbers(entries: Sequence[Mapping[str, object]], key: str) -> list[float]:
     """Return one number of every entry, or nothing where one of them lacks it."""
     values = [entry.get(key) for entry in entries]
     numbers = [float(value) for value in values if isinstance(value, int | float)]
@@ -247,7 +247,7 @@ def _placed(label: Label, unknown: Mapping[str, Any]) -> bool:
     return False
 
 
-def _match_scores(label: Label, claims: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _match_scores(label: Label, claims: Sequence[Mapping[str, object]]) -> dict[str, object]:
     """Return aircraft, parameter and date scores of the effects that were named."""
     overlaps, errors, dates = [], [], []
     for name in label["focus"]:
@@ -309,7 +309,7 @@ def parameter_errors(
         orthogonal components (a cycle counts by its root mean square).
     """
     true = own[0]["parameters"]
-    stated: list[Mapping[str, Any]] = []
+    stated: list[Mapping[str, object]] = []
     for claim in found:
         tails = own[0]["tails"]
         each = claim.get("per_tail") or {}
@@ -338,7 +338,7 @@ def _vector(name: str, parameters: Mapping[str, Any]) -> np.ndarray[Any, np.dtyp
     return np.array(out, float)
 
 
-def date_error(period: Sequence[Any], told: Sequence[Any]) -> float | None:
+def date_error(period: Sequence[object], told: Sequence[Any]) -> float | None:
     """Return the distance in days between the true start and the nearest one told; None if none."""
     true = _date(period[0])
     starts = [_date(one[0]) for one in told if one]

@@ -23,7 +23,7 @@ import hashlib
 import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -157,7 +157,7 @@ def _hashed_columns(
     return of_report, of_aircraft
 
 
-def _plain(values: NDArray[Any]) -> NDArray[Any]:
+def _plain(values: NDArray[np.generic]) -> NDArray[np.generic]:
     """Values whose octets can be looked at: times have none of their own."""
     values = np.ascontiguousarray(values)
     return values.view(np.int64) if values.dtype.kind in "mM" else values

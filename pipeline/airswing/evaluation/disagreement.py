@@ -8,13 +8,13 @@ given beside it.
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating[Any]]
+FloatArray = NDArray[np.floating]
 _Winds = TypeVar("_Winds", xr.DataArray, xr.Dataset)
 
 

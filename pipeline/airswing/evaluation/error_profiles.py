@@ -8,7 +8,6 @@ reports of one flight share the model's error.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -150,7 +149,9 @@ def profile_cells(headings: xr.Dataset) -> tuple[NDArray[np.int64], int]:
     return np.asarray(cell, dtype=np.int64), CELLS
 
 
-def _squares(wind: tuple[Any, ...], reference: tuple[Any, ...]) -> dict[str, Any]:
+def _squares(
+    wind: tuple[NDArray[np.float64], ...], reference: tuple[NDArray[np.float64], ...]
+) -> dict[str, NDArray[np.float64]]:
     """Squared errors of the components and, in degrees, of the direction."""
     (u, v), (u_ref, v_ref) = wind, reference
     turned = np.arctan2(u * v_ref - v * u_ref, u * u_ref + v * v_ref)
@@ -162,9 +163,9 @@ def _squares(wind: tuple[Any, ...], reference: tuple[Any, ...]) -> dict[str, Any
     }
 
 
-def _empty(shape: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+def _empty(shape: tuple[int, ...]) -> dict[str, NDArray[np.generic]]:
     names = [f"{name}_rms" for name in ("eastward", "northward", "direction")]
-    found: dict[str, NDArray[Any]] = {}
+    found: dict[str, NDArray[np.generic]] = {}
     for name in names:
         found[name] = np.full(shape, np.nan)
         found[f"{name}_standard_error"] = np.full(shape, np.nan)

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import Any, NotRequired, TypedDict, Unpack
+from typing import Any, NotRequired, TypedDict, TypeVar, Unpack
 
 import numpy as np
 import xarray as xr
@@ -57,9 +57,15 @@ _COLUMNS = (
 _NEVER = ("no_ground_vector", "no_reference", "missing_wind", "wind_qc", "gross_error")
 
 
+_Numbers = TypeVar("_Numbers", float, Floats)
+
+
 def adjusted_reductions(
-    corrected_before: Any, corrected_during: Any, controls_before: Any, controls_during: Any
-) -> tuple[Any, Any]:
+    corrected_before: _Numbers,
+    corrected_during: _Numbers,
+    controls_before: _Numbers,
+    controls_during: _Numbers,
+) -> tuple[_Numbers, _Numbers]:
     """Reduction of the corrected group beyond the controls', linearly and in quadrature.
 
     Parameters
@@ -250,7 +256,7 @@ def _measures(
     return found
 
 
-def _components(measured: Mapping[tuple[str, str], list[Floats]]) -> dict[str, Any]:
+def _components(measured: Mapping[tuple[str, str], list[Floats]]) -> dict[str, object]:
     """Every measure of disagreement by group and window, m/s."""
     found: dict[str, Any] = {}
     for (group, name), sums in measured.items():
@@ -320,8 +326,10 @@ class _Window:
     def of(
         cls, headings: xr.Dataset, *, start: date, before_start: date, end: date | None
     ) -> _Window:
-        after_all = None if end is not None else time_span(headings)[1] + np.timedelta64(1, "s")
-        last: Any = after_all if end is None else np.datetime64(end)
+        if end is None:
+            last = time_span(headings)[1] + np.timedelta64(1, "s")
+        else:
+            last = np.datetime64(end)
         return cls(np.datetime64(before_start), np.datetime64(start), last)
 
     def number(self, headings: xr.Dataset) -> NDArray[np.int64]:

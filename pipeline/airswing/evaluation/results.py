@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import xarray as xr
 
@@ -21,10 +20,10 @@ class Evaluation:
     observation_errors: xr.Dataset | None = None
     # stability, virtual, field_test, sensitivity: contents of ``stability.json``,
     # ``virtual_field_test.json`` and so on
-    stability: Mapping[str, Any] | None = None
+    stability: Mapping[str, object] | None = None
     # of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`
-    ranking: Sequence[Mapping[str, Any]] | None = None
-    virtual: Mapping[str, Any] | None = None
-    field_test: Mapping[str, Any] | None = None
-    sensitivity: Mapping[str, Any] | None = None
-    monitoring: Mapping[str, Any] | None = None  # content of ``events.json``
+    ranking: Sequence[Mapping[str, object]] | None = None
+    virtual: Mapping[str, object] | None = None
+    field_test: Mapping[str, object] | None = None
+    sensitivity: Mapping[str, object] | None = None
+    monitoring: Mapping[str, object] | None = None  # content of ``events.json``

@@ -103,7 +103,7 @@ def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
     return told
 
 
-def _together(parts: Sequence[Any]) -> Any:
+def _together(parts: Sequence[Any]) -> object:
     """Tallies of several months: counts summed, lists of what was left out joined."""
     if all(isinstance(part, Mapping) for part in parts):
         names = dict.fromkeys(name for part in parts for name in part)
@@ -174,7 +174,7 @@ class _Joined(BackendArray):
         self.shape = (*parts[0].shape[:-1], runs.total)
         self.dtype = np.result_type(*(part.dtype for part in parts))
 
-    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> object:
         basic = indexing.IndexingSupport.BASIC
         return indexing.explicit_indexing_adapter(key, self.shape, basic, self._some)
 

@@ -146,7 +146,7 @@ def as_stored(ds: xr.Dataset) -> xr.Dataset:
     ds : Dataset
         Every variable must be in the vocabulary.
     """
-    changed: dict[Any, Any] = {}
+    changed: dict[object, object] = {}
     for name, variable in ds.variables.items():
         if name in ds.coords:
             continue
@@ -310,11 +310,13 @@ def is_text(variable: xr.DataArray) -> bool:
     return lookup(str(variable.name), variable.dims).dtype == "str" or variable.dtype.kind in "OUT"
 
 
-def _encodings(ds: xr.Dataset) -> dict[Any, dict[str, object]]:
+def _encodings(ds: xr.Dataset) -> dict[object, dict[str, object]]:
     return {name: encoding_of(ds[name]) for name in ds.variables}
 
 
-def encoding_of(variable: xr.DataArray, sizes: Mapping[Any, int] | None = None) -> dict[str, Any]:
+def encoding_of(
+    variable: xr.DataArray, sizes: Mapping[object, int] | None = None
+) -> dict[str, Any]:
     """How a variable is stored: keywords of ``to_netcdf`` and ``netCDF4.Dataset.createVariable``.
 
     ``sizes`` are those of its dimensions in the file, where it is written in parts.

@@ -167,7 +167,9 @@ class RaggedWriter:
             file.set_auto_mask(False)
             yield file
 
-    def _create(self, file: netCDF4.Dataset, variable: xr.DataArray) -> netCDF4.Variable[Any]:
+    def _create(
+        self, file: netCDF4.Dataset, variable: xr.DataArray
+    ) -> netCDF4.Variable[np.generic]:
         sizes = {dim: self._sizes.get(str(dim), size) for dim, size in variable.sizes.items()}
         options = encoding_of(variable, sizes)
         kind = np.dtype(options.pop("dtype"))
@@ -212,7 +214,7 @@ def _create_array(
     sizes: Mapping[str, int],
     fill: Any = None,
     options: Mapping[str, Any] | None = None,
-) -> netCDF4.Variable[Any]:
+) -> netCDF4.Variable[np.generic]:
     for dim, size in sizes.items():
         if dim not in file.dimensions:
             file.createDimension(dim, size)

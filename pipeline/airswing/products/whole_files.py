@@ -11,7 +11,6 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -63,7 +62,7 @@ def write_json(path: Path, content: Mapping[str, object]) -> Path:
     return write_text(path, json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
 
 
-def plain(value: object) -> Any:
+def plain(value: object) -> object:
     """Turn numpy and pandas values, nested in mappings, sequences and arrays, into what JSON holds.
 
     Not-a-number becomes None; what is none of these its text.

@@ -261,7 +261,7 @@ def collocate(
     points = points_of(reports)
     names = [*_WINDS, *(DERIVATIVES if derivatives else ())]
     options = _Options(max_time_gap, derivatives, sparse, None if store is None else str(store))
-    graph: dict[Any, Any] = {}
+    graph: dict[object, object] = {}
     joins = [_add_reference(graph, points, one, options) for one in models.values()]
     token = hashlib.blake2b("".join(joins).encode(), digest_size=16).hexdigest()
     base = f"winds-{token}"
@@ -303,11 +303,11 @@ class _Options(NamedTuple):
 
 def _lazy(
     base: str,
-    graph: dict[Any, Any],
+    graph: dict[Any, object],
     name: str,
     keys: dict[Any, Any],
     chunks: tuple[tuple[int, ...], ...],
-    dtype: np.dtype[Any],
+    dtype: np.dtype[np.generic],
 ) -> da.Array:
     """A lazy array over the samples and joins that all variables share."""
     layers = HighLevelGraph({base: graph, name: keys}, {base: set(), name: {base}})
@@ -319,7 +319,7 @@ def _row(joined: _Joined, number: int) -> Floats:
     return joined.columns[number : number + 1]
 
 
-def _count(joined: _Joined, number: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+def _count(joined: _Joined, number: int, dtype: np.dtype[np.generic]) -> NDArray[np.generic]:
     return joined.account[number : number + 1].astype(dtype)
 
 
@@ -330,7 +330,7 @@ def _problems(joined: _Joined) -> NDArray[np.object_]:
 
 
 def _add_reference(
-    graph: dict[Any, Any], points: Points, catalogue: Catalogue, options: _Options
+    graph: dict[object, object], points: Points, catalogue: Catalogue, options: _Options
 ) -> str:
     """Add one reference to a graph, a task a model time and a join; the join's key."""
     times = schedule(

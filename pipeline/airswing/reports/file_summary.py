@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,7 +27,7 @@ _NUMBERS = (
 )
 
 
-def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -> dict[str, Any]:
+def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -> dict[str, object]:
     """Say what a report file holds; columns as in `airswing.reports.read.read_reports`.
 
     Returns

@@ -24,7 +24,7 @@ from airswing.units import NORMAL_95
 
 def summarise(
     config: Config, headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Collect what a person wants to know first.
 
     Parameters

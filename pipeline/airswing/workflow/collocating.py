@@ -240,7 +240,7 @@ def collocate_places(
     from airswing.reference.store import SampleStore
 
     asked = job.config.collocation
-    problems: dict[str, set[Any]] = {name: set() for name in models}
+    problems: dict[str, set[object]] = {name: set() for name in models}
     with job.progress.stage("collocate") as stage:
         stage.tasks = sum(one.model_times for one in plans.values())
         store = SampleStore(folder)

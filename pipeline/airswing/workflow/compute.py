@@ -65,7 +65,7 @@ def scheduler(compute: Compute, progress: Progress) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def local_cluster(workers: int, threads: int, **options: Any) -> Iterator[Any]:
+def local_cluster(workers: int, threads: int, **options: object) -> Iterator[object]:
     """Worker processes on this machine.
 
     Parameters

@@ -100,7 +100,7 @@ def estimate(
     block: int,
     left: Mapping[str, Plan] | None = None,
     keep: bool = True,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Estimate time, peak memory and disk space of a run.
 
     Parameters

@@ -88,8 +88,8 @@ def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Datase
 
 
 def make_field_test(
-    job: Job, headings: xr.Dataset | None = None, *, expected: dict[str, Any] | None = None
-) -> dict[str, Any]:
+    job: Job, headings: xr.Dataset | None = None, *, expected: dict[str, object] | None = None
+) -> dict[str, object]:
     """The field test of the configuration: ``field_test.json``.
 
     Parameters

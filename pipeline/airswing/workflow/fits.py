@@ -51,7 +51,7 @@ class Seen:
     # (aircraft,): of :func:`airswing.compass.heading_kind.mean_declination`
     declination: NDArray[np.float64]
     # of :func:`airswing.evaluation.compass_changes.change_dates.find_changes`
-    changes: list[dict[str, Any]]
+    changes: list[dict[str, object]]
 
 
 def _look_at_all(job: Job, headings: xr.Dataset) -> Seen:
@@ -169,7 +169,7 @@ def draw_cards(job: Job, fits: xr.Dataset, *, near: float = 0.0) -> None:
             stage.note += f", {same} as drawn before"
 
 
-def _drawn_from(chosen: xr.Dataset) -> dict[str, dict[str, Any]]:
+def _drawn_from(chosen: xr.Dataset) -> dict[str, dict[str, object]]:
     """What every aircraft's card is drawn from: a hash of all, and what tells whether it moved."""
     columns = [
         np.moveaxis(one.to_numpy(), one.dims.index("aircraft"), 0)
@@ -194,7 +194,7 @@ def _drawn_from(chosen: xr.Dataset) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _stands(old: dict[str, Any], now: dict[str, Any], near: float) -> bool:
+def _stands(old: dict[str, object], now: dict[str, object], near: float) -> bool:
     """Whether a card that was drawn is as good as one drawn now."""
     if old["mark"] == now["mark"]:
         return True

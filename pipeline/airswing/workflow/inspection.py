@@ -6,7 +6,6 @@ Assumes the first bytes tell the kind; the name never does.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from airswing.errors import InputError, shortened
 from airswing.model_formats import model_formats
@@ -58,7 +57,7 @@ def inspect_file(path: Path) -> dict[str, object]:
         return {"file": str(path), "kind": "a table of unknown columns", **proposed}
 
 
-def _proposal(path: Path, error: InputError) -> dict[str, Any] | None:
+def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
     """The mapping an unknown table would be read with, and what it then holds; None for others."""
     from airswing.reports.file_summary import reports_summary
     from airswing.reports.mapping_proposal import propose_mapping
@@ -71,7 +70,7 @@ def _proposal(path: Path, error: InputError) -> dict[str, Any] | None:
         return None
     if found is None:
         return None
-    told: dict[str, Any] = {"problem": f"{error.field}: {error.what}"}
+    told: dict[str, object] = {"problem": f"{error.field}: {error.what}"}
     told["proposed mapping, to go under reports"] = found["yaml"]
     if found["unused"]:
         told["columns not used"] = found["unused"]
@@ -104,7 +103,7 @@ def _holds_winds(path: Path) -> bool:
         return is_wrfout(ds) or any(ds[one.name].ndim > 2 for one in components(ds, Naming()))
 
 
-def _product(path: Path) -> dict[str, Any] | None:
+def _product(path: Path) -> dict[str, object] | None:
     """Summary of a product of ours, or None for another NetCDF file."""
     import xarray as xr
 
@@ -132,7 +131,7 @@ def _product(path: Path) -> dict[str, Any] | None:
         }
 
 
-def as_text(found: dict[str, Any], *, indent: str = "") -> str:
+def as_text(found: dict[str, object], *, indent: str = "") -> str:
     """Lay an inspection out for a terminal.
 
     Parameters

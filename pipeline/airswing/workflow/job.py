@@ -103,7 +103,7 @@ class Blocks:
     each: Callable[[StageRecord], Iterator[xr.Dataset]]
     stage: str  # what a person reads while they are made
     # attributes of the whole; complete when the last block was given
-    attrs: dict[str, Any] = field(default_factory=dict)
+    attrs: dict[str, object] = field(default_factory=dict)
     # called with the product's ``uuid`` when all is written, before it takes its name: whatever it
     # notes stands wherever the product does
     written: Callable[[str], None] = lambda uuid: None

@@ -270,7 +270,7 @@ class _FollowTasks(Callback):
         self._tasks.done += 1
 
 
-def _client() -> Any:
+def _client() -> object:
     """Client of a distributed scheduler, where one is in use."""
     if "distributed" not in sys.modules:
         return None

@@ -27,7 +27,7 @@ FOLDS = 5
 _LEARNED_SHARE = 2.0 / 3.0
 
 
-def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str, Any]:
+def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str, object]:
     """Fits by month, or by quarter in archives over a year, and changes: ``stability.json``.
 
     Returns
@@ -54,7 +54,7 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str
 
 
 def written_stability(
-    job: Job, fits: xr.Dataset, window: str, windows: list[dict[str, Any]]
+    job: Job, fits: xr.Dataset, window: str, windows: list[dict[str, object]]
 ) -> tuple[dict[str, Any], str]:
     """Write ``stability.json``; what is in it, and in a few words.
 
@@ -76,7 +76,7 @@ def written_stability(
     return result, f"compass changed: {', '.join(changed) or 'none'}"
 
 
-def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[dict[str, Any]]:
+def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[dict[str, object]]:
     """Whom to correct first: ``ranking.csv``.
 
     Returns
@@ -134,7 +134,7 @@ def _ranking_table(ranking: list[dict[str, Any]]) -> str:
 
 
 def make_virtual(
-    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[dict[str, Any]]
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[dict[str, object]]
 ) -> dict[str, Any]:
     """Corrections learned from one part and judged on another: ``virtual_field_test.json``.
 
@@ -214,7 +214,7 @@ def later_date(headings: xr.Dataset) -> date:
     return found
 
 
-def tried(make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def tried(make: Callable[[], dict[str, object]]) -> dict[str, object]:
     """Do a part; where the archive cannot carry it, say why instead."""
     try:
         return make()

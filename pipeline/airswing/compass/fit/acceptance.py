@@ -15,7 +15,7 @@ neither.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
 import xarray as xr
@@ -50,7 +50,7 @@ REGIONS = "shared_error_regions"
 # Reports of trusted fits below which the reference's shared error is left alone.
 LEAST_REPORTS = 500
 # Columns of the fits by name: numbers, counts and codes.
-_Table = dict[str, NDArray[Any]]
+_Table = dict[str, NDArray[np.generic]]
 
 
 @dataclass(frozen=True)

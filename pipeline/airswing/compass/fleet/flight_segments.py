@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,9 +48,9 @@ LEAST_WEIGHT = 0.3
 class Places:
     """Where and when the reports of one aircraft are."""
 
-    latitude: NDArray[np.floating[Any]]  # (n,), degrees
-    longitude: NDArray[np.floating[Any]]  # (n,), degrees
-    pressure: NDArray[np.floating[Any]]  # (n,), Pa
+    latitude: NDArray[np.floating]  # (n,), degrees
+    longitude: NDArray[np.floating]  # (n,), degrees
+    pressure: NDArray[np.floating]  # (n,), Pa
     time: NDArray[np.datetime64]  # (n,)
 
     def at(self, index: Picked) -> Places:

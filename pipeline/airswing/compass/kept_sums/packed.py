@@ -19,7 +19,7 @@ from airswing.compass.fit.normal_equations import PassSums, Scatter
 from airswing.compass.fleet.flight_segments import Cut, Places
 from airswing.compass.kept_sums.period_sums import Base, PeriodSums
 
-Arrays = dict[str, NDArray[Any]]
+Arrays = dict[str, NDArray[np.generic]]
 _TOTALS = ("weight", "slope", "before2", "after2", "square")
 _WHERE = ("latitude", "longitude", "pressure", "time")
 _OF_FIT = ("theta", "free", "normal", "flight", "day", "day_number", "freedom", "flight_order")
@@ -47,7 +47,7 @@ def packed_bases(bases: Mapping[str, Base]) -> Arrays:
     }
 
 
-def unpacked_bases(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Base]:
+def unpacked_bases(arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Base]:
     """Undo :func:`packed_bases`."""
     return {
         str(name): Base(
@@ -86,7 +86,7 @@ def packed_sums(sums: Mapping[str, AircraftSums]) -> Arrays:
     return found
 
 
-def unpacked_sums(arrays: Mapping[str, NDArray[Any]]) -> dict[str, AircraftSums]:
+def unpacked_sums(arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, AircraftSums]:
     """Undo :func:`packed_sums`."""
     fit, constant = (_unpacked_fits(arrays, part) for part in ("fit", "constant"))
     found = {}
@@ -99,7 +99,9 @@ def unpacked_sums(arrays: Mapping[str, NDArray[Any]]) -> dict[str, AircraftSums]
     return found
 
 
-def _unpacked_fits(arrays: Mapping[str, NDArray[Any]], part: str) -> list[AircraftFit | None]:
+def _unpacked_fits(
+    arrays: Mapping[str, NDArray[np.generic]], part: str
+) -> list[AircraftFit | None]:
     known, numbers = arrays[f"{part}/known"], arrays[f"{part}/numbers"]
     columns = []
     for name in _OF_FIT if known.any() else ():
@@ -227,7 +229,7 @@ def _cut(own: Mapping[str, NDArray[Any]], some: slice) -> Cut:
     return Cut(own["count"][some], middle, own["segment"][some], own["opens"][some])
 
 
-def _slices(sizes: NDArray[Any]) -> list[slice]:
+def _slices(sizes: NDArray[np.generic]) -> list[slice]:
     stop = np.cumsum(sizes).tolist()
     return [
         slice(end - size, end) for end, size in zip(stop, np.asarray(sizes).tolist(), strict=True)

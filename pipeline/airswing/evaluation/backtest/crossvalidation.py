@@ -31,7 +31,7 @@ def cross_validate(
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Any,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Correct every flight with a fit that never saw it, and compare with the prediction.
 
     Parameters

@@ -112,12 +112,12 @@ class _Marked(BackendArray):
         self.shape = (headings.sizes["report"],)
         self.dtype = headings["screening"].dtype
 
-    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> object:
         return indexing.explicit_indexing_adapter(
             key, self.shape, indexing.IndexingSupport.BASIC, self._read
         )
 
-    def _read(self, key: tuple[Any, ...]) -> NDArray[Any]:
+    def _read(self, key: tuple[Any, ...]) -> NDArray[np.generic]:
         part = self.columns.isel(report=key[0]).load()
         number = np.arange(self.shape[0])[key[0]] if isinstance(key[0], slice) else key[0]
         part["aircraft_number"] = ("report", np.searchsorted(self.stop, number, side="right"))

@@ -92,7 +92,7 @@ def compared(
     *,
     draws: int,
     seed: int,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Hold the predicted against the realised gain, each aircraft and together.
 
     Parameters
@@ -144,7 +144,9 @@ def compared(
     }
 
 
-def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats) -> dict[str, Any]:
+def _side_by_side(
+    predicted: float, error: float, realised: float, drawn: Floats
+) -> dict[str, object]:
     """Both gains with their intervals; no verdict where an interval cannot be told."""
     own = float(drawn.std())
     difference, wide = realised - predicted, float(np.hypot(error, own))

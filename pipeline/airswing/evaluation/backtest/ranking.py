@@ -256,7 +256,7 @@ def rank_aircraft(
     entries, drawn = [], []
     for k, (name, own) in enumerate(zip(chosen["aircraft"].to_numpy(), flown, strict=True)):
         status = words[int(chosen["status"][k])]
-        entry: dict[str, Any] = {
+        entry: dict[str, object] = {
             "aircraft": str(name),
             "status": status,
             "reports": int(own.u.size),

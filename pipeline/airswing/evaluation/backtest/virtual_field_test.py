@@ -36,7 +36,7 @@ def virtual_field_test(
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Any,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Learn the corrections up to a date, apply them after it, and compare with the prediction.
 
     Parameters
@@ -112,7 +112,7 @@ def predicted_reduction(
     reference: str,
     seed: int = 0,
     **fit_options: Any,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """What the fits before a field test expected of it, aircraft weighted alike.
 
     Parameters
@@ -142,7 +142,7 @@ def predicted_reduction(
         for entry in ranking
         if entry["aircraft"] in corrected and entry["expected_gain_kt"] is not None
     ]
-    result: dict[str, Any] = {
+    result: dict[str, object] = {
         "ranking": ranking,
         "predicted_reduction_kt": None,
         "predicted_reduction_ci_kt": None,

@@ -58,7 +58,7 @@ def find_changes(
     members: list[str],
     abscissa: Literal["magnetic", "true"] = "magnetic",
     draws: int = 999,
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """Find the dates at which each aircraft's compass changed.
 
     Parameters
@@ -95,7 +95,7 @@ def fleet_day_sums(
 
 def changes_of(
     names: list[str], sums: list[DaySums | None], *, draws: int = 999
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """As :func:`find_changes`, from daily sums.
 
     Parameters

@@ -41,7 +41,7 @@ def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
     """
     known = {entry["aircraft"]: entry for entry in changes}
     rows = [known.get(str(name), {"changes": []}) for name in fits["aircraft"].to_numpy()]
-    largest: list[dict[str, Any] | None] = [
+    largest: list[dict[str, object] | None] = [
         max(row["changes"], key=lambda one: one["curve_rms_deg"], default=None) for row in rows
     ]
 
@@ -83,7 +83,7 @@ def noted_changes(fits: xr.Dataset) -> list[dict[str, Any]]:
             field="compass_changes",
             remedy="Make them again: `airswing fit`",
         )
-    found: list[dict[str, Any]] = json.loads(fits.attrs["compass_changes"])
+    found: list[dict[str, object]] = json.loads(fits.attrs["compass_changes"])
     return found
 
 

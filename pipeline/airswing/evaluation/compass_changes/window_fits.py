@@ -25,7 +25,7 @@ def fit_by_window(
     reference: str,
     window: Literal["month", "quarter"] = "month",
     **fit_options: object,
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """Fit every aircraft in each calendar window on its own.
 
     Parameters

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -55,7 +54,7 @@ class Rows:
     log_difference: Floats
     difference: Floats
 
-    def of(self, chosen: Any) -> Rows:
+    def of(self, chosen: object) -> Rows:
         """Some of the rows."""
         return Rows(*(getattr(self, one.name)[chosen] for one in fields(self)))
 

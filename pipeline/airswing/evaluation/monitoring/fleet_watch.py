@@ -107,8 +107,8 @@ class KeptWatch:
     same is told here, by a hash of those before the month.
     """
 
-    read: Callable[[], Mapping[str, NDArray[Any]] | None]
-    write: Callable[[Mapping[str, NDArray[Any]]], None]
+    read: Callable[[], Mapping[str, NDArray[np.generic]] | None]
+    write: Callable[[Mapping[str, NDArray[np.generic]]], None]
 
     def take_up(self, watch: FleetWatch, rows: DayRows) -> None:
         """Bring a new watch to where one stands that took in the same rows; else leave it."""

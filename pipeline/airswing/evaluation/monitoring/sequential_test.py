@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +134,7 @@ class Watch:
             found | {"noise": np.array(noise)} | {f"ring/{k}": np.array(part) for k, part in ring}
         )
 
-    def take_up(self, kept: Mapping[str, NDArray[Any]]) -> None:
+    def take_up(self, kept: Mapping[str, NDArray[np.generic]]) -> None:
         """Undo :meth:`as_arrays`."""
         within, persistence, *between = kept["noise"].tolist()
         self.noise = Noise(within, np.array(between), persistence)

@@ -219,7 +219,7 @@ def _judge(
     }
 
 
-def _biased(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _biased(regions: list[dict[str, Any]]) -> list[dict[str, object]]:
     """Regions whose mean wind differs beyond error and by a size that matters.
 
     Every region is tested by its own difference and by its contrast to the other regions; Holm's
@@ -240,7 +240,7 @@ def _biased(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def _verdict(
     fleet: dict[str, Any], biased: list[dict[str, Any]], barred: set[str]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Say whether the pair may be pooled, and why not."""
     why = []
     if not np.isfinite(fleet["p_value"]):
@@ -276,12 +276,12 @@ def _agreement(fleet: dict[str, Any]) -> str:
     )
 
 
-def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> dict[str, Any]:
+def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> dict[str, object]:
     """Differences of one aircraft in degrees, with 95 % intervals."""
     values, clusters, index = own.values, own.days.size, own.number
     covariance = own.influence.T @ own.influence
     degrees, error = np.degrees(values), np.degrees(np.sqrt(np.diag(covariance)))
-    entry: dict[str, Any] = {
+    entry: dict[str, object] = {
         "p_value": wald(values, covariance, clusters),
         "difference": dict(zip(NAMES, degrees, strict=True)),
         "standard_error": dict(zip(NAMES, error, strict=True)),
@@ -298,7 +298,7 @@ def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> di
 
 def _sinusoid_difference(
     fits: xr.Dataset, one: str, two: str, index: int, covariance: NDArray[np.float64]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Differences of the published offset, amplitude and phase, by the delta method."""
     pair = fits.isel(aircraft=index).sel(reference=[one, two])
     change = {name: float(-np.diff(pair[name])[0]) for name in ("offset", "amplitude", "phase")}
@@ -327,7 +327,7 @@ def _sinusoid_difference(
     }
 
 
-def _fleet(sums: PairSums) -> dict[str, Any]:
+def _fleet(sums: PairSums) -> dict[str, object]:
     """Difference the fleet has in common, honouring that aircraft share the days' errors."""
     days = np.flatnonzero(sums.common.any(axis=(1, 2)))
     if not days.size:
@@ -368,7 +368,7 @@ def _strata(
     slices: Mapping[tuple[str, str, tuple[str, str]], PairSums],
     singles: list[str],
     barred: set[str],
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """The same judgement within slices of the reports."""
     found: dict[str, Any] = {
         title: [] for title in ("by_lead_time", "by_phase", "by_level", "by_season")

@@ -116,7 +116,7 @@ def disagreements(
 _KEPT = ("latitude", "longitude", "pressure", "time", "aircraft", "cell", "day", "east", "north")
 
 
-def _by_aircraft(aircraft: NDArray[Any]) -> list[slice]:
+def _by_aircraft(aircraft: NDArray[np.generic]) -> list[slice]:
     """Reports of each aircraft, which stand together."""
     stops = [*np.flatnonzero(np.diff(aircraft) != 0) + 1, aircraft.size]
     starts = [0, *stops[:-1]]
@@ -230,7 +230,9 @@ class _Sums:
         speed = np.minimum(columns["speed"], _SPEED_BINS - 1).astype(np.int64)
         self.speeds += _summed(cell, speed, np.ones(day.size), self.speeds.shape)
 
-    def of(self, days: NDArray[np.datetime64], reports: dict[str, NDArray[Any]]) -> Disagreements:
+    def of(
+        self, days: NDArray[np.datetime64], reports: dict[str, NDArray[np.generic]]
+    ) -> Disagreements:
         """All of it."""
         return Disagreements(
             days,

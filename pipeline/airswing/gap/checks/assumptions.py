@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +77,7 @@ class Checks:
             assumptions=self.assumptions,
         )
 
-    def histograms(self) -> dict[str, tuple[str, Any]]:
+    def histograms(self) -> dict[str, tuple[str, object]]:
         """Return what ``gap.nc`` holds of them."""
         return {
             "pit_bin": ("pit_bin", np.arange(BINS) / BINS),

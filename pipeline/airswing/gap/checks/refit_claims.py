@@ -100,7 +100,7 @@ def adjusted_headings(headings: xr.Dataset, adjustment: Adjustment) -> xr.Datase
         return np.array(headings[name].to_numpy(), dtype=np.float64)
 
     ground = [column(f"ground_{side}_velocity")[rows] for side in ("eastward", "northward")]
-    new: dict[str, Any] = {}
+    new: dict[str, object] = {}
     wind, model = [], []
     for k, side in enumerate(("eastward", "northward")):
         own, other = column(f"{side}_wind"), headings[f"reference_{side}_wind"]
@@ -139,7 +139,7 @@ def review_claims(
     pools: Mapping[str, Sequence[str]],
     reference: str,
     fit: Mapping[str, Any],
-    field_test: Mapping[str, Any] | None = None,
+    field_test: Mapping[str, object] | None = None,
 ) -> ClaimsEntry:
     """Fit the deviations and the field test before and after the other effects are taken off.
 

@@ -224,7 +224,7 @@ class Effect(ABC):
         """
         return None
 
-    def complete(self, values: Mapping[str, Any]) -> Parameters:
+    def complete(self, values: Mapping[str, object]) -> Parameters:
         """Parameters with defaults filled in.
 
         Raises

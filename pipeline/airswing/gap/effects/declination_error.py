@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from airswing.gap.effects.secular import (
 from airswing.synthetic.sealed.draws import Draw, sign
 
 
-def _table(rng: np.random.Generator) -> dict[str, Any]:
+def _table(rng: np.random.Generator) -> dict[str, object]:
     """Draw a table that is scaled or out of date."""
     if rng.uniform() < 0.5:
         return {"factor": float(rng.choice([0.0, 0.5, 1.5])), "mean_deg": sign(rng)}

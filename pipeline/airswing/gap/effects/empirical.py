@@ -92,7 +92,7 @@ class Empirical(MomentEffect):
             u, v = u + sent[0] - again[0], v + sent[1] - again[1]
         return replace(state, report_u=u, report_v=v)
 
-    def complete(self, values: Mapping[str, Any]) -> Parameters:
+    def complete(self, values: Mapping[str, object]) -> Parameters:
         """See `Effect.complete`; the table must fit its edges."""
         out = super().complete(values)
         if out["component"] not in UNIT_OF:
@@ -153,7 +153,9 @@ def _resent(state: State, values: Parameters) -> State:
     return replace(state, report_u=scale * state.report_u, report_v=scale * state.report_v)
 
 
-def mapped_speed(speed: Any, speeds: Any, sent: Any) -> Any:
+def mapped_speed(
+    speed: NDArray[np.float64], speeds: NDArray[np.float64], sent: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Speeds sent in the place of others, m/s: linear between a map's points, moved along beyond.
 
     Parameters
@@ -167,7 +169,7 @@ def mapped_speed(speed: Any, speeds: Any, sent: Any) -> Any:
     (n,) float
     """
     inside = np.interp(speed, speeds, sent)
-    return np.maximum(inside + np.maximum(speed - speeds[-1], 0.0), 0.0)
+    return np.asarray(np.maximum(inside + np.maximum(speed - speeds[-1], 0.0), 0.0))
 
 
 def grid_of(values: Mapping[str, Any]) -> Grid:

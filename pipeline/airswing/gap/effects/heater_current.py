@@ -46,7 +46,7 @@ def _subsets() -> tuple[tuple[int, ...], ...]:
     return (*flag, *single, *each, *offsets, *(warm + cold for warm, cold in bands))
 
 
-def _band(rng: np.random.Generator) -> dict[str, Any]:
+def _band(rng: np.random.Generator) -> dict[str, object]:
     """Draw a band of temperature within what icing protection is used in."""
     low = float(rng.choice([-20.0, -15.0, -10.0]))
     return {"between_degC": [low, low + float(rng.choice([10.0, 15.0]))]}
@@ -184,7 +184,7 @@ class HeaterCurrent(OffsetAndCycle):
             band = [low, float(EDGES[first - 1])]
         return values | {"between_degC": band}, errors
 
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`; edges are moved to the nearest candidates."""
         full = self.complete(values)
         one = super().from_parameters(full, frame)

@@ -22,13 +22,13 @@ LEVELS = (850.0, 700.0, 600.0, 500.0, 400.0, 300.0, 250.0)
 """hPa at which a bias may begin; each makes a candidate above and one below."""
 
 
-def _above(rng: np.random.Generator) -> dict[str, Any]:
+def _above(rng: np.random.Generator) -> dict[str, object]:
     """Draw a bias at all levels or above one."""
     above = None if rng.uniform() < 0.5 else float(rng.choice([500.0, 600.0, 700.0]))
     return {"bias_percent": 5.0 * sign(rng), "above_hPa": above}
 
 
-def _below(rng: np.random.Generator) -> dict[str, Any]:
+def _below(rng: np.random.Generator) -> dict[str, object]:
     """Draw a level below which the bias acts."""
     return {"above_hPa": None, "below_hPa": float(rng.choice([600.0, 700.0, 800.0]))}
 
@@ -131,7 +131,7 @@ class ReferenceSpeedBias(Effect):
         values["below_hPa"] = float(level) if side == "below" else None
         return values, {"bias_percent": 100.0 * standard_error(covariance, k) / left**2}
 
-    def from_parameters(self, values: Mapping[str, Any], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`; a level is moved to the nearest candidate."""
         full = self.complete(values)
         bias = float(full["bias_percent"]) / 100.0

@@ -144,7 +144,7 @@ def wind_coding(frame: Frame) -> MomentVerdict | None:
     speed = np.hypot(frame.u_rep, frame.v_rep) / KNOT
     direction = np.degrees(np.arctan2(-frame.u_rep, -frame.v_rep)) % 360.0
     moving = speed > 3.0
-    per_tail: dict[str, dict[str, Any]] = {}
+    per_tail: dict[str, dict[str, object]] = {}
     evidence: list[float] = []
     start: list[float] = []
     for a, tail in enumerate(frame.tails):

@@ -55,7 +55,7 @@ def read_effects(path: Path | str) -> list[ActiveEffect]:
     return parse_effects(load_yaml(path), file=path)
 
 
-def parse_effects(content: Any, *, file: object | None = None) -> list[ActiveEffect]:
+def parse_effects(content: object, *, file: object | None = None) -> list[ActiveEffect]:
     """Check effects given as plain lists and mappings.
 
     Parameters
@@ -141,7 +141,9 @@ def _nearest(word: object, known: Iterable[str]) -> str:
     return f"Did you mean {near[0]}?" if near else f"Known: {', '.join(names)}"
 
 
-def _only(given: Mapping[Any, Any], known: Iterable[str], file: object | None, what: str) -> None:
+def _only(
+    given: Mapping[object, object], known: Iterable[str], file: object | None, what: str
+) -> None:
     names = tuple(known)
     for key in given:
         if key not in names:
@@ -150,7 +152,7 @@ def _only(given: Mapping[Any, Any], known: Iterable[str], file: object | None, w
             )
 
 
-def _entry(entry: Any, file: object | None) -> ActiveEffect:
+def _entry(entry: object, file: object | None) -> ActiveEffect:
     if not isinstance(entry, Mapping):
         raise InputError("every effect must be a mapping", file=file, found=entry)
     _only(entry, KEYS, file, "an effect")
@@ -172,7 +174,9 @@ def _entry(entry: Any, file: object | None) -> ActiveEffect:
     )
 
 
-def _parameters(effect: Effect, given: Mapping[Any, Any], file: object | None) -> dict[str, object]:
+def _parameters(
+    effect: Effect, given: Mapping[Any, object], file: object | None
+) -> dict[str, object]:
     known = {parameter.name: parameter for parameter in effect.parameters}
     for name in given:
         if name not in known:
@@ -194,7 +198,7 @@ def _parameters(effect: Effect, given: Mapping[Any, Any], file: object | None) -
     return values
 
 
-def _number(parameter: Parameter, value: Any, file: object | None) -> Any:
+def _number(parameter: Parameter, value: object, file: object | None) -> object:
     if not parameter.number:
         return value
     if isinstance(value, bool) or not isinstance(value, int | float | str):
@@ -215,7 +219,7 @@ def _number(parameter: Parameter, value: Any, file: object | None) -> Any:
         ) from err
 
 
-def _tails(tails: Any, file: object | None) -> tuple[str, ...] | None:
+def _tails(tails: object, file: object | None) -> tuple[str, ...] | None:
     if tails is None or tails == "all":
         return None
     if isinstance(tails, str):
@@ -225,7 +229,7 @@ def _tails(tails: Any, file: object | None) -> tuple[str, ...] | None:
     return tuple(str(tail) for tail in tails)
 
 
-def _period(period: Any, file: object | None) -> tuple[float | None, float | None] | None:
+def _period(period: object, file: object | None) -> tuple[float | None, float | None] | None:
     if period is None:
         return None
     if not isinstance(period, list) or len(period) != 2:
@@ -236,7 +240,7 @@ def _period(period: Any, file: object | None) -> tuple[float | None, float | Non
     return start, end
 
 
-def _seconds(moment: Any, file: object | None) -> float | None:
+def _seconds(moment: object, file: object | None) -> float | None:
     if moment is None:
         return None
     try:

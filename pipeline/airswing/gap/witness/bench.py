@@ -143,7 +143,7 @@ class Bench:
     # share of the simulated archives' dependence on their own reported winds that the real one
     # shows: 1 where all error is the report's beside the reference, 0 the other way round
     regression: float
-    made: dict[Any, Floats] = field(default_factory=dict, repr=False)
+    made: dict[object, Floats] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, setting: Setting, rest: Floats) -> Bench:

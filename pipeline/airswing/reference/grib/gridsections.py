@@ -147,7 +147,7 @@ def _steps(
     last: tuple[float, float],
     unit: float,
     stated: tuple[float, float],
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Steps in degrees from the corners; `unit` is the resolution they are written to.
 
     `stated` increments (NaN: not given) must agree with them.

@@ -58,7 +58,7 @@ class Wants:
         self._pieces: dict[tuple[int, Chunk], list[_Piece]] = defaultdict(list)
         self._fields: dict[int, StoredField] = {}
         self._starts: dict[tuple[int, str], Ints] = {}
-        self._sorted: dict[Any, list[tuple[int, int, Ints, Ints, Ints]]] = {}
+        self._sorted: dict[object, list[tuple[int, int, Ints, Ints, Ints]]] = {}
         self._kept: list[Ints] = []
 
     def add(self, stored: StoredField, row: np.void, points: Ints, columns: int) -> Floats:

@@ -33,7 +33,7 @@ _PLACES = ("latitudes", "longitudes", "distinctLatitudes", "distinctLongitudes")
 Skipped = Counter[tuple[str, str]]
 
 
-class GribField(Mapping[str, Any]):
+class GribField(Mapping[str, object]):
     """One field: the keys of its header, its coordinates and its values.
 
     Parameters
@@ -47,7 +47,7 @@ class GribField(Mapping[str, Any]):
     """
 
     def __init__(
-        self, path: str, place: tuple[int, int, int, int], keys: dict[str, Any], grid: bytes
+        self, path: str, place: tuple[int, int, int, int], keys: dict[str, object], grid: bytes
     ) -> None:
         self.path, self.place, self.grid = path, place, grid
         self._keys = keys

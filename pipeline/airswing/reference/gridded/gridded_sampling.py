@@ -14,7 +14,6 @@ Assumptions and validity
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -68,7 +67,7 @@ class _Reader:
         """Values of all that several model times ask for."""
         wants: dict[tuple[SourceFile, int], Wants] = {}
         targets: list[list[tuple[np.void, StoredField, Floats]]] = []
-        seen: dict[Any, Floats] = {}
+        seen: dict[object, Floats] = {}
         for model, wanted in zip(models, asked, strict=True):
             own = []
             for row, points in wanted:

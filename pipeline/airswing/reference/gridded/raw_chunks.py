@@ -41,7 +41,7 @@ class RawVariable:
     """A variable whose chunks are read as they are stored."""
 
     chunks: tuple[int, ...]
-    dtype: np.dtype[Any]  # as stored
+    dtype: np.dtype[np.generic]  # as stored
     fetch: Fetch
     scale: float
     offset: float
@@ -67,7 +67,7 @@ class RawVariable:
         return found
 
 
-def raw_variable(ds: xr.Dataset, name: str, chunks: tuple[Any, ...]) -> RawVariable | None:
+def raw_variable(ds: xr.Dataset, name: str, chunks: tuple[object, ...]) -> RawVariable | None:
     """A variable's chunks, of the lengths they are taken to have, where they can be read as stored.
 
     None where they must be left to xarray.
@@ -102,7 +102,7 @@ def raw_variable(ds: xr.Dataset, name: str, chunks: tuple[Any, ...]) -> RawVaria
 
 # File of a chunk, and which of its values are wanted, to their octets (n, width).
 _Expand = Callable[[io.FileIO, Ints], Octets]
-_Stored = tuple[tuple[int, ...], "np.dtype[Any]", Fetch]
+_Stored = tuple[tuple[int, ...], "np.dtype[np.generic]", Fetch]
 
 
 def _taken(octets: Any, size: int, width: int, flat: Ints, *, shuffled: bool = False) -> Octets:

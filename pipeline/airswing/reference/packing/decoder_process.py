@@ -145,7 +145,7 @@ def _reports_of(messages: bytes, asked: bytes, size: int) -> bytes:
 
 def _unpackable(
     messages: bytes, tables: list[int], oldest: int, failed: list[int]
-) -> Iterator[Any]:
+) -> Iterator[object]:
     """Messages as pdbufr takes them; places of those that no tables unpack go into `failed`."""
     import eccodes
     from pdbufr.high_level_bufr.bufr import BufrMessage

@@ -44,7 +44,7 @@ SLICES = {
 }
 
 
-def field_test_section(field_test: Mapping[str, Any] | None) -> Section:
+def field_test_section(field_test: Mapping[str, object] | None) -> Section:
     """Return the field test: the sentence, the figures, the table, the scrutiny."""
     if not field_test or not field_test.get("groups"):
         return Section("field-test", "Field test")
@@ -194,11 +194,11 @@ def _verdict_table(pairs: Sequence[Mapping[str, Any]], caption: str) -> Markup:
     return table(columns, rows, caption=caption)
 
 
-def _own_test(pair: Mapping[str, Any]) -> bool:
+def _own_test(pair: Mapping[str, object]) -> bool:
     return bool(pair.get("own_test", True))
 
 
-def _why(pair: Mapping[str, Any]) -> str:
+def _why(pair: Mapping[str, object]) -> str:
     """Why a pair may be pooled or not; a pool and its member say nothing new of that."""
     if not _own_test(pair) and pair.get("poolable"):
         return "the pool is made of its members: their difference is part of the members' own"

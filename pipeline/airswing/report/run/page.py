@@ -165,7 +165,7 @@ def _product_links(directory: Path) -> list[tuple[str, str]]:
     return [(label, f"../{name}") for name, label in PRODUCTS.items() if (beside / name).exists()]
 
 
-def _lead_reference(fits: xr.Dataset, headings: xr.Dataset, summary: Mapping[str, Any]) -> str:
+def _lead_reference(fits: xr.Dataset, headings: xr.Dataset, summary: Mapping[str, object]) -> str:
     asked = str(summary.get("reference", ""))
     known = [str(name) for name in fits["reference"].to_numpy()]
     return asked if asked in known else headline_reference(fits, headings)

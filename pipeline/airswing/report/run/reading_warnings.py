@@ -93,7 +93,7 @@ def reading_warnings(audit: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def model_warnings(skipped: Sequence[Mapping[str, Any]]) -> list[str]:
+def model_warnings(skipped: Sequence[Mapping[str, object]]) -> list[str]:
     """Say which damaged or unusable model files and messages were left out.
 
     Parameters
@@ -109,7 +109,7 @@ def model_warnings(skipped: Sequence[Mapping[str, Any]]) -> list[str]:
     return model_reasons([entry for entry in skipped if entry["what"] != _EXPECTED])
 
 
-def unread(problems: Iterable[tuple[Any, str, str]]) -> list[dict[str, Any]]:
+def unread(problems: Iterable[tuple[object, str, str]]) -> list[dict[str, object]]:
     """Count the messages that gave no wind when they were read, by file and reason.
 
     Parameters
@@ -129,7 +129,7 @@ def unread(problems: Iterable[tuple[Any, str, str]]) -> list[dict[str, Any]]:
     ][:_ENTRIES_KEPT]
 
 
-def reference_warnings(audits: Mapping[str, Any]) -> list[str]:
+def reference_warnings(audits: Mapping[str, object]) -> list[str]:
     """Say which model files and messages were left out or gave no wind, reference by reference.
 
     Parameters

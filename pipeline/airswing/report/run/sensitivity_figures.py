@@ -42,7 +42,7 @@ def verdict_word(pair: Mapping[str, Any]) -> str:
     return "poolable" if pair["poolable"] else "not poolable"
 
 
-def _verdict_colour(pair: Mapping[str, Any]) -> str:
+def _verdict_colour(pair: Mapping[str, object]) -> str:
     if pair.get("poolable") is None:
         return SOFT
     return BLUE if pair["poolable"] else VERMILION
@@ -88,7 +88,7 @@ def pair_differences_figure(pairs: Sequence[Mapping[str, Any]]) -> Figure:
     )
 
 
-def _slice(pair: Mapping[str, Any]) -> str:
+def _slice(pair: Mapping[str, object]) -> str:
     return f"{pair['slice']}: " if pair.get("slice") else ""
 
 

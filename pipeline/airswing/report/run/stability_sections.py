@@ -67,7 +67,7 @@ def stability_section(stability: Mapping[str, Any] | None) -> Section:
 
 
 def ranking_section(
-    ranking: Sequence[Mapping[str, Any]] | None, virtual: Mapping[str, Any] | None
+    ranking: Sequence[Mapping[str, Any]] | None, virtual: Mapping[str, object] | None
 ) -> Section:
     """Return whom to correct first, and how far such predictions held."""
     title = "Whom to correct"

@@ -25,7 +25,7 @@ from typing import Any
 
 from airswing.errors import InputError
 
-ColumnMapping = Mapping[str, "str | Sequence[str] | Mapping[str, Any]"]
+ColumnMapping = Mapping[str, "str | Sequence[str] | Mapping[str, object]"]
 """The forms of a mapping that the module describes."""
 ONLY = "only:"
 """Before the name of a column whose values decide which reports are wanted."""

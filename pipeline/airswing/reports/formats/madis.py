@@ -187,7 +187,7 @@ def _piece(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
     return pd.DataFrame({**piece, **_decoded(flags, seconds.size, audit)})
 
 
-def _column(variable: Any, path: Path) -> NDArray[Any]:
+def _column(variable: Any, path: Path) -> NDArray[np.generic]:
     """One value a report, a further dimension of one left out."""
     values = np.asarray(variable[:])
     reports = variable.group().dimensions[DIMENSION].size

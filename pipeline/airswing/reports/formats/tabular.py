@@ -78,7 +78,7 @@ def _csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
         for column in source.columns
     }
     wanted = [column for source in found.values() for column in source.columns]
-    options: dict[str, Any] = {
+    options: dict[str, object] = {
         "sep": head.separator,
         "header": None,
         "skiprows": head.lines,

@@ -85,7 +85,7 @@ SHAPES = ("step", "sector", "hinge", "bump", "saw")
 
 
 def report_variables(
-    frame: Mapping[str, Any] | pd.DataFrame, u: Array, v: Array, hours: Array
+    frame: Mapping[str, object] | pd.DataFrame, u: Array, v: Array, hours: Array
 ) -> dict[str, Array]:
     """Return every variable an outside effect may act by.
 
@@ -228,7 +228,7 @@ def part_values(part: Mapping[str, Any], variables: Mapping[str, Array]) -> Arra
     return _FORMS[str(part["shape"])](place, float(part.get("width", 0.1)))
 
 
-def _product(parts: Sequence[Mapping[str, Any]], variables: Mapping[str, Array]) -> Array:
+def _product(parts: Sequence[Mapping[str, object]], variables: Mapping[str, Array]) -> Array:
     return np.asarray(np.prod([part_values(part, variables) for part in parts], axis=0))
 
 
@@ -385,7 +385,7 @@ SCATTER: dict[str, Callable[[Array, Array, Mask, Value, np.random.Generator], Wi
 
 
 def scatter_change(
-    parameters: Mapping[str, Any],
+    parameters: Mapping[str, object],
     u: Array,
     v: Array,
     variables: Mapping[str, Array],

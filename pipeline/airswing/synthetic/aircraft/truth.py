@@ -196,10 +196,10 @@ def truth_record(
     frame: pd.DataFrame,
     faults: Sequence[Fault],
     tails: Sequence[str],
-    effects: Sequence[Mapping[str, Any]],
+    effects: Sequence[Mapping[str, object]],
     *,
     usual_field: float | None = None,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the truth of an archive as plain numbers.
 
     Parameters

@@ -46,7 +46,7 @@ from airswing.synthetic.world.true_atmosphere import World, WorldParameters
 __all__ = ["Scenario", "simulate_arrays", "write_archive"]
 
 Array = NDArray[np.float64]
-Effects = Sequence[Mapping[str, Any]]
+Effects = Sequence[Mapping[str, object]]
 
 LEVELS = (1000, 950, 900, 850, 800, 750, 700, 650, 600, 550, 500, 450, 400, 350)  # hPa
 # Both editions, so that every made run reads both.

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime, timedelta
-from typing import Any
 
 import numpy as np
 
@@ -32,7 +31,7 @@ from airswing.synthetic.aircraft.outside_effects import (
 
 __all__ = ["ALIKE", "OUTSIDE_SHAPES", "SCOPES", "draw_outside"]
 
-Effect = dict[str, Any]
+Effect = dict[str, object]
 # Shapes dealt: of one variable, of two, and what moves no mean.
 OUTSIDE_SHAPES = (*SHAPES, "product", "threshold", "scatter")
 SCOPES = ("one", "some", "all")

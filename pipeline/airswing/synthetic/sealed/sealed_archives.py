@@ -57,14 +57,14 @@ _CALIBRATION_DAYS = 5
 _ACROSS = ("across_heading", "heading_angle", "cross", "scatter")
 # Rounding is no part of an effect's strength.
 _EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
-_COARSE_FIELDS: dict[str, Any] = {
+_COARSE_FIELDS: dict[str, object] = {
     "columns": 32,
     "rows": 25,
     "spacing_km": 57.0,
     "interval_hours": 2,
 }
 # Options that make the references next to nothing, where only the reports are wanted.
-_NO_FIELDS: dict[str, Any] = {
+_NO_FIELDS: dict[str, object] = {
     "columns": 3,
     "rows": 3,
     "spacing_km": 600.0,
@@ -72,7 +72,7 @@ _NO_FIELDS: dict[str, Any] = {
     "interval_hours": 6,
 }
 # Options that make the references good enough to measure a strength against.
-_THIN_FIELDS: dict[str, Any] = {
+_THIN_FIELDS: dict[str, object] = {
     "columns": 16,
     "rows": 12,
     "spacing_km": 120.0,
@@ -178,7 +178,7 @@ def _calibration_options(short: World) -> dict[str, Any]:
     return generator_options(short) | _THIN_FIELDS | {"coding": _EXACT, "derivatives": False}
 
 
-def _always(effect: Mapping[str, Any]) -> dict[str, Any]:
+def _always(effect: Mapping[str, Any]) -> dict[str, object]:
     """Return the effect without its period; a swap is measured by the deviations it exchanges."""
     out = {**effect, "period": None}
     if "pair" in effect["parameters"]:
@@ -234,7 +234,7 @@ class Archivist:
     real: Path | None = None  # folder with real data for rung 5
     _bare: tuple[World, pd.DataFrame] | None = field(default=None, init=False)
 
-    def write(self, case: Case) -> dict[str, Any]:
+    def write(self, case: Case) -> dict[str, object]:
         """Write one case's archive and return its label.
 
         Returns

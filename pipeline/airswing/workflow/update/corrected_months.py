@@ -7,8 +7,6 @@ status changed; else its winds stay those of the curve they were made with, with
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 
@@ -69,7 +67,7 @@ def _applied(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str, obje
     }
 
 
-def _moved(before: dict[str, Any], now: dict[str, Any]) -> bool:
+def _moved(before: dict[str, object], now: dict[str, object]) -> bool:
     """Whether curves that were applied are not those of now, within their errors."""
     if any(before.get(key) != now[key] for key in ("made", "status", "aircraft")):
         return True

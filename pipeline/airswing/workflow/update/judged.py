@@ -134,7 +134,7 @@ def _virtual(
 
 def _field_test(
     job: Job, months: list[str], headings: xr.Dataset, fits: xr.Dataset
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """The field test of the months of its dates; what was expected of it is kept."""
     test = job.config.field_test
     if test is None:
@@ -171,7 +171,7 @@ class _Monthly:
     def __init__(self, job: Job, months: list[str]) -> None:
         self.job, self.complete = job, months[:-1]
 
-    def kept(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    def kept(self, name: str, make: Callable[[], dict[str, object]]) -> dict[str, object]:
         """What stands since the last month was complete; made where nothing does."""
         config = self.job.config.model_dump(exclude={"compute", "output"})
         made = fingerprint(name, self.complete, config, code_digest(__name__, *FITTING))
@@ -185,14 +185,14 @@ class _Monthly:
         return found
 
 
-def _plain(found: dict[str, Any]) -> Any:
+def _plain(found: dict[str, object]) -> Any:
     """What JSON can hold, not-a-number included."""
     return json.loads(json.dumps(found, default=lambda value: value.tolist()))
 
 
-def _stability(job: Job, months: list[str], fits: xr.Dataset) -> dict[str, Any]:
+def _stability(job: Job, months: list[str], fits: xr.Dataset) -> dict[str, object]:
     """Fits by calendar month, each made with its month alone, and the changes found."""
-    windows: list[dict[str, Any]] = []
+    windows: list[dict[str, object]] = []
     with job.progress.stage("stability") as stage:
         for month in months:
             windows += _window(replace(job, month=month))
@@ -201,7 +201,7 @@ def _stability(job: Job, months: list[str], fits: xr.Dataset) -> dict[str, Any]:
     return result
 
 
-def _window(job: Job) -> list[dict[str, Any]]:
+def _window(job: Job) -> list[dict[str, object]]:
     """Fits of one month, kept while its headings and the fit stay as they are."""
     from airswing.evaluation.compass_changes.window_fits import fit_by_window
 

@@ -62,7 +62,7 @@ class Spans:
         return [path for path in paths if Path(path).exists()]
 
 
-def model_spans(job: Job, before: dict[str, Any]) -> tuple[Spans, dict[str, Any]]:
+def model_spans(job: Job, before: dict[str, Any]) -> tuple[Spans, dict[str, object]]:
     """Find out which times every model file holds; only what is new is looked at.
 
     Parameters

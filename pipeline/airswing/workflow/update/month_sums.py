@@ -27,7 +27,7 @@ from airswing.products.checked import digest
 from airswing.products.ragged import aircraft_of_report, blocks, row_bounds, some_reports
 from airswing.workflow.collocating import written_to
 
-Arrays = Mapping[str, NDArray[Any]]
+Arrays = Mapping[str, NDArray[np.generic]]
 NEAR = 4
 """Aircraft not asked for that are read along rather than skipped: a cut in a lazy archive costs
 tens of milliseconds whatever its length."""
@@ -87,7 +87,7 @@ class MonthSums:
         return found
 
     @classmethod
-    def of(cls, kept: Arrays | None, groups: Mapping[str, Any]) -> MonthSums:
+    def of(cls, kept: Arrays | None, groups: Mapping[str, object]) -> MonthSums:
         """From the arrays of a file; empty without."""
         if kept is None:
             return cls({}, {group: {} for group in groups}, {group: {} for group in groups})
@@ -167,7 +167,7 @@ def keep_arrays(path: Path, mark: str, arrays: Arrays) -> None:
 
 
 def by_group(
-    arrays: Arrays, groups: Mapping[str, object], undo: Callable[[Arrays], Any]
+    arrays: Arrays, groups: Mapping[str, object], undo: Callable[[Arrays], object]
 ) -> dict[str, Any]:
     """What the arrays of every group hold.
 

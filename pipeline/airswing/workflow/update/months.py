@@ -80,7 +80,7 @@ def kept_note(path: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def keep_note(path: Path, content: dict[str, Any]) -> None:
+def keep_note(path: Path, content: dict[str, object]) -> None:
     """Write a note, whole or not at all."""
     with written_to(path.parent), replacing(path) as temporary:
         temporary.write_text(note(content))

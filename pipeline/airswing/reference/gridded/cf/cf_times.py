@@ -163,7 +163,7 @@ def _stamps(one: xr.DataArray, file: str) -> Ints:
     return values.astype("datetime64[ns]").astype(np.int64)
 
 
-def _from_dates(values: NDArray[Any], name: str, file: str) -> NDArray[Any]:
+def _from_dates(values: NDArray[Any], name: str, file: str) -> NDArray[np.generic]:
     """Dates of another calendar as dates of ours."""
     calendar = str(values.ravel()[0].calendar)
     if calendar == "360_day":

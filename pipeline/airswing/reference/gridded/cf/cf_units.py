@@ -36,7 +36,7 @@ def factor_of(text: str | None, kind: str) -> float | None:
         return None
 
 
-def written_units(attrs: Mapping[Any, Any]) -> str | None:
+def written_units(attrs: Mapping[object, object]) -> str | None:
     """Units by a variable's attributes, else in brackets at the end of its long name (GrADS)."""
     units = attrs.get("units")
     if units is not None:

@@ -191,7 +191,7 @@ def unknown_projection(file: str, found: str) -> InputError:
     )
 
 
-def _plain(value: ArrayLike) -> Any:
+def _plain(value: ArrayLike) -> object:
     """Attribute values as PROJ takes them: no numpy scalars, a list of one as a number."""
     if isinstance(value, np.ndarray):
         return value.tolist() if value.size > 1 else value.ravel()[0].item()
