@@ -258,7 +258,7 @@ def _beside_names(final: Pass) -> _BesideNames:
 def _by_means(
     final: Pass, beside: _BesideNames, others: Sequence[Sequence[int]]
 ) -> Doubtful | None:
-    """Find a name of the wind by plain means of days; ``others``: aircraft of what was told."""
+    """Find a name of the wind by days; ``others``: aircraft of what was told."""
     found = final.standing.found
     return name_by_days(final.problem, found, beside.setting, beside.rest, others)
 

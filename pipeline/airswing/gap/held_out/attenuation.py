@@ -30,6 +30,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.design.layout import effect_columns, make_layout
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term, term_weights
+from airswing.gap.held_out.by_days import BLOCK, LEAST_BLOCKS, ByDays, Column
 from airswing.gap.held_out.gradient_reliability import lag_reliability
 from airswing.gap.held_out.reduction import term_error, term_fields
 from airswing.gap.sums.accumulate import SumColumns, accumulate
@@ -92,11 +93,14 @@ def readout_factors(
             continue
         acting = term_weights(term, problem.shape)[frame.aircraft, problem.day, None]
         x = effect_columns(frame, effect)[term.candidate.subset[0]] * acting
+        rest = without_others(problem, terms, coefficients, k)
         if name in EXOGENOUS:
             share, _ = regress(columns_frame, x, term, effect)
             out[name] = 1.0 - (1.0 - share) ** 2 if again else share
+            told = _told_by_days(problem, term, rest, float(coefficients[k][0, 0]) / out[name])
+            if told is not None:
+                out[name], doubts[name] = out[name] * told[0], told[1]
             continue
-        rest = without_others(problem, terms, coefficients, k)
         free = with_large_scale_tendency(columns_frame)
         under, _ = regress(free, x, term, effect)
         found, error = regress(free, rest, term, effect)
@@ -106,6 +110,22 @@ def readout_factors(
             error * float(np.sqrt(term.score.factor)) / abs(found) if known else np.inf,
         )
     return {name: float(np.clip(share, *BOUNDS)) for name, share in out.items()}, doubts
+
+
+def _told_by_days(
+    problem: Problem, term: Term, rest: Floats, read: float
+) -> tuple[float, float] | None:
+    """What a coefficient as read is over that by days, and its doubt; None: these tell nothing."""
+    blocks = int(problem.day.max()) // BLOCK + 1
+    lasts = term.candidate.scope == "fleet" and term.period is None
+    if not lasts or blocks < LEAST_BLOCKS:
+        return None
+    frames, effect = (problem.archive, problem.context), problem.effects[term.candidate.name]
+    column = Column.of(*frames, effect, term.candidate.subset[0])
+    found = ByDays.of(frames, problem.noise, problem.day, rest, [column]).weigh(0)
+    if found is None or abs(found.value) < 1e-9:
+        return None
+    return _shrunk(read / found.value, found.error / abs(found.value))
 
 
 def _shrunk(share: float, error: float) -> tuple[float, float]:
