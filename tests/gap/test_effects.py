@@ -4,6 +4,7 @@ import importlib
 import sys
 from dataclasses import replace
 from datetime import datetime
+from typing import get_args
 
 import numpy as np
 import ppigrf
@@ -22,7 +23,7 @@ from airswing.gap.effects import (
     register,
     unregister,
 )
-from airswing.gap.effects.base import STAGES
+from airswing.gap.effects.base import Stage
 from airswing.gap.effects.forms import DEGREE, amplitude_phase
 from airswing.gap.effects.secular import declination_change
 from airswing.gap.simulation.effects_file import parse_effects
@@ -91,7 +92,7 @@ def test_every_effect_says_what_it_is(name):
     assert len(effect.physics) > 60
     assert len(effect.source) > 20
     assert effect.confused_with
-    assert effect.stage in STAGES
+    assert effect.stage in get_args(Stage)
     assert effect.scope in {"aircraft", "fleet", "reference", "pair"}
     assert effect.column_scales.shape == (len(effect.column_names),)
     assert (effect.column_scales > 0).all()

@@ -20,6 +20,7 @@ from airswing.errors import InputError
 from airswing.evaluation.disagreement import member_mean
 from airswing.flags import PHASE, ROLL
 from airswing.physics.bank import bank_at_reports
+from airswing.physics.triangle import wrap_degrees
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -80,11 +81,6 @@ _VARIABLES = (
 )
 
 
-def wrapped(degrees: FloatArray) -> FloatArray:
-    """Bring degrees into [-180, 180)."""
-    return np.asarray(np.mod(degrees + 180.0, 360.0) - 180.0)
-
-
 def middle_longitude(longitude: FloatArray) -> float:
     """Direction of the mean of longitudes as unit vectors, degrees; 0 where none is known."""
     angle = np.radians(longitude[np.isfinite(longitude)])
@@ -139,7 +135,7 @@ def headings_columns(
     middle = middle_longitude(values["longitude"]) if meridian is None else meridian
     east = values["longitude"] - middle
     values["longitude"] = np.where(
-        np.abs(east) > 180.0, middle + wrapped(east), values["longitude"]
+        np.abs(east) > 180.0, middle + wrap_degrees(east), values["longitude"]
     )
     values["bank"] = bank_at_reports(
         values["bank"],

@@ -40,7 +40,6 @@ Stage = Literal["identity", "atmosphere", "sensor", "report"]
 Parameters = dict[str, Any]
 Errors = dict[str, float]
 
-STAGES: tuple[Stage, ...] = ("identity", "atmosphere", "sensor", "report")
 LEAST_SPREAD = 2e-3
 """One minus the mean resultant of headings: below it (about 4 degrees) they are one heading."""
 SPREAD = 1e-9

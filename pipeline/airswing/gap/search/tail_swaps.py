@@ -35,6 +35,8 @@ MARKS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale")
 #: Smallest evidence of an exchange, nats, and the share of the strongest nameless term's by which
 #: it rises: unexplained structure makes exchanges of aircraft that share it unequally.
 NEEDED, NEEDED_SHARE = 6.0, 0.05
+#: Fewest days on either side of an exchange.
+SHORTEST = 3
 #: Prior probability of a change in one aircraft.
 CHANGE = 0.1
 
@@ -79,7 +81,6 @@ def find_swap(
     effects: Mapping[str, Effect],
     *,
     threshold: float = NEEDED,
-    shortest: int = 3,
 ) -> Swap | None:
     """Look for one pair that exchanged identifiers.
 
@@ -89,18 +90,16 @@ def find_swap(
         Given the climatology and what :func:`beside` says.
     threshold : float
         Smallest evidence, nats.
-    shortest : int
-        Fewest days on either side.
     """
     layout = base.stats.layout
     names = [n for n in MARKS if n in layout.blocks]
     days, aircraft = base.stats.days.size, len(base.stats.tails)
-    if not names or aircraft < 2 or days < 2 * shortest:
+    if not names or aircraft < 2 or days < 2 * SHORTEST:
         return None
     columns = np.concatenate([layout.columns(n) for n in names])
     factor = aircraft_factor(base.stats, given, columns)
     prior = 0.5 * np.concatenate([np.asarray(effects[n].column_scales, float) for n in names])
-    cuts = np.arange(shortest, days - shortest + 1)
+    cuts = np.arange(SHORTEST, days - SHORTEST + 1)
     scores = residual_scores(base, given)[:, :, columns]
     # running sums of every aircraft, from none to all days
     gram = np.zeros((aircraft, days + 1, prior.size, prior.size))

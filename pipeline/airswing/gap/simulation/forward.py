@@ -270,7 +270,7 @@ def apply_stage(state: State, frame: Frame, work: Sequence[Work], stage: Stage |
     work : sequence of Work
         From `prepared`; those of other stages are passed over.
     stage : str
-        Of `airswing.gap.effects.base.STAGES`.
+        Of `airswing.gap.effects.base.Stage`.
     """
     for item in work:
         if item.effect.stage != stage:

@@ -22,10 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.headings_columns import wrapped
 from airswing.gap.effects import ActiveEffect
 from airswing.gap.simulation.forward import Coding, NoiseLike, simulate
-from airswing.physics.triangle import wind_from_direction
+from airswing.physics.triangle import wind_from_direction, wrap_degrees
 from airswing.products.whole_files import atomic
 from airswing.units import KNOT
 
@@ -83,7 +82,7 @@ def simulate_reports(
         "time": headings["time"].values.astype("datetime64[ms]"),
         "latitude": _with(headings["latitude"].values, sent.report, sent.latitude).round(6),
         "longitude": _with(
-            headings["longitude"].values, sent.report, wrapped(sent.longitude)
+            headings["longitude"].values, sent.report, wrap_degrees(sent.longitude)
         ).round(6),
         **_level(headings),
         **_wind(headings.sizes["report"], sent),

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import REPORT_FIELDS, Frame
-from airswing.gap.archive.headings_columns import middle_longitude, wrapped
+from airswing.gap.archive.headings_columns import middle_longitude
 from airswing.gap.design.exogenous import LargeScale, day_sums, exogenous
 from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.noise.model import NoiseFit, fitted_gains, flown
@@ -37,6 +37,7 @@ from airswing.gap.sums.accumulate import (
     day_of_report,
     empty_statistics,
 )
+from airswing.physics.triangle import wrap_degrees
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -202,7 +203,7 @@ class _Source:
         field = ds["horizontal_field"][few].values if "horizontal_field" in ds else np.array([])
         known = field[np.isfinite(field)]
         self.reference_field = float(np.median(known)) if known.size else None
-        east = wrapped(longitude - self.meridian) + self.meridian
+        east = wrap_degrees(longitude - self.meridian) + self.meridian
         places = east, ds["latitude"][few].values, np.log(ds["pressure"][few].values.astype(float))
         self.centre = np.array([[np.nanmean(v), np.nanstd(v) or 1.0] for v in places])
 

@@ -40,8 +40,7 @@ class Weighed:
     # fleet_factor, factor: cluster factors, of the real residual
     fleet_factor: float
     factor: float
-    fleet_value: Floats  # (k,): posterior mean of the real residual's table
-    value: Floats  # (A, k): the same by aircraft
+    value: Floats  # (A, k): posterior mean of the real residual's tables
 
 
 def evidence(
@@ -104,7 +103,7 @@ def weigh(
     fleet_factor = np.array([_fleet_factor(sums, whole[r]) for r in range(count)]) * spread
     single = sums.score if sums.apart is None else sums.apart
     factor = np.array([_own_factor(sums, single[r]) for r in range(count)]) * spread
-    fleet, mean = evidence(
+    fleet, _ = evidence(
         sums.fleet_gram, whole.sum(axis=1), prior, error=fleet_error, factor=fleet_factor
     )
     aircraft = sums.gram.shape[0]
@@ -119,9 +118,7 @@ def weigh(
         np.logaddexp(np.log1p(-share), np.log(share) + by_aircraft).sum(axis=1) for share in SHARES
     ]
     some = np.logaddexp.reduce(mixed, axis=0) - np.log(SHARES.size)
-    return Weighed(
-        fleet, some, by_aircraft, float(fleet_factor[0]), float(factor[0]), mean[0], value
-    )
+    return Weighed(fleet, some, by_aircraft, float(fleet_factor[0]), float(factor[0]), value)
 
 
 def _fleet_factor(sums: Sums, score: Floats) -> float:

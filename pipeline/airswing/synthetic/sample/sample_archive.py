@@ -335,7 +335,6 @@ def write_archive(
     phases: Sequence[str] = ("ascent", "cruise", "descent"),
     times_per_file: int = 1,
     truth: str | Path | None = None,
-    relative_to: str | Path | None = None,
     output: str | None = None,
     thinned: Mapping[str, float] | None = None,
     **options: Any,
@@ -355,8 +354,6 @@ def write_archive(
         Valid times in one GRIB file.
     truth : path, optional
         Folder of ``truth.json``; ``directory/truth`` by default.
-    relative_to : path, optional
-        Paths in the configuration start here; absolute by default.
     output : str, optional
         The configuration's output folder; ``results`` beside the archive's parts by default.
     thinned : mapping, optional
@@ -395,8 +392,6 @@ def write_archive(
             times_per_file=times_per_file,
         )
     where = str(root.resolve())
-    if relative_to is not None:
-        where = root.resolve().relative_to(Path(relative_to).resolve()).as_posix()
     config = _config(where, scenario, made, output or f"{where}/results")
     target = root / "config.yaml"
     target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")

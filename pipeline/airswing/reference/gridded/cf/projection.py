@@ -23,12 +23,15 @@ from pyproj.exceptions import CRSError
 
 from airswing.errors import InputError
 from airswing.reference.geometry.grids import Grid
+from airswing.units import MODEL_EARTH_RADIUS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 Floats = NDArray[np.float64]
 
+# The usual sphere: GRIB keys name the projection, and the coordinates settle its scale.
+_SPHERE = f"+R={MODEL_EARTH_RADIUS:.0f}"
 # Half step (degrees) towards north by which a projected grid's direction is found.
 _NORTH_STEP = 1e-4
 _REMEDY = (
@@ -164,17 +167,17 @@ def grib_projection(attrs: Mapping[str, Any]) -> str | None:
             one, two, lov, lad = (
                 float(attrs[f"GRIB_{key}InDegrees"]) for key in ("Latin1", "Latin2", "LoV", "LaD")
             )
-            return f"+proj=lcc +lat_1={one} +lat_2={two} +lat_0={lad} +lon_0={lov} +R=6371229"
+            return f"+proj=lcc +lat_1={one} +lat_2={two} +lat_0={lad} +lon_0={lov} {_SPHERE}"
         if kind == "polar_stereographic":
             lad = float(attrs["GRIB_LaDInDegrees"])
             lov = float(attrs["GRIB_orientationOfTheGridInDegrees"])
             pole = 90.0 if lad >= 0 else -90.0
-            return f"+proj=stere +lat_0={pole} +lat_ts={lad} +lon_0={lov} +R=6371229"
+            return f"+proj=stere +lat_0={pole} +lat_ts={lad} +lon_0={lov} {_SPHERE}"
         if kind == "mercator":
             middle = float(attrs["GRIB_longitudeOfFirstGridPointInDegrees"])
             lad = float(attrs["GRIB_LaDInDegrees"])
             # Any meridian will do: one east of the first column keeps all clear of the seam.
-            return f"+proj=merc +lat_ts={lad} +lon_0={middle + 90.0} +R=6371229"
+            return f"+proj=merc +lat_ts={lad} +lon_0={middle + 90.0} {_SPHERE}"
     except (KeyError, TypeError, ValueError):
         pass
     return None
