@@ -46,7 +46,7 @@ SAME: dict[str, tuple[str, ...]] = {
     "airspeed": ("true_airspeed", "indicated_airspeed"),
     "temperature": ("air_temperature",),
     "phase": ("flight_phase",),
-    "bank": ("roll",),
+    "bank": ("roll", "turn"),
     "drift": ("drift_angle", "crosswind"),
     "acceleration": ("longitudinal_acceleration",),
     "longitude": ("region",),

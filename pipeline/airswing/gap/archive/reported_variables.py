@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.recent_turns import last_turn, turn
 from airswing.physics.atmosphere import altitude_from_pressure
 
 Floats = NDArray[np.float64]
@@ -43,6 +44,8 @@ KINDS: dict[str, tuple[str, int]] = {
     "temperature": ("linear", 8),
     "bank": ("linear", 6),
     "acceleration": ("linear", 6),
+    "turn": ("linear", 12),
+    "last_turn": ("linear", 6),
     "date": ("linear", 6),
     "icing": ("category", 2),
     "phase": ("category", 3),
@@ -67,6 +70,8 @@ UNITS = {
     "temperature": "degC",
     "bank": "degree",
     "acceleration": "m/s2",
+    "turn": "degree",
+    "last_turn": "degree",
     "date": "day",
     "icing": "",
     "phase": "",
@@ -150,6 +155,8 @@ def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
         "temperature": lambda: frame.temperature - 273.15,
         "bank": lambda: np.degrees(frame.bank),
         "acceleration": lambda: frame.acceleration,
+        "turn": lambda: turn(frame),
+        "last_turn": lambda: last_turn(frame),
         "date": lambda: (frame.time - frame.epoch) / 86400.0,
         "icing": lambda: np.where(frame.icing < 0, np.nan, frame.icing > 0),
         "phase": lambda: np.where(frame.phase > 0, frame.phase - 1.0, np.nan),

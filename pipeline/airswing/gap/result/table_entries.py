@@ -102,6 +102,8 @@ def settled_by(names: Sequence[str]) -> str:
         "hour": "the unit's clock and its data link beside a GPS clock over a day",
         "phase": "the unit's raw sensors through a climb, a cruise and a descent",
         "acceleration": "a recorder of raw heading through speed changes on several headings",
+        "turn": "a recorder of raw heading through turns and for minutes after them",
+        "last_turn": "the raw heading on one course, turned into from either side",
         "bank": "a recorder of raw heading through steady turns both ways",
     }
     found = [told[name] for name in names if name in told]

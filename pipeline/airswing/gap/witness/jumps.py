@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Variables in which what is smooth along a flight may jump.
-NOT_SMOOTH = ("acceleration", "bank", *OF_THE_REPORT)
+NOT_SMOOTH = ("acceleration", "bank", "turn", "last_turn", *OF_THE_REPORT)
 #: Values of a variable at which it may jump, and cells on either side that are summed.
 CELLS, REACH = 400, (1, 2, 4)
 #: Bound on single errors, in standard deviations.
