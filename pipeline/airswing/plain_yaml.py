@@ -88,7 +88,7 @@ class _Loader(yaml.SafeLoader):
         self._depth -= 1
         return node
 
-    def get_single_data(self) -> Any:
+    def get_single_data(self) -> object:
         self._root = self.get_single_node()
         if self._root is None:
             return None

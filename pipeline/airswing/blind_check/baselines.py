@@ -66,7 +66,7 @@ def collocated(config: Path, output: Path) -> Frame:
 
 def run_baselines(
     output: Path, labels: Sequence[Mapping[str, Any]], *, say: Callable[[str], None]
-) -> dict[str, list[dict[str, Any]]]:
+) -> dict[str, list[dict[str, object]]]:
     """Run every baseline on every case and score the names it claims.
 
     Parameters

@@ -318,7 +318,7 @@ def _null_text(scores: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _unknown_text(score: Mapping[str, Any]) -> str:
+def _unknown_text(score: Mapping[str, object]) -> str:
     if score["unknown"]:
         return " + unknown"
     return " (unknown of the record)" if score.get("of_background") else ""

@@ -47,8 +47,8 @@ class Check:
     labels: list[dict[str, Any]]
     scores: list[dict[str, Any]]
     failures: dict[str, str]  # case to the message of a diagnosis that did not end well
-    baselines: dict[str, list[dict[str, Any]]]  # baseline to its scores
-    settings: dict[str, Any]  # number of cases, seed, size: what repeats it
+    baselines: dict[str, list[dict[str, object]]]  # baseline to its scores
+    settings: dict[str, object]  # number of cases, seed, size: what repeats it
 
 
 def run_public_command(config: Path, output: Path, without: Sequence[str]) -> dict[str, object]:

@@ -170,7 +170,7 @@ def _rivals(claim: Mapping[str, Any]) -> set[str]:
     }
 
 
-def _closure_scores(label: Label, gap: Gap, beside: set[str]) -> dict[str, Any]:
+def _closure_scores(label: Label, gap: Gap, beside: set[str]) -> dict[str, object]:
     """Return the error of the stated closure and whether its interval holds the truth, kt.
 
     The twin has the background too: what names ``beside`` the truth close is no part of it.

@@ -167,7 +167,7 @@ def _has_date(column: Column) -> bool:
     return bool(numeric or text.str.contains(r"\d{4}-?\d\d-?\d\d|\d+/\d+/\d+").any())
 
 
-def _entry(name: str, column: str, values: Column, remarks: dict[str, str]) -> Any:
+def _entry(name: str, column: str, values: Column, remarks: dict[str, str]) -> object:
     """Canonical name of a column, with the unit that its name or its values tell."""
     quantity = QUANTITIES.get(name)
     if quantity is None:

@@ -126,7 +126,7 @@ def make_field_test(
     return result
 
 
-def expected_reduction(job: Job, headings: xr.Dataset) -> dict[str, Any]:
+def expected_reduction(job: Job, headings: xr.Dataset) -> dict[str, object]:
     """What the fits before the field test expected of it.
 
     Parameters

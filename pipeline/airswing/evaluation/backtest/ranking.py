@@ -294,7 +294,7 @@ def _spread(values: Floats) -> float:
     return float(values.std() / KNOT) if np.isfinite(values).all() else float("nan")
 
 
-def _ordered(entries: list[dict[str, Any]], drawn: list[Floats]) -> list[dict[str, Any]]:
+def _ordered(entries: list[dict[str, Any]], drawn: list[Floats]) -> list[dict[str, object]]:
     """Sort by expected gain and give every rank its interval."""
     ranked = [entry for entry in entries if entry["expected_gain_kt"] is not None]
     if ranked:

@@ -52,7 +52,7 @@ def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
         )
 
     p_value = [np.nan if row.get("p_value") is None else row["p_value"] for row in rows]
-    columns: dict[str, Any] = {
+    columns: dict[str, object] = {
         "change_count": np.array([len(row["changes"]) for row in rows], dtype=np.int8),
         "change_p_value": np.array(p_value),
         "change_rms": np.array([0.0 if one is None else one["curve_rms_deg"] for one in largest]),

@@ -85,8 +85,8 @@ def fit_by_window(
     return sorted(found, key=lambda entry: (entry["aircraft"], entry["window"]))
 
 
-def _window_entry(fit: xr.Dataset, first: str, words: dict[int, str]) -> dict[str, Any]:
-    entry: dict[str, Any] = {
+def _window_entry(fit: xr.Dataset, first: str, words: dict[int, str]) -> dict[str, object]:
+    entry: dict[str, object] = {
         "aircraft": str(fit["aircraft"].item()),
         "window": first,
         "reports": int(fit["report_count"]),

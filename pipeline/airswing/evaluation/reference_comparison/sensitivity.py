@@ -197,7 +197,7 @@ def _aircraft_rows(
 
 def _judge(
     sums: PairSums, fits: xr.Dataset | None, barred: set[str], *, own_test: bool = True
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Differences, tests and the verdict of one pair over some reports.
 
     Without a test of its own: a pool against one of its members, whose difference is made of those

@@ -339,7 +339,7 @@ def _on_the_way_in(headings: xr.Dataset) -> list[str]:
     ]
 
 
-def _run_section(summary: Mapping[str, Any], headings: xr.Dataset) -> Section:
+def _run_section(summary: Mapping[str, object], headings: xr.Dataset) -> Section:
     named = {
         "airswing_version": "version",
         "source": "read from",

@@ -35,7 +35,7 @@ def pair_name(pair: Mapping[str, Any]) -> str:
     return " - ".join(str(name) for name in pair["references"])
 
 
-def verdict_word(pair: Mapping[str, Any]) -> str:
+def verdict_word(pair: Mapping[str, object]) -> str:
     """Return whether a pair may be pooled, in a word or two."""
     if pair.get("poolable") is None:
         return "cannot tell"

@@ -233,7 +233,7 @@ class Month:
             (self.job.output / name / f"{self.job.month}.nc").unlink(missing_ok=True)
         self.note.unlink(missing_ok=True)
 
-    def _now(self) -> dict[str, Any]:
+    def _now(self) -> dict[str, object]:
         return {
             "parts": self.parts,
             "files": self.files,

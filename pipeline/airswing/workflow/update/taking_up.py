@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from airswing.reports.staging_store import Spool
 
 
-def _of_all(headings: xr.Dataset, summary: dict[str, Any], since: str) -> dict[str, Any]:
+def _of_all(headings: xr.Dataset, summary: dict[str, Any], since: str) -> dict[str, object]:
     """Counts of all months, and a word on what is of the last ones alone."""
     counts = {
         "read": tally(headings, "reading_audit")["reports_read"],
