@@ -18,6 +18,7 @@ import yaml
 
 from airswing.errors import InputError, shortened
 
+# A configuration has thousands: a model file named by mistake is not read whole.
 MOST_OCTETS = 1_000_000
 # Deeper, Python's own recursion would end the reading, with a traceback.
 _DEEPEST = 40

@@ -30,6 +30,7 @@ __all__ = [
 Score = Mapping[str, Any]
 Reached = tuple[float | None, int]
 Target = float | tuple[float, float]
+# m/s: a smaller effect is scored and shown, but counts in no target.
 _DETECTABLE = 0.4
 
 

@@ -22,6 +22,7 @@ __all__ = ["EDGES", "LEAST", "reliability_rows", "stated_claims", "worst_gap"]
 
 # Finer above: most claims are stated at 0.9 and more.
 EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
+# Claims of a bin: of fewer its share right is chance.
 LEAST = 20
 
 

@@ -72,6 +72,7 @@ _LEVEL = (
 # its error 7, with 11 blanks after every third.
 _PRESSURE, _SPEED, _DIRECTION, _TEMPERATURE = 1, 24, 47, 104
 _QUALITY, _ERROR = 12, 16  # From a value's first column to those of its quality and its error
+# What F7.2 holds with a blank before it; an error of zero would be infinite weight.
 LEAST_ERROR, LARGEST_ERROR = 0.01, 999.99
 
 

@@ -46,6 +46,7 @@ from airswing.handover.records.registry import Account, ExportFormat, Request, r
 
 HIGHEST = 8000.0  # Pa: at this pressure and above WRF takes no wind
 CALM = 0.001  # m/s; the smallest component the format can tell from none
+# Quality by which WRF knows components to true east and north, and turns them to its own grid.
 _EARTH_RELATIVE = 129.0
 _HEAD = (
     f" {'':14}\n"

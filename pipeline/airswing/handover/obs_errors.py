@@ -37,6 +37,7 @@ FILE_NAME = "obserr.txt"
 GROSS_CHECK = 5.0  # Errors beyond which WRFDA rejects a component (``max_error_uv``)
 _SECTION = re.compile(r"\b(\w+)\s+SENSOR ERRORS")
 _ROW = re.compile(r"((?:\s*-?\d+\.\d*){7})(\s*)(.*)", re.DOTALL)
+# Numbers in a line and lines of a type of report, as WRFDA reads them.
 _A_LINE, _LINES = 7, 4
 _LARGEST = 90.0  # Degrees: a direction that is not known any better is not known
 

@@ -22,6 +22,7 @@ from airswing.errors import InputError
 
 # Octets of a value by type.
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 8, 7: 1, 8: 2, 9: 4, 10: 8, 11: 8}
+# Tags of the header's three lists (NetCDF classic format specification).
 _DIMENSION, _VARIABLE, _ATTRIBUTE = 10, 11, 12
 _MOST = 100_000  # Entries of a list; no file has as many
 # Octets: the last variable may stand without its padding to a multiple of four.

@@ -42,6 +42,7 @@ OFFSET_SPREAD, SCALE_SPREAD = np.radians(2.0), 0.01
 NOISE = 4.0  # m/s: a report's error about the field, gusts and all
 # Standard errors from which on a report weighs less, and how often that is judged again.
 HUBER, ROUNDS = 1.5, 4
+# Of fewer, an aircraft's own compass is much of the wind it is then judged by.
 FEWEST_AIRCRAFT = 5
 
 

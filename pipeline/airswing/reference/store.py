@@ -62,6 +62,7 @@ _MODULES = (
     gridded_sampling,
 )
 _BEGUN = "begun"
+# numpy pads headers to multiples of 64 octets: that of a table of doubles ends well before.
 _HEADER_BYTES = 256
 # What `numpy.save` writes before a table of doubles.
 _HEADER = re.compile(

@@ -41,6 +41,7 @@ the square of their number in every segment, its inverse the cube."""
 SHIFTS = 5
 """Places the borders of regions take in turn: no part of the four segments of a day."""
 
+# On the sphere: regions are hundreds of km wide, half a percent does not matter.
 KM_A_DEGREE = 111.2
 
 

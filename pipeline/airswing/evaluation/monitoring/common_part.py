@@ -19,7 +19,9 @@ FEWEST = 5
 """Aircraft of a day that have a common part."""
 FAR = 9.0
 """Squared distance from the common part at which an aircraft counts half."""
+# The common part, and how little aircraft far from it count, in turn.
 ROUNDS = 3
+# Days of an aircraft in a block, and such blocks: of fewer the usual errors stand.
 FEWEST_IN_BLOCK, FEWEST_BLOCKS = 7, 3
 BLOCK_DAYS = 21
 """Days over which a level is taken to stand still when the errors are estimated."""

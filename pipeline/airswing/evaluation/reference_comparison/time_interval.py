@@ -18,6 +18,7 @@ from airswing.reference.geometry.wind_profiles import Catalogue
 
 # Steps at which archives of models keep their winds.
 _INTERVALS_H = (3, 6)
+# Spread evenly over the archive, these stand for it: each is collocated once an interval.
 DAYS = 10
 REPORTS = 20_000  # Taken of those days at most
 _HOUR = 3_600_000_000_000  # ns

@@ -20,6 +20,7 @@ from airswing.evaluation.report_errors.neighbours import TERMS, day_equations, s
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+# Below these the parts of the error cannot be told from each other; a cell has two ends a pair.
 FEWEST_PAIRS, FEWEST_OF_CELL, FEWEST_DAYS = 400, 150, 8
 # Of separation, in which the scatter of half squares is taken as one.
 _BINS = 8

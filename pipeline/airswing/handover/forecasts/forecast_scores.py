@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 SCORES = ("forecast_error_mean", "forecast_error_centred_rms", "forecast_error_rms", "skill")
 PERIODS = ("held_out", "all")
 _FORECASTS = ("forecast", "corrected_forecast", "running_mean_forecast")
+# Of days: either end of a 95 % interval rests on 25 of them.
 _DRAWS = 1000
 FEWEST_DAYS = 5
 """Days below which there is no interval."""

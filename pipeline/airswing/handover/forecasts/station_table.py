@@ -21,6 +21,7 @@ from airswing.errors import InputError
 
 _MISSING = ["-999", "-999.0", "-999.00", "NA", "nan", "NaN", "null", ""]
 _COMMENT = re.compile(r"#\s*(variable|units)\s*:\s*(.*?)\s*$", re.IGNORECASE)
+# A time outside is a number misread as a date.
 _FIRST, _LAST = pd.Timestamp("1900-01-01"), pd.Timestamp("2200-01-01")
 
 

@@ -17,6 +17,7 @@ Lines = NDArray[np.uint8]
 
 MISSING = -888888.0
 """A missing value in every format of WRF and WRFDA that is read by columns."""
+# Octets of ASCII: digits are written as these plus their value, a column of all lines at a time.
 _ZERO, _SPACE, _MINUS, _POINT = 48, 32, 45, 46
 
 

@@ -37,6 +37,7 @@ CODES = {
     "AIREP": "FM-97 AIREP",
 }
 """What stands in LITTLE_R and ob.ascii."""
+# Columns that LITTLE_R and ob.ascii have for it.
 LONGEST_IDENTIFIER = 40
 LARGEST_NUMBER = 99_999
 _WORDS = {code: name for name, code in PLATFORM.items()} | {PLATFORM["unknown"]: "TAMDAR"}

@@ -37,6 +37,7 @@ from airswing.reference.packing.simple_packing import MAX_BITS, PADDING
 
 LARGE = 0x800000
 """Octets from which on a message's length is written in another unit."""
+# Octets of that unit; bits of a value at most.
 LARGE_UNIT, _WIDEST = 120, 64
 # Seconds in a unit of time (code table 4).
 _TIME_UNITS = {

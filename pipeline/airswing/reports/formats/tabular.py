@@ -35,6 +35,7 @@ ROWS_PER_PIECE = 250_000
 _BUFFER = 2**20
 # Octets and lines: what goes on longer before a head is no table.
 _LONGEST_HEADER = 100_000
+# A file of nothing but remarks is not read to its end.
 _MOST_REMARKS = 200
 # What is added to a name that stands in a header a second time.
 _AGAIN = re.compile(r" \(column \d+\)")

@@ -26,6 +26,7 @@ START = np.datetime64("2017-01-11T00:00", "ns")
 LEVELS = (500.0, 400.0, 300.0, 250.0, 200.0)
 # Standard altitudes of the levels that are flown.
 _ALTITUDE_FT = {300.0: 30065.0, 250.0: 33999.0}
+# m; of its own, as all that is synthetic: a wrong radius elsewhere must show against it.
 EARTH = 6_371_000.0
 STEP_S, REPORTS = 10, 150
 # Degrees: resolution of heading and track in registers 6,0 and 5,0.
