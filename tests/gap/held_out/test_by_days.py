@@ -73,5 +73,5 @@ def test_what_is_nowhere_has_no_coefficient(made):
 
 
 def test_what_days_left_out_do_not_show_has_no_deviations():
-    assert Coefficient(1.0, 0.1, energy=3.0, doubt=1.0).deviations == pytest.approx(10)
-    assert Coefficient(1.0, 0.1, energy=1.0, doubt=1.0).deviations == 0
+    assert Coefficient(1.0, 0.1, 10.0, energy=3.0, doubt=1.0).deviations == pytest.approx(10)
+    assert Coefficient(1.0, 0.1, 10.0, energy=1.0, doubt=1.0).deviations == 0

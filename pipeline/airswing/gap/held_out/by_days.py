@@ -82,6 +82,7 @@ class Coefficient:
 
     value: float
     error: float  # standard error
+    formal: float  # deviations without what may persist beyond: which of two columns it is
     # of blocks of days that the others foretell: energy explained, and its standard error
     energy: float
     doubt: float
@@ -186,9 +187,11 @@ class ByDays:
         apart -= apart.mean()
         count = apart.size
         scatter = float((apart**2).sum()) * count / (count - 1)
-        variance = max(left, scatter) / whole**2 + (PERSISTENT / self.sizes[k]) ** 2
+        found = max(left, scatter) / whole**2
+        error = float(np.sqrt(found + (PERSISTENT / self.sizes[k]) ** 2))
         score = apart + value * square
         others = (score.sum() - score) / (square.sum() - square)
         energy = 2 * others * score - others**2 * square
         doubt = float(energy.std(ddof=1) * np.sqrt(count))
-        return Coefficient(value, float(np.sqrt(variance)), float(energy.sum()), doubt)
+        formal = abs(value) / float(np.sqrt(found))
+        return Coefficient(value, error, formal, float(energy.sum()), doubt)

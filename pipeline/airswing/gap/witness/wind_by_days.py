@@ -79,8 +79,11 @@ def wind_names(setting: Setting, effects: Mapping[str, Effect], rest: Floats) ->
     for k, (name, form, _) in enumerate(asked):
         told = days.weigh(k)
         if told is not None:
-            out.append(WindName(name, form, told.deviations**2 / 2, told.deviations))
-    return sorted(out, key=lambda one: -one.deviations)
+            one = WindName(name, form, told.deviations**2 / 2, told.deviations)
+            out.append((told.deviations > 0, told.formal, one))
+    # what is allowed for beyond the covariance weighs on a bias below a level more than on its
+    # opposite above: it says how sure a name is, not which
+    return [one for *_, one in sorted(out, key=lambda o: (-o[0], -o[1]))]
 
 
 def name_by_days(
