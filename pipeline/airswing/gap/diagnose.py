@@ -191,7 +191,9 @@ def diagnose(
         if unknown is not None and is_remainder(unknown[0], taken):
             unknown = None
         others = [one.unknown.tails for one in taken] + [one.term.tails for one in search.named]
-        name = _by_means(final, beside, others) if unknown is None else _name_of(final, *unknown)
+        weak = unknown is None or unknown[0].unknown.run > 0.0
+        name = _by_means(final, beside, others) if weak else None
+        name = _name_of(final, *unknown) if name is None and unknown is not None else name
         if name is not None:
             search = replace(search, named=(*search.named, name))
         elif unknown is not None:

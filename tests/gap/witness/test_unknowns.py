@@ -226,15 +226,16 @@ def test_cells_merged_are_means_of_their_reports():
 
 
 def test_a_table_of_single_aircraft_is_larger_than_the_little_each_has_of_its_own():
-    def one(tails, size, peak):
-        return SimpleNamespace(
-            tails=tails, values=np.zeros((3, 2)), size=size, peak=peak, held_out=9, held_out_error=1
-        )
+    def one(tails, size, peak, run=0.0):
+        told = {"size": size, "peak": peak, "run": run, "held_out": 9, "held_out_error": 1}
+        return SimpleNamespace(tails=tails, values=np.zeros((3, 2)), **told)
 
     assert stands(one((0, 1), 0.14, 0.3))
     assert not stands(one((2,), 0.14, 0.3))
     assert stands(one((2,), 0.14, 0.4))
     assert stands(one((2,), 0.2, 0.3))
+    assert stands(one((2,), 0.14, 0.2, run=0.35))  # of a run its own size is what counts
+    assert not stands(one((2,), 0.07, 0.2, run=0.35))
 
 
 def weeks_left_out(monkeypatch, fields):

@@ -67,6 +67,7 @@ class Unknown:
     # tuple of (float, str, tuple of str): other tables that came near: evidence, component,
     # variables
     rivals: tuple[tuple[float, str, tuple[str, ...]], ...] = ()
+    run: float = 0.0  # size within the run that its edges are of, m/s
 
     @property
     def groups(self) -> list[list[int]]:
@@ -86,6 +87,8 @@ class Candidate:
     # whether it is the evidence of its cells' means, which must then confirm it
     by_means: bool = False
     jumps: float = -np.inf  # evidence of the jumps at its edges, where it was made for them
+    tails: tuple[int, ...] = ()  # aircraft of the run at its edges, where it was made for one
+    run: float = 0.0  # size of that run, m/s
 
     @property
     def strength(self) -> float:
@@ -95,6 +98,8 @@ class Candidate:
 
 def struck(candidate: Candidate) -> tuple[int, ...]:
     """Aircraft that have a table; all where the fleet has it."""
+    if candidate.tails:
+        return candidate.tails
     found = candidate.weighed
     own = found.by_aircraft[0]
     aircraft = own.size
@@ -151,6 +156,7 @@ def fitted(bench: Bench, candidate: Candidate, fold: Integers) -> Unknown | None
         peak,
         0.5 * float(energy.sum()),
         0.5 * float(energy.std(ddof=1) * np.sqrt(energy.size)),
+        run=candidate.run,
     )
 
 
@@ -383,7 +389,7 @@ def clearly_more(bench: Bench, one: Unknown, other: Unknown, fold: Integers) -> 
 
 def stands(unknown: Unknown) -> bool:
     """Whether an unknown is of practical size and explains weeks left out."""
-    large = unknown.size >= LEAST_SIZE[0] and unknown.peak >= LEAST_SIZE[1]
-    if 2 * len(unknown.tails) <= len(unknown.values):
+    large = unknown.size >= LEAST_SIZE[0] and max(unknown.peak, unknown.run) >= LEAST_SIZE[1]
+    if not unknown.run and 2 * len(unknown.tails) <= len(unknown.values):
         large &= unknown.size >= OWN_SIZE[0] or unknown.peak >= OWN_SIZE[1]
     return large and unknown.held_out > CONFIRMED * unknown.held_out_error

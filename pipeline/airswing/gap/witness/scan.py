@@ -102,7 +102,7 @@ def weigh(
     whole = sums.score.sum(axis=1)
     fleet_factor = np.array([_fleet_factor(sums, whole[r]) for r in range(count)]) * spread
     single = sums.score if sums.apart is None else sums.apart
-    factor = np.array([_own_factor(sums, single[r]) for r in range(count)]) * spread
+    factor = np.array([own_factor(sums, single[r]) for r in range(count)]) * spread
     fleet, _ = evidence(
         sums.fleet_gram, whole.sum(axis=1), prior, error=fleet_error, factor=fleet_factor
     )
@@ -127,7 +127,8 @@ def _fleet_factor(sums: Sums, score: Floats) -> float:
     return max(1.2, float(finite.max())) if finite.size else 2.0
 
 
-def _own_factor(sums: Sums, score: Floats) -> float:
+def own_factor(sums: Sums, score: Floats) -> float:
+    """Cluster factor of single aircraft's scores, (A, D, k), the median one."""
     flown = np.trace(sums.gram, axis1=1, axis2=2) > 1e-6
     if not flown.any():
         return 1.5

@@ -40,7 +40,7 @@ from airswing.gap.witness.fitted_tables import (
     stands,
 )
 from airswing.gap.witness.learned import LearnedWitness
-from airswing.gap.witness.unknowns import SECOND, curves, edged, pairs_of, refined
+from airswing.gap.witness.unknowns import SECOND, curves, edged, of_runs, pairs_of, refined
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -143,18 +143,21 @@ def next_unknown(
     frame = setting.frame
     bench = Bench.of(setting, named_rest)
     ranked = _ranked(bench, witness)
-    if not ranked or ranked[0].strength < LEAST_EVIDENCE:
-        return None
     errors = frame.residual - named_rest
     named = bool(errors.any())
-    if named:
-        plain = Bench.of(setting, frame.residual)
-        alone = _ranked(plain, witness)
-        first = _best(plain, alone, fold)
-        ways = (errors,) if linear is None else (errors, linear)
-        if first is not None and _leads(plain, first, ways, fold):
-            return _taken(setting, plain, first, alone, effects, fold)
-    unknown = _best(bench, ranked, fold)
+    unknown = None
+    if ranked and ranked[0].strength >= LEAST_EVIDENCE:
+        if named:
+            plain = Bench.of(setting, frame.residual)
+            alone = _ranked(plain, witness)
+            first = _best(plain, alone, fold)
+            ways = (errors,) if linear is None else (errors, linear)
+            if first is not None and _leads(plain, first, ways, fold):
+                return _taken(setting, plain, first, alone, effects, fold)
+        unknown = _best(bench, ranked, fold)
+    elif not named:  # beside a large name its remainder would be a run
+        ranked = of_runs(bench)
+        unknown = _best(bench, ranked, fold) if ranked else None
     if unknown is None:
         return None
     if named and small_beside(errors[np.isin(frame.aircraft, unknown.tails)], unknown.size):
@@ -315,6 +318,8 @@ def small_beside(errors: Floats, size: float, *, share: float = REMAINDER) -> bo
 
 def is_remainder(new: Taken, earlier: Sequence[Taken]) -> bool:
     """Whether an unknown is what the cells of an earlier one left on the same aircraft."""
+    if new.unknown.run and earlier:  # runs are of what is small, beside nothing that is not
+        return True
     own = set(new.unknown.tails)
     return any(
         len(own & set(old.unknown.tails)) > 0.5 * len(own)

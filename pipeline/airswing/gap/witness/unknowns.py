@@ -38,6 +38,7 @@ from airswing.gap.witness.jumps import Jumps, jumps
 from airswing.gap.witness.learned import Heard
 from airswing.gap.witness.periods import Period, periods
 from airswing.gap.witness.products import products
+from airswing.gap.witness.runs import Run, runs
 
 Integers = NDArray[np.int64]
 
@@ -58,6 +59,9 @@ LIKES = (
 OF_THE_REFERENCE = ("drift", "ground_speed")
 #: Variables at whose jumps tables are cut.
 MOST_JUMPING = 3
+#: Size of a run, m/s, of most aircraft and of at most half: each has a little of every effect, in
+#: the hard world 0.20 to 0.30 by phase.
+RUN_SIZE = (0.25, 0.33)
 #: Cells of the two variables of a table.
 PAIR_CELLS = {"circular": 8, "linear": 5, "category": 3}
 #: The same where there is enough to tell.
@@ -90,6 +94,23 @@ def edged(bench: Bench) -> list[Candidate]:
         if found.nats >= LEAST_EVIDENCE
     ]
     return sorted(made, key=lambda c: -c.strength)
+
+
+def of_runs(bench: Bench) -> list[Candidate]:
+    """Tables cut at the ends of runs, of their aircraft, most evidence first."""
+    few = len(bench.setting.frame.tails) // 2
+    told = [
+        run
+        for run in runs(bench)
+        if run.nats >= LEAST_EVIDENCE and run.size >= RUN_SIZE[len(run.tails) <= few]
+    ]
+    return [_of_run(weighed(bench, run.grid, run.component), run) for run in told[:MOST_JUMPING]]
+
+
+def _of_run(candidate: Candidate, run: Run | Candidate) -> Candidate:
+    """A table for which a run speaks: it is confirmed by what it was found by."""
+    nats, size = (run.nats, run.size) if isinstance(run, Run) else (run.jumps, run.run)
+    return replace(candidate, jumps=nats, tails=run.tails, run=size, by_means=False)
 
 
 def _by_jumps(candidate: Candidate, nats: float) -> Candidate:
@@ -134,7 +155,7 @@ def refined(bench: Bench, best: Candidate, fold: Integers) -> Unknown | None:
     scaled = weighed(bench, best.grid, SCALED[best.component][0])
     also = []
     if np.isfinite(best.jumps):  # a jump tells nothing of which of the two it is of
-        scaled = _by_jumps(scaled, best.jumps)
+        scaled = _of_run(scaled, best) if best.run else _by_jumps(scaled, best.jumps)
         also = [best, scaled]
     best = _better(best, [scaled], FINER)
     options = _of_one(bench, best) + also + _of_two(bench, best)
