@@ -30,7 +30,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -234,7 +234,7 @@ def after_the_fit(aircraft: int, folder: Path) -> dict[str, Callable[[], Any]]:
             virtual={"later": found["virtual test"], "held_out": {"why": "not tried"}},
             field_test=found["field test"],
             sensitivity=found["comparison"],
-            monitoring=asdict(found["watch"]),
+            monitoring=found["watch"],
         )
         told = {"headings": headings, "fits": fits, "corrected": corrected}
         return write_page(folder / "report", **told, evaluation=evaluation)

@@ -7,8 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import xarray as xr
+
+if TYPE_CHECKING:
+    from airswing.evaluation.events_file import Monitoring
 
 
 @dataclass(frozen=True)
@@ -26,4 +30,4 @@ class Evaluation:
     virtual: Mapping[str, object] | None = None
     field_test: Mapping[str, object] | None = None
     sensitivity: Mapping[str, object] | None = None
-    monitoring: Mapping[str, object] | None = None  # content of ``events.json``
+    monitoring: Monitoring | None = None

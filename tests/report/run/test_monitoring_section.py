@@ -1,7 +1,5 @@
 """The watch on the page: what is new first, a row an aircraft on the line of time."""
 
-from dataclasses import asdict
-
 from airswing.evaluation.monitoring import Event, Monitoring, State, UnitTable
 from airswing.report.run.monitoring_figures import MOST_ROWS, timeline_figure
 from airswing.report.run.monitoring_section import monitoring_section, write_monitoring_page
@@ -22,7 +20,7 @@ def watched(events, told_before=0):
         State("N1", "2009-03-01", "2009-03-20", False, table, table, True, 1.23, 6.1, 4.0),
         State("N<2>", "2009-03-01", "2009-03-12", True),
     ]
-    return asdict(Monitoring("2009-03-20", "ruc", states, events, told_before))
+    return Monitoring("2009-03-20", "ruc", states, events, told_before)
 
 
 EVENTS = [

@@ -1,6 +1,6 @@
 """Watching a fleet night by night: how every aircraft stands, and what happened, told once."""
 
-from airswing.evaluation.monitoring.events_file import (
+from airswing.evaluation.events_file import (
     Event,
     Monitoring,
     State,

@@ -17,7 +17,7 @@ import xarray as xr
 from airswing.compass.correction import curve_standard_error
 from airswing.compass.table import NODES, SIGNS, error_from_table
 from airswing.errors import InputError
-from airswing.evaluation.monitoring.events_file import UnitTable
+from airswing.evaluation.events_file import UnitTable
 from airswing.flags import published
 
 LARGEST_OF_EIGHT = 2.727

@@ -15,15 +15,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.evaluation.events_file import (
+    Event,
+    Evidence,
+    Kind,
+    Monitoring,
+    State,
+    UnitTable,
+)
 from airswing.evaluation.monitoring.daily_evidence import Names, Rows, daily_rows
-from airswing.evaluation.monitoring.events_file import Event, Monitoring, State, UnitTable
 from airswing.evaluation.monitoring.fleet_watch import (
     COMPASS,
     COMPASS_COMMON,
@@ -244,11 +250,15 @@ def _compass_event(alarm: Alarm, names: Names) -> Event:
 
 def _wind_event(alarm: Alarm, names: Names) -> Event:
     size, error = float(alarm.step.size[0]), float(alarm.step.error[0])
-    evidence = {"factor": float(np.exp(size)), "standard_error": float(np.exp(size) * error)}
-    return _step_event(alarm, names, "disagreement_rose", evidence | {"threshold": WIND.threshold})
+    evidence: Evidence = {
+        "factor": float(np.exp(size)),
+        "standard_error": float(np.exp(size) * error),
+        "threshold": WIND.threshold,
+    }
+    return _step_event(alarm, names, "disagreement_rose", evidence)
 
 
-def _step_event(alarm: Alarm, names: Names, kind: Any, evidence: dict[str, Any]) -> Event:
+def _step_event(alarm: Alarm, names: Names, kind: Kind, evidence: Evidence) -> Event:
     step, all_at_once = alarm.step, alarm.step.number < 0
     return Event(
         "reference_changed" if all_at_once else kind,
@@ -273,7 +283,7 @@ def _presence(
     begin, spells = first_and_silent_days(rows.aircraft, rows.day, names.size, last)
     for spell in spells:
         silent[spell.number] |= spell.lasts
-        evidence = {"days": spell.days, "usual_days": spell.usual_days}
+        evidence: Evidence = {"days": spell.days, "usual_days": spell.usual_days}
         found.append(
             Event(
                 "aircraft_silent",

@@ -1,13 +1,12 @@
 """The page's section on what happened to the fleet, and the same as a page of its own.
 
-Assumes the content of ``events.json``.
+Assumes a look at the fleet, as ``events.json`` keeps it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -20,34 +19,36 @@ from airswing.report.run.page_numbers import number_text
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
+if TYPE_CHECKING:  # the watch itself is not needed to show it
+    from airswing.evaluation.events_file import Event, Monitoring, State
+
 MOST_EVENTS, MOST_STATES = 60, 200  # Rows of the tables; the file has all
 
 
-def monitoring_section(watched: Mapping[str, Any] | None) -> Section:
+def monitoring_section(watched: Monitoring | None) -> Section:
     """Return what is new, the line of time, the events and how the aircraft stand."""
     title = "Watch"
     if not watched:
         return Section("watch", title)
     parts = [embedded(timeline_figure(watched))]
-    events = list(reversed(watched["events"]))
+    events = list(reversed(watched.events))
     if events:
         parts.append(_events_table(watched, events))
     parts.append(folded("How the aircraft stand", [_states_table(watched)], unfolded=not events))
     return Section("watch", title, _lead(watched), parts)
 
 
-def write_monitoring_page(path: Path, watched: Mapping[str, Any]) -> Path:
+def write_monitoring_page(path: Path, watched: Monitoring) -> Path:
     """Write the section as a page of its own.
 
     Parameters
     ----------
-    watched : mapping
-        Content of ``events.json``.
+    watched : Monitoring
     """
     text = document(
         title="airswing: watch over the fleet",
-        kicker=f"Watch over {plural(len(watched['states']), 'aircraft', 'aircraft')}  ·  to "
-        f"{watched['until']}, against {watched['reference']}",
+        kicker=f"Watch over {plural(len(watched.states), 'aircraft', 'aircraft')}  ·  to "
+        f"{watched.until}, against {watched.reference}",
         headline=_lead(watched),
         sections=[monitoring_section(watched)],
         footer=[f"airswing {__version__}. Intervals are 95 %."],
@@ -55,32 +56,32 @@ def write_monitoring_page(path: Path, watched: Mapping[str, Any]) -> Path:
     return write_text(path, text)
 
 
-def _lead(watched: Mapping[str, Any]) -> str:
-    news = watched["events"][watched["told_before"] :]
-    differing = [one["aircraft"] for one in watched["states"] if one["tables_differ"]]
+def _lead(watched: Monitoring) -> str:
+    news = watched.events[watched.told_before :]
+    differing = watched.differing
     counts = [
-        f"{sum(one['kind'] == kind for one in news)} {words}"
+        f"{sum(one.kind == kind for one in news)} {words}"
         for kind, (words, *_) in KINDS.items()
-        if any(one["kind"] == kind for one in news)
+        if any(one.kind == kind for one in news)
     ]
-    told = f"New up to {watched['until']}: {', '.join(counts)}." if news else "Nothing new."
+    told = f"New up to {watched.until}: {', '.join(counts)}." if news else "Nothing new."
     if differing:
         more = f" and {len(differing) - 8} more" if len(differing) > 8 else ""
         told += f" Another table should go to {', '.join(differing[:8])}{more}."
     return told
 
 
-def _events_table(watched: Mapping[str, Any], events: list[Mapping[str, Any]]) -> Markup:
-    number = len(events) - watched["told_before"]
+def _events_table(watched: Monitoring, events: list[Event]) -> Markup:
+    number = len(events) - watched.told_before
     rows = [
         Row(
             [
-                one["date"],
-                " to ".join(dict.fromkeys(one["evidence"].get("date_ci", []))) or "-",
-                one["aircraft"] or "all at once",
-                KINDS[one["kind"]][0],
+                one.date,
+                " to ".join(dict.fromkeys(one.evidence.get("date_ci", []))) or "-",
+                one.aircraft or "all at once",
+                KINDS[one.kind][0],
                 _size(one),
-                one["noticed"],
+                one.noticed,
                 "new" if k < number else "",
             ]
         )
@@ -96,8 +97,8 @@ def _events_table(watched: Mapping[str, Any], events: list[Mapping[str, Any]]) -
     )
 
 
-def _size(event: Mapping[str, Any]) -> str:
-    told = event["evidence"]
+def _size(event: Event) -> str:
+    told = event.evidence
     if "factor" in told:
         return f"× {told['factor']:.2f} ± {NORMAL_95 * told['standard_error']:.2f}"
     if "curve_rms_deg" in told:
@@ -108,17 +109,17 @@ def _size(event: Mapping[str, Any]) -> str:
     return f"{told['days']} days" if "days" in told else "-"
 
 
-def _states_table(watched: Mapping[str, Any]) -> Markup:
-    states = sorted(watched["states"], key=_worst_first)
+def _states_table(watched: Monitoring) -> Markup:
+    states = sorted(watched.states, key=_worst_first)
     rows = [
         Row(
             [
-                one["aircraft"],
-                one["last_day"] + (" (silent)" if one["silent"] else ""),
-                _number(one["disagreement_kt"]),
-                _number(one["past_disagreement_kt"]),
-                {None: "-", False: "no", True: "yes"}[one["tables_differ"]],
-                _number(one["table_difference_deg"]),
+                one.aircraft,
+                one.last_day + (" (silent)" if one.silent else ""),
+                _number(one.disagreement_kt),
+                _number(one.past_disagreement_kt),
+                {None: "-", False: "no", True: "yes"}[one.tables_differ],
+                _number(one.table_difference_deg),
             ]
         )
         for one in states[:MOST_STATES]
@@ -141,10 +142,10 @@ def _states_table(watched: Mapping[str, Any]) -> Markup:
     )
 
 
-def _worst_first(state: Mapping[str, Any]) -> tuple[bool, float, str]:
-    past = state["past_disagreement_kt"]
-    risen = (state["disagreement_kt"] or 0.0) / past if past else 0.0
-    return (not state["tables_differ"], -risen, state["aircraft"])
+def _worst_first(state: State) -> tuple[bool, float, str]:
+    past = state.past_disagreement_kt
+    risen = (state.disagreement_kt or 0.0) / past if past else 0.0
+    return (not state.tables_differ, -risen, state.aircraft)
 
 
 def _number(value: float | None) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,8 +24,8 @@ from airswing.products.ragged import aircraft_of_report
 from airswing.workflow.job import CORRECTED, FITS, HEADINGS, Job, main_reference
 
 if TYPE_CHECKING:
+    from airswing.evaluation.events_file import Monitoring, UnitTable
     from airswing.evaluation.monitoring.daily_evidence import Names, Rows
-    from airswing.evaluation.monitoring.events_file import Monitoring, UnitTable
     from airswing.evaluation.monitoring.fleet_watch import KeptWatch
 
 EVENTS, PAGE = "events.json", "monitoring.html"
@@ -63,7 +63,7 @@ def make_monitoring(job: Job, fits: xr.Dataset | None = None) -> Monitoring:
         found = with_tables(found, _tables_since(job, changed_since(found)))
         found = replace(found, unsaid=len(found.new_events))
         write_events(found, path)
-        write_monitoring_page(job.output / "report" / PAGE, asdict(found))
+        write_monitoring_page(job.output / "report" / PAGE, found)
         stage.note = f"{len(found.new_events):,} new events"
     return found
 

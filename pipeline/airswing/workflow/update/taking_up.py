@@ -8,7 +8,7 @@ every report stand by month; all else is as ``airswing run`` writes it.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
@@ -85,7 +85,7 @@ def update(job: Job) -> dict[str, Any]:
             job.progress.say("nothing new: evaluation and page stand")
         else:
             evaluation = judged(job, months, headings, fits, recent)
-            evaluation = replace(evaluation, monitoring=asdict(watched))
+            evaluation = replace(evaluation, monitoring=watched)
             make_page(job, recent.headings, fits, recent.corrected, summary, evaluation)
             keep_note(drawn, {"mark": mark})
     job.progress.say(job.progress.accounts_text())

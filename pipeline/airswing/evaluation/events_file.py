@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 from airswing.errors import InputError
 from airswing.products.whole_files import write_json
@@ -33,6 +33,25 @@ WORDS: dict[str, str] = {
 }
 
 
+class Evidence(TypedDict, total=False):
+    """The numbers behind an event, as far as its kind has them."""
+
+    date_ci: list[str]  # 95 % interval of the date
+    statistic: float
+    threshold: float  # of the statistic
+    aircraft_that_night: int
+    # change_deg, standard_error_deg: of A to E, of a compass that changed
+    change_deg: dict[str, float]
+    standard_error_deg: dict[str, float]
+    curve_rms_deg: float
+    # factor, standard_error: of a disagreement that rose
+    factor: float
+    standard_error: float
+    # days, usual_days: of a silence
+    days: int
+    usual_days: int
+
+
 @dataclass(frozen=True)
 class Event:
     """Something that happened."""
@@ -41,7 +60,7 @@ class Event:
     date: str  # day since which it is so
     noticed: str  # night (the day whose reports were in) that told it
     aircraft: str | None  # none: all of them at once, and no aircraft's fault
-    evidence: dict[str, Any]  # numbers behind it
+    evidence: Evidence
 
     @property
     def line(self) -> str:
