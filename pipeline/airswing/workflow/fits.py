@@ -38,6 +38,7 @@ from airswing.workflow.job import (
 )
 
 if TYPE_CHECKING:
+    from airswing.evaluation.compass_changes.change_dates import AircraftChanges
     from airswing.workflow.progress import StageRecord
 
 
@@ -50,8 +51,7 @@ class Seen:
     histogram: NDArray[np.int64]
     # (aircraft,): of :func:`airswing.compass.heading_kind.mean_declination`
     declination: NDArray[np.float64]
-    # of :func:`airswing.evaluation.compass_changes.change_dates.find_changes`
-    changes: list[dict[str, object]]
+    changes: list[AircraftChanges]
 
 
 def _look_at_all(job: Job, headings: xr.Dataset) -> Seen:

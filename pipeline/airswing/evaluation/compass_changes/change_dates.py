@@ -10,7 +10,7 @@ Dates are days, UTC; angles in degrees.
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 import xarray as xr
@@ -52,13 +52,36 @@ SUMMED_FROM = (
 )
 
 
+class Change(TypedDict):
+    """A change of a compass; degrees."""
+
+    date: str  # first day of the new compass
+    date_ci: list[str]
+    # change_deg, standard_error_deg: of A, B, C
+    change_deg: dict[str, float]
+    standard_error_deg: dict[str, float]
+    curve_rms_deg: float
+    p_value: float
+
+
+class AircraftChanges(TypedDict):
+    """All changes of one aircraft."""
+
+    aircraft: str
+    days: int
+    # p_value, statistic: of the largest; None with too few days
+    p_value: float | None
+    statistic: float | None
+    changes: list[Change]
+
+
 def find_changes(
     headings: xr.Dataset,
     *,
     members: list[str],
     abscissa: Literal["magnetic", "true"] = "magnetic",
     draws: int = 999,
-) -> list[dict[str, object]]:
+) -> list[AircraftChanges]:
     """Find the dates at which each aircraft's compass changed.
 
     Parameters
@@ -71,11 +94,8 @@ def find_changes(
 
     Returns
     -------
-    list of dict
-        One an aircraft: ``aircraft``, ``days``, ``p_value`` (of the largest, corrected for the
-        fleet; None with too few days), ``statistic`` and ``changes``: ``date`` (first day of the
-        new compass), ``date_ci``, ``change_deg`` and ``standard_error_deg`` of A, B, C,
-        ``curve_rms_deg``, ``p_value``.
+    list of AircraftChanges
+        One an aircraft; ``p_value`` is corrected for the fleet.
     """
     sums = fleet_day_sums(headings, members, abscissa, fewest=2 * FEWEST_DAYS)
     names = headings["aircraft"].to_numpy().astype(str).tolist()
@@ -95,7 +115,7 @@ def fleet_day_sums(
 
 def changes_of(
     names: list[str], sums: list[DaySums | None], *, draws: int = 999
-) -> list[dict[str, object]]:
+) -> list[AircraftChanges]:
     """As :func:`find_changes`, from daily sums.
 
     Parameters
@@ -104,7 +124,7 @@ def changes_of(
         One an aircraft; None where there are too few days.
     """
     segments = [(k, one) for k, one in enumerate(sums) if one is not None]
-    entries: list[dict[str, Any]] = [
+    entries: list[AircraftChanges] = [
         {
             "aircraft": str(name),
             "days": 0 if one is None else int(one.day.size),
@@ -119,7 +139,7 @@ def changes_of(
         following = []
         for (k, part), (statistic, p_value) in zip(segments, found, strict=True):
             if depth == 0:
-                entries[k] |= {"p_value": p_value, "statistic": statistic}
+                entries[k]["p_value"], entries[k]["statistic"] = p_value, statistic
             if p_value is None or p_value > _FALSE_ALARMS:
                 continue
             change = _change(part, p_value)
@@ -229,7 +249,7 @@ def _judged(
     return [next(answers) if good else (None, None) for good in usable]
 
 
-def _change(part: DaySums, p_value: float) -> dict[str, Any]:
+def _change(part: DaySums, p_value: float) -> Change:
     day, (low, high), change, covariance, _ = date_of_change(part, fewest=FEWEST_DAYS)
     degrees, error = np.degrees(change), np.degrees(np.sqrt(np.diag(covariance)))
     names = "ABC"[:CHANGING]

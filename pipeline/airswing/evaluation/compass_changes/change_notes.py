@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -18,10 +18,13 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.vocabulary import describe
 
+if TYPE_CHECKING:
+    from airswing.evaluation.compass_changes.change_dates import AircraftChanges, Change
+
 _NO_CHANGE = np.datetime64("NaT", "ns")
 
 
-def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
+def add_changes(fits: xr.Dataset, changes: list[AircraftChanges]) -> xr.Dataset:
     """Write beside every fit whether its period straddles a change of the compass.
 
     Parameters
@@ -40,20 +43,19 @@ def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
         ``compass_changes`` (see :func:`noted_changes`).
     """
     known = {entry["aircraft"]: entry for entry in changes}
-    rows = [known.get(str(name), {"changes": []}) for name in fits["aircraft"].to_numpy()]
-    largest: list[dict[str, object] | None] = [
-        max(row["changes"], key=lambda one: one["curve_rms_deg"], default=None) for row in rows
-    ]
+    rows = [known.get(str(name)) for name in fits["aircraft"].to_numpy()]
+    changes_of = [[] if row is None else row["changes"] for row in rows]
+    largest = [max(own, key=lambda one: one["curve_rms_deg"], default=None) for own in changes_of]
 
-    def dates(pick: Callable[[dict[str, Any]], str]) -> NDArray[np.datetime64]:
+    def dates(pick: Callable[[Change], str]) -> NDArray[np.datetime64]:
         return np.array(
             [_NO_CHANGE if one is None else np.datetime64(pick(one), "ns") for one in largest],
             dtype="datetime64[ns]",
         )
 
-    p_value = [np.nan if row.get("p_value") is None else row["p_value"] for row in rows]
+    p_value = [np.nan if row is None or row["p_value"] is None else row["p_value"] for row in rows]
     columns: dict[str, object] = {
-        "change_count": np.array([len(row["changes"]) for row in rows], dtype=np.int8),
+        "change_count": np.array([len(own) for own in changes_of], dtype=np.int8),
         "change_p_value": np.array(p_value),
         "change_rms": np.array([0.0 if one is None else one["curve_rms_deg"] for one in largest]),
         "change_date": dates(lambda one: one["date"]),
@@ -64,7 +66,7 @@ def add_changes(fits: xr.Dataset, changes: list[dict[str, Any]]) -> xr.Dataset:
     return describe(found.assign_attrs(compass_changes=json.dumps(changes)))
 
 
-def noted_changes(fits: xr.Dataset) -> list[dict[str, Any]]:
+def noted_changes(fits: xr.Dataset) -> list[AircraftChanges]:
     """All changes that :func:`add_changes` wrote beside the fits.
 
     Returns
@@ -83,7 +85,7 @@ def noted_changes(fits: xr.Dataset) -> list[dict[str, Any]]:
             field="compass_changes",
             remedy="Make them again: `airswing fit`",
         )
-    found: list[dict[str, object]] = json.loads(fits.attrs["compass_changes"])
+    found: list[AircraftChanges] = json.loads(fits.attrs["compass_changes"])
     return found
 
 

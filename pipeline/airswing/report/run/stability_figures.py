@@ -16,6 +16,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from airswing.evaluation.compass_changes.change_dates import Change
 from airswing.report.html.style import (
     BLUE,
     FAINT,
@@ -100,7 +101,7 @@ def _windows(
     axes.errorbar((begin + end) // 2, value, yerr=half, fmt="o", color=colour, markersize=4)
 
 
-def _dates(axes: Axes, changes: Sequence[Mapping[str, Any]]) -> None:
+def _dates(axes: Axes, changes: Sequence[Change]) -> None:
     for change in changes:
         low, high = (np.datetime64(day, "D") for day in change["date_ci"])
         end = high + np.timedelta64(1, "D")
