@@ -125,3 +125,10 @@ def test_a_section_left_empty_has_no_forecasts_to_correct(tmp_path):
     assert load_config(path).postprocess is None
     with pytest.raises(ConfigError, match="no forecasts to correct"):
         load_postprocess(path)
+
+
+def test_a_configuration_prints_itself_in_a_few_lines():
+    told = str(load_config("configs/quickstart.yaml"))
+    assert told.startswith("Config:\n  reports: data_samples/reports")
+    assert "references: ruc, rtfdaa" in told
+    assert len(told.splitlines()) < 10

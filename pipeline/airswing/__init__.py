@@ -33,7 +33,6 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
         observation_errors as observation_errors,
     )
     from airswing.gap.archive.frame import Frame as Frame
-    from airswing.gap.diagnose import diagnose as diagnose
     from airswing.gap.simulation.report_table import simulate_reports as simulate_reports
     from airswing.handover.export import export as export
     from airswing.handover.forecasts.correcting import correct_forecasts as correct_forecasts
@@ -43,6 +42,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.reference.catalogues import build_catalogue as build_catalogue
     from airswing.reference.collocate import collocate as collocate
     from airswing.reference.fleet_wind import fleet_wind as fleet_wind
+    from airswing.report.gap.in_notebook import diagnose as diagnose
     from airswing.reports.read import read_reports as read_reports
 
 # The stages a notebook calls, and where each stands; imported on first use.
@@ -62,7 +62,7 @@ _STAGES = {
     "compare": "airswing.evaluation.reference_comparison.sensitivity",
     "simulate_reports": "airswing.gap.simulation.report_table",
     "Frame": "airswing.gap.archive.frame",
-    "diagnose": "airswing.gap.diagnose",
+    "diagnose": "airswing.report.gap.in_notebook",
     "export": "airswing.handover.export",
     "observation_errors": "airswing.evaluation.report_errors.observation_errors",
     "correct_forecasts": "airswing.handover.forecasts.correcting",

@@ -353,6 +353,18 @@ class Config(_Section):
             raise ValueError(f"gap.reference: no reference or pool {self.gap.reference!r}{near}")
         return self
 
+    def __repr__(self) -> str:
+        # What a notebook asks: the rest is defaults, or stands in the file it was read from.
+        files = ", ".join(self.reports.files)
+        told = [f"  reports: {files}", f"  references: {', '.join(self.references)}"]
+        told += [f"  pool {name}: {' + '.join(of)}" for name, of in self.pool.items()]
+        told += [f"  gap against: {self.gap_reference()}", f"  output: {self.output}"]
+        given = sorted(self.model_fields_set - {"reports", "references", "pool", "output"})
+        told += [f"  also given: {', '.join(given)}"] if given else []
+        return "\n".join(["Config:", *told])
+
+    __str__ = __repr__
+
     def _never_pooled(self, member: str) -> bool:
         return member.lower() in {name.lower() for name in self.never_pool}
 

@@ -139,6 +139,15 @@ class Frame:
     wind_speed_resolution: FloatArray
     wind_direction_resolution: FloatArray
 
+    def __repr__(self) -> str:
+        # Forty arrays printed would say nothing.
+        flights = np.unique(self.flight).size
+        counted = f"{self.size:,} reports, {flights:,} flights, {len(self.tails)} aircraft"
+        if not self.size:
+            return f"<Frame: {counted}>"
+        ends = np.array([self.time.min(), self.time.max()]).astype("datetime64[s]")
+        return f"<Frame: {counted}, {' to '.join(np.datetime_as_string(ends, 'm'))}>"
+
     @property
     def size(self) -> int:
         """Number of reports."""
