@@ -67,3 +67,22 @@ def test_the_diagnosis_tells_a_factor_that_the_simulation_takes(plain):
     (active,) = [one for one in active_effects(report) if one.parameters["values"]][:1]
     assert isinstance(active, ActiveEffect) and active.name == EMPIRICAL.name
     assert active.parameters["values"][0] == pytest.approx(30.0, abs=5.0)
+
+
+def test_aircraft_at_a_wrong_height_are_no_map(plain):
+    # winds of another height by 0.06 in ln p: stronger by a fifth where they grow upward
+    climate = np.stack([plain.u_ref, plain.v_ref], -1)
+    own = np.isin(plain.aircraft, (1, 4))[:, None]
+    change = 0.2 * climate + np.random.default_rng(3).normal(0, 2.0, climate.shape)
+    sent = np.stack([plain.u_rep, plain.v_rep], -1) + np.where(own, change, 0.0)
+    higher = dataclasses.replace(
+        plain,
+        u_rep=sent[:, 0],
+        v_rep=sent[:, 1],
+        dudlnp=change[:, 0] / 0.06,
+        dvdlnp=change[:, 1] / 0.06,
+    )
+    assert mapped_of(higher) is None
+    # the same winds where the change with height is another
+    unlike = dataclasses.replace(higher, dudlnp=plain.dudlnp, dvdlnp=plain.dvdlnp)
+    assert mapped_of(unlike) is not None

@@ -59,6 +59,8 @@ def mapped_of(frame: Frame) -> Mended | None:
     # one map, of those nearer to the clearest than to right winds
     first = max(struck, key=lambda a: float(np.abs(told[a][0] - middle).max()))
     own = [a for a in flown if _nearer(told[a], told[first][0], middle)]
+    if _otherwise(frame, own):
+        return None
     slope, error = _slope(frame, in_aircraft(frame, own))
     return _mended(frame, tuple(own), slope @ np.linalg.inv(middle), error)
 
@@ -77,6 +79,30 @@ def _slope(frame: Frame, rows: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     spread = np.einsum("ij,djc,dkc,kl->cil", inverse, by_day, by_day, inverse)
     error = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
     return value[:2].T, error[:, :2]
+
+
+def _otherwise(frame: Frame, own: list[int]) -> bool:
+    """Whether a wrong height or time of these aircraft explains more of their residual than a map.
+
+    Winds grow upward: an aircraft that is higher than it says has a slope of more than one.
+    """
+    changes = (frame.dudlnp, frame.dvdlnp), (frame.dudt, frame.dvdt)
+    explained = np.zeros(1 + len(changes))
+    for a in own:
+        rows = frame.aircraft == a
+        one = np.ones(rows.sum())
+        for j, left in enumerate(frame.residual[rows].T):
+            mapped = [frame.u_ref[rows], frame.v_ref[rows], one]
+            others = [[np.nan_to_num(change[j][rows]), one] for change in changes]
+            energies = [_energy(left, columns) for columns in (mapped, *others)]
+            explained += np.asarray(energies)
+    return bool(explained[1:].max() > explained[0])
+
+
+def _energy(left: Floats, columns: list[Floats]) -> float:
+    """Sum of squares of a residual that some columns explain."""
+    x = np.stack(columns, -1)
+    return float(((x @ np.linalg.lstsq(x, left, rcond=None)[0]) ** 2).sum())
 
 
 def _right(frame: Frame, near: list[int]) -> list[int]:
