@@ -39,6 +39,10 @@ Integers = NDArray[np.int64]
 PERSISTENT = 0.04
 #: The same of the fleet's, of a table that the climatology takes up wholly.
 FLEET_PERSISTENT = 0.12
+#: The same in one region and not in the next: a season's mean does not tell it from an effect of
+#: the whole fleet in that region.
+REGION_PERSISTENT = 0.4
+REGION = ("longitude", "latitude")
 #: The same of tables by the reported wind: what simulated archives have otherwise than real ones.
 REPORTED_PERSISTENT = 0.25
 #: The same of the fleet by drift, which holds a part of the wind's error: 0.2 to 0.3 m/s on nulls.
@@ -339,7 +343,7 @@ class Bench:
             gram,
             score[None],
             np.asarray(grid.prior()) / self.scale(component) ** 2,
-            error=float(np.hypot(own, FLEET_PERSISTENT * np.sqrt(sums.lasting_share))),
+            error=float(np.hypot(own, lasting_of_fleet(grid, sums.lasting_share))),
             factor=np.array([max(sums.factor, 1.0)]),
         )
         return float(found[0])
@@ -372,6 +376,21 @@ class Bench:
 def stands_on_report(grid: Grid) -> bool:
     """Whether a table stands on the reported wind itself."""
     return bool(set(grid.variables) & set(OF_THE_REPORT))
+
+
+def lasting_of_fleet(grid: Grid, share: float) -> float:
+    """Error of the reference that lasts for the whole fleet in cells of means or runs, m/s.
+
+    Parameters
+    ----------
+    grid : Grid
+        The cells.
+    share : float
+        Part of them that the climatology can take up, 0 to 1.
+    """
+    if set(grid.variables) & set(REGION):
+        return REGION_PERSISTENT
+    return float(FLEET_PERSISTENT * np.sqrt(share))
 
 
 def regression_share(bench: Bench) -> float:

@@ -9,7 +9,8 @@ aircraft a,
     log B_a = (t b_a - t^2 g_a / 2) / (f + e^2 g_a),      B = mean prod_a ((1 - pi) + pi B_a),
 
 the mean over runs, amounts and shares: what looking at many costs is in it. f is the cluster
-factor, that of the whole fleet as far as aircraft share it; e what lasts.
+factor, that of the whole fleet as far as aircraft share it; e what lasts, of the whole fleet by
+place as much as models are off in one region for a season.
 
 Validity: variables that hold nothing of the residual. An effect that is no run is seen by the run
 most like it.
@@ -28,7 +29,7 @@ from scipy.special import logsumexp
 
 from airswing.gap.archive.reported_variables import OF_THE_REPORT, Variable
 from airswing.gap.archive.value_tables import COMPONENTS, SCALED, Axis, Grid, axis_of
-from airswing.gap.witness.bench import FLEET_PERSISTENT, PERSISTENT, Bench
+from airswing.gap.witness.bench import PERSISTENT, Bench, lasting_of_fleet
 from airswing.gap.witness.ground import Sums
 from airswing.gap.witness.scan import SHARES, own_factor
 
@@ -86,7 +87,7 @@ def _strongest(
     gram = np.einsum("mk,akl,ml->am", inside, sums.gram, inside, optimize=True)
     flown = (sums.count @ inside.T) > 0
     gram = np.where(flown, np.maximum(gram, 0.0), 0.0)
-    lasting = FLEET_PERSISTENT * np.sqrt(sums.lasting_share)
+    lasting = lasting_of_fleet(fine, sums.lasting_share)
     return evidence(
         np.where(flown, score.sum(axis=1), 0.0) * scale**-1,
         gram / scale**2,
