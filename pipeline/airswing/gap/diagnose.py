@@ -32,7 +32,7 @@ from airswing.gap.closure.of_scatter import (
 from airswing.gap.design.candidates import candidates
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.base import Effect
-from airswing.gap.evidence.localisation import residual_maps, slices
+from airswing.gap.evidence.localisation import slices
 from airswing.gap.evidence.terms import given_terms
 from airswing.gap.held_out.attenuation import readout_factors
 from airswing.gap.held_out.days_left_out import folds_of_days, term_coefficients
@@ -42,14 +42,15 @@ from airswing.gap.held_out.reduction import close, whole_coefficients
 from airswing.gap.in_no_mean import in_no_mean
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.passes import Pass, Progress, Search, of_view, search_twice
-from airswing.gap.result.assembled import Findings, aircraft_probability, assemble, best_scores
+from airswing.gap.result.assembled import Findings, assemble
+from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
 from airswing.gap.result.schema import EffectEntry, GapReport
 from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
 from airswing.gap.search.belief import STATED, beside_table
 from airswing.gap.search.coding_and_outliers import second_moments
 from airswing.gap.search.cross_validated import ANOTHER, Doubtful
-from airswing.gap.search.stepwise import Found, Rules
+from airswing.gap.search.stepwise import Rules
 from airswing.gap.search.testability import absorbed, too_short
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.whole_archive import Archive, held_archive
@@ -184,6 +185,7 @@ def diagnose(
     witness = LearnedWitness()
     # what no other day can confirm is not raised, as no name is
     seeks = dictionary and not archive.clock.short
+    doubtful: Doubtful | None = None  # of the last pass
     while seeks and len(taken) < MOST_UNKNOWNS:
         tell("witness", len(taken) / MOST_UNKNOWNS)
         beside = _beside_names(final)
@@ -192,7 +194,8 @@ def diagnose(
             unknown = None
         others = [one.unknown.tails for one in taken] + [one.term.tails for one in search.named]
         weak = unknown is None or unknown[0].unknown.run > 0.0
-        name = _by_means(final, beside, others) if weak else None
+        doubtful = _by_means(final, beside, others) if weak else None
+        name = doubtful if doubtful is not None and not doubtful.reason else None
         name = _name_of(final, *unknown) if name is None and unknown is not None else name
         if name is not None:
             search = replace(search, named=(*search.named, name))
@@ -211,6 +214,7 @@ def diagnose(
     problem, found = final.problem, final.standing.found
     findings = _findings(final, search, again=again, names=known_names)
     findings = _without_remnant(findings, taken, mended=mended)
+    findings = _with_doubtful(findings, doubtful)
     findings = replace(findings, swap=swap, untestable=untestable | dict(findings.untestable))
     report = assemble(problem, findings)
     report = with_unknowns(
@@ -219,7 +223,7 @@ def diagnose(
     tell("checks", 0.0)
     checks = run_checks(problem, found, findings.closure)
     report = _with_rivals(checks.told(report), checks, problem, findings)
-    dataset = _dataset(problem, found).assign(checks.histograms())
+    dataset = diagnosis_dataset(problem, found).assign(checks.histograms())
     fitted = term_coefficients(found.given, found.terms)
     whole = whole_coefficients(fitted, found.terms, findings.factors)
     adjustment = make_adjustment(problem, found.terms, whole)
@@ -301,6 +305,14 @@ def _without_remnant(
     return findings
 
 
+def _with_doubtful(findings: Findings, name: Doubtful | None) -> Findings:
+    """Add a name that days tell but not beyond doubt, where it does not stand."""
+    stand = {term.candidate.name for term in findings.found.terms}
+    if name is None or not name.reason or name.term.candidate.name in stand:
+        return findings
+    return replace(findings, doubtful=(*findings.doubtful, name))
+
+
 def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str]) -> Findings:
     """Work out closure, where the gap lies, what shows in no mean, what cannot be tested."""
     problem, standing = final.problem, final.standing
@@ -365,45 +377,3 @@ def _check(archive: Archive) -> None:
             found=f"{archive.reports} reports of {archive.flights} flights",
             remedy="at least 200 reports of four flights with model winds are needed",
         )
-
-
-def _dataset(problem: Problem, found: Found) -> xr.Dataset:
-    """Maps, evidence table and statistics as one Dataset."""
-    frame, stats, noise = problem.archive, problem.base.stats, problem.noise
-    out = residual_maps(frame)
-    core = stats.layout.core
-    names = np.array(
-        [
-            f"{n}[{i}]"
-            for n, b in stats.layout.blocks.items()
-            if b.stop <= core
-            for i in range(b.stop - b.start)
-        ],
-        dtype=object,
-    )
-    out["core_column"] = ("core_column", names)
-    out["core_column_2"] = ("core_column_2", names)
-    begins = (stats.days * stats.clock.hours * 3600).astype("datetime64[s]")
-    out["day"] = ("day", begins.astype("datetime64[ns]"))
-    out["score"] = (("aircraft", "day", "core_column"), stats.day_score[:, :, :core])
-    out["information"] = (
-        ("aircraft", "core_column", "core_column_2"),
-        stats.day_gram.sum(axis=1, dtype=float),
-    )
-    out["report_count"] = (("aircraft", "day"), stats.day_count)
-    out["clipped_count"] = (("aircraft",), stats.clipped)
-    out["gross_error_count"] = (("aircraft",), stats.gross)
-    best = best_scores(found)
-    out["effect"] = ("effect", np.array([s.candidate.name for s in best], dtype=object))
-    out["log_evidence"] = ("effect", np.array([s.tempered for s in best], float))
-    shares = [aircraft_probability(s) for s in best]
-    out["aircraft_probability"] = (
-        ("effect", "aircraft"),
-        np.reshape(shares, (len(best), len(frame.tails))),
-    )
-    out["noise_distance"] = (("distance",), noise.distance_km)
-    out["noise_autocovariance"] = (("distance",), noise.autocovariance)
-    out["noise_autocovariance_model"] = (("distance",), noise.autocovariance_model)
-    out["noise_level_factor"] = (("noise_level",), noise.model.level_factors)
-    out["noise_level"] = (("noise_level",), np.exp(noise.model.level_nodes) / 100)
-    return out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from tests.gap.toy import make_frame
 
@@ -66,3 +67,15 @@ def test_the_name_is_stated_where_no_other_of_the_fleet_stands(made, turned):
     assert name_by_days(problem, found, setting, rest + 1.5 * turned, all_of_them) is None
     told = replace(found, terms=(named.term,))
     assert name_by_days(problem, told, setting, rest + 1.5 * turned, []) is None
+
+
+def test_a_name_likelier_than_not_and_not_beyond_doubt_says_so(made, turned):
+    problem, found = made.problem, made.standing.found
+    setting, rest = Setting.of(problem, draws=0), problem.archive.residual
+    sizes = np.linspace(0.0, 1.5, 16)
+    told = [name_by_days(problem, found, setting, rest + s * turned, []) for s in sizes]
+    chances = [one.probability if one else 0.0 for one in told]
+    near = [one for one in told if one and one.reason]
+    assert near and all(0.5 <= one.probability < STATED for one in near)
+    assert all(one.probability >= STATED for one in told if one and not one.reason)
+    assert chances == sorted(chances)

@@ -15,6 +15,7 @@ from tests.report.gap_factories import effect
 from tests.report.run.test_page import Balance, parsed
 from tests.report.test_figures import check_figure
 
+from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import (
     ClosesEntry,
     GapReport,
@@ -24,6 +25,7 @@ from airswing.gap.result.schema import (
     StepEntry,
     StepsEntry,
     TailEntry,
+    UnconfirmedEntry,
     UnknownClosureEntry,
     UnknownEntry,
 )
@@ -94,6 +96,14 @@ def test_verdict_when_nothing_is_missing_claims_nothing(gap: GapReport) -> None:
     none = replace(gap, effects=[], gap=numbers)
     assert verdict(none).startswith("Nothing is missing")
     assert "7.4 kt and the noise floor 6.3 kt" in verdict(none)
+    near = [
+        UnconfirmedEntry("reference_speed_bias", [], None, chance, 8.0, [], "")
+        for chance in (0.84, 0.45)
+    ]
+    assert verdict(replace(none, unconfirmed=near)).endswith(
+        "Likelier than not, but not counted as found: "
+        f"{CATALOGUE['reference_speed_bias'].title} (probability 0.84)."
+    )
     one_day = replace(none, counts=replace(gap.counts, days=1))
     assert verdict(one_day).startswith("One day of reports is too short")
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.recent_turns import last_turn, turn
 from airswing.physics.atmosphere import altitude_from_pressure
+from airswing.units import FOOT
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -76,8 +77,6 @@ UNITS = {
     "icing": "",
     "phase": "",
 }
-#: Metres in a foot.
-FOOT = 0.3048
 CATEGORIES = {"icing": ("off", "on"), "phase": ("ascent", "cruise", "descent")}
 
 

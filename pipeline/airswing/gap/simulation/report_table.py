@@ -26,9 +26,8 @@ from airswing.gap.effects import ActiveEffect
 from airswing.gap.simulation.forward import Coding, NoiseLike, simulate
 from airswing.physics.triangle import wind_from_direction, wrap_degrees
 from airswing.products.whole_files import atomic
-from airswing.units import KNOT
+from airswing.units import FOOT, KNOT
 
-FOOT = 0.3048
 _FLAGS: dict[str, dict[int, str]] = {
     "roll_flag": {ROLL["good"]: "G", ROLL["bad"]: "B", ROLL["not_available"]: "N"},
     "temperature_qc": {TEMPERATURE_QC["pass"]: "pass", TEMPERATURE_QC["fail"]: "fail"},

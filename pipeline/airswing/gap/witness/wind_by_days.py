@@ -25,7 +25,7 @@ from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.attenuation import EXOGENOUS, TIMED
 from airswing.gap.held_out.by_days import BLOCK, LEAST_BLOCKS, ByDays, Column
-from airswing.gap.search.belief import FEATURES, STATED, chance
+from airswing.gap.search.belief import FEATURES, LIKELIER_ANOTHER, STATED, chance
 from airswing.gap.search.cross_validated import Doubtful
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.problem import Problem
@@ -95,6 +95,8 @@ def name_by_days(
 ) -> Doubtful | None:
     """Find a name of the wind by days, where nothing else of the fleet stands.
 
+    One that is likelier than not and not beyond doubt has its reason.
+
     Parameters
     ----------
     found : Found
@@ -108,11 +110,12 @@ def name_by_days(
     if any(len(own) == len(tails) for own in (*others, *(term.tails for term in found.terms))):
         return None
     best = next(iter(wind_names(setting, problem.effects, rest)), None)
-    if best is None or best.probability < STATED:
+    if best is None or best.probability < LIKELIER_ANOTHER:
         return None
+    reason = "" if best.probability >= STATED else "its days do not tell it beyond doubt"
     key = best.name, "fleet", (best.form,)
     for score in found.left:
         if score.candidate.key == key:
             term = Term(score.candidate, tails, None, replace(score, tempered=best.evidence))
-            return Doubtful(term, best.probability, best.weighed, "")
+            return Doubtful(term, best.probability, best.weighed, reason)
     return None

@@ -230,7 +230,7 @@ def verdict(gap: GapReport) -> str:
 
     What the diagnosis started from stands before it where that is not the perfect instrument.
     """
-    return start_words(gap.known, gap.simulation) + _what_is_missing(gap)
+    return start_words(gap.known, gap.simulation) + _what_is_missing(gap) + _likelier_than_not(gap)
 
 
 def _what_is_missing(gap: GapReport) -> str:
@@ -249,6 +249,13 @@ def _what_is_missing(gap: GapReport) -> str:
     if gap.unknown.present:
         text += f" Something unknown remains{_unknown_place(gap)}{_unknown_closure(gap)}."
     return text
+
+
+def _likelier_than_not(gap: GapReport) -> str:
+    """Names that are likelier than not and not stated."""
+    near = [one for one in gap.unconfirmed if one.probability >= 0.5]
+    told = [f"{plain_name(one.name)} (probability {one.probability:.2f})" for one in near]
+    return f" Likelier than not, but not counted as found: {joined(told, most=2)}." if told else ""
 
 
 def _nothing_missing(gap: GapReport) -> str:
