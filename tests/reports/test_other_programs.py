@@ -390,10 +390,17 @@ def test_a_format_is_one_new_file(tmp_path):
 
     path = tmp_path / "x.dat"
     path.write_bytes(b"MYFORMAT and more")
+    config = tmp_path / "c.yaml"
+    config.write_text(
+        f"reports: {{files: {path}, format: mine}}\n"
+        "references: {m: {files: m.grb}}\noutput: out\n"
+    )
     report_formats.register(report_formats.ReportFormat("mine", tells, pieces))
     try:
         assert read_reports(path)["aircraft"].values.tolist() == ["N9"]
         assert read_reports(path, format="mine").sizes["report"] == 1
+        assert "mine" in str(inspect_file(path))
+        assert load_config(config).reports.format == "mine"
     finally:
         report_formats.unregister("mine")
     with pytest.raises(InputError, match="auto, bufr"):

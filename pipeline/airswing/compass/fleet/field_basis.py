@@ -18,6 +18,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.units import METRES_PER_DEGREE
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Short = NDArray[np.int32]
@@ -41,8 +43,7 @@ the square of their number in every segment, its inverse the cube."""
 SHIFTS = 5
 """Places the borders of regions take in turn: no part of the four segments of a day."""
 
-# On the sphere: regions are hundreds of km wide, half a percent does not matter.
-KM_A_DEGREE = 111.2
+KM_A_DEGREE = METRES_PER_DEGREE / 1e3
 
 
 @dataclass(frozen=True)

@@ -254,7 +254,11 @@ def _what_is_missing(gap: GapReport) -> str:
 def _likelier_than_not(gap: GapReport) -> str:
     """Names that are likelier than not and not stated."""
     near = [one for one in gap.unconfirmed if one.probability >= 0.5]
-    told = [f"{plain_name(one.name)} (probability {one.probability:.2f})" for one in near]
+    # rounded down: 0.9 is what is counted as found
+    told = [
+        f"{plain_name(one.name)} (probability {np.floor(100 * one.probability) / 100:.2f})"
+        for one in near
+    ]
     return f" Likelier than not, but not counted as found: {joined(told, most=2)}." if told else ""
 
 

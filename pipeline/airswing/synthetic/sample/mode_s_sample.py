@@ -50,11 +50,14 @@ def _model_wind(latitude: Array, longitude: Array, pressure: Array, hour: Array)
     return np.stack(np.broadcast_arrays(east, north))
 
 
+#: Western edge of the region, degrees.
+WEST = -127.0
+
+
 def write_mode_s(
     folder: str | Path,
     *,
     south: float = 45.0,
-    west: float = -127.0,
     flights: int = 20,
     seed: int = 1,
 ) -> dict[str, tuple[float, float, float, float | None]]:
@@ -64,8 +67,8 @@ def write_mode_s(
     ----------
     folder : path
         Made where it is not there.
-    south, west : float
-        Corner of a region of 8 by 12 degrees.
+    south : float
+        Edge of a region of 8 by 12 degrees, from 127 degrees west.
     flights : int
         Of each aircraft.
 
@@ -78,17 +81,17 @@ def write_mode_s(
     place.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     hours = 2 * flights + 2
-    _era5(south, west, hours).to_netcdf(
+    _era5(south, hours).to_netcdf(
         place / "era5.nc", encoding={name: _packed() for name in ("u", "v")}
     )
     start = pd.Timestamp(START).to_pydatetime()
-    field = EarthField(start, hours / 24.0, (south, south + 8.0, west, west + 12.0))
+    field = EarthField(start, hours / 24.0, (south, south + 8.0, WEST, WEST + 12.0))
     tables = []
     for name, (*curve, only) in AIRCRAFT.items():
         for number in range(flights):
             heading = rng.uniform(0, 360) if only is None else only + rng.uniform(-8, 8)
             begin = 2.0 * number + rng.uniform(0, 1)
-            tables.append(_flight(name, curve, heading, begin, field, rng, (south, west)))
+            tables.append(_flight(name, curve, heading, begin, field, rng, (south, WEST)))
     pd.concat(tables).to_csv(place / "mode_s.csv", index=False)
     return AIRCRAFT
 
@@ -100,12 +103,12 @@ def _packed() -> dict[str, object]:
     }
 
 
-def _era5(south: float, west: float, hours: int) -> xr.Dataset:
+def _era5(south: float, hours: int) -> xr.Dataset:
     axes = {
         "time": np.arange(hours, dtype=float),
         "level": np.array(LEVELS),
         "latitude": south + np.arange(8.0, -0.1, -0.5),
-        "longitude": west + np.arange(0.0, 12.1, 0.5),
+        "longitude": WEST + np.arange(0.0, 12.1, 0.5),
     }
     hour, level, lat, lon = np.meshgrid(*axes.values(), indexing="ij")
     winds = _model_wind(lat, lon, level, hour)

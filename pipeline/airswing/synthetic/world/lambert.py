@@ -110,7 +110,6 @@ def centred_grid(
     rows: int,
     spacing: float,
     orientation: float = -95.0,
-    standard_parallel: float = 25.0,
     radius: float = GRIB1_RADIUS,
 ) -> LambertGrid:
     """Return a grid whose middle is at a place.
@@ -123,7 +122,7 @@ def centred_grid(
         Points along x and y.
     spacing : float
         Grid length in m.
-    orientation, standard_parallel : float
+    orientation : float
         Degrees; RUC's by default.
     radius : float
         Earth radius in m.
@@ -133,9 +132,7 @@ def centred_grid(
     LambertGrid
         First point rounded to 0.001 degree, what a GRIB1 header can hold.
     """
-    probe = LambertGrid(
-        latitude, longitude, columns, rows, spacing, orientation, standard_parallel, radius
-    )
+    probe = LambertGrid(latitude, longitude, columns, rows, spacing, orientation, radius=radius)
     x, y = probe._projection(longitude, latitude)
     corner = probe._projection(
         x - spacing * (columns - 1) / 2, y - spacing * (rows - 1) / 2, inverse=True
@@ -147,6 +144,5 @@ def centred_grid(
         rows,
         spacing,
         orientation,
-        standard_parallel,
-        radius,
+        radius=radius,
     )
