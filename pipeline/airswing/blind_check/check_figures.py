@@ -130,7 +130,7 @@ def _size_panel(axes: Axes, scores: Sequence[Score]) -> None:
     axes.set_xlabel("effect where it acts, m/s rms (cases)")
     axes.set_ylabel("share of cases")
     axes.set_ylim(-0.03, 1.05)
-    axes.legend(loc="lower right")
+    axes.legend(loc="upper left")
 
 
 def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
@@ -165,7 +165,7 @@ def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
     axes.plot(span, span, color=SOFT, linewidth=1)
     axes.set_xlabel("true, kt")
     axes.set_ylabel("stated, kt")
-    axes.legend(loc="upper left")
+    axes.legend(loc="lower right")
 
 
 def _closure_told(score: Score) -> tuple[float, Sequence[float]]:
