@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from airswing.errors import InputError
-from airswing.reports import iter_frames, read_reports
+from airswing.reports import read_reports
 from airswing.reports.files import _detect_format, expand
 from tests.reports.tables import flight, row, write
 
@@ -136,11 +136,3 @@ def test_a_table_that_mentions_a_format_is_still_a_table(tmp_path: Path):
     for word in ("BUFR", "GRIB"):
         path = write(tmp_path / "a.csv", flight(source=word))
         assert read_reports(path).sizes["report"] == 10
-
-
-def test_frames_come_file_by_file(tmp_path: Path):
-    for day in (5, 6, 7):
-        write(tmp_path / f"{day}.csv", flight(start=f"2009-01-{day:02d}T12:00:00"))
-    frames = iter_frames(str(tmp_path / "*.csv"))
-    assert next(frames)["time"].dt.day.unique().tolist() == [5]
-    assert len(list(frames)) == 2

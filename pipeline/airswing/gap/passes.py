@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan, plan_dictionary
@@ -36,7 +35,6 @@ from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import shared_prior, shared_variances
 from airswing.gap.sums.whole_archive import Archive, held_archive, sum_reports
 
-Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 #: Size at single reports, m/s, from which an effect is in danger of being clipped as gross errors.

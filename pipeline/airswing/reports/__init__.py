@@ -5,6 +5,6 @@ Assumes winds and positions as the aircraft sent them; nothing is corrected here
 """
 
 from airswing.reports.file_summary import reports_summary
-from airswing.reports.read import iter_frames, read_reports
+from airswing.reports.read import read_reports
 
-__all__ = ["iter_frames", "read_reports", "reports_summary"]
+__all__ = ["read_reports", "reports_summary"]

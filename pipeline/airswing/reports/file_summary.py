@@ -7,6 +7,7 @@ so duplicates are counted as reports.
 from __future__ import annotations
 
 from collections import Counter
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.cleaning import FLAGS
-from airswing.reports.canonical.columns import ColumnMapping
-from airswing.reports.read import iter_frames
+from airswing.reports.canonical.columns import ColumnMapping, parse_mapping
+from airswing.reports.files import expand, file_frames
 
 _NUMBERS = (
     "pressure",
@@ -48,8 +49,9 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
     times: list[pd.Timestamp] = []
     box: list[tuple[float, float, float, float]] = []
     present: Counter[str] = Counter()
-    frames = iter_frames(str(path), format="auto", columns=columns, on_bad_file="fail", audit=audit)
-    for frame in frames:
+    mapping = parse_mapping(columns)
+    files = expand(str(path))
+    for frame in chain.from_iterable(file_frames(one, "auto", mapping, audit) for one in files):
         if not len(frame):
             continue
         tails.update(str(tail) for tail in frame["tail"].unique())

@@ -6,17 +6,15 @@ are read one by one and piece by piece, and each file counts whole or not at all
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import pandas as pd
 import xarray as xr
 
-from airswing.errors import InputError
 from airswing.reports.assemble import assembled, completed
-from airswing.reports.canonical.audit import Audit, similar
-from airswing.reports.canonical.columns import ColumnMapping, parse_mapping
-from airswing.reports.files import Format, Policy, expand, file_frames, none_read, require_format
+from airswing.reports.canonical.audit import similar
+from airswing.reports.canonical.columns import ColumnMapping
+from airswing.reports.files import Format, Policy
 from airswing.reports.staging_store import Spool
 
 
@@ -67,53 +65,3 @@ def read_reports(
     spool.audit.similar_tails = similar(tails)
     (reports,) = completed([block])
     return reports.assign_attrs(reading_audit=spool.audit.as_json(), featureType="trajectory")
-
-
-def iter_frames(
-    files: str | Path | Sequence[str | Path],
-    *,
-    format: Format = "auto",
-    columns: ColumnMapping | None = None,
-    on_bad_file: Policy = "skip",
-    audit: Audit | None = None,
-) -> Iterator[pd.DataFrame]:
-    """Read reports as canonical frames, file by file.
-
-    Parameters
-    ----------
-    files, format, columns, on_bad_file
-        As in :func:`read_reports`.
-    audit : Audit, optional
-        Takes the counts.
-
-    Yields
-    ------
-    DataFrame
-        Cleaned reports of (a piece of) one file, not yet ordered nor free of duplicates; see
-        :func:`airswing.reports.canonical.cleaning.clean`.
-
-    Raises
-    ------
-    InputError
-        As in :func:`read_reports`.
-    """
-    require_format(format)
-    audit = Audit() if audit is None else audit
-    mapping = parse_mapping(columns)
-    paths = expand(files)
-    errors: list[InputError] = []
-    for path in paths:
-        own = Audit()
-        try:
-            frames = list(file_frames(path, format, mapping, own))
-        except InputError as error:
-            if on_bad_file == "fail":
-                raise
-            errors.append(error)
-            audit.files_skipped.append({"file": str(path), "reason": str(error)})
-            continue
-        audit.add(own)
-        while frames:
-            yield frames.pop(0)
-    if len(errors) == len(paths):
-        raise none_read(errors)

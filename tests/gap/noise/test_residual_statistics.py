@@ -28,13 +28,15 @@ def test_gross_errors_are_single_reports_not_long_departures():
 
 def test_level_factors_follow_the_spread():
     rng = np.random.default_rng(3)
-    log_pressure = np.log(np.repeat([9e4, 4e4], 4000))
-    residual = rng.normal(size=(8000, 2)) * np.where(log_pressure > 11, 1.0, 2.0)[:, None]
-    nodes, factors = level_factors(residual, log_pressure, nodes=2)
-    if nodes.size == 2:
-        assert factors[0] / factors[1] == pytest.approx(2.0, rel=0.1)
-    else:
-        assert factors == pytest.approx(1.0)
+    log_pressure = np.linspace(np.log(2e4), np.log(9e4), 10_000)
+    residual = rng.normal(size=(10_000, 2))
+    residual[:4000] *= 2.0  # two of the five levels
+    nodes, factors = level_factors(residual, log_pressure)
+    assert nodes.size == 5 and (np.diff(nodes) > 0).all()
+    np.testing.assert_allclose(factors[:2] / factors[2:4], 2.0, rtol=0.1)
+    assert np.mean(factors**2) == pytest.approx(1.0)
+    nodes, factors = level_factors(residual, np.full(10_000, 11.0))
+    assert nodes.tolist() == [11.0] and factors.tolist() == [1.0]
 
 
 def test_smooth_effects_leave_pure_noise_alone():

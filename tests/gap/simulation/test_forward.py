@@ -9,12 +9,14 @@ from tests.gap import frames
 
 from airswing.errors import InputError
 from airswing.gap.effects import CATALOGUE, ActiveEffect
-from airswing.gap.simulation.forward import Coding, Noise, draw_noise, simulate
+from airswing.gap.noise.model import NoiseModel
+from airswing.gap.simulation.forward import Coding, draw_noise, simulate
 from airswing.gap.simulation.report_table import simulate_reports, write_reports
 from airswing.reports.read import read_reports
 from airswing.workflow.gap_stage import simulation
 
 KNOT = 1852.0 / 3600.0
+NOISE = NoiseModel(2.3, 1.0, 155e3, np.inf, np.zeros(1), np.ones(1))
 STRONG = [
     ActiveEffect("hard_iron", {"amplitude_deg": 8.0, "phase_deg": 30.0}),
     ActiveEffect("soft_iron", {"amplitude_deg": 3.0, "phase_deg": -70.0}),
@@ -128,7 +130,7 @@ def _line(flights, reports, spacing):
 
 def test_noise_is_stationary_with_the_stated_correlation():
     frame = _line(3000, 12, 50e3)
-    noise = Noise(correlated_sd=2.0, white_sd=1.0, length=150e3)
+    noise = replace(NOISE, correlated_sd=2.0, length=150e3)
     draw = draw_noise(frame, noise, rng=np.random.default_rng(1)).reshape(3000, 12, 2)
     np.testing.assert_allclose((draw**2).mean(axis=(0, 2)), 5.0, rtol=0.1)
     for lag in (1, 3, 6):
@@ -141,25 +143,17 @@ def test_noise_is_stationary_with_the_stated_correlation():
 def test_noise_does_not_depend_on_the_order_of_the_rows():
     frame = _line(40, 12, 50e3)
     mixed = np.random.default_rng(0).permutation(frame.size)
-    straight = draw_noise(frame, Noise(), rng=np.random.default_rng(5))
-    shuffled = draw_noise(frame.take(mixed), Noise(), rng=np.random.default_rng(5))
+    straight = draw_noise(frame, NOISE, rng=np.random.default_rng(5))
+    shuffled = draw_noise(frame.take(mixed), NOISE, rng=np.random.default_rng(5))
     np.testing.assert_allclose(shuffled, straight[mixed], atol=1e-9)
 
 
-def test_day_part_is_shared_by_the_reports_of_a_day():
-    frame = _line(50, 10, 50e3)
-    noise = Noise(correlated_sd=0.0, white_sd=0.0, day_sd=1.5)
-    draw = draw_noise(frame, noise, rng=np.random.default_rng(2))
-    assert np.unique(draw[:, 0]).size == np.unique(frame.day).size == 50
-    assert draw.std() == pytest.approx(1.5, rel=0.25)
-
-
 def test_noise_is_the_same_with_and_without_effects(archive):
-    plain = simulate(archive, noise=Noise(), seed=4)
-    struck = simulate(archive, noise=Noise(), effects=STRONG[2:3], seed=4)
+    plain = simulate(archive, noise=NOISE, seed=4)
+    struck = simulate(archive, noise=NOISE, effects=STRONG[2:3], seed=4)
     size = np.hypot(*(struck.residual - plain.residual).T)
     np.testing.assert_allclose(size, 2.0 * np.sin(np.radians(0.5)) * plain.airspeed, rtol=1e-6)
-    other = simulate(archive, noise=Noise(), seed=5)
+    other = simulate(archive, noise=NOISE, seed=5)
     assert np.abs(other.residual - plain.residual).max() > 1.0
 
 
@@ -181,7 +175,7 @@ def test_unknown_effect_aircraft_parameter_and_context_are_refused(archive):
 def test_simulated_archive_is_read_back_with_the_winds_sent(tmp_path, suffix):
     headings = frames.headings_dataset(flights=4)
     headings["eastward_wind"][7] = np.nan  # keeps its place without a wind
-    table = simulate_reports(headings, reference="ruc", effects=STRONG, noise=Noise(), seed=3)
+    table = simulate_reports(headings, reference="ruc", effects=STRONG, noise=NOISE, seed=3)
     path = write_reports(table, tmp_path / f"sent{suffix}")
     again = read_reports(path)
     assert again.sizes["report"] == headings.sizes["report"]
@@ -192,7 +186,7 @@ def test_simulated_archive_is_read_back_with_the_winds_sent(tmp_path, suffix):
     np.testing.assert_array_equal(again.phase, headings.phase)
     np.testing.assert_array_equal(again.icing, headings.icing)
     frame = frames.Frame.from_headings(headings, reference="ruc")
-    sent = simulate(frame, effects=STRONG, noise=Noise(), coding=Coding.of_archive(frame), seed=3)
+    sent = simulate(frame, effects=STRONG, noise=NOISE, coding=Coding.of_archive(frame), seed=3)
     np.testing.assert_allclose(again.eastward_wind.values[sent.report], sent.u_rep, atol=1e-4)
     np.testing.assert_allclose(again.northward_wind.values[sent.report], sent.v_rep, atol=1e-4)
     assert np.isnan(again.eastward_wind.values[7])

@@ -23,8 +23,6 @@ from airswing.units import METRES_PER_DEGREE
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Short = NDArray[np.int32]
-Single = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 SPACING_KM = 400.0
 """Distance of the passing part's nodes: the reach of a model's synoptic error."""

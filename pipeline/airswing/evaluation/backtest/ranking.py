@@ -43,6 +43,7 @@ _FLOWN = (
 )
 # Reports of an aircraft that the intervals are drawn over; the gain itself uses all.
 MOST_REPORTS = 4000
+DRAWS = 300
 
 
 @dataclass(frozen=True)
@@ -218,7 +219,6 @@ def rank_aircraft(
     *,
     pools: Mapping[str, list[str]],
     reference: str,
-    draws: int = 300,
     seed: int = 0,
 ) -> list[dict[str, Any]]:
     """Rank the aircraft by what correcting them is expected to gain.
@@ -266,7 +266,7 @@ def rank_aircraft(
                 own,
                 chosen["deviation"].to_numpy()[k],
                 chosen["deviation_covariance"].to_numpy()[k],
-                draws=draws,
+                draws=DRAWS,
                 seed=seed + k,
             )
             drawn.append(spread)

@@ -30,7 +30,6 @@ from airswing.physics.robust_spread import robust_sd
 from airswing.physics.splines import hats
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SHARPENING = (7.0 / 6.0, -1.0 / 12.0)
 """Weights of a report and its neighbours that undo, to second order, the difference of two chords:

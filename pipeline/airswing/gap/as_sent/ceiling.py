@@ -32,7 +32,6 @@ from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 #: Reports of an aircraft at the bound, at least, and how many times those of a knot below it.

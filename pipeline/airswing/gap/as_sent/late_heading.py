@@ -29,7 +29,6 @@ from airswing.gap.witness.taken_off import DRAWS, LASTS, without
 from airswing.physics.triangle import wrap_signed
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 #: Memories that are tried, s.

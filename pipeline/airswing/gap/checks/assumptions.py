@@ -37,7 +37,6 @@ from airswing.gap.sums.elimination import Base, climatology, fits_by_fold
 from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: What is still taken for right: misfit of the autocovariance as a share of the variance,
 #: departure of the whitened spread from 1 and of a PIT bin from its share, correlation of

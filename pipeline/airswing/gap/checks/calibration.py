@@ -105,16 +105,16 @@ def calibrate(
     )
 
 
-def pit_histogram(values: Floats, *, bins: int = BINS) -> Integers:
-    """Count standardised values in bins of equal predicted probability; shape (bins,).
+def pit_histogram(values: Floats) -> Integers:
+    """Count standardised values in bins of equal predicted probability; shape (BINS,).
 
     Parameters
     ----------
     values : (...) float
         Of unit variance where the prediction is right.
     """
-    where = np.clip((norm.cdf(values) * bins).astype(np.int64), 0, bins - 1)
-    return np.bincount(where.ravel(), minlength=bins)
+    where = np.clip((norm.cdf(values) * BINS).astype(np.int64), 0, BINS - 1)
+    return np.bincount(where.ravel(), minlength=BINS)
 
 
 def crps_normal(values: Floats, error: Floats) -> Floats:

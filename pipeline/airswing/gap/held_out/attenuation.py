@@ -39,7 +39,6 @@ from airswing.gap.sums.problem import Problem
 from airswing.units import DAY
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Effects whose column is made of the large-scale reported wind.
 EXOGENOUS = ("reference_speed_bias", "reference_grid_relative", "altitude_offset")

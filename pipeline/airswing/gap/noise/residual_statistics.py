@@ -18,6 +18,7 @@ from airswing.physics.robust_spread import robust_sd
 Floats = NDArray[np.float64]
 
 MOST_LAGS = 30  # largest difference of position on a flight
+LEVELS = 5  # at equal counts of reports
 #: Distances (m) at which the autocovariance along the flight is tabulated.
 DISTANCE_EDGES = np.array([0, 10, 25, 50, 75, 100, 150, 200, 300, 400, 600, 900]) * 1e3
 
@@ -113,9 +114,7 @@ def _smooth_columns(heading: Floats, airspeed: Floats) -> Floats:
     return out.reshape(8, -1)
 
 
-def level_factors(
-    residual: Floats, log_pressure: Floats, *, nodes: int = 5
-) -> tuple[Floats, Floats]:
+def level_factors(residual: Floats, log_pressure: Floats) -> tuple[Floats, Floats]:
     """Robust standard deviation by level, relative to that of all.
 
     Parameters
@@ -123,14 +122,12 @@ def level_factors(
     residual : (n, 2) float
         m s-1.
     log_pressure : (n,) float
-    nodes : int
-        Number of levels, at equal counts of reports.
 
     Returns
     -------
     level_nodes, level_factors : (m,) float
     """
-    edges = np.unique(np.quantile(log_pressure, np.linspace(0, 1, nodes + 1)))
+    edges = np.unique(np.quantile(log_pressure, np.linspace(0, 1, LEVELS + 1)))
     if edges.size < 3:
         return np.array([float(np.median(log_pressure))]), np.ones(1)
     which = np.clip(np.searchsorted(edges, log_pressure, "right") - 1, 0, edges.size - 2)

@@ -217,15 +217,13 @@ def whole_minutes(frame: Frame) -> MomentVerdict | None:
     return _verdict("time_lag", {t: {"offset_s": -30.0} for t in cut}, None, evidence)
 
 
-def outliers(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> MomentVerdict | None:
+def outliers(frame: Frame, noise: NoiseFit) -> MomentVerdict | None:
     """Find aircraft with more gross errors than a simulated archive of the same paths has.
 
     Parameters
     ----------
     noise : NoiseFit
         Holds the reports taken for gross errors.
-    seed : int
-        Of the simulated archives.
     """
     fleet = len(frame.tails)
     count = np.bincount(frame.aircraft, minlength=fleet).astype(float)
@@ -233,7 +231,7 @@ def outliers(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> MomentVerdict |
     used = count >= 100
     if not used.any() or hits[used].sum() < 5:
         return None
-    chance = np.maximum(simulated_rate(frame, noise, seed=seed), LEAST_CHANCE)
+    chance = np.maximum(simulated_rate(frame, noise), LEAST_CHANCE)
     rate, gain = shared_rate(hits[used], count[used], chance[used])
     struck = np.flatnonzero(used)[gain > 0]
     if struck.size == 0 or rate - float(chance[struck].max()) < LEAST_RATE:

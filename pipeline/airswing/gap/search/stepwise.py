@@ -37,9 +37,6 @@ from airswing.gap.search.candidate_ranking import (
 from airswing.gap.search.fewest import fewest
 from airswing.gap.sums.elimination import Base, Conditional
 
-Floats = NDArray[np.float64]
-
-
 #: Evidence, as a share of the largest aircraft's, under which another's may be its leak.
 LEAK = 0.15
 

@@ -60,26 +60,6 @@ class NoiseLike(Protocol):
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Ornstein-Uhlenbeck noise along the flight, white noise, and a part a day shares."""
-
-    # correlated_sd, white_sd, day_sd: standard deviation per component, m s-1
-    correlated_sd: float = 2.3
-    white_sd: float = 1.0
-    day_sd: float = 0.0
-    length: float = 155e3  # e-folding distance of the correlated part, m
-    height: float = float("inf")  # e-folding change of ln p of the correlated part
-
-    def factor(self, log_pressure: FloatArray) -> FloatArray:
-        """Return one at every level."""
-        return np.ones_like(log_pressure)
-
-    def decay(self, distance: FloatArray, step: FloatArray) -> FloatArray:
-        """Return the correlation over a distance (m) and a step of ln p."""
-        return np.exp(-distance / self.length - np.abs(step) / self.height)
-
-
-@dataclass(frozen=True)
 class Coding:
     """Steps in which a unit codes its wind; 0 for as it is."""
 
@@ -186,7 +166,7 @@ def draw_noise(frame: Frame, noise: NoiseLike, *, rng: np.random.Generator) -> F
     frame : Frame
         Reports, any order.
     noise : NoiseLike
-        Correlated part along each flight, white part, and a day part where it has ``day_sd``.
+        Correlated part along each flight, and white part.
     rng : numpy.random.Generator
         Random numbers.
 
@@ -214,9 +194,7 @@ def draw_noise(frame: Frame, noise: NoiseLike, *, rng: np.random.Generator) -> F
     both = noise.correlated_sd * correlated + noise.white_sd * white
     out = np.empty((frame.size, 2))
     out[order] = noise.factor(log_pressure)[:, None] * both
-    day_sd = float(getattr(noise, "day_sd", 0.0))
-    _, day = np.unique(frame.day, return_inverse=True)
-    return out + day_sd * rng.standard_normal((int(day.max(initial=0)) + 1, 2))[day]
+    return out
 
 
 def prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -> Work:

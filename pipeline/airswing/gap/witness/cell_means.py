@@ -154,12 +154,6 @@ class CellModel:
         prior = np.r_[1 / variances.climatology, 1 / np.square(SLOPE_SD)]
         return cls(weight, columns.astype(np.float32), day, root, gram, prior, variances.day)
 
-    @property
-    def lasting_gram(self) -> Floats:
-        """X'X of the columns of what lasts, (s, s), the days' fields not taken out."""
-        q = self.root.shape[1]
-        return np.asarray(self.gram[:, q:, q:].sum(axis=0))
-
     def weigh(self, residual: Floats) -> Weights:
         """Weigh a residual, (n, 2) m/s."""
         spread = np.where(self.weight > 0, CLIP / np.sqrt(np.maximum(self.weight, 1e-12)), 0.0)

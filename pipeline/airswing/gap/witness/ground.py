@@ -289,7 +289,6 @@ def prepare(
     plan: DictionaryPlan,
     variances: Variances,
     day: Integers,
-    background: float = BACKGROUND,
 ) -> Ground:
     """Whiten the nuisance columns of an archive.
 
@@ -299,8 +298,6 @@ def prepare(
         Reports with heading, airspeed and wind free of the residual's noise.
     day : (n,) int
         Index of each report's day.
-    background : float
-        Size of every aircraft's little of every steady error, m/s.
     """
     order = noise.order
     gains = take_gains(noise.gains, order.index)
@@ -321,7 +318,7 @@ def prepare(
     ]
     sizes = len(quiet.tails), int(day.max()) + 1, widths[1], widths[2]
     prior = np.r_[1 / variances.climatology, 1 / np.square(SLOPE_SD)]
-    prior = np.r_[prior, np.full(sizes[0] * sizes[3], 1 / background**2)]
+    prior = np.r_[prior, np.full(sizes[0] * sizes[3], 1 / BACKGROUND**2)]
     root, fields, half = _eliminated(rows, sizes, 1 / variances.day, prior)
     owner = quiet.aircraft[order.index]
     return Ground(order, gains, tuple(rows), root, fields, half, sizes, owner)

@@ -105,11 +105,6 @@ class Heard:
     telling: tuple[tuple[str, float], ...]
 
     @property
-    def raised(self) -> bool:
-        """Whether something shows that simulated archives do not have."""
-        return bool(self.components)
-
-    @property
     def components(self) -> tuple[str, ...]:
         """Components in which something shows, strongest first."""
         return tuple(dict.fromkeys(e.component for e in self.explained if e.strength >= 1.0))

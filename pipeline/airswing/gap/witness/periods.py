@@ -25,7 +25,6 @@ from airswing.gap.witness.bench import BLOCK, PERSISTENT, Bench
 from airswing.gap.witness.scan import SIZES
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Days inside and outside of a period at least: weather lasts two.
 SHORTEST = 3

@@ -177,7 +177,6 @@ def _field_grib2(
             grid=grid,
             data_start=sections[7] + 5,
             data_end=sections[7] + unsigned(window.get(sections[7], 4), 0, 4),
-            section_identification=sections[1],
             section_grid=sections[3],
             section_product=sections[4],
             section_packing=sections[5],

@@ -47,7 +47,6 @@ class Field(NamedTuple):
     section_packing: int
     section_bitmap: int
     section_data: int
-    section_identification: int = -1
     file: int = 0
     part: int = 0  # which field of its message
     member: int = 0

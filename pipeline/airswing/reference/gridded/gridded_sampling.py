@@ -27,7 +27,6 @@ from airswing.reference.gridded.opening import is_same, opened
 from airswing.reference.gridded.stored import GriddedTime, StoredField
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Places = tuple[Floats, Floats, Floats]
 """Latitudes, longitudes (degrees) and pressures (Pa) of reports."""
 GIVEN = "given"
