@@ -24,7 +24,7 @@ from airswing.config_faults import nearest
 from airswing.errors import InputError
 from airswing.model_formats import model_formats
 from airswing.quantities import MetresPerSecond, Radians, Seconds, spelt_out
-from airswing.units import KNOT
+from airswing.units import DAY, KNOT
 
 
 def _checked_lead(text: str) -> str:
@@ -143,7 +143,7 @@ class Reference(_Section):
 class Collocation(_Section):
     """How model winds are brought to the reports."""
 
-    max_time_gap: Seconds = Field(3 * 3600.0, gt=0, le=366 * 86400.0)
+    max_time_gap: Seconds = Field(3 * 3600.0, gt=0, le=366 * DAY)
     sparse: bool = True
 
 
@@ -267,7 +267,7 @@ class Stations(_Section):
 
     files: Strings
     columns: dict[str, str] = {}
-    max_time_gap: Seconds = Field(1800.0, ge=0, le=366 * 86400.0)
+    max_time_gap: Seconds = Field(1800.0, ge=0, le=366 * DAY)
 
 
 class FlightLevelWinds(_Section):

@@ -189,3 +189,12 @@ def test_signs_on_a_research_aircraft(real: Callable[[str], Path]) -> None:
     # each wrong sign is an error of tens of metres a second
     wrong = np.hypot(found[0] + u, found[1] + v)[level]
     assert np.median(wrong) > 50.0
+
+
+def test_direction_in_degrees_at_the_compass_points_and_its_precision():
+    points = np.arange(0.0, 360.0, 45.0)
+    u, v = triangle.wind_components(10.0, np.radians(points))
+    np.testing.assert_allclose(triangle.direction_in_degrees(u, v), points, atol=1e-9)
+    single = triangle.direction_in_degrees(np.float32([-1.0]), np.float32([0.0]))
+    assert single.dtype == np.float32 and single.tolist() == [90.0]
+    assert np.isnan(triangle.direction_in_degrees(np.nan, 1.0))

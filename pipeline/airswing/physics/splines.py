@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Short = NDArray[np.int32]
 
 
 def hats(values: Floats, knots: Floats) -> Floats:
@@ -32,3 +33,29 @@ def hats(values: Floats, knots: Floats) -> Floats:
     out[1:-1] = ramps[:-1] - ramps[1:]
     out[:, np.isnan(values)] = 0.0
     return out
+
+
+def hats_not_zero(values: Floats, knots: Floats) -> tuple[Short, Floats]:
+    """The one or two hats that are not zero at each value, for more knots than :func:`hats` stores.
+
+    Parameters
+    ----------
+    values : (n,) float
+        None NaN.
+    knots : (k,) float
+        Increasing; one alone is one everywhere.
+
+    Returns
+    -------
+    index, value : (n, 2), of one knot (n, 1)
+        Which of the rows of :func:`hats`, and what stands in it.
+    """
+    if knots.size == 1:
+        return np.zeros((values.size, 1), dtype=np.int32), np.ones((values.size, 1))
+    left = np.zeros(values.size, dtype=np.int32)
+    for knot in knots[1:-1]:
+        left += values >= knot
+    found = np.empty((values.size, 2))
+    np.clip((values - knots[left]) / np.diff(knots)[left], 0.0, 1.0, out=found[:, 1])
+    np.subtract(1.0, found[:, 1], out=found[:, 0])
+    return np.stack([left, left + np.int32(1)], axis=1), found

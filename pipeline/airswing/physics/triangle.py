@@ -102,6 +102,15 @@ def wind_from_direction(eastward: ArrayLike, northward: ArrayLike) -> tuple[Arra
     return speed_of_vector(u, v), bearing(-u, -v)
 
 
+def direction_in_degrees(eastward: ArrayLike, northward: ArrayLike) -> NDArray[Any]:
+    """Where a wind blows from, degrees in [0, 360); of a calm, which has none, 0 or 180.
+
+    Single precision stays single.
+    """
+    east, north = np.asarray(eastward), np.asarray(northward)
+    return np.asarray(np.degrees(np.arctan2(-east, -north)) % 360.0)
+
+
 def air_vector(
     ground_east: ArrayLike, ground_north: ArrayLike, wind_east: ArrayLike, wind_north: ArrayLike
 ) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.physics.triangle import wrap_degrees
+from airswing.physics.triangle import direction_in_degrees, wrap_degrees
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.derive import Columns
 
@@ -108,5 +108,5 @@ def _wind_of_components(out: Columns, where: NDArray[np.bool_]) -> None:
     if "wind_speed" in out:
         out["wind_speed"] = np.where(where, np.hypot(east, north), out["wind_speed"])
     if "wind_direction" in out:
-        direction = np.degrees(np.arctan2(-east, -north)) % 360.0
+        direction = direction_in_degrees(east, north)
         out["wind_direction"] = np.where(where, direction, out["wind_direction"])

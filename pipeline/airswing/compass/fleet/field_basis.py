@@ -18,6 +18,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.physics.splines import hats_not_zero
+from airswing.physics.triangle import wrap_degrees
 from airswing.units import METRES_PER_DEGREE
 
 Floats = NDArray[np.float64]
@@ -171,7 +173,7 @@ def _middle(longitude: Floats) -> float:
 
 def _eastward(longitude: Floats, origin: tuple[float, float]) -> Floats:
     """Degrees of great circle east of the middle, without a jump at the antimeridian."""
-    return np.asarray(((longitude - origin[0] + 180.0) % 360.0 - 180.0) * origin[1])
+    return np.asarray(wrap_degrees(longitude - origin[0]) * origin[1])
 
 
 def _even(values: Floats) -> Floats:
@@ -180,25 +182,12 @@ def _even(values: Floats) -> Floats:
     return np.linspace(low, high, count) if high > low else np.array([low])
 
 
-def _hats(values: Floats, nodes: Floats) -> tuple[Short, Floats]:
-    """The one or two piecewise linear functions that are not zero at each value, (n, 1 or 2)."""
-    if nodes.size == 1:
-        return np.zeros((values.size, 1), dtype=np.int32), np.ones((values.size, 1))
-    left = np.zeros(values.size, dtype=np.int32)
-    for node in nodes[1:-1]:
-        left += values >= node
-    found = np.empty((values.size, 2))
-    np.clip((values - nodes[left]) / np.diff(nodes)[left], 0.0, 1.0, out=found[:, 1])
-    np.subtract(1.0, found[:, 1], out=found[:, 0])
-    return np.stack([left, left + np.int32(1)], axis=1), found
-
-
 def _product(values: tuple[Floats, ...], nodes: tuple[Floats, ...]) -> tuple[Short, Floats]:
     """Products of the hats of every coordinate."""
     size = values[0].size
     index, value = np.zeros((size, 1), dtype=np.int32), np.ones((size, 1))
     for one, knots in zip(values, nodes, strict=True):
-        left, share = _hats(one, knots)
+        left, share = hats_not_zero(one, knots)
         old, each = index.shape[1], left.shape[1]
         first, factor = index * np.int32(knots.size), value
         index, value = np.empty((size, old * each), np.int32), np.empty((size, old * each))

@@ -35,7 +35,7 @@ def paired_design(
     -------
     cross, along : arrays of float, shape (report, 8)
         Columns A, B, C, D, E (radians), airspeed scale, and the bias b_u, b_v (m/s); rows in
-        m/s (DOMAIN: cross-track V psi_err, along-track |V_A| - |V'_A|).
+        m/s (docs/method.md: cross-track V psi_err, along-track |V_A| - |V'_A|).
     """
     m, v = magnetic_heading, airspeed
     zero = np.zeros_like(m)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.recent_turns import last_turn, turn
 from airswing.physics.atmosphere import altitude_from_pressure
-from airswing.units import FOOT
+from airswing.units import DAY, FOOT, ZERO_CELSIUS
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -151,12 +151,12 @@ def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
         "airspeed": lambda: quiet.airspeed,
         "latitude": lambda: frame.latitude,
         "longitude": lambda: frame.longitude,
-        "temperature": lambda: frame.temperature - 273.15,
+        "temperature": lambda: frame.temperature - ZERO_CELSIUS,
         "bank": lambda: np.degrees(frame.bank),
         "acceleration": lambda: frame.acceleration,
         "turn": lambda: turn(frame),
         "last_turn": lambda: last_turn(frame),
-        "date": lambda: (frame.time - frame.epoch) / 86400.0,
+        "date": lambda: (frame.time - frame.epoch) / DAY,
         "icing": lambda: np.where(frame.icing < 0, np.nan, frame.icing > 0),
         "phase": lambda: np.where(frame.phase > 0, frame.phase - 1.0, np.nan),
     }

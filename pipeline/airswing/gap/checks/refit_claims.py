@@ -24,6 +24,7 @@ from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import is_sensor, take_off, term_error, term_fields
 from airswing.gap.result.schema import ClaimsEntry, FieldTestEntry, FitEntry
 from airswing.gap.sums.problem import Problem
+from airswing.physics.triangle import wrap_degrees
 from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
@@ -122,7 +123,7 @@ def adjusted_headings(headings: xr.Dataset, adjustment: Adjustment) -> xr.Datase
     new["magnetic_heading"] = ("report", magnetic)
     turned = np.degrees(heading - true)
     errors = {
-        "heading_error": (turned + 180.0) % 360.0 - 180.0,
+        "heading_error": wrap_degrees(turned),
         "airspeed_error": np.hypot(*air) - np.hypot(*implied),
     }
     for name, found in errors.items():

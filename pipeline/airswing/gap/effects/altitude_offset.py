@@ -8,6 +8,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray, Parameter
 from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse
 from airswing.synthetic.sealed.draws import Draw, Signed
+from airswing.units import FOOT
 
 
 class AltitudeOffset(OneCoefficient, WindEffect):
@@ -38,7 +39,7 @@ class AltitudeOffset(OneCoefficient, WindEffect):
             300.0,
             "positive: reported higher than flown",
             required=True,
-            si=0.3048,
+            si=FOOT,
         ),
     )
     needs = ("dudlnp",)

@@ -22,14 +22,13 @@ from airswing.gap.effects.base import (
 )
 from airswing.gap.effects.forms import OffsetAndCycle, cycles, known
 from airswing.synthetic.sealed.draws import Both, Draw
+from airswing.units import ZERO_CELSIUS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 EDGES = (5, 0, -5, -10, -15, -20)
 """degC at which a heater may switch: on where it is colder than one, or between two."""
-FREEZING = 273.15
-"""K."""
 CODED = 1.0
 """K in which temperatures are commonly coded: a report on an edge is half on either side."""
 COLDEST = -100.0
@@ -57,7 +56,7 @@ def _heated(frame: pd.DataFrame, values: Mapping[str, Any]) -> NDArray[np.bool_]
     if values.get("between_degC") is None:
         return np.asarray(frame["icing"] == 1)
     low, high = values["between_degC"]
-    return np.asarray((frame["temperature"] - 273.15).between(low, high, inclusive="left"))
+    return np.asarray((frame["temperature"] - ZERO_CELSIUS).between(low, high, inclusive="left"))
 
 
 class HeaterCurrent(OffsetAndCycle):
@@ -201,7 +200,7 @@ class HeaterCurrent(OffsetAndCycle):
 
 def _colder(frame: Frame, edge: float) -> FloatArray:
     """Return 1 where it is colder than an edge (degC), half on it, 0 where unknown."""
-    below = (edge + FREEZING - frame.temperature) / CODED + 0.5
+    below = (edge + ZERO_CELSIUS - frame.temperature) / CODED + 0.5
     return np.asarray(np.nan_to_num(np.clip(below, 0.0, 1.0)))
 
 

@@ -16,6 +16,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray
 from airswing.gap.effects.forms import known
 from airswing.physics.geomagnetism import FieldLattice
+from airswing.physics.triangle import wrap_signed
 from airswing.units import DAY
 
 YEAR = 365.25 * DAY
@@ -96,7 +97,7 @@ def _change(
         .declination
         for seconds in ((np.clip(year, FIRST, LAST) - 1970.0) * YEAR for year in (old, now))
     )
-    return np.asarray(np.arctan2(np.sin(then - there), np.cos(then - there)))
+    return wrap_signed(then - there)
 
 
 def _bilinear(values: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:

@@ -146,8 +146,8 @@ class Lasting:
     @classmethod
     def of(cls, place: Floats) -> Lasting:
         """Hats over the places (m, 4) of an archive."""
-        steady, own = _hats(place, *KNOTS)
-        daily, other = _hats(place, *DAILY_KNOTS)
+        steady, own = _products_of_hats(place, *KNOTS)
+        daily, other = _products_of_hats(place, *DAILY_KNOTS)
         angle = 2 * np.pi * place[:, 2, None] / 24.0
         columns = [steady, daily * np.sin(angle), daily * np.cos(angle)]
         ends = np.cumsum([0, *(c.shape[1] for c in columns)])
@@ -155,7 +155,7 @@ class Lasting:
         return cls(np.concatenate(columns, 1), blocks, (own, other, other))
 
 
-def _hats(place: Floats, steps: tuple[float, ...], most: int) -> tuple[Floats, Floats]:
+def _products_of_hats(place: Floats, steps: tuple[float, ...], most: int) -> tuple[Floats, Floats]:
     """Products of hats in x, y and ln p, and the inverse of their prior covariance."""
     knots, values = [], np.ones((place.shape[0], 1))
     for v, step in zip(place[:, [0, 1, 3]].T, steps, strict=True):

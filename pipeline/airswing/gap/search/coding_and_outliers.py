@@ -27,6 +27,7 @@ from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.physics.robust_spread import robust_sd
+from airswing.physics.triangle import direction_in_degrees
 from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
@@ -142,7 +143,7 @@ def coarsest(values: Floats, steps: tuple[float, ...], *, base: float) -> tuple[
 def wind_coding(frame: Frame) -> MomentVerdict | None:
     """Find aircraft whose winds come in steps coarser than a degree or a knot."""
     speed = np.hypot(frame.u_rep, frame.v_rep) / KNOT
-    direction = np.degrees(np.arctan2(-frame.u_rep, -frame.v_rep)) % 360.0
+    direction = direction_in_degrees(frame.u_rep, frame.v_rep)
     moving = speed > 3.0
     per_tail: dict[str, dict[str, object]] = {}
     evidence: list[float] = []

@@ -20,8 +20,8 @@ in the cluster factors, which do not grow with longer ones. Curves
 of the nonparametric basis, whose sums are by week, are taken off as fitted where single days are
 left out.
 
-Source: GAP.md section 7; ratio estimate and its error after Cochran (1977), Sampling Techniques,
-ch. 6; Student (1908), Biometrika 6, 1.
+Source: docs/gap.md section 6; ratio estimate and its error after Cochran (1977), Sampling
+Techniques, ch. 6; Student (1908), Biometrika 6, 1.
 """
 
 from __future__ import annotations

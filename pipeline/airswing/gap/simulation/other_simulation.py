@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
+from airswing.physics.triangle import wrap_degrees
 
 __all__ = ["LEAST_SHARE", "Matched", "match_reports", "same_paths", "with_simulated_wind"]
 
@@ -86,7 +87,7 @@ def _nearest(times: FloatArray, wanted: FloatArray) -> NDArray[np.int64]:
 def _same_place(frame: Frame, simulated: xr.Dataset, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
     north = simulated["latitude"].values[rows] - frame.latitude
     east = simulated["longitude"].values[rows] - frame.longitude
-    east = (np.mod(east + 180.0, 360.0) - 180.0) * np.cos(np.radians(frame.latitude))
+    east = wrap_degrees(east) * np.cos(np.radians(frame.latitude))
     return np.asarray(np.hypot(north, east) <= SAME_PLACE)
 
 

@@ -26,7 +26,7 @@ from airswing.gap.effects import ActiveEffect
 from airswing.gap.simulation.forward import Coding, NoiseLike, simulate
 from airswing.physics.triangle import wind_from_direction, wrap_degrees
 from airswing.products.whole_files import atomic
-from airswing.units import FOOT, KNOT
+from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 _FLAGS: dict[str, dict[int, str]] = {
     "roll_flag": {ROLL["good"]: "G", ROLL["bad"]: "B", ROLL["not_available"]: "N"},
@@ -87,7 +87,7 @@ def simulate_reports(
         **_wind(headings.sizes["report"], sent),
     }
     if "air_temperature" in headings and headings["air_temperature"].notnull().any():
-        celsius = np.asarray(headings["air_temperature"].values, dtype=np.float64) - 273.15
+        celsius = np.asarray(headings["air_temperature"].values, dtype=np.float64) - ZERO_CELSIUS
         table["temperature_degC"] = celsius.round(2)
     for name, codes in _FLAGS.items():
         if name in headings:

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from airswing.physics.triangle import direction_in_degrees
+
 Array = NDArray[np.float64]
 
 
@@ -19,5 +21,5 @@ def speed_and_direction(u: ArrayLike, v: ArrayLike, *, least: float = 0.0) -> tu
     """
     east, north = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
     speed = np.hypot(east, north)
-    direction = np.degrees(np.arctan2(-east, -north)) % 360.0
+    direction = direction_in_degrees(east, north)
     return speed, np.where((speed == 0.0) | (direction <= least), 360.0, direction)

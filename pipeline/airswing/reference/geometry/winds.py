@@ -27,6 +27,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.physics.triangle import wrap_signed
 from airswing.reference.geometry.interpolation import (
     Brackets,
     Corners,
@@ -223,7 +224,7 @@ def _true_slopes(
         if grid.wind_along_grid:
             turned = grid.convergence(*one) - grid.convergence(*two)
             # The short way round: directions may differ by a whole turn.
-            turning = np.arctan2(np.sin(turned), np.cos(turned)) / distance
+            turning = wrap_signed(turned) / distance
         u, v = _turned(mixed[2] * di + mixed[4] * dj, mixed[3] * di + mixed[5] * dj, angle)
         result += [u + wind[1] * turning, v - wind[0] * turning]
     return result

@@ -22,6 +22,8 @@ from airswing.gap.result.schema import (
     TailEntry,
 )
 from airswing.gap.result.schema.entries import Parameter
+from airswing.physics.triangle import wrap_degrees
+from airswing.units import ZERO_CELSIUS
 
 UNITS: tuple[tuple[str, str], ...] = (
     ("_deg_per_day", "°/day"),
@@ -128,7 +130,7 @@ def _spread(
         return None
     room = 4.0 * error if error is not None else 0.0
     if name.startswith("phase"):
-        turned = np.degrees(np.angle(np.exp(1j * np.radians(np.subtract(values, values[0])))))
+        turned = wrap_degrees(np.subtract(values, values[0]))
         values = (values[0] + turned).tolist()
     low, high = min(values), max(values)
     return (low, high) if high - low > room else None
@@ -345,7 +347,7 @@ COMPONENTS = {
 #: How the dictionary's variables (`airswing.gap.design.basis.variable`) are said.
 SAID: Mapping[str, Callable[[float], str]] = {
     "altitude": lambda x: f"{1000.0 * np.exp(-x):.0f} hPa",
-    "temperature": lambda x: f"{x - 273.15:.0f} °C",
+    "temperature": lambda x: f"{x - ZERO_CELSIUS:.0f} °C",
     "airspeed": lambda x: f"{x:.0f} m/s",
     "wind_speed": lambda x: f"{x:.0f} m/s",
     "acceleration": lambda x: f"{x:.2f} m/s²",

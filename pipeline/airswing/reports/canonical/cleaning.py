@@ -36,7 +36,7 @@ from airswing.flags import (
     WIND_SOURCE,
 )
 from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
-from airswing.physics.triangle import wind_from_direction
+from airswing.physics.triangle import direction_in_degrees, wind_from_direction
 from airswing.reports.canonical.air_vector import (
     source_codes,
     true_airspeed,
@@ -234,7 +234,7 @@ def _wind(piece: pd.DataFrame, audit: Audit) -> dict[str, NDArray[np.float64]]:
         absent = np.isnan(eastward) | np.isnan(northward)
         eastward[absent] = northward[absent] = np.nan
         speed = np.hypot(eastward, northward)
-        direction = np.degrees(np.arctan2(-eastward, -northward)) % 360.0
+        direction = direction_in_degrees(eastward, northward)
         direction[speed == 0.0] = np.nan
         return _as_wind(speed, direction, eastward, northward)
     speed = _number(piece, "wind_speed", audit)
