@@ -40,6 +40,7 @@ from airswing.evaluation.disagreement import (
 )
 from airswing.evaluation.robustness import scrutinise
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
+from airswing.products.findings import Findings
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
 from airswing.units import KNOT
 
@@ -113,7 +114,7 @@ def field_test(
     draws: int = 2000,
     seed: int = 0,
     **test: Unpack[FieldTest],
-) -> dict[str, Any]:
+) -> Findings:
     """Compute the field test of two groups of aircraft.
 
     Parameters
@@ -132,8 +133,8 @@ def field_test(
 
     Returns
     -------
-    dict
-        The content of ``field_test.json``; disagreements in knots.
+    Findings
+        A dict with the content of ``field_test.json``; disagreements in knots.
 
     Raises
     ------
@@ -177,7 +178,7 @@ def field_test(
             result |= entry | scrutinise(sums, names[member], draws=draws, seed=seed)
             result["components"] = _components(measured)
         result.setdefault("by_reference", {})[key] = entry
-    return result
+    return Findings(result)
 
 
 def _headline(sums: DaySums, *, draws: int, seed: int) -> dict[str, object]:

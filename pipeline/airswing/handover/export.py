@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from airswing.errors import InputError
 from airswing.handover.records.registry import WINDS, Account, Request, Winds, format_of
+from airswing.products.findings import Findings
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,7 +31,7 @@ def export(
     soundings: bool = False,
     overwrite: bool = False,
     settings: Handover | None = None,
-) -> Account:
+) -> Findings:
     """Write corrected winds for an assimilation system.
 
     Parameters
@@ -57,8 +58,8 @@ def export(
 
     Returns
     -------
-    dict
-        ``format``, ``files`` with their reports and levels, ``reports``, ``levels``,
+    Findings
+        A dict: ``format``, ``files`` with their reports and levels, ``reports``, ``levels``,
         ``left_out`` (counts by reason), ``platforms``, ``notes``, and ``identifiers`` where
         aircraft are written as numbers.
 
@@ -91,7 +92,7 @@ def export(
             overwrite,
             None if product is None else product.parent,
         )
-        return {"format": to, "winds": winds, **chosen.write(request)}
+        return Findings(format=to, winds=winds, **chosen.write(request))
     finally:
         if product is not None:
             ds.close()

@@ -35,6 +35,7 @@ from airswing.evaluation.reference_comparison.pairsums import AircraftPair, Pair
 from airswing.evaluation.reference_comparison.threeway import hat_sums, hats_of
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
+from airswing.products.findings import Findings
 from airswing.products.ragged import blocks, row_bounds, time_span
 from airswing.units import NORMAL_95
 
@@ -69,7 +70,7 @@ def compare(
     pools: Mapping[str, list[str]],
     never_pool: list[str] | None = None,
     **fit_options: Any,
-) -> dict[str, Any]:
+) -> Findings:
     """Fit every reference and pool on the same reports and judge each pair of references.
 
     Parameters
@@ -85,11 +86,11 @@ def compare(
 
     Returns
     -------
-    dict
-        The content of ``sensitivity.json``: ``reports`` shared, ``pairs`` with differences,
-        intervals and a verdict (``own_test`` false where a pool stands against its member: their
-        difference is made of the members'), the same ``by_lead_time``, ``by_phase``, ``by_level``
-        and ``by_season``, and ``three_way``.
+    Findings
+        A dict with the content of ``sensitivity.json``: ``reports`` shared, ``pairs`` with
+        differences, intervals and a verdict (``own_test`` false where a pool stands against its
+        member: their difference is made of the members'), the same ``by_lead_time``,
+        ``by_phase``, ``by_level`` and ``by_season``, and ``three_way``.
 
     Raises
     ------
@@ -132,16 +133,16 @@ def compare(
             remedy="Check that the references cover the same times and places",
         )
     barred = {name.lower() for name in never_pool or []}
-    return {
-        "reports": reports,
-        "references": list(pools),
-        "pairs": [
+    return Findings(
+        reports=reports,
+        references=list(pools),
+        pairs=[
             _judge(sums, fits, barred, own_test=set(pair) <= set(singles))
             for pair, sums in whole.items()
         ],
         **_strata(slices, singles, barred),
-        "three_way": hats_of(hats, singles),
-    }
+        three_way=hats_of(hats, singles),
+    )
 
 
 def _pairs(singles: list[str], pools: Mapping[str, list[str]]) -> list[tuple[str, str]]:
