@@ -17,7 +17,6 @@ from airswing.errors import InputError
 from airswing.flags import WIND_SOURCE
 from airswing.physics.geomagnetism import FieldLattice
 from airswing.reports.averaging import averaged
-from airswing.reports.canonical import report_formats
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.read import read_reports
 from airswing.units import KNOT
@@ -367,44 +366,6 @@ def test_a_receivers_trace(tmp_path):
     audit = json.loads(reports.attrs["reading_audit"])
     assert audit["dropped"] == {"on_ground_or_stale": 2, "ragged_row": 1}
     assert inspect_file(tmp_path / "trace_full_484b5a.json")
-
-
-def test_a_format_is_one_new_file(tmp_path):
-    """What a module in ``reports/formats`` would do: register, and be found by its content."""
-
-    def tells(start):
-        return start.startswith(b"MYFORMAT")
-
-    def pieces(path, mapping, audit):
-        yield pd.DataFrame(
-            {
-                "tail": "N9",
-                "time": np.array(["2009-07-01T12:00"], "datetime64[ns]"),
-                "latitude": [40.0],
-                "longitude": [-90.0],
-                "pressure_altitude": [9000.0],
-                "wind_speed": [10.0],
-                "wind_direction": [270.0],
-            }
-        )
-
-    path = tmp_path / "x.dat"
-    path.write_bytes(b"MYFORMAT and more")
-    config = tmp_path / "c.yaml"
-    config.write_text(
-        f"reports: {{files: {path}, format: mine}}\n"
-        "references: {m: {files: m.grb}}\noutput: out\n"
-    )
-    report_formats.register(report_formats.ReportFormat("mine", tells, pieces))
-    try:
-        assert read_reports(path)["aircraft"].values.tolist() == ["N9"]
-        assert read_reports(path, format="mine").sizes["report"] == 1
-        assert "mine" in str(inspect_file(path))
-        assert load_config(config).reports.format == "mine"
-    finally:
-        report_formats.unregister("mine")
-    with pytest.raises(InputError, match="auto, bufr"):
-        read_reports(path, format="mine")
 
 
 def test_a_mean_over_straight_flight_and_the_middle_of_a_turn():
