@@ -59,7 +59,7 @@ def same_variable(told: str, true: str) -> bool:
     return told == true or told in SAME.get(true, ())
 
 
-def of_background(label: Label, place: Mapping[str, Any]) -> bool:
+def of_background(label: Label, place: Mapping[str, object]) -> bool:
     """Return whether a place is of what the world has in the background, on all aircraft.
 
     Parameters

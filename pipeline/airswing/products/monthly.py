@@ -24,6 +24,7 @@ from xarray.core import indexing
 
 from airswing.products.ragged import row_bounds
 
+_Key = tuple[slice | int, ...]
 FLIGHTS = "flight_total"
 """Attribute of a month: how many flights it has, or one more than the largest number of one."""
 
@@ -178,7 +179,7 @@ class _Joined(BackendArray):
         basic = indexing.IndexingSupport.BASIC
         return indexing.explicit_indexing_adapter(key, self.shape, basic, self._some)
 
-    def _some(self, key: tuple[Any, ...]) -> NDArray[np.generic]:
+    def _some(self, key: _Key) -> NDArray[np.generic]:
         rows = range(self.shape[-1])[key[-1]]
         if isinstance(rows, int):
             return np.asarray(self._stretch(key[:-1], rows, rows + 1)[..., 0])
@@ -188,7 +189,7 @@ class _Joined(BackendArray):
         found = self._stretch(key[:-1], low, high + 1)
         return found if rows.step == 1 else found[..., np.asarray(rows) - low]
 
-    def _stretch(self, others: tuple[Any, ...], begin: int, end: int) -> NDArray[np.generic]:
+    def _stretch(self, others: _Key, begin: int, end: int) -> NDArray[np.generic]:
         """Reports from one to before another; of each month one stretch is read."""
         shape = np.empty(self.shape[:-1])[others].shape
         found = np.empty((*shape, end - begin), dtype=self.dtype)

@@ -82,6 +82,12 @@ class Asked(TypedDict, total=False):
     min_compass_points: int
 
 
+class FitOptions(Asked, total=False):
+    """What :func:`airswing.compass.fit.deviation.fit_deviation` takes to say how a fit is made."""
+
+    abscissa: Literal["magnetic", "true"]
+
+
 @dataclass
 class AircraftSums:
     """What is known of one aircraft before the fleet."""

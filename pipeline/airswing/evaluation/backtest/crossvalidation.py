@@ -8,7 +8,7 @@ and aircraft by aircraft. What was predicted from the fit alone stands beside wh
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 import xarray as xr
@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.evaluation.backtest.folds import Folds, flight_folds, only
 from airswing.evaluation.backtest.gains import Apart, Floats, compared, gains_of
-from airswing.evaluation.backtest.learning import fitted, judged_blocks, require_reference
+from airswing.evaluation.backtest.learning import (
+    TableOptions,
+    fitted,
+    judged_blocks,
+    require_reference,
+)
 from airswing.evaluation.backtest.ranking import rank_aircraft
 
 
@@ -30,7 +35,7 @@ def cross_validate(
     whole: tuple[xr.Dataset, list[dict[str, object]]] | None = None,
     draws: int = 1000,
     seed: int = 0,
-    **fit_options: Any,
+    **fit_options: Unpack[TableOptions],
 ) -> dict[str, object]:
     """Correct every flight with a fit that never saw it, and compare with the prediction.
 

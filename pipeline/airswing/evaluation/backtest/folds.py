@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -117,7 +116,7 @@ class _Marked(BackendArray):
             key, self.shape, indexing.IndexingSupport.BASIC, self._read
         )
 
-    def _read(self, key: tuple[Any, ...]) -> NDArray[np.generic]:
+    def _read(self, key: tuple[slice | int, ...]) -> NDArray[np.generic]:
         part = self.columns.isel(report=key[0]).load()
         number = np.arange(self.shape[0])[key[0]] if isinstance(key[0], slice) else key[0]
         part["aircraft_number"] = ("report", np.searchsorted(self.stop, number, side="right"))

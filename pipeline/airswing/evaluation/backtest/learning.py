@@ -7,10 +7,11 @@ Assumes screened headings; what must not be learned from was marked by
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Unpack
 
 import xarray as xr
 
+from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables
 from airswing.errors import InputError
@@ -32,13 +33,19 @@ _JUDGED = (
 )
 
 
+class TableOptions(FitOptions, total=False):
+    """What :func:`fitted` takes."""
+
+    resolution: float
+
+
 def fitted(
     headings: xr.Dataset,
     pools: Mapping[str, list[str]],
     reference: str,
     *,
     resolution: float = 0.1,
-    **options: Any,
+    **options: Unpack[FitOptions],
 ) -> xr.Dataset:
     """Fit and tabulate against one reference or pool.
 

@@ -122,10 +122,12 @@ def expected_gain(
     return float(reported.mean()), gain, gain + drawn
 
 
-def _error_by_day(values: Floats, day: NDArray[Any]) -> float:
+def _error_by_day(values: Floats, day: Floats) -> float:
     """Standard error of a mean, days being independent of each other; infinite with one day."""
     # About their mean, so that the sums' squares do not cancel.
-    sums = cluster_sums(values - values.mean(), np.zeros(values.size, dtype=np.int64), day, 1)
+    sums = cluster_sums(
+        values - values.mean(), np.zeros(values.size, dtype=np.int64), day.astype(np.int64), 1
+    )
     error = float(clustered_mean(sums)[1][0])
     return error if np.isfinite(error) else float("inf")
 

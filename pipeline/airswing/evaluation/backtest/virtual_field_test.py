@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import date
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -19,7 +19,12 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.evaluation.backtest.folds import Choice, only
 from airswing.evaluation.backtest.gains import Apart, Floats, compared, gains_of
-from airswing.evaluation.backtest.learning import fitted, judged_blocks, require_reference
+from airswing.evaluation.backtest.learning import (
+    TableOptions,
+    fitted,
+    judged_blocks,
+    require_reference,
+)
 from airswing.evaluation.backtest.ranking import rank_aircraft
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
 from airswing.units import NORMAL_95
@@ -35,7 +40,7 @@ def virtual_field_test(
     fits: xr.Dataset | None = None,
     draws: int = 1000,
     seed: int = 0,
-    **fit_options: Any,
+    **fit_options: Unpack[TableOptions],
 ) -> dict[str, object]:
     """Learn the corrections up to a date, apply them after it, and compare with the prediction.
 
@@ -111,7 +116,7 @@ def predicted_reduction(
     pools: Mapping[str, list[str]],
     reference: str,
     seed: int = 0,
-    **fit_options: Any,
+    **fit_options: Unpack[TableOptions],
 ) -> dict[str, object]:
     """What the fits before a field test expected of it, aircraft weighted alike.
 

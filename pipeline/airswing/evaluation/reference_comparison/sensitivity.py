@@ -14,12 +14,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from itertools import combinations
 from math import comb
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation.backtest.folds import only
@@ -69,7 +70,7 @@ def compare(
     *,
     pools: Mapping[str, list[str]],
     never_pool: list[str] | None = None,
-    **fit_options: Any,
+    **fit_options: Unpack[FitOptions],
 ) -> Findings:
     """Fit every reference and pool on the same reports and judge each pair of references.
 

@@ -186,7 +186,7 @@ def _reported_air(headings: xr.Dataset, sent: Frame) -> dict[str, object]:
     return out
 
 
-def _iso(time: pd.Series[Any]) -> Any:
+def _iso(time: pd.Series[Any]) -> list[str]:
     stamps = np.asarray(time.values, dtype="datetime64[ms]")
     whole = not np.any(stamps.astype(np.int64) % 1000)
     text = np.datetime_as_string(stamps.astype("datetime64[s]") if whole else stamps)

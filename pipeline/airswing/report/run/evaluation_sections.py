@@ -155,7 +155,7 @@ def sensitivity_section(sensitivity: Mapping[str, Any] | None) -> Section:
     return Section("sensitivity", title, lead.replace(" +- ", " ± "), parts)
 
 
-def _apart_sentence(apart: Sequence[Mapping[str, Any]]) -> str:
+def _apart_sentence(apart: Sequence[Mapping[str, object]]) -> str:
     named = [f"{pair_name(pair)} ({pair.get('why', '')})" for pair in apart[:2]]
     more = f", and {len(apart) - 2} more pairs" if len(apart) > 2 else ""
     return f"Not poolable: {'; '.join(named)}{more}." if named else ""
