@@ -277,6 +277,7 @@ def classifier(frame: Frame, without: Sequence[str] = ()) -> Claim:
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
+    # one signature for all of them; this one names no effect
     del without
     rng = np.random.default_rng(0)
     across, along = _targets(frame)

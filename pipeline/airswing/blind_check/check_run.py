@@ -73,6 +73,7 @@ def run_public_command(config: Path, output: Path, without: Sequence[str]) -> di
     """
     command = [sys.executable, "-m", "airswing", "gap", str(config), "--output", str(output)]
     command += ["--quiet", *(part for name in without for part in ("--without", name))]
+    # one thread a case: several run beside each other
     settings = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=_TIMEOUT, env=settings, check=False

@@ -354,6 +354,7 @@ def _corrected(
         "corrected_wind_standard_error": np.full(done.size, np.nan),
     }
     for name, part in values.items():
+        # columns that are as reported share memory with the reports
         plain[name] = plain[name].copy()
         plain[name][done] = part
     return plain

@@ -371,6 +371,7 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
 
 
 def _check(archive: Archive) -> None:
+    # less holds neither the noise along flights nor what flights differ by
     if archive.reports < 200 or archive.flights < 4:
         raise InputError(
             "too few reports for a diagnosis",

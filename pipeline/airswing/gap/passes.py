@@ -126,6 +126,8 @@ def _found_first(archive: Archive, first: Pass) -> FoundFirst | None:
 
 def _large(term: Term) -> bool:
     """Whether a term is large enough to be linearised again and to disturb the noise fit."""
+    # m/s: less turns a heading flown at 120 m/s by less than 0.7 degrees, where first order is
+    # exact enough
     return bool(np.max(term.score.size[list(term.tails)]) > 1.5)
 
 

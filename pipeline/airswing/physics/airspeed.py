@@ -37,6 +37,7 @@ def speed_of_sound(temperature: ArrayLike) -> Array:
     """Speed of sound (m s-1) in dry air of a temperature (K): 340.294 at 288.15 K."""
     kelvin = np.asarray(temperature, dtype=np.float64)
     with np.errstate(invalid="ignore"):
+        # a temperature of zero or less is none: NaN, not the root of something negative
         return np.sqrt(HEAT_RATIO * GAS_CONSTANT * np.where(kelvin > 0.0, kelvin, np.nan))
 
 

@@ -69,6 +69,7 @@ class GrowingColumn:
 
 def _shuffled(values: NDArray[np.generic]) -> NDArray[np.uint8]:
     """Octets of numbers (n,) in the order of HDF5's shuffle: all first ones, all second, ..."""
+    # octets of one rank are alike, and beside each other they pack smaller
     octets = np.ascontiguousarray(values).view(np.uint8).reshape(values.size, values.itemsize)
     return np.ascontiguousarray(octets.T)
 

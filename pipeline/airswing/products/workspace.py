@@ -51,6 +51,7 @@ def workspace(folder: Path) -> Iterator[None]:
             yield
         finally:
             (folder / LOCK).unlink(missing_ok=True)
+            # not empty: then it stays
             with contextlib.suppress(OSError):
                 folder.rmdir()
     finally:

@@ -198,6 +198,7 @@ class _Join:
         lead = (1.0 - weight) * self.leads[now] + weight * self.leads[then]
         columns = [*wind, np.where(matched, lead / 3600.0, np.nan)]
         if self.derivatives:
+            # zero at the last of all valid times: no later one is there to tell a tendency by
             step = (self.valid[then] - self.valid[now]) / 1e9
             with np.errstate(divide="ignore", invalid="ignore"):
                 columns += list((second[:2] - first[:2]) / step)

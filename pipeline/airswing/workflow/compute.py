@@ -169,6 +169,7 @@ def _watched(client: Any) -> Iterator[threading.Event]:
                     _cancel_all(client)
                     return
 
+    # daemon: it must not keep an interrupted job alive
     thread = threading.Thread(target=watch, daemon=True)
     thread.start()
     try:

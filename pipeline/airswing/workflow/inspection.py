@@ -66,6 +66,7 @@ def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
         return None
     try:
         found = propose_mapping(path)
+    # a proposal is a help: the message of the file's own reader is what is shown
     except (InputError, ValueError, ImportError):
         return None
     if found is None:

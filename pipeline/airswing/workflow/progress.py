@@ -232,6 +232,7 @@ def _release_memory() -> None:
     """
     if "pyarrow" in sys.modules:
         sys.modules["pyarrow"].default_memory_pool().release_unused()
+    # only glibc has it
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
 
@@ -300,9 +301,11 @@ def _repeated(act: Callable[[], object]) -> Iterator[None]:
 
     def loop() -> None:
         while not ended.wait(_REFRESH):
+            # it draws a line of progress: no job ends for that
             with contextlib.suppress(Exception):
                 act()
 
+    # daemon: it must not keep an interrupted job alive
     thread = threading.Thread(target=loop, daemon=True)
     thread.start()
     try:

@@ -45,6 +45,7 @@ def sinusoid(coefficients: Array, covariance: Array) -> tuple[Array, Array]:
     a, b, c = coefficients[:3]
     amplitude = float(np.hypot(b, c))
     square = covariance[1:3, 1:3]
+    # of no amplitude every direction is alike: the worst known one
     along = np.array([b, c]) / amplitude if amplitude > 0 else np.linalg.eigh(square)[1][:, -1]
     across = np.array([-along[1], along[0]])
     wide = NORMAL_95 * float(np.sqrt(max(float(across @ square @ across), 0.0)))

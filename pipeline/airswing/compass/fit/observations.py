@@ -72,6 +72,7 @@ class Reports:
     def __post_init__(self) -> None:
         """One gain a report, also where none is known."""
         if self.gain is None:
+            # one number seen as many: nothing is stored for each report
             object.__setattr__(self, "gain", np.broadcast_to(np.float32(1.0), self.flight.shape))
 
     @property
@@ -94,6 +95,7 @@ class Reports:
         """The same reports, flight by flight."""
         if self.in_order:
             return self
+        # stable: rows of one group keep their order, so that their sums are the same bit for bit
         return self.at(np.argsort(self.flight, kind="stable"))
 
     def at(self, index: Index) -> Reports:

@@ -101,6 +101,7 @@ class Columns:
     def _gain(self, row: slice, counted: Picked) -> tuple[Values, float]:
         """Mean horizontal field of the reports that count over that of every report; the mean."""
         if self.field is None:
+            # one number seen as many: nothing is stored for each report
             return np.broadcast_to(np.float32(1.0), self.flight[row].shape), np.nan
         field = self.field[row]
         gain = np.ones(field.size, dtype=np.float32)

@@ -31,6 +31,7 @@ def group_sums(values: Array, group: Index, groups: int) -> Array:
     if not group.size:
         return np.zeros((groups, *values.shape[1:]))
     if np.any(group[1:] < group[:-1]):
+        # stable: rows of one group keep their order, so that their sums are the same bit for bit
         order = np.argsort(group, kind="stable")
         values, group = values[order], group[order]
     first = np.flatnonzero(np.diff(group, prepend=-1))

@@ -167,6 +167,8 @@ class Coupling:
         found = np.zeros((width, width))
         for begin in range(0, segments, step):
             some = slice(begin * size, min(begin + step, segments) * size)
+            # single precision takes half the time; what is added up over segments is added in
+            # double
             seen = np.empty((some.stop - some.start, width), dtype=np.float32)
             seen[:, : nodes.shape[1]] = nodes[some].toarray()
             seen[:, nodes.shape[1] :] = self.lasting_nodes[some].toarray()
@@ -264,6 +266,7 @@ def _taken_of_own(nodes: sparse.csr_matrix, inverse: Floats) -> Floats:
     change = np.flatnonzero(np.diff(owner * inverse.shape[0] + segment, prepend=-1))
     count = np.diff(np.append(change, pairs))
     found = np.zeros((aircraft, rows, rows))
+    # those of one length together: they are multiplied as one stack
     order = np.argsort(count, kind="stable")
     begin = 0
     while begin < order.size:

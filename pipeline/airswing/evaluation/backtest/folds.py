@@ -73,6 +73,7 @@ def _flights(
         parts.append([flight, day, aircraft + np.searchsorted(stop, first, side="right")])
         aircraft += block.sizes["aircraft"]
     columns = [np.concatenate(column).astype(np.int64) for column in zip(*parts, strict=True)]
+    # stable: rows of one group keep their order, so that their sums are the same bit for bit
     order = np.argsort(columns[0], kind="stable")
     return columns[0][order], columns[1][order], columns[2][order]
 
@@ -120,6 +121,7 @@ class _Marked(BackendArray):
         part = self.columns.isel(report=key[0]).load()
         number = np.arange(self.shape[0])[key[0]] if isinstance(key[0], slice) else key[0]
         part["aircraft_number"] = ("report", np.searchsorted(self.stop, number, side="right"))
+        # what was loaded may be a view of columns that others hold
         screening = part["screening"].to_numpy().copy()
         screening[~self.chosen(part)] |= SCREENING["no_reference"]
         return screening

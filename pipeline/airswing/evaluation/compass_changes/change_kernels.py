@@ -211,6 +211,7 @@ def coefficients(sums: DaySums, weight: Floats | None = None) -> tuple[Floats, F
     covariance : array, shape (10 + 3 q, 10 + 3 q)
     """
     normal, right = _stacked(sums, weight)
+    # pseudo-inverse: what no report of these tells stays at zero and takes part in nothing
     inverse = np.linalg.pinv(normal.sum(0), hermitian=True)
     values = inverse @ right.sum(0)
     score = right - np.einsum("dij,j->di", normal, values)
@@ -243,6 +244,7 @@ def scores(sums: DaySums) -> tuple[Floats, Floats]:
         Adds up to one.
     """
     total = sums.normal.sum(0)
+    # pseudo-inverse: what no report of these tells stays at zero and takes part in nothing
     values = np.linalg.pinv(total, hermitian=True) @ sums.right.sum(0)
     left = sums.right - np.einsum("dij,j->di", sums.normal, values)
     other = slice(CHANGING, FREE)
@@ -408,6 +410,7 @@ def date_of_change(
     statistic : float
         Likelihood ratio over no change, of chi-square kind.
     """
+    # pseudo-inverse: what no report of these tells stays at zero and takes part in nothing
     total = np.linalg.pinv(sums.normal.sum(0), hermitian=True)
     left = sums.right - np.einsum("dij,j->di", sums.normal, total @ sums.right.sum(0))
     splits = np.arange(fewest, sums.day.size - fewest + 1)

@@ -95,6 +95,7 @@ def estimated_noise(
     left, inflation = np.zeros(right.shape), np.zeros(day.size)
     for own in groups:
         total, told = normal[own].sum(0), right[own].sum(0)
+        # pseudo-inverse: what no report of these tells stays at zero and takes part in nothing
         left[own] = right[own] - normal[own] @ (np.linalg.pinv(total, hermitian=True) @ told)
         inflation[own] = own.size / (own.size - 1.0)
     rows = np.concatenate(groups)

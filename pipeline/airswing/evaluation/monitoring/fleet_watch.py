@@ -178,6 +178,7 @@ def watch_fleet(
             if kept is not None and known and month == months.max():
                 kept.keep(watch, rows)
         chosen = np.flatnonzero(months == month)
+        # stable: rows of one group keep their order, so that their sums are the same bit for bit
         order = chosen[np.argsort(rows[1][chosen], kind="stable")]
         nights, start = np.unique(rows[1][order], return_index=True)
         for night, of in zip(nights, np.split(order, start[1:]), strict=True):

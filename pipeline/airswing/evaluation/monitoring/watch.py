@@ -331,6 +331,7 @@ def _not_told(found: list[Event], before: Monitoring) -> list[Event]:
         gaps = [(abs(_day(one.date) - _day(event.date)), k) for k, one in enumerate(alike)]
         gap, k = min(gaps, default=(span + 1, -1))
         if gap <= span or (gaps and event.kind == "aircraft_new"):
+            # an old event explains one new one: a second at the same date is news
             del alike[k]
         elif event.aircraft not in seen or _day(event.noticed) > _day(before.until) - LONGEST:
             news.append(event)

@@ -67,6 +67,7 @@ def clustered_difference(
     """
     _, index = np.unique(cluster, return_inverse=True)
     clusters = int(index.max(initial=-1)) + 1
+    # pseudo-inverse of it: on few headings some coefficients cannot be told, and stay at zero
     normal = cross.T @ cross + along.T @ along
     inverse = np.linalg.pinv(normal, hermitian=True)
     coefficients = inverse @ (cross.T @ y_cross + along.T @ y_along)
@@ -98,6 +99,7 @@ def common_equations(
     equations : array of float, shape (cluster, 5, 6)
         Normal matrix and, last, right side.
     """
+    # stable: rows of one group keep their order, so that their sums are the same bit for bit
     order = np.argsort(cluster, kind="stable")
     clusters, start = np.unique(cluster[order], return_index=True)
     stop = np.append(start[1:], order.size)

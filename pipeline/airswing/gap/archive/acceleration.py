@@ -128,11 +128,13 @@ def expected_acceleration(
     for which in (PHASE["ascent"], PHASE["descent"]):
         own = np.flatnonzero(phase == which)
         telling = own[inside[own] & np.isfinite(acceleration[own])]
+        # of fewer a profile over the level follows single reports
         if telling.size < 50:
             continue
         middle = np.median(acceleration[telling])
         bound = 3 * robust_sd(acceleration[telling], middle) + 1e-9
         near = telling[np.abs(acceleration[telling] - middle) < bound]
+        # a hair beyond the last: knots increase where all are flown at one level
         knots = np.linspace(log_pressure[own].min(), log_pressure[own].max() + 1e-6, 6)
         base = hats(log_pressure[near], knots)
         normal = base @ base.T + 5.0 * np.eye(knots.size)

@@ -137,6 +137,7 @@ def _drawn(frame: Frame, error: Floats, at: Mask, *, calm: Mask) -> Floats | Non
     both = near & calm[order][1:] & calm[order][:-1]
     pair = np.clip(whitened, -4, 4)
     shared = (pair[1:] * pair[:-1])[both].mean() if both.any() else 0.0
+    # below one: the next error is drawn with what is left, sqrt(1 - phi^2)
     phi = float(np.clip(shared / np.mean(pair[calm[order]] ** 2), 0.0, 0.98))
     out = np.empty((CHAINS, frame.size))
     for chain in range(CHAINS):
@@ -161,6 +162,7 @@ def _by_strength(strength: Floats, error: Floats, calm: Mask) -> tuple[float, fl
 
 def _scale(error: Floats) -> float:
     """Standard deviation by the median, m/s."""
+    # it divides: a level whose few reports agree must not make others infinitely far off
     return max(robust_sd(error, 0.0), 0.1)
 
 

@@ -152,6 +152,7 @@ def _mended(frame: Frame, which: str, runs: _Runs, rows: Mask) -> Mended | None:
     winds = reference + _errors(frame, runs, rows)
     speed, drawn = np.hypot(*sent.T), np.hypot(winds[..., 0], winds[..., 1])
     if which == "reported_direction":
+        # of a drawn calm the direction is anybody's: it is not blown up to the speed sent
         winds *= (speed / np.maximum(drawn, 0.1))[..., None]
     elif which == "reported_speed":
         winds = sent * (drawn / np.maximum(speed, 0.1))[..., None]
@@ -198,6 +199,7 @@ def _errors(frame: Frame, runs: _Runs, rows: Mask) -> Floats:
     near = frame.flight[order][1:] == frame.flight[order][:-1]
     both = near & calm[order][1:] & calm[order][:-1]
     pair = white[order]
+    # below one: the next error is drawn with what is left, sqrt(1 - phi^2)
     phi = float(np.clip((pair[1:] * pair[:-1])[both].mean() / (white[calm] ** 2).mean(), 0, 0.98))
     out = np.broadcast_to(residual, (CHAINS, *residual.shape)).copy()
     rng = np.random.default_rng(0)

@@ -192,6 +192,7 @@ def explained(cross: Floats, gram: Floats) -> float:
     live = scale > 1e-12
     if not live.any():
         return 0.0
+    # at unit diagonal, so that the bound means the same for radians and for m/s
     inner = np.linalg.pinv((gram / np.outer(scale, scale))[np.ix_(live, live)], rcond=1e-6)
     sides = (cross / scale)[:, live]
     return float(np.trace(sides @ inner @ sides.T))

@@ -47,6 +47,7 @@ class Decoy:
     @property
     def closes_nothing(self) -> bool:
         """Whether the interval reaches zero, or what is closed is under 0.01 kt."""
+        # kt: less is printed as nothing
         return self.held_out_ci[0] <= 0.0 or self.held_out < 0.01
 
     def entry(self) -> DecoyEntry:

@@ -107,6 +107,7 @@ class _Silent:
     def net(self) -> tuple[Floats, Floats]:
         """Slopes with what named effects of the fleet give back, (units, k) and (units, k, k)."""
         k, gram = self.score.candidate.columns.size, np.asarray(self.gram)
+        # least squares with a bound: named effects that copy each other have no inverse
         back = np.linalg.lstsq(gram[k:, k:], gram[k:, :k], rcond=LEAST_OWN)[0]
         whole = np.vstack([np.eye(k), -back])
         return self.slope @ whole, whole.T @ self.curve @ whole
@@ -250,6 +251,7 @@ def _drawn(
         spread = np.linalg.inv(gram / score.factor + np.diag(1 / score.candidate.scales**2))
         middle = spread @ own[columns] / score.factor
         values, vectors = np.linalg.eigh(spread)
+        # rounding leaves the smallest a little below zero
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         steps = middle + rng.standard_normal((draws, columns.size)) @ root.T
         out[:, unit] = steps * (rng.uniform(size=draws) < struck)[:, None]

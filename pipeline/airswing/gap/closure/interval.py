@@ -271,6 +271,7 @@ def _reports(frame: Frame, term: Term, row: int, day: Integers) -> Integers:
 def _root(spread: Floats) -> Floats:
     """Symmetric root of a covariance."""
     values, vectors = np.linalg.eigh(spread)
+    # rounding leaves the smallest a little below zero
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 

@@ -174,6 +174,7 @@ def plan_dictionary(frame: Frame, known: Collection[str] | None = None) -> Dicti
     flags = set()
     if np.unique(frame.phase[frame.phase > 0]).size > 1:
         flags.add("phase")
+    # a state met less often tells of the few flights that met it
     if (frame.icing == 1).sum() >= 30 and (frame.icing == 0).sum() >= 30:
         flags.add("icing")
     centre = {
@@ -351,6 +352,8 @@ def _taylor(frame: Frame, plan: DictionaryPlan, group: Group) -> Floats:
         high = np.clip((np.log(7e4) - np.log(frame.pressure)) / 0.4, 0, 1)[:, None] - 0.5
         return np.stack([wind * high, turned * high], -1)
     if group.variable == "tendency":
+        # the change in an hour, and below over 0.05 of ln p, some 400 m: of a size with other
+        # columns
         return (np.stack([frame.dudt, frame.dvdt], -1) * 3600.0)[..., None]
     if group.variable == "shear":
         return (np.stack([frame.dudlnp, frame.dvdlnp], -1) * 0.05)[..., None]

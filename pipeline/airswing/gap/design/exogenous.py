@@ -134,6 +134,7 @@ def day_sums(frame: Frame, centre: Floats) -> tuple[Integers, Floats]:
     design, _ = _large_scale_terms(frame, centre)
     table = np.concatenate([design, frame.u_rep[:, None], frame.v_rep[:, None]], axis=1)
     day = _day_of_archive(frame)
+    # stable: rows of one group keep their order, so that their sums are the same bit for bit
     order = np.argsort(day, kind="stable")
     cuts = np.flatnonzero(np.diff(day[order])) + 1
     parts = [table[own][:, :TERMS].T @ table[own] for own in np.split(order, cuts)]
@@ -213,6 +214,7 @@ def typical_airspeed(
     (n,) float
         m s-1.
     """
+    # a hair beyond the last: knots increase where all are flown at one level
     knots = np.linspace(log_pressure.min(), log_pressure.max() + 1e-6, 7)
     base = hats(log_pressure, knots).T
     climbing = np.stack([phase == 1, phase == 3], -1)[:, :, None]

@@ -20,6 +20,7 @@ from airswing.physics.triangle import wrap_signed
 from airswing.units import DAY
 
 YEAR = 365.25 * DAY
+# what IGRF-14 spans, a hair inside: beyond its last epoch the field stands still
 FIRST, LAST = 1900.01, 2029.99
 HEIGHT = 5000.0
 """m: secular variation hardly depends on height."""
@@ -155,6 +156,8 @@ def year_matching(frame: Frame, coefficients: FloatArray) -> float:
     own = slice(None, 2 if coefficients[1] else 1)
     patterns = known(secular_patterns(few))[own]
     now = mean_year(frame)
+    # tables of sixty years back, and twenty ahead, where a fit's scatter may put one: every 2.5
+    # years
     back = np.linspace(now + 20.0, now - 60.0, 33).clip(FIRST, LAST)
     apart = np.stack([_matched(patterns, few, float(year)) for year in back]) - coefficients[own]
     steps = np.linspace(0.0, 1.0, 41)[:, None, None]  # between two years tables change evenly

@@ -63,6 +63,7 @@ def shared_part(information: Floats, fleet: float) -> tuple[Floats, float]:
         if total <= 0.0:
             return information, 0.0
         share = float(np.clip(1 - fleet / total, 0.0, 1 - 1e-6))
+        # the correction of one that is nearly the whole fleet would divide by nothing
         own = information / (1 - np.minimum(share * own / total, 0.9))
     return own, share
 

@@ -40,6 +40,7 @@ PRIOR_ODDS = 50.0
 
 def plain_probability(nats: float) -> float:
     """Probability of what has this evidence alone."""
+    # beyond fifty nats nothing changes, and the exponential would overflow
     return float(1 / (1 + PRIOR_ODDS * np.exp(-np.clip(nats, -50.0, 50.0))))
 
 

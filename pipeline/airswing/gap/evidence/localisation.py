@@ -256,8 +256,10 @@ def residual_maps(frame: Frame) -> xr.Dataset:
     count = len(frame.tails)
     week = np.floor((frame.time - frame.epoch) / (7 * DAY)).astype(np.int64)
     weeks = int(week.max()) + 1
+    # hPa: layers a turboprop climbs through; few reports are from above 400
     edges = np.array([0, 400, 500, 600, 700, 850, 1100.0]) * 100
     level = np.searchsorted(edges, frame.pressure) - 1
+    # a hair beyond, for the northernmost and easternmost reports to lie in the last cell
     lat = np.linspace(frame.latitude.min(), frame.latitude.max() + 1e-6, 9)
     lon = np.linspace(frame.longitude.min(), frame.longitude.max() + 1e-6, 11)
     box = (np.searchsorted(lat, frame.latitude, "right") - 1) * 10

@@ -63,6 +63,7 @@ def lag_reliability(frame: Frame, columns_frame: Frame, noise: NoiseFit, effect:
 def _slope(truth: Floats, column: Floats, noise: NoiseFit) -> float:
     """Regression of the reported gradient on the reference's, whitened along flights."""
     good = np.isfinite(truth).all(axis=1) & np.isfinite(column).all(axis=1)
+    # of fewer the slope follows single flights: one leaves what is read off as it is
     if good.sum() < 500:
         return 1.0
     # neighbours that far apart differ by a gross error, not by the wind's gradient
@@ -71,4 +72,5 @@ def _slope(truth: Floats, column: Floats, noise: NoiseFit) -> float:
     x = whiten(np.where(good[:, None], column, 0.0), noise.order, noise.gains)
     y = whiten(np.where(good[:, None], truth, 0.0), noise.order, noise.gains)
     energy = float((x * x).sum())
+    # what is read off is divided by it: noise must not multiply that by more than five
     return float(np.clip((x * y).sum() / energy, 0.2, 1.2)) if energy > 0 else 1.0

@@ -45,7 +45,9 @@ def gross_errors(residual: Floats, order: FlightOrder) -> NDArray[np.bool_]:
     used = np.abs(departure[known])
     if used.size == 0:
         return np.zeros(n, bool)
+    # where the report itself is the median it departs by nothing, and that is no error of zero
     middle = used[used > 0]
+    # half of a normal's values lie within 0.6745 standard deviations
     spread = np.median(middle) / 0.6745 if middle.size else 1.0
     return np.asarray((np.abs(departure) > 5.0 * spread).any(axis=1) & known)
 

@@ -159,6 +159,8 @@ def _products_of_hats(place: Floats, steps: tuple[float, ...], most: int) -> tup
     """Products of hats in x, y and ln p, and the inverse of their prior covariance."""
     knots, values = [], np.ones((place.shape[0], 1))
     for v, step in zip(place[:, [0, 1, 3]].T, steps, strict=True):
+        # single flights far out must not stretch the knots over nothing; hats end flat, so they
+        # still count
         low, high = np.quantile(v, [0.005, 0.995])
         count = max(2, int(np.ceil((high - low) / step)) + 1)
         own = np.linspace(low, high + 1e-6, min(most, count))

@@ -30,6 +30,7 @@ def interval(taken: Sequence[Taken | Mended]) -> tuple[float, float]:
     drawn = np.sum([one.drawn for one in taken], axis=0) / KNOT
     stated = sum(float(one.saved.mean()) for one in taken) / KNOT
     low, high = np.quantile(drawn, LIMITS)
+    # kt: as printed, with two decimals, what is stated lies inside
     return min(float(low), stated) - 0.01, max(float(high), stated) + 0.01
 
 

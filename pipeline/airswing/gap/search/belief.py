@@ -64,6 +64,7 @@ def features(terms: Sequence[Term], confirmation: Confirmation) -> Floats:
         of one plus the strongest other evidence over its own, of terms without a name and of those
         with one; 1 for a change in time.
     """
+    # its logarithm is taken: what has less evidence has none
     evidence = np.array([max(term.score.tempered, 0.1) for term in terms])
     known = np.array([term.candidate.known for term in terms], bool)
     deviations = np.clip(confirmation.deviations, -MOST_DEVIATIONS, MOST_DEVIATIONS)

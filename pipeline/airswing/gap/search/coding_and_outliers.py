@@ -98,6 +98,8 @@ def lattice_evidence(values: Floats, step: float, *, base: float) -> float:
 def _on_lattice(values: Floats, step: float, *, base: float) -> tuple[float, float]:
     """Share of values on a lattice, and what chance puts there."""
     offset = np.abs(values - step * np.round(values / step))
+    # under half the finest coding: what is rounded to it lies on the lattice or a whole one
+    # beside it
     tolerance = min(0.25 * base, 0.05 * step)
     return float((offset <= tolerance).mean()), min(0.98, max(base, 2 * tolerance) / step)
 
@@ -135,6 +137,8 @@ def coarsest(values: Floats, steps: tuple[float, ...], *, base: float) -> tuple[
     for step in reversed(steps):
         share = lattice_share(values, step, base=base)
         finer = [lattice_share(values, s, base=base) for s in steps if s < step]
+        # values on a coarse lattice lie on its finer divisors too: the coarsest that holds nearly
+        # as many
         if share > need and share > 0.8 * max(finer, default=0.0):
             return step, share
     return base, 1.0
@@ -161,6 +165,7 @@ def wind_coding(frame: Frame) -> MomentVerdict | None:
         per_tail[tail] = {"step": step if step > 1 else 1.0, "direction_step_deg": turn}
         value, width = (direction[own], turn) if turn > 1 else (speed[own], step)
         evidence.append(lattice_evidence(value, width, base=1.0))
+        # nearly all on the lattice: coded so from the first report on, else it began later
         if min(share if step > 1 else 1.0, turn_share if turn > 1 else 1.0) < 0.9:
             start.append(_change_time(value, width, frame.time[own]))
     if not per_tail:
@@ -208,6 +213,7 @@ def whole_minutes(frame: Frame) -> MomentVerdict | None:
         seconds = np.mod(frame.time[frame.aircraft == a], 60.0)
         if seconds.size < 100:
             continue
+        # half a second: times come in whole ones
         whole = float((np.minimum(seconds, 60 - seconds) < 0.5).mean())
         if whole > 0.95:
             cut.append(tail)
@@ -215,6 +221,7 @@ def whole_minutes(frame: Frame) -> MomentVerdict | None:
     counted = np.bincount(frame.aircraft, minlength=len(frame.tails)) >= 100
     if not cut or len(cut) == int(counted.sum()):
         return None
+    # seconds cut off are thirty in the mean
     return _verdict("time_lag", {t: {"offset_s": -30.0} for t in cut}, None, evidence)
 
 
@@ -307,6 +314,7 @@ def _shrunk(rates: Floats, count: Floats, common: float) -> Floats:
 
 def _inside(z: float) -> float:
     """Probability that a standard normal value lies within z."""
+    # tanh form of the normal distribution, sqrt(2 / pi) and its cubic term: good to 0.0004
     return float(np.tanh(z * 0.7979 * (1 + 0.044715 * z * z)))
 
 
@@ -316,6 +324,8 @@ def _gross_size(frame: Frame, gross: NDArray[np.bool_]) -> float:
     if values.shape[0] < 5:
         return 20.0
     ordinary = robust_sd(frame.residual, 0.0)
+    # at least 5 m/s: gross is what stands out by five standard deviations, each a metre a second
+    # or so
     return float(np.sqrt(max(float(np.mean(values**2)) - ordinary**2, 25.0)))
 
 
@@ -323,6 +333,7 @@ def _change_time(values: Floats, step: float, time: Floats) -> float:
     """Time at which values begin to lie on a lattice: largest cumulative excess, s."""
     order = np.argsort(time)
     on = (np.abs(values - step * np.round(values / step)) < 0.05 * step)[order].astype(float)
+    # before the change fewer lie on it than in the mean, after it more: the sum is least between
     excess = np.cumsum(on - on.mean())
     return float(time[order][int(np.argmin(excess))])
 

@@ -230,6 +230,7 @@ def _curve(
     weight = count * struck[:, None]
     values = _level(excess, weight)[0]
     error = np.sqrt(LOG_VARIANCE / np.maximum(weight.sum(axis=0), 1e-3) + natural**2)
+    # an aircraft chosen for its scatter shows some: choosing has the odds of one in a hundred
     price = 0.0 if struck.sum() == left.sum() else float(np.log(100.0))
     evidence = _against_level(values, error) - price
     rank = _against_level(values, np.sqrt(error**2 - natural**2 + NATURAL**2))

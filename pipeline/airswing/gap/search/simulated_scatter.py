@@ -118,5 +118,7 @@ def jitter_showing(scene: Scene, wanted: Floats, cells: Integers, beyond: float)
     for _ in range(ROUNDS):
         sizes = np.where(inside, np.sqrt(square)[own], 0.0)
         grown = mean(scene.simulated(sizes, 1)[:, 0]) - start
+        # at most fivefold a round: scatter of one simulated archive must not throw a cell out of
+        # reach
         square *= np.clip(np.expm1(wanted) / np.maximum(np.expm1(grown), 1e-3), 0.2, 5.0)
     return np.asarray(np.sqrt(square) * np.exp(beyond / 2))

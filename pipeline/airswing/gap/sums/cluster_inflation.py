@@ -117,6 +117,7 @@ def aircraft_factors(
     values = np.full((*flown.shape, len(BLOCKS)), np.nan)
     values[flown] = cluster_factor(own[flown], score, information[flown], spent=spent)
     middle = [_largest(each) for each in _median(values)]
+    # none tells a factor, nearly all being explained: that of a fleet at the least
     nobody = np.where((whole > 0).any(axis=1), 1.5, 1.0)
     return np.where(flown.any(axis=1), middle, nobody)
 

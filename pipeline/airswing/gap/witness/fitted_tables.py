@@ -111,8 +111,10 @@ def struck(candidate: Candidate) -> tuple[int, ...]:
     for _ in range(20):
         odds = own + np.log(share / (1 - share))
         posterior = 1 / (1 + np.exp(-np.clip(odds, -50, 50)))
+        # at none or all the odds could not move again
         share = float(np.clip(posterior.mean(), 0.05, 0.95))
     likely = np.flatnonzero((posterior > 0.5) & (own > 0.02 * own.max()))
+    # the rest of so many is rather too quiet to show it than free of it
     if likely.size >= 0.75 * aircraft:
         return tuple(range(aircraft))
     return tuple(int(a) for a in likely)

@@ -196,6 +196,8 @@ class LearnedWitness:
             while len(alike) < count:
                 alike.append(learned.covariance(key, 1 + len(alike))[0])
             mean = float(np.mean(alike))
+            # two or three archives may agree by chance: taken to differ by 0.15 of their mean at
+            # the least
             between = max(float(np.std(alike, ddof=min(1, count - 1))), 0.15 * abs(mean))
             between *= np.sqrt(1 + 1 / len(alike))
             told = Explained(*key, covariance, mean, float(np.hypot(error, between)))

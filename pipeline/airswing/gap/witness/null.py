@@ -52,6 +52,7 @@ def small_scale_slope(
     slope = float((small[use] * residual[use]).sum()) / square if square > 0 else 0.0
     whole = float((residual[use] ** 2).sum())
     share = slope**2 * square / whole if whole > 0 else 0.0
+    # some noise is left to draw, however well a short archive's small scales happen to fit
     return slope * small, min(share, 0.9)
 
 

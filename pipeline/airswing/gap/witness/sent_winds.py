@@ -114,6 +114,7 @@ def sent_winds(bench: Bench, fold: Integers, *, without: Sequence[int] = ()) -> 
     sample = Sample.of(bench.setting)
     keep = ~np.isin(frame.aircraft[sample.rows], without)
     keep &= ~bench.setting.noise.gross[sample.rows]
+    # of fewer the trees learn reports by heart
     if keep.sum() < 2000 or sample.too_short:
         return None
     sample = Sample(sample.rows[keep], sample.day[keep], sample.second[keep])
@@ -280,6 +281,7 @@ def _directions(bench: Bench, aircraft: Sequence[int]) -> Floats:
     count = []
     for k in range(len(bench.winds)):
         u, v = (x[own] for x in _sent(bench, k))
+        # ten degrees: what direction is commonly coded in
         sector = np.mod(np.degrees(np.arctan2(-u, -v)), 360.0) // 10.0
         count.append(np.bincount(sector.astype(int), minlength=36)[:36])
     return np.asarray(count[0] / np.maximum(np.mean(count[1:], axis=0), 1.0) - 1.0)

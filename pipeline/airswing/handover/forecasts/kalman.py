@@ -48,6 +48,7 @@ def kalman_bias(errors: Floats, ratio: Floats | float) -> Floats:
     found = np.empty(series.shape)
     for first in range(0, series.shape[0], _SERIES_AT_ONCE):
         part = slice(first, first + _SERIES_AT_ONCE)
+        # a row a day: every step then goes through memory as it lies
         found[part] = _filtered(np.ascontiguousarray(series[part].T), ratios[part]).T
     return found.reshape(errors.shape)
 

@@ -294,6 +294,8 @@ def interleaved(records: Records, head: Lines, level: Lines, tail: Lines) -> byt
     for size in np.unique(records.size).tolist():
         own = np.flatnonzero(records.size == size)
         inner = level[records.first[own][:, np.newaxis] + np.arange(size)].reshape(own.size, -1)
+        # one item a record: rows of octets can then be joined as they are, without a loop over
+        # lines
         whole = np.ascontiguousarray(np.concatenate([head[own], inner, tail[own]], axis=1))
         pieces[own] = whole.view(f"V{whole.shape[1]}").ravel().tolist()
     return b"".join(pieces.tolist())

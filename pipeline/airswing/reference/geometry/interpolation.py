@@ -97,6 +97,7 @@ def level_brackets(levels: Floats, pressure: Floats, *, both: bool = False) -> B
     count = levels.shape[0]
     with np.errstate(invalid="ignore", divide="ignore"):
         if levels.ndim == 1:
+            # right: a level met exactly is the upper of the two, and the lower one is not needed
             k = np.searchsorted(levels, pressure, side="right") - 1
         else:
             k = (levels <= pressure).sum(axis=0) - 1

@@ -49,6 +49,7 @@ def probes(row: np.void, size: int) -> Ints:
     return _spread(size)
 
 
+# fields of an archive have few sizes
 @lru_cache(maxsize=64)
 def _spread(size: int) -> Ints:
     """Places evenly apart, never a whole number of rows."""

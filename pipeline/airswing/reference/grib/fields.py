@@ -136,6 +136,7 @@ class Window:
         return self.data[at : at + length]
 
 
+# messages of one file have a handful of times between them, and the calendar is slow
 @lru_cache(maxsize=4096)
 def _nanoseconds(year: int, month: int, day: int, hour: int, minute: int, second: int) -> int:
     if not (1 <= month <= 12 and 1 <= day <= calendar.monthrange(year, month)[1]):

@@ -129,6 +129,7 @@ class FileCache:
         except sqlite3.DatabaseError as error:
             self._begin_anew(error)
             return None
+        # damaged, or of another version: headers are read again
         except (zlib.error, ValueError, KeyError, TypeError):
             return None
 

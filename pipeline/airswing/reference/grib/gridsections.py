@@ -76,6 +76,7 @@ _EARTHS = {
 }
 
 
+# thousands of messages share a grid section
 @lru_cache(maxsize=512)
 def read_grid(edition: int, section: bytes) -> Grid:
     """Grid parameters of a whole grid section: GDS (edition 1) or section 3 (edition 2).

@@ -112,8 +112,11 @@ def _data(window: Window, at: int) -> int:
     if not hasattr(os, "SEEK_DATA"):
         return at
     try:
+        # over holes of a sparse file in one step: a copy that broke off may be gigabytes of
+        # nothing
         return os.lseek(window.descriptor, at, os.SEEK_DATA)
     except OSError as error:
+        # no data to the end; any other error is a file system that does not know of holes
         return window.size if error.errno == errno.ENXIO else at
 
 

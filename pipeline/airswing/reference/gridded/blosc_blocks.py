@@ -59,6 +59,7 @@ def octets_of_blocks(file: io.FileIO, size: int, wanted: Ints) -> Octets:
     ends = ends[np.searchsorted(ends, begins, side="right")]
     found = np.empty(wanted.size, dtype=np.uint8)
     number = wanted // block
+    # block by block: each is unpacked once, whatever is wanted of it
     order = np.argsort(number, kind="stable")
     for own in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
         last = int(number[own[0]])

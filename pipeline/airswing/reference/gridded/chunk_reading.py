@@ -116,6 +116,7 @@ class Wants:
         cj = np.searchsorted(rows, j, side="right") - 1
         ci = np.searchsorted(cols, i, side="right") - 1
         number = cj * cols.size + ci
+        # chunk by chunk: each is read once, whatever is wanted of it
         order = np.argsort(number, kind="stable")
         found = []
         for own in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):

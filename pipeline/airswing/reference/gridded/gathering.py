@@ -158,6 +158,7 @@ def _with_formula_pressures(table: Table) -> Table:
         return rest
     known: dict[tuple[int, ...], int] = {}
     names = ("valid", "lead", "member", "grid")
+    # from the last to the first: of several of one time the first stays
     for number in np.argsort(surface["offset"], kind="stable")[::-1]:
         known[tuple(int(surface[c][number]) for c in names)] = int(number)
     keys = zip(*(levels[c].tolist() for c in names), strict=True)

@@ -125,6 +125,7 @@ def _since(headings: xr.Dataset, since: dict[str, str]) -> xr.Dataset:
 
     first = [since.get(name, "0001-01-01") for name in headings["aircraft"].to_numpy().astype(str)]
     begin = np.array(first, dtype="datetime64[D]")[aircraft_of_report(headings)]
+    # the Dataset is the caller's, and its screening stays as it is
     screening = headings["screening"].to_numpy().copy()
     screening[headings["time"].to_numpy() < begin] |= SCREENING["no_reference"]
     return headings.assign(screening=("report", screening))
@@ -199,5 +200,6 @@ def _kept(path: Path, mark: str) -> Rows | None:
             if str(found["mark"]) != mark:
                 return None
             return Rows(**{one.name: found[one.name] for one in fields(Rows)})
+    # torn, or of another version: what is kept saves time, and is made again
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None

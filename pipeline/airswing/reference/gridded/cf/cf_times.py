@@ -194,4 +194,5 @@ def _spread(values: Ints, one: xr.DataArray, outer: dict[str, int]) -> Ints:
     order = [d for d in outer if d in dims]
     values = values.transpose([dims.index(d) for d in order])
     shape = [outer[d] if d in order else 1 for d in outer]
+    # a copy: a view of one value seen many times cannot be written to
     return np.broadcast_to(values.reshape(shape), tuple(outer.values())).ravel().copy()

@@ -164,6 +164,7 @@ class CurvilinearGrid:
             with np.errstate(divide="ignore", invalid="ignore"):
                 ds = (d * x - b * y) / determinant
                 dt = (a * y - c * x) / determinant
+            # at most two cells a step: one from afar may leap past the place and never return
             s, t = s - np.clip(ds, -2.0, 2.0), t - np.clip(dt, -2.0, 2.0)
         far = (target * (p00 + p11)).sum(1) <= 0.0  # the other side of the earth
         return np.where(far, np.inf, s), np.where(far, np.inf, t)

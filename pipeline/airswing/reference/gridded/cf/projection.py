@@ -134,6 +134,7 @@ def frame_of(mapping: Mapping[str, Any] | str, *, file: str, field: str) -> Fram
         ) from error
 
 
+# files of an archive share a projection, and PROJ takes milliseconds to read one
 @lru_cache(maxsize=64)
 def _frame(text: str) -> Frame:
     """The frame of a string: JSON of CF attributes, or what PROJ reads.
