@@ -77,8 +77,8 @@ class Record(NamedTuple):
             return cls(**noted(path.read_text()))
         except FileNotFoundError:
             return None
-        # torn, or of another version: what is kept saves time and is never needed
         except (OSError, ValueError, TypeError) as error:
+            # torn, or of another version: what is kept saves time and is never needed
             _LOG.warning("%s: a note of kept headings is not whole, they are made again", path)
             _LOG.debug("%s", error)
             return None

@@ -41,9 +41,9 @@ def main() -> None:
         try:
             with netCDF4.Dataset(json.loads(line)) as file:
                 look_at(file)
-        # whatever a library raises of a damaged file is an answer; the process is there to take
-        # it
         except Exception as error:
+            # whatever a library raises of a damaged file is an answer; the process is there to take
+            # it
             wrong = f"{type(error).__name__}: {error}"[:300] or "unreadable"
         if hasattr(signal, "alarm"):
             signal.alarm(0)

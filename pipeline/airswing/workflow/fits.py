@@ -211,8 +211,8 @@ def _noted(path: Path, code: str) -> dict[str, dict[str, Any]]:
         cards = {str(name): dict(one) for name, one in told["cards"].items()}
         if told["code"] != code:
             return {name: one | {"mark": "", "status": -1} for name, one in cards.items()}
-    # no record, or a torn one: all cards are drawn anew
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        # no record, or a torn one: all cards are drawn anew
         return {}
     return {name: one | {"card": Path(one["card"]).name} for name, one in cards.items()}
 

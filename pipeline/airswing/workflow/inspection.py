@@ -66,8 +66,8 @@ def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
         return None
     try:
         found = propose_mapping(path)
-    # a proposal is a help: the message of the file's own reader is what is shown
     except (InputError, ValueError, ImportError):
+        # a proposal is a help: the message of the file's own reader is what is shown
         return None
     if found is None:
         return None

@@ -129,8 +129,8 @@ class FileCache:
         except sqlite3.DatabaseError as error:
             self._begin_anew(error)
             return None
-        # damaged, or of another version: headers are read again
         except (zlib.error, ValueError, KeyError, TypeError):
+            # damaged, or of another version: headers are read again
             return None
 
     def put(self, file: SourceFile, contents: FileContents) -> None:

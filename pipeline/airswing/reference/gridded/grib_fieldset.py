@@ -80,8 +80,8 @@ class GribField(Mapping[str, object]):
             message = os.pread(file.fileno(), length, start)
         try:
             return [single for single, _ in single_fields(message, edition)][number]
-        # the file was written anew since: what stands at the place is another message or none
         except (GarbageError, LookupError) as error:
+            # the file was written anew since: what stands at the place is another message or none
             raise UnreadableMessageError("not the message the catalogue saw") from error
 
     def _asked(self, name: str) -> NDArray[np.float64]:

@@ -200,6 +200,6 @@ def _kept(path: Path, mark: str) -> Rows | None:
             if str(found["mark"]) != mark:
                 return None
             return Rows(**{one.name: found[one.name] for one in fields(Rows)})
-    # torn, or of another version: what is kept saves time, and is made again
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        # torn, or of another version: what is kept saves time, and is made again
         return None

@@ -146,8 +146,8 @@ def kept_arrays(path: Path, mark: str) -> dict[str, NDArray[np.generic]] | None:
             if str(stored["mark"]) != mark:
                 return None
             return {name: stored[name] for name in stored.files if name != "mark"}
-    # torn, or of another version: what is kept saves time, and is made again
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        # torn, or of another version: what is kept saves time, and is made again
         return None
 
 

@@ -75,8 +75,8 @@ def kept_note(path: Path) -> dict[str, Any]:
     """
     try:
         found = noted(path.read_text())
-    # no note, or a torn one: the month is made anew
     except (OSError, ValueError):
+        # no note, or a torn one: the month is made anew
         return {}
     return found if isinstance(found, dict) else {}
 
