@@ -164,6 +164,7 @@ def _fingerprint(cases: Sequence[Case]) -> str:
         ]
         for c in cases
     ]
+    # sixteen digits tell plans apart; the seal itself has its whole hash
     return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
 
 
@@ -244,6 +245,7 @@ def _sealed(
     """Write archives and labels unless this very check stands there already."""
     output.mkdir(parents=True, exist_ok=True)
     note, published = output / "settings.json", output / "sealed.sha256"
+    # the same draws with the same settings: an interrupted check goes on
     if note.exists() and published.exists() and json.loads(note.read_text()) == settings:
         say("archives of this check are there: going on")
         return published.read_text(encoding="utf-8").split()[0]
@@ -261,6 +263,7 @@ def _sealed(
         for own in _written(output, list(worlds.values()), real, workers, say)
         for label in own
     ]
+    # worlds end in any order, and the digest is of the whole
     labels.sort(key=lambda label: str(label["name"]))
     return seal(labels, output / "sealed")
 
@@ -274,6 +277,7 @@ def _written(
             yield _world_labels(output, real, cases)
             say(f"{len(cases)} archives of one world written")
         return
+    # spawned: threads of numerical libraries do not survive a fork
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         for cases, labels in zip(
             worlds, pool.map(partial(_world_labels, output, real), worlds), strict=True
@@ -338,6 +342,7 @@ def _diagnose_all(
         failures[case.name] = failed
         say(f"{case.name} failed: {failed}")
 
+    # threads are enough: each waits for a command of its own
     with ThreadPoolExecutor(max_workers=workers) as pool:
         list(pool.map(one, plan))
     return failures

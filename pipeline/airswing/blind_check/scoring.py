@@ -72,6 +72,7 @@ def score_case(
     names = list(dict.fromkeys(str(claim["name"]) for claim in claims))
     truth = [name for name in label["names"] if name not in label["without"]]
     truth = [name for name in truth if name in CATALOGUE]
+    # what a hard world has by itself is neither asked for nor wrong to tell
     beside = set(label["background"]) - set(truth)
     judged = [claim for claim in claims if claim["name"] not in beside]
     false = [n for n in names if n not in truth and n not in label["background"]]
@@ -112,6 +113,7 @@ def repeated_names(label: Label, claims: Sequence[Mapping[str, Any]]) -> list[st
     for name in dict.fromkeys(str(claim["name"]) for claim in claims):
         own = [set(claim.get("tails") or ()) for claim in claims if claim["name"] == name]
         there = sum(effect["name"] == name for effect in label["effects"])
+        # on other aircraft a second entry is no repetition
         common = sum(bool(a & b) for k, a in enumerate(own) for b in own[:k])
         if common and len(own) > max(there, 1):
             out.append(name)
@@ -142,6 +144,7 @@ def log_score(
     total = 0.0
     for name, probability in stated.items():
         given = probability if name in truth else 1.0 - probability
+        # a certain answer that is wrong costs ten bits, not infinitely many
         total += float(np.log2(np.clip(given, 1e-3, 1 - 1e-3)))
     return total / len(stated)
 
@@ -154,6 +157,7 @@ def _set_scores(claims: Sequence[Mapping[str, object]], truth: Sequence[str]) ->
     """Return whether the first claim's ambiguity set holds a truth, and how large it is."""
     if not claims or not truth:
         return {"in_set": None if not truth else False, "set_size": None}
+    # a name comes with those it could not be told from: told together, one of them is right
     first = {str(claims[0]["name"]), *_rivals(claims[0])}
     everyone = {str(claim["name"]) for claim in claims}.union(*map(_rivals, claims))
     return {
@@ -242,6 +246,8 @@ def _placed(label: Label, unknown: Mapping[str, Any]) -> bool:
         if any(same_variable(name, true) for name in told for true in wanted):
             return True
         named = set(place.get("tails") or ())
+        # half of all named or struck in common: a single aircraft too many or too few is near
+        # enough
         if not wanted and tails and named and len(tails & named) / len(tails | named) >= 0.5:
             return True
     return False

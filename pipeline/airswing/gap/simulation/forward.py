@@ -183,8 +183,12 @@ def draw_noise(frame: Frame, noise: NoiseLike, *, rng: np.random.Generator) -> F
     step = np.abs(np.diff(log_pressure, prepend=log_pressure[:1]))
     decay = np.where(first, 0.0, noise.decay(np.where(first, 0.0, distance), step))
     correlated = rng.standard_normal((frame.size, 2))
+    # what is new at a report, so that the variance stays the same along the flight; all of it at
+    # the first
     correlated *= np.sqrt(1.0 - decay**2)[:, None]
     place = np.arange(frame.size) - np.maximum.accumulate(np.where(first, np.arange(frame.size), 0))
+    # all second reports at once, then all third ones: as many steps as the longest flight has
+    # reports
     by_place = np.argsort(place, kind="stable")
     bounds = np.cumsum(np.bincount(place))
     for k in range(1, bounds.size):
@@ -214,11 +218,13 @@ def prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -
     """
     effect = effect_named(active.name)
     if effect is None:
+        # cutoff 0: the nearest is named, however far it is
         near = difflib.get_close_matches(active.name, list(CATALOGUE), n=1, cutoff=0.0)
         raise InputError(
             "unknown effect", found=active.name, remedy=f"Did you mean {', '.join(near)}?"
         )
     if active.tails is not None:
+        # for its message alone: further on an aircraft that is not there is an error without one
         frame.aircraft_mask(active.tails)
     for name in effect.needs:
         reason = absent_context(frame, name)
@@ -268,6 +274,7 @@ def _measured(state: State, frame: Frame, work: Sequence[Work]) -> State:
     """Find the indicated heading and airspeed, and the wind computed from them."""
     air_u, air_v = frame.ground_u - state.wind_u, frame.ground_v - state.wind_v
     airspeed = np.hypot(air_u, air_v)
+    # an air vector of nothing has no heading: north, for the wind computed from it is the same
     heading = np.nan_to_num(bearing(air_u, air_v))
     clean = replace(state, airspeed=airspeed, heading_error=np.zeros(frame.size))
     after = clean
@@ -317,5 +324,6 @@ def _sent(state: State, frame: Frame, coding: Coding | None) -> Frame:
 
 def _rounded(values: FloatArray, step: FloatArray | float) -> FloatArray:
     wide = np.broadcast_to(np.asarray(step, dtype=np.float64), values.shape)
+    # aircraft that code in no step stand among those that do
     safe = np.where(wide > 0.0, wide, 1.0)
     return np.where(wide > 0.0, np.round(values / safe) * safe, values)

@@ -77,6 +77,7 @@ def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
 
 def _nearest(times: FloatArray, wanted: FloatArray) -> NDArray[np.int64]:
     """Return the index of the nearest of ascending times for each wanted time."""
+    # at the ends both neighbours are the one that is there
     after = np.clip(np.searchsorted(times, wanted), 1, max(times.size - 1, 1))
     after = np.minimum(after, times.size - 1)
     before = np.maximum(after - 1, 0)

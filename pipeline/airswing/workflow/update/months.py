@@ -165,6 +165,7 @@ class Month:
         """Checksum of the reports of the month's flights; empty without any."""
         if self.same_reports:
             return str(self.before["content"])
+        # empty: nobody took off in this month, and its products are taken away
         return self.archive.content if self.archive.reports else ""
 
     @cached_property
@@ -214,6 +215,7 @@ class Month:
         bool
             Whether it has any; False without flights, or while a reference has no file for it.
         """
+        # the cheap question first: whether it can be read is asked of what would stay
         if self.untouched and self._whole:
             return True
         if not self.content:
@@ -223,6 +225,8 @@ class Month:
             told = f"{self.job.month}: no model winds of {', '.join(missing)} yet, left for later"
             self.job.progress.say(told)
             return False
+        # of what the flights hold, not of the files they came in: a file cut otherwise makes
+        # nothing anew
         mark = fingerprint(self.content, self.files)
         make_headings(self.job, Sources(mark, self._opened)).close()
         keep_note(self.note, self._now())

@@ -117,6 +117,7 @@ def take_up(job: Job) -> Taken:
     headings = _whole(job, HEADINGS)
     headings.attrs["reading_audit"] = _audit(headings, spool)
     fits = make_fits(job, headings, MonthlyFits(months), near=MOVED)
+    # after all fits: a new month may change the table of an aircraft in every other month
     anew = [month for month in months if correct_month(replace(job, month=month), fits)]
     job.progress.say(f"corrected anew: {', '.join(anew) or 'no month'}")
     told = {"all": months, "made": made, "corrected": anew}
@@ -149,6 +150,7 @@ def _headings(job: Job) -> tuple[Spool, list[str], list[str]]:
     _say_what_changed(job, all_of_them)
     for month in all_of_them:
         before = month.job.place(HEADINGS)
+        # nothing else tells what was made: a month that stands is not written
         stamp = before.stat().st_mtime_ns if before.exists() else 0
         if not month.make():
             month.remove()
@@ -188,6 +190,7 @@ def _audit(headings: xr.Dataset, spool: Spool) -> str:
 
     whole, ordered = Audit(), Audit.from_dict(tally(headings, "reading_audit"))
     whole.add(spool.audit)
+    # they were read once, and are in the tally of whole files
     ordered.read = 0
     whole.add(ordered)
     return whole.as_json()
