@@ -142,6 +142,31 @@ def test_no_two_files_of_one_name():
     assert [name for name, count in counts.items() if count > 1] == []
 
 
+def functions(path: Path) -> list[ast.FunctionDef]:
+    return [node for node in ast.walk(ast.parse(path.read_text())) if type(node) is ast.FunctionDef]
+
+
+def body_lines(function: ast.FunctionDef) -> int:
+    """Lines from the first statement after the docstring to the last."""
+    body = function.body[ast.get_docstring(function) is not None :]
+    return int(body[-1].end_lineno) - body[0].lineno + 1 if body else 0
+
+
+def parameters(function: ast.FunctionDef) -> int:
+    named = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+    return sum(one.arg not in ("self", "cls") for one in named)
+
+
+def test_functions_are_short_and_take_few_arguments():
+    """Of commands each option is a parameter: those of many stand in a class (`cli_options`)."""
+    found = {
+        f"{path.relative_to(PACKAGE)}:{one.name}": (body_lines(one), parameters(one))
+        for path in MODULES.values()
+        for one in functions(path)
+    }
+    assert {name: size for name, size in found.items() if size[0] > 60 or size[1] > 8} == {}
+
+
 def test_a_check_that_sees_an_arrow_back():
     """The test's own eyes: the reports' room is imported by the compass, never the other way."""
     compass = PACKAGE / "compass" / "reported_motion.py"

@@ -224,10 +224,16 @@ def diagnose(
     checks = run_checks(problem, found, findings.closure)
     report = _with_rivals(checks.told(report), checks, problem, findings)
     dataset = diagnosis_dataset(problem, found).assign(checks.histograms())
+    return Diagnosis(report, dataset, _adjustment(final, findings.factors))
+
+
+def _adjustment(final: Pass, factors: Mapping[str, float]) -> Adjustment:
+    """What takes the effects beside the deviation off the winds, by the fit to all days."""
+    found = final.standing.found
     fitted = term_coefficients(found.given, found.terms)
-    whole = whole_coefficients(fitted, found.terms, findings.factors)
-    adjustment = make_adjustment(problem, found.terms, whole)
-    return Diagnosis(report, dataset, adjustment)
+    return make_adjustment(
+        final.problem, found.terms, whole_coefficients(fitted, found.terms, factors)
+    )
 
 
 def _with_rivals(
