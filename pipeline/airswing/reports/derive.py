@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.flags import PHASE
+from airswing.physics.great_circle import central_angle
 from airswing.units import EARTH_RADIUS
 
 Columns = dict[str, NDArray[Any]]
@@ -50,13 +51,9 @@ def seconds_since_1970(time: NDArray[np.datetime64]) -> NDArray[np.float64]:
 def step_distance(
     latitude: NDArray[np.float64], longitude: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Great-circle distance (m) from each position (degrees) to the next, (n - 1,): haversine."""
+    """Great-circle distance (m) from each position (degrees) to the next, (n - 1,)."""
     phi, lam = np.radians(latitude), np.radians(longitude)
-    chord = (
-        np.sin(np.diff(phi) / 2.0) ** 2
-        + np.cos(phi[1:]) * np.cos(phi[:-1]) * np.sin(np.diff(lam) / 2.0) ** 2
-    )
-    return np.asarray(2.0 * EARTH_RADIUS * np.arcsin(np.sqrt(np.clip(chord, 0.0, 1.0))))
+    return EARTH_RADIUS * central_angle(phi[:-1], lam[:-1], phi[1:], lam[1:])
 
 
 def derive_flight(columns: Columns) -> NDArray[np.int32]:

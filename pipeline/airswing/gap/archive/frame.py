@@ -23,6 +23,7 @@ from airswing.errors import InputError
 from airswing.flags import PHASE, SCREENING
 from airswing.gap.archive.acceleration import acceleration_at_reports
 from airswing.gap.archive.headings_columns import AIRCRAFT_FIELDS, headings_columns
+from airswing.physics.great_circle import central_angle
 from airswing.units import DAY, EARTH_RADIUS, Picked
 
 FloatArray = NDArray[np.float64]
@@ -197,12 +198,8 @@ class Frame:
         Rows must be in order of aircraft, flight and time (as `from_headings` gives them).
         """
         lat, lon = np.radians(self.latitude), np.radians(self.longitude)
-        dlat, dlon = np.diff(lat), np.diff(lon)
-        chord = (
-            np.sin(dlat / 2.0) ** 2 + np.cos(lat[1:]) * np.cos(lat[:-1]) * np.sin(dlon / 2.0) ** 2
-        )
         out = np.full(self.size, np.nan)
-        out[1:] = 2.0 * EARTH_RADIUS * np.arcsin(np.sqrt(np.clip(chord, 0.0, 1.0)))
+        out[1:] = EARTH_RADIUS * central_angle(lat[:-1], lon[:-1], lat[1:], lon[1:])
         out[1:][self.flight[1:] != self.flight[:-1]] = np.nan
         return out
 

@@ -23,12 +23,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.physics.great_circle import central_angle
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Values a report over which each is whitened report after report: numpy loops over short stretches
 #: of every column else, and moving them there and back costs less.
 FEW = 32
+# Rounder than units.EARTH_RADIUS, by 1.4 in a million: lengths of the noise are stated on it.
+SPHERE = 6.371e6
 
 
 @dataclass(frozen=True)
@@ -108,10 +112,7 @@ def flight_steps(
     step = np.full(latitude.size, np.inf)
     lat, lon = np.radians(latitude), np.radians(longitude)
     for before, now in _neighbours(order):
-        half_lat = np.sin((lat[now] - lat[before]) / 2)
-        half_lon = np.sin((lon[now] - lon[before]) / 2)
-        chord = half_lat**2 + np.cos(lat[now]) * np.cos(lat[before]) * half_lon**2
-        distance[now] = 2 * 6.371e6 * np.arcsin(np.sqrt(np.clip(chord, 0, 1)))
+        distance[now] = SPHERE * central_angle(lat[before], lon[before], lat[now], lon[now])
         step[now] = np.abs(log_pressure[now] - log_pressure[before])
     return distance, step
 
