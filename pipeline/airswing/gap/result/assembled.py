@@ -97,6 +97,7 @@ def assemble(problem: Problem, findings: Findings) -> GapReport:
     effects, unknown = _found_entries(problem, findings)
     everything = closure.before - whole.after
     explained = closure.before - closure.after
+    # kt: of a gap that is none no part can be closed
     fraction = float(np.clip(explained / everything, 0, 1)) if everything > 1e-6 else None
     best = max((t.score.tempered for t in findings.found.terms), default=0.0)
     nats = [*(e.evidence_nats for e in effects), *(place.evidence_nats for place in unknown)]
@@ -109,6 +110,7 @@ def assemble(problem: Problem, findings: Findings) -> GapReport:
             noise_floor_kt=whole.after,
             significance=luck(best),
         ),
+        # one in twenty of those below 0.05 is chance; all of them stand in `slices`
         where=[entry for entry in slices if entry.q_value < 0.05][:20],
         effects=effects,
         unknown=UnknownEntry(bool(unknown), unknown),
@@ -149,6 +151,7 @@ def _found_entries(
     """Entries of ``effects`` and of ``unknown.where``."""
     named, means = _named(problem, findings)
     unknown = _places(problem, findings, means)
+    # of nothing every share is nothing
     total = sum(max(e.held_out_energy, 0) for e in named) or 1.0
     effects = [replace(e, share_of_energy=max(e.held_out_energy, 0) / total) for e in named]
     whole = findings.closure.before - findings.closure.after
@@ -163,6 +166,7 @@ def _found_entries(
         unknown.append(sent_place(findings.sent, problem.archive.tails, findings.scatter))
     if findings.swap is not None:
         effects.append(swap_entry(findings.swap, problem.base))
+    # last, for scatter and swaps are named apart from the search
     effects.sort(key=lambda e: -e.held_out_energy)
     return effects, unknown
 
@@ -253,6 +257,7 @@ def _shares(terms: Sequence[Term], closure: Closure) -> list[float]:
     before = closure.before
     out = []
     total = closure.before - closure.after
+    # each by what it adds to those before it: shares then sum to what all close together
     for _, after, _, _ in closure.sequence:
         out.append(float(np.clip((before - after) / total, 0, 1)) if total > 1e-6 else 0.0)
         before = after
@@ -271,6 +276,7 @@ def evidence_table(found: Found) -> list[EvidenceEntry]:
     out = [
         evidence_entry(score, term.candidate.name)
         for term, ranked in zip(found.terms, found.rivals, strict=True)
+        # ranked: what lies further behind is no rival, and there are hundreds
         for score in ranked[:40]
     ]
     return out + [evidence_entry(score, None) for score in found.left]
