@@ -325,3 +325,23 @@ def test_a_table_of_the_wind_closes_less_where_the_reference_errs():
     assert taken_off._of_reference(bench, table) == pytest.approx(closed)
     on_large = np.hypot(*residual.T).sum() - np.hypot(*(residual - 0.08 * large).T).sum()
     assert closed < 0.8 * on_large
+
+
+def test_an_error_across_the_heading_by_the_reported_speed_shows_in_its_means():
+    """A saw of all aircraft, whose cells one flight hardly leaves: changes along it tell little."""
+    frame = make_frame(seed=3, aircraft=6, days=24, noise=0.5)
+
+    def told(reported):
+        bench = Bench.of(setting_of(reported), reported.residual)
+        grid = Grid((axis_of(bench.variables["wind_speed"], 16),))
+        return {name: weighed(bench, grid, name) for name in ("across_heading", "along_heading")}
+
+    speed = np.hypot(frame.u_rep, frame.v_rep)
+    across, _ = unit_vectors(frame.heading)
+    saw = np.where(np.mod(speed, 8.0) < 4.0, 0.6, -0.6)
+    struck = told(without(frame, frame.residual + saw[:, None] * across))
+    assert struck["across_heading"].by_means
+    assert struck["across_heading"].nats > LEAST_EVIDENCE + 4
+    plain = told(frame)
+    assert max(one.nats for one in plain.values()) < LEAST_EVIDENCE
+    assert struck["along_heading"].nats < LEAST_EVIDENCE

@@ -49,6 +49,9 @@ REPORTED_PERSISTENT = 0.25
 DRIFT_PERSISTENT = 0.25
 #: Days between which scores of a table's means are taken for independent.
 BLOCK = 3
+#: Least factor by which their scatter between blocks counts: aircraft that turn meet errors that
+#: cancel, and means tell more than reports of one heading would. A date has few cells a block.
+LEAST_FACTOR = 0.4
 
 
 @dataclass(frozen=True)
@@ -339,12 +342,13 @@ class Bench:
         sums = self.cell_sums(grid, component, fleet, days // BLOCK)
         gram, score = sums.of_table(np.ones(sums.score.shape[0], bool))
         own = DRIFT_PERSISTENT if "drift" in grid.variables else PERSISTENT
+        least = 1.0 if "date" in grid.variables else LEAST_FACTOR
         found, _ = evidence(
             gram,
             score[None],
             np.asarray(grid.prior()) / self.scale(component) ** 2,
             error=float(np.hypot(own, lasting_of_fleet(grid, sums.lasting_share))),
-            factor=np.array([max(sums.factor, 1.0)]),
+            factor=np.array([max(sums.factor, least)]),
         )
         return float(found[0])
 

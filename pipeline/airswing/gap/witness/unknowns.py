@@ -72,7 +72,9 @@ def weighed(bench: Bench, grid: Grid, component: str) -> Candidate:
     """Weigh one table: of the fleet or of some aircraft, whichever tells more."""
     found, sums = bench.weigh(grid, component)
     changes = float(max(found.fleet[0], found.single[0]))
-    means = -np.inf if stands_on_report(grid) else bench.weigh_means(grid, component)
+    # along or across itself the reported wind goes with its own error; an aircraft turns about it
+    itself = stands_on_report(grid) and "wind" in component
+    means = -np.inf if itself else bench.weigh_means(grid, component)
     return Candidate(max(changes, means), component, grid, found, sums, means > changes)
 
 
