@@ -7,7 +7,6 @@ errors.  Fits that are not to be trusted are drawn hollow and grey.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -245,7 +244,7 @@ def reading_reasons(ds: xr.Dataset) -> tuple[dict[str, int], dict[str, int]]:
     return _ordered(audit.get("dropped", {})), _ordered(audit.get("repaired", {}))
 
 
-def _ordered(counts: Mapping[str, Any]) -> dict[str, int]:
+def _ordered(counts: Mapping[str, int]) -> dict[str, int]:
     """Keep what was counted at least once, the largest first."""
     kept = {str(name): int(number) for name, number in counts.items() if int(number) > 0}
     return dict(sorted(kept.items(), key=lambda item: -item[1]))
