@@ -317,6 +317,7 @@ def _client() -> object:
 
 def _ask(client: Any, tasks: Tasks) -> None:
     done, total = client.run_on_scheduler(count_tasks)
+    # The scheduler forgets tasks whose results nobody waits for any more: no count goes back.
     tasks.done, tasks.total = max(done, tasks.done), max(total, tasks.total)
 
 

@@ -65,6 +65,7 @@ def _draw_quantity(axes: Axes, fits: xr.Dataset, names: Sequence[str], quantity:
     place = {name: row for row, name in enumerate(known)}
     rows = [place[name] for name in names]
     references = [str(name) for name in fits["reference"].to_numpy()]
+    # In a row one high: an aircraft's intervals stand under each other, apart from the next's.
     shift = np.linspace(-0.27, 0.27, len(references)) if len(references) > 1 else [0.0]
     for index, reference in enumerate(references):
         fit = fits.isel(reference=index, aircraft=rows)
